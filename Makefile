@@ -37,10 +37,9 @@ wheel: $(VENV)/ready
 
 bench: $(VENV)/ready
 	$(BIN)/python benchmarks/simulation.py
-	$(BIN)/python benchmarks/space_simulation.py
+	$(BIN)/python benchmarks/space_planning.py --problems 30
 	$(BIN)/python benchmarks/public_crawler.py
 	$(BIN)/python benchmarks/gaits.py
-	$(BIN)/python benchmarks/stepping.py
 	$(BIN)/python benchmarks/walking.py
 	$(BIN)/python benchmarks/replanning.py
 	$(BIN)/python benchmarks/sweep.py

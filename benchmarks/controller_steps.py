@@ -1,8 +1,8 @@
 """How long one step of a controller takes, for a limb with wires that remember.
 
 Each controller gets the readings of an emulated limb that follows Fig. 5 by it, one
-step after the other, and nothing else is timed: estimate, feedback, and bounds of duty.
-Receding horizons are in benchmarks/horizon.py. The limb is not calibrated, but its law
+step after the other, and nothing else is timed: estimate, feedback, and bounds of duty; every
+fifth step of a `RecedingHorizon` plans the next 10 s, too. The limb is not calibrated, but its law
 is the costliest, `HystereticLaw`, with rubber that stiffens. So is a limb with three wires that
 draws a circle, without gravity and lying across it.
 
@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: matrices are
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from controllers import PlanFeedback, PlanRegulator, TemperatureSupervisor
+from controllers import PlanFeedback, PlanRegulator, RecedingHorizon, TemperatureSupervisor
 from hardware import LimbTwin, replay
 from limb_systems import HystereticLaw, LimbParameters
 from limb_systems.simulation import PERIOD
@@ -43,6 +43,7 @@ def main() -> None:
             PlanFeedback(trajectory),
             PlanRegulator(trajectory),
             TemperatureSupervisor(parameters),
+            RecedingHorizon(trajectory),
         ):
             took = 1000 * np.array(steps(controller, recording))
             figures = [np.median(took), np.percentile(took, 99), took.max()]

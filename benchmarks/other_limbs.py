@@ -1,59 +1,32 @@
-"""Limbs of several physics, from the first recording to their motions.
+"""An emulated limb that shares no law with `LimbTwin` nor with the model.
 
-`LimbTwin`'s physics "lumped" and the model grew up together, so what works on it may work on
-nothing else. Its physics "continuum" shares none of its laws, and neither does an `OtherLimb`,
-whose wires follow Liang and Rogers' cosine kinetics, with
+The physics "lumped" of `LimbTwin` and the model grew up together, so what works on it may work on
+nothing else. The wires of an `OtherLimb` follow Liang and Rogers' cosine kinetics, with
 heat that flows through three masses to a room by natural convection, a resistance that changes
 with the phase, and thermocouples that lag twice; its body is one bending mode on a cubic
 spring with a Maxwell element. Its numbers are ours, within what is published of such wires
-and silicones. All are emulations, and not measurements of limbs.
-
-Each limb is recorded by `excitations` alone, calibrated, and driven along three motions, in open
-loop and with feedback. Shown are mean distances from the reference: of the true bend, of the plan,
-and of the best plan that the limits leave; from the plan, as read and of the true bend; the highest
-reading and temperature, and the processor's time to simulate a motion in open loop. A limb takes
-some two minutes.
-
-    python benchmarks/other_limbs.py [--physics continuum] [--limbs 6] [--first 0] [--jobs 2]
+and silicones. It is an emulation, and not a measurement of a limb. `unseen_limbs.py` takes it
+from its first recording to its plans.
 """
 
-import argparse
-import functools
 import math
-import multiprocessing
-import os
-import time
 import types
 from collections.abc import Sequence
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process for each core
 
 import numpy as np
 import witness  # noqa: F401 (its physics)
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
-from pydrake.trajectories import PiecewisePolynomial, Trajectory
+from pydrake.trajectories import Trajectory
 
-from calibration import calibrate, collect_from_twin
-from controllers import PlanFeedback, RecedingHorizon
-from hardware import LimbTwin, replay, watch
 from hardware.emulation.sensors import Noise, SampledSensors, limb_sensors
-from hardware.emulation.twin import SPECIMENS
-from limb_systems import LimbError, LimbParameters, simulate
+from limb_systems import LimbParameters, simulate
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import EmulatedLimb
-from limb_systems.tracking import reference_distances, tracking_errors, true_bend
-from planners import Task, nearest_bend_angle, plan, references
 
-OTHER, OPEN_LOOP = "other", "open loop"
-WAYS = {OPEN_LOOP: None, "plan feedback": PlanFeedback, "receding horizon": RecedingHorizon}
+OTHER = "other"
 STEP = 0.005  # s, of the limb's own integration
 SEED = 900_000  # of the first limb, far from those of `LimbTwin`
-PAUSE = 300.0  # s without heat before each recording of a motion
 GRIP = 30.0  # stiffness of a hand over that of the limb
-HANDS = {  # s and degrees
-    "fast": ((0, 22, 26, 31, 36, 41, 46, 60), (0, 0, 12, -10, 14, -12, 8, 0)),
-    "wide": ((0, 22, 27, 37, 43, 55, 60), (0, 0, 25, 25, -22, -22, -5)),
-}
 
 
 class OtherLimb(Diagram):
@@ -305,100 +278,3 @@ def _bend(
         rate,
         dashpot + STEP * (angle - dashpot) / specimen.maxwell_time,
     ]
-
-
-def take(physics: str, seed: int) -> dict:
-    """A limb from its first recording to its last motion; angles in degrees."""
-    limb = OtherLimb(seed) if physics == OTHER else LimbTwin(seed=seed, physics=physics)
-    recordings = collect_from_twin(
-        limb, seed=seed, sag_trials=0, ring_downs=1, protocol="excitation"
-    )
-    calibration = calibrate({kind: group for kind, group in recordings.items() if group})
-    record = calibration.parameters.calibration
-    assert record is not None
-    assert calibration.prediction is not None
-    motions = {"Fig. 5": references.step_and_decaying_sine()}
-    for name, (times, angles) in HANDS.items():
-        hand = PiecewisePolynomial.CubicShapePreserving(times, np.deg2rad([angles]), True)
-        taught = watch(limb.again(PAUSE, hand=hand), hand.end_time())
-        motions[name] = references.from_recording(taught, 1.0)
-    runs = []
-    open_loop, closed_loop = Task.paper(), Task.closed_loop(calibration.parameters)
-    for name, reference in motions.items():
-        plan_for = functools.cache(functools.partial(plan, calibration.parameters, reference))
-        for way, kind in WAYS.items():
-            run = {"motion": name, "way": way}
-            runs.append(run)
-            try:
-                trajectory = plan_for(task=closed_loop if kind else open_loop)
-                controller = kind(trajectory) if kind else None
-                rested, start = limb.again(PAUSE, truth=True), time.process_time()
-                driven = replay(trajectory, rested, controller=controller)
-            except LimbError as error:
-                run["failure"] = str(error)
-                continue
-            run["time"] = time.process_time() - start
-            truth = true_bend(driven)
-            nearest = nearest_bend_angle(trajectory)
-            distances = reference_distances(trajectory, [truth], nearest)
-            errors = {
-                "true from reference": distances.done,
-                "plan": distances.planned,
-                "limits leave": np.nan if distances.nearest is None else distances.nearest,
-                "read from plan": tracking_errors(trajectory, [driven]).mean,
-                "true from plan": tracking_errors(trajectory, [truth]).mean,
-            }
-            run |= {what: float(np.rad2deg(error)) for what, error in errors.items()}
-            run["highest V"] = float(driven.measured_temperature.max())
-            run["highest T"] = float(driven.wire_temperature.max())
-    return {
-        "seed": seed,
-        "law": calibration.prediction.best.name,
-        "bend error": np.rad2deg(record.bend_error),
-        "temperature error": record.temperature_error,
-        "runs": runs,
-    }
-
-
-def show(physics: str, limbs: list[dict]) -> None:
-    print(f"{len(limbs)} limbs, physics {physics}")
-    for limb in limbs:
-        print(
-            f"  {limb['seed']}: {limb['law']}, motions predicted to {limb['bend error']:.1f}° and "
-            f"{limb['temperature error']:.1f} °C"
-        )
-    columns = ("true from reference", "plan", "limits leave", "read from plan", "true from plan")
-    print(f"{'mean distance, °':<24}" + "".join(f"{column:>22}" for column in columns), end="")
-    print(f"{'V':>8}{'T':>8}  highest, °C")
-    runs = [run for limb in limbs for run in limb["runs"]]
-    for motion, way in dict.fromkeys((run["motion"], run["way"]) for run in runs):
-        these = [r for r in runs if (r["motion"], r["way"]) == (motion, way)]
-        done = [run for run in these if "failure" not in run]
-        for run in these:
-            if "failure" in run:
-                print(f"  {motion}, {way}: {run['failure']}")
-        if done:
-            means = [np.mean([run[column] for run in done]) for column in columns]
-            print(f"{motion + ', ' + way:<24}" + "".join(f"{m:>22.2f}" for m in means), end="")
-            print("".join(f"{max(r[f'highest {x}'] for r in done):>8.1f}" for x in "VT"))
-    times = [r["time"] for r in runs if r["way"] == OPEN_LOOP and "time" in r]
-    print(f"a motion in open loop takes {np.median(times):.1f} s of the processor (median)")
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--physics", choices=(OTHER, *SPECIMENS), default=OTHER, help="default %(default)s"
-    )
-    parser.add_argument("--limbs", type=int, default=6, help="default %(default)s")
-    parser.add_argument("--first", type=int, default=0, help="number of the first limb")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (default %(default)s)")
-    options = parser.parse_args()
-    seeds = range(options.first, options.first + options.limbs)
-    taking = functools.partial(take, options.physics)
-    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
-        show(options.physics, pool.map(taking, seeds, chunksize=1))
-
-
-if __name__ == "__main__":
-    main()

@@ -21,7 +21,7 @@ from collections import Counter
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process for each core
 
 import numpy as np
-from other_limbs import OTHER, PAUSE, OtherLimb
+from other_limbs import OTHER, OtherLimb
 
 from calibration import calibrate, collect_from_twin
 from hardware import LimbTwin, replay
@@ -30,6 +30,7 @@ from limb_systems import LimbError
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
 from soft_limb.evaluation.experiment import HANDS, hand_course
+from soft_limb.evaluation.ways import PAUSE
 
 PULSES = 2  # number of the recording of pulses among the heated ones
 OTHER_DAY = {"ambient": 3.0, "supply": 1.03}

@@ -10,8 +10,7 @@ judge, with the dynamics of Drake's diagram, looks at all solutions.
 
     python benchmarks/planning.py [--quick]
 
-Writes the tables ``results.md`` and the picture ``scaling.png``. CasADi is
-needed for its part only.
+Writes the tables ``results.md``. Only CasADi's part needs CasADi.
 """
 
 import argparse
@@ -136,8 +135,7 @@ def main(arguments: list[str] | None = None) -> int:
         results[size] |= {s: {"verdict": "not tried"} for s in SOLVERS if s not in tried}
         report = "\n\n".join([*introduction(repetitions, options.time_limit), *tables(results)])
         (options.output / "results.md").write_text(report + "\n", encoding="utf-8")
-    plot(results, options.output / "scaling.png")
-    _say(f"written: {options.output / 'results.md'}, {options.output / 'scaling.png'}")
+    _say(f"written: {options.output / 'results.md'}")
     return 0
 
 
@@ -370,38 +368,6 @@ def fastest(of_size: dict, kind: str, key: str) -> tuple[str, dict]:
         if solver.kind == kind and result["verdict"] == "ok"
     }
     return min(candidates.items(), key=lambda item: item[1][key], default=("", {}))
-
-
-def plot(results: dict, path: Path) -> None:
-    """Solve time over N for each n, and over n for one N, ours and CasADi's best."""
-    from matplotlib.figure import Figure  # not in the processes of the solvers
-
-    def draw(axis, sizes, over, label, color):
-        for name, style in (("ours", "o-"), ("CasADi", "s--")):
-            points = []
-            for size in sizes:
-                of_size = results[size]
-                peer = fastest(of_size, "exact", "both")[1]
-                result = of_size[OURS] if name == "ours" else peer
-                if "solve" in result:
-                    points.append((size[over], result["solve"]))
-            if points:
-                axis.loglog(*zip(*points, strict=True), style, color=color, label=f"{name}{label}")
-
-    figure = Figure(figsize=(9, 4), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    links, knots = (sorted(set(values)) for values in zip(*results, strict=True))
-    for index, n in enumerate(links):
-        draw(left, [(n, N) for N in knots], 1, f", n = {n}", f"C{index}")
-    middle = knots[len(knots) // 2]
-    draw(right, [(n, middle) for n in links], 0, "", "C0")
-    left.set(xlabel="knots N", ylabel="time to solve (s)", xticks=knots, xticklabels=knots)
-    right.set(xlabel=f"links n (N = {middle})", xticks=links, xticklabels=links)
-    for axis in (left, right):
-        axis.xaxis.minorticks_off()
-        axis.grid(alpha=0.3, which="both")
-        axis.legend(frameon=False, fontsize=8)
-    figure.savefig(path, dpi=150)
 
 
 def _against(ours: float | None, peer: float | None) -> list[str]:

@@ -1,7 +1,9 @@
 """How fast and how well limbs that bend in space are planned, in processor time.
 
 1. Whole plans of 60 s with 601 knots, for the paper's law: each in a process of its own, without
-   its start, and the check's simulation apart.
+   its start, and the check's simulation apart. These plans are quasi-static: the limb is where it
+   would rest if its wires stayed as warm as they are, but for the delay σ/k. So each row has how
+   far the plan is from a full simulation of its duty.
 2. Random problems: three or four misplaced wires, any gravity, payloads, laws of all kinds, and
    references that are feasible or not. Each must be solved, or refused by a sentence that says why.
 
@@ -36,6 +38,8 @@ CASES = {  # links, segments, gravity, payload
     "n = 5": (5, 1, [0.0, 0.0, 0.0], 0.0),
     "n = 5, gravity": (5, 1, [0.0, -G, 0.0], 0.0),
     "n = 5, gravity, 20 g": (5, 1, [0.0, -G, 0.0], 0.02),
+    "n = 5, hanging, 20 g": (5, 1, [G, 0.0, 0.0], 0.02),
+    "n = 5, gravity, 50 g": (5, 1, [0.0, -G, 0.0], 0.05),
     "n = 10": (10, 1, [0.0, 0.0, 0.0], 0.0),
     "n = 10, gravity": (10, 1, [0.0, -G, 0.0], 0.0),
     "two segments": (5, 2, [0.0, 0.0, 0.0], 0.0),

@@ -14,12 +14,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from soft_limb.evaluation import tables
-from soft_limb.evaluation.experiment import MOTIONS
 from soft_limb.evaluation.tables import Followed, Summary
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"(<!-- table (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-Rows = Sequence[Sequence[str]]
 
 
 def read_summaries(path: Path) -> list[Summary]:
@@ -33,37 +31,19 @@ def read_summaries(path: Path) -> list[Summary]:
     return [Summary(**{name: limb[name] for name in fields}) for limb in limbs]
 
 
-def split_rows(summaries: Sequence[Summary], which: int) -> Rows:
-    return [["", *MOTIONS], *tables.split_table(summaries, which)]
-
-
-def law_rows(summaries: Sequence[Summary]) -> Rows:
-    """For each limb its law, and open loop the mean true distance of each motion."""
-    rows = [["limb", "law", *MOTIONS]]
-    for limb in summaries:
-        ways = [limb.ways[motion][tables.OPEN_LOOP] for motion in MOTIONS]
-        kind = "" if limb.physics == "lumped" else f"{limb.physics}, "
-        distances = [f"{way.true_reference:.2f}°, {way.true:.2f}°" for way in ways]
-        rows.append([f"{kind}seed {limb.seed}", limb.law, *distances])
-    return rows
-
-
-TABLES: dict[str, Callable[[Sequence[Summary]], Rows]] = {
-    "distances": lambda limbs: [tables.DISTANCE_HEADER, *tables.distance_table(limbs)],
-    "distances_continuum": lambda limbs: [
-        tables.DISTANCE_HEADER,
-        *tables.distance_table(limbs, "continuum"),
-    ],
-    "table_1": lambda limbs: [tables.TABLE_1_HEADER, *tables.table_1(limbs)],
-    "limbs": law_rows,
-    "disturbances": lambda limbs: [tables.DISTURBANCE_HEADER, *tables.disturbance_table(limbs)],
-    "models": lambda limbs: [tables.APPROACH_HEADER, *tables.approach_table(limbs)],
-    "split": lambda limbs: split_rows(limbs, 0),
-    "split_parts": lambda limbs: split_rows(limbs, 1),
+TABLES: dict[str, Callable[[Sequence[Summary]], tables.Rows]] = {
+    "distances": tables.distance_table,
+    "distances_continuum": lambda limbs: tables.distance_table(limbs, "continuum"),
+    "table_1": tables.table_1,
+    "limbs": tables.law_table,
+    "disturbances": tables.disturbance_table,
+    "models": tables.approach_table,
+    "split": tables.step_table,
+    "split_parts": tables.part_table,
 }
 
 
-def markdown(rows: Rows) -> str:
+def markdown(rows: tables.Rows) -> str:
     head, *body = rows
     lines = [head, ["---"] * len(head), *body]
     return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)

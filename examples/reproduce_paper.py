@@ -15,14 +15,14 @@ any executor; with --cluster it is that of a Dask cluster.
 
 import argparse
 import dataclasses
-import importlib
 import sys
 from pathlib import Path
 
 from hardware.emulation.specimen import EXTRA_EFFECTS
 from soft_limb.command import run_command
-from soft_limb.evaluation.experiment import NUM_ANGLES, NUM_REPETITIONS, NUM_ROLLOUTS, Settings
-from soft_limb.evaluation.reproduce import quick, reproduce_in
+from soft_limb.evaluation.experiment import Settings
+from soft_limb.evaluation.reproduce import reproduce_in
+from soft_limb.runs.jobs import load_module
 
 WITNESSES = Path(__file__).parents[1] / "tests" / "witnesses"
 
@@ -43,33 +43,13 @@ def main() -> int:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="one limb, --no-compare, and of closed loop feedback and learning of Fig. 5 alone",
+        help="one limb, --no-compare, no disturbances, and of closed loop soft-limb follow, and "
+        "learning of the ramps",
     )
     parser.add_argument(
         "--no-compare",
         action="store_true",
         help="no plans with the paper's calibration and with other laws; half of the time",
-    )
-    parser.add_argument(
-        "--rollouts", type=int, default=NUM_ROLLOUTS, help="of each plan (default %(default)s)"
-    )
-    parser.add_argument(
-        "--repetitions",
-        type=int,
-        default=NUM_REPETITIONS,
-        help="of each plan that is learned (default %(default)s)",
-    )
-    parser.add_argument(
-        "--protocol",
-        choices=("all", "paper"),
-        default="all",
-        help="recordings to calibrate to: all, or the paper's alone (default %(default)s)",
-    )
-    parser.add_argument(
-        "--angles",
-        type=int,
-        default=NUM_ANGLES,
-        help="equilibria of each recording of the paper's (default %(default)s)",
     )
     parser.add_argument(
         "--extra",
@@ -85,10 +65,8 @@ def main() -> int:
         "processes on this machine if left out",
     )
     options = parser.parse_args()
-    if options.others < 0:
-        parser.error("--others must be zero or more")
-    if min(options.limbs, options.rollouts, options.repetitions, options.angles) < 1:
-        parser.error("--limbs, --rollouts, --repetitions and --angles must be one or more")
+    if options.limbs < 1 or options.others < 0:
+        parser.error("--limbs must be one or more, and --others zero or more")
     stopped = f"stopped; limbs that were finished are in {options.folder}"
     return run_command(
         lambda: reproduce_in(options.folder, _jobs(options), options.cluster), stopped
@@ -97,27 +75,19 @@ def main() -> int:
 
 def _jobs(options) -> list[Settings]:
     """What is done with each limb."""
-    seeds, extra = range(1 if options.quick else options.limbs), tuple(options.extra)
     whole = Settings(
         0,
-        extra,
-        rollouts=options.rollouts,
-        repetitions=options.repetitions,
+        tuple(options.extra),
         compare=not (options.quick or options.no_compare),
-        protocol=options.protocol,
-        num_angles=options.angles,
+        disturb=not options.quick,
+        quick=options.quick,
     )
-    if options.quick:
-        whole = quick(whole)
+    seeds = range(1 if options.quick else options.limbs)
     jobs = [dataclasses.replace(whole, seed=seed) for seed in seeds]
     if options.others:
-        sys.path.append(str(WITNESSES))
-        importlib.import_module("continuum")  # which adds its physics
-    other = dataclasses.replace(
-        whole, physics="continuum", extra=(), compare=False, disturbances=()
-    )
-    jobs += [dataclasses.replace(other, seed=seed) for seed in range(options.others)]
-    return jobs
+        load_module("continuum", WITNESSES)  # which adds its physics
+    other = dataclasses.replace(whole, physics="continuum", extra=(), compare=False, disturb=False)
+    return jobs + [dataclasses.replace(other, seed=seed) for seed in range(options.others)]
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ EXIT_STATUS = (
 # For each command: its module in `soft_limb.commands`, which is imported when the command runs,
 # and what it does.
 COMMANDS = {
-    "demo": ("demo", "plan, calibrate and drive an emulated limb, as in the paper"),
+    "demo": ("emulated", "plan, calibrate and drive an emulated limb, as in the paper"),
     "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
     "collect": ("calibration", "record all that calibration needs"),
     "import": ("logs", "read logs of other programs as recordings"),
@@ -44,7 +44,7 @@ COMMANDS = {
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
     "gait": ("gaits", "plan how a robot of several limbs walks"),
     "walk": ("gaits", "walk by a gait: a robot, or an emulated one, from cold wires"),
-    "sweep": ("sweep", "plan and drive many emulated limbs, motions, tasks and controllers"),
+    "sweep": ("emulated", "plan and drive many emulated limbs, motions, tasks and controllers"),
     "show": ("results", "say what files are, and what made them"),
     "compare": ("results", "say how plans, recordings or limbs differ"),
     "export": ("results", "write the duty of plans for programs of your own"),
@@ -96,8 +96,10 @@ def run_words(command: Any, prog: str, words: Sequence[str], modules: Sequence[s
     options = parser.parse_args(words)
     options.modules = [*modules, *options.modules]
     for module in options.modules:
+        from soft_limb.runs.jobs import load_module  # takes long to import
+
         try:
-            _import(module)
+            load_module(module, os.getcwd())
         except Exception as error:  # whatever the module does
             parser.error(f"{module} could not be imported: {type(error).__name__}: {error}")
     return run_command(lambda: command.run(options), command.stopped)
@@ -158,13 +160,6 @@ def _add_import_option(parser: argparse.ArgumentParser) -> None:
         help="import a Python module first, of this folder or an installed one, that defines a "
         "wire law, a bend sensor or an emulated limb of your own; once for each module",
     )
-
-
-def _import(module: str) -> None:
-    """Imports a module; those of this folder come last, so that they take no other's place."""
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
-    importlib.import_module(module)
 
 
 def run_command(command: Callable[[], int], stopped: str) -> int:

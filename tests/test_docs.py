@@ -13,7 +13,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 from pydrake.geometry import Meshcat
@@ -31,17 +30,11 @@ from controllers import (
     TemperatureSupervisor,
 )
 from hardware import LimbTwin, RobotTwin, SensedLimb, SerialLimb
-from hardware.emulation.lumped import CutOut
-from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
-from hardware.emulation.sensors import SampledSensors, limb_sensors
-from hardware.emulation.specimen import Specimen
-from hardware.emulation.wires import ShapeMemoryWires
 from hardware.live.feed import Feed
 from hardware.robot.journal import Journal
 from limb_systems import (
     CalibrationRecord,
     HeatBounds,
-    JouleHeating,
     Limb,
     LimbParameters,
     LimbVisualizer,
@@ -51,15 +44,13 @@ from limb_systems import (
     RobotParameters,
     SegmentParameters,
     TemperatureLimits,
-    ThermocoupleLag,
     TipTangentSensor,
-    TorqueMap,
     WireParameters,
 )
 from limb_systems.files.csv_format import FORMAT_VERSION
 from limb_systems.files.samples import column_names
-from planners import plan_gait
 from soft_limb.command import COMMANDS, main
+from soft_limb.commands.options import SHARED
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
@@ -234,23 +225,17 @@ def test_commands_parse(monkeypatch):
             pytest.fail(f"not accepted: {line}")
 
 
-def test_table_of_options_is_that_of_the_parsers():
-    text, names = TEXTS[ROOT / "docs" / "soft_limb.md"], re.compile(r"`([^`]+)`")
-    (rows,), (shared,) = tables(text, "command"), tables(text, "shared option")
-    listed, command = set(), ""
-    for options, commands, _ in shared:
-        listed |= set(itertools.product(names.findall(commands), names.findall(options)))
-    for command_cell, options, _ in rows:
-        command = command_cell.strip("`") or command
-        listed |= {(command, name) for name in names.findall(options)}
-    modules = {name: f"soft_limb.commands.{home}" for name, (home, _) in COMMANDS.items()}
-    assert listed == {
-        (name, option)
-        for name, module in modules.items()
-        for action in importlib.import_module(module).COMMANDS[name].parser(name)._actions
-        if action.dest != "help"
-        for option in action.option_strings or [action.dest]
-    }
+def test_page_has_the_shared_options_and_all_commands():
+    text = TEXTS[ROOT / "docs" / "soft_limb.md"]
+    (options,), (commands,) = (tables(text, first) for first in ("option", "command"))
+    listed, named = (
+        {code for row in rows for code in re.findall(r"`([^`]+)`", row[0])}
+        for rows in (options, commands)
+    )
+    assert named == set(COMMANDS)
+    groups = (entry if isinstance(entry, list) else [entry] for entry in SHARED.values())
+    shared = {name for group in groups for option in group for name in option.names}
+    assert listed - {"--import"} == {name for name in shared if name.startswith("-")}
 
 
 class Board:
@@ -265,50 +250,37 @@ class Board:
     sample = close = info
 
 
-def known_limb() -> LimbParameters:
-    """The nominal limb, with a heating rate that was calibrated."""
-    record = CalibrationRecord(["left.a2"], [20.0], [1.0], [[1.0]])
-    return LimbParameters(calibration=record)
-
-
 @pytest.fixture
-def make_system(monkeypatch, fig5_plan):
+def systems(monkeypatch, fig5_plan, gait):
+    """All systems by the names of their classes, with those that the limbs consist of."""
     monkeypatch.setattr(hardware.robot.serial_limb, "open_link", Board)
-    parameters = LimbParameters()
-    specimen = Specimen(parameters, 0)
+    nominal, known = LimbParameters(), LimbParameters()
+    # A heating rate that was calibrated.
+    known.calibration = CalibrationRecord(["left.a2"], [20.0], [1.0], [[1.0]])
     course = PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], [[0.0, 0.0]])
-    makers = {
-        Limb: Limb,
-        Robot: Robot,
-        JouleHeating: lambda: JouleHeating(parameters),
-        ThermocoupleLag: lambda: ThermocoupleLag(parameters),
-        TorqueMap: lambda: TorqueMap(parameters),
-        LimbVisualizer: lambda: LimbVisualizer(parameters, Meshcat()),
-        BendAngleController: lambda: BendAngleController(parameters, "right"),
-        EquilibriumSchedule: lambda: EquilibriumSchedule([0.1]),
-        LimitedDuty: lambda: LimitedDuty(known_limb(), excitations(2)[0].duty),
-        LimbObserver: lambda: LimbObserver(parameters),
-        PlanFeedback: lambda: PlanFeedback(fig5_plan),
-        GaitFeedback: lambda: GaitFeedback(plan_gait(check=False), 1),
-        PlanRegulator: lambda: PlanRegulator(fig5_plan),
-        RecedingHorizon: lambda: RecedingHorizon(fig5_plan),
-        TemperatureSupervisor: lambda: TemperatureSupervisor(parameters),
-        LimbTwin: LimbTwin,
-        RobotTwin: RobotTwin,
-        SensedLimb: lambda: SensedLimb(Limb()),
-        CutOut: lambda: CutOut(2, 0.05),
-        RestShift: lambda: RestShift(specimen, 0.05),
-        SerialLimb: lambda: SerialLimb("port"),
-        ShapeMemoryWires: lambda: ShapeMemoryWires(specimen),
-        EmulatedRubber: lambda: EmulatedRubber(specimen),
-        SampledSensors: lambda: SampledSensors(
-            limb_sensors(parameters, 20.0, bend_response=np.asarray, bend_noise=0.0, bend_drift=0.0)
-        ),
-        Hand: lambda: Hand(parameters, course),
-        Feed: lambda: Feed(None, Limb()),
-        Journal: lambda: Journal(os.devnull, Limb(), 20.0),
-    }
-    return {kind.__name__.partition("_𝓣")[0]: make for kind, make in makers.items()}
+    limb, twin = Limb(), LimbTwin(hand=course, extra=["memory"])
+    made = [*limb.GetSystems(), *twin.GetSystems(), limb, LimbTwin(), Robot(), RobotTwin()]
+    made += [
+        LimbVisualizer(nominal, Meshcat()),
+        BendAngleController(nominal, "right"),
+        EquilibriumSchedule([0.1]),
+        LimitedDuty(known, excitations(2)[0].duty),
+        LimbObserver(nominal),
+        PlanFeedback(fig5_plan),
+        GaitFeedback(gait, 1),
+        PlanRegulator(fig5_plan),
+        RecedingHorizon(fig5_plan),
+        TemperatureSupervisor(nominal),
+        SensedLimb(Limb()),
+        SerialLimb("port"),
+        Feed(None, Limb()),
+        Journal(os.devnull, Limb(), 20.0),
+    ]
+    return {class_name(system): system for system in made}
+
+
+def class_name(system):
+    return type(system).__name__.partition("_𝓣")[0]
 
 
 def interface(system):
@@ -340,11 +312,11 @@ SECTIONS = [
 ]
 
 
-def test_tables_of_ports_are_those_of_the_systems(make_system):
+def test_tables_of_ports_are_those_of_the_systems(systems):
     for _, name, section in SECTIONS:
         (rows,) = tables(section, "port")
         listed = [(row[0], row[1].strip("`"), int(re.search(r"\d+$", row[2])[0])) for row in rows]
-        assert listed == interface(make_system[name]()), name
+        assert listed == interface(systems[name]), name
 
 
 def test_page_has_all_public_names_and_systems():
@@ -366,7 +338,7 @@ def test_pictures_have_the_systems_of_the_diagrams():
         drawn = (ROOT / "docs" / f"{picture}.svg").read_text(encoding="utf-8")
         for system in make().GetSystems():
             if not system.get_name().startswith("memory"):
-                assert f">{type(system).__name__.partition('_𝓣')[0]}<" in drawn
+                assert f">{class_name(system)}<" in drawn
 
 
 def test_parameters_on_the_page_are_the_nominal_ones():
@@ -379,23 +351,10 @@ def test_parameters_on_the_page_are_the_nominal_ones():
     for other in others:
         kind = RobotParameters if "limbs:" in other else LimbParameters
         kind.from_yaml(other)
-    ranges = {
-        field: metadata
-        for kind in (
-            SegmentParameters,
-            RestMemory,
-            TipTangentSensor,
-            WireParameters,
-            LinearLaw,
-            HeatBounds,
-            TemperatureLimits,
-            LimbParameters,
-        )
-        for field, metadata in (
-            (name, field.metadata) for name, field in kind.__dataclass_fields__.items()
-        )
-        if "unit" in metadata
-    }
+    kinds = [SegmentParameters, RestMemory, TipTangentSensor, WireParameters, LinearLaw]
+    kinds += [HeatBounds, TemperatureLimits, LimbParameters]
+    fields = {name: field for kind in kinds for name, field in kind.__dataclass_fields__.items()}
+    ranges = {name: f.metadata for name, f in fields.items() if "unit" in f.metadata}
     (rows,) = tables(TEXTS[PAGES["limb_systems"]], "field")
     listed = {row[0].strip("`"): row[2:] for row in rows if row[3] != "text"}
     assert listed.keys() == ranges.keys()

@@ -1,28 +1,37 @@
 """Commands of robots that walk."""
 
 import argparse
+import functools
+import os
 import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
+import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from controllers import GaitFeedback, PlanFeedback
-from hardware import RobotTwin, SerialLimb, replay
+from hardware import RobotTwin, SerialLimb
 from limb_systems import Gait, LimbError, LimbSystem, Robot, RobotParameters
-from limb_systems.output import check_outputs
-from planners.gait.schedules import schedule_of, schedule_text, sensible_schedules
+from limb_systems.progress import Progress
+from limb_systems.views.panels import motion_panels
+from planners import PlanningError, plan_gait
+from planners.gait.schedules import Schedule, schedule_of, schedule_text, sensible_schedules
 from planners.gait.walking import walk
 from soft_limb.commands.options import (
     Command,
     Option,
+    checked_outputs,
     print_summary,
     print_table,
+    save_panels,
     say_duration,
     shared,
 )
 from soft_limb.results.summaries import gait_summary, walk_summary
-from soft_limb.runs.gaits import find_gait
-from soft_limb.runs.rollout import OPEN
+from soft_limb.runs.jobs import local_executor, run_each
+from soft_limb.runs.rollout import OPEN, record_replay
 
 STRIDES, BENDS = "gait-feedback", "plan-feedback"
 
@@ -34,14 +43,7 @@ def _at_least_one(text: str) -> int:
 
 
 def _gait(options: argparse.Namespace) -> int:
-    outputs = [options.output, options.plot, options.report]
-    check_outputs(
-        outputs,
-        inputs=[options.robot],
-        pictures=[options.plot],
-        tables=[options.output],
-        force=options.force,
-    )
+    outputs = checked_outputs(options, options.robot)
     robot = RobotParameters.of(options.robot)
     num_feet = len(robot.limbs)
     schedules = [schedule_of(text, num_feet) for text in options.schedule]
@@ -50,18 +52,16 @@ def _gait(options: argparse.Namespace) -> int:
     say_duration(
         f"some seconds for each of {len(schedules)} schedules, and about {each} to check one",
     )
-    trials = find_gait(
-        robot,
+    gait, refused = _best_gait(
         schedules,
-        objective=options.objective,
-        temperature_margin=options.margin,
+        functools.partial(
+            _planned, robot, objective=options.objective, temperature_margin=options.margin
+        ),
         spread=not options.quick,
     )
-    refused = [(schedule_text(trial.schedule), trial.reason) for trial in trials if trial.reason]
-    gait = trials[0].gait
-    if gait is None or trials[0].reason:
+    if gait is None:
         raise LimbError(
-            f"No schedule of {len(trials)} gives a gait that walks as planned: "
+            f"No schedule of {len(schedules)} gives a gait that walks as planned: "
             + "; ".join(f"{schedule!r}, {reason.rstrip('.')}" for schedule, reason in refused)
             + "."
         )
@@ -82,15 +82,73 @@ def _gait(options: argparse.Namespace) -> int:
     return 0
 
 
+def _best_gait(
+    schedules: Sequence[Schedule], plan: Callable[..., "_Trial"], spread: bool
+) -> tuple[Gait | None, list[tuple[str, str]]]:
+    """Plan a gait of each schedule, and check them, the best first, until one walks as planned.
+
+    Args:
+        plan: `_planned` for a robot and an objective.
+        spread: whether the check varies ground and parameters.
+
+    Returns:
+        The gait that was taken, if any; and each other schedule with why it was not.
+    """
+    trials = [_Trial(schedule) for schedule in schedules]
+    if len(schedules) > 1:
+        with (
+            local_executor(min(os.cpu_count() or 1, len(schedules))) as executor,
+            Progress("planning", len(schedules), "schedules") as progress,
+        ):
+            trials = []
+            for trial in run_each(plan, schedules, executor):
+                trials.append(trial)
+                progress.update(len(trials))
+    trials.sort(key=lambda trial: -trial.merit)
+    taken, refused = None, []
+    for trial in trials:
+        if trial.gait and taken:
+            reason = f"{1e3 * trial.gait.speed:.2f} mm/s, and another is better"
+            trial = trial._replace(reason=reason)
+        elif not trial.reason:
+            trial = plan(trial.schedule, check=True, spread=spread)
+            taken = trial.gait
+        if trial.reason:
+            refused.append((schedule_text(trial.schedule), trial.reason))
+    return taken, refused
+
+
+class _Trial(NamedTuple):
+    """A schedule; its gait, if it was planned; or why there is none, or why it was not taken.
+
+    - ``merit``: speed, m/s, or distance for the heat of a cycle, m/s, which is to be large.
+    """
+
+    schedule: Schedule
+    gait: Gait | None = None
+    reason: str = ""
+    merit: float = -np.inf
+
+
+def _planned(
+    robot: RobotParameters,
+    schedule: Schedule,
+    objective: Literal["speed", "energy"],
+    check: bool = False,
+    **options: Any,
+) -> _Trial:
+    try:
+        gait = plan_gait(robot, schedule=schedule, objective=objective, check=check, **options)
+    except PlanningError as error:
+        return _Trial(schedule, reason=str(error))
+    if objective == "speed":
+        return _Trial(schedule, gait, merit=gait.speed)
+    heat = float(np.diff(gait.time) @ gait.duty[:, :-1].sum(axis=0))
+    return _Trial(schedule, gait, merit=gait.stride / heat)
+
+
 def _walk(options: argparse.Namespace) -> int:
-    outputs = [options.output, options.plot]
-    check_outputs(
-        outputs,
-        inputs=[options.gait],
-        pictures=[options.plot],
-        tables=[options.output],
-        force=options.force,
-    )
+    outputs = checked_outputs(options, options.gait)
     gait = Gait.load(options.gait)
     if gait.check.is_missing:
         raise LimbError(
@@ -111,13 +169,8 @@ def _walk(options: argparse.Namespace) -> int:
         robot = Robot(gait.robot)
     else:
         robot = RobotTwin(options.robot or gait.robot, seed=options.emulated or 0, truth=True)
-    recording = replay(trajectory, robot, controller=controller, journal=options.output)
-    recording.save(options.output)
-    if options.plot:
-        # Matplotlib takes as long to import as all the rest.
-        from limb_systems.views.plots import plot_motion, save_figure
-
-        save_figure(plot_motion(recording), options.plot)
+    recording = record_replay(trajectory, robot, options.output, controller=controller)
+    save_panels(motion_panels(recording), options.plot)
     start = trajectory.duration - options.cycles * gait.period
     print_summary(options, walk_summary(gait, recording, options.cycles, start), outputs)
     return 1 if recording.interrupted else 0

@@ -46,13 +46,16 @@ from limb_systems import (
 from limb_systems.output import check_outputs
 from limb_systems.simulation import PERIOD
 from limb_systems.summary import Summary
+from limb_systems.views.panels import tracking_panels
 from planners.checks import far_from_reference
 from soft_limb.commands.options import (
     TASK_HELP,
     Command,
     Option,
+    checked_outputs,
     live_page,
     print_summary,
+    save_panels,
     say_duration,
     shared,
     text_board,
@@ -60,9 +63,9 @@ from soft_limb.commands.options import (
 from soft_limb.live.page import DONE, LivePage
 from soft_limb.reports.plan import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary
-from soft_limb.runs import repetitions, teach_and_go
+from soft_limb.runs import repetitions
 from soft_limb.runs.cooling import cool_down
-from soft_limb.runs.planning import NAMED, reference_from_file, task_named
+from soft_limb.runs.planning import FOLLOWED, NAMED, reference_from_file, task_named, teach_and_go
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out, troubles
 
 SIMULATED = 20.0  # times real time, about, of an emulated limb on an idle computer
@@ -230,14 +233,7 @@ def _board_check(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    outputs = [options.output, options.plot, options.report]
-    check_outputs(
-        outputs,
-        inputs=[options.trajectory],
-        pictures=[options.plot],
-        tables=[options.output],
-        force=options.force,
-    )
+    outputs = checked_outputs(options, options.trajectory)
     trajectory, board = Trajectory.load(options.trajectory), text_board(options)
     with live_page(options) as live:
         if live:
@@ -251,11 +247,7 @@ def _replay(options: argparse.Namespace) -> int:
             live=live,
         )
         summary = rollout.summary()
-        if options.plot:
-            # Matplotlib takes as long to import as all the rest.
-            from limb_systems.views.plots import plot_tracking, save_figure
-
-            save_figure(plot_tracking(trajectory, [rollout.recording]), options.plot)
+        save_panels(tracking_panels(trajectory, [rollout.recording]), options.plot)
         if options.report:
             data = {"plan": options.trajectory, "recording": options.output}
             write_rollout_report(rollout, summary, options.report, data)
@@ -301,8 +293,7 @@ def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
 
 
 def _follow(options: argparse.Namespace) -> int:
-    names = (teach_and_go.PLAN, teach_and_go.RECORDING, teach_and_go.PICTURE, teach_and_go.REPORT)
-    outputs = [options.output / name for name in names]
+    outputs = [options.output / name for name in FOLLOWED]
     inputs = [Path(options.reference), options.limb, options.task and Path(options.task)]
     check_outputs(outputs, inputs=inputs, force=options.force)
     limb = LimbParameters.of(options.limb)
@@ -312,7 +303,7 @@ def _follow(options: argparse.Namespace) -> int:
         with open_link(options.port, limb, board) as link:  # before the plan is made in vain
             link.sample()
     with live_page(options) as live:
-        rollout, summary = teach_and_go.teach_and_go(
+        rollout, summary = teach_and_go(
             options.reference,
             lambda planned: _limb(planned, options, board),
             options.output,
@@ -396,8 +387,7 @@ def _taught_limb(options: argparse.Namespace) -> tuple[LimbSystem, float]:
 
 
 def _teach(options: argparse.Namespace) -> int:
-    output = [options.output]
-    check_outputs(output, inputs=[options.limb], tables=output, force=options.force)
+    output = checked_outputs(options, options.limb)
     if (options.port is None) == (options.emulated is None):
         raise LimbError("Give the PORT of a board, or --emulated SEED for an emulated limb.")
     if board := text_board(options):
@@ -426,8 +416,7 @@ def _teach(options: argparse.Namespace) -> int:
 
 
 def _recover(options: argparse.Namespace) -> int:
-    output = [options.output]
-    check_outputs(output, inputs=[options.recording], tables=output, force=options.force)
+    output = checked_outputs(options, options.recording)
     recording = Recording.load(options.recording, unfinished=True)
     if not len(recording.time):
         raise LimbError(f"{options.recording} has no samples; there is nothing to recover.")

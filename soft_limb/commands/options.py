@@ -13,7 +13,9 @@ from typing import Any
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from hardware.robot.text_board import TextBoard, TextBoardError
 from limb_systems.errors import LimbError
+from limb_systems.output import check_outputs
 from limb_systems.summary import Entry, Summary
+from limb_systems.views.panels import Panel
 from soft_limb.command import EXIT_STATUS
 from soft_limb.live.page import LOOPBACK, LivePage
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
@@ -240,6 +242,40 @@ def live_page(options: argparse.Namespace) -> Iterator[LivePage | None]:
         stream = sys.stderr if vars(options).get("json") else sys.stdout
         print(f"live        {live.url}", file=stream, flush=True)
         yield live
+
+
+def checked_outputs(
+    options: argparse.Namespace, *inputs: Path | str | None, goes_on: bool = False
+) -> list[Path | None]:
+    """Return the files that a command is to write: its table, pictures and report.
+
+    Args:
+        inputs: files that the command reads, also as texts that may be something else.
+        goes_on: whether the command goes on with a table that exists.
+
+    Raises:
+        OutputError: if a file must not or cannot be written.
+    """
+    given = vars(options)
+    pictures = [given.get("plot"), given.get("diagnostics")]
+    outputs = [options.output, *pictures, given.get("report")]
+    check_outputs(
+        outputs,
+        inputs=[Path(name) for name in inputs if name],
+        pictures=pictures,
+        tables=[options.output],
+        force=options.force or goes_on,
+    )
+    return outputs
+
+
+def save_panels(panels: Sequence[Panel], path: Path | None) -> None:
+    """Draw panels and save the picture, if a command was asked for one."""
+    if path:
+        # Matplotlib takes as long to import as all the rest.
+        from limb_systems.views.plots import draw, save_figure
+
+        save_figure(draw(panels), path)
 
 
 def print_summary(

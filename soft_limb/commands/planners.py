@@ -4,24 +4,23 @@ import argparse
 from pathlib import Path
 
 from limb_systems import LimbParameters
-from limb_systems.output import check_outputs
+from limb_systems.views.panels import tracking_panels
 from planners.planning import MAX_KNOTS
-from soft_limb.commands.options import Command, Option, print_summary, shared
+from soft_limb.commands.options import (
+    Command,
+    Option,
+    checked_outputs,
+    print_summary,
+    save_panels,
+    shared,
+)
 from soft_limb.reports.plan import write_plan_report
 from soft_limb.results.summaries import plan_summary
 from soft_limb.runs.planning import plan_from_files, task_named
 
 
 def _plan(options: argparse.Namespace) -> int:
-    pictures, reference = [options.plot, options.diagnostics], Path(options.reference)
-    outputs = [options.output, *pictures, options.report]
-    check_outputs(
-        outputs,
-        inputs=[reference, options.limb, options.task and Path(options.task)],
-        pictures=pictures,
-        tables=[options.output],
-        force=options.force,
-    )
+    outputs = checked_outputs(options, options.reference, options.limb, options.task)
     limb = LimbParameters.of(options.limb)
     trajectory = plan_from_files(
         options.reference,
@@ -34,20 +33,18 @@ def _plan(options: argparse.Namespace) -> int:
         tolerance_deg=options.tolerance,
     )
     trajectory.save(options.output)
-    if any(pictures):
+    save_panels(tracking_panels(trajectory), options.plot)
+    if options.diagnostics:
         # Matplotlib takes as long to import as all the rest.
-        from limb_systems.views.plots import plot_tracking, save_figure
+        from limb_systems.views.plots import save_figure
         from planners.diagnostics import plot_diagnostics
 
-        if options.plot:
-            save_figure(plot_tracking(trajectory), options.plot)
-        if options.diagnostics:
-            save_figure(plot_diagnostics(trajectory), options.diagnostics)
+        save_figure(plot_diagnostics(trajectory), options.diagnostics)
     summary = plan_summary(trajectory)
     if options.report:
         data = {"trajectory": options.output}
-        if reference.is_file():
-            data["reference"] = reference
+        if Path(options.reference).is_file():
+            data["reference"] = Path(options.reference)
         if options.limb:
             data["limb"] = options.limb
         write_plan_report(trajectory, summary, options.report, data)

@@ -26,6 +26,8 @@ from limb_systems import Limb, simulate
 from limb_systems.tracking import true_bend
 from soft_limb.evaluation.ways import Way
 
+# For each of `STEPS` the mean absolute difference that it makes, and its part of the error, °.
+Split = dict[str, tuple[float, float]]
 STEPS = {
     "collocation": "plan against the simulated model",
     "parameters": "calibrated model against the same law with this limb's best parameters",
@@ -34,23 +36,20 @@ STEPS = {
 }
 
 
-def error_split(
-    calibration: Calibration, motions: Mapping[str, Way]
-) -> dict[str, dict[str, tuple[float, float]]]:
-    """Splits the error of the first rollout of each motion, planned by prediction.
+def error_split(calibration: Calibration, motions: Mapping[str, Way]) -> dict[str, Split]:
+    """Split the error of the first open-loop rollout of each motion.
 
-    The best parameters are those of the law that was calibrated, fitted in hindsight to
+    The best parameters belong to the law that was calibrated. They are fitted in hindsight to
     the true bend and the readings of all motions.
 
     Args:
-        calibration: the limb's.
-        motions: open loop, each under its name.
+        calibration: the limb's calibration, by prediction error.
+        motions: plan and rollouts by motion.
 
     Returns:
-        For each motion and each of `STEPS`, degrees: the mean absolute difference
-        that the step makes, and the step's part of the mean tracking error. A difference
-        counts as positive in that where it has the sign of the error, and as negative
-        where it makes up for others; so the parts add up to the mean tracking error.
+        For each motion its `Split`. A difference counts as positive in a step's part where it has
+        the sign of the error, and as negative where it makes up for others; so the parts add up to
+        the mean tracking error.
     """
     assert calibration.prediction is not None
     fit = calibration.prediction.fit

@@ -22,15 +22,17 @@ from soft_limb.reports.calibration import validation_panels
 
 def plot_taught(experiment: Experiment) -> Figure:
     """Fig. 7: the limb while it is taught, and while it repeats, every few seconds."""
-    motions = [(motion, motion.taught) for motion in experiment.motions if motion.taught]
+    motions = experiment.taught
     figure = Figure(figsize=(WIDTH, 2.6 * len(motions)), layout="constrained")
     axes = figure.subplots(2 * len(motions), 1)
-    for index, (motion, by_hand) in enumerate(motions):
-        taught, repeated = axes[2 * index : 2 * index + 2]
-        _plot_poses(taught, by_hand, "0.35")
-        taught.set_ylabel(f"{motion.name},\ntaught", fontsize=8.5)
-        _plot_poses(repeated, motion.open_loop.rollouts[0], ROLLOUT_COLOR)
-        repeated.set_ylabel(f"{motion.name},\nrepeated", fontsize=8.5)
+    for pair, (motion, by_hand) in zip(axes.reshape(-1, 2), motions.items(), strict=True):
+        repeated = experiment.ways[motion][OPEN_LOOP].rollouts[0]
+        for axis, recording, what, color in (
+            (pair[0], by_hand, "taught", "0.35"),
+            (pair[1], repeated, "repeated", ROLLOUT_COLOR),
+        ):
+            _plot_poses(axis, recording, color)
+            axis.set_ylabel(f"{motion},\n{what}", fontsize=8.5)
     axes[-1].set_xlabel("time (s)")
     return figure
 
@@ -57,21 +59,19 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
 
 
 def ways_shown(experiment: Experiment) -> dict[str, Way]:
-    """Ways in which the limb was driven along `RAMPS`, each with one rollout.
+    """Return one rollout of each way in which the limb was driven along `RAMPS`.
 
-    Open loop before and after calibration, by `follow`, and the best repetition of learning;
-    nothing if it was not driven in one of these.
+    The ways are open loop before and after calibration, `follow`, and the best repetition of
+    learning. Without follow or learning there is nothing to show.
     """
-    (motion,) = (motion for motion in experiment.motions if motion.name == RAMPS)
-    if not {FOLLOW, LEARNING} <= motion.ways.keys():
+    ways = experiment.ways[RAMPS]
+    if not {FOLLOW, LEARNING} <= ways.keys():
         return {}
-    (described,) = (each for each in experiment.compared[AS_DESCRIBED] if each.name == RAMPS)
-    learned = motion.ways[LEARNING]
-    last = Way(learned.trajectory, learned.rollouts[-1:])
-    firsts = {name: motion.ways[name] for name in (OPEN_LOOP, FOLLOW)}
-    firsts = {name: Way(way.trajectory, way.rollouts[:1]) for name, way in firsts.items()}
-    learning = f"{LEARNING}, best of {len(learned.rollouts)}"
-    return {f"{OPEN_LOOP}, not calibrated": described.open_loop, **firsts, learning: last}
+    shown = {f"{OPEN_LOOP}, not calibrated": experiment.compared[AS_DESCRIBED][RAMPS]}
+    shown |= {name: ways[name] for name in (OPEN_LOOP, FOLLOW)}
+    shown = {name: Way(way.trajectory, way.rollouts[:1]) for name, way in shown.items()}
+    trajectory, learned = ways[LEARNING].trajectory, ways[LEARNING].rollouts
+    return shown | {f"{LEARNING}, best of {len(learned)}": Way(trajectory, learned[-1:])}
 
 
 def plot_ways(shown: Mapping[str, Way]) -> Figure:
@@ -119,25 +119,24 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str
     A figure is a list of panels, which a page shows as a chart, or a picture if it has no axes
     to look into.
     """
-    driven = {motion.name: motion.open_loop for motion in experiment.motions}
-
-    def tracking(name: str) -> list[Panel]:
-        return tracking_panels(driven[name].trajectory, driven[name].rollouts)
-
+    driven = {motion: ways[OPEN_LOOP] for motion, ways in experiment.ways.items()}
+    tracking = {m: tracking_panels(way.trajectory, way.rollouts) for m, way in driven.items()}
+    validation = experiment.calibration.validation
+    assert validation is not None  # recordings of an emulated limb are enough for one
     result: dict[str, tuple[Figure | list[Panel], str]] = {
         "fig4": (
-            validation_panels(experiment.validation),
+            validation_panels(validation),
             "Fig. 4: the calibrated model and the emulated limb for the same duty",
         ),
         "fig5": (
-            tracking(VALIDATION),
+            tracking[VALIDATION],
             "Fig. 5: two steps and a decaying sinusoid, plan and rollouts. The limb cannot move "
             "as asked: heat builds up and leaves over seconds, and bounds hold",
         ),
     }
     for letter, name in zip("ab", HANDS, strict=True):
         text = f"Fig. 6, {name}: a motion that was taught, plan and rollouts"
-        result[f"fig6{letter}"] = tracking(name), text
+        result[f"fig6{letter}"] = tracking[name], text
     result["fig7"] = (
         plot_taught(experiment),
         "Fig. 7: the limb's shape by its bend sensor, constant curvature (11), as it was taught "

@@ -6,7 +6,7 @@ import itertools
 import json
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from calibration import save_recordings
@@ -15,41 +15,22 @@ from limb_systems.output import write_atomically
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure, draw, save_figure
 from soft_limb.commands.options import print_table
-from soft_limb.evaluation.experiment import (
-    MOTIONS,
-    NUM_STEPS,
-    RAMPS,
-    Experiment,
-    Settings,
-    evaluate,
-)
+from soft_limb.evaluation.experiment import NUM_STEPS, RAMPS, Experiment, Settings, evaluate
 from soft_limb.evaluation.figures import figures
 from soft_limb.evaluation.report import EMULATED, write_report
-from soft_limb.evaluation.tables import (
-    DISTANCE_HEADER,
-    Summary,
-    distance_table,
-    summarize,
-)
+from soft_limb.evaluation.tables import LUMPED, Summary, distance_table, summarize
 from soft_limb.evaluation.ways import FOLLOW, LEARNING, OPEN_LOOP
 from soft_limb.reports.calibration import write_report as write_calibration_report
 from soft_limb.results.summaries import calibration_summary
 from soft_limb.runs.jobs import executor_of, run_all
 
 
-def quick(settings: Settings) -> Settings:
-    """What is done in the demo: no comparisons, each motion followed, and the ramps learned."""
-    closed_loop: dict[str, tuple[str, ...]] = dict.fromkeys(MOTIONS, (FOLLOW,))
-    closed_loop[RAMPS] = (FOLLOW, LEARNING)
-    return dataclasses.replace(settings, closed_loop=closed_loop, disturbances=(), compare=False)
-
-
 def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = None) -> int:
-    """The evaluation as a command: tells its steps and tables, and leaves all files in a folder.
+    """Run the evaluation as a command: print its steps and tables, and write all files.
 
     Args:
         folder: gets ``report.html``, pictures, and what `reproduce` leaves.
-        jobs: as for `reproduce`.
+        jobs: what is done with each limb.
         cluster: address of a Dask scheduler; processes on this machine if None.
 
     Returns:
@@ -69,28 +50,11 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
         at_once = None if cluster else (os.cpu_count() or 1) + 1
         summaries, shown = reproduce(jobs, executor, folder, at_once=at_once, tell=tell)
         tell("drawing figures, and writing the report")
-        pictures = figures(shown)
-        drawn = [
-            executor.submit(save_picture, figure, folder / f"{name}.png")
-            for name, (figure, _) in pictures.items()
-        ]
-        (motion,) = (motion for motion in shown.motions if motion.name == RAMPS)
-        way = motion.ways.get(FOLLOW, motion.open_loop)
-        write_meshcat_replay(
-            folder / "replay.html",
-            way.rollouts[0],
-            plan=way.trajectory,
-            title="Ramps, on an emulated limb",
-        )
-        data = _data(folder, shown, pictures)
-        write_report(folder / "report.html", summaries, shown, pictures, data)
-        for figure in drawn:
-            figure.result()
-
+        _draw(folder, summaries, shown, executor)
     print(f"\n{calibration_summary(shown.calibration)}\n")
     for physics in dict.fromkeys(summary.physics for summary in summaries):
-        title = "mean distance of the true bend from what was asked for"
-        print_table(title, [DISTANCE_HEADER, *distance_table(summaries, physics)])
+        title = "mean distance of the true bend from the reference"
+        print_table(title, distance_table(summaries, physics))
     print(EMULATED)
     print(f"\nwritten in {time.perf_counter() - started:.0f} s:")
     for path in sorted(folder.iterdir()):
@@ -106,15 +70,15 @@ def reproduce(
     at_once: int | None = None,
     tell: Callable[[str], object] = lambda step: None,
 ) -> tuple[list[Summary], Experiment]:
-    """The evaluation of limbs on an executor; files are written where this is called.
+    """Evaluate limbs on an executor; files are written where this is called.
 
     Args:
         jobs: what is done with each limb.
-        executor: as for `soft_limb.runs.jobs.run_all`.
+        executor: runs the calls, as for `soft_limb.runs.jobs.run_all`.
         folder: gets a folder of files of each limb, and ``results.json`` with the limbs that
             are finished.
-        at_once: how many limbs are begun before one is finished; all if None.
-        tell: is called with what comes next for a limb.
+        at_once: number of limbs that are begun before one is finished; all if None.
+        tell: function that is called with the next step of a limb.
 
     Returns:
         The numbers of each job, and the first one's experiment.
@@ -124,9 +88,10 @@ def reproduce(
     for number, experiment in run_all([evaluate(job, tell) for job in jobs], executor, at_once):
         found[number] = summary = summarize(experiment)
         shown = experiment if number == 0 else shown
-        kind = "limb" if summary.physics == "lumped" else summary.physics
-        _save(experiment, folder / f"{kind}_{summary.seed}")
-        _write_results(folder, [found[done] for done in sorted(found)])
+        _save(experiment, folder / f"{_family(summary)}_{summary.seed}")
+        data = [dataclasses.asdict(found[done]) for done in sorted(found)]
+        text = json.dumps(data, indent=1, ensure_ascii=False)
+        write_atomically(folder / "results.json", text)
         if len(jobs) > 1:
             print(f"{len(found):>3} of {len(jobs)}: {_line(summary)}", flush=True)
     assert shown is not None
@@ -138,41 +103,52 @@ def save_picture(figure: Figure | list[Panel], path: Path) -> None:
     save_figure(draw(figure) if isinstance(figure, list) else figure, path)
 
 
+def _family(summary: Summary) -> str:
+    return "limb" if summary.physics == LUMPED else summary.physics
+
+
 def _line(summary: Summary) -> str:
-    """A limb's mean errors, open loop and then with what else it was driven by."""
-    names = dict.fromkeys(name for ways in summary.ways.values() for name in ways)
+    """A limb's mean distances from its plans as read, by each way of driving it."""
     parts = []
-    for name in names:
+    for name in dict.fromkeys(name for ways in summary.ways.values() for name in ways):
         errors = [ways[name].read for ways in summary.ways.values() if name in ways]
         if name == LEARNING:
             errors = [repetitions[-1].read for repetitions in summary.repetitions.values()]
         parts.append(f"{name} {', '.join(f'{error:.1f}°' for error in errors)}")
-    aborted = sum(way.aborted for ways in summary.ways.values() for way in ways.values())
-    if aborted:
+    if aborted := sum(way.aborted for ways in summary.ways.values() for way in ways.values()):
         parts.append(f"{aborted} rollouts aborted")
-    kind = "limb" if summary.physics == "lumped" else f"{summary.physics} limb"
-    return f"{kind} {summary.seed}: {'; '.join(parts)}"
+    return f"{_family(summary)} {summary.seed}: {'; '.join(parts)}"
 
 
-def _write_results(folder: Path, summaries: list[Summary]) -> None:
-    data = [dataclasses.asdict(summary) for summary in summaries]
-    write_atomically(folder / "results.json", json.dumps(data, indent=1, ensure_ascii=False))
-
-
-def _data(folder: Path, shown: Experiment, pictures: Iterable[str]) -> dict[str, Path]:
-    """What is in the folder beside the report, by what it is."""
+def _draw(
+    folder: Path,
+    summaries: Sequence[Summary],
+    shown: Experiment,
+    executor: concurrent.futures.Executor,
+) -> None:
+    """Write the pictures and the 3D replay of one limb, and the report of all."""
+    pictures = figures(shown)
+    drawn = [
+        executor.submit(save_picture, figure, folder / f"{name}.png")
+        for name, (figure, _) in pictures.items()
+    ]
+    way = shown.ways[RAMPS].get(FOLLOW, shown.ways[RAMPS][OPEN_LOOP])
+    replay, title = folder / "replay.html", "Ramps, on an emulated limb"
+    write_meshcat_replay(replay, way.rollouts[0], plan=way.trajectory, title=title)
     limb = folder / f"limb_{shown.specimen.seed}"
-    files = {
-        "3D replay of the ramps": folder / "replay.html",
+    data = {
+        "3D replay of the ramps": replay,
         "numbers of all limbs": folder / "results.json",
         "calibration of the limb that is shown": limb / "calibration.html",
         "its parameters": limb / "limb.yaml",
+        **{name: folder / f"{name}.png" for name in pictures},
     }
-    files |= {name: folder / f"{name}.png" for name in pictures}
     for path in sorted(limb.glob("*/*.csv")):
         if path.parent.name != "recordings":  # the calibration's page has these
-            files[f"{path.parent.name}, {path.stem}"] = path
-    return files
+            data[f"{path.parent.name}, {path.stem}"] = path
+    write_report(folder / "report.html", summaries, shown, pictures, data)
+    for figure in drawn:
+        figure.result()
 
 
 def _save(experiment: Experiment, folder: Path) -> None:
@@ -180,14 +156,14 @@ def _save(experiment: Experiment, folder: Path) -> None:
     experiment.calibration.parameters.save(folder / "limb.yaml")
     data = {"calibrated limb": folder / "limb.yaml", **{path.stem: path for path in recordings}}
     write_calibration_report(experiment.calibration, folder / "calibration.html", data)
-    for motion in experiment.motions:
-        name = motion.name.replace("&", "_and_").replace(" ", "_").lower()
-        if motion.taught:
-            motion.taught.save(folder / name / "taught.csv")
-        for loop, way in motion.ways.items():
-            kind = "" if loop == OPEN_LOOP else f"{loop.partition(' (')[0].replace(' ', '_')}_"
-            way.trajectory.save(folder / name / f"{kind}trajectory.csv")
+    for motion, ways in experiment.ways.items():
+        own = folder / motion.replace("&", "_and_").replace(" ", "_").lower()
+        if motion in experiment.taught:
+            experiment.taught[motion].save(own / "taught.csv")
+        for loop, way in ways.items():
+            kind = "" if loop == OPEN_LOOP else f"{loop.replace(' ', '_')}_"
+            way.trajectory.save(own / f"{kind}trajectory.csv")
             for number, rollout in enumerate(way.rollouts, 1):
                 # In closed loop rollouts are alike, and repetitions are on their way to the last.
                 if not kind or number in (1, len(way.rollouts)):
-                    rollout.save(folder / name / f"{kind}rollout_{number}.csv")
+                    rollout.save(own / f"{kind}rollout_{number}.csv")

@@ -6,7 +6,9 @@ import functools
 import importlib
 import multiprocessing
 import os
+import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from hardware.emulation.twin import SPECIMENS
@@ -100,8 +102,12 @@ def _one_call(function: Callable[[Any], Any], argument: Any) -> Evaluation:
 def executor_of(cluster: str | None, num_processes: int) -> Iterator[concurrent.futures.Executor]:
     """The executor of a command: Dask's at an address, or processes on this machine if None.
 
+    Its processes load the modules that `load_module` has loaded here. A worker of a cluster finds
+    such a module if it is installed there, or in the folder in which it is here.
+
     Raises:
-        LimbError: if Dask is not installed, or its scheduler does not answer.
+        LimbError: if Dask is not installed, its scheduler does not answer, or a worker cannot load
+            a module.
     """
     if cluster is None:
         with local_executor(num_processes) as executor:
@@ -118,6 +124,11 @@ def executor_of(cluster: str | None, num_processes: int) -> Iterator[concurrent.
     except (OSError, ValueError) as error:
         raise LimbError(f"There is no Dask scheduler at {cluster}: {error}") from error
     with client:
+        try:
+            # Also for workers that join later.
+            client.register_worker_callbacks(functools.partial(_load, dict(_folders)))
+        except ImportError as error:
+            raise LimbError(f"A worker of the cluster cannot load a module: {error}") from error
         yield client.get_executor()
 
 
@@ -130,8 +141,9 @@ def local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]:
     context = multiprocessing.get_context(method)
     if method == "forkserver":
         context.set_forkserver_preload(["calibration", "soft_limb.runs.rollout"])
+    folders = {specimen.__module__: "" for specimen in SPECIMENS.values()} | _folders
     with concurrent.futures.ProcessPoolExecutor(
-        num_processes, mp_context=context, initializer=_begin, initargs=(_modules(),)
+        num_processes, mp_context=context, initializer=_begin, initargs=(folders,)
     ) as pool:
         try:
             yield pool
@@ -141,13 +153,30 @@ def local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]:
             raise
 
 
-def _modules() -> list[str]:
-    """Return the modules with the physics of emulated limbs that this process has loaded."""
-    return [specimen.__module__ for specimen in SPECIMENS.values()]
+def load_module(name: str, folder: str | Path) -> None:
+    """Import a module that defines a wire law, a bend sensor or an emulated limb of one's own.
+
+    Processes of `executor_of` import it, too.
+
+    Args:
+        name: its name, with dots.
+        folder: folder where it is found if it is not installed.
+    """
+    _load({name: str(Path(folder).resolve())})
 
 
-def _begin(modules: list[str]) -> None:
+_folders: dict[str, str] = {}  # of the modules that `load_module` has loaded, by their names
+
+
+def _load(folders: dict[str, str]) -> None:
+    for name, folder in folders.items():
+        if folder and folder not in sys.path:
+            sys.path.append(folder)  # last, so that its modules take no other's place
+        importlib.import_module(name)
+        _folders[name] = folder
+
+
+def _begin(folders: dict[str, str]) -> None:
     """Load modules in a new process, and keep its progress off the terminal of the others."""
-    for module in modules:
-        importlib.import_module(module)
+    _load(folders)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)

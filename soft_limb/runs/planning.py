@@ -1,16 +1,22 @@
-"""Plans whose inputs are files."""
+"""Plans whose inputs are files, and limbs that are driven along them at once."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydrake import trajectories
 
-from limb_systems import LimbParameters, Recording, Trajectory
+from limb_systems import LimbParameters, LimbSystem, Recording, Trajectory
 from limb_systems.signals import ended_at_once
+from limb_systems.summary import Summary
 from planners import Task, plan, references
+from soft_limb.live.page import LivePage
+from soft_limb.reports.plan import write_rollout_report
+from soft_limb.runs.rollout import NEAREST, Rollout, roll_out
 
 RECORDED = b"# limb recording"  # beginning of a recording's file
+FOLLOWED = ("plan.csv", "recording.csv", "tracking.png", "report.html")  # of `teach_and_go`
 NAMED = {
     "ramps": references.ramps,
     "fig5": references.step_and_decaying_sine,
@@ -73,3 +79,63 @@ def reference_from_file(name: str, smoothing_time: float) -> trajectories.Trajec
         if recorded:
             return references.from_recording(Recording.load(path), smoothing_time)
     return references.load(path)
+
+
+def teach_and_go(
+    reference: str,
+    make_limb: Callable[[LimbParameters], LimbSystem],
+    folder: str | Path,
+    *,
+    limb: LimbParameters | Path | None = None,
+    task: Task | None = None,
+    knot_rate: float = 10.0,
+    smoothing_time: float = 0.5,
+    controller: str = NEAREST,
+    real_time: bool = False,
+    live: LivePage | None = None,
+) -> tuple[Rollout, Summary]:
+    """Plan with margins for feedback, and drive a limb along the plan.
+
+    The folder gets the files `FOLLOWED`.
+    If the limb fails, the plan is there, and of a robot an unfinished recording.
+
+    Args:
+        reference, limb, smoothing_time: as for `plan_from_files`.
+        make_limb: function that gives the limb for the parameters of the plan.
+        task, knot_rate: as for `planners.plan`; no task stands for `Task.closed_loop`.
+        controller, real_time, live: as for `roll_out`.
+
+    Raises:
+        PlanningError: if there is no plan.
+        ReplayError, HardwareError, OutputError: as `hardware.replay.replay` does.
+        LimbError: if a file cannot be read.
+    """
+    plan_file, recording_file, picture, report = (Path(folder) / name for name in FOLLOWED)
+    say = live.say if live else lambda _: None
+    say(f"Planning {reference}")
+    parameters = LimbParameters.of(limb)
+    trajectory = plan_from_files(
+        reference,
+        parameters,
+        smoothing_time,
+        task=task or Task.closed_loop(parameters),
+        knot_rate=knot_rate,
+    )
+    trajectory.save(plan_file)
+    say(f"Following {reference}, controller {controller}")
+    rollout = roll_out(
+        trajectory,
+        lambda: make_limb(trajectory.parameters),
+        recording_file,
+        controller=controller,
+        real_time=real_time,
+        live=live,
+    )
+    # Matplotlib takes as long to import as all the rest.
+    from limb_systems.views.plots import plot_tracking, save_figure
+
+    save_figure(plot_tracking(trajectory, [rollout.recording]), picture)
+    summary = rollout.summary()
+    data = {"plan": plan_file, "recording": recording_file, "picture": picture}
+    write_rollout_report(rollout, summary, report, data)
+    return rollout, summary

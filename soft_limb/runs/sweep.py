@@ -42,61 +42,39 @@ RESULTS = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Problem:
-    """A motion to be planned.
+class Case:
+    """One run of a sweep.
 
-    - ``motion``: "fig5", or the path of a file, which is read where the problem is solved.
-    - ``smoothing_time``: s, of recordings.
-    - ``limb``: parameters.
-    - ``task``: name of the task.
-    - ``weights``: the task; None for the default one.
+    - ``motion``: "fig5", or the path of a file, which is read where the case is run.
+    - ``smoothing_time``: window over which a recording's bend angle is smoothed, s.
+    - ``limb``: parameters that the plan is made for.
+    - ``fields``: varied fields of the limb, with their values.
+    - ``task``, ``weights``: name of the task, and the task; None for the default one.
+    - ``controller``: key in `CONTROLLERS`.
+    - ``problem``: digits that differ for any other limb, reference or task.
+    - ``physics``, ``seed``: emulated limb that is driven; the limb that ``limb`` was calibrated on
+      if the seed is None.
     """
 
     motion: str
     smoothing_time: float
     limb: LimbParameters
+    fields: tuple[tuple[str, float], ...]
     task: str
     weights: Task | None
-
-    @property
-    def reference(self) -> trajectories.Trajectory:
-        """Bend angle over time, rad."""
-        return reference_from_file(self.motion, self.smoothing_time)
-
-    @functools.cached_property
-    def digest(self) -> str:
-        """Digits that are others for any other limb, reference or task."""
-        course = self.reference
-        times = np.linspace(course.start_time(), course.end_time(), 1001)
-        whole = self.limb.digest, times.tolist(), course.vector_values(times).tolist(), self.weights
-        return hashlib.sha256(repr(whole).encode()).hexdigest()[:12]
-
-
-@dataclasses.dataclass(frozen=True)
-class Case:
-    """One run of a sweep.
-
-    - ``problem``: what is planned.
-    - ``controller``: key in `CONTROLLERS`.
-    - ``physics``, ``seed``: emulated limb that is driven; the one that the problem's limb was
-      calibrated on if the seed is None.
-    - ``fields``: varied fields of the limb, with their values.
-    """
-
-    problem: Problem
+    problem: str
     controller: str
     physics: str
     seed: int | None
-    fields: tuple[tuple[str, float], ...]
 
     @property
     def name(self) -> dict[str, str]:
         """The row's cells that tell it from others."""
         return {
-            "problem": self.problem.digest,
+            "problem": self.problem,
             **{field: f"{value:.12g}" for field, value in self.fields},
-            "motion": self.problem.motion,
-            "task": self.problem.task,
+            "motion": self.motion,
+            "task": self.task,
             "controller": self.controller,
             "physics": self.physics,
             "seed": "" if self.seed is None else str(self.seed),
@@ -114,11 +92,11 @@ def cases(
     physics: Sequence[str] = ("lumped",),
     seeds: Sequence[int] | None = None,
 ) -> list[Case]:
-    """All combinations, those of one plan beside each other.
+    """Return all combinations; those with the same plan are beside each other.
 
     Args:
         limb: the description, around which limbs are drawn by their seeds, or the calibrated limb.
-        motions, smoothing_time: as of `Problem`.
+        motions, smoothing_time: see `Case`.
         vary: fields of the limb, such as ``segments.0.stiffness``, and their values.
         tasks: tasks by name; if None the default, and with a controller `Task.closed_loop`.
         controllers: keys in `CONTROLLERS`.
@@ -126,9 +104,8 @@ def cases(
         seeds: limbs' seeds; if None the limb that this one was calibrated on, or seed 0.
 
     Raises:
-        LimbError: if there is no such field or physics, or a value is not possible, or if there are
-            seeds,
-            but the limb was calibrated on an emulated one.
+        LimbError: if there is no such field or physics, a value is not possible, or there are
+            seeds but the limb was calibrated on an emulated one.
     """
     calibrated = emulated_limb(limb.board)
     if calibrated and seeds is not None:
@@ -136,10 +113,8 @@ def cases(
             f"This limb was calibrated on the emulated limb {calibrated.seed}, which it drives; "
             "leave --seeds out, or give the description that limbs are drawn around."
         )
-    drawn: list[tuple[str, int | None]]
-    drawn = [(p, seed) for p in physics for seed in (seeds if seeds is not None else [0])]
-    if calibrated:
-        drawn = [(calibrated.physics, None)]
+    drawn: list[tuple[str, int | None]] = [(calibrated.physics, None)] if calibrated else []
+    drawn = drawn or [(p, seed) for p in physics for seed in (seeds if seeds is not None else [0])]
     for name, _ in drawn:
         specimens_of(name)
     found = []
@@ -151,9 +126,19 @@ def cases(
                 {"default": None} if controller == OPEN else {"closed loop": Task.closed_loop()}
             )
             for task, weights in (tasks or default).items():
-                problem = Problem(motion, smoothing_time, varied, task, weights)
-                found += [Case(problem, controller, *which, fields) for which in drawn]
+                problem = _digest(varied, reference_from_file(motion, smoothing_time), weights)
+                case = functools.partial(
+                    Case, motion, smoothing_time, varied, fields, task, weights, problem, controller
+                )
+                found += [case(*which) for which in drawn]
     return found
+
+
+def _digest(limb: LimbParameters, course: trajectories.Trajectory, weights: Task | None) -> str:
+    """Return digits that differ for any other limb, reference or task."""
+    times = np.linspace(course.start_time(), course.end_time(), 1001)
+    whole = limb.digest, times.tolist(), course.vector_values(times).tolist(), weights
+    return hashlib.sha256(repr(whole).encode()).hexdigest()[:12]
 
 
 def _with_fields(described: LimbParameters, fields: Sequence[tuple[str, float]]) -> LimbParameters:
@@ -185,30 +170,29 @@ def _part(owner: Any, name: str) -> Any:
 _last: dict[str, tuple[Trajectory, float]] = {}
 
 
-def _planned(problem: Problem) -> tuple[Trajectory, float]:
-    """A plan, and how long it took, s."""
-    if problem.digest not in _last:
+def _planned(case: Case) -> tuple[Trajectory, float]:
+    """Return a plan, and how long it took, s."""
+    if case.problem not in _last:
         start = time.perf_counter()
-        trajectory = plan(problem.limb, problem.reference, task=problem.weights)
+        reference = reference_from_file(case.motion, case.smoothing_time)
+        trajectory = plan(case.limb, reference, task=case.weights)
         _last.clear()
-        _last[problem.digest] = trajectory, time.perf_counter() - start
-    return _last[problem.digest]
+        _last[case.problem] = trajectory, time.perf_counter() - start
+    return _last[case.problem]
 
 
 def run(case: Case) -> dict[str, str]:
-    """Plans a case, and drives the emulated limb along the plan; its row."""
+    """Plan a case, drive the emulated limb along the plan, and return the row."""
     row = dict.fromkeys(RESULTS, "")
     try:
-        trajectory, seconds = _planned(case.problem)
+        trajectory, seconds = _planned(case)
         row["planning_s"] = f"{seconds:.3g}"
-        limb = trajectory.parameters
         if case.seed is None:
-            twin = LimbTwin.of(limb)
+            twin = LimbTwin.of(case.limb)
         else:
-            twin = LimbTwin(limb, seed=case.seed, physics=case.physics)
-        twin = twin.again(truth=True)
+            twin = LimbTwin(case.limb, seed=case.seed, physics=case.physics)
         controller = controller_of(case.controller, trajectory)
-        recording = replay(trajectory, twin, controller=controller)
+        recording = replay(trajectory, twin.again(truth=True), controller=controller)
         truth = true_bend(recording)
         from_reference = reference_distances(trajectory, [truth])
         assert from_reference.done is not None  # of a recording
@@ -249,25 +233,26 @@ def sweep(
     """
     names = [case.name for case in wanted]
     columns = [*names[0], *RESULTS]
-    rows = _rows(file, columns)
-    write_atomically(file, _table([columns, *(list(row.values()) for row in rows)]))
 
     def key(row: dict[str, str]) -> tuple[str, ...]:
         return tuple(row[column] for column in names[0])
 
+    rows = _rows(file, columns)
+    write_atomically(file, _table([columns, *(list(row.values()) for row in rows)]))
     found = {key(row): row for row in rows}
     missing = [case for case, name in zip(wanted, names, strict=True) if key(name) not in found]
-    tell(len(wanted) - len(missing))
-    for done, row in enumerate(run_each(run, missing, executor), len(wanted) - len(missing) + 1):
+    done = len(wanted) - len(missing)
+    tell(done)
+    for row in run_each(run, missing, executor):
         found[key(row)] = row
         with file.open("a", newline="", encoding="utf-8") as table:
             table.write(_table([list(row.values())]))
-        tell(done)
+        tell(done := done + 1)
     return [found[key(name)] for name in names]
 
 
 def _rows(file: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """The whole rows of a file; none if there is no file."""
+    """Return the whole rows of a file; none if there is no file."""
     if not file.exists():
         return []
     header, *rows = csv.reader(io.StringIO(file.read_text(encoding="utf-8"))) or [[]]

@@ -61,13 +61,6 @@ def test_readme_lists_every_example():
     assert set(listed) <= set(commands)
 
 
-def test_compose_diagram(tmp_path):
-    """(12): the bend of the equilibrium temperature, T0 - a2/a1 D = 82 °C."""
-    said = run([EXAMPLES / "compose_diagram.py"], tmp_path)
-    angle = float(re.search(r"60 s: (.*)°", said)[1])
-    assert angle == pytest.approx(3 * 4.7e-4 / 0.1246 * 57.14 * 57.296, rel=0.02)
-
-
 def test_own_limb(tmp_path):
     """Sag and first mode of small angles, and (12) with one wire at T_max."""
     said = run([EXAMPLES / "own_limb.py", "-o", tmp_path], tmp_path)
@@ -93,33 +86,36 @@ def test_own_limb(tmp_path):
     assert (tmp_path / "own_limb.png").read_bytes().startswith(PNG)
 
 
-def test_own_reference(tmp_path):
-    """The plan keeps (6) and is near the equilibria of (12), as it is slow."""
-    said = run([EXAMPLES / "own_reference.py"], tmp_path)
-    assert "written" in said
-    trajectory = Trajectory.load(tmp_path / "out/own_plan.csv")
-    heated = wire_temperature(trajectory)
-    np.testing.assert_allclose(trajectory.wire_temperature, heated, atol=0.05)
-    bend = equilibrium_angle(trajectory.parameters.segments[0], heated)
-    np.testing.assert_allclose(np.rad2deg(trajectory.bend_angle[0]), bend, atol=0.5)
-    drawn = np.loadtxt(tmp_path / "out/own_reference.csv", delimiter=",")
-    assert np.abs(drawn[:, 1]).max() == pytest.approx(20.0, abs=0.1)
-    assert (tmp_path / "out/own_plan.png").read_bytes().startswith(PNG)
+HEATED_DEG = 3 * 4.7e-4 / 0.1246 * 57.14 * 57.296  # (12) at T0 - a2/a1 D = 82 °C
 
 
-def test_plan_export_replay(tmp_path, monkeypatch):
+def test_script_of_the_readme_heats_a_limb():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    names = {}
+    exec(re.search(r"```python\n(.*?)```", readme, re.DOTALL)[1], names)
+    angle = names["log"].FindLog(names["simulator"].get_context()).data()[0, -1]
+    assert np.rad2deg(angle) == pytest.approx(HEATED_DEG, rel=0.02)
+
+
+def test_yaml_to_recording(tmp_path, monkeypatch):
     """The heated wire alone gets hot, about as (6) says, and bends the limb to its side."""
     board = VirtualBoard(VirtualTime(monkeypatch))
     monkeypatch.setattr("hardware.emulated_port", lambda: contextlib.nullcontext(board.port))
-    said = run([EXAMPLES / "plan_export_replay.py", "-o", tmp_path], tmp_path)
+    said = run([EXAMPLES / "yaml_to_recording.py", "-o", tmp_path], tmp_path)
+    assert float(re.search(r"60 s: (.*)°", said)[1]) == pytest.approx(HEATED_DEG, rel=0.02)
     assert re.search(r"recorded +limb twin0000 on .*, emulated: 281 samples", said)
     trajectory = Trajectory.load(tmp_path / "plan.csv")
+    assert trajectory.parameters == LimbParameters()  # as the file describes it
+    heated = wire_temperature(trajectory)
+    np.testing.assert_allclose(trajectory.wire_temperature, heated, atol=0.05)
+    bend = equilibrium_angle(trajectory.parameters.segments[0], heated)  # as it is slow
+    np.testing.assert_allclose(np.rad2deg(trajectory.bend_angle[0]), bend, atol=0.5)
     recording = Recording.load(tmp_path / "replay.csv")
     asked = [np.interp(recording.time, trajectory.time, duty) for duty in trajectory.duty]
     np.testing.assert_allclose(recording.duty, asked, atol=0.01)
     left, right = recording.measured_temperature
     assert np.ptp(left) < 3.0
-    expected = np.ptp(wire_temperature(trajectory)[1])
+    expected = np.ptp(heated[1])
     assert 0.4 * expected < np.ptp(right) < expected  # it lags
     assert np.rad2deg(recording.bend_angle[0, -20:].mean()) > 6.0
     assert (tmp_path / "replay.png").read_bytes().startswith(PNG)
@@ -207,10 +203,3 @@ def test_draw_in_space(tmp_path):
     for name in ("open_loop", "feedback"):
         assert (tmp_path / f"drawing_{name}.png").read_bytes().startswith(PNG)
         assert b"</html>" in (tmp_path / f"drawing_{name}.html").read_bytes()
-
-
-def test_readme_script_is_the_example():
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    example = (ROOT / "examples/compose_diagram.py").read_text(encoding="utf-8")
-    script = re.search(r"```python\n(.*?)```", readme, re.DOTALL)[1]
-    assert script in example

@@ -59,7 +59,7 @@ def number(pattern, text):
 
 
 def check_limb_in_ten_minutes(text):
-    """The bend of (12), as in test_compose_diagram; the plan fits its model, and not another."""
+    """The bend of (12), as in test_examples; the plan fits its model, and not another."""
     assert number(r"after 60 s: (.*)°", text) == pytest.approx(37.0, rel=0.02)
     assert number(r"its simulation: (.*)°", text) < 0.1
     assert 2.0 < number(r"mean tracking error: (.*)°", text) < 8.0

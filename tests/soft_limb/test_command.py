@@ -46,17 +46,24 @@ def test_an_error_and_a_warning_are_a_sentence_each(capsys):
     assert capsys.readouterr().err == "warning: these are radians\n"
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_help_has_examples_that_the_command_takes(name):
-    home = f"soft_limb.commands.{COMMANDS[name][0]}"
-    command = importlib.import_module(home).COMMANDS[name]
-    parser = command.parser(name)
-    assert command.examples
-    for line in command.examples:
-        program, given, *words = shlex.split(line)
-        assert (program, given) == ("soft-limb", name)
-        parser.parse_args(words)
-        assert f"\n  {line}\n" in parser.format_help()
+def test_every_command_explains_itself_with_examples_that_it_takes(capsys):
+    for name, (home, _) in COMMANDS.items():
+        with pytest.raises(SystemExit) as ended:
+            main([name, "--help"])
+        said = capsys.readouterr().out
+        assert ended.value.code == 0
+        assert said.startswith(f"usage: soft-limb {name} ")
+        assert "exit status: 0 done" in said
+        command = importlib.import_module(f"soft_limb.commands.{home}").COMMANDS[name]
+        assert command.examples
+        for line in command.examples:
+            program, given, *words = shlex.split(line)
+            assert (program, given) == ("soft-limb", name)
+            command.parser(name).parse_args(words)
+            assert f"\n  {line}\n" in said
+    with pytest.raises(SystemExit):
+        main(["--help"], package="planners")  # its only command has no name
+    assert capsys.readouterr().out.startswith("usage: python -m planners [-h] [-l LIMB]")
 
 
 @pytest.mark.parametrize("number", SIGNALS)
@@ -96,14 +103,16 @@ def test_a_signal_whose_exception_is_lost_still_ends_it(then, capfd):
     heed_signals()  # what runs next is not stopped
 
 
-def test_what_cannot_heed_signals_is_ended_at_once():
-    process = subprocess.run(
-        [sys.executable, "-c", AT_ONCE], cwd=ROOT, capture_output=True, text=True, check=False
+def run_script(text):
+    """Exit status, output and errors of a script in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-c", text], cwd=ROOT, capture_output=True, text=True, check=False
     )
-    assert (process.returncode, process.stdout, process.stderr) == (-signal.SIGTERM, "", "")
+    return done.returncode, done.stdout, done.stderr
 
 
-AT_ONCE = """
+def test_what_cannot_heed_signals_is_ended_at_once():
+    script = """
 import os, signal
 from limb_systems.signals import ended_at_once
 from soft_limb.command import run_command
@@ -113,25 +122,24 @@ def command():
     print("it went on")
 run_command(command, "stopped")
 """
+    assert run_script(script) == (-signal.SIGTERM, "", "")
 
 
 def test_ctrl_c_while_a_command_is_imported_is_a_sentence():
     """At its first import of pydrake, where it would have become a traceback."""
-    script = (
-        "import os, runpy, signal, sys\n"
-        "class Finder:\n"
-        "    def find_spec(self, name, *_):\n"
-        "        if name == 'pydrake':\n"
-        "            os.kill(os.getpid(), signal.SIGINT)\n"
-        "sys.meta_path.insert(0, Finder())\n"
-        "sys.orig_argv = ['python', '-m', 'hardware']\n"
-        "runpy.run_module('hardware', run_name='__main__')"
-    )
-    process = subprocess.run(
-        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    script = """
+import os, runpy, signal, sys
+class Finder:
+    def find_spec(self, name, *_):
+        if name == 'pydrake':
+            os.kill(os.getpid(), signal.SIGINT)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.meta_path.insert(0, Finder())
+sys.orig_argv = ['python', '-m', 'hardware']
+runpy.run_module('hardware', run_name='__main__')
+"""
     said = "stopped before it began; nothing was written\n"
-    assert (process.returncode, process.stdout, process.stderr) == (130, "", said)
+    assert run_script(script) == (130, "", said)
 
 
 def test_nohup_is_respected():
@@ -157,19 +165,6 @@ def test_a_reader_that_went_away_gets_no_traceback():
     assert process.wait() == 1
 
 
-def test_every_command_explains_itself(capsys):
-    for name in COMMANDS:
-        with pytest.raises(SystemExit) as ended:
-            main([name, "--help"])
-        assert ended.value.code == 0
-        said = capsys.readouterr().out
-        assert said.startswith(f"usage: soft-limb {name} ")
-        assert "exit status: 0 done" in said
-    with pytest.raises(SystemExit):
-        main(["--help"], package="planners")  # its only command has no name
-    assert capsys.readouterr().out.startswith("usage: python -m planners [-h] [-l LIMB]")
-
-
 def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(
     tmp_path, monkeypatch, capsys
 ):
@@ -187,23 +182,14 @@ def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(
     assert "nowhere.csv" in capsys.readouterr().err
 
 
-MY_LAW = """
-import dataclasses
-
-from limb_systems import LinearLaw
-
-
-@dataclasses.dataclass
-class MyOwnLaw(LinearLaw):
-    pass
-"""
-
-
 def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path, monkeypatch, capsys):
     """From a module in the folder of the command, as a lab has it; no file of YAML imports one."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "my_law_of_a_test.py").write_text(MY_LAW)
+    monkeypatch.setattr("soft_limb.runs.jobs._folders", {})
+    law = "import dataclasses, limb_systems\n@dataclasses.dataclass\n"
+    law += "class MyOwnLaw(limb_systems.LinearLaw): pass\n"
+    (tmp_path / "my_law_of_a_test.py").write_text(law)
     text = LimbParameters().to_yaml().replace("!LinearLaw", "!MyOwnLaw")
     (tmp_path / "limb.yaml").write_text(text)
     (tmp_path / "broken_law.py").write_text("1 +")
@@ -230,19 +216,9 @@ def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path, monkeypatch, caps
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        (
-            "walk empty.csv -o out.csv",
-            "this is not a limb gait: .* soft-limb gait writes",
-        ),
+        ("walk empty.csv -o out.csv", "this is not a limb gait: .* soft-limb gait writes"),
         ("plan empty.csv --tip -o out.csv", "A reference needs two samples or more"),
-        (
-            "plan taught.csv --smooth nan -o out.csv",
-            "smoothing_time is nan s; it must be from 0 to",
-        ),
-        (
-            "plan taught.csv --smooth inf -o out.csv",
-            "smoothing_time is inf s; it must be from 0",
-        ),
+        ("plan taught.csv --smooth nan -o out.csv", "smoothing_time is nan s; it must be from 0"),
         ("plan mine.csv --knot-rate 1e308 -o out.csv", "ask for fewer knots per second"),
         ("teach --emulated 1 -t nan -o out.csv", "--time is nan s; it must be above 0 and at most"),
         ("plan circle -o out.csv", "2 angles at each time; .* write axes: 2 into its segments"),

@@ -12,7 +12,7 @@ import pytest
 
 from hardware import LimbTwin, replay
 from limb_systems import LimbError
-from soft_limb.runs.jobs import executor_of, local_executor, run_all, run_each
+from soft_limb.runs.jobs import executor_of, load_module, local_executor, run_all, run_each
 
 
 def _twice(number):
@@ -77,7 +77,27 @@ def _driven(plan):
     return replay(plan, LimbTwin(seed=0))
 
 
-def test_runs_on_a_cluster_are_those_of_this_process(fig5_plan):
+def _loaded(name):
+    return name in sys.modules
+
+
+@pytest.fixture
+def module_of_ones_own(tmp_path, monkeypatch):
+    """The name of a module that this process has loaded from a folder."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr("soft_limb.runs.jobs._folders", {})
+    (tmp_path / "limb_of_ones_own.py").touch()
+    load_module("limb_of_ones_own", tmp_path)
+    yield "limb_of_ones_own"
+    del sys.modules["limb_of_ones_own"]
+
+
+def test_processes_load_what_import_names(module_of_ones_own):
+    with local_executor(1) as pool:
+        assert pool.submit(_loaded, module_of_ones_own).result()
+
+
+def test_runs_on_a_cluster_are_those_of_this_process(fig5_plan, module_of_ones_own):
     distributed = pytest.importorskip(
         "distributed", reason="Dask is not installed: pip install -e '.[cluster]'"
     )
@@ -88,6 +108,7 @@ def test_runs_on_a_cluster_are_those_of_this_process(fig5_plan):
         executor_of(cluster.scheduler_address, 1) as executor,
     ):
         (there,) = run_each(_driven, [fig5_plan], executor)
+        assert executor.submit(_loaded, module_of_ones_own).result()
     np.testing.assert_array_equal(there.bend_angle, _driven(fig5_plan).bend_angle)
 
 

@@ -55,20 +55,16 @@ def test_json_says_what_is_in_the_file(quick, tmp_path, capsys):
     check = trajectory.check
     for name in ("solver", "status", "iterations", "cost", "guess_cost", "largest_difference_deg"):
         assert said[name] == getattr(check, name)
-    assert said["solve_time_s"] == check.solve_time > 0.0
-    assert said["total_time_s"] == check.total_time > 0.0
-    assert said["duration_s"] == 4.0
-    assert said["knots"] == len(trajectory.time) == 41
+    assert said["total_time_s"] == check.total_time > said["solve_time_s"] == check.solve_time > 0
+    assert (said["duration_s"], said["knots"], said["written"]) == (4.0, 41, [str(output)])
     assert said["active_constraints"] == [
         {"bound": active.bound, "start_s": active.start, "end_s": active.end}
         for active in check.active_constraints
     ]
-    assert {active["bound"] for active in said["active_constraints"]} >= {"duty left = 0"}
-    missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
+    missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))[0]
     assert said["reference_missed_largest_deg"] == pytest.approx(missed.max())
-    between = 0.5 * (missed[0, 1:] + missed[0, :-1])
-    assert said["reference_missed_mean_deg"] == pytest.approx(between.mean(), rel=0.02)
-    assert said["written"] == [str(output)]
+    mean = np.trapezoid(missed, trajectory.time) / 4.0
+    assert said["reference_missed_mean_deg"] == pytest.approx(mean, rel=0.02)
 
 
 def test_failure_is_one_sentence_status_1_and_no_file(quick, tmp_path, capsys):

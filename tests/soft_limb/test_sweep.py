@@ -41,7 +41,8 @@ def test_a_row_is_what_plan_and_replay_make(sweep, tmp_path, capsys):
     assert float(only["reference_deg"]) == pytest.approx(error, abs=0.05)
     assert float(only["highest_wire_c"]) == pytest.approx(recording.wire_temperature.max(), abs=0.1)
     # Again, with more: what is there stays, and a row that was half-written is run once more.
-    table = (tmp_path / "sweep.csv").read_text().replace(only["planning_s"], "0.123")
+    table = (tmp_path / "sweep.csv").read_text()
+    table = table.replace(f",{only['planning_s']},", ",0.123,")
     (tmp_path / "sweep.csv").write_text(table + "half,0.1")
     assert sweep(*words, "3") == 0
     assert "means over limbs" in capsys.readouterr().out

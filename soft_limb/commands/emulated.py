@@ -1,4 +1,4 @@
-"""The command that runs many combinations."""
+"""Commands that need no robot: the demo, and many combinations of limbs, motions and tasks."""
 
 import argparse
 import os
@@ -14,23 +14,40 @@ from limb_systems.summary import Summary
 from soft_limb.commands.options import (
     Command,
     Option,
+    checked_outputs,
     print_summary,
     print_table,
     say_duration,
     shared,
 )
+from soft_limb.results.summaries import plan_summary
 from soft_limb.runs.jobs import executor_of
-from soft_limb.runs.planning import task_named
+from soft_limb.runs.planning import plan_from_files, task_named
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
 from soft_limb.runs.sweep import cases, means, sweep
+
+PLAN, REPORT = "first_plan.csv", "report.html"
+
+
+def _demo(options: argparse.Namespace) -> int:
+    outputs = [options.folder / PLAN, options.folder / REPORT]
+    check_outputs(outputs, force=options.force)
+    say_duration("about two minutes on two cores")
+    print("planning ramps for the limb as described ...", flush=True)
+    trajectory = plan_from_files("ramps", LimbParameters())
+    trajectory.save(outputs[0])
+    print_summary(options, plan_summary(trajectory), outputs[:1])
+    # Takes as long to import as all the rest.
+    from soft_limb.evaluation.experiment import Settings
+    from soft_limb.evaluation.reproduce import reproduce_in
+
+    demo = Settings(0, compare=False, disturb=False, quick=True)
+    return reproduce_in(options.folder, [demo])
 
 
 def _sweep(options: argparse.Namespace) -> int:
     tasks = options.task or []
-    files = [path for path in map(Path, [*options.references, *tasks]) if path.is_file()]
-    check_outputs(
-        [options.output], inputs=[options.limb, *files], tables=[options.output], force=True
-    )
+    checked_outputs(options, options.limb, *options.references, *tasks, goes_on=True)
     wanted = cases(
         LimbParameters.of(options.limb),
         options.references,
@@ -90,6 +107,25 @@ def _processes(text: str) -> int:
 
 
 COMMANDS = {
+    "demo": Command(
+        _demo,
+        "Plans ramps, then takes an emulated limb through the paper: records it, calibrates the "
+        "model, plans the ramps, the motion of Fig. 5 and two motions that were taught, and drives "
+        "the limb in open loop, by feedback and with learning. Takes two minutes on two cores. The "
+        "folder has report.html, replay.html, pictures, recordings and plans.",
+        "force",
+        [
+            Option(
+                "folder",
+                nargs="?",
+                default="out",
+                type=Path,
+                help="for all results, out by default",
+            )
+        ],
+        stopped="stopped; what is finished is kept",
+        examples=["soft-limb demo out"],
+    ),
     "sweep": Command(
         _sweep,
         "Plans every combination of motions, limbs, tasks and controllers, and drives emulated "
@@ -155,5 +191,5 @@ COMMANDS = {
         ],
         stopped="stopped; the table has the runs that were finished",
         examples=["soft-limb sweep mine.csv -l limb.yaml --seeds 0-9 -o out/sweep.csv"],
-    )
+    ),
 }
