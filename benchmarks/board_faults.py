@@ -157,7 +157,7 @@ def run_fault(
             board.run(1.0, duties)
         for order in orders:
             board.emulation.misbehave(order)
-        armed = board.sent[-1][3] == guard.ARMED  # it may have been too hot already
+        armed = board.newest.armed  # it may have been too hot already
     start, off = board.now, None
     while armed and board.now < start + LONGEST:
         board.run(0.05, duties)
@@ -280,7 +280,7 @@ def run_ordinary(job: tuple[int, int]) -> dict:
         heated += board.now - start
         reduced[what] += robot.reduced
         hottest = max(hottest, board.emulation.board.wire_temperature().max())
-        if board.sent[-1][3] != guard.ARMED:
+        if not board.newest.armed:
             alarms.append(f"{what}: {REASONS[board.reason]}")
             board.clear()
         return result
@@ -316,7 +316,7 @@ def run_ordinary(job: tuple[int, int]) -> dict:
               calibrated)  # fmt: skip
         board.run(180.0)
     board.run(300.0)  # teaching: by hand, with the wires off
-    if board.sent[-1][4] >= guard.LATCHING:
+    if board.newest.latched:
         alarms.append(f"teach: {REASONS[board.reason]}")
     return {"job": job, "hours": board.now / 3600, "alarms": alarms, "reduced": reduced,
             "heated": heated, "hottest": hottest}  # fmt: skip

@@ -207,7 +207,8 @@ def _board_check(options: argparse.Namespace) -> int:
         sys.stdout.flush()
 
     with SerialPort(options.port) as cable:
-        results = board_check.check_board(cable, LimbParameters.of(options.limb), say)
+        host = board_check.Host(cable, LimbParameters.of(options.limb))
+        results = board_check.check_board(host, say)
     counts = {
         outcome: sum(result.outcome == outcome for result in results)
         for outcome in (board_check.PASSED, board_check.FAILED, board_check.NOT_RUN)

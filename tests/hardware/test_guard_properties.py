@@ -12,6 +12,7 @@ DUTY = st.one_of(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0, 1.1, -0.1]))
 READING = st.one_of(
     st.floats(20.0, 30.0), st.floats(-270.0, 1800.0), st.just(None), st.just(None), st.just(None)
 )
+SHARES = ((-1.0, 1.0),)
 REASONS = st.sampled_from([guard.POWER_UP, guard.RESET, guard.RESTARTED, guard.BEND_STUCK])
 
 
@@ -37,7 +38,7 @@ class GuardMachine(RuleBasedStateMachine):
         bounds[number] *= factor
         right = self.guard.challenge if challenge is None else challenge
         before = self.guard.reason
-        self.guard.arm(right, (tuple(bounds), heat.NOMINAL), total, self.now)
+        self.guard.arm(right, (tuple(bounds), heat.NOMINAL), total, SHARES, self.now)
         assert self.guard.state == guard.DISARMED or before < guard.LATCHING
 
     @rule(
@@ -67,7 +68,8 @@ class GuardMachine(RuleBasedStateMachine):
     @rule(duty=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)), count=st.integers(1, 60))
     def heat(self, duty, count):
         """As a host does it: armed, commanded, sampled each 50 ms."""
-        self.guard.arm(self.guard.challenge, (heat.NOMINAL, heat.NOMINAL), 2.0, self.now)
+        bounds = heat.NOMINAL, heat.NOMINAL
+        self.guard.arm(self.guard.challenge, bounds, 2.0, SHARES, self.now)
         for _ in range(count):
             sequence = self.guard.acknowledged + 1
             self.guard.command(self.guard.session, sequence, self.now, duty, self.now)
@@ -127,6 +129,6 @@ def test_frames_of_the_present_session():
     """To boards with two wires, and with four that bend about two axes."""
     for board in (None, four_wires().board):
         counts = fuzz.fuzz_guard(10_000, seed=1, paper=board)
-        assert counts["steps with duty"] > 1000
+        assert counts["steps with duty"] > 500
         assert counts["steps latched"] > 300
         assert counts["resets"] >= 1

@@ -125,14 +125,14 @@ def test_emulated_limb_is_the_same_behind_a_board_and_in_a_simulation():
     began, times = board.now, 6.5
     for number in range(round(times / 0.05)):  # at first so little that it is not reduced
         board.run(0.05, (0.0, 0.1 if number < 80 else 1.0))
-    samples = [s for s in board.sent if began < s[1] / 1000 <= began + times]
-    time = np.array([s[1] for s in samples]) / 1000 - began
+    samples = [s for s in board.samples if began < s.board_time <= began + times]
+    time = np.array([s.board_time for s in samples]) - began
     duty = PiecewisePolynomial.ZeroOrderHold([0.0, 4.0, 6.5], [[0.0, 0.0, 0.0], [0.1, 1.0, 1.0]])
     model = simulate(LimbTwin(seed=0), duty, times)
     late = 0.3  # s: 0.1 s between readings, and the cable
     for read, simulated, noise in (
-        (np.array([s[6:8] for s in samples]).T / 4, model.measured_temperature, 2.0),
-        (np.array([[s[8] for s in samples]]) / 128, np.rad2deg(model.bend_angle), 3.0),
+        (np.array([s.temperature for s in samples]).T, model.measured_temperature, 2.0),
+        (np.array([s.tip_tangent for s in samples]).T / 2, model.bend_angle, np.deg2rad(3.0)),
     ):
         highest = np.maximum.accumulate(simulated, axis=1)
         for values, now, before in zip(read, simulated, highest, strict=True):
@@ -274,7 +274,7 @@ def model_like_recording():
 def test_status_says_how_the_board_is(virtual_time, emulator, capsys):
     assert main(["status", emulator.port]) == 0
     said = capsys.readouterr().out
-    assert "board       twin0000, firmware 3" in said
+    assert "board       twin0000, firmware 4" in said
     assert "off: it was just switched on" in said
     assert main(["status", emulator.port, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["armed"] is False
