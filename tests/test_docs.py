@@ -4,7 +4,6 @@ import contextlib
 import importlib
 import inspect
 import itertools
-import os
 import pkgutil
 import re
 import runpy
@@ -13,12 +12,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import System
-from pydrake.trajectories import PiecewisePolynomial
 
 import hardware.robot.serial_limb
 from calibration import BendAngleController, EquilibriumSchedule, LimitedDuty, excitations
@@ -31,13 +28,6 @@ from controllers import (
     TemperatureSupervisor,
 )
 from hardware import LimbTwin, RobotTwin, SensedLimb, SerialLimb
-from hardware.emulation.lumped import CutOut
-from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
-from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
-from hardware.emulation.specimen import Specimen
-from hardware.emulation.wires import ShapeMemoryWires
-from hardware.live.feed import Feed
-from hardware.robot.journal import Journal
 from limb_systems import (
     CalibrationRecord,
     HeatBounds,
@@ -272,8 +262,6 @@ def known_limb() -> LimbParameters:
 def make_system(monkeypatch, fig5_plan):
     monkeypatch.setattr(hardware.robot.serial_limb, "open_link", Board)
     parameters = LimbParameters()
-    specimen = Specimen(parameters, 0)
-    course = PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], [[0.0, 0.0]])
     makers = {
         Limb: Limb,
         Robot: Robot,
@@ -293,18 +281,7 @@ def make_system(monkeypatch, fig5_plan):
         LimbTwin: LimbTwin,
         RobotTwin: RobotTwin,
         SensedLimb: lambda: SensedLimb(Limb()),
-        CutOut: lambda: CutOut(2, 0.05),
-        ExactBend: lambda: ExactBend(parameters),
-        RestShift: lambda: RestShift(specimen, 0.05),
         SerialLimb: lambda: SerialLimb("port"),
-        ShapeMemoryWires: lambda: ShapeMemoryWires(specimen),
-        EmulatedRubber: lambda: EmulatedRubber(specimen),
-        SampledSensors: lambda: SampledSensors(
-            limb_sensors(parameters, 20.0, bend_response=np.asarray, bend_noise=0.0, bend_drift=0.0)
-        ),
-        Hand: lambda: Hand(parameters, course),
-        Feed: lambda: Feed(None, Limb()),
-        Journal: lambda: Journal(os.devnull, Limb(), 20.0),
     }
     return {kind.__name__.partition("_𝓣")[0]: make for kind, make in makers.items()}
 
