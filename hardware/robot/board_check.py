@@ -175,9 +175,15 @@ def _answers(host: Host) -> str:
     host.wait(0.3)
     if not host.infos:
         return "no INFO came after three HELLO"
-    _, period, limit, _, channels, *_ = host.infos[-1]
-    good = (period, channels) == (50, len(host.names)) and 0 < limit <= 440
-    return "" if good else f"INFO says {period} ms, {channels} channels, {limit / 4:g} °C at most"
+    version, period, limit, _, channels, angles, cause = host.infos[-1]
+    bends = len(host.fresh().tip_tangent)
+    good = (version, period, channels, angles) == (4, 50, len(host.names), bends)
+    return (
+        ""
+        if good and 0 < limit <= 440 and cause <= 5
+        else f"INFO says version {version}, {period} ms, {channels} channels, {angles} angles, "
+        f"{limit / 4:g} °C at most, reset by cause {cause}"
+    )
 
 
 def _samples(host: Host) -> str:
@@ -242,7 +248,7 @@ class Case(NamedTuple):
 BOARD, HOST = "from-the-board", "from-the-host"
 # fmt: off
 CASES = [Case(*row) for row in (
-    ("info", "INFO says 50 ms, a channel for each wire, and 110 °C at most.", BOARD, _answers),
+    ("info", "INFO says 50 ms, all wires and angles, and 110 °C at most.", BOARD, _answers),
     ("samples", "A SAMPLE comes every 50 ms.", BOARD, _samples),
     ("sensors", "A cold limb is read at 10 to 45 °C and below 120°.", BOARD, _sensors),
     ("challenge", "ARM without the newest challenge does not arm.", HOST,

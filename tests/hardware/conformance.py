@@ -16,12 +16,12 @@ import numpy as np
 from hardware.firmware import from_host, protocol
 from hardware.robot import board_check
 from hardware.robot.board_check import (
+    CASES,
     FAILED,
     GENTLE,
     NOMINAL,
     POLL,
     WIDE,
-    WRONG,
     Bounds,
     Case,
     NotRunError,
@@ -42,7 +42,7 @@ VERSION = 4
 WARM = 80.0  # °C, of a reading at which a check gives up
 
 
-RULES: list[Case] = []
+RULES: list[Case] = list(CASES)
 
 
 def check_board(
@@ -184,23 +184,6 @@ def _answers(bench: Bench, *pieces: bytes) -> int:
     return len(bench.infos)
 
 
-@_rule("from-the-board")
-def _info_describes_the_board(bench: Bench) -> None:
-    """The board answers HELLO with INFO, which has its numbers."""
-    answered = any(_answers(bench, HELLO) for _ in range(3))
-    expect(answered, "no INFO came after three HELLO; expected one for each")
-    version, period, limit, _, channels, angles, cause = bench.infos[-1]
-    wires, bends = len(bench.names), len(bench.last.tip_tangent)
-    expect(version == VERSION, f"version {version} of the protocol; expected {VERSION}")
-    expect(period == 50, f"a sample period of {period} ms; expected 50 ms")
-    expect(0 < limit <= 440, f"a limit of {limit / 4:g} °C; expected 110 °C at most")
-    expect(
-        (channels, angles) == (wires, bends),
-        f"{channels} channels and {angles} angles; expected {wires} and {bends}",
-    )
-    expect(cause <= 5, f"cause {cause} of the last reset; expected 0 to 5")
-
-
 def _expect_answers(bench: Bench, expected: int, cases: Mapping[str, Sequence[bytes]]) -> None:
     """Each case must bring so many INFO, and no other change."""
     if not any(_answers(bench, HELLO) for _ in range(3)):
@@ -246,13 +229,6 @@ def _noise_is_skipped(bench: Bench) -> None:
 
 
 # Readings at rest.
-
-
-@_rule("from-the-board")
-def _temperatures_in_quarter_degrees(bench: Bench) -> None:
-    """V is in 1/4 °C."""
-    V = bench.fresh().temperature
-    expect(10 <= V.min() <= V.max() <= 45, f"V is {V} °C; expected that of a room, 10 to 45 °C")
 
 
 @_rule("from-the-board", "hand")
@@ -322,14 +298,10 @@ def _arm_needs_the_newest_challenge(bench: Bench) -> None:
 
 
 @_rule("from-the-host")
-def _bounds_in_range(bench: Bench) -> None:
-    """ARM arms only with bounds of all wires, in range and order, by which heat shows."""
-    for bounds, wire in itertools.product(WRONG, range(len(bench.names))):
-        each = [bounds if n == wire else NOMINAL for n in range(len(bench.names))]
-        bench.try_to_arm(total=1.0, each=each)
-        _expect_off(bench.fresh(0.02), f"after ARM with {bounds}", 7)
+def _heat_must_show(bench: Bench) -> None:
+    """ARM arms only with a sum that all wires can have, and with bounds by which heat shows."""
     most = len(bench.names)
-    for total in (0.0, most + 1e-4, 6.5535) if most < 6 else (0.0,):  # a frame cannot say more
+    for total in (most + 1e-4, 6.5535) if most < 6 else ():  # a frame cannot say more
         bench.try_to_arm(NOMINAL, total)
         _expect_off(bench.fresh(0.02), f"after ARM with a sum of {total:g}", 7)
     bench.try_to_arm(HIDING, 1.0)
@@ -456,16 +428,7 @@ def _duty_ends_in_time(bench: Bench) -> None:
 
 @_rule("from-the-host")
 def _off_has_its_reason(bench: Bench) -> None:
-    """DISARM and a duty above 10000 switch off at once; SAMPLE says why the board is off."""
-    for duty in (bench.only(0, 1.0001), bench.only(-1, 6.5535)):
-        bench.arm()
-        bench.hold(bench.every(GENTLE), 0.1)
-        bench.command(duty)
-        _expect_off(bench.fresh(0.03), f"after a duty of {_percent(duty)}", 2)
-    bench.arm()
-    bench.hold(bench.every(GENTLE), 0.1)
-    bench.switch_off()
-    _expect_off(bench.fresh(0.03), "after DISARM", 3)
+    """SAMPLE says whether no command came, or late ones only."""
     bench.arm()
     bench.wait(0.6)
     if not bench.fresh().armed:  # else another rule is broken
@@ -696,13 +659,13 @@ def _frozen_thermocouple_latches(bench: Bench) -> None:
     bench.arm(NOMINAL)
     bench.hold(bench.only(0, 0.15), 8.0)
     bench.tell("freeze {0}", "")
-    bench.hold(bench.only(0, 0.1), 9.7)
+    bench.hold(bench.only(0, 0.08), 9.7)
     seen = bench.fresh()
     expect(
-        seen.armed and 0 < seen.duty[0] < 0.08,
-        f"{state_of(seen)}, at {_percent(seen.duty)} 9.7 s after it froze; expected below 8%",
+        seen.armed and 0 < seen.duty[0] < 0.07,
+        f"{state_of(seen)}, at {_percent(seen.duty)} 9.7 s after it froze; expected below 7%",
     )
-    bench.hold(bench.only(0, 0.1), 13.0, until=lambda sample: not sample.armed)
+    bench.hold(bench.only(0, 0.08), 13.0, until=lambda sample: not sample.armed)
     _expect_off(bench.last, "22 s after it froze", 21)
     bench.do("mend", UNDO)
 
