@@ -8,7 +8,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import serial
@@ -161,7 +161,21 @@ class BoardInfo:
     angles: int = 1
 
 
-class SerialPort:
+class Closed:
+    """What is closed at the end of a context."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends it; a second call does nothing."""
+        raise NotImplementedError
+
+
+class SerialPort(Closed):
     """The host's end of a cable: a serial port that this program alone has."""
 
     def __init__(self, port: str, baud_rate: int = BAUD_RATE):
@@ -190,12 +204,6 @@ class SerialPort:
             raise HardwareError(
                 f"Cannot open {port}: {reason}; soft-limb ports lists those of this computer."
             ) from error
-
-    def __enter__(self) -> "SerialPort":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
 
     def send(self, data: bytes) -> None:
         """Sends bytes; HardwareError if the cable is gone."""
@@ -273,7 +281,7 @@ def shares_of(limb: LimbParameters) -> np.ndarray:
     return np.array([protocol.shares(pulls_of(limb), n) for n in range(Layout(limb).num_bends)])
 
 
-class BoardLink:
+class BoardLink(Closed):
     """A connection to a board. It arms the board only in `arm`.
 
     Threads read and write. Only `info`, `arm` and `clear` wait for the cable: for
@@ -317,12 +325,6 @@ class BoardLink:
         ]
         for thread in self._threads:
             thread.start()
-
-    def __enter__(self) -> "BoardLink":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
 
     def info(self) -> BoardInfo:
         """Asks the board for its description.

@@ -205,47 +205,45 @@ def test_a_sample_counts_only_if_all_of_its_channels_came():
         assert (sample.armed, sample.acknowledged) == (True, 9)
 
 
-def keep_commanding(time, link, seconds=1.5):
+def armed(number, **others):
+    return sample(number, guard.ARMED, guard.NONE, **others)
+
+
+BAD_SAMPLES = {
+    "Nothing new came from the board": lambda _: armed(7, acknowledged=100),  # repeats
+    r"time of the board on .* went back": lambda n: armed(7 + n % 2, acknowledged=100),
+    # Behind a buffer that grows: half of a second for each second.
+    r"come 0\.\d+ s late; is this computer or the conn": lambda n: armed(
+        n, acknowledged=n, time_ms=25 * n
+    ),
+    r"did not get a command within 0\.\d+ s; commands arrive": armed,
+}
+
+
+@pytest.mark.parametrize("said", BAD_SAMPLES)
+def test_samples_that_repeat_are_old_or_late_or_answer_nothing(said, virtual_time, board):
+    with (
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, BAD_SAMPLES[said]),
+        pytest.raises(HardwareError, match=said),
+    ):
+        keep_commanding(virtual_time, link, 1.5)
+
+
+def test_commands_that_are_answered_go_on(virtual_time, board):
+    with (
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, lambda n: 2 * armed(n, acknowledged=n)),
+    ):
+        keep_commanding(virtual_time, link, 0.6)
+        assert link.lost_samples == 0  # those that are doubled are not lost
+
+
+def keep_commanding(time, link, seconds):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         link.command([0.0, 0.5])
         time.sleep(0.05)
-
-
-def test_a_sample_that_repeats_is_not_new(virtual_time, board):
-    same = sample(7, guard.ARMED, guard.NONE, acknowledged=100)
-    with (
-        BoardLink(board.port) as link,
-        Talking(board, virtual_time, lambda _: same),
-        pytest.raises(HardwareError, match="Nothing new came from the board"),
-    ):
-        keep_commanding(virtual_time, link)
-
-
-def test_old_samples_in_turn_are_not_new(virtual_time, board):
-    def make(number):
-        return sample(7 + number % 2, guard.ARMED, guard.NONE, acknowledged=100)
-
-    with (
-        BoardLink(board.port) as link,
-        Talking(board, virtual_time, make),
-        pytest.raises(HardwareError, match=r"time of the board on .* went back"),
-    ):
-        keep_commanding(virtual_time, link)
-
-
-def test_samples_that_come_later_and_later_are_noticed(virtual_time, board):
-    """Behind a buffer that grows: half of a second for each second."""
-
-    def make(number):
-        return sample(number, guard.ARMED, guard.NONE, acknowledged=number, time_ms=25 * number)
-
-    with (
-        BoardLink(board.port) as link,
-        Talking(board, virtual_time, make),
-        pytest.raises(HardwareError, match=r"come 0\.\d+ s late; is this computer or the conn"),
-    ):
-        keep_commanding(virtual_time, link)
 
 
 def test_a_board_whose_clock_is_slow_is_borne(board, monkeypatch):
@@ -261,28 +259,6 @@ def test_a_board_whose_clock_is_slow_is_borne(board, monkeypatch):
                 link._take(kind, values)
             assert link.delay < 0.01
         monkeypatch.undo()
-
-
-def test_commands_that_do_not_arrive_are_noticed(virtual_time, board):
-    with (
-        BoardLink(board.port) as link,
-        Talking(board, virtual_time, lambda number: sample(number, guard.ARMED, guard.NONE)),
-        pytest.raises(
-            HardwareError, match=r"did not get a command within 0\.\d+ s; commands arrive"
-        ),
-    ):
-        keep_commanding(virtual_time, link)
-
-
-def test_commands_that_are_answered_go_on(virtual_time, board):
-    with (
-        BoardLink(board.port) as link,
-        Talking(
-            board, virtual_time, lambda n: 2 * sample(n, guard.ARMED, guard.NONE, acknowledged=n)
-        ),
-    ):
-        keep_commanding(virtual_time, link, 0.6)
-        assert link.lost_samples == 0  # those that are doubled are not lost
 
 
 def test_the_sample_that_says_that_the_board_is_off_is_recorded(virtual_time, board, tmp_path):
