@@ -117,14 +117,17 @@ def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> d
     for _ in range(num_frames):
         # Mostly what a host sends and a limb reads, so that much of it is while the board heats.
         subject = program.guard
+        before, challenge, cleared = subject.reason, subject.challenge, False
         what = rng.random()
         if subject.state == guard.DISARMED and what < 0.5:
-            cleared = protocol.encode(protocol.CLEAR, subject.challenge)
+            # An ARM must not arm what is latched.
+            cleared = rng.random() < 0.8
+            clear = protocol.encode(protocol.CLEAR, challenge if cleared else challenge ^ 1)
             bounds = tuple(rng.uniform(0.95 * low, 1.05 * high) for low, high in heat.RANGES)
             given = heat.NOMINAL if rng.random() < 0.8 else bounds
             bounds, total = [given] + [heat.NOMINAL] * (wires - 1), rng.uniform(0, 1.05 * wires)
             arming = subject.challenge, bounds, total, board.pulls
-            board.incoming += cleared + b"".join(from_host.encode_arming(*arming))
+            board.incoming += clear + b"".join(from_host.encode_arming(*arming))
         elif what < 0.97:
             sequence = subject.acknowledged + rng.choice((1, 1, 1, 1, 0, -1, 7))
             heard = board.now - int(rng.expovariate(1 / 60))
@@ -137,7 +140,8 @@ def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> d
             kind = rng.choice((protocol.DISARM, protocol.HELLO))
             board.incoming += protocol.encode(kind)
         elif what < 0.99:
-            board.errors[rng.randrange(wires)] = rng.choice((0.0, 0.0, 0.0, -20.0, rng.gauss(0, 9)))
+            wild = rng.uniform(-300.0, 1700.0) if rng.random() < 0.1 else rng.gauss(0, 9)
+            board.errors[rng.randrange(wires)] = rng.choice((0.0, 0.0, 0.0, -20.0, wild))
             board.faults[rng.randrange(wires)] = rng.choice((0, 0, 0, 0, 1, 2, 4))
             board.silent = rng.random() < 0.1
         elif what < 0.9905:
@@ -145,15 +149,18 @@ def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> d
             board.duty = [0.0] * wires
             program = Firmware(board)
             host.firmware, host.guard = program, program.guard
-            resets += 1
+            resets, before = resets + 1, guard.NONE
         elif what < 0.991:
             board.wires, board.temperatures = [25.0] * wires, [25.0] * wires
             board.errors, board.faults, board.silent = [0.0] * wires, [0] * wires, False
         for _ in range(int(rng.expovariate(0.05)) + 1):
             board.pass_time()
+        if rng.random() < 0.001:
+            board.pass_time(rng.randrange(10_000))  # in which its program did nothing
         program.step()
         board.sent.clear()
         check_guard(program.guard, board.now)
+        assert cleared or before < guard.LATCHING or program.guard.reason == before, "forgotten"
         heated += any(board.duty)
         latched += program.guard.reason >= guard.LATCHING
     return {"frames to the guard": num_frames, "steps with duty": heated,

@@ -1,8 +1,9 @@
-"""The parser under fire; benchmarks/fuzz.py is the longer version."""
+"""Parser and guard under fire; benchmarks/fuzz.py is the longer version."""
 
 import random
 
 import fuzz
+from firmware_checks import four_wires
 
 from hardware.firmware import from_host, heat, protocol
 
@@ -13,6 +14,15 @@ def test_random_and_mutated_frames_change_nothing():
     counts = fuzz.fuzz(15_000, seed=1)
     assert counts["accepted by chance"] == 0
     assert counts["accepted as sent"] > 50  # what is not damaged gets through
+
+
+def test_whatever_frames_and_sensors_say_no_wire_has_duty_that_it_must_not():
+    """On boards with two wires, and with four that bend about two axes."""
+    for board in (None, four_wires().board):
+        counts = fuzz.fuzz_guard(10_000, seed=2, paper=board)
+        assert counts["steps with duty"] > 500
+        assert counts["steps latched"] > 300
+        assert counts["resets"] >= 1
 
 
 def test_frames_come_through_whatever_is_between_them():

@@ -215,8 +215,10 @@ def test_a_host_that_is_killed_and_one_that_hangs(sketches, start_host, tmp_path
             return (sketch, host) if host.poll() is None else host.communicate()[1]
 
         sketch, host = in_time(start)
+        sent = time.monotonic()
         host.send_signal(number)
         assert wait_for(lambda: sketch.duty() == [0.0, 0.0])
+        assert sketch.duties()[0][-1] - sent < 10.0  # 0.25 s where a computer is not too busy
         time.sleep(0.5)
         assert sketch.duty() == [0.0, 0.0]
     host.send_signal(signal.SIGCONT)  # it goes on, but nothing is heated again
