@@ -356,31 +356,23 @@ def cold_thermocouple(board, off=1):
     return read_cold
 
 
-def test_latch_outlives_a_reset():
-    host = Host()
-    host.heat()
-    set_fault(1)(host.board)
-    host.run(150)
-    assert host.board.remembered == guard.THERMOCOUPLE_OPEN
-    for cause, reason in (
-        (firmware.SOFT_RESET, guard.THERMOCOUPLE_OPEN),
-        (firmware.WATCHDOG_RESET, guard.THERMOCOUPLE_OPEN),
-        (firmware.POWER_ON, guard.POWER_UP),
+def test_what_a_board_says_of_its_start():
+    latched = guard.THERMOCOUPLE_OPEN
+    for cause, remembered, reason in (
+        (firmware.POWER_ON, 0, guard.POWER_UP),
+        (firmware.POWER_ON, latched, guard.POWER_UP),
+        (firmware.PIN_RESET, 0, guard.RESET),
+        (firmware.SOFT_RESET, latched, latched),
+        (firmware.WATCHDOG_RESET, latched, latched),
+        (firmware.WATCHDOG_RESET, 0, guard.RESTARTED),
+        (firmware.LOCKUP_RESET, 0, guard.RESTARTED),
+        (firmware.UNKNOWN_RESET, 0, guard.RESTARTED),
     ):
-        again = Host(PaperBoard(cause, host.board.remembered))
-        assert again.guard.reason == reason
-    again = Host(PaperBoard(firmware.SOFT_RESET, host.board.remembered))
-    again.send(protocol.CLEAR, again.guard.challenge)
-    again.run(1)
-    assert again.board.remembered == 0
-
-
-def test_reset_of_its_own_latches():
-    for cause in (firmware.WATCHDOG_RESET, firmware.LOCKUP_RESET, firmware.UNKNOWN_RESET):
-        host = Host(PaperBoard(cause))
-        assert host.guard.reason == guard.RESTARTED
-        host.arm()
-        assert host.guard.state == guard.DISARMED
+        host = Host(PaperBoard(cause, remembered))
+        assert host.guard.reason == reason
+        host.send(protocol.CLEAR, host.guard.challenge)
+        host.run(1)
+        assert host.board.remembered == 0
 
 
 def test_steady_reading_is_no_frozen_one():

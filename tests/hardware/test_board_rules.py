@@ -1,7 +1,6 @@
 """Each firmware keeps the rules of a board, and one line that is changed breaks one of them."""
 
 import json
-import re
 import struct
 import sys
 import types
@@ -256,11 +255,3 @@ def test_a_board_check_that_is_stopped_leaves_the_wires_off(emulator, monkeypatc
     assert capsys.readouterr().err == "stopped; wires are off\n"
     *_, heated = (e["time"] for e in emulator.events("duty") if e["right"] > 0)
     assert emulator.off_after(heated) < 0.4  # it was heated for 0.3 s; silence would take 0.5 s
-
-
-def test_the_table_of_rules_is_the_list_of_checks():
-    page = (ROOT / "docs" / "firmware_in_c.md").read_text(encoding="utf-8")
-    rows = re.findall(
-        r"^\| (.+) \| \[[\w ]+\]\(protocol\.md#([\w-]+)\) \| `([\w-]+)` \| (\w*) ?\|$", page, re.M
-    )
-    assert rows == [(rule.rule, rule.section, rule.name, rule.by) for rule in RULES]
