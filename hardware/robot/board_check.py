@@ -106,27 +106,12 @@ class Host:
             self.cable.send(frame)
             self.wait(POLL)
 
-    def command(
-        self,
-        duty: Sequence[float],
-        *,
-        sequence: int | None = None,
-        session: int | None = None,
-        age: float = 0.0,
-    ) -> None:
-        """Send a COMMAND twice, by default the next one, in answer to the newest sample.
-
-        Args:
-            duty: duty of each wire; in a frame it may be as large as 6.5.
-            sequence, session: other ones than those of this host.
-            age: time by which the sample that it answers is older than the newest one, s.
-        """
-        if sequence is None:
-            self.sequence += 1
-            sequence = self.sequence
-        session = self.session if session is None else session
-        heard = round(1000 * (self.last.board_time - age))
-        self.cable.send(2 * from_host.encode_command(session, sequence, heard, duty))
+    def command(self, duty: Sequence[float]) -> None:
+        """Send the next COMMAND twice, in answer to the newest sample, with a duty of each wire."""
+        self.sequence += 1
+        heard = round(1000 * self.last.board_time)
+        frame = from_host.encode_command(self.session, self.sequence, heard, duty)
+        self.cable.send(2 * frame)
 
     def hold(
         self,

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from hardware.firmware import guard, protocol
+from hardware.firmware import from_host, guard, protocol
 from hardware.robot.board_check import WIDE, Bounds, Host, NotRunError
 from hardware.robot.link import HardwareError, Sample, SerialPort, shares_of
 from limb_systems import LimbParameters
@@ -125,6 +125,19 @@ class Bench(Host):
             if self.sees(lambda sample: sample.armed, 0.12):
                 return
         raise NotRunError(f"the board did not arm: {state_of(self.last)}")
+
+    def stray(self, duty, *, sequence=None, session=None, age=0.0) -> None:
+        """Send a COMMAND twice that is not the next one.
+
+        Args:
+            duty: duty of each wire; in a frame it may be as large as 6.5.
+            sequence, session: other ones than those of the next command.
+            age: time by which the sample that it answers is older than the newest one, s.
+        """
+        sequence = self.sequence + 1 if sequence is None else sequence
+        session = self.session if session is None else session
+        heard = round(1000 * (self.last.board_time - age))
+        self.cable.send(2 * from_host.encode_command(session, sequence, heard, duty))
 
     def hold(self, duty, seconds, until=lambda _: False, hottest=HOTTEST) -> bool:
         """As of `Host`; NotRunError if commands come too late to keep the board armed."""

@@ -263,7 +263,7 @@ def _arm_arms(bench: Bench) -> None:
     number = bench.sequence
     session = bench.session
     bench.send_arm([NOMINAL] * len(bench.names), 0.01, session)
-    bench.command(bench.every(GENTLE), sequence=number + 1)
+    bench.stray(bench.every(GENTLE), sequence=number + 1)
     sample = bench.fresh(0.05)
     expect(
         sample.armed and sample.acknowledged == number + 1,
@@ -359,7 +359,7 @@ def _acknowledges_the_last_command(bench: Bench) -> None:
     first = bench.fresh().acknowledged
     expect(first == 0, f"{0} is the last command of a new session; expected 0")
     for number in (1, 2, 0x03, 0x7D, 0x7E, 0x7E7D, 0xFDFD, 0x0007):  # it begins anew
-        bench.command(bench.every(0.0), sequence=number)
+        bench.stray(bench.every(0.0), sequence=number)
         seen = bench.fresh(0.1).acknowledged
         expect(seen == number, f"command {number:X} is acknowledged as {seen:X}")
 
@@ -372,7 +372,7 @@ def _stale_commands_do_nothing(bench: Bench) -> None:
     bench.command(bench.every(GENTLE))
     bench.fresh(0.05)
     for session in (before, bench.off().challenge, 0):
-        bench.command(bench.every(GENTLE), sequence=1000, session=session)
+        bench.stray(bench.every(GENTLE), sequence=1000, session=session)
         _expect_off(bench.fresh(), "after a COMMAND while it was off")
     bench.arm()
     bench.hold(bench.every(0.02), 0.4)
@@ -389,8 +389,8 @@ def _stale_commands_do_nothing(bench: Bench) -> None:
         asked = bench.every(0.02)
         bench.command(asked)
         bench.fresh()
-        bench.command(bench.every(GENTLE), sequence=bench.sequence)
-        bench.command(**{"duty": bench.every(GENTLE)} | command)
+        bench.stray(bench.every(GENTLE), sequence=bench.sequence)
+        bench.stray(**{"duty": bench.every(GENTLE)} | command)
         _expect_duty(bench.fresh(), asked, f"after a command {what}, and one that repeats")
 
 
@@ -414,7 +414,7 @@ def _duty_ends_in_time(bench: Bench) -> None:
         answered = _last_command(bench)
         # A SAMPLE tells too late when it ended; but a board that is off takes no command any more.
         bench.wait(after)
-        bench.command(bench.every(GENTLE), age=answers_it * (bench.last.board_time - answered))
+        bench.stray(bench.every(GENTLE), age=answers_it * (bench.last.board_time - answered))
         ended = bench.sees(lambda sample: not sample.armed, 1.0)
         age = bench.last.board_time - answered
         expect(
@@ -437,7 +437,7 @@ def _off_has_its_reason(bench: Bench) -> None:
     bench.arm()
     for came in bench.steps(0.8):
         if came:
-            bench.command(bench.every(0.0), age=0.4)
+            bench.stray(bench.every(0.0), age=0.4)
     _expect_off(bench.last, "when only late commands came", 6)
 
 
