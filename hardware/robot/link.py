@@ -162,7 +162,7 @@ class BoardInfo:
 
 
 class Closed:
-    """What is closed at the end of a context."""
+    """A connection that is closed at the end of its context."""
 
     def __enter__(self) -> Self:
         return self
