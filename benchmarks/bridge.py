@@ -1,6 +1,6 @@
 """The bridge to ROS 2 between two processes, alone and with a third one that floods it.
 
-`soft-limb bridge` runs a robot on an emulated board, in processes of their own. This process
+`examples/ros/bridge.py` runs a robot on an emulated board, in processes of their own. This process
 commands it at 20 Hz, each time with another duty, and listens: for what share of the messages
 came within 20 ms from their writing, and within 20 ms of when they were due; how many duties of
 those sent were lost; whether the robot had another duty than those of this process, and how late
@@ -32,7 +32,10 @@ from cyclonedds.topic import Topic
 
 from hardware import emulated_port
 from limb_systems import Recording
-from soft_limb.bridge.dds import Bool, Float64MultiArray, Layout, String
+
+ROS = Path(__file__).parents[1] / "examples" / "ros"
+sys.path.insert(0, str(ROS))
+from ros_bridge.dds import Bool, Float64MultiArray, Layout, String  # noqa: E402
 
 PERIOD, NEAR = 0.05, 0.02  # s
 OTHER = 0.9  # duty of who floods
@@ -111,7 +114,7 @@ def report(kind: str, seconds: float) -> None:
     with contextlib.ExitStack() as stack:
         path = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "recording.csv"
         port = stack.enter_context(emulated_port())
-        with program("-m", "soft_limb", "bridge", "-p", port, "-o", str(path)):
+        with program(str(ROS / "bridge.py"), "-p", port, "-o", str(path)):
             peer = Peer()
             while not peer.states():
                 time.sleep(0.1)

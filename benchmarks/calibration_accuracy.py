@@ -1,27 +1,45 @@
-"""How good calibration is: on ten emulated limbs, and how honest its uncertainties are.
+"""How good calibration by the paper's method is, and how honest its standard errors are.
 
-1. Ten twins, whose physics is richer than the model: the calibrated model
+1. Emulated limbs, whose physics is richer than the model: the calibrated model
    against the recording with both wires, open loop. No target; this is how
    good a linear model can be on such a limb.
-2. The model itself behind the robot's sensors, a hundred times with other
-   noise: how far the estimates are from the truth, and how often the truth is
-   within 1.96 standard errors, which it should be 95% of the time.
+2. The model itself, recorded once without errors, then again and again with other errors
+   of its sensors: noise, drift and steps of the bend sensor, and noise, steps and an offset
+   of each thermocouple. Of each estimate: the error, its bias in its own scatter, and how often
+   the truth is within 1.96 standard errors, which it should be 95% of the time.
 
-    python benchmarks/calibration_accuracy.py [--twins 10] [--seeds 100]
+    nice python benchmarks/calibration_accuracy.py [--twins 10] [--seeds 100]
 """
 
 import argparse
 import copy
+import dataclasses
+import functools
 
 import numpy as np
 
 from calibration import calibrate, collect_equilibria, collect_from_twin, collect_sag
-from calibration.collecting.collect import RING_DOWN_RATE
-from calibration.collecting.protocol import SAG_TRIALS
+from calibration.recordings.at_rest import SENSOR_SPREAD
 from hardware import LimbTwin
-from hardware.emulation.sensors import SensedLimb
-from limb_systems import Limb, LimbParameters, LinearLaw, joint_angles_from_bend_angle, simulate
+from hardware.emulation.sensors import (
+    BEND_DRIFT_TIME,
+    BEND_STEP,
+    THERMOCOUPLE_NOISE,
+    THERMOCOUPLE_PERIOD,
+    THERMOCOUPLE_STEP,
+)
+from limb_systems import (
+    Limb,
+    LimbParameters,
+    LinearLaw,
+    Recording,
+    joint_angles_from_bend_angle,
+    simulate,
+)
 from soft_limb.runs.jobs import local_executor
+
+TRIALS = {"sag": 10, "ring_down": 3, "right": 1, "left": 1}
+HOLD = 1.0  # s before the release
 
 
 def calibrate_twin(seed: int):
@@ -41,42 +59,96 @@ def true_limb() -> LimbParameters:
     return limb
 
 
-def calibrate_model(seed: int) -> dict[str, tuple[float, float]]:
-    """Relative error and relative standard error of each estimate."""
+def truth() -> dict[str, float]:
+    """The true values of the estimates, by name."""
+    limb = true_limb()
+    (segment,) = limb.segments
+    values = {
+        "ambient_temperature": limb.ambient_temperature,
+        "stiffness": segment.stiffness,
+        "damping": segment.damping,
+    }
+    for wire in segment.wires:
+        names = ("a1", "a2", "a3", "beta")
+        values |= {f"{wire.name}.{name}": getattr(wire.law, name) for name in names}
+    return values
+
+
+@functools.cache
+def exact_recordings() -> dict[str, Recording]:
+    """One of each kind, by sensors without errors."""
     limb = true_limb()
     mounted = copy.deepcopy(limb)
     mounted.gravity = [0.0, -9.81, 0.0]
     bent = joint_angles_from_bend_angle(limb, [np.pi / 4])
     state = np.concatenate([bent, 0 * bent, np.full(4, limb.ambient_temperature)])
-    seeds = iter(range(100 * seed, 100 * seed + 100))
+    swing = simulate(Limb(limb), [0.0, 0.0], 4.0, sample_rate=100.0, initial_state=state)
+    recordings = {"sag": collect_sag(Limb(mounted)), "ring_down": _held(swing)}
+    for seed, wire in enumerate(("right", "left")):
+        recordings[wire] = collect_equilibria(Limb(limb), wire, num_angles=6, seed=seed)
+    return recordings
 
-    def sensed(parameters, bend_rate=20.0):
-        return SensedLimb(Limb(parameters), seed=next(seeds), bend_rate=bend_rate)
 
-    recordings = {
-        "sag": [collect_sag(sensed(mounted)) for _ in range(SAG_TRIALS)],
-        "ring_down": [
-            simulate(
-                sensed(limb, RING_DOWN_RATE),
-                [0.0, 0.0],
-                4.0,
-                sample_rate=RING_DOWN_RATE,
-                initial_state=state,
-            )
-            for _ in range(3)
+def _held(swing: Recording) -> Recording:
+    """A ring-down with the hold before it."""
+    count = round(HOLD * swing.sample_rate)
+
+    def before(rows):
+        return np.concatenate([np.repeat(rows[..., :1], count, axis=-1), rows], axis=-1)
+
+    return dataclasses.replace(
+        swing,
+        time=np.arange(count + len(swing.time)) / swing.sample_rate,
+        **{
+            name: before(getattr(swing, name))
+            for name in ("duty", "measured_temperature", "bend_angle", "joint_state")
+        },
+        wire_temperature=None,
+    )
+
+
+def sensed(recording: Recording, offsets: np.ndarray, random: np.random.Generator) -> Recording:
+    """A recording as the robot's sensors would have made it.
+
+    Args:
+        recording: by exact sensors.
+        offsets: of its thermocouples (W,), °C.
+        random: of noise and drift.
+    """
+    sensor, count = recording.parameters.segments[0].bend_sensor, len(recording.time)
+    assert recording.joint_state is not None
+    angle = sensor.apparent_bend_angle(recording.joint_state[: recording.parameters.num_joints])
+    memory = np.exp(-1 / recording.sample_rate / BEND_DRIFT_TIME)
+    drift = np.empty(count)
+    drift[0], steps = random.normal(), np.sqrt(1 - memory**2) * random.normal(size=count)
+    for sample in range(1, count):
+        drift[sample] = memory * drift[sample - 1] + steps[sample]
+    bend = angle + sensor.drift * drift + sensor.noise * random.normal(size=count)
+    every = max(1, round(THERMOCOUPLE_PERIOD * recording.sample_rate))
+    converted = np.arange(count) // every * every  # a conversion is held until the next
+    measured = recording.measured_temperature + offsets[:, None]
+    measured = measured + THERMOCOUPLE_NOISE * random.normal(size=measured.shape)
+    return dataclasses.replace(
+        recording,
+        bend_angle=BEND_STEP * np.round(bend[None] / BEND_STEP),
+        measured_temperature=(THERMOCOUPLE_STEP * np.round(measured / THERMOCOUPLE_STEP))[
+            :, converted
         ],
-        "right": [collect_equilibria(sensed(limb), "right", seed=seed)],
-        "left": [collect_equilibria(sensed(limb), "left", seed=seed + 1)],
+        joint_state=None,
+        wire_temperature=None,
+    )
+
+
+def estimates(seed: int) -> dict[str, tuple[float, float]]:
+    """Value and standard error of each estimate, from recordings with the noise of a seed."""
+    random = np.random.default_rng(seed)
+    offsets = SENSOR_SPREAD * random.normal(size=2)
+    recordings = {
+        kind: [sensed(recording, offsets, random) for _ in range(TRIALS[kind])]
+        for kind, recording in exact_recordings().items()
     }
-    truth = {"stiffness": 0.115, "damping": 8e-4, "ambient_temperature": limb.ambient_temperature}
-    for side in ("left", "right"):
-        wire = limb.segments[0].wire(side).law
-        truth |= {f"{side}.{name}": getattr(wire, name) for name in ("a1", "a2", "a3", "beta")}
-    estimates = calibrate(recordings, LimbParameters(), method="paper").estimates
-    return {
-        name: (estimate.value / truth[name] - 1, estimate.standard_error / abs(truth[name]))
-        for name, estimate in estimates.items()
-    }
+    found = calibrate(recordings, LimbParameters(), method="paper").estimates
+    return {name: (e.value, e.standard_error) for name, e in found.items()}
 
 
 def main() -> None:
@@ -88,13 +160,19 @@ def main() -> None:
         print("twin  |φ - φ_sim|: mean  median    90%   |V - V_sim|: mean")
         for seed, row in enumerate(executor.map(calibrate_twin, range(options.twins))):
             print("{:>4}{:>18.2f}°{:>7.2f}°{:>6.2f}°{:>18.1f} °C".format(seed, *row), flush=True)
-        results = list(executor.map(calibrate_model, range(options.seeds)))
-    print(f"\n{'parameter':<22}{'error: median':>14}{'90%':>8}{'largest':>9}{'covered':>9}")
-    for name in results[0] if results else []:
-        errors, standard = np.array([result[name] for result in results]).T
-        covered = np.mean(np.abs(errors) <= 1.96 * standard)
-        sizes = np.percentile(np.abs(errors), [50, 90, 100])
-        print("{:<22}{:>14.1%}{:>8.1%}{:>9.1%}{:>9.0%}".format(name, *sizes, covered))
+        results = list(executor.map(estimates, range(options.seeds)))
+    if not results:
+        return
+    head = ("parameter", "true", "error: 50%", "90%", "bias/true", "bias/σ", "scatter/σ", "covered")
+    print("\n{:<22}{:>10}{:>12}{:>8}{:>11}{:>9}{:>11}{:>9}".format(*head))
+    for name, true in truth().items():
+        values, errors = np.array([result[name] for result in results]).T
+        bias, typical = values.mean() - true, np.sqrt(np.mean(errors**2))
+        sizes = np.percentile(np.abs(values / true - 1), [50, 90])
+        covered = np.mean(np.abs(values - true) <= 1.96 * errors)
+        row = bias / true, bias / values.std(), values.std() / typical, covered
+        line = "{:<22}{:>10.4g}{:>12.1%}{:>8.1%}{:>11.2%}{:>9.2f}{:>11.2f}{:>9.0%}"
+        print(line.format(name, true, *sizes, *row))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ import logging
 import time
 from unittest import mock
 
-import ipyopt
 import numpy as np
 from pydrake.solvers import IpoptSolver, SnoptSolver, SolverOptions
 from pydrake.systems.analysis import BatchEvalTimeDerivatives
@@ -22,6 +21,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
 )
 from planners import Task, plan, references
+from planners.transcription import ipopt
 
 DURATION = 60.0  # s
 # No knots are added: a plan may differ by this from its simulation.
@@ -92,7 +92,12 @@ def run_ours(problem: dict, time_limit: float) -> dict:
             original = getattr(planners.planning, name)
             replacement = _timed(times, stage, original)
             stack.enter_context(mock.patch.object(planners.planning, name, replacement))
-        stack.enter_context(mock.patch.object(ipyopt, "Problem", _timed_problem(times)))
+        for name, owner, method in (
+            ("evaluation", ipopt._Function, "eval_buffer"),
+            ("ipopt", ipopt._ScaledProblem, "solve"),
+        ):
+            timed = _timed(times, name, getattr(owner, method))
+            stack.enter_context(mock.patch.object(owner, method, timed))
         started = time.perf_counter()
         trajectory = plan(
             limb_parameters(problem["links"]),
@@ -247,19 +252,3 @@ def _timed(times: dict, name: str, function):
             times[name] += time.perf_counter() - started
 
     return timed
-
-
-def _timed_problem(times: dict):
-    """`ipyopt.Problem` with its callbacks and its ``solve`` timed."""
-    original = ipyopt.Problem
-
-    class TimedProblem:
-        def __init__(self, *arguments, **options):
-            timed = [_timed(times, "evaluation", a) if callable(a) else a for a in arguments]
-            self._problem = original(*timed, **options)
-            self.solve = _timed(times, "ipopt", self._problem.solve)
-
-        def __getattr__(self, name):
-            return getattr(self._problem, name)
-
-    return TimedProblem

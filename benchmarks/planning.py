@@ -259,7 +259,7 @@ def _verdict(result: dict, best_cost: float, time_limit: float) -> str:
 def introduction(repetitions: int, time_limit: float) -> list[str]:
     """What was measured, how and on what, as Markdown."""
     versions = [f"Python {platform.python_version()}"]
-    for package in ("drake", "ipyopt", "casadi", "numpy"):
+    for package in ("drake", "casadi", "numpy"):
         if importlib.util.find_spec("pydrake" if package == "drake" else package):
             versions.append(f"{package} {importlib.metadata.version(package)}")
     return [

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from limb_systems import Limb, LimbParameters, Trajectory, simulate
-from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.limb import make_manipulator
 from limb_systems.model.statics import HeldAngles, static_equilibrium
 from planners import plan, references
 

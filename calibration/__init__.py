@@ -12,26 +12,25 @@ from calibration.collecting.collect import (
     collect_warm_up,
 )
 from calibration.collecting.excitation import Excitation, LimitedDuty, excitations
-from calibration.collecting.knowledge import Knowledge
-from calibration.collecting.protocol import collect_from_robot, collect_from_twin
-from calibration.errors import CalibrationError
+from calibration.collecting.protocol import Knowledge, collect_from_robot, collect_from_twin
 from calibration.estimate import Estimate
 from calibration.heat_bounds import fit_heat_bounds
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
-from calibration.prediction.plan_miss import PlanMiss
+from calibration.prediction.outlook import PlanMiss
 from calibration.prediction.selection import Candidate, Prediction
 from calibration.recordings.checks import check_recording
 from calibration.recordings.files import load_recordings, save_recordings
 from calibration.recordings.kinds import kind_of, kinds_of
-from calibration.section_v.damping import (
+from calibration.remarks import CalibrationError
+from calibration.section_v.mechanics import (
     DampedSinusoid,
     DampingFit,
+    StiffnessFit,
     fit_damped_sinusoid,
     fit_damping,
+    fit_stiffness,
 )
-from calibration.section_v.force import ForceFit, fit_force
-from calibration.section_v.heat import HeatFit, fit_heat_transfer
-from calibration.section_v.stiffness import StiffnessFit, fit_stiffness
+from calibration.section_v.wires import ForceFit, HeatFit, fit_force, fit_heat_transfer
 from calibration.validation import Validation, validate
 
 __all__ = [

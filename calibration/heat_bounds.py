@@ -1,14 +1,15 @@
 """Bounds for the board: between which rates of heating all readings lie."""
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from calibration.errors import CalibrationError
+from calibration.remarks import CalibrationError
 from hardware.firmware import heat
-from hardware.robot.heat_rates import HeatRates, acceptable, fit_heat_rates
+from hardware.robot.heat_rates import HeatRates, acceptable, fit_heat_rates, lagged
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
 from limb_systems.model.heat_bounds import ANY_WIRE, SPREAD, HeatBounds
 
@@ -35,13 +36,9 @@ def fit_heat_bounds(
     Returns:
         bounds; those described for a wire that was not heated.
     """
-    courses = _courses(recordings, described)
-    rates = [_rates(of_wire) for of_wire in courses]
-    hottest = max((found.heating for found in rates if found), default=0.0)
-    return [
-        _fit_wire(of_wire, found, bounds, hottest, margin) if found else bounds
-        for of_wire, found, bounds in zip(courses, rates, _described(described), strict=True)
-    ]
+    wires = _wires(recordings, described)
+    hottest = max((wire.rates.heating for wire in wires if wire.rates), default=0.0)
+    return [_fit_wire(wire, hottest, margin) for wire in wires]
 
 
 def check_first_contact(recording: Recording, described: LimbParameters, path: Path) -> None:
@@ -54,17 +51,14 @@ def check_first_contact(recording: Recording, described: LimbParameters, path: P
     Raises:
         CalibrationError: if one did not.
     """
-    courses = _courses([recording], described)
-    for name, kind, of_wire in zip(
-        described.wire_names, _described(described), courses, strict=True
-    ):
-        rates = _rates(of_wire)
-        if rates and rates.heating < min(kind.least_heating, ANY_WIRE.least_heating):
+    for wire in _wires([recording], described):
+        least = min(wire.kind.least_heating, ANY_WIRE.least_heating)
+        if wire.rates and wire.rates.heating < least:
             raise CalibrationError(
-                f"The {name} wire was heated, but its thermocouple shows "
-                f"{rates.heating:.1f} °C/s at full duty. Either it is off its wire, reversed or "
-                "badly bonded, or the wire gets hardly any heat. Mend that or, if the limb is like "
-                f"that, describe its wires by their a2; then delete {path} and collect again."
+                f"The {wire.name} wire was heated, but its thermocouple shows "
+                f"{wire.rates.heating:.1f} °C/s at full duty. Either it is off its wire, reversed "
+                "or badly bonded, or the wire gets hardly any heat. Mend that or, if the limb is "
+                f"like that, describe its wires by their a2; then delete {path} and collect again."
             )
 
 
@@ -74,76 +68,73 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
     Args:
         recordings, described: as for `fit_heat_bounds`.
     """
-    kinds, names = _described(described), described.wire_names
-    rates = [_rates(of_wire) for of_wire in _courses(recordings, described)]
-    shown = [
-        found.heating / kind.most_heating * SPREAD["most_heating"] if found else np.nan
-        for found, kind in zip(rates, kinds, strict=True)
+    heated = [(wire, wire.rates) for wire in _wires(recordings, described) if wire.rates]
+    shares = [
+        rates.heating / wire.kind.most_heating * SPREAD["most_heating"] for wire, rates in heated
     ]
-    if not any(rates):
-        return []
+    most = max(shares, default=np.inf)
     remarks = []
-    for name, found, share in zip(names, rates, shown, strict=True):
-        if found and found.reading < SLOW_READING:
+    for (wire, rates), share in zip(heated, shares, strict=True):
+        if rates.reading < SLOW_READING:
             remarks.append(
-                f"the {name} thermocouple lags by {1 / found.reading:.0f} s: it is badly "
+                f"the {wire.name} thermocouple lags by {1 / rates.reading:.0f} s: it is badly "
                 "bonded, so bond it anew."
             )
-        if share < UNLIKE * np.nanmax(shown):
+        if share < UNLIKE * most:
             remarks.append(
-                f"the {name} wire shows {share / np.nanmax(shown):.0%} of the heat of the one that "
+                f"the {wire.name} wire shows {share / most:.0%} of the heat of the one that "
                 "shows most. Either its thermocouple shows a share of its rise, or it gets less "
                 "heat than the other: compare their resistances, and bond the thermocouple anew. "
                 "The board heats it as if the thermocouple were wrong."
             )
-    if np.nanmax(shown) < SPREAD["least_heating"]:
+    if most < SPREAD["least_heating"]:
         remarks.append(
-            f"the wires show {np.nanmax(shown):.0%} of the heat that their description says, at "
+            f"the wires show {most:.0%} of the heat that their description says, at "
             "most. Either all thermocouples show a share of their rise, or the limb is unlike its "
             "description: the board will keep it cooler than it needs to be. If you are sure of "
             "the thermocouples, describe the wires by a2 "
-            + " and ".join(f"{found.heating:.3g}" for found in rates if found)
+            + " and ".join(f"{rates.heating:.3g}" for _, rates in heated)
             + " °C/s."
         )
     return remarks
 
 
-def _courses(recordings: Iterable[Recording], limb: LimbParameters) -> list[list["_WireHeat"]]:
-    """What each wire did in each recording."""
-    recordings = list(recordings)
-    return [
-        [_WireHeat(recording, w) for recording in recordings if recording.has_thermocouple[w]]
-        for w in range(len(limb.wires))
-    ]
+class _Wire(NamedTuple):
+    """A wire, and what recordings show of it.
+
+    - ``kind``: bounds around its law; those that it was given where its law has none.
+    - ``courses``: what it did in each recording.
+    - ``rates``: how it heats, cools and is read; None if it was not heated.
+    """
+
+    name: str
+    kind: HeatBounds
+    courses: list["_WireHeat"]
+    rates: HeatRates | None
 
 
-def _described(limb: LimbParameters) -> list[HeatBounds]:
-    """Bounds around the laws of the wires; those that they were given where laws have none."""
-    kinds = []
-    for wire in limb.wires:
+def _wires(recordings: Iterable[Recording], limb: LimbParameters) -> list[_Wire]:
+    recordings, wires = list(recordings), []
+    for index, wire in enumerate(limb.wires):
         try:
-            kinds.append(HeatBounds.around(LinearLaw() if limb.calibration else wire.law))
+            kind = HeatBounds.around(LinearLaw() if limb.calibration else wire.law)
         except LimbError:
             if not wire.heat_bounds:
                 raise
-            kinds.append(wire.heat_bounds)
-    return kinds
+            kind = wire.heat_bounds
+        courses = [_WireHeat(each, index) for each in recordings if each.has_thermocouple[index]]
+        rates = fit_heat_rates([(course.duty, course.rise, course.interval) for course in courses])
+        wires.append(_Wire(wire.name, kind, courses, rates))
+    return wires
 
 
-def _rates(courses: Sequence["_WireHeat"]) -> HeatRates | None:
-    return fit_heat_rates([(course.duty, course.rise, course.interval) for course in courses])
-
-
-def _fit_wire(
-    courses: Sequence["_WireHeat"],
-    rates: HeatRates,
-    kind: HeatBounds,
-    hottest: float,
-    margin: float,
-) -> HeatBounds:
+def _fit_wire(wire: _Wire, hottest: float, margin: float) -> HeatBounds:
+    kind, rates = wire.kind, wire.rates
+    if rates is None:
+        return kind
     bounds = rates.bounds(kind, hottest, margin)
     share = rates.heating / kind.least_heating
-    for course in courses:
+    for course in wire.courses:
         # It is proportional to the least heating.
         least = course.least(dataclasses.replace(bounds, least_heating=kind.least_heating))
         shown = least > SHORTEST * kind.least_heating
@@ -175,14 +166,10 @@ class _WireHeat:
         self.duty = np.add.reduceat(applied[wire, :-1], starts) / stride
         self.interval = stride / recording.sample_rate
         self.rise = readings[np.minimum(starts + stride, len(readings) - 1)] - start
-        self.averaged = self._average(self.rise.tolist())
+        self.averaged = self._average(self.rise)
 
-    def _average(self, signal: list[float]) -> np.ndarray:
-        average, averages = 0.0, []
-        for value in signal:
-            average += min(1.0, self.interval / heat.AVERAGING_TIME) * (value - average)
-            averages.append(average)
-        return np.array(averages)
+    def _average(self, signal: np.ndarray) -> np.ndarray:
+        return lagged(signal, 1 / heat.AVERAGING_TIME, self.interval)
 
     def least(self, bounds: HeatBounds) -> np.ndarray:
         """The least rise that is read, averaged (K), °C."""
@@ -192,4 +179,4 @@ class _WireHeat:
         for duty in self.duty.tolist():
             observer.advance(duty, self.interval, 0.0)
             least.append(observer.least_reading)
-        return self._average(least)
+        return self._average(np.array(least))

@@ -1,4 +1,4 @@
-"""Remarks on recordings and fits, and a verdict: whether to plan with a calibration.
+"""The error of this package, remarks on recordings and fits, and the verdict on a calibration.
 
 The rules of the verdict, and their reasons:
 
@@ -13,8 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.estimate import Estimate
+from limb_systems import LimbError
 
 BELOW_ROOM, ABOVE_READINGS = 10.0, 20.0  # °C, beyond which nothing in a limb starts
+
+
+class CalibrationError(LimbError):
+    """Recordings are missing, or a parameter cannot be estimated from them."""
 
 
 class Severity(enum.IntEnum):
@@ -61,8 +66,6 @@ RULES = {
     "law": (Severity.NOTE, ""),
     # Heat is a hundred times slower than the ringing, so plans hardly excite it.
     "ringing": (Severity.NOTE, ""),
-    # Both together predict V, also if they are exchanged.
-    "alike": (Severity.NOTE, ""),
     "unused": (Severity.NOTE, ""),
     "left out": (Severity.NOTE, ""),
 }

@@ -17,6 +17,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
@@ -38,7 +39,7 @@ from limb_systems import (
     tip_position,
     wire_color,
 )
-from limb_systems.model.kinematics import link_positions
+from limb_systems.model.kinematics import Chain, link_positions
 from limb_systems.tracking import reference_distances
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
@@ -240,7 +241,7 @@ reference [label="reference φ_ref\\nneed not be feasible", fillcolor=white];
 feasible [label="check_temperature_limits\\nfull and zero duty:\\ncan (19), (20) be met?"];
 guess [label="solve_quasi_static\\nheat and duty alone,\\nK θ = f(x)"];
 program [label="TrajectoryProgram\\n(15)-(20) by\\nDirectCollocation"];
-solve [label="solve_program\\nIPOPT, Gauss-Newton;\\nthen its fallbacks"];
+solve [label="solve_program\\nIPOPT, curvature of\\nthe wires; then its fallbacks"];
 check [label="simulated_differences\\nthe duty again, radau3"];
 trajectory [label="Trajectory\\nwith its PlanCheck", fillcolor=white];
 refused [label="InfeasibleError:\\nwire, bound, from when", fillcolor="#fdecea"];
@@ -434,7 +435,9 @@ def _draw_pose(axis, parameters: LimbParameters, joint_angles: np.ndarray, color
     """Wires as they run, the farthest first, in clear silicone."""
     (segment,) = parameters.segments
     ends = link_positions(parameters, joint_angles)
-    frames = Layout(parameters).chains[0].frames(joint_angles)
+    layout = Layout(parameters)
+    placed = Chain(layout, ca.SX(joint_angles)).frames
+    frames = [ca.DM(placed[joint]).full() for joint in layout.last_joints]
 
     def seen(e2: float, e3: float) -> np.ndarray:
         """The curve of what runs at a place in the section, mm."""

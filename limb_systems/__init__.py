@@ -24,9 +24,15 @@ from limb_systems.model.kinematics import (
     tip_position,
 )
 from limb_systems.model.layout import Layout
-from limb_systems.model.limb import Limb, from_paper_state, split_state, to_paper_state
+from limb_systems.model.limb import (
+    Limb,
+    add_manipulator,
+    from_paper_state,
+    make_manipulator,
+    split_state,
+    to_paper_state,
+)
 from limb_systems.model.limb_system import LimbSystem
-from limb_systems.model.manipulator import add_manipulator, make_manipulator
 from limb_systems.model.parameters import (
     CalibrationRecord,
     EmulatedLimb,

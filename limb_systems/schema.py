@@ -84,8 +84,8 @@ def load_typed(schema: type[T], text: str) -> T:
     """Reads YAML text into a dataclass.
 
     A field that is left out has its default; one without a default must be
-    there. No field may be unknown. A field with the metadata
-    ``{"in_files": False}`` cannot be in a file.
+    there. No field may be unknown. The metadata ``{"in_files": False}`` keep a field out of files,
+    and a text in place of False is the field's name there.
 
     A value has the type of its field, whatever it looks like. Texts are of one line
     of printable characters, or of several if the field has the metadata
@@ -96,6 +96,15 @@ def load_typed(schema: type[T], text: str) -> T:
         SchemaError: with one sentence naming the field, or the line.
     """
     return _convert(_parse(text), schema, "")
+
+
+def load_fields(schema: type, text: str) -> dict[str, Any]:
+    """Reads YAML text as `load_typed` does, into the values of a dataclass's fields by their names.
+
+    Raises:
+        SchemaError: with one sentence naming the field, or the line.
+    """
+    return _field_values(_parse(text), schema, "", "the document")
 
 
 def validate(target: Any, path: str = "") -> None:
@@ -127,10 +136,13 @@ def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NONE) -> Any:
         fields = [
             field
             for field in dataclasses.fields(value)
-            if not (field.metadata.get("rare") and getattr(value, field.name) == field.default)
+            if _name_in_files(field)
+            and not (field.metadata.get("rare") and getattr(value, field.name) == field.default)
             and not (getattr(value, field.name) is field.default is None)
         ]
-        plain = {f.name: _plain(getattr(value, f.name), f.name, f.metadata) for f in fields}
+        plain = {
+            _name_in_files(f): _plain(getattr(value, f.name), f.name, f.metadata) for f in fields
+        }
         return {"_tag": f"!{type(value).__name__}", **plain} if isinstance(value, Tagged) else plain
     if isinstance(value, list):
         return [_plain(item, name, metadata) for item in value]
@@ -261,32 +273,49 @@ def _parse_number(text: str, schema: type) -> int | float | None:
         return None
 
 
+def _name_in_files(field: dataclasses.Field) -> str:
+    """The name of a field in files; empty if no file has it."""
+    name = field.metadata.get("in_files", True)
+    return name if isinstance(name, str) else field.name if name else ""
+
+
 def _convert_fields(data: Any, schema: type, path: str, where: str) -> Any:
+    values = _field_values(data, schema, path, where)
+    return data if isinstance(data, schema) else schema(**values)
+
+
+def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, Any]:
+    """The values of a dataclass's fields by their names, without those that are left out."""
     hints, prefix = _hints(schema), f"{path}." if path else ""
-    fields = [f for f in dataclasses.fields(schema) if f.metadata.get("in_files", True)]
-    names = [field.name for field in fields]
+    fields = {name: f for f in dataclasses.fields(schema) if (name := _name_in_files(f))}
     made = isinstance(data, schema)
     if not made and not isinstance(data, dict):
-        raise SchemaError(f"{where} must have the fields {', '.join(names)}, but is {shown(data)}.")
-    given = vars(data) if made else {key: value for key, value in data.items() if key != "_tag"}
-    for key in () if made else given:
-        if key not in names:
+        raise SchemaError(
+            f"{where} must have the fields {', '.join(fields)}, but is {shown(data)}."
+        )
+    if made:
+        given = {name: getattr(data, field.name) for name, field in fields.items()}
+    else:
+        given = {key: value for key, value in data.items() if key != "_tag"}
+    for key in given:
+        if key not in fields:
             unknown = f"{prefix}{key}" if key.isprintable() and len(key) < 80 else shown(key)
             raise SchemaError(
-                f"{unknown} is not a known field{nearest(key, names)}; {where} has the "
-                f"fields {', '.join(names)}."
+                f"{unknown} is not a known field{nearest(key, list(fields))}; {where} has the "
+                f"fields {', '.join(fields)}."
             )
     values = {}
-    for field in fields:
-        if field.name in given:
-            before, hint, name = given[field.name], hints[field.name], f"{prefix}{field.name}"
+    for key, field in fields.items():
+        name, hint = f"{prefix}{key}", hints[field.name]
+        if key in given:
+            before = given[key]
             values[field.name] = after = _convert(before, hint, name, field.metadata)
             if made and after != before and after == after:  # a text is no number in an object
                 kind = "a number" if hint in (int, float) else f"of the type {hint}"
                 raise SchemaError(f"{name} is {shown(before)}; it must be {kind}.")
         elif field.default is field.default_factory is dataclasses.MISSING:
-            raise SchemaError(f"{prefix}{field.name} is missing.")
-    return data if made else schema(**values)
+            raise SchemaError(f"{name} is missing.")
+    return values
 
 
 def _chosen(data: Any, given: list[type], where: str) -> type:

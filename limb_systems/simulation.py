@@ -145,7 +145,7 @@ def record(
     # A Limb's bend angle follows from its joint state for all samples at once, so that the C++
     # loop does not call Python at each of them.
     calculated = ["bend_angle"] if isinstance(system, Limb | Robot) else []
-    names = [n for n in (*Recording.MEASURED, *Recording.OPTIONAL) if n not in calculated]
+    names = [n for n in (*Recording.MEASURED, *Recording.optional()) if n not in calculated]
     ports = {name: system.GetOutputPort(name) for name in names if system.HasOutputPort(name)}
     ports |= {"duty": duty} | ({"reference": reference} if reference else {})
     sinks = {name: LogVectorOutput(port, builder, 1 / sample_rate) for name, port in ports.items()}

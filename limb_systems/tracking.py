@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.kinematics import recorded_bend_angle
 from limb_systems.model.layout import Layout
 from limb_systems.simulation import PERIOD
 
@@ -117,7 +116,7 @@ def true_bend(recording: Recording) -> Recording:
     """
     assert recording.joint_state is not None
     limb = recording.parameters
-    bend = recorded_bend_angle(limb, recording.joint_state[: limb.num_joints])
+    bend = Layout(limb).recorded_bend_angle(recording.joint_state[: limb.num_joints])
     return dataclasses.replace(recording, bend_angle=bend)
 
 

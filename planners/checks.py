@@ -24,7 +24,7 @@ from limb_systems import (
     simulate,
     split_state,
 )
-from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.limb import make_manipulator
 from limb_systems.model.statics import HeldAngles, static_equilibrium
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from limb_systems.simulation import SimulationError, failure_told, make_simulator
@@ -36,7 +36,7 @@ from planners.transcription.program import reading_bounds
 # within 0.002° of that at accuracy 1e-6, for the Fig. 5 reference and for
 # steps to 170°. Ten times finer takes three times as long.
 CHECK_ACCURACY = 3e-4
-CHECK_RATE = 20.0  # Hz, of the comparison, or that of the knots if it is higher
+CHECK_RATE = 20.0  # Hz, of the comparison; the rate of the knots if that is higher
 HEAT_STEP = 1 / 30  # s, of the wires alone, between which their forces are linear
 
 # A limb swings about a quasi-static plan if its first mode is slower, its damping over its
@@ -51,10 +51,9 @@ LITTLE = np.deg2rad(1.0)
 
 
 def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of the plan's bend angle from that of its simulated duty.
+    """Return the distance between the bend angle of a plan and the simulation of its duty.
 
-    The duty is simulated with an accurate integrator from the plan's first
-    state.
+    An accurate integrator simulates the duty from the first state of the plan.
 
     Returns:
         Times (M,), s, and the largest difference of a segment (M,), rad.
@@ -78,10 +77,13 @@ def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarra
 
 
 def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times (M,), s, and bend angles (S, M), rad, of a limb that does not act back on its wires.
+    """Simulate a limb whose wires do not feel its angles: first the wires, then the chain.
 
-    Wires whose laws run in Python are simulated alone, so that the implicit
-    integrator of the chain, which evaluates its systems very often, does not call them.
+    The implicit integrator of the chain evaluates its systems very often. Laws that run in Python
+    are too slow for it, so the wires are simulated before it starts.
+
+    Returns:
+        Times (M,), s, and bend angles (S, M), rad.
     """
     parameters, plan = trajectory.parameters, trajectory.since_start()
     angles, rates, states, _ = split_state(parameters, plan.state[:, 0])
@@ -135,9 +137,9 @@ def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, 
 
 
 def swings(trajectory: Trajectory) -> str | None:
-    """One sentence on why a limb may swing about its quasi-static plan, or None if it hardly does.
+    """Return one sentence on why a limb may swing about its quasi-static plan, or None.
 
-    Such a plan leaves out the inertia of the chain, and its damping but for a delay.
+    Such a plan leaves out the inertia of the chain. Of the damping it keeps the delay alone.
     """
     parameters, layout = trajectory.parameters, Layout(trajectory.parameters)
     if layout.is_planar:
@@ -169,7 +171,7 @@ def swings(trajectory: Trajectory) -> str | None:
 
 
 def far_from_reference(trajectory: Trajectory) -> str | None:
-    """How far, where and why a plan is far from its reference, or None if it is not."""
+    """Return how far, where and why a plan is far from its reference; None if it is near."""
     reference, planned = trajectory.reference, trajectory.bend_angle
     largest = np.abs(reference).max()
     short = np.array(
@@ -216,7 +218,7 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
 
 
 def _reach(parameters: LimbParameters, bend: int) -> np.ndarray | None:
-    """The least and the largest that a bend can be held at (2,), degrees, if known."""
+    """Return the least and the largest bend that wires can hold (2,), degrees; None if unknown."""
     limits, layout = parameters.temperature_limits, Layout(parameters)
     sides = np.sign(layout.levers[layout.bend_joints[bend][0]])
     held = []
@@ -233,7 +235,7 @@ def _reach(parameters: LimbParameters, bend: int) -> np.ndarray | None:
 def active_constraints(
     trajectory: Trajectory, task: Task, warm_up_time: float, measured_margin: ArrayLike = 0.0
 ) -> list[ActiveConstraint]:
-    """Where bounds of (18)-(20) and of the readings are active, as intervals of time."""
+    """Return the times in which bounds of (18)-(20) and of the readings are active."""
     limits, names = trajectory.parameters.temperature_limits, trajectory.parameters.wire_names
     warm = trajectory.time > warm_up_time
     near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE

@@ -18,8 +18,8 @@ SHOWN_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval
 def plot_diagnostics(trajectory: Trajectory) -> Figure:
     """A solution: violation of the dynamics, distance to the bounds, and the Jacobian.
 
-    Everything is scaled as for the solver. The Jacobian is that of the first
-    intervals; all others look the same.
+    Everything is scaled as for the solver. The Jacobian is shown for the first intervals; all
+    others look the same.
     """
     parameters, time = trajectory.parameters, trajectory.time
     n, num_states = parameters.num_joints, num_wire_states(parameters)

@@ -63,10 +63,10 @@ def plan(
 ) -> Trajectory:
     """Plans the feasible trajectory nearest to a reference, eqns (15)-(20).
 
-    Where the plan differs from its simulation by more than the tolerance,
-    knots are added and the program is solved again. If the limb is calibrated by
-    prediction, so is where readings of limbs that its calibration cannot tell
-    apart would get to what its board cuts out at; see `limb_systems.band`.
+    Where the plan differs from its simulation by more than the tolerance, knots are added and the
+    program is solved again. A limb that is calibrated by prediction has a band of readings
+    (`limb_systems.band`). If they reach the limit of the board, the program is solved again with a
+    margin.
 
     Args:
         parameters: description of the limb, or its YAML file; the nominal limb if None.
@@ -77,12 +77,12 @@ def plan(
             reference is rounded to whole intervals.
         initial_state: x_init, a state of `Limb`; by default at rest in
             static equilibrium with wires at ambient temperature.
-        tolerance_deg: how far the bend angle of the plan may be from that of
-            an accurate simulation of its duty, degrees; if None, 0.1 of a planar limb and 1
-            of others, whose plans leave out the inertia of the chain.
+        tolerance_deg: largest difference between the bend angle of the plan and an accurate
+            simulation of its duty, degrees. If None, it is 0.1 for a planar limb, and 1 for a
+            limb in space, because plans in space leave out the inertia of the chain.
         max_knots: a plan that needs more is refused.
-        solver: one of Drake's solvers, such as `SnoptSolver()`, in place of
-            those of `planners.transcription.solving`.
+        solver: one of Drake's solvers, such as `SnoptSolver()`, in place of IPOPT as
+            `planners.transcription.solving` uses it.
 
     Returns:
         The trajectory, with its check. Warns if it is far from its reference, or if the chain's

@@ -17,7 +17,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import Layout, LimbError, LimbParameters, Recording
 from limb_systems.input import LARGEST_TABLE, read_text
-from limb_systems.model.chain import tip_of_angles
+from limb_systems.model.kinematics import tip_of_angles
 
 IN_SPACE = (
     "If yours bends in space, write axes: 2 into its segments in its YAML file, and where its "
@@ -141,7 +141,9 @@ def load(path: str | Path) -> PiecewisePolynomial:
 
 
 def load_tip_path(path: str | Path, parameters: LimbParameters) -> PiecewisePolynomial:
-    """`from_tip_path` of a CSV as of `load`: time in s, then the tip's coordinates E2 (and E3), mm.
+    """Load the path of a tip from a CSV, for `from_tip_path`: time in s, then E2 (and E3) in mm.
+
+    The file may look as `load` allows.
 
     Raises:
         LimbError: if the file cannot be read, or the tip does not reach a point.
@@ -258,7 +260,7 @@ def eight(
 
     Args:
         width, height: rad.
-        period, turns, wait: as of `circle`.
+        period, turns, wait: as for `circle`.
     """
 
     def on_eight(angle: np.ndarray) -> np.ndarray:

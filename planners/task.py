@@ -38,7 +38,7 @@ class Phase:
 class Task:
     """Weights and limits of a plan.
 
-    The defaults are those of the paper's (15), except at the end of the plan. In
+    The defaults are the weights of the paper's (15), except at the end of the plan. In
     (15), duty at the last knot has no weight and the last angle has 1000 times
     the weight of the others, so that duty chatters and jumps in the last second.
     Here duty is constant in the last second, and the last angle has less weight.
@@ -56,7 +56,7 @@ class Task:
       segment's wires at each knot, 1/°C; against wires that heat up against each other.
     - ``time_weight``: weight of the duration, 1/s; for minimum time.
 
-    Limits in addition to (18)-(20), all linear; the bend rate is that of (11):
+    Limits in addition to (18)-(20), all linear; the bend rate is the mean of (11):
 
     - ``max_bend_rate``: largest bend rate of each segment at the knots, rad/s.
     - ``max_temperature_rate``: largest temperature rate of each wire, °C/s.

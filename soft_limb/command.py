@@ -42,13 +42,12 @@ COMMANDS = {
     "ports": ("hardware", "list the serial ports of this computer"),
     "recover": ("hardware", "finish the recording of a program that was killed"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
-    "bridge": ("bridge", "put a limb on ROS 2 topics, without a ROS build"),
     "gait": ("gaits", "plan how a robot of several limbs walks"),
     "walk": ("gaits", "walk by a gait: a robot, or an emulated one, from cold wires"),
     "sweep": ("sweep", "plan and drive many emulated limbs, motions, tasks and controllers"),
     "show": ("results", "say what files are, and what made them"),
     "compare": ("results", "say how plans, recordings or limbs differ"),
-    "export": ("results", "write recordings and plans for other tools"),
+    "export": ("results", "write the duty of plans for programs of your own"),
     "runs": ("results", "show the results in a folder on a page, compare them, replay plans"),
 }
 
@@ -80,6 +79,18 @@ def main(arguments: Sequence[str] | None = None, package: str = "") -> int:
         prog += f" {chosen.command}"
     (name,) = names
     command = importlib.import_module(f"soft_limb.commands.{COMMANDS[name][0]}").COMMANDS[name]
+    return run_words(command, prog, words, modules)
+
+
+def run_words(command: Any, prog: str, words: Sequence[str], modules: Sequence[str] = ()) -> int:
+    """Runs a command as a user typed it, and returns its exit status, as of `run_command`.
+
+    Args:
+        command: a `soft_limb.commands.options.Command`.
+        prog: name of the program, for its help.
+        words: the words after the program's name.
+        modules: modules to import first, beside those that the words name.
+    """
     parser = command.parser(prog)
     _add_import_option(parser)
     options = parser.parse_args(words)

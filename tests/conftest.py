@@ -36,7 +36,7 @@ REAL_TIME = (
     "tests/hardware/test_live_page.py",
     "tests/hardware/test_serial_limb.py",
     "tests/hardware/test_text_board.py",
-    "tests/soft_limb/test_bridge.py",
+    "tests/examples/test_bridge.py",
 )
 CALIBRATION = "tests/calibration/"  # its tests share recordings that take long to make
 # What takes long goes first, so that both processes end with short files, and about together.

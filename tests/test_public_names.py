@@ -71,9 +71,7 @@ def modules_of(package):
     root = importlib.import_module(package)
     yield root
     for info in pkgutil.walk_packages(root.__path__, f"{package}."):
-        if info.name.endswith((".__main__", ".bridge.dds", ".bridge.ros")):
-            continue  # the libraries of the latter may be missing
-        if ".firmware" not in info.name:
+        if not info.name.endswith(".__main__") and ".firmware" not in info.name:
             yield importlib.import_module(info.name)  # MicroPython has no annotations
 
 

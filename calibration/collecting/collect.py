@@ -18,7 +18,7 @@ from limb_systems.model.limb_system import check_limb
 from limb_systems.simulation import record
 
 LARGEST = np.deg2rad(45.0)  # of equilibria
-SAG_RATE = HEATED_RATE = 20.0  # Hz
+SAMPLE_RATE = 20.0  # Hz, but for ring-downs
 RING_DOWN_RATE = 100.0
 FIRST_DUTY = 0.3  # the largest sum of both duties while nothing is known of a limb
 CONTACT_DUTY, CONTACT_TIME, CONTACT_END = 0.1, 30.0, 100.0  # s
@@ -69,18 +69,9 @@ def collect_equilibria(
     low, high = min(0, *sides), max(0, *sides)
     angles = LARGEST * np.random.default_rng(seed).uniform(low, high, num_angles)
     schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
-    controller = BendAngleController(limb.parameters, actuated)
-    duration = num_angles * longest
+    controller, duration = BendAngleController(limb.parameters, actuated), num_angles * longest
     return _record(
-        limb,
-        controller,
-        duration,
-        HEATED_RATE,
-        journal,
-        live,
-        actuated,
-        seed=seed,
-        schedule=schedule,
+        limb, controller, duration, actuated, journal, live, seed=seed, schedule=schedule
     )
 
 
@@ -88,7 +79,7 @@ def collect_sag(
     limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
 ) -> Recording:
     """Sec. V-A: the unheated limb, mounted so that gravity bends it, until it rests (15 s)."""
-    return _record(limb, _off(limb), 15.0, SAG_RATE, journal, live, "sag")
+    return _record(limb, _off(limb), 15.0, "sag", journal, live)
 
 
 def collect_ring_down(
@@ -99,7 +90,7 @@ def collect_ring_down(
     live: LiveView | None = None,
 ) -> Recording:
     """Sec. V-B: a person holds the limb at 45° and releases it within the next 6 s."""
-    return _record(limb, _off(limb), 6.0, sample_rate, journal, live, "ring_down")
+    return _record(limb, _off(limb), 6.0, "ring_down", journal, live, sample_rate=sample_rate)
 
 
 def collect_first_contact(
@@ -117,7 +108,7 @@ def collect_first_contact(
         levels += [CONTACT_DUTY * wire, 0 * wire]
     duty = PiecewisePolynomial.ZeroOrderHold(times, np.array([*levels, levels[-1]]).T)
     source = DutyUntilWarm(duty, CONTACT_RISE)
-    return _record(limb, source, times[-1], HEATED_RATE, journal, live, "heated")
+    return _record(limb, source, times[-1], "heated", journal, live)
 
 
 def collect_warm_up(
@@ -128,7 +119,7 @@ def collect_warm_up(
     levels = each * [WARM_UP_DUTY, 0.0, 0.0]
     duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], levels)
     source = DutyUntilWarm(duty, WARM_UP_RISE)
-    return _record(limb, source, WARM_UP_END, HEATED_RATE, journal, live, "heated")
+    return _record(limb, source, WARM_UP_END, "heated", journal, live)
 
 
 def for_first_contact(described: LimbParameters) -> LimbParameters:
@@ -155,16 +146,8 @@ def collect_excitation(
         limb, journal, live: as for `collect_equilibria`.
     """
     source, duration = LimitedDuty(known, excitation.duty), excitation.duty.end_time()
-    return _record(
-        limb,
-        source,
-        duration,
-        HEATED_RATE,
-        journal,
-        live,
-        excitation.kind,
-        seed=excitation.seed,
-    )
+    kind, seed = excitation.kind, excitation.seed
+    return _record(limb, source, duration, kind, journal, live, seed=seed)
 
 
 def _off(limb: LimbSystem) -> LeafSystem:
@@ -175,11 +158,11 @@ def _record(
     limb: LimbSystem,
     source: LeafSystem,
     duration: float,
-    sample_rate: float,
+    kind: str,
     journal: str | Path | None,
     live: LiveView | None,
-    kind: str,
     *,
+    sample_rate: float = SAMPLE_RATE,
     seed: int | None = None,
     schedule: EquilibriumSchedule | None = None,
 ) -> Recording:

@@ -15,8 +15,8 @@ from numpy.polynomial.chebyshev import chebvander
 
 from limb_systems import Layout, LimbParameters, SegmentParameters
 from limb_systems.model.bend_sensor import rolled
-from limb_systems.model.chain import Chain
 from limb_systems.model.ensemble import OpenLoop
+from limb_systems.model.kinematics import Chain
 from limb_systems.model.rubber import NonlinearRubber
 from limb_systems.model.smooth_function import SmoothFunction
 

@@ -27,13 +27,8 @@ from calibration.prediction.unknowns import (
     unknowns_of,
     values_of,
 )
-from limb_systems import (
-    LimbParameters,
-    RestMemory,
-    SegmentParameters,
-    WireLaw,
-)
-from limb_systems.model.ensemble import OpenLoop, with_fields
+from limb_systems import LimbParameters, RestMemory, SegmentParameters, WireLaw
+from limb_systems.model.ensemble import OpenLoop, owner_of, with_fields
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
 READING_SPREAD = 1.0  # °C, of a wire from its thermocouple while both rest
@@ -112,26 +107,18 @@ class LawFit:
             for u, value, error in zip(self.unknowns, values, errors, strict=True)
         }
 
-    def apply(self, segment: SegmentParameters) -> None:
-        """Gives a segment these laws and this rubber."""
+    def apply(self, limb: LimbParameters) -> None:
+        """Give the segment of a limb these laws and this rubber."""
+        (segment,) = limb.segments
         for wire in segment.wires:
             wire.law = self.law()
-        rubber = {}
         every = [*self.unknowns, *self.untold]
+        if any(unknown.field == "shift" for unknown in every):
+            segment.rest_memory = RestMemory()
         fitted = [*self.fitted, *(u.center for u in self.untold)]
         for unknown, value in zip(every, map(float, values_of(every, fitted)), strict=True):
-            if unknown.wire is None:
-                rubber[unknown.field] = value
-            elif unknown.field == "angle":
-                segment.wires[unknown.wire].angle = value
-            else:
-                setattr(segment.wires[unknown.wire].law, unknown.field, value)
-        if "roll" in rubber:
-            segment.bend_sensor.roll = rubber.pop("roll")
-        if "shift" in rubber:
-            segment.rest_memory = RestMemory(rubber.pop("shift"), rubber.pop("rate"))
-        for name, value in rubber.items():
-            setattr(segment, name, value)
+            owner, field = owner_of(limb, unknown.name)
+            setattr(owner, field, value)
 
     def calibrated(self, described: LimbParameters) -> LimbParameters:
         """A described limb with these laws, rubber and ambient temperature, and how known they are.
@@ -141,7 +128,7 @@ class LawFit:
         limb = copy.deepcopy(described)
         limb.ambient_temperature = self.ambient
         limb.segments[0].stiffness = self.segment.stiffness
-        self.apply(limb.segments[0])
+        self.apply(limb)
         limb.calibration = record_of(self.estimates, self.value_covariance)
         return limb
 
@@ -314,15 +301,12 @@ class _Problem:
         warmth[np.isnan(run.first)] = warmth.max()  # as warm as another is, or not at all
         slope = np.where(np.isnan(run.slope), COOLING_RATE * warmth, np.abs(run.slope))
         change = COOLING_TIME * slope
-        for index, (cold, (name, scale)) in enumerate(
-            zip(self._law().cold_states(0.0), self._law.states.items(), strict=True)
-        ):
-            if index == 0:
+        cold_states = self._law().cold_states(0.0)
+        for cold, (name, scale) in zip(cold_states, self._law.states.items(), strict=True):
+            if self._law.is_temperature(name):
+                unread = 0.3 * warmth if len(centers) > 1 else 0.0  # all but the wire itself
                 centers.append(first)
-                spreads.append(READING_SPREAD + change)
-            elif self._law.is_temperature(name):
-                centers.append(first)
-                spreads.append(READING_SPREAD + change + 0.3 * warmth)
+                spreads.append(READING_SPREAD + change + unread)
             else:
                 centers.append(np.full(self._num_wires, cold))
                 spreads.append(scale * (MEMORY_SPREAD + warmth / 100.0))

@@ -38,17 +38,14 @@ PRIORS: dict[str, tuple[float, float, float]] = {
 }
 LAG = "a3"  # of a thermocouple
 LEAST_BELOW, MOST_BELOW = 0.1, 60.0  # °C, of what is below another field, see `WireLaw.below`
-OF_SENSOR = "bend_sensor."  # before the names of its fields
 OTHER = (0.9, 0.3)  # spreads of what a law of one's own has
 FASTEST = 4.0  # 1/s, of rates: the open-loop simulation's steps follow no faster ones
 REST_BOUND = np.deg2rad(60.0)
-# Fitted where a segment bends about two axes: mountings under gravity then tell them.
-SPRINGS = {"stiffness": "N·m/rad", "stiffness_ratio": "of k"}
-# Options of the rubber: their names, and the unit of each number.
-RUBBER = (
-    ("stiffening", "", {"stiffening": "of k"}),
-    ("rest_memory", "rest_memory.", {"shift": "rad", "rate": "1/rad"}),
-)
+# Options of the rubber, with the unit of each number.
+RUBBER = {
+    "stiffening": {"stiffening": "of k"},
+    "rest_memory": {"rest_memory.shift": "rad", "rest_memory.rate": "1/rad"},
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,33 +130,32 @@ def unknowns_of(
             name, below = f"{wire.name}.{field.name}", f"{wire.name}.{above}" if above else ""
             numbers = center, spread, alike, low, high
             result.append(Unknown(name, field.name, index, unit, form, *numbers, below))
-    for name, of_wire, angle in _angles(segment):
+    for name, of_wire, unit, form, center, low, high in _of_segment(segment, rubber):
         what = name.split(".")[-1]
         _, spread, alike = PRIORS[what]
-        bounds = angle - REST_BOUND, angle + REST_BOUND
-        result.append(Unknown(name, what, of_wire, "rad", "", angle, spread, alike, *bounds))
-    for name, unit in SPRINGS.items() if segment.axes > 1 else ():
-        center, (_, spread, alike) = np.log(getattr(segment, name)), PRIORS[name]
-        bounds = center - 3.0, center + 3.0
-        result.append(Unknown(name, name, None, unit, "+", center, spread, alike, *bounds))
-    for option, prefix, units in RUBBER:
-        for name, unit in units.items() if option in rubber else ():
-            value, spread, alike = PRIORS[name]
-            center = np.log(value)
-            result.append(
-                Unknown(prefix + name, name, None, unit, "+", center, spread, alike, -9.0, 3.0)
-            )
+        result.append(Unknown(name, what, of_wire, unit, form, center, spread, alike, low, high))
     return result
 
 
-def _angles(segment: SegmentParameters) -> Iterator[tuple[str, int | None, float]]:
-    """Names of angles that are unknown, of which wire each is, and what is expected, rad."""
-    yield "rest_angle", None, segment.rest_angle
-    if segment.axes > 1:
-        yield "rest_angle_e3", None, segment.rest_angle_e3
-        yield f"{OF_SENSOR}roll", None, segment.bend_sensor.roll
-        for index, wire in enumerate(segment.wires):
-            yield f"{wire.name}.angle", index, wire.angle
+def _of_segment(
+    segment: SegmentParameters, rubber: tuple[str, ...]
+) -> Iterator[tuple[str, int | None, str, str, float, float, float]]:
+    """Name, wire, unit, form, center and bounds of the unknowns that are of no law."""
+    angles: list[tuple[str, int | None, float]] = [("rest_angle", None, segment.rest_angle)]
+    springs = {}
+    if segment.axes > 1:  # mountings under gravity then tell them
+        angles.append(("rest_angle_e3", None, segment.rest_angle_e3))
+        angles.append(("bend_sensor.roll", None, segment.bend_sensor.roll))
+        angles += [(f"{wire.name}.angle", i, wire.angle) for i, wire in enumerate(segment.wires)]
+        springs = {"stiffness": "N·m/rad", "stiffness_ratio": "of k"}
+    for name, wire, angle in angles:
+        yield name, wire, "rad", "", angle, angle - REST_BOUND, angle + REST_BOUND
+    for name, unit in springs.items():
+        center = float(np.log(getattr(segment, name)))
+        yield name, None, unit, "+", center, center - 3.0, center + 3.0
+    for option, units in RUBBER.items():
+        for name, unit in units.items() if option in rubber else ():
+            yield name, None, unit, "+", np.log(PRIORS[name.split(".")[-1]][0]), -9.0, 3.0
 
 
 def split_unknowns(

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
 from calibration.recordings.kinds import bend_sensor_of, gravity_bends
+from calibration.remarks import CalibrationError
 from limb_systems import Recording
 
 START = 1.0  # s, over which the first readings are averaged
@@ -58,7 +58,7 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     scatter, and of what two thermocouples differ by, as one reads alike in all recordings.
 
     Raises:
-        CalibrationError: if no thermocouple shows it.
+        CalibrationError: if no thermocouple shows it, or if no room is as warm.
     """
     readings, cooled, expected = [], [], []
     for recording in recordings:
@@ -88,10 +88,9 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
         usual = min(lows, key=lambda reading: abs(reading - np.mean(expected)))
         return min(reading for reading in lows if reading > usual - FAR_BELOW)
 
-    lowest = lowest_of(readings)
+    lowest, described = lowest_of(readings), float(np.mean(expected))
     if lowest_of(cooled) < lowest - COLD:
         readings, lowest = cooled, lowest_of(cooled)
-        described = float(np.mean(expected))
         if described + COLD < lowest < described + WARMEST_ROOM:
             return Estimate(described, (lowest - described) / 2, "°C")
     each = []
@@ -102,6 +101,12 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
             group = unheated or [reading for _, reading in own]
             each.append((np.median(group), np.std(group) / np.sqrt(len(group))))
     medians, errors = np.array(each).T
+    if medians.mean() > described + WARMEST_ROOM:
+        raise CalibrationError(
+            f"The lowest readings of all recordings are {medians.mean():.0f} °C, where ambient is "
+            f"{described:g} °C: are they in degrees Fahrenheit? If not, record the limb from cold, "
+            "or until it is cold."
+        )
     spread = np.hypot(max(np.std(medians), SENSOR_SPREAD), errors.max()) / np.sqrt(len(each))
     return Estimate(float(medians.mean()), float(spread), "°C")
 

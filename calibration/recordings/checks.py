@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 
-from calibration.errors import CalibrationError
 from calibration.recordings.kinds import (
     FREE_KINDS,
     GRAVITY_HINT,
@@ -13,8 +12,15 @@ from calibration.recordings.kinds import (
     shown_kind,
     shows,
 )
-from calibration.recordings.pieces import FEWEST, SHORTEST, first_read, gaps_of
-from calibration.recordings.repair import despiked, interpolated
+from calibration.recordings.repair import (
+    FEWEST,
+    SHORTEST,
+    despiked,
+    first_read,
+    gaps_of,
+    interpolated,
+)
+from calibration.remarks import CalibrationError
 from limb_systems import Recording
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
@@ -52,7 +58,7 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     _check_missing(recording)
     _check_zeros(recording)
     recording = despiked(interpolated(recording))
-    _check_pace(recording)
+    _check_duration(recording)
     _check_gravity(recording)
     kind = shown_kind(recording)
     if expected in FREE_KINDS and recording.duty.any():
@@ -63,22 +69,9 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
         raise CalibrationError(f"this should show {wanted}, but shows {shown}{hint}.")
     if recording.duty.any():
         _check_wires(recording)
-    _check_units(recording)
-    if recording.duty.any():
-        _check_readings(recording)
+    _check_thermocouples(recording)
+    _check_bend(recording)
     return kind
-
-
-def check_whole(recording: Recording) -> None:
-    """Refuses recordings that were interrupted: their last equilibrium is none.
-
-    Raises:
-        CalibrationError: one sentence that says why it was interrupted.
-    """
-    if recording.interrupted:
-        raise CalibrationError(
-            f"this was interrupted ({recording.interrupted.rstrip('.')}), so record it again."
-        )
 
 
 def _check_time(recording: Recording) -> None:
@@ -160,26 +153,14 @@ def _check_zeros(recording: Recording) -> None:
                 )
 
 
-def _check_pace(recording: Recording) -> None:
-    """Whether wires heat and cool as fast as wires do, and for long enough to be seen."""
+def _check_duration(recording: Recording) -> None:
+    """Whether wires heat and cool for long enough to be seen."""
     duration = recording.time[-1] - recording.time[0]
     if recording.duty.any() and duration < SHORTEST:
         raise CalibrationError(
             f"wires are heated for {duration:.1f} s only; they take seconds to heat and to cool, "
             f"so record {SHORTEST:.0f} s at least."
         )
-    times, window = recording.time, max(1, len(recording.time) // 200)
-    steepest, rise = STEEPEST
-    names = recording.parameters.wire_names
-    for name, duty, measured in zip(
-        names, recording.duty, recording.measured_temperature, strict=True
-    ):
-        slope = (measured[window:] - measured[:-window]) / (times[window:] - times[:-window])
-        if duty.any() and np.ptp(measured) > rise and np.abs(slope).max() < steepest:
-            raise CalibrationError(
-                f"the {name} wire warms by {np.ptp(measured):.0f} °C, but nowhere faster than "
-                f"{np.abs(slope).max():.3f} °C/s; is time in milliseconds?"
-            )
 
 
 def _check_gravity(recording: Recording) -> None:
@@ -198,10 +179,20 @@ def _check_gravity(recording: Recording) -> None:
         )
 
 
-def _check_units(recording: Recording) -> None:
-    ambient = recording.parameters.ambient_temperature
+def _check_thermocouples(recording: Recording) -> None:
+    """Whether each is connected, reads °C, and rises and falls as fast as wires do."""
+    ambient, times = recording.parameters.ambient_temperature, recording.time
+    window, (steepest, rise) = max(1, len(times) // 200), STEEPEST
+    typical = np.median(recording.measured_temperature, axis=1)
     signals = zip(recording.duty, recording.measured_temperature, strict=True)
-    for name, (duty, measured) in zip(recording.parameters.wire_names, signals, strict=True):
+    for index, (duty, measured) in enumerate(signals):
+        name = recording.parameters.wire_names[index]
+        slope = (measured[window:] - measured[:-window]) / (times[window:] - times[:-window])
+        if duty.any() and np.ptp(measured) > rise and np.abs(slope).max() < steepest:
+            raise CalibrationError(
+                f"the {name} wire warms by {np.ptp(measured):.0f} °C, but nowhere faster than "
+                f"{np.abs(slope).max():.3f} °C/s; is time in milliseconds?"
+            )
         if measured.min() > ambient + HOTTEST:
             raise CalibrationError(
                 f"the {name} thermocouple reads {measured.min():.0f} at the lowest; it seems to be "
@@ -213,13 +204,35 @@ def _check_units(recording: Recording) -> None:
                 f"the {name} thermocouple rests at {level:.0f}, where ambient is {ambient:g} °C; "
                 "is it in degrees Fahrenheit?"
             )
+        if not recording.duty.any():
+            continue
+        if typical[index] < np.fmin.reduce([ambient, *np.delete(typical, index)]) - COLDER:
+            raise CalibrationError(
+                f"the {name} thermocouple reads {typical[index]:.0f} °C, far below ambient and the "
+                "others; is it connected?"
+            )
+        if (jump := np.median(np.abs(np.diff(measured)))) > JUMPS:
+            raise CalibrationError(
+                f"readings of the {name} thermocouple jump by {jump:.0f} °C from one to the next; "
+                "is it connected?"
+            )
+
+
+def _check_bend(recording: Recording) -> None:
+    """Whether the bend sensor is connected, and its angles are in degrees in their file."""
     largest = np.ptp(recording.bend_angle, axis=1).max()
-    heated = recording.duty.sum(axis=1).max() / recording.sample_rate
     warmed = np.fmax.reduce(np.ptp(recording.measured_temperature, axis=1))
-    if heated > HEATED and warmed > 20.0 and 1e-3 < largest < np.deg2rad(1.6):
+    if recording.duty.sum(axis=1).max() / recording.sample_rate <= HEATED:
+        return
+    if warmed > 20.0 and 1e-3 < largest < np.deg2rad(1.6):
         raise CalibrationError(
             f"the bend angle is at most {np.rad2deg(largest):.2f}° while a wire warms by "
             f"{warmed:.0f} °C; is it in radians? Files must have degrees."
+        )
+    if not largest > 0:
+        raise CalibrationError(
+            f"the bend angle stays at {np.rad2deg(recording.bend_angle[0, 0]):.1f}° while wires "
+            "are heated; is the bend sensor connected?"
         )
 
 
@@ -236,31 +249,6 @@ def _resting_level(
     cooling = SLOWEST_COOLING * half / sample_rate * (level - ambient)
     rests = off & (change < cooling) & (level < level.min() + RISE)
     return float(level[rests].min()) if rests.any() else np.nan
-
-
-def _check_readings(recording: Recording) -> None:
-    """Whether all sensors are connected."""
-    measured, names = recording.measured_temperature, recording.parameters.wire_names
-    typical = np.median(measured, axis=1)
-    for index, name in enumerate(names):
-        others = [recording.parameters.ambient_temperature, *np.delete(typical, index)]
-        if typical[index] < np.fmin.reduce(others) - COLDER:
-            raise CalibrationError(
-                f"the {name} thermocouple reads {typical[index]:.0f} °C, far below ambient and the "
-                "others; is it connected?"
-            )
-        jump = np.median(np.abs(np.diff(measured[index])))
-        if jump > JUMPS:
-            raise CalibrationError(
-                f"readings of the {name} thermocouple jump by {jump:.0f} °C from one to the next; "
-                "is it connected?"
-            )
-    heated = recording.duty.sum(axis=1).max() / recording.sample_rate
-    if heated > HEATED and not np.ptp(recording.bend_angle, axis=1).max() > 0:
-        raise CalibrationError(
-            f"the bend angle stays at {np.rad2deg(recording.bend_angle[0, 0]):.1f}° while wires "
-            "are heated; is the bend sensor connected?"
-        )
 
 
 def _heat(recording: Recording) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A folder of recordings, and which of them a limb can be fitted to."""
+"""A folder of recordings, and the recordings that a limb can be fitted to."""
 
 import dataclasses
 import warnings
@@ -6,16 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from calibration.errors import CalibrationError
-from calibration.recordings.checks import (
-    check_recording,
-    check_whole,
-    check_without_gaps,
-)
-from calibration.recordings.kinds import kind_of, title_of
-from calibration.recordings.pieces import in_pieces
-from calibration.remarks import Remark
-from limb_systems import LimbError, Recording
+from calibration.recordings.checks import check_recording, check_without_gaps
+from calibration.recordings.kinds import all_kinds, kind_of, title_of
+from calibration.recordings.repair import in_pieces
+from calibration.remarks import CalibrationError, Remark
+from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.progress import Progress
 
@@ -39,17 +34,38 @@ def leaving_out(what: str, why: object) -> Remark:
     return Remark("left out", f"{what} is left out: {why}")
 
 
-def usable(recordings: Mapping[str, Sequence[Recording]], *, whole: bool = False) -> Usable:
-    """Checks recordings by kind, and cuts heated ones in pieces unless they stay ``whole``.
+def usable(
+    recordings: Mapping[str, Sequence[Recording]],
+    described: LimbParameters | None = None,
+    *,
+    whole: bool = False,
+) -> Usable:
+    """Check recordings by kind, and cut heated ones in pieces unless they stay ``whole``.
 
-    Those that cannot be cut must be without gaps: unheated ones, and all if ``whole``.
+    Recordings that are not cut must be without gaps: unheated ones, and all if ``whole``.
+
+    Args:
+        described: the limb's description, whose wires recordings must be of; any wires if None.
+
+    Raises:
+        CalibrationError: if the described limb has no such kind of recording.
     """
     found = Usable({}, {}, [])
+    names, kinds = (described.wire_names, all_kinds(described)) if described else ([], recordings)
     for kind, group in recordings.items():
         for recording in group:
-            pieces = [recording] if recording.duty.any() else []
+            own, pieces = recording.parameters.wire_names, [recording] * bool(recording.duty.any())
+            if kind not in kinds and own == names:
+                raise CalibrationError(f"{kind!r} is no kind of recording: {', '.join(kinds)}.")
             try:
-                check_whole(recording)
+                if described and own != names:
+                    raise CalibrationError(
+                        f"it is of the wires {', '.join(own)}, but the limb is described with "
+                        f"{', '.join(names)}, in this order."
+                    )
+                if recording.interrupted:  # its last equilibrium is none
+                    reason = recording.interrupted.rstrip(".")
+                    raise CalibrationError(f"this was interrupted ({reason}), so record it again.")
                 check_recording(recording, kind)
                 if whole or not pieces:
                     check_without_gaps(recording)
@@ -67,7 +83,7 @@ def usable(recordings: Mapping[str, Sequence[Recording]], *, whole: bool = False
 
 
 def folder_of_limb(folder: str | Path) -> Path:
-    """The folder that has recordings: that one, or else the only one in it that has some.
+    """The folder that has recordings: the given one, or else the only one in it that has some.
 
     Raises:
         CalibrationError: if there is no such folder, or if recordings are in several in it.
@@ -90,7 +106,7 @@ def read_folder(folder: str | Path) -> tuple[dict[str, list[Recording]], list[Re
     See `folder_of_limb` and `kind_of`. Unfinished files (``right.unfinished.csv``) are ignored.
 
     Raises:
-        CalibrationError: as of `folder_of_limb`.
+        CalibrationError: as `folder_of_limb`.
     """
     recordings: dict[str, list[Recording]] = {}
     remarks: list[Remark] = []
@@ -111,10 +127,10 @@ def read_folder(folder: str | Path) -> tuple[dict[str, list[Recording]], list[Re
 def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
     """The recordings in a folder that a limb can be fitted to, by kind; see `read_folder`.
 
-    What is left out is said in warnings.
+    A warning says what is left out.
 
     Raises:
-        CalibrationError: as of `folder_of_limb`.
+        CalibrationError: as `folder_of_limb`.
     """
     recordings, remarks = read_folder(folder)
     found = usable(recordings)
@@ -124,7 +140,7 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
 
 
 def save_recordings(recordings: dict[str, list[Recording]], folder: str | Path) -> list[Path]:
-    """Writes recordings to files with their kinds in name and header; returns their paths."""
+    """Write recordings to files with their kinds in name and header; return their paths."""
     paths = []
     for kind, group in recordings.items():
         for number, recording in enumerate(group, 1):

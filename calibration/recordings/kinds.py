@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from calibration.errors import CalibrationError
+from calibration.remarks import CalibrationError
 from limb_systems import (
     BendSensor,
     ChordSensor,

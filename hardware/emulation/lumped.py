@@ -23,16 +23,16 @@ from pydrake.systems.primitives import (
 from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
 from hardware.emulation.sensors import (
     THERMOCOUPLE_PERIOD,
-    ExactBend,
     SampledSensors,
     camera,
+    exact_bend,
     limb_sensors,
-    rolled,
 )
 from hardware.emulation.specimen import SegmentPhysics, Specimen
 from hardware.emulation.wires import ShapeMemoryWires
 from hardware.firmware import guard
 from limb_systems import Layout, ThermocoupleLag
+from limb_systems.model.bend_sensor import rolled
 from limb_systems.model.ownership import weak_method
 
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
@@ -73,7 +73,7 @@ def add_physics(
     rubber = builder.AddSystem(EmulatedRubber(specimen))
     lag = builder.AddSystem(ThermocoupleLag(specimen.mechanics()))
     lag.configure_default_state(state.get("measured", np.full(num_wires, specimen.ambient)))
-    bend_angle = builder.AddSystem(ExactBend(parameters))
+    bend_angle = builder.AddSystem(exact_bend(parameters))
     split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
     one = np.eye(num_joints)
     rate = one / max(SMOOTHING_TIME, wire_period / 2)

@@ -12,23 +12,20 @@ import numpy as np
 from pydrake.geometry import ProximityProperties, RoleAssign, SceneGraph
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import MatrixGain
 
 from hardware.emulation.lumped import add_physics
 from hardware.emulation.specimen import Specimen
-from hardware.emulation.twin import SPACE_ACCURACY, SWING_TIME, LimbTwin
+from hardware.emulation.twin import SPACE_ACCURACY, SWING_TIME, LimbTwin, rest
 from limb_systems import Layout, LimbParameters, NoBoard, RobotParameters, SerialBoard
 from limb_systems.model.robot import (
     TIME_STEP,
-    DutyOfLimbs,
+    add_plant,
     body_pose_port,
     export_contact_force,
     export_limbs,
-    joint_maps,
     limb_joints,
-    make_robot,
 )
-from limb_systems.simulation import PERIOD, make_simulator
+from limb_systems.simulation import PERIOD
 
 RESTING_STEP = 5e-3  # s, at most, of a robot that has cooled and slides no more
 
@@ -199,32 +196,22 @@ class RobotTwin(Diagram):
         self.accuracy = None if self.robot.ground else SPACE_ACCURACY
 
         builder, true = DiagramBuilder(), specimen.true_robot()
-        plant = make_robot(builder, true, time_step)
+        plant, joint_state, force = add_plant(builder, true, time_step)
         if true.ground:
             _set_friction(builder.GetSubsystemByName("scene_graph"), plant, specimen)
-        duty = builder.AddSystem(DutyOfLimbs(true))
-        select, spread = joint_maps(plant, true)
-        joint_state = builder.AddSystem(MatrixGain(select))
-        force = builder.AddSystem(MatrixGain(spread))
-        plant_state, pose = plant.get_state_output_port(), body_pose_port(builder, plant, true)
-        builder.Connect(plant_state, joint_state.get_input_port())
-        builder.Connect(force.get_output_port(), plant.get_applied_generalized_force_input_port())
-        ports, applied = add_physics(
+        pose = body_pose_port(builder, plant, true)
+        ports, duty = add_physics(
             builder,
             specimen,
-            joint_state.get_output_port(),
-            force.get_input_port(),
+            joint_state,
+            force,
             bend_rate=bend_rate,
             wire_period=PERIOD,
             truth=truth,
             body_pose=pose,
-            memory={"plant": plant_state},
+            memory={"plant": plant.get_state_output_port()},
         )
-        builder.Connect(duty.get_output_port(), applied)
-        for index in range(duty.num_input_ports()):
-            port = duty.get_input_port(index)
-            builder.ExportInput(port, port.get_name())
-        export_limbs(builder, true, ports)
+        export_limbs(builder, true, ports, duty)
         if truth:
             if pose:
                 builder.ExportOutput(pose, "true_body_pose")
@@ -252,17 +239,9 @@ class RobotTwin(Diagram):
         longest = min(RESTING_STEP, max(TIME_STEP, stable))
         for duration, step in ((cooling, TIME_STEP), (pause - cooling, longest)):
             if duration > 0:
-                self._rest(duration, step)
+                robot = RobotTwin(specimen=self.specimen, bend_rate=1.0, time_step=step)
+                rest(robot, duration, step if robot.accuracy is None else None)
         return RobotTwin(specimen=self.specimen, bend_rate=bend_rate, truth=truth)
-
-    def _rest(self, duration: float, step: float) -> None:
-        robot = RobotTwin(specimen=self.specimen, bend_rate=1.0, time_step=step)
-        simulator = make_simulator(robot, robot.accuracy)
-        if robot.accuracy is None:
-            simulator.get_mutable_integrator().set_maximum_step_size(step)
-        duty = robot.GetInputPort("duty")
-        duty.FixValue(simulator.get_mutable_context(), np.zeros(duty.size()))
-        simulator.AdvanceTo(duration)
 
 
 def _set_friction(scene_graph: SceneGraph, plant: MultibodyPlant, specimen: RobotSpecimen) -> None:

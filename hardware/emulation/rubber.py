@@ -8,8 +8,7 @@ from pydrake.trajectories import Trajectory
 
 from hardware.emulation.specimen import Specimen
 from limb_systems import Layout, LimbParameters
-from limb_systems.model.chain import tip_of_angles
-from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.kinematics import rest_joint_angles, tip_of_angles
 from limb_systems.model.ownership import weak_method
 
 GRIP = 20.0  # stiffness of the hand over bending stiffness of the limb

@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from limb_systems import Layout, LimbParameters, LimbSystem
 from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
+from limb_systems.model.wire_blocks import VectorFunction
 
 # The paper's thermocouple amplifier, a MAX31855, converts within 100 ms and
 # reports steps of 0.25 °C (datasheet 19-5793); the noise of one step is ours.
@@ -162,41 +163,14 @@ class SampledSensors(LeafSystem):
         output.SetFromVector(np.concatenate(readings))
 
 
-class ExactBend(LeafSystem):
-    """What the limb's bend sensors would show without their errors: α/2, or the chord's angle.
-
-    - input 0 ``joint_state``: [θ, θ̇] (2n), rad and rad/s; only angles are used
-    - output 0 ``bend_angle``: (F), rad, from each segment's ``bend_sensor``
-    """
-
-    __slots__ = ()  # see limb_systems.model.ownership
-
-    def __init__(self, parameters: LimbParameters):
-        super().__init__()
-        layout = Layout(parameters)
-        sensors = [segment.bend_sensor for segment in parameters.segments]
-        self._parts = list(zip(sensors, layout.chains, layout.joints_of, strict=True))
-        port = self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
-        self.DeclareVectorOutputPort(
-            "bend_angle",
-            layout.num_bends,
-            weak_method(self._calc),
-            {self.input_port_ticket(port.get_index())},
-        )
-        self.set_name("exact_bend")
-
-    def _calc(self, context, output):
-        angles = self.get_input_port().Eval(context)
-        bends = [sensor.exact_bends(chain, angles[joints]) for sensor, chain, joints in self._parts]
-        output.SetFromVector(np.concatenate(bends))
-
-
-def rolled(bends: np.ndarray, roll: float) -> np.ndarray:
-    """Bends (axes,) of a segment along the axes of a sensor that is rolled about E1 by rad."""
-    if len(bends) == 1:
-        return bends
-    cosine, sine = np.cos(roll), np.sin(roll)
-    return np.array([[cosine, sine], [-sine, cosine]]) @ bends
+def exact_bend(parameters: LimbParameters) -> System:
+    """Return a system from [θ, θ̇] (2n), rad and rad/s, to what exact bend sensors show (F), rad."""
+    layout, n = Layout(parameters), parameters.num_joints
+    shown = VectorFunction(
+        lambda state: layout.recorded_bend_angle(state[:n]), [2 * n], layout.num_bends
+    )
+    shown.set_name("exact_bend")
+    return shown
 
 
 def limb_sensors(
@@ -290,7 +264,7 @@ class SensedLimb(Diagram):
         sensors = builder.AddSystem(SampledSensors(readings, Noise(np.random.default_rng(seed))))
         shown = limb.GetOutputPort("bend_angle")
         if limb.HasOutputPort("joint_state"):
-            exact = builder.AddSystem(ExactBend(limb.parameters))
+            exact = builder.AddSystem(exact_bend(limb.parameters))
             builder.Connect(limb.GetOutputPort("joint_state"), exact.get_input_port())
             shown = exact.get_output_port()
         builder.Connect(shown, sensors.GetInputPort("bend_angle"))

@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake import trajectories
@@ -190,30 +191,30 @@ class LimbTwin(Diagram):
             self.specimen.description.gravity = list(gravity)
         if payload is not None:
             self.specimen.description.payload = payload
-        if pause > 0:
-            # Without heat only the first swing is fast, so coarse steps are enough.
-            swing = min(pause, SWING_TIME)
-            self._rest(swing, LONGEST_STEP)
-            if rest := pause - swing:
-                self._rest(
-                    rest, min(self.specimen.rest_period, max(LONGEST_STEP, rest / REST_STEPS))
-                )
+        # Without heat only the first swing is fast, so coarse steps are enough.
+        swing = min(pause, SWING_TIME)
+        coarse = min(self.specimen.rest_period, max(LONGEST_STEP, (pause - swing) / REST_STEPS))
+        for duration, period in ((swing, LONGEST_STEP), (pause - swing, coarse)):
+            if duration > 0:
+                limb = LimbTwin(specimen=self.specimen, bend_rate=1.0, wire_period=period)
+                rest(limb, duration, period)
         return LimbTwin(specimen=self.specimen, hand=hand, bend_rate=bend_rate, truth=truth)
-
-    def _rest(self, duration: float, period: float) -> None:
-        """Lets the limb rest without heat, with steps of the wires of a period, both s."""
-        limb = LimbTwin(specimen=self.specimen, bend_rate=1.0, wire_period=period)
-        simulator = make_simulator(limb, limb.accuracy)
-        simulator.get_mutable_integrator().set_maximum_step_size(period)
-        duty = limb.GetInputPort("duty")
-        duty.FixValue(simulator.get_mutable_context(), np.zeros(duty.size()))
-        simulator.AdvanceTo(duration)
 
     def without_cut_out(self, context: Context) -> None:
         """Lets the heaters on in a Context, however hot: for a board that sees to it itself."""
         cut_out = self.GetSubsystemByName("heater_cut_out")
         limit = cut_out.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)
         limit.SetAtIndex(0, np.inf)
+
+
+def rest(twin: Any, duration: float, longest_step: float | None = None) -> None:
+    """Let a twin rest without heat for a duration, in steps of the simulator, both s."""
+    simulator = make_simulator(twin, twin.accuracy)
+    if longest_step:
+        simulator.get_mutable_integrator().set_maximum_step_size(longest_step)
+    duty = twin.GetInputPort("duty")
+    duty.FixValue(simulator.get_mutable_context(), np.zeros(duty.size()))
+    simulator.AdvanceTo(duration)
 
 
 def specimens_of(physics: str) -> type[Specimen]:

@@ -95,7 +95,7 @@ def fit_heat_rates(
         reading = faster * cooling
         return np.concatenate(
             [
-                heating * _read(warmth(duty, cooling, share, interval), reading, interval) - rise
+                heating * lagged(warmth(duty, cooling, share, interval), reading, interval) - rise
                 for duty, rise, interval in heatings
             ]
         )
@@ -115,9 +115,9 @@ def warmth(duty: np.ndarray, cooling: float, share: float, interval: float) -> n
     return lfilter(numerator, [1.0, -np.trace(steps), np.linalg.det(steps)], duty)
 
 
-def _read(warmth: np.ndarray, reading: float, interval: float) -> np.ndarray:
-    """What a thermocouple shows of it (K)."""
-    from scipy.signal import lfilter
+def lagged(signal: np.ndarray, rate: float, interval: float) -> np.ndarray:
+    """A signal (K,) from zero behind a lag of the first order, 1/s, by Euler's method."""
+    from scipy.signal import lfilter  # as above
 
-    share = min(1.0, interval * reading)
-    return lfilter([share], [1.0, share - 1.0], warmth)
+    share = min(1.0, interval * rate)
+    return lfilter([share], [1.0, share - 1.0], signal)

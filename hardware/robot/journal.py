@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from limb_systems import LimbSystem, Provenance
-from limb_systems.files.recording import RecordingHeader
+from limb_systems import LimbSystem, Provenance, Recording
 from limb_systems.files.samples import column_names, without_rounding
 from limb_systems.files.table_writer import TableWriter
 from limb_systems.model.ownership import weak_method
-from limb_systems.schema import dump_typed
 
 SIGNALS = ("measured_temperature", "bend_angle")
 OF_ROBOTS = ("applied_duty", "board_time", "sample_age", "body_pose")  # where the limb has them
@@ -63,8 +61,18 @@ class Journal(LeafSystem):
         """
         super().__init__()
         robot = getattr(limb, "robot", None)
-        names, described = column_names(limb.parameters, robot), None if robot else limb.parameters
-        header = RecordingHeader(limb.source, sample_rate, described, provenance, robot, kind)
+        names = column_names(limb.parameters, robot)
+        signals: Any = {name: np.empty((len(names[name]), 0)) for name in ("duty", *SIGNALS)}
+        empty = Recording(
+            source=limb.source,
+            sample_rate=sample_rate,
+            parameters=limb.parameters,
+            robot=robot,
+            provenance=provenance,
+            kind=kind,
+            time=np.empty(0),
+            **signals,
+        )
         self.signals = ["duty", *SIGNALS, *filter(limb.HasOutputPort, OF_ROBOTS)]
         self.signals += ["reference"] * has_reference
         columns = [column for signal in ("time", *self.signals) for column in names[signal]]
@@ -72,7 +80,7 @@ class Journal(LeafSystem):
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))
         self.set_name("journal")
-        self.writer = TableWriter(path, "recording", dump_typed(header), columns)
+        self.writer = TableWriter(path, Recording.KIND, empty.header(), columns)
 
     def _append(self, context):
         duty, *others = (

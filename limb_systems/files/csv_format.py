@@ -1,6 +1,6 @@
-"""The CSV format that recordings and trajectories share.
+"""The CSV format of recordings, trajectories and gaits.
 
-A file is a table between a header and an end line, comments that start with ``#``:
+A file is a table between a header and an end line, which are comments that start with ``#``:
 
     # limb recording, format 3
     # sample_rate_hz: 20.0
@@ -12,7 +12,7 @@ A file is a table between a header and an end line, comments that start with ``#
 A table that ended before its time has a line ``# interrupted: why`` before its end line.
 The end line shows truncation at any byte, and its digest any other change. Angles are in
 degrees in the file and in radians in memory. All numbers read back as the same doubles.
-A reading of a recording that is missing is an empty cell, or ``nan``.
+An empty cell, or ``nan``, is a value that is missing.
 """
 
 import decimal
@@ -20,9 +20,9 @@ import hashlib
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +38,6 @@ MAKERS = {
     "learning": "soft-limb learn writes what was learned",
 }
 _INTERRUPTED = "# interrupted: "
-_MAY_MISS = {"recording": ("measured_temperature", "bend_angle")}  # columns with readings, by kind
-ROWS_AT_ONCE = 20_000  # rows that are texts at a time
 _ROW = re.compile(r"[-+0-9.eE,naif]*")  # what `float` takes beyond these are no numbers to others
 _DECIMAL = decimal.Context(prec=40)  # degrees as doubles would not tell all radians apart
 _DEGREES = _DECIMAL.divide(
@@ -64,100 +62,95 @@ class Table(NamedTuple):
     interrupted: str
 
 
-def format_table(
-    kind: str, header: str, columns: Mapping[str, np.ndarray], interrupted: str = ""
-) -> Iterator[str]:
-    """The text of a table's file, in parts; see the module's docstring.
+class TableText:
+    """The text of a table's file, in parts that are to be written in order.
 
-    Args:
-        kind: "recording" or "trajectory".
-        header: YAML text that describes the table.
-        columns: name to values (K,). Names ending in ``_deg`` or ``_deg_s``
-            are converted from rad or rad/s.
-        interrupted: as in `Table`.
-
-    Raises:
-        FileFormatError: if a value is not finite, time is not increasing or
-            the file would be larger than is read.
+    - ``head``: all lines before the rows.
+    - ``num_rows``: number of rows so far.
     """
-    _check_values(kind, columns, lambda index: f"sample {index}")
-    num_rows, size, digest = len(columns["time_s"]), 0, hashlib.sha256()
-    rows = (
-        format_rows(
-            {name: values[start : start + ROWS_AT_ONCE] for name, values in columns.items()}
-        )
-        for start in range(0, num_rows, ROWS_AT_ONCE)
-    )
-    for part in itertools.chain([format_head(kind, header, columns)], rows):
-        size += len(part)
-        if size > LARGEST_TABLE:
+
+    def __init__(self, kind: str, header: str, names: Iterable[str]):
+        """
+        Args:
+            kind: such as "recording".
+            header: YAML text that describes the table.
+            names: names of the columns.
+        """
+        self.num_rows, self._size, self._digest = 0, 0, hashlib.sha256()
+        lines = [f"# limb {kind}, format {FORMAT_VERSION}"]
+        lines += [f"# {line}" for line in header.splitlines()]
+        self.head = self._counted("\n".join([*lines, ",".join(names)]) + "\n")
+
+    def rows(self, columns: Mapping[str, np.ndarray]) -> str:
+        """The text of further rows, of columns as `format_rows` takes them.
+
+        Raises:
+            FileFormatError: if the file would be larger than is read.
+        """
+        text = self._counted(format_rows(columns))
+        self.num_rows += text.count("\n")
+        return text
+
+    def end(self, interrupted: str = "") -> str:
+        """The lines after the rows.
+
+        Args:
+            interrupted: why the table ended before its time; empty if it did not.
+        """
+        if interrupted:
+            # One line, of which no character moves a cursor or starts another line.
+            line = "".join(c if c.isprintable() else "?" for c in " ".join(interrupted.split()))
+            interrupted = self._counted(f"{_INTERRUPTED}{line}\n", spare=len(line) + 50)
+        digest = self._digest.hexdigest()
+        return f"{interrupted}# end, {self.num_rows} rows, sha256 {digest}\n"
+
+    def _counted(self, text: str, spare: int = 0) -> str:
+        if self._size + len(text) > LARGEST_TABLE + spare:
             raise FileFormatError(
-                f"This {kind} of {num_rows} samples needs more than the {LARGEST_TABLE / 1e6:g} MB "
-                "that are read again; save a part of it, or fewer samples per second."
+                f"The table has reached the {LARGEST_TABLE / 1e6:g} MB that are read again; save a "
+                "part of it, or fewer samples per second."
             )
-        digest.update(part.encode())
-        yield part
-    yield from end_of_table(digest, num_rows, interrupted)
-
-
-def format_head(kind: str, header: str, names: Iterable[str]) -> str:
-    """All lines of a table before its rows."""
-    lines = [f"# limb {kind}, format {FORMAT_VERSION}"]
-    lines += [f"# {line}" for line in header.splitlines()]
-    return "\n".join([*lines, ",".join(names)]) + "\n"
+        self._size += len(text)
+        self._digest.update(text.encode())
+        return text
 
 
 def format_rows(columns: Mapping[str, np.ndarray]) -> str:
-    """The rows of a table."""
+    """The rows of a table.
+
+    Args:
+        columns: name to values (K,). Names ending in ``_deg`` or ``_deg_s`` are converted from
+            rad or rad/s.
+    """
     cells = [_format_cells(name, values) for name, values in columns.items()]
     return "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
 
 
-def values_in_files(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The numbers in a table's rows as other programs read them: angles in degrees."""
-    return {
-        name: np.array([float(cell or "nan") for cell in _format_cells(name, values)])
-        for name, values in columns.items()
-    }
-
-
-def end_of_table(digest: Any, num_rows: int, interrupted: str) -> list[str]:
-    """The lines after the rows of a table.
-
-    Args:
-        digest: hash object of all that is before; what is added here is added to it.
-        num_rows: number of rows.
-        interrupted: as in `Table`.
-    """
-    lines = []
-    if interrupted:
-        # One line, of which no character moves a cursor or starts another line.
-        printed = "".join(c if c.isprintable() else "?" for c in " ".join(interrupted.split()))
-        lines.append(f"{_INTERRUPTED}{printed}\n")
-        digest.update(lines[0].encode())
-    return [*lines, f"# end, {num_rows} rows, sha256 {digest.hexdigest()}\n"]
-
-
-def read_table(path: str | Path, kind: str, *, unfinished: bool = False) -> Table:
-    """Reads what `format_table` or a `TableWriter` made.
+def read_table(
+    path: str | Path, kind: str, *, unfinished: bool = False, readings: tuple[str, ...] = ()
+) -> Table:
+    """Reads the file of a table.
 
     Args:
         unfinished: whether the end line may be missing, because the program
             that wrote the table died; an incomplete last line is then left
             out, and the table is an interrupted one.
+        readings: what the names of columns begin with whose values may be missing.
 
     Raises:
         FileFormatError: one sentence that says what is wrong and where.
     """
     data = read_bytes(path, kind, LARGEST_TABLE, FileFormatError)
     try:
-        return parse_table(data, kind, unfinished=unfinished)
+        return parse_table(data, kind, unfinished=unfinished, readings=readings)
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
 
 
-def parse_table(data: bytes, kind: str, *, unfinished: bool = False) -> Table:
-    """The table in a text of `format_table`; arguments and errors as for `read_table`."""
+def parse_table(
+    data: bytes, kind: str, *, unfinished: bool = False, readings: tuple[str, ...] = ()
+) -> Table:
+    """The table in the text of a file; arguments and errors as for `read_table`."""
     try:
         text = data.decode().replace("\r\n", "\n")  # as some ways of copying text leave it
     except UnicodeDecodeError as error:
@@ -179,7 +172,7 @@ def parse_table(data: bytes, kind: str, *, unfinished: bool = False) -> Table:
     head = list(itertools.takewhile(lambda line: line.startswith("# "), lines))
     if len(head) == len(lines):
         raise FileFormatError("there is no line of column names; the file is damaged.")
-    columns = _parse_rows(kind, lines[len(head) :], len(head) + 1)
+    columns = _parse_rows(lines[len(head) :], len(head) + 1, readings)
     num_rows = len(columns["time_s"])
     if end and num_rows != int(end[1]):
         raise FileFormatError(f"there are {num_rows} rows, but the end line counts {end[1]}.")
@@ -208,7 +201,9 @@ def _check_first_line(line: str, kind: str) -> None:
         )
 
 
-def _parse_rows(kind: str, lines: list[str], first_line: int) -> dict[str, np.ndarray]:
+def _parse_rows(
+    lines: list[str], first_line: int, readings: tuple[str, ...]
+) -> dict[str, np.ndarray]:
     """Parses the line of names and the rows below it; errors name the line."""
     names = lines[0].split(",")
     if len(set(names)) != len(names) or "time_s" not in names:
@@ -216,10 +211,11 @@ def _parse_rows(kind: str, lines: list[str], first_line: int) -> dict[str, np.nd
     parsers = [_radians if _is_angle(name) else float for name in names]
     values = np.empty((len(lines) - 1, len(names)))
     for index, line in enumerate(lines[1:]):
-        cells, number = line.split(","), first_line + 1 + index
+        cells = line.split(",")
         if len(cells) != len(names):
             raise FileFormatError(
-                f"line {number} has {len(cells)} values, but there are {len(names)} columns."
+                f"line {first_line + 1 + index} has {len(cells)} values, but there are "
+                f"{len(names)} columns."
             )
         try:
             if not _ROW.fullmatch(line):
@@ -227,30 +223,14 @@ def _parse_rows(kind: str, lines: list[str], first_line: int) -> dict[str, np.nd
             values[index] = [
                 parse(cell or "nan") for parse, cell in zip(parsers, cells, strict=True)
             ]
-        except (ValueError, ArithmeticError) as error:
-            raise FileFormatError(f"line {number} contains a cell that is not a number.") from error
-    columns = dict(zip(names, values.T.copy(), strict=True))
-    _check_values(kind, columns, lambda index: f"line {first_line + 1 + index}")
-    return columns
-
-
-def _check_values(
-    kind: str, columns: Mapping[str, np.ndarray], where: Callable[[int], str]
-) -> None:
-    for name, values in columns.items():
-        good = np.isfinite(values)
-        if name.startswith(_MAY_MISS.get(kind, ())):
-            good |= np.isnan(values)
-        if not good.all():
-            index = int(np.argmin(good))
-            raise FileFormatError(f"{name} is {values[index]} at {where(index)}.")
-    steps = np.diff(columns["time_s"])
-    if (steps <= 0).any():
-        index = int(np.argmax(steps <= 0))
-        before, after = columns["time_s"][index : index + 2]
-        raise FileFormatError(
-            f"time goes from {before:g} s to {after:g} s at {where(index + 1)}; it must increase."
-        )
+        except (ValueError, ArithmeticError):
+            values[index] = np.inf
+    needed = [not name.startswith(readings) for name in names]
+    bad = (np.isinf(values) | (np.isnan(values) & needed)).any(axis=1)
+    if bad.any():
+        number = first_line + 1 + int(np.argmax(bad))
+        raise FileFormatError(f"line {number} contains a cell that is not a number.")
+    return dict(zip(names, values.T.copy(), strict=True))
 
 
 def _is_angle(name: str) -> bool:

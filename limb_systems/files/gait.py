@@ -2,18 +2,15 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
-from limb_systems.files.csv_format import Table
-from limb_systems.files.samples import Samples, without_rounding
-from limb_systems.model.kinematics import bend_angle
+from limb_systems.files.samples import Planned, apart, signal, without_rounding
 from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.provenance import Provenance
-from limb_systems.schema import load_typed
 from limb_systems.summary import Entry, Summary
 
 CONTACTS = ("stick", "slide_forward", "slide_backward", "swing")
@@ -97,24 +94,8 @@ class GaitCheck:
         return None
 
 
-@dataclasses.dataclass
-class GaitHeader:
-    """The header of a gait's file.
-
-    - ``robot``: description of the robot.
-    - ``phases``: phases of the cycle, the first at 0 s.
-    - ``check``: how the gait was found and checked.
-    - ``provenance``: what made it; None if it is not known.
-    """
-
-    robot: RobotParameters
-    phases: list[GaitPhase]
-    check: GaitCheck
-    provenance: Provenance | None = None
-
-
-@dataclasses.dataclass(eq=False, repr=False)
-class Gait(Samples):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class Gait(Planned):
     """One cycle of a robot with L limbs, F bends, n joints and W wires in all.
 
     The robot is in balance at each of the K knots. The last knot is the first one again, a
@@ -141,18 +122,18 @@ class Gait(Samples):
 
     KIND: ClassVar[str] = "gait"
 
-    time: np.ndarray
-    duty: np.ndarray
-    joint_state: np.ndarray
-    wire_temperature: np.ndarray
-    measured_temperature: np.ndarray
-    body_pose: np.ndarray
-    contact_force: np.ndarray
     robot: RobotParameters = dataclasses.field()  # without the default of `Samples`
     phases: list[GaitPhase]
     check: GaitCheck
-    other_wire_state: np.ndarray | None = None
     provenance: Provenance | None = None
+    time: np.ndarray = signal()
+    duty: np.ndarray = signal()
+    joint_state: np.ndarray = signal()
+    wire_temperature: np.ndarray = signal()
+    measured_temperature: np.ndarray = signal()
+    body_pose: np.ndarray = signal()
+    contact_force: np.ndarray = signal()
+    other_wire_state: np.ndarray | None = apart(None)
 
     def __post_init__(self):
         self.robot.validate()
@@ -197,22 +178,6 @@ class Gait(Samples):
     def passed(self) -> bool:
         """Whether it was simulated with contact, and went as planned."""
         return self.check.failure() is None
-
-    @property
-    def joint_angles(self) -> np.ndarray:
-        """θ at the knots (n, K), rad."""
-        return self.joint_state[: self.parameters.num_joints]
-
-    @property
-    def bend_angle(self) -> np.ndarray:  # type: ignore[override]
-        """φ at the knots (F, K), rad, by forward kinematics."""
-        return bend_angle(self.parameters, self.joint_angles)
-
-    @property
-    def wire_states(self) -> np.ndarray:
-        """x at the knots (N, K): T, then the other states of the wires' laws."""
-        others = [] if self.other_wire_state is None else [self.other_wire_state]
-        return np.vstack([self.wire_temperature, *others])
 
     @property
     def initial_state(self) -> np.ndarray:
@@ -269,23 +234,3 @@ class Gait(Samples):
                 Entry("check", "not checked" if self.check.is_missing else judged),
             ]
         )
-
-    @classmethod
-    def _from_table(cls, table: Table) -> "Gait":
-        header = load_typed(GaitHeader, table.header)
-        header.robot.validate()
-        signals = cls.signals_of(table.columns, header.robot.together, header.robot)
-        del signals["bend_angle"]  # it follows from the joint angles
-        return cls(
-            **signals,
-            robot=header.robot,
-            phases=header.phases,
-            check=header.check,
-            provenance=header.provenance,
-        )
-
-    def _header(self) -> GaitHeader:
-        return GaitHeader(self.robot, self.phases, self.check, self.provenance)
-
-    def _about(self) -> dict[str, Any]:
-        return {"check": dataclasses.asdict(self.check)}

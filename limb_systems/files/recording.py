@@ -3,13 +3,12 @@
 import dataclasses
 import warnings
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.files.csv_format import Table
-from limb_systems.files.samples import Samples, described
+from limb_systems.files.samples import Samples, apart, sample_rate, signal
 from limb_systems.logs.guess import limbs_in_log
 from limb_systems.logs.mapping import LogMapping
 from limb_systems.logs.reading import read_log
@@ -17,34 +16,13 @@ from limb_systems.logs.table import read_table
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.provenance import Provenance
-from limb_systems.schema import check_text, load_typed, rare
+from limb_systems.schema import check_text, rare
 from limb_systems.summary import Entry, Summary
 
 LONGEST_PERIOD, HIGHEST_RATE = 10_000.0, 1e6  # s and Hz, of samples
 
 
-@dataclasses.dataclass
-class RecordingHeader:
-    """The header of a recording's file.
-
-    - ``source``: text that names what was recorded.
-    - ``sample_rate_hz``: nominal rate of the samples, Hz.
-    - ``parameters``: parameters of the limb as they were known when it was recorded; None if
-      it was a robot.
-    - ``provenance``: what made the recording; None if it is not known.
-    - ``robot``: parameters of the robot; None if it was a limb.
-    - ``kind``: what calibration takes it for, as of `Recording`; files leave it out if empty.
-    """
-
-    source: str
-    sample_rate_hz: float
-    parameters: LimbParameters | None = None
-    provenance: Provenance | None = None
-    robot: RobotParameters | None = None
-    kind: str = rare("")
-
-
-@dataclasses.dataclass(eq=False, repr=False)
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
 class Recording(Samples):
     """Samples from a limb with F bends, n joints and W wires.
 
@@ -89,43 +67,36 @@ class Recording(Samples):
     """
 
     KIND: ClassVar[str] = "recording"
-    OPTIONAL: ClassVar[tuple[str, ...]] = (
-        "wire_temperature",
-        "joint_state",
-        "reference",
-        "applied_duty",
-        "board_time",
-        "sample_age",
-        "body_pose",
-        "contact_force",
-    )
     MEASURED: ClassVar[tuple[str, ...]] = ("measured_temperature", "bend_angle")
-
-    time: np.ndarray
-    duty: np.ndarray
-    measured_temperature: np.ndarray
-    bend_angle: np.ndarray
-    parameters: LimbParameters
     source: str
-    sample_rate: float
-    wire_temperature: np.ndarray | None = None
-    joint_state: np.ndarray | None = None
-    reference: np.ndarray | None = None
-    applied_duty: np.ndarray | None = None
-    board_time: np.ndarray | None = None
-    sample_age: np.ndarray | None = None
-    interrupted: str = ""
+    sample_rate: float = sample_rate(dataclasses.MISSING)
+    parameters: LimbParameters = None  # type: ignore[assignment]  # those of the robot
     provenance: Provenance | None = None
     robot: RobotParameters | None = None
-    body_pose: np.ndarray | None = None
-    contact_force: np.ndarray | None = None
-    kind: str = ""
-    title: str = ""
+    kind: str = rare("")
+    time: np.ndarray = signal()
+    duty: np.ndarray = signal()
+    measured_temperature: np.ndarray = signal()
+    bend_angle: np.ndarray = signal()
+    wire_temperature: np.ndarray | None = signal(None)
+    joint_state: np.ndarray | None = signal(None)
+    reference: np.ndarray | None = signal(None)
+    applied_duty: np.ndarray | None = signal(None)
+    board_time: np.ndarray | None = signal(None)
+    sample_age: np.ndarray | None = signal(None)
+    body_pose: np.ndarray | None = signal(None)
+    contact_force: np.ndarray | None = signal(None)
+    interrupted: str = apart("")
+    title: str = apart("")
 
     def __post_init__(self):
         check_text(self.source, "source")
         check_text(self.kind, "kind")
         check_text(self.interrupted, "interrupted")
+        if self.parameters is None:
+            if self.robot is None:
+                raise LimbError("parameters is missing.")
+            self.parameters = self.robot.together
         self._check()
         if not 1 / LONGEST_PERIOD <= self.sample_rate <= HIGHEST_RATE:
             raise LimbError(
@@ -241,33 +212,3 @@ class Recording(Samples):
         if said := [*said, *remarks]:
             warnings.warn(f"{path}: {' '.join(said)}", stacklevel=2)
         return cls(**max(parts, key=lambda part: part["time"][-1]))
-
-    @classmethod
-    def _from_table(cls, table: Table) -> "Recording":
-        header = load_typed(RecordingHeader, table.header)
-        parameters = described(header.parameters, header.robot)
-        return cls(
-            **cls.signals_of(table.columns, parameters, header.robot),
-            parameters=parameters,
-            robot=header.robot,
-            source=header.source,
-            sample_rate=header.sample_rate_hz,
-            interrupted=table.interrupted,
-            provenance=header.provenance,
-            kind=header.kind,
-            title="",
-        )
-
-    def _header(self) -> RecordingHeader:
-        parameters = None if self.robot else self.parameters
-        return RecordingHeader(
-            self.source,
-            float(self.sample_rate),
-            parameters,
-            self.provenance,
-            self.robot,
-            self.kind,
-        )
-
-    def _about(self) -> dict[str, Any]:
-        return {"source": self.source, "interrupted": self.interrupted}

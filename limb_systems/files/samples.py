@@ -4,24 +4,23 @@ A signal is an array (size, K), a column for each of K samples, as Drake logs
 them; times are (K,). Recordings and trajectories are made of these.
 """
 
+import copy
 import dataclasses
-import importlib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from limb_systems.errors import LimbError
 from limb_systems.files.csv_format import (
-    ROWS_AT_ONCE,
     FileFormatError,
     Table,
-    format_table,
+    TableText,
     parse_table,
     read_table,
-    values_in_files,
 )
+from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.robot_parameters import RobotParameters
@@ -29,26 +28,11 @@ from limb_systems.model.wires import Wires
 from limb_systems.output import write_atomically
 from limb_systems.progress import Progress
 from limb_systems.provenance import Provenance
-from limb_systems.schema import dump_typed
+from limb_systems.schema import dump_typed, load_fields
 from limb_systems.summary import Entry, Summarized
 
-if TYPE_CHECKING:  # not all who record have it
-    import pandas
-
+ROWS_AT_ONCE = 20_000  # rows that are texts at a time
 TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
-_UNITS = {  # in files
-    "time": "s",
-    "duty": "1",
-    "applied_duty": "1",
-    "board_time": "s",
-    "sample_age": "s",
-    "measured_temperature": "°C",
-    "bend_angle": "°",
-    "reference": "°",
-    "wire_temperature": "°C",
-    "joint_state": "°",
-    "contact_force": "N",
-}
 RANGES = {  # a value outside these is a mistake, of units or of a sensor
     "duty": (0.0, 1.0, ""),
     "applied_duty": (0.0, 1.0, ""),
@@ -103,12 +87,35 @@ def _columns_of_body(robot: RobotParameters) -> dict[str, list[str]]:
     return {name: group for name, group in columns.items() if there[name]}
 
 
+def signal(default: Any = dataclasses.MISSING) -> Any:
+    """A field of `Samples` that is a signal, which has columns in files.
+
+    Args:
+        default: None if the signal may be None.
+    """
+    return dataclasses.field(default=default, metadata={"in_files": False, "signal": True})
+
+
+def apart(default: Any) -> Any:
+    """A field of `Samples` that is neither a signal nor in the header of files."""
+    return dataclasses.field(default=default, metadata={"in_files": False})
+
+
+def sample_rate(default: Any) -> Any:
+    """The field of the samples' nominal rate, Hz."""
+    metadata = {"in_files": "sample_rate_hz", "unit": "Hz", "range": (1e-6, 1e6)}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
 class Samples(Summarized):
-    """The base of `Recording` and `Trajectory`: a dataclass of signals with a file of their own."""
+    """The base of `Recording`, `Trajectory` and `Gait`: a dataclass of signals and of a header.
+
+    The signals are the columns of a file. All other fields but those `apart` are its header.
+    """
 
     KIND: ClassVar[str]  # in the first line of the file
-    OPTIONAL: ClassVar[tuple[str, ...]] = ()  # signals that may be None
     MEASURED: ClassVar[tuple[str, ...]] = ()  # signals that may leave their range, or be missing
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field]]
 
     time: np.ndarray
     bend_angle: np.ndarray
@@ -118,11 +125,17 @@ class Samples(Summarized):
     interrupted = ""
 
     @classmethod
+    def optional(cls) -> list[str]:
+        """Names of the signals that may be None."""
+        fields = dataclasses.fields(cls)
+        return [f.name for f in fields if f.metadata.get("signal") and f.default is None]
+
+    @classmethod
     def columns_of(
         cls, parameters: LimbParameters, robot: RobotParameters | None = None
     ) -> dict[str, list[str]]:
         """`column_names` of the signals that these samples have."""
-        signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}  # type: ignore[arg-type]
+        signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}
         names = column_names(parameters, robot)
         return {name: group for name, group in names.items() if name in signals}
 
@@ -158,7 +171,7 @@ class Samples(Summarized):
             if not missing:
                 signal = np.array([columns[column] for column in group])
                 signals[name] = signal[0] if name in TIMES else signal
-            elif name not in cls.OPTIONAL or len(missing) < len(group):
+            elif name not in cls.optional() or len(missing) < len(group):
                 raise FileFormatError(f"the column {missing[0]} is missing.")
         return signals
 
@@ -173,7 +186,7 @@ class Samples(Summarized):
         Raises:
             FileFormatError: one sentence that says what is wrong and where.
         """
-        table = read_table(path, cls.KIND, unfinished=unfinished)
+        table = read_table(path, cls.KIND, unfinished=unfinished, readings=cls.MEASURED)
         try:
             return cls._from_table(table)
         except LimbError as error:
@@ -182,7 +195,7 @@ class Samples(Summarized):
     @classmethod
     def from_text(cls, text: str) -> Self:
         """Reads the text of a file; errors as of `load`."""
-        return cls._from_table(parse_table(text.encode(), cls.KIND))
+        return cls._from_table(parse_table(text.encode(), cls.KIND, readings=cls.MEASURED))
 
     def to_text(self) -> str:
         """The text of the file; errors as for `save`."""
@@ -207,44 +220,36 @@ class Samples(Summarized):
 
     def _text(self) -> Iterator[str]:
         """The text of the file, in parts."""
-        header = dump_typed(self._header())
-        yield from format_table(self.KIND, header, self.columns(), self.interrupted)
+        self._check()  # whatever was changed since the signals were given
+        columns = self.columns()
+        text = TableText(self.KIND, self.header(), columns)
+        yield text.head
+        for start in range(0, len(self.time), ROWS_AT_ONCE):
+            part = slice(start, start + ROWS_AT_ONCE)
+            yield text.rows({name: values[part] for name, values in columns.items()})
+        yield text.end(self.interrupted)
 
-    def to_pandas(self) -> "pandas.DataFrame":
-        """A table as in the file: a row per sample, indexed by time in s, angles in degrees.
-
-        Its ``attrs`` have the kind, the unit of each column, the provenance, and the
-        source of a recording or the check of a trajectory.
-
-        Raises:
-            LimbError: if pandas is not installed.
-        """
-        columns = values_in_files(self.columns())
-        frame = import_extra("pandas").DataFrame(columns).set_index("time_s")
-        frame.attrs = {
-            "kind": self.KIND,
-            "units": {
-                name: "°/s" if name.startswith("joint_rate") else _UNITS.get(signal, "")
-                for signal, names in self.columns_of(self.parameters, self.robot).items()
-                for name in names
-                if name in columns
-            },
-            "provenance": self.provenance and dataclasses.asdict(self.provenance),
-            **self._about(),
-        }
-        return frame
-
-    def _header(self) -> Any:
-        """The dataclass that is the header of the file."""
-        raise NotImplementedError
+    def header(self) -> str:
+        """The YAML text of all that is neither a signal nor `apart`."""
+        about = copy.copy(self)
+        if self.robot:
+            about.parameters = None  # type: ignore[assignment]  # they are those of the robot
+        return dump_typed(about)
 
     @classmethod
     def _from_table(cls, table: Table) -> Self:
-        raise NotImplementedError
-
-    def _about(self) -> dict[str, Any]:
-        """Further ``attrs`` of the table of pandas."""
-        raise NotImplementedError
+        header = load_fields(cls, table.header)
+        robot = header.get("robot")
+        described = robot or header.get("parameters")
+        if described is None:
+            raise FileFormatError("parameters is missing.")
+        described.validate()
+        parameters = robot.together if robot else described
+        found = cls.signals_of(table.columns, parameters, robot) | {
+            "interrupted": table.interrupted
+        }
+        names = {field.name for field in dataclasses.fields(cls)}  # bends may follow from joints
+        return cls(**header, **{name: value for name, value in found.items() if name in names})
 
     def _check(self) -> None:
         """Turns the signals into arrays and checks them.
@@ -254,27 +259,32 @@ class Samples(Summarized):
                 not increase, duty leaves [0, 1] or an angle leaves [-π, π].
         """
         self.parameters.validate()
-        self.time = np.asarray(self.time, float)
+        self.time = time = np.asarray(self.time, float)
+        if time.ndim != 1 or not np.isfinite(time).all():
+            raise LimbError("time must be a list of finite numbers.")
+        if (steps := np.diff(time) <= 0).any():
+            before, after = time[(index := int(np.argmax(steps))) : index + 2]
+            raise LimbError(f"time goes from {before:g} s to {after:g} s; it must increase.")
         names = column_names(self.parameters, self.robot)
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+        for field in dataclasses.fields(self):
             name, value = field.name, getattr(self, field.name)
-            if name == "time" or name not in names or (value is None and name in self.OPTIONAL):
+            if name == "time" or name not in names or (value is None and name in self.optional()):
                 continue
-            columns, value = names[name], np.asarray(value, float)
+            value = np.asarray(value, float)
             setattr(self, name, value)
-            shape = (len(columns), len(self.time))[name in TIMES :]
+            shape = (len(names[name]), len(time))[name in TIMES :]
             if value.shape != shape:
                 raise LimbError(
                     f"{name} has the shape {value.shape}, but this limb and the "
-                    f"{len(self.time)} samples of time need {shape}."
+                    f"{len(time)} samples of time need {shape}."
                 )
             measured = name in self.MEASURED
-            if (np.isinf(value) if measured else ~np.isfinite(value)).any():
-                raise LimbError(f"{name} holds values that are not finite.")
+            bad = np.isinf(value) if measured else ~np.isfinite(value)
+            if bad.any():
+                at = time[np.argmax(np.atleast_2d(bad).any(axis=0))]
+                raise LimbError(f"{name} holds a value that is not finite at {at:g} s.")
             if not measured and (sentence := self._first_outside([name])):
                 raise LimbError(sentence)
-        if not np.isfinite(self.time).all() or (np.diff(self.time) <= 0).any():
-            raise LimbError("time must be finite and increasing.")
 
     def _outside(self, names: Collection[str]) -> np.ndarray:
         """Whether some signals leave their ranges, at each sample (K,)."""
@@ -303,37 +313,36 @@ class Samples(Summarized):
         return Entry("motion", [low, high], "°", f"bend {low:.0f}° to {high:.0f}°")
 
 
-def described(parameters: LimbParameters | None, robot: RobotParameters | None) -> LimbParameters:
-    """The parameters that a header has, valid: those of a limb, or of a robot's limbs together.
+class Planned(Samples):
+    """The base of what is planned, whose joints are known and whose bends follow from them."""
 
-    Raises:
-        LimbError: if it has neither, or they are out of their range.
-    """
-    if robot:
-        robot.validate()
-        return robot.together
-    if not parameters:
-        raise FileFormatError("parameters is missing.")
-    parameters.validate()
-    return parameters
+    joint_state: np.ndarray
+    wire_temperature: np.ndarray
+    other_wire_state: np.ndarray | None
+
+    @property
+    def joint_angles(self) -> np.ndarray:
+        """θ at the knots (n, K), rad."""
+        return self.joint_state[: self.parameters.num_joints]
+
+    @property
+    def joint_rates(self) -> np.ndarray:
+        """θ̇ at the knots (n, K), rad/s."""
+        return self.joint_state[self.parameters.num_joints :]
+
+    @property
+    def bend_angle(self) -> np.ndarray:  # type: ignore[override]
+        """φ* at the knots (F, K), rad, by forward kinematics."""
+        return bend_angle(self.parameters, self.joint_angles)
+
+    @property
+    def wire_states(self) -> np.ndarray:
+        """x at the knots (N, K): T, then the other states of the wires' laws."""
+        others = [] if self.other_wire_state is None else [self.other_wire_state]
+        return np.vstack([self.wire_temperature, *others])
 
 
 def without_rounding(duty: np.ndarray) -> np.ndarray:
     """Duty within rounding of [0, 1] brought into it; more is a mistake, and left to be named."""
     clipped = np.clip(duty, 0.0, 1.0)
     return clipped if np.abs(clipped - duty).max() < 1e-9 else duty
-
-
-def import_extra(module: str) -> Any:
-    """A module of the extra ``data``.
-
-    Raises:
-        LimbError: if its package is not installed.
-    """
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        package = module.partition(".")[0]
-        raise LimbError(
-            f"{package} is not installed; pip install 'soft-limb[data]' installs it."
-        ) from error

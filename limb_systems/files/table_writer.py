@@ -1,7 +1,6 @@
 """Tables that are written while they are recorded."""
 
 import contextlib
-import hashlib
 import os
 import queue
 import tempfile
@@ -13,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from limb_systems.files.csv_format import end_of_table, format_head, format_rows
-from limb_systems.input import LARGEST_TABLE
+from limb_systems.files.csv_format import FileFormatError, TableText
 from limb_systems.output import OutputError
 
 MOST_WAITING = 1000  # rows: 50 s of a robot's samples
@@ -48,8 +46,7 @@ class TableWriter:
     power loss costs the rows since then. A file that was removed meanwhile, or whose folder
     was, is written again, in the folder for temporary files if need be.
 
-    - ``path``: path of the unfinished file.
-    - ``num_rows``: number of rows that were appended.
+    ``path`` is the path of the unfinished file.
     """
 
     def __init__(self, path: str | Path, kind: str, header: str, names: Sequence[str]):
@@ -57,15 +54,14 @@ class TableWriter:
         Args:
             path: path of the finished file; one that is there is replaced by
                 `finish`, not before.
-            kind, header: as for `csv_format.format_table`.
-            names: names of the columns.
+            kind, header, names: as for `TableText`.
 
         Raises:
             OutputError: if no file can be made there.
         """
         self._target = Path(path)
         self._names = list(names)
-        self._digest, self._size, self.num_rows = hashlib.sha256(), 0, 0
+        self._text = TableText(kind, header, names)
         self._rows: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._failure: OSError | None = None
         self._rename = self._ended = False
@@ -74,10 +70,15 @@ class TableWriter:
             self.path, self._file = self._open(self._target.parent)
         except OSError as error:
             raise OutputError(f"Cannot write {path}: {error}.") from error
-        self._hand_over(format_head(kind, header, self._names))
+        self._rows.put(self._text.head)
         # A daemon, because a program must end even if the disk never answers.
         self._thread = threading.Thread(target=self._write, name="journal", daemon=True)
         self._thread.start()
+
+    @property
+    def num_rows(self) -> int:
+        """Number of rows that were appended."""
+        return self._text.num_rows
 
     def append(self, values: Sequence[float]) -> None:
         """Adds a row of values, angles in rad.
@@ -86,19 +87,17 @@ class TableWriter:
             OutputError: if the disk is full, broken or stalled, or the file as
                 large as can be read.
         """
-        row = format_rows({n: np.array([v]) for n, v in zip(self._names, values, strict=True)})
         if self._failure:
             raise OutputError(f"Cannot write {self._target}: {self._failure}.")
         if self._rows.qsize() >= MOST_WAITING:
             raise OutputError(
                 f"The disk is stalled: {MOST_WAITING} rows wait to be written to {self.path}."
             )
-        if self._size + len(row) > LARGEST_TABLE:
-            raise OutputError(
-                f"{self.path} has reached the {LARGEST_TABLE / 1e6:g} MB that can be read again."
-            )
-        self._hand_over(row)
-        self.num_rows += 1
+        row = {n: np.array([v]) for n, v in zip(self._names, values, strict=True)}
+        try:
+            self._rows.put(self._text.rows(row))
+        except FileFormatError as error:
+            raise OutputError(f"{self.path}: {error}") from error
 
     def finish(self, interrupted: str = "") -> None:
         """Writes the end and gives the file its name; after that, nothing.
@@ -139,8 +138,7 @@ class TableWriter:
         if self._ended:
             return None
         self._ended, self._rename = True, rename
-        for line in end_of_table(self._digest, self.num_rows, interrupted):
-            self._rows.put(line)
+        self._rows.put(self._text.end(interrupted))
         self._rows.put(None)
         self._thread.join(PATIENCE)
         if self._failure:
@@ -149,11 +147,6 @@ class TableWriter:
             missing = min(self.num_rows, max(1, self._rows.qsize() - 2))
             return f"The disk is stalled: the last {missing} rows of {self.path} are not on it."
         return None
-
-    def _hand_over(self, text: str) -> None:
-        self._digest.update(text.encode())
-        self._size += len(text)
-        self._rows.put(text)
 
     def _write(self) -> None:
         """What the thread does; without Python's buffers, which a stalled thread would lock."""

@@ -3,20 +3,18 @@
 import dataclasses
 import math
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
-from limb_systems.files.csv_format import Table
-from limb_systems.files.samples import Samples
+from limb_systems.files.samples import Planned, apart, sample_rate, signal
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.provenance import Provenance
-from limb_systems.schema import load_typed, quantity
 from limb_systems.summary import Entry, Summary
 
 DEFECT_TOLERANCE = 1e-6
@@ -95,24 +93,8 @@ class PlanCheck:
         return None
 
 
-@dataclasses.dataclass(kw_only=True)
-class TrajectoryHeader:
-    """The header of a trajectory's file.
-
-    - ``sample_rate_hz``: rate of the knots, Hz.
-    - ``check``: how the plan was found and checked.
-    - ``parameters``: parameters of the limb that it was planned for.
-    - ``provenance``: what made the plan; None if it is not known.
-    """
-
-    sample_rate_hz: float = quantity(dataclasses.MISSING, "Hz", 1e-6, 1e6)
-    check: PlanCheck
-    parameters: LimbParameters
-    provenance: Provenance | None = None
-
-
-@dataclasses.dataclass(eq=False, repr=False)
-class Trajectory(Samples):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class Trajectory(Planned):
     """A feasible motion of a limb with F bends, n joints and W wires.
 
     Between the K knots duty is linear and joint angles are cubic, as in
@@ -128,6 +110,7 @@ class Trajectory(Samples):
     - ``other_wire_state``: the states of the wires' laws other than T
       (N - W, K), in the order of `Wires`; None if there are no others.
     - ``provenance``: what made it; None if it is not known.
+    - ``sample_rate``: mean rate of the knots, Hz, which follows from ``time``.
 
     Raises:
         LimbError: at construction, if shapes disagree, values are not finite,
@@ -136,21 +119,23 @@ class Trajectory(Samples):
 
     KIND: ClassVar[str] = "trajectory"
 
-    time: np.ndarray
-    reference: np.ndarray
-    duty: np.ndarray
-    joint_state: np.ndarray
-    wire_temperature: np.ndarray
-    measured_temperature: np.ndarray
-    parameters: LimbParameters
+    sample_rate: float = sample_rate(math.nan)
     check: PlanCheck
-    other_wire_state: np.ndarray | None = None
+    parameters: LimbParameters
     provenance: Provenance | None = None
+    time: np.ndarray = signal()
+    reference: np.ndarray = signal()
+    duty: np.ndarray = signal()
+    joint_state: np.ndarray = signal()
+    wire_temperature: np.ndarray = signal()
+    measured_temperature: np.ndarray = signal()
+    other_wire_state: np.ndarray | None = apart(None)
 
     def __post_init__(self):
         self._check()
         if len(self.time) < 2:
             raise LimbError("a trajectory needs at least two knots.")
+        self.sample_rate = (len(self.time) - 1) / self.duration
 
     def summary(self) -> Summary:
         """Duration, knots, range of the bend angle, and whether it passed its check."""
@@ -170,27 +155,9 @@ class Trajectory(Samples):
         return float(self.time[-1] - self.time[0])
 
     @property
-    def joint_angles(self) -> np.ndarray:
-        """θ at the knots (n, K), rad."""
-        return self.joint_state[: self.parameters.num_joints]
-
-    @property
-    def joint_rates(self) -> np.ndarray:
-        """θ̇ at the knots (n, K), rad/s."""
-        return self.joint_state[self.parameters.num_joints :]
-
-    @property
-    def bend_angle(self) -> np.ndarray:  # type: ignore[override]
-        """φ* at the knots (F, K), rad, by forward kinematics."""
-        return bend_angle(self.parameters, self.joint_angles)
-
-    @property
     def state(self) -> np.ndarray:
         """[θ, θ̇, x, V] at the knots, a column for each: states of `Limb`."""
-        others = [] if self.other_wire_state is None else [self.other_wire_state]
-        return np.vstack(
-            [self.joint_state, self.wire_temperature, *others, self.measured_temperature]
-        )
+        return np.vstack([self.joint_state, self.wire_states, self.measured_temperature])
 
     def since_start(self) -> "Trajectory":
         """This plan with time zero at its start, as in recordings of its replay."""
@@ -233,19 +200,6 @@ class Trajectory(Samples):
         joints = PiecewisePolynomial.CubicHermite(self.time, self.joint_angles, self.joint_rates)
         return bend_angle(self.parameters, joints.vector_values(np.asarray(times, float)))
 
-    @classmethod
-    def _from_table(cls, table: Table) -> "Trajectory":
-        header = load_typed(TrajectoryHeader, table.header)
-        header.parameters.validate()
-        signals = cls.signals_of(table.columns, header.parameters)
-        del signals["bend_angle"]  # it follows from the joint angles
-        return cls(
-            **signals,
-            parameters=header.parameters,
-            check=header.check,
-            provenance=header.provenance,
-        )
-
     def is_same_plan(self, other: "Trajectory") -> bool:
         """Whether another trajectory has the same file, but for what made it."""
         texts = [
@@ -260,15 +214,3 @@ class Trajectory(Samples):
         if not self.check.is_missing and (failure := self.check.failure()):
             raise LimbError(f"This plan failed its check and is not saved: {failure}")
         yield from super()._text()
-
-    def _header(self) -> TrajectoryHeader:
-        sample_rate = (len(self.time) - 1) / self.duration
-        return TrajectoryHeader(
-            sample_rate_hz=sample_rate,
-            check=self.check,
-            parameters=self.parameters,
-            provenance=self.provenance,
-        )
-
-    def _about(self) -> dict[str, Any]:
-        return {"check": dataclasses.asdict(self.check)}

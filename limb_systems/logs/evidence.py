@@ -82,11 +82,6 @@ def bending(heats: np.ndarray, bend: np.ndarray) -> np.ndarray:
     return slopes
 
 
-def side_of(slopes: np.ndarray, directions: np.ndarray) -> float:
-    """Sign of a bend that grows where wires of a direction +1 are heated; 0 if no heat shows it."""
-    return float(np.sign(np.dot(slopes, directions)))
-
-
 def following(times: np.ndarray, heats: np.ndarray, bend: np.ndarray) -> float:
     """How well the changes of a bend within some seconds follow those of the heat, 0 to 1."""
     late = np.searchsorted(times, times + SOON)

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 
-from limb_systems.logs.evidence import bending, heat_of, pairing, side_of
+from limb_systems.logs.evidence import bending, heat_of, pairing
 from limb_systems.logs.mapping import (
     BEND_ANGLE,
     CHORD,
@@ -55,16 +55,6 @@ def known_format(table: LogTable) -> list[LimbInLog]:
     return []
 
 
-def _of(
-    table: LogTable, time: TimeColumn, wires: list[WireColumns], bend: BendColumns
-) -> LogMapping:
-    """A mapping of these columns, in the table's form."""
-    return LogMapping(
-        time, wires, bend, delimiter=table.delimiter, decimal=table.decimal,
-        names_line=table.names_line,
-    )  # fmt: skip
-
-
 def _sma(table: LogTable, limbs: list[int]) -> list[LimbInLog]:
     """The logger of limbs with two shape-memory-alloy wires each."""
     time = TimeColumn("Test time", "s")
@@ -95,7 +85,7 @@ def _sma(table: LogTable, limbs: list[int]) -> list[LimbInLog]:
             for name, i in zip(SIDES, own, strict=True)
         ]
         bend, note = _bend_of_limb(table, limb, limbs)
-        mapping = _of(table, time, named, bend)
+        mapping = LogMapping.of(table, time, named, bend)
         mapping, sign = turned(mapping, table, kept, heats[own])
         lines = [f"limb {limb} of a logger of limbs with shape-memory alloy", *notes, note, sign]
         lines += [
@@ -117,12 +107,19 @@ def turned(
     Args:
         heats: heat of the mapping's wires (W, K), as `heat_of` gives it.
     """
-    directions = np.array([1.0 if wire.name == "right" else -1.0 for wire in mapping.wires])
-    sign = side_of(bending(heats, bend_of(table, mapping)[kept]), directions)
+    sign = sign_by_heat(mapping.wires, heats, bend_of(table, mapping)[kept])
     if not sign:
         return mapping, "no heat shows which way the limb bends: check the sign of bend.scale"
     mapping.bend.scale *= sign
     return mapping, f"the sign of the bend: the right wire bends to {'+' if sign > 0 else '-'}"
+
+
+def sign_by_heat(wires: list[WireColumns], heats: np.ndarray, bend: np.ndarray) -> float:
+    """Sign of a bend (K,) that grows where the right wire is heated; 0 if no heat shows it."""
+    if not len(heats):
+        return 0.0
+    directions = [1.0 if wire.name == "right" else -1.0 for wire in wires]
+    return float(np.sign(np.dot(bending(heats, bend), directions)))
 
 
 def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendColumns, str]:
@@ -181,7 +178,7 @@ def _pneumatic(table: LogTable) -> list[LimbInLog]:
     for angle in angles:
         wires = [WireColumns(name, "") for name in SIDES]
         bend = BendColumns(angle, measures=BEND_ANGLE)
-        mapping = _of(table, TimeColumn(TIMESTAMP, "ms", DAY), wires, bend)
+        mapping = LogMapping.of(table, TimeColumn(TIMESTAMP, "ms", DAY), wires, bend)
         lines = [
             f"limb {angle[-1]} of a logger of pneumatic limbs: nothing in it heats a wire, so that "
             "calibration cannot use it",

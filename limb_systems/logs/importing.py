@@ -39,7 +39,7 @@ class ImportedLog:
     @property
     def asks(self) -> bool:
         """Whether the mapping lacks something that the log does not tell."""
-        return bool(self.limb.mapping.open or self.limb.mapping.open_units)
+        return bool(self.limb.mapping.question)
 
     @property
     def stem(self) -> str:
@@ -141,6 +141,6 @@ def _joined(limb: LimbInLog, other: LimbInLog | None) -> LimbInLog:
     notes = limb.notes
     if mapping != limb.mapping:
         notes = [*notes, "what no heat shows here is as in another log of the same columns"]
-        if not (mapping.open or mapping.open_units):
+        if not mapping.question:
             notes = [note for note in notes if not note.startswith(ASKS)]
     return LimbInLog(limb.name, mapping, notes, agreement)

@@ -3,10 +3,11 @@
 import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from limb_systems.errors import LimbError
 from limb_systems.input import read_text
-from limb_systems.logs.table import DELIMITERS, LogError
+from limb_systems.logs.table import DELIMITERS, LogError, LogTable
 from limb_systems.output import write_atomically
 from limb_systems.schema import Strict, dump_typed, load_typed, quantity
 
@@ -130,41 +131,64 @@ class LogMapping(Strict):
     def _check_columns(self) -> None:
         """Raises LogError if a column stands for two signals."""
         taken: dict[str, tuple[str, float]] = {}
-        signals = [("time", self.time.column, 0.0), ("the bend", self.bend.column, 0.0)]
-        for wire in self.wires:
-            signals.append((f"duty of the {wire.name} wire", wire.duty, wire.sign))
-            signals.append((f"temperature of the {wire.name} wire", wire.temperature, 0.0))
-        for signal, column, sign in signals:
-            if column in ("", OPEN):
-                continue
+        for signal, column, sign, _ in self._signals():
             other, sign_of_other = taken.setdefault(column, (signal, sign))
             # A signed column heats one wire by its positive numbers, another by its negative ones.
-            if other != signal and not sign * sign_of_other < 0:
+            if column != OPEN and other != signal and not sign * sign_of_other < 0:
                 raise LogError(
                     f"the column {column!r} is given for {other} and for {signal}; give "
                     "each its own."
                 )
 
+    def _signals(self) -> list[tuple[str, str, float, bool]]:
+        """Each signal with a column, the column, a duty's sign, and whether its unit is known."""
+        found = [
+            ("time", self.time.column, 0.0, self.time.unit != OPEN),
+            ("the bend", self.bend.column, 0.0, bool(self.bend.scale)),
+        ]
+        for wire in self.wires:
+            reading = f"temperature of the {wire.name} wire"
+            found.append((f"duty of the {wire.name} wire", wire.duty, wire.sign, bool(self.full)))
+            found.append((reading, wire.temperature, 0.0, wire.unit != OPEN))
+        return [signal for signal in found if signal[1]]
+
+    @classmethod
+    def of(
+        cls,
+        table: LogTable,
+        time: TimeColumn,
+        wires: list[WireColumns],
+        bend: BendColumns,
+        **more: Any,
+    ) -> "LogMapping":
+        """A mapping of these columns, in the table's form."""
+        form = ("delimiter", "decimal", "names_line")
+        more |= {name: getattr(table, name) for name in form}
+        return cls(time, wires, bend, **more)
+
     @property
     def columns(self) -> set[str]:
         """The columns that it names."""
-        named = {self.time.column, self.bend.column, *self.bend.line, *self.bend.base_line}
-        return named.union(*({wire.duty, wire.temperature} for wire in self.wires))
+        return {column for _, column, *_ in self._signals()} | {
+            *self.bend.line,
+            *self.bend.base_line,
+        }
 
     @property
-    def open(self) -> list[str]:
-        """What no column is given for."""
-        columns = {"time": self.time.column, "the bend": self.bend.column}
-        columns |= {f"duty of the {wire.name} wire": wire.duty for wire in self.wires}
-        return [what for what, column in columns.items() if column == OPEN]
-
-    @property
-    def open_units(self) -> list[str]:
-        """The columns of which no unit is given."""
-        columns = {self.time.column: self.time.unit == OPEN, self.bend.column: not self.bend.scale}
-        for wire in self.wires:
-            columns |= {wire.temperature: wire.unit == OPEN, wire.duty: not self.full}
-        return [column for column, asked in columns.items() if asked and column not in ("", OPEN)]
+    def question(self) -> str:
+        """What it has to say before its log can be read, in a sentence; empty if nothing."""
+        signals = self._signals()
+        if unknown := [signal for signal, column, *_ in signals if column == OPEN]:
+            return f"no column is known for {', '.join(unknown)}; give it in the mapping."
+        units = list(dict.fromkeys(column for _, column, _, known in signals if not known))
+        if units == [self.bend.column]:
+            return (
+                f"what a unit of {self.bend.column!r} is cannot be known: give the degrees that it "
+                "is as bend.scale in the mapping, negative if the limb bends towards the right "
+                "wire when the numbers decrease, and the number of the straight limb as bend.zero."
+            )
+        asked = f"the unit of {', '.join(units)} cannot be known; give it in the mapping."
+        return asked if units else ""
 
     def save(self, path: str | Path, remarks: Iterable[str] = ()) -> None:
         """Writes YAML, with remarks above it as comments."""

@@ -60,7 +60,7 @@ def read_log(
     Raises:
         LogError: if the log is not as the mapping says.
     """
-    if question := _question(mapping):
+    if question := mapping.question:
         raise LogError(f"{path}: {question}")
     table = table or read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
     try:
@@ -69,20 +69,6 @@ def read_log(
         return _parts(table, mapping, described(mapping, parameters), Path(path).name)
     except LogError as error:
         raise LogError(f"{path}: {error}") from error
-
-
-def _question(mapping: LogMapping) -> str:
-    """What a mapping has to say before its log can be read, in a sentence; empty if nothing."""
-    if mapping.open:
-        return f"no column is known for {', '.join(mapping.open)}; give it in the mapping."
-    if mapping.open_units == [mapping.bend.column]:
-        return (
-            f"what a unit of {mapping.bend.column!r} is cannot be known: give the degrees that it "
-            "is as bend.scale in the mapping, negative if the limb bends towards the right wire "
-            "when the numbers decrease, and the number of the straight limb as bend.zero."
-        )
-    units = ", ".join(mapping.open_units)
-    return f"the unit of {units} cannot be known; give it in the mapping." if units else ""
 
 
 def described(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:

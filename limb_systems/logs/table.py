@@ -17,7 +17,7 @@ import numpy as np
 
 from limb_systems.errors import LimbError
 from limb_systems.input import LARGEST_TABLE, read_bytes
-from limb_systems.logs.quantities import is_unit, unit_quantity
+from limb_systems.logs.columns import is_unit, unit_quantity
 from limb_systems.progress import Progress
 
 # As mappings call them; the last one stands for any white space.

@@ -35,7 +35,9 @@ def chord_angle(joint_angles: ArrayLike) -> np.ndarray:
 
 
 def rolled(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
-    """Bends (2, ...) towards E2 and E3 as bends towards axes that are turned about E1, rad."""
+    """Bends (axes, ...) towards E2 and E3 as bends towards axes that are turned about E1, rad."""
+    if len(bends) == 1:
+        return bends
     cosine, sine = np.cos(roll), np.sin(roll)
     return np.array([cosine * bends[0] + sine * bends[1], cosine * bends[1] - sine * bends[0]])
 
@@ -104,8 +106,7 @@ class BendSensor(Tagged, abc.ABC):
 
     def apparent_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
         """What would be recorded, as `exact_bends`, with gain, offsets and roll."""
-        bends = self.exact_bends(chain, joint_angles)
-        bends = rolled(bends, self.roll) if len(bends) > 1 else bends
+        bends = rolled(self.exact_bends(chain, joint_angles), self.roll)
         offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
         return np.array([self.gain * bend + offset for bend, offset in offsets])
 
@@ -120,8 +121,7 @@ class BendSensor(Tagged, abc.ABC):
 
     def unrolled_bends(self, bends: np.ndarray) -> np.ndarray:
         """`corrected_bends` about the axes of the limb: without the sensor's roll, too."""
-        read = self.corrected_bends(bends)
-        return rolled(read, -self.roll) if len(read) > 1 else read
+        return rolled(self.corrected_bends(bends), -self.roll)
 
 
 @dataclasses.dataclass

@@ -5,8 +5,7 @@ import functools
 import casadi as ca
 import numpy as np
 
-from limb_systems.model.chain import Chain
-from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.kinematics import Chain, rest_joint_angles
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.smooth_function import SmoothFunction
@@ -44,9 +43,9 @@ def equation_of_motion(
 class Dynamics:
     """The time derivatives of a limb's motion and heat at points [θ, θ̇, x, V, D] (..., P).
 
-    Its values are [θ̈, ẋ, V̇] (..., n + N + W). It has the methods of a `SmoothFunction`, and is not
-    one because θ̈ solves (2): with the residual r(p, θ̈) = 0, its derivatives by p are
-    -M⁻¹ ∂r/∂p, and those of weights w · θ̈ follow from the Hessian of -λ · r with M λ = w.
+    Its values are [θ̈, ẋ, V̇] (..., n + N + W). It has the methods of a `SmoothFunction`. It is not
+    one, because θ̈ solves (2): with the residual r(p, θ̈) = 0, the derivatives of θ̈ by p are
+    -M⁻¹ ∂r/∂p. The second derivatives of w · θ̈ follow from the Hessian of -λ · r with M λ = w.
 
     - ``num_joints``: n.
     - ``acceleration_to_angle``: K⁻¹ M(0) (n, n), s²: static deflections for accelerations.

@@ -40,7 +40,7 @@ def draw_ensemble(parameters: LimbParameters, count: int, seed: int = 0) -> list
         raise ParameterError(
             "This limb is not calibrated, so that nothing says how well known it is."
         )
-    owners = [_owner(parameters, name) for name in record.names]
+    owners = [owner_of(parameters, name) for name in record.names]
     values, covariance = np.array(record.values), np.array(record.covariance)
     ranges = np.array([_range(owner, name) for owner, name in owners])
     signed = (ranges[:, 0] > 0) | (ranges[:, 1] < 0)
@@ -56,7 +56,7 @@ def draw_ensemble(parameters: LimbParameters, count: int, seed: int = 0) -> list
         limb = copy.deepcopy(plain)
         limb.calibration = record
         for name, number in zip(record.names, numbers, strict=True):
-            owner, field = _owner(limb, name)
+            owner, field = owner_of(limb, name)
             setattr(owner, field, float(number))
         result.append(limb)
     return result
@@ -96,8 +96,15 @@ def stacked(
     return with_fields(kind, fields), ambient, rubber
 
 
-def _owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
-    """What has the field that an estimate is of, and the field's name."""
+def owner_of(parameters: LimbParameters, name: str) -> tuple[Any, str]:
+    """The object whose field an estimate is of, such as a wire's law, and the field's name.
+
+    Args:
+        name: name of the estimate in a `CalibrationRecord`.
+
+    Raises:
+        ParameterError: if the limb has no such field.
+    """
     segment = parameters.segments[0]
     before, _, field = name.rpartition(".")
     owners: Sequence[Any] = (parameters, segment)

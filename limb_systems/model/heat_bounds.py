@@ -58,7 +58,7 @@ class HeatBounds(Strict):
         return cls(**values)
 
     def around_any(self) -> "HeatBounds":
-        """These, made so wide that they hold for any wire of which recordings are published."""
+        """Return these bounds, widened until they hold for all wires of published recordings."""
         return HeatBounds(
             **{
                 name: (max if name in ("fastest_cooling", "most_heating") else min)(value, any_wire)

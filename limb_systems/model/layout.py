@@ -30,9 +30,8 @@ class Layout:
 
     Mechanics, in the frames of the straight limb, which are parallel to its base's:
 
-    - ``chains``: kinematics of each segment, `SegmentChain` (S).
-    - ``axes``: unit axis of each joint (n, 3): +E3 for a bend towards E2, -E2 for one
-      towards E3, E1 for a twist.
+    - ``chains``, ``bend_sensors``: kinematics, `SegmentChain`, and sensor of each segment (S).
+    - ``axes``: unit axis of each joint (n, 3), as of `SegmentChain`.
     - ``offsets``: origin of each joint from that of the joint before, or the base (n, 3), m.
     - ``end_offset``: tip of each segment from the origin of its last joint (S, 3), m.
     - ``stiffness``, ``damping``: k and σ of each joint (n,), N·m/rad and N·m·s/rad.
@@ -58,15 +57,14 @@ class Layout:
             for number, segment in enumerate(segments, 1)
         ]
         self.chains = [segment.chain for segment in segments]
-        kinds = [chain.kinds for chain in self.chains]
-        self.joints_of = _slices([len(of_segment) for of_segment in kinds])
-        self.wires_of = _slices([len(segment.wires) for segment in segments])
-        self.bends_of = _slices([segment.axes for segment in segments])
+        self.bend_sensors = [segment.bend_sensor for segment in segments]
+        self.joints_of = slices([len(chain.kinds) for chain in self.chains])
+        self.wires_of = slices([len(segment.wires) for segment in segments])
+        self.bends_of = slices([segment.axes for segment in segments])
         self.num_joints, self.num_wires, self.num_bends = (
             places[-1].stop for places in (self.joints_of, self.wires_of, self.bends_of)
         )
-        towards = np.eye(3)[np.array([TURNS[kind] for of_all in kinds for kind in of_all])]
-        self.axes = np.cross(towards[:, 0], towards[:, 1])
+        self.axes = np.concatenate([chain.axes for chain in self.chains])
         self.bend_suffixes: list[str] = []
         self.bend_joints: list[np.ndarray] = []
         self.bend_segment = np.repeat(range(len(segments)), [s.axes for s in segments])
@@ -102,19 +100,15 @@ class Layout:
             if chain.first_length:
                 sizes.append((chain.first_length * piece, segment.thickness, segment.width))
                 bodies.append((joints.start - 1, chain.first_length * mass, end + 0.25 * piece))
-            start = end + chain.first_length * piece
+            self.offsets[joints, 0] = piece * chain.offsets
+            self.offsets[joints.start, 0] += end
             for first, last, share in zip(
-                np.append(0, chain.last_joints[:-1] + 1),
-                chain.last_joints,
-                chain.lengths,
-                strict=True,
+                chain.first_joints, chain.last_joints, chain.lengths, strict=True
             ):
-                self.offsets[joints.start + first, 0] = start
                 sizes.append((share * piece, segment.thickness, segment.width))
                 bodies.append((joints.start + last, share * mass, 0.5 * share * piece))
                 links += [len(last_joints)] * int(last - first + 1)
                 last_joints.append(joints.start + int(last))
-                start = piece
             end = chain.lengths[-1] * piece
             self.end_offset[number, 0] = end
         if parameters.payload:
@@ -142,12 +136,24 @@ class Layout:
         ]
         return np.concatenate(bends)
 
+    def recorded_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
+        """What bend sensors without gain, offset, noise and drift record, as `bend_angle`."""
+        angles = np.asarray(joint_angles)
+        bends = [
+            sensor.exact_bends(chain, angles[joints])
+            for sensor, chain, joints in zip(
+                self.bend_sensors, self.chains, self.joints_of, strict=True
+            )
+        ]
+        return np.concatenate(bends)
+
     def distances(self, bends: ArrayLike) -> np.ndarray:
         """How far bends (F, ...) are from zero, of each segment (S, ...): |φ|, or √Σ φ² of two."""
         angles = np.abs(bends)
         return np.array([np.hypot.reduce(angles[of_segment]) for of_segment in self.bends_of])
 
 
-def _slices(sizes: list[int]) -> list[slice]:
+def slices(sizes: list[int]) -> list[slice]:
+    """The places of parts of given sizes, one after the other."""
     ends = np.cumsum(sizes).tolist()
     return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]

@@ -1,18 +1,26 @@
-"""The whole limb, Fig. 3, as one Drake diagram."""
+"""The whole limb, Fig. 3, as one Drake diagram, and its manipulator, eqns (1)-(2), as a plant."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint, RevoluteSpring
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import MatrixGain, Multiplexer
 
+from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.layout import Layout
-from limb_systems.model.manipulator import make_manipulator
 from limb_systems.model.parameters import LimbParameters, ParameterError
-from limb_systems.model.wire_blocks import VectorFunction, make_blocks
+from limb_systems.model.wire_blocks import add_wires
 from limb_systems.model.wire_law import LinearLaw
 from limb_systems.model.wires import num_wire_states
+from urdf import limb_urdf
+
+# kg, far below the rounding error of a limb's mass. Drake 1.58 divides by the mass of each body
+# when it evaluates a plant in symbols.
+NEGLIGIBLE_MASS = 1e-20
 
 
 class Limb(Diagram):
@@ -67,41 +75,62 @@ class Limb(Diagram):
         self.source = "model"
         builder = DiagramBuilder()
         manipulator = builder.AddSystem(make_manipulator(parameters))
-        heating, lag, torque_map = map(builder.AddSystem, make_blocks(parameters))
-        joint_state = manipulator.get_state_output_port()
-        wire_state = heating.get_output_port()
-        layout = Layout(parameters)
-        n, num_wires, num_bends = layout.num_joints, layout.num_wires, layout.num_bends
-        bend = builder.AddNamedSystem(
-            "bend_angle",
-            VectorFunction(lambda state: layout.bend_angle(state[:n]), [2 * n], num_bends),
+        _, duty = add_wires(
+            builder,
+            parameters,
+            manipulator.get_state_output_port(),
+            manipulator.get_applied_generalized_force_input_port(),
         )
-        measurement = builder.AddSystem(Multiplexer([num_wires, num_bends]))
-
-        builder.Connect(wire_state, torque_map.get_input_port(0))
-        builder.Connect(wire_state, lag.get_input_port())
-        if torque_map.num_input_ports() > 1:
-            builder.Connect(joint_state, torque_map.get_input_port(1))
-        builder.Connect(
-            torque_map.get_output_port(), manipulator.get_applied_generalized_force_input_port()
-        )
-        builder.Connect(joint_state, bend.get_input_port())
-        builder.Connect(lag.get_output_port(), measurement.get_input_port(0))
-        builder.Connect(bend.get_output_port(), measurement.get_input_port(1))
-        wire_temperature = wire_state
-        if wire_state.size() > num_wires:
-            first = builder.AddSystem(MatrixGain(np.eye(num_wires, wire_state.size())))
-            builder.Connect(wire_state, first.get_input_port())
-            wire_temperature = first.get_output_port()
-
-        builder.ExportInput(heating.get_input_port(), "duty")
-        builder.ExportOutput(lag.get_output_port(), "measured_temperature")
-        builder.ExportOutput(bend.get_output_port(), "bend_angle")
-        builder.ExportOutput(wire_temperature, "wire_temperature")
-        builder.ExportOutput(joint_state, "joint_state")
-        builder.ExportOutput(measurement.get_output_port(), "measurement")
+        builder.ExportInput(duty, "duty")
         builder.BuildInto(self)
         self.set_name(name)
+
+
+def add_manipulator(plant: MultibodyPlant, parameters: LimbParameters) -> None:
+    """Parses the limb's URDF into a plant, clamps its base and adds the springs.
+
+    The plant is not finalized, so that you can add bodies to it. Joints
+    are named ``joint_1`` ... from the base to the tip; by default they are at
+    their rest angles, which torsional springs have as set points; and gravity
+    is that of the parameters.
+    The torques f(T) of eqn (2) enter at ``applied_generalized_force``.
+
+    Args:
+        plant: not finalized; registered with a SceneGraph if it is to be displayed.
+        parameters: geometry, mass, stiffness and damping of the limb.
+    """
+    parameters.validate()
+    text = limb_urdf(
+        parameters.segments, payload=parameters.payload, negligible_mass=NEGLIGIBLE_MASS
+    )
+    Parser(plant).AddModelsFromString(text, "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    numbers = range(1, parameters.num_joints + 1)
+    add_springs(plant, [plant.GetJointByName(f"joint_{n}") for n in numbers], parameters)
+    plant.mutable_gravity_field().set_gravity_vector(parameters.gravity)
+
+
+def add_springs(
+    plant: MultibodyPlant, joints: Sequence[RevoluteJoint], parameters: LimbParameters
+) -> None:
+    """Adds the spring of each joint (n) to a plant, and puts the joints to rest by default."""
+    rest_angles, stiffness = rest_joint_angles(parameters), Layout(parameters).stiffness
+    for joint, rest_angle, k in zip(joints, rest_angles, stiffness, strict=True):
+        joint.set_default_angle(rest_angle)
+        plant.AddForceElement(RevoluteSpring(joint, rest_angle, k))
+
+
+def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:
+    """The finalized continuous-time plant of eqns (1)-(2).
+
+    State [θ (n), θ̇ (n)] in rad and rad/s; input ``applied_generalized_force``
+    (n) in N·m.
+    """
+    plant = MultibodyPlant(time_step=0.0)
+    add_manipulator(plant, parameters)
+    plant.Finalize()
+    plant.set_name("manipulator")
+    return plant
 
 
 def to_paper_state(parameters: LimbParameters, state: ArrayLike) -> np.ndarray:

@@ -5,30 +5,22 @@ accepted, so that the documentation, the validation and the error messages
 cannot drift apart.
 """
 
-import copy
 import dataclasses
 import hashlib
-import re
-import warnings
-from pathlib import Path
-from typing import Self
+import math
 
 import numpy as np
 
-from limb_systems.errors import LimbError
-from limb_systems.input import read_text
 from limb_systems.model.bend_sensor import BendSensor, TipTangentSensor
+from limb_systems.model.described import Described, ParameterError, check_density, check_name
 from limb_systems.model.heat_bounds import BOUNDED, HeatBounds
 from limb_systems.model.segment_chain import SegmentChain
 from limb_systems.model.wire_law import LinearLaw, WireLaw
-from limb_systems.output import write_atomically
 from limb_systems.provenance import Provenance
 from limb_systems.schema import (
     SchemaError,
     Strict,
     Tagged,
-    dump_typed,
-    load_typed,
     quantity,
     rare,
     validate,
@@ -37,11 +29,7 @@ from limb_systems.schema import (
 FORMAT = 2  # of the YAML file
 MOST_SEGMENTS, MOST_JOINTS = 50, 500
 LEAST_SIDEWAYS = 0.01  # share of its torque by which a wire bends the limb in its plane, at least
-HEAVIEST, ODDLY_HEAVY = 20.0, 4.0  # density over that of water; iridium has 22, filled silicone 2
-
-
-class ParameterError(LimbError):
-    """A limb description is missing, malformed or outside its range."""
+ODDLY_HEAVY = 4.0  # density over that of water; filled silicone has 2
 
 
 @dataclasses.dataclass
@@ -312,37 +300,6 @@ class CalibrationRecord(Strict):
     provenance: Provenance | None = dataclasses.field(default=None, compare=False)
 
 
-class Described(Strict):
-    """A description with a YAML file of its own: of a limb, or of a robot."""
-
-    def validate(self) -> None:
-        """Raises ParameterError for the first field that is out of its range."""
-        raise NotImplementedError
-
-    def save(self, path: str | Path) -> None:
-        """Validates, then writes a YAML file whole or not at all."""
-        write_atomically(path, self.to_yaml())
-
-    @classmethod
-    def from_yaml(cls, text: str) -> Self:
-        """Parses YAML text; fields that are left out have their defaults, unknown ones are refused.
-
-        Raises:
-            ParameterError: with one sentence naming the field.
-        """
-        try:
-            parameters = load_typed(cls, text)
-        except SchemaError as error:
-            raise ParameterError(str(error)) from error
-        parameters.validate()
-        return parameters
-
-    def to_yaml(self) -> str:
-        """The YAML text of these parameters, every float exact."""
-        self.validate()
-        return dump_typed(self)
-
-
 @dataclasses.dataclass
 class LimbParameters(Described):
     """A limb: segments in series from the base to the tip, and where it is.
@@ -391,47 +348,8 @@ class LimbParameters(Described):
         segment.mass, segment.wires = 0.02, wires_around(wires)
         return cls(segments=[segment])
 
-    @classmethod
-    def of(cls, limb: "LimbParameters | str | Path | None") -> "LimbParameters":
-        """A copy of parameters, those in a YAML file, or the nominal limb for None.
-
-        Raises:
-            ParameterError: if it is none of these, or out of its range.
-        """
-        if isinstance(limb, str | Path):
-            return cls.load(limb)
-        if not isinstance(limb, cls | None):
-            raise ParameterError(
-                f"A limb is described by LimbParameters or the path of their YAML file, but this "
-                f"is a {type(limb).__name__}."
-            )
-        parameters = copy.deepcopy(limb) if limb is not None else cls()
-        parameters.validate()
-        return parameters
-
-    @classmethod
-    def load(cls, path: str | Path) -> "LimbParameters":
-        """Reads and validates a YAML file, with a warning for what is possible, but odd.
-
-        Raises:
-            ParameterError: with one sentence naming the file and the field.
-        """
-        text = read_text(path, "limb parameters", ParameterError)
-        if ours := re.match(r"# limb (\w+), format", text):
-            raise ParameterError(
-                f"{path} is a {ours[1]}; what describes a limb is a YAML file, such as soft-limb "
-                "fit or LimbParameters.save writes."
-            )
-        try:
-            parameters = cls.from_yaml(text)
-        except ParameterError as error:
-            raise ParameterError(f"{path}: {error}") from error
-        for oddity in parameters.oddities():
-            warnings.warn(f"{path}: {oddity}", stacklevel=2)
-        return parameters
-
     def oddities(self, where: str = "") -> list[str]:
-        """Sentences on what limbs can be, but hardly are, with this before the names of fields."""
+        """Return sentences on what is odd about the segments, as `Described.oddities`."""
         return [
             oddity
             for index, segment in enumerate(self.segments)
@@ -439,20 +357,14 @@ class LimbParameters(Described):
         ]
 
     def without_provenance(self) -> "LimbParameters":
-        """These parameters without what made them, for comparisons."""
+        """Return these parameters without what made them."""
         if self.calibration is None:
             return self
         record = dataclasses.replace(self.calibration, provenance=None)
         return dataclasses.replace(self, calibration=record)
 
-    @property
-    def digest(self) -> str:
-        """The first 12 hex digits of the SHA-256 of their YAML, without what made them."""
-        text = self.without_provenance().to_yaml()
-        return hashlib.sha256(text.encode()).hexdigest()[:12]
-
     def validate(self) -> None:
-        """Raises ParameterError for the first field that is out of its range."""
+        """Raise ParameterError for the first field that is out of its range."""
         if not isinstance(self.segments, list) or not self.segments:
             raise ParameterError("segments is empty; a limb has at least one segment.")
         if len(self.segments) > MOST_SEGMENTS:
@@ -475,7 +387,7 @@ class LimbParameters(Described):
             )
         for index, segment in enumerate(self.segments):
             _validate_wires(segment, f"segments[{index}].wires")
-            _validate_mass(segment, f"segments[{index}]")
+            check_density(segment.mass, _sizes(segment), f"segments[{index}]")
             if segment.twists and segment.axes == 1:
                 raise ParameterError(
                     f"segments[{index}].twists is true, but the segment bends in a plane, where "
@@ -533,19 +445,10 @@ class LimbParameters(Described):
         ]
 
 
-def _validate_mass(segment: SegmentParameters, where: str) -> None:
-    times_water = _density(segment) / 1000.0
-    if times_water > HEAVIEST:
-        raise ParameterError(
-            f"{where}.mass is {segment.mass:g} kg, {times_water:.0f} times the water that its "
-            "length, width and thickness hold; is it in grams, or are they not in m?"
-        )
-
-
 def _oddities(segment: SegmentParameters, where: str) -> list[str]:
     """Sentences on a segment, for `LimbParameters.oddities`."""
     odd = []
-    times_water = _density(segment) / 1000.0
+    times_water = segment.mass / (1000.0 * math.prod(_sizes(segment).values()))
     if not 1 / ODDLY_HEAVY < times_water < ODDLY_HEAVY:
         odd.append(
             f"{where}.mass is {segment.mass:g} kg, {times_water:.2g} times the water that its "
@@ -578,8 +481,8 @@ def _oddities(segment: SegmentParameters, where: str) -> list[str]:
     return odd
 
 
-def _density(segment: SegmentParameters) -> float:
-    return segment.mass / (segment.length * segment.width * segment.thickness)
+def _sizes(segment: SegmentParameters) -> dict[str, float]:
+    return {name: getattr(segment, name) for name in ("length", "width", "thickness")}
 
 
 def _validate_wires(segment: SegmentParameters, where: str) -> None:
@@ -588,16 +491,7 @@ def _validate_wires(segment: SegmentParameters, where: str) -> None:
         raise ParameterError(f"{where} is empty; a segment has at least one wire.")
     names = [wire.name for wire in wires]
     for index, wire in enumerate(wires):
-        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", wire.name):
-            raise ParameterError(
-                f"{where}[{index}].name is {wire.name!r}; it must be of letters, digits and "
-                "underscores, as it names columns in files."
-            )
-        if wire.name in names[:index]:
-            raise ParameterError(
-                f"{where}[{index}].name is {wire.name!r}, but another wire of the segment has this "
-                "name; give each wire its own."
-            )
+        check_name(names, index, f"{where}[{index}]", "wire of the segment")
         bounds = wire.heat_bounds
         for low, high in BOUNDED if bounds else ():
             if getattr(bounds, low) > getattr(bounds, high):

@@ -18,24 +18,25 @@ from pydrake.multibody.plant import (
     DiscreteContactApproximation,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import FixedOffsetFrame, PlanarJoint, RevoluteJoint, RevoluteSpring
+from pydrake.multibody.tree import FixedOffsetFrame, PlanarJoint, RevoluteJoint
 from pydrake.systems.framework import (
     Context,
     Diagram,
     DiagramBuilder,
+    InputPort,
     LeafSystem,
     OutputPort,
     System,
 )
-from pydrake.systems.primitives import MatrixGain, Multiplexer
+from pydrake.systems.primitives import MatrixGain
 
-from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.layout import Layout
+from limb_systems.model.limb import add_springs
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import LimbParameters, ParameterError
 from limb_systems.model.robot_parameters import RobotParameters
-from limb_systems.model.wire_blocks import VectorFunction, make_blocks
+from limb_systems.model.wire_blocks import VectorFunction, add_wires
 from urdf import robot_urdf
 from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 
@@ -99,48 +100,10 @@ class Robot(Diagram):
         self.parameters = parameters = robot.together
         self.source = "model"
         self.accuracy = None if robot.ground else ACCURACY  # None: heat in the mechanics' steps
-        builder, layout = DiagramBuilder(), Layout(parameters)
-        n, num_wires, num_bends = layout.num_joints, layout.num_wires, layout.num_bends
-        plant = make_robot(builder, robot, time_step)
-        duty = builder.AddSystem(DutyOfLimbs(robot))
-        heating, lag, torque_map = map(builder.AddSystem, make_blocks(parameters))
-        select, spread = joint_maps(plant, robot)
-        joint_state = builder.AddSystem(MatrixGain(select))
-        force = builder.AddSystem(MatrixGain(spread))
-        bend = builder.AddNamedSystem(
-            "bend_angle",
-            VectorFunction(lambda state: layout.bend_angle(state[:n]), [2 * n], num_bends),
-        )
-        measurement = builder.AddSystem(Multiplexer([num_wires, num_bends]))
-        temperature = builder.AddSystem(
-            MatrixGain(np.eye(num_wires, heating.num_continuous_states()))
-        )
-
-        for source, target in (
-            (duty.get_output_port(), heating.get_input_port()),
-            (heating.get_output_port(), torque_map.get_input_port(0)),
-            (heating.get_output_port(), lag.get_input_port()),
-            (heating.get_output_port(), temperature.get_input_port()),
-            (torque_map.get_output_port(), force.get_input_port()),
-            (force.get_output_port(), plant.get_applied_generalized_force_input_port()),
-            (plant.get_state_output_port(), joint_state.get_input_port()),
-            (joint_state.get_output_port(), bend.get_input_port()),
-            (lag.get_output_port(), measurement.get_input_port(0)),
-            (bend.get_output_port(), measurement.get_input_port(1)),
-        ):
-            builder.Connect(source, target)
-        if torque_map.num_input_ports() > 1:
-            builder.Connect(joint_state.get_output_port(), torque_map.get_input_port(1))
-
-        for port in range(duty.num_input_ports()):
-            builder.ExportInput(duty.get_input_port(port), duty.get_input_port(port).get_name())
-        builder.ExportOutput(lag.get_output_port(), "measured_temperature")
-        builder.ExportOutput(bend.get_output_port(), "bend_angle")
-        builder.ExportOutput(temperature.get_output_port(), "wire_temperature")
-        builder.ExportOutput(joint_state.get_output_port(), "joint_state")
-        builder.ExportOutput(measurement.get_output_port(), "measurement")
-        signals = {"measured_temperature": lag, "bend_angle": bend}
-        export_limbs(builder, robot, {name: s.get_output_port() for name, s in signals.items()})
+        builder = DiagramBuilder()
+        plant, joint_state, force = add_plant(builder, robot, time_step)
+        ports, duty = add_wires(builder, parameters, joint_state, force)
+        export_limbs(builder, robot, ports, duty)
         if pose := body_pose_port(builder, plant, robot):
             builder.ExportOutput(pose, "body_pose")
         export_contact_force(builder, plant, robot)
@@ -176,6 +139,22 @@ def make_robot(
     if robot.ground:
         _check_step(plant, robot)
     return plant
+
+
+def add_plant(
+    builder: DiagramBuilder, robot: RobotParameters, time_step: float = TIME_STEP
+) -> tuple[MultibodyPlant, OutputPort, InputPort]:
+    """Adds a plant by `make_robot`; returns it with the ports of the limbs' joints.
+
+    Returns:
+        The plant, its output port [θ, θ̇] (2n), rad and rad/s, and its input port of torques (n),
+        N·m.
+    """
+    plant = make_robot(builder, robot, time_step)
+    select, spread = map(builder.AddSystem, map(MatrixGain, _joint_maps(plant, robot)))
+    builder.Connect(plant.get_state_output_port(), select.get_input_port())
+    builder.Connect(spread.get_output_port(), plant.get_applied_generalized_force_input_port())
+    return plant, select.get_output_port(), spread.get_input_port()
 
 
 def _check_step(plant: MultibodyPlant, robot: RobotParameters) -> None:
@@ -219,15 +198,7 @@ def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
             for name, parent in (("ground_plane", world), ("body_plane", body))
         ]
         plant.AddJoint(PlanarJoint("body", *frames))
-    together = robot.together
-    for joint, rest_angle, k in zip(
-        limb_joints(plant, robot),
-        rest_joint_angles(together),
-        Layout(together).stiffness,
-        strict=True,
-    ):
-        joint.set_default_angle(rest_angle)
-        plant.AddForceElement(RevoluteSpring(joint, rest_angle, k))
+    add_springs(plant, limb_joints(plant, robot), robot.together)
     height = _standing_height(robot) if robot.ground else 0.0
     if robot.body.mount == "planar":
         plant.GetJointByName("body").set_default_translation([0.0, height])
@@ -284,9 +255,23 @@ def set_positions(
 
 
 def export_limbs(
-    builder: DiagramBuilder, robot: RobotParameters, ports: Mapping[str, OutputPort]
+    builder: DiagramBuilder,
+    robot: RobotParameters,
+    ports: Mapping[str, OutputPort],
+    duty: InputPort,
 ) -> None:
-    """Exports what is each limb's of ``measured_temperature`` and ``bend_angle``, by its name."""
+    """Exports the duty of all limbs and of each, and each limb's temperatures and bends.
+
+    Args:
+        builder, robot: diagram and description of the robot.
+        ports: ``measured_temperature`` and ``bend_angle`` of all limbs.
+        duty: input port of the duty of all limbs.
+    """
+    of_limbs = builder.AddSystem(DutyOfLimbs(robot))
+    builder.Connect(of_limbs.get_output_port(), duty)
+    for index in range(of_limbs.num_input_ports()):
+        port = of_limbs.get_input_port(index)
+        builder.ExportInput(port, port.get_name())
     parts_of = {"measured_temperature": robot.wires_of, "bend_angle": robot.bends_of}
     for number, limb in enumerate(robot.limbs):
         for signal, parts in parts_of.items():
@@ -395,7 +380,7 @@ class DutyOfLimbs(LeafSystem):
         output.SetFromVector(duty)
 
 
-def joint_maps(plant: MultibodyPlant, robot: RobotParameters) -> tuple[np.ndarray, np.ndarray]:
+def _joint_maps(plant: MultibodyPlant, robot: RobotParameters) -> tuple[np.ndarray, np.ndarray]:
     """Matrices from the plant's state to [θ, θ̇], and from torques of the joints to its forces."""
     joints, positions = limb_joints(plant, robot), plant.num_positions()
     n, size = len(joints), plant.num_multibody_states()

@@ -2,24 +2,15 @@
 
 import copy
 import dataclasses
-import hashlib
 import re
-import warnings
 from pathlib import Path
 
 import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
 
-from limb_systems.input import read_text
-from limb_systems.model.parameters import (
-    HEAVIEST,
-    Described,
-    LimbParameters,
-    NoBoard,
-    ParameterError,
-    SegmentParameters,
-    SerialBoard,
-)
+from limb_systems.model.described import Described, ParameterError, check_density, check_name
+from limb_systems.model.layout import slices
+from limb_systems.model.parameters import LimbParameters, NoBoard, SegmentParameters, SerialBoard
 from limb_systems.schema import SchemaError, Strict, quantity, validate
 
 FORMAT = 1  # of the YAML file
@@ -165,55 +156,34 @@ class RobotParameters(Described):
 
     @classmethod
     def of(cls, robot: "RobotParameters | LimbParameters | str | Path | None") -> "RobotParameters":
-        """A copy of parameters, those in a file, a limb as a robot, or the crawler for None.
-
-        Raises:
-            ParameterError: if it is none of these, or out of its range.
-        """
-        if isinstance(robot, str | Path):
-            return cls.load(robot)
-        if isinstance(robot, LimbParameters):
-            robot = cls.of_limb(robot)
-        if not isinstance(robot, cls | None):
-            raise ParameterError(
-                "A robot is described by RobotParameters, LimbParameters or the path of their YAML "
-                f"file, but this is a {type(robot).__name__}."
-            )
-        parameters = copy.deepcopy(robot) if robot is not None else cls()
-        parameters.validate()
-        return parameters
+        """As `LimbParameters.of`; a limb becomes a robot `of_limb`."""
+        return super().of(cls.of_limb(robot) if isinstance(robot, LimbParameters) else robot)
 
     @classmethod
-    def load(cls, path: str | Path) -> "RobotParameters":
-        """Reads and validates a robot's YAML file, or a limb's, which is then a robot `of_limb`.
-
-        Raises:
-            ParameterError: with one sentence naming the file and the field.
-        """
-        text = read_text(path, "robot parameters", ParameterError)
+    def from_yaml(cls, text: str) -> "RobotParameters":
+        """Parses YAML text of a robot, or of a limb, which becomes a robot `of_limb`."""
         if re.search(r"^segments:", text, re.MULTILINE):
-            return cls.of(LimbParameters.load(path))
-        try:
-            robot = cls.from_yaml(text)
-        except ParameterError as error:
-            raise ParameterError(f"{path}: {error}") from error
-        for index, limb in enumerate(robot.limbs):
-            for oddity in limb.parameters.oddities(f"limbs[{index}].parameters."):
-                warnings.warn(f"{path}: {oddity}", stacklevel=2)
-        return robot
+            return cls.of_limb(LimbParameters.from_yaml(text))
+        return super().from_yaml(text)
 
-    @property
-    def digest(self) -> str:
-        """The first 12 hex digits of the SHA-256 of their YAML, without what made the limbs'."""
-        plain = copy.copy(self)
-        plain.limbs = [
+    def oddities(self, where: str = "") -> list[str]:
+        """Return sentences on what is odd about the limbs, as `Described.oddities`."""
+        return [
+            oddity
+            for index, limb in enumerate(self.limbs)
+            for oddity in limb.parameters.oddities(f"{where}limbs[{index}].parameters.")
+        ]
+
+    def without_provenance(self) -> "RobotParameters":
+        """Return these parameters without what made those of the limbs."""
+        limbs = [
             dataclasses.replace(limb, parameters=limb.parameters.without_provenance())
             for limb in self.limbs
         ]
-        return hashlib.sha256(plain.to_yaml().encode()).hexdigest()[:12]
+        return dataclasses.replace(self, limbs=limbs)
 
     def validate(self) -> None:
-        """Raises ParameterError for the first field that is out of its range."""
+        """Raise ParameterError for the first field that is out of its range."""
         try:
             validate(self)
         except SchemaError as error:
@@ -230,13 +200,9 @@ class RobotParameters(Described):
                 f"body.inertia is {body.inertia}; it must be three moments about x, y and z, none "
                 "of them larger than the other two together."
             )
-        times_water = body.mass / (1000.0 * body.length * body.width * body.height)
-        if times_water > HEAVIEST:
-            raise ParameterError(
-                f"body.mass is {body.mass:g} kg, {times_water:.0f} times the water that its "
-                "length, width and height hold; is it in grams, or are they not in m?"
-            )
-        size = max(body.length, body.width, body.height)
+        sizes = {"length": body.length, "width": body.width, "height": body.height}
+        check_density(body.mass, sizes, "body")
+        size = max(sizes.values())
         if body.moments.max() > body.mass * size**2:
             raise ParameterError(
                 f"body.inertia is {body.inertia} kg·m², but that of {body.mass:g} kg at the far "
@@ -250,16 +216,7 @@ class RobotParameters(Described):
         names = [limb.name for limb in self.limbs]
         for index, limb in enumerate(self.limbs):
             where = f"limbs[{index}]"
-            if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", limb.name) or limb.name == "body":
-                raise ParameterError(
-                    f"{where}.name is {limb.name!r}; it must be of letters, digits and "
-                    "underscores, and not 'body', as it names ports and columns."
-                )
-            if limb.name in names[:index]:
-                raise ParameterError(
-                    f"{where}.name is {limb.name!r}, but another limb has this name; give each "
-                    "limb its own."
-                )
+            check_name(names, index, where, "limb", taken="body")
             try:
                 limb.parameters.validate()
             except ParameterError as error:
@@ -398,24 +355,19 @@ class RobotParameters(Described):
     @property
     def joints_of(self) -> list[slice]:
         """Places of each limb's joints among those of all."""
-        return _places([limb.parameters.num_joints for limb in self.limbs])
+        return slices([limb.parameters.num_joints for limb in self.limbs])
 
     @property
     def wires_of(self) -> list[slice]:
         """Places of each limb's wires among those of all."""
-        return _places([len(limb.parameters.wires) for limb in self.limbs])
+        return slices([len(limb.parameters.wires) for limb in self.limbs])
 
     @property
     def bends_of(self) -> list[slice]:
         """Places of each limb's bends among those of all."""
-        return _places([sum(s.axes for s in limb.parameters.segments) for limb in self.limbs])
+        return slices([sum(s.axes for s in limb.parameters.segments) for limb in self.limbs])
 
 
 def _validate_vector(value: list[float], name: str) -> None:
     if len(value) != 3:
         raise ParameterError(f"{name} is {value}; it must be three numbers, along x, y and z.")
-
-
-def _places(sizes: list[int]) -> list[slice]:
-    ends = np.cumsum(sizes).tolist()
-    return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]

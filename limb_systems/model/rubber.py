@@ -10,7 +10,7 @@ from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 
 REST_SCALE = 0.03  # rad, a typical change of the bend angle at rest
-RAMP_RATE = 0.01  # rad/s, below which the memory hardly notices that a wire heats
+RAMP_RATE = 0.01  # rad/s; slower heating changes the memory little
 
 
 class NonlinearRubber:
@@ -23,10 +23,9 @@ class NonlinearRubber:
     by (11), and the deviation r of the segment's bend angle at rest, which is a
     state where there is a `RestMemory` of Δ and λ. g_i is the bend angle that
     the torque of wire i alone would hold; + is for wires on the +E2 side. p is
-    z where z is far above ρ and 0 far below, and so a wire counts while it
-    heats, and nothing changes at rest. Where a segment bends about two axes, |θ - θ_rest| is
-    that of both bends of a link, and there is an r for each, towards which ±Δ is along the wire's
-    lever. Twists do not stiffen.
+    z where z is far above ρ and 0 far below. A wire counts while it heats, and nothing changes at
+    rest. Where a segment bends about two axes, |θ - θ_rest| is the length of both bends of a link,
+    each bend has its own r, and ±Δ is along the wire's lever. Twists do not stiffen.
 
     Its forces and rates are expressions of symbols.
 
@@ -103,5 +102,5 @@ def ramp(bend_rate: Any) -> Any:
 
 
 def num_rest_shifts(parameters: LimbParameters) -> int:
-    """R, the number of bends whose rest angle has a memory."""
+    """Return R, the number of bends with a memory of their rest angle."""
     return sum(s.axes for s in parameters.segments if s.rest_memory is not None)

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from limb_systems.errors import LimbError
-from limb_systems.model.chain import Chain
 from limb_systems.model.dynamics import equation_of_motion
+from limb_systems.model.kinematics import Chain
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.smooth_function import SmoothFunction
@@ -64,8 +64,8 @@ class HeldAngles:
 
     Args:
         parameters: description of the limb.
-        of_equal_angles: whether φ is that of the mean of the joints' angles, by (11), instead of
-            the chord's.
+        of_equal_angles: whether φ follows from the mean of the joints' angles, by (11), and not
+            from the chord.
     """
 
     def __init__(self, parameters: LimbParameters, of_equal_angles: bool = False):
@@ -105,8 +105,8 @@ class HeldAngles:
     def second(self, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · φ by the states (..., N, N), for weights (..., F).
 
-        They are those of φ(θ) less those of the residual of (2), weighted with the adjoint λ,
-        along [∂θ/∂x, 1].
+        They are the second derivatives of φ(θ) - λ · r along [∂θ/∂x, 1], with the residual r of
+        (2) and its adjoint λ.
         """
         angles, compliance, slopes = self._settled(states)
         n = angles.shape[-1]

@@ -2,7 +2,7 @@
 
 Published recordings of limbs of this family are predicted best by them: the
 silicone around a wire is a second thermal mass, and torque has a threshold. The
-default values are those of the nominal limb with such wires.
+default values describe the nominal limb with such wires.
 """
 
 import dataclasses
@@ -81,9 +81,9 @@ class ThresholdLaw(_TwoMassHeat):
 
         torque = β w (p((T - T_k) / w) - p((T0 - T_k) / w)),  p(z) = ln(1 + exp(z))
 
-    Heat is that of `TwoMassLaw`.
+    The heat follows `TwoMassLaw`.
 
-    - ``a1``, ``a2``, ``a3``, ``silicone_warming``, ``silicone_cooling``: as of `TwoMassLaw`.
+    - ``a1``, ``a2``, ``a3``, ``silicone_warming``, ``silicone_cooling``: as in `TwoMassLaw`.
     - ``beta``: joint torque per degree far above the knee, N·m/°C.
     - ``knee``: T_k, about which torque sets in, °C.
     - ``width``: w, width of the knee, °C.
@@ -105,9 +105,9 @@ class SaturatingLaw(_TwoMassHeat):
 
         torque = M (s((T - T_m) / w) - s((T0 - T_m) / w)),  s(z) = 1 / (1 + exp(-z))
 
-    Heat is that of `TwoMassLaw`.
+    The heat follows `TwoMassLaw`.
 
-    - ``a1``, ``a2``, ``a3``, ``silicone_warming``, ``silicone_cooling``: as of `TwoMassLaw`.
+    - ``a1``, ``a2``, ``a3``, ``silicone_warming``, ``silicone_cooling``: as in `TwoMassLaw`.
     - ``full_torque``: M, joint torque of the transformed wire, N·m.
     - ``middle``: T_m, at which half of the wire is transformed, °C.
     - ``width``: w, of the curve, °C.
@@ -139,9 +139,9 @@ class HystereticLaw(_TwoMassHeat):
         torque = M ξ
 
     with the logistic function s. Both terms end where ξ does, and so it stays
-    from 0 to 1. While the temperature stays, so does ξ. Heat is that of `TwoMassLaw`.
+    from 0 to 1. While the temperature stays, so does ξ. The heat follows `TwoMassLaw`.
 
-    - ``a1``, ``a2``, ``a3``, ``silicone_warming``, ``silicone_cooling``: as of `TwoMassLaw`.
+    - ``a1``, ``a2``, ``a3``, ``silicone_warming``, ``silicone_cooling``: as in `TwoMassLaw`.
     - ``full_torque``: M, joint torque of the transformed wire, N·m.
     - ``heating_middle``, ``cooling_middle``: T_h, T_c, at which half of the
       wire is transformed on either curve, °C.
@@ -181,7 +181,7 @@ class HystereticLaw(_TwoMassHeat):
         return [T0, T0, T0 - BACKLASH, 0.0]
 
     def without_memory(self) -> SaturatingLaw:
-        """The law whose curve is in the middle of the two."""
+        """Return the law without hysteresis, whose curve is midway between the two."""
         heat = {field.name: getattr(self, field.name) for field in dataclasses.fields(_TwoMassHeat)}
         middle = 0.5 * (self.heating_middle + self.cooling_middle)
         return SaturatingLaw(**heat, full_torque=self.full_torque, middle=middle, width=self.width)

@@ -1,6 +1,6 @@
 """All wires of a limb as Drake systems: heat (6), measurement (7) and torque (4).
 
-Laws that are affine, as the paper's is, make affine blocks, whose dynamics run in
+Laws that are affine, as the paper's is, make affine blocks. Their dynamics run in
 Drake's C++ for every scalar type. `LawDynamics` and `VectorFunction` take their place
 for other laws. Drake's SymbolicVectorSystem would run these in C++, but it must
 have a state to be part of a continuous diagram, and that state can only start at
@@ -12,10 +12,18 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem_, System
-from pydrake.systems.primitives import AffineSystem, Integrator
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    LeafSystem_,
+    OutputPort,
+    System,
+)
+from pydrake.systems.primitives import AffineSystem, Integrator, MatrixGain, Multiplexer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from limb_systems.model.layout import Layout
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import LimbParameters, ParameterError
 from limb_systems.model.wires import Wires
@@ -27,7 +35,7 @@ class JouleHeating(AffineSystem):
         Ṫ = a1 (T - T0) + a2 D
 
     - state: x (N): T (W), °C, then what other states the wires' laws have, as
-      in `Wires`; that of wires that were never heated by default
+      in `Wires`; by default the state of wires that were never heated
     - input 0: duty D (W), in [0, 1]
     - output 0: x (N)
     """
@@ -242,3 +250,50 @@ def make_blocks(parameters: LimbParameters) -> tuple[System, System, System]:
     ):
         block.set_name(name)
     return heating, lag, torque_map
+
+
+def add_wires(
+    builder: DiagramBuilder, parameters: LimbParameters, joint_state: OutputPort, force: InputPort
+) -> tuple[dict[str, OutputPort], InputPort]:
+    """Adds the blocks of Fig. 3 about mechanics, and exports the outputs 0 to 4 of `Limb`.
+
+    Args:
+        builder: builder of the diagram that has the mechanics.
+        parameters: description of the limb, or of all limbs of a robot together.
+        joint_state: [θ, θ̇] (2n) of the mechanics, rad and rad/s.
+        force: torques on its joints (n), N·m.
+
+    Returns:
+        Output ports by name, and the input port of the duty, which is neither connected nor
+        exported.
+    """
+    layout = Layout(parameters)
+    n, num_wires, num_bends = layout.num_joints, layout.num_wires, layout.num_bends
+    heating, lag, torque_map = map(builder.AddSystem, make_blocks(parameters))
+    bend = builder.AddNamedSystem(
+        "bend_angle", VectorFunction(lambda state: layout.bend_angle(state[:n]), [2 * n], num_bends)
+    )
+    measurement = builder.AddSystem(Multiplexer([num_wires, num_bends]))
+    wire_state = wire_temperature = heating.get_output_port()
+    builder.Connect(wire_state, torque_map.get_input_port(0))
+    builder.Connect(wire_state, lag.get_input_port())
+    if torque_map.num_input_ports() > 1:
+        builder.Connect(joint_state, torque_map.get_input_port(1))
+    builder.Connect(torque_map.get_output_port(), force)
+    builder.Connect(joint_state, bend.get_input_port())
+    builder.Connect(lag.get_output_port(), measurement.get_input_port(0))
+    builder.Connect(bend.get_output_port(), measurement.get_input_port(1))
+    if wire_state.size() > num_wires:
+        first = builder.AddSystem(MatrixGain(np.eye(num_wires, wire_state.size())))
+        builder.Connect(wire_state, first.get_input_port())
+        wire_temperature = first.get_output_port()
+    ports = {
+        "measured_temperature": lag.get_output_port(),
+        "bend_angle": bend.get_output_port(),
+        "wire_temperature": wire_temperature,
+        "joint_state": joint_state,
+        "measurement": measurement.get_output_port(),
+    }
+    for name, port in ports.items():
+        builder.ExportOutput(port, name)
+    return ports, heating.get_input_port()

@@ -29,11 +29,11 @@ class Wires:
     - ``heat_scales``: typical changes of the states and of the readings (N + W,).
     - ``cold_states``: states of wires that were never heated (N,).
     - ``settles``: true where a state is no memory (N,).
-    - ``levers``: B, direction of the wires' torque on the joints (n, W), as of `Layout`.
+    - ``levers``: B, direction of the wires' torque on the joints (n, W), from `Layout`.
     - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
     - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
     - ``laws_need_angle``: whether the torque of any law depends on the angle that its wire sees.
-    - ``torque_needs_angle``: whether any force does, also that of the rubber.
+    - ``torque_needs_angle``: whether any force depends on the angle, of a wire or of the rubber.
     - ``heat``: [ẋ, V̇] (N + W,), per second, of [x, V, D], as a `SmoothFunction`: (6), (7) and the
       memory of the rubber. ``symbolic_heat`` is the same as a CasADi function of x, V and D.
     - ``force``: generalized force f (n,) on the joints, N·m, of [x, θ], as a `SmoothFunction`: (4)
@@ -176,9 +176,9 @@ class Wires:
     def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
 
-        They are those of the tangent at cold wires without duty, which is the
-        law itself if the rates are affine. The rubber's memory stays as it is:
-        at rest, where it begins to follow, a tangent would say nothing.
+        They are the tangent at cold wires without duty. If the rates are affine, the tangent is
+        the law itself. The memory of the rubber is left out: it begins to follow at rest, where a
+        tangent says nothing.
         """
         N, W = self.num_states, self.num_wires
         values, slopes = self.heat.first(
@@ -220,8 +220,8 @@ class Wires:
     def settled_states(self, temperature: np.ndarray) -> np.ndarray:
         """The states (N,) of cold wires that were heated to T (W,), °C, until they settled.
 
-        The laws' ``memory`` is as their `warm_states` say; that of the rubber as if
-        all wires were heated at once.
+        The ``memory`` of a law is as its `warm_states` say. The memory of the rubber is as if all
+        wires were heated at once.
         """
         W, N, T0 = self.num_wires, self._first_shift, self._ambient
         states, duty = self.cold_states.copy(), np.zeros(W)

@@ -39,7 +39,7 @@ from limb_systems.model.kinematics import (
     tip_position,
 )
 from limb_systems.model.layout import Layout
-from limb_systems.model.manipulator import add_manipulator
+from limb_systems.model.limb import add_manipulator
 from limb_systems.model.parameters import LimbParameters, SegmentParameters
 from limb_systems.model.robot import PLANE, add_robot, set_positions
 from limb_systems.model.robot_parameters import RobotParameters

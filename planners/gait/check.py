@@ -17,7 +17,7 @@ from limb_systems.simulation import PERIOD, SimulationError
 
 CYCLES = 8
 SPREAD_CYCLES = 4  # of other robots, in the last of which heat has found its cycle
-FRICTION = (0.7, 1.3)  # times that of the ground
+FRICTION = (0.7, 1.3)  # times the friction of the ground
 PARAMETERS = 0.1  # share by which parameters are others
 DRAWS = 4  # of other parameters
 VARIED = ("a1", "a2", "beta", "full_torque")  # of the wires' laws, as far as they have them
@@ -28,12 +28,13 @@ PROGRAM = "from planners.gait.check import answer; answer()"
 
 
 def check_gait(gait: Gait, cycles: int = CYCLES, spread: bool = True, seed: int = 0) -> Gait:
-    """The gait with its check: it is simulated with contact, from the limit cycle's heat on.
+    """Simulate a gait with contact, open loop, and return it with its check.
 
-    The duty is open loop. For the spread, four cycles each, friction is 0.7 and 1.3 times that of
-    the ground, and parameters are drawn four times: in each draw the stiffness of each limb, and
-    the cooling, heating and torque of the wires of each, are 10% larger or smaller. The
-    simulations are processes of their own, as many at once as there are cores.
+    The simulation begins with the heat of the limit cycle. For the spread, four cycles each are
+    simulated with 0.7 and 1.3 times the friction of the ground, and with four draws of the
+    parameters. In each draw the stiffness of each limb, and the cooling, heating and torque of its
+    wires, are 10% larger or smaller. Each simulation has a process of its own; as many run at once
+    as there are cores.
 
     Args:
         gait: as planned; whether it passed is then its ``passed``.
@@ -105,18 +106,18 @@ def simulate_gait(gait: Gait, what: str, robot: RobotParameters, cycles: int) ->
 
 
 def strides_of(recording: Recording, period: float, cycles: int, start: float = 0.0) -> np.ndarray:
-    """Travel of the body in each cycle (cycles,), m, the first of which begins at a start, s."""
+    """Return the travel of the body in each cycle (cycles,), m, from a start, s, on."""
     assert recording.body_pose is not None
     ends = start + period * np.arange(cycles + 1)
     return np.diff(np.interp(ends, recording.time, recording.body_pose[0]))
 
 
 def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:
-    """How a robot that walks falls, in words, and when, s; no words and the end if it does not.
+    """Return how a robot that walks falls, in words, and when, s; "" and the end if it does not.
 
-    It falls if its body tilts by more than 60° or comes to the ground, or if for half a period a
-    foot carries nothing that does not swing in the gait, whose first cycle begins at a start, s;
-    the latter is left out where forces are not known.
+    A robot has fallen when its body tilts by more than 60° or touches the ground. It has fallen,
+    too, when a foot that does not swing in the gait carries nothing for half a period; this is
+    checked where the forces are known. The first cycle of the gait begins at ``start``, s.
     """
     assert recording.body_pose is not None
     body, pose, times = gait.robot.body, recording.body_pose, recording.time

@@ -30,7 +30,7 @@ CAUTION: tuple[dict[str, Any], ...] = (
 )
 START_CYCLES = 6  # after which heat and memory of wires nearly repeat
 LONGEST_SOLVE = 60.0  # s of processor time, of each attempt; gaits take a few
-MOST_ITERATIONS = 150  # of each attempt; gaits need 25 to 60, and those of wires with memory 100
+MOST_ITERATIONS = 150  # of each attempt; gaits need 25 to 60, with memory of wires 100
 # By what requests are relaxed to tell why there is no gait.
 LESS_FRICTION, MORE_HEAT = 0.25, 100.0
 RELAXED_TIME = 10.0  # s of processor time, of each relaxed request
@@ -54,7 +54,7 @@ def plan_gait(
 
     The check simulates it with contact over eight cycles, and on other grounds and with other
     parameters, which takes a minute or two. Where the robot does not walk as planned, steadier
-    gaits are planned, as of `CAUTION`.
+    gaits are planned, as `CAUTION` lists them.
 
     Args:
         robot: description of the robot, or the path of its YAML file; the crawler if None.
@@ -153,7 +153,7 @@ def _solved(program: GaitProgram, longest: float = LONGEST_SOLVE) -> Gait:
         limits["max_cpu_time"] = longest
         for name, value in (barrier | limits).items():
             options.SetOption(IpoptSolver.id(), name, value)
-        solver = ExactHessianIpoptSolver(exact=True, blocks=program.blocks)
+        solver = ExactHessianIpoptSolver(blocks=program.blocks)
         result = solver.Solve(program.prog, start, options)
         details = result.get_solver_details()
         iterations, solve_time = iterations + details.iterations, solve_time + details.solve_time
@@ -271,7 +271,7 @@ def standing_still(program: GaitProgram) -> np.ndarray:
     unknown = np.r_[:d, d + len(states) + np.arange(2 * F)]
     for _ in range(50):
         missed = targets - standing.values(point)[: d + 2 * F]
-        # More than two straight limbs share the load in many ways, of which one is taken.
+        # More than two straight limbs share the load in many ways; one of them is taken.
         step = np.linalg.lstsq(standing.derivatives(point)[: d + 2 * F, unknown], missed)[0]
         largest = np.abs(step[:d]).max()
         point[unknown] += step / max(1.0, largest / 0.2)

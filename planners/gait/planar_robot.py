@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 
 from limb_systems import Layout, RobotParameters
-from limb_systems.model.chain import Chain
-from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.kinematics import Chain, rest_joint_angles
 from limb_systems.model.smooth_function import SmoothFunction, stated_once
 from planners.transcription.solving import PlanningError
 

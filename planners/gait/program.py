@@ -65,7 +65,7 @@ class GaitProgram:
         temperature_margin: how far T stays below T_max, °C.
         sticking_share: share of μ that feet that stick may use.
         clearance: height of feet that swing, m.
-        steadiness: the least pivots of the stiffness, as multiples of those of `Standing`.
+        steadiness: the least pivots of the stiffness, as multiples of the pivots of `Standing`.
     """
 
     def __init__(
@@ -232,7 +232,7 @@ class GaitProgram:
         return np.hstack([self.y, states, self.forces, self.travel])
 
     def complete(self, x: np.ndarray, stride: float, steps: np.ndarray) -> np.ndarray:
-        """Decision variables with those of travel, time and merit, which follow from the others.
+        """Fill in travel, time and merit, which follow from the other decision variables.
 
         Args:
             stride: travel per period, m.

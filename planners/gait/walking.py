@@ -19,9 +19,9 @@ def walk(gait: Gait, cycles: int, *, from_cold: bool = True) -> Trajectory:
     """A warm-up, some cycles of a gait, and all wires off: a trajectory of all limbs together.
 
     In the warm-up, each wire has the constant duty that brings it from ambient to its temperature
-    at the gait's first knot; it is as short as duty and its total allow. Heat is that of the
-    wires' laws under the trajectory's duty. Joint angles are those of the gait, in which the robot
-    is in balance with the gait's heat; in the warm-up they grow with the heat.
+    at the gait's first knot; it is as short as duty and its total allow. The heat follows from the
+    wires' laws under the trajectory's duty. The joint angles are the gait's, in which the robot is
+    in balance with the gait's heat; in the warm-up they grow with the heat.
 
     Args:
         gait: a gait; one that was checked must have passed.
@@ -29,9 +29,9 @@ def walk(gait: Gait, cycles: int, *, from_cold: bool = True) -> Trajectory:
         from_cold: whether there is a warm-up; else the wires begin as in the gait.
 
     Returns:
-        A trajectory for `replay`, with knots at 20 Hz. Its check says how the gait was found; its
-        difference is the largest in the cycles between bends that its heat and the gait's would
-        hold without a ground. It is without one if the gait was never checked.
+        A trajectory for `replay`, with knots at 20 Hz. Its check says how the gait was found; it
+        is empty if the gait was never checked. The difference in the check is the largest one, in
+        the cycles, between the bends that the two heats would hold without a ground.
 
     Raises:
         LimbError: if the gait failed its check, or its wires cannot be brought to its heat.

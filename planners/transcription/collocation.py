@@ -16,9 +16,9 @@ sparse derivatives, and differs in two ways that leave the solutions as they are
 - Rows are scaled to the size of the states: accelerations by K⁻¹ M(0), which
   turns them into the static deflections they stand for.
 
-A point is p = [θ, θ̇, y, D], with the heat y = [x, V] of the wires, at a knot or
-in the middle of an interval. All that is curved is F(p) = [θ̈, ẏ], so that the
-derivatives of the defects follow from those of F at the knots and in the middle.
+A point is p = [θ, θ̇, y, D], with the heat y = [x, V] of the wires, at a knot or in the middle of an
+interval. F(p) = [θ̈, ẏ] alone is curved. The derivatives of the defects follow from the derivatives
+of F at the knots and in the middle.
 """
 
 import copy
@@ -103,7 +103,7 @@ class LimbDefects:
         self.hessian_columns = self._variables[:, columns].ravel()
 
     def with_curvature_of_heat(self) -> "LimbDefects":
-        """A copy whose ``hessian`` is that by heat and duty alone, which is sparser."""
+        """Return a copy whose ``hessian`` has the second derivatives by heat and duty alone."""
         block = copy.copy(self)
         block._lay_out_hessian(first_curved=2 * self._n)
         return block
@@ -226,7 +226,7 @@ def heat_defects(
 ) -> ca.SX:
     """The defects of the heat y alone over an interval of length h, as expressions (M,).
 
-    They are those of (17) times 2 h / 3, with F of the heat:
+    They are the defects of (17) times 2 h / 3, with F of the heat:
 
         y1 - y0 - h/6 (F0 + 4 Fc + F1),  yc = (y0 + y1)/2 + h/8 (F0 - F1),  Dc = (D0 + D1)/2
 
@@ -253,10 +253,10 @@ def _by_knots(
     h: np.ndarray | float,
     out: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Derivatives by the points at the knots (K, m, 2P), of those by the middle's (K, m, P).
+    """Turn derivatives by the point in the middle (K, m, P) into ones by the knots (K, m, 2P).
 
     Args:
-        n: number of joints whose angles and rates the points begin with.
+        n: number of joints; points begin with their angles and rates.
         first, second: derivatives of the heat's rates at the knots by [y, D], (K, M, M + W).
         h: time steps (K, 1, 1).
         out: where to write them.

@@ -37,7 +37,7 @@ class FunctionBlock:
 
     Args:
         function: f.
-        points: indices of the variables of each p_k among those of the program (K, P).
+        points: indices of the variables of each p_k among the variables of the program (K, P).
         targets: indices of y_k (K, Q); y_k is zero if None.
         scales: typical sizes of the values (Q,); rows are divided by them.
         bounds: lower and upper bounds of f(p_k) (K, Q); both are zero if None.

@@ -1,9 +1,7 @@
 """IPOPT with exact Hessians, for Drake programs.
 
-Drake's `IpoptSolver` gives IPOPT a limited-memory Hessian and ignores the
-program's variable scaling. Where the cost is quadratic its Hessian is known,
-and where constraints bend little the cost's Hessian alone (Gauss-Newton) is
-nearly that of the Lagrangian; where they do not, the Lagrangian's is used.
+Drake's `IpoptSolver` gives IPOPT a limited-memory Hessian and ignores the program's variable
+scaling. `ExactHessianIpoptSolver` gives it the Hessian of the Lagrangian and scaled variables.
 """
 
 import contextlib
@@ -14,7 +12,7 @@ import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, Protocol
 
-import ipyopt
+import casadi as ca
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import (
@@ -29,8 +27,8 @@ from limb_systems.signals import SIGNALS
 
 OPTIONS = {
     "mu_strategy": "adaptive",
-    # For an objective that is scaled to at most 100: costs are right to 1e-6. A
-    # ten times larger value saves an iteration and leaves small costs 2e-5 too high.
+    # For an objective that is scaled to at most 100. Costs in a plane are right to 5e-6, in space
+    # to 5e-5; a tenth of this value makes them ten times better and takes up to 4 iterations more.
     "tol": 1e-5,
     # Links in a row amplify what is left of the dynamics: with 1e-10, some plans with nonlinear
     # torque missed them by more than their check allows.
@@ -48,19 +46,21 @@ OPTIONS = {
 }
 
 INFEASIBLE = "infeasible problem detected"
-STATUS = {
-    0: ("solved", SolutionResult.kSolutionFound),
-    1: ("solved to acceptable level", SolutionResult.kSolverSpecificError),
-    2: (INFEASIBLE, SolutionResult.kInfeasibleConstraints),
-    3: ("search direction becomes too small", SolutionResult.kSolverSpecificError),
-    4: ("diverging iterates", SolutionResult.kSolverSpecificError),
-    -1: ("maximum number of iterations exceeded", SolutionResult.kIterationLimit),
-    -2: ("restoration failed", SolutionResult.kSolverSpecificError),
-    -3: ("error in step computation", SolutionResult.kSolverSpecificError),
-    -4: ("maximum CPU time exceeded", SolutionResult.kSolverSpecificError),
-    -10: ("not enough degrees of freedom", SolutionResult.kSolverSpecificError),
-    -11: ("invalid problem definition", SolutionResult.kInvalidInput),
-    -13: ("invalid number detected", SolutionResult.kSolverSpecificError),
+STATUS = {  # words and Drake's result, by the name that IPOPT returns
+    "Solve_Succeeded": ("solved", SolutionResult.kSolutionFound),
+    "Infeasible_Problem_Detected": (INFEASIBLE, SolutionResult.kInfeasibleConstraints),
+    "Maximum_Iterations_Exceeded": (
+        "maximum number of iterations exceeded",
+        SolutionResult.kIterationLimit,
+    ),
+    "Maximum_CpuTime_Exceeded": (
+        "maximum CPU time exceeded",
+        SolutionResult.kSolverSpecificError,
+    ),
+    "Invalid_Problem_Definition": (
+        "invalid problem definition",
+        SolutionResult.kInvalidInput,
+    ),
 }
 
 
@@ -96,13 +96,13 @@ class ConstraintBlock(Protocol):
 class IpoptDetails:
     """IPOPT's status in words, iterations, and time, s.
 
-    - ``multipliers``: multipliers of the scaled constraints, of lower and of upper bounds.
+    - ``multipliers``: multipliers of the scaled constraints and of the bounds of variables.
     """
 
     status: str
     iterations: int
     solve_time: float
-    multipliers: tuple[np.ndarray, np.ndarray, np.ndarray]
+    multipliers: tuple[np.ndarray, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -148,23 +148,18 @@ class ExactHessianIpoptSolver:
     iteration, whatever its point.
 
     Args:
-        exact: whether the Hessian of the constraints is added to that of the
-            cost. Without it (Gauss-Newton) no second derivatives of
-            constraints are calculated; programs whose cost is linear need it.
-        blocks: constraints in addition to those of the program but for what they
-            ``replace``, up to a scaling of the rows. If there are some, the Hessian of
-            the program's own is added in any case.
+        blocks: constraints beside those of the program. A block stands for the constraints of
+            the program that it ``replaces``, up to a scaling of the rows.
         on_iteration: function that is called with iteration, cost and constraint violation.
     """
 
     def __init__(
         self,
         *,
-        exact: bool = False,
         blocks: Sequence[ConstraintBlock] = (),
         on_iteration: Callable[[int, float, float], None] | None = None,
     ):
-        self._exact, self._blocks, self._on_iteration = exact, blocks, on_iteration
+        self._blocks, self._on_iteration = blocks, on_iteration
 
     def Solve(
         self,
@@ -172,7 +167,7 @@ class ExactHessianIpoptSolver:
         initial_guess: np.ndarray | None = None,
         solver_options: SolverOptions | None = None,
         *,
-        multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+        multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> IpoptResult:
         """Solves a program.
 
@@ -189,29 +184,84 @@ class ExactHessianIpoptSolver:
         """
         guess = prog.initial_guess() if initial_guess is None else np.asarray(initial_guess)
         guess = np.nan_to_num(guess)
-        problem = _ScaledProblem(prog, guess, self._exact, self._blocks, self._on_iteration)
-        options, arguments = dict(OPTIONS), {}
+        problem = _ScaledProblem(prog, guess, self._blocks, self._on_iteration)
+        options = dict(OPTIONS)
         if solver_options is not None:
             options |= solver_options.options.get(IpoptSolver.id().name(), {})
         if multipliers is not None:
-            names = ("mult_g", "mult_x_L", "mult_x_U")
-            arguments = {name: value.copy() for name, value in zip(names, multipliers, strict=True)}
             options |= {"warm_start_init_point": "yes", "warm_start_bound_push": 1e-9}
             options |= {"warm_start_mult_bound_push": 1e-9, "mu_init": 1e-6}
             options |= {"mu_strategy": "monotone"}
         start = time.perf_counter()
         with _interruptible(problem):
-            y, status, arguments = problem.solve(options, arguments)
+            y, status, multipliers = problem.solve(options, multipliers)
+        if problem.raised is not None:
+            raise problem.raised
         x = np.clip(problem.scale * y, problem.lower, problem.upper)  # scaling rounds
-        unknown = f"IPOPT status {status}", SolutionResult.kSolverSpecificError
-        words, outcome = STATUS.get(status, unknown)
+        other = status.replace("_", " ").lower(), SolutionResult.kSolverSpecificError
+        words, outcome = STATUS.get(status, other)
         details = IpoptDetails(
             status=words,
             iterations=problem.iterations,
             solve_time=time.perf_counter() - start,
-            multipliers=arguments,
+            multipliers=multipliers,
         )
         return IpoptResult(prog, x, problem.cost.evaluate(x), outcome, details)
+
+
+class _Function(ca.Callback):
+    """A function of numpy arrays, as CasADi calls it.
+
+    Args:
+        problem: problem that keeps what the function raises.
+        function: called with the nonzeros of its inputs, and with the arrays to write to; each of
+            these is None where it is not asked for.
+        inputs, outputs: their sparsities.
+    """
+
+    def __init__(
+        self,
+        problem: "_ScaledProblem",
+        function: Callable[..., None],
+        inputs: Sequence[ca.Sparsity],
+        outputs: Sequence[ca.Sparsity],
+    ):
+        super().__init__()
+        self._problem, self._function = problem, function
+        self._inputs, self._outputs = inputs, outputs
+        self.construct(function.__name__.strip("_"), {})
+
+    def get_n_in(self) -> int:
+        return len(self._inputs)
+
+    def get_n_out(self) -> int:
+        return len(self._outputs)
+
+    def get_sparsity_in(self, index: int) -> ca.Sparsity:
+        return self._inputs[index]
+
+    def get_sparsity_out(self, index: int) -> ca.Sparsity:
+        return self._outputs[index]
+
+    def has_eval_buffer(self) -> bool:
+        return True
+
+    def eval_buffer(self, inputs: Sequence[Any], outputs: Sequence[Any]) -> int:
+        arrays = [None if of is None else np.frombuffer(of) for of in (*inputs, *outputs)]
+        try:
+            self._function(*arrays)
+        except BaseException as error:  # CasADi would print it and go on
+            self._problem.raised = error
+        return int(self._problem.raised is not None)
+
+
+def _sparsity(
+    shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray
+) -> tuple[ca.Sparsity, np.ndarray]:
+    """The sparsity of nonzeros, some at the same place, and which of its nonzeros each adds to."""
+    keys, places = np.unique(columns * shape[0] + rows, return_inverse=True)
+    starts = np.searchsorted(keys, shape[0] * np.arange(shape[1] + 1))
+    return ca.Sparsity(*shape, starts.tolist(), (keys % shape[0]).tolist()), places
 
 
 class _Evaluators:
@@ -268,10 +318,21 @@ class _Constraints(_Evaluators):
         self.upper = _concatenate([evaluator.upper_bound() for evaluator, _ in self._parts])
 
 
+class _LinearConstraints(_Constraints):
+    """Linear constraints of a program, evaluated as one sparse product."""
+
+    def __init__(self, prog: MathematicalProgram, bindings: Sequence[Binding]):
+        super().__init__(prog, bindings)
+        self.values = self.jacobian(np.zeros(prog.num_vars()))
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        return np.bincount(self.rows, self.values * x[self.columns], self.size)
+
+
 class _ScaledProblem:
     """A program in IPOPT's form: y = x / scale, the objective of size 100."""
 
-    def __init__(self, prog, guess, exact, blocks, on_iteration):
+    def __init__(self, prog, guess, blocks, on_iteration):
         linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
         curved = [
             *prog.generic_constraints(),
@@ -286,14 +347,11 @@ class _ScaledProblem:
                 "cones; the program has others."
             )
         self.cost = _Cost(prog)
-        self._linear = _Constraints(prog, linear)
+        self._linear = _LinearConstraints(prog, linear)
         replaced = {binding for block in blocks for binding in block.replaces}
         others = _Constraints(prog, [b for b in curved if b not in replaced])
         self._curved: list[ConstraintBlock] = [others, *blocks]
         self._blocks: list[ConstraintBlock] = [*self._curved, self._linear]
-        # Those at the front, whose second derivatives are used.
-        self._bent = self._curved if exact else self._curved[: 1 if blocks else 0]
-        self._linear_jacobian = self._linear.jacobian(guess)
         self.lower, self.upper = _bounds(prog)
         self.scale = np.ones(prog.num_vars())
         for index, value in prog.GetVariableScaling().items():
@@ -310,70 +368,100 @@ class _ScaledProblem:
         self._g_upper = np.concatenate([block.upper for block in self._blocks])
         self._on_iteration = on_iteration
         self.iterations = 0
-        self.raised: BaseException | None = None  # by the handler of a signal
+        self.raised: BaseException | None = (
+            None  # by a function of the program or a signal's handler
+        )
 
         rows, columns = [self.cost.rows], [self.cost.columns]
-        for block in self._bent:
+        for block in self._curved:
             rows.append(np.maximum(block.hessian_rows, block.hessian_columns))
             columns.append(np.minimum(block.hessian_rows, block.hessian_columns))
         self._hessian_rows, self._hessian_columns = np.concatenate(rows), np.concatenate(columns)
         self._hessian_scale = self.scale[self._hessian_rows] * self.scale[self._hessian_columns]
 
     def solve(self, options, multipliers):
-        num_vars, num_rows = len(self.scale), len(self._g_lower)
-        problem = ipyopt.Problem(
-            num_vars,
-            self.lower / self.scale,
-            self.upper / self.scale,
-            num_rows,
-            self._g_lower,
-            self._g_upper,
-            (self._rows, self._columns),
-            (self._hessian_rows, self._hessian_columns),
-            self._evaluate_cost,
-            self._evaluate_cost_gradient,
-            self._evaluate_constraints,
-            self._evaluate_jacobian,
-            self._evaluate_hessian,
-            self._after_iteration,
-            ipopt_options=options,
+        """The best y, IPOPT's status, and the multipliers of constraints and bounds."""
+        n, m = len(self.scale), len(self._g_lower)
+        jacobian, self._in_jacobian = _sparsity((m, n), self._rows, self._columns)
+        # CasADi wants the upper triangle.
+        hessian, self._in_hessian = _sparsity((n, n), self._hessian_columns, self._hessian_rows)
+        dense = ca.Sparsity.dense
+        one, y, g, none = dense(1), dense(n), dense(m), ca.Sparsity(0, 0)
+        cost = _Function(self, self._cost, [y, none], [one])
+        constraints = _Function(self, self._constraints, [y, none], [g])
+        derivatives = {  # named, because CasADi does not keep Python's objects alive
+            "grad_f": _Function(self, self._cost_gradient, [y, none], [one, y]),
+            "jac_g": _Function(self, self._jacobian, [y, none], [g, jacobian]),
+            "hess_lag": _Function(self, self._hessian, [y, none, one, g], [hessian]),
+        }
+        after = _Function(self, self._after_iteration, [y, one, g, y, g, none], [one])
+        at, no_parameters = ca.MX.sym("y", n), ca.MX(0, 0)
+        solver = ca.nlpsol(
+            "solver",
+            "ipopt",
+            {"x": at, "f": cost(at, no_parameters), "g": constraints(at, no_parameters)},
+            {
+                **derivatives,
+                "iteration_callback": after,
+                "no_nlp_grad": True,
+                "print_time": False,
+                "show_eval_warnings": False,
+                "ipopt": options,
+            },
         )
-        for name, size in (("mult_g", num_rows), ("mult_x_L", num_vars), ("mult_x_U", num_vars)):
-            multipliers.setdefault(name, np.zeros(size))
-        y, _, status = problem.solve(self._guess.copy(), **multipliers)
-        return y, status, tuple(multipliers.values())
+        of_constraints, of_bounds = multipliers or (np.zeros(m), np.zeros(n))
+        found = solver(
+            x0=self._guess,
+            lam_g0=of_constraints,
+            lam_x0=of_bounds,
+            lbx=self.lower / self.scale,
+            ubx=self.upper / self.scale,
+            lbg=self._g_lower,
+            ubg=self._g_upper,
+        )
+        statistics = solver.stats()
+        self.iterations = statistics["iter_count"]
+        y, of_constraints, of_bounds = (
+            found[name].full().ravel() for name in ("x", "lam_g", "lam_x")
+        )
+        return y, statistics["return_status"], (of_constraints, of_bounds)
 
-    def _all_constraints(self, y):
-        return np.concatenate([block.evaluate(self.scale * y) for block in self._blocks])
+    def _cost(self, y, _, cost):
+        cost[:] = self._cost_scale * self.cost.evaluate(self.scale * y)
 
-    def _evaluate_cost(self, y):
-        if self.raised is not None:
-            return np.nan  # which ends the iteration soon
-        return self._cost_scale * self.cost.evaluate(self.scale * y)
+    def _cost_gradient(self, y, _, cost, gradient):
+        if cost is not None:
+            self._cost(y, _, cost)
+        if gradient is not None:
+            gradient[:] = self._cost_scale * self.scale * self.cost.gradient(self.scale * y)
 
-    def _evaluate_cost_gradient(self, y, out):
-        out[:] = self._cost_scale * self.scale * self.cost.gradient(self.scale * y)
-
-    def _evaluate_constraints(self, y, out):
-        out[:] = self._all_constraints(y) if self.raised is None else np.nan
-
-    def _evaluate_jacobian(self, y, out):
+    def _constraints(self, y, _, values):
         x = self.scale * y
-        nonzeros = [*(block.jacobian(x) for block in self._curved), self._linear_jacobian]
-        out[:] = np.concatenate(nonzeros) * self.scale[self._columns]
+        values[:] = np.concatenate([block.evaluate(x) for block in self._blocks])
 
-    def _evaluate_hessian(self, y, multipliers, cost_factor, out):
+    def _jacobian(self, y, _, values, jacobian):
+        if values is not None:
+            self._constraints(y, _, values)
+        if jacobian is not None:
+            x = self.scale * y
+            parts = [*(block.jacobian(x) for block in self._curved), self._linear.values]
+            nonzeros = np.concatenate(parts) * self.scale[self._columns]
+            jacobian[:] = np.bincount(self._in_jacobian, nonzeros, len(jacobian))
+
+    def _hessian(self, y, _, cost_factor, multipliers, hessian):
         x = self.scale * y
-        parts = [cost_factor * self._cost_scale * self.cost.hessian(x)]
-        for block, start in zip(self._bent, self._starts, strict=False):
+        parts = [cost_factor[0] * self._cost_scale * self.cost.hessian(x)]
+        for block, start in zip(self._curved, self._starts, strict=False):
             parts.append(block.hessian(x, multipliers[start : start + len(block.lower)]))
-        out[:] = np.concatenate(parts) * self._hessian_scale
+        nonzeros = np.concatenate(parts) * self._hessian_scale
+        hessian[:] = np.bincount(self._in_hessian, nonzeros, len(hessian))
 
-    def _after_iteration(self, _mode, iteration, scaled_cost, violation, *_):
-        self.iterations = iteration
+    def _after_iteration(self, _y, cost, values, *_):
         if self._on_iteration:
-            self._on_iteration(iteration, scaled_cost / self._cost_scale, violation)
-        return self.raised is None
+            missed = np.maximum(self._g_lower - values, values - self._g_upper)
+            violation = float(missed.max(initial=0.0))
+            self._on_iteration(self.iterations, float(cost[0]) / self._cost_scale, violation)
+        self.iterations += 1
 
 
 class _Cost:
@@ -431,10 +519,7 @@ class _Cost:
 
 @contextlib.contextmanager
 def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
-    """Ends IPOPT after the current iteration if a signal's handler raises, and raises that then.
-
-    IPOPT is C, which loses what is raised inside: a solution must not come out of Ctrl-C.
-    """
+    """End IPOPT after the current iteration if a signal's handler raises, and raise that then."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -454,8 +539,6 @@ def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        if problem.raised is not None:
-            raise problem.raised
 
 
 def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:

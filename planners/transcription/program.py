@@ -29,25 +29,125 @@ ADDED_TOLERANCE = 1e-5
 
 
 class PlanProgram:
-    """What programs of a plan have in common, of the chain's motion or of heat alone.
+    """Eqns (15)-(20) for one limb, with the task's further costs and limits.
+
+    `TrajectoryProgram` plans the motion of the chain and the heat, `QuasiStaticProgram` the heat
+    alone. `update` sets the reference, the initial state and the warm-up.
 
     - ``prog``: the `MathematicalProgram`.
     - ``wires``: `Wires` of the limb.
     - ``times``: times of the knots (K,), s, before they are stretched.
-    - ``duty``, ``time_steps``: indices of u_k (K, W) and h_k (K - 1) among the decision variables.
+    - ``heat``, ``duty``, ``time_steps``: indices of [x, V] (K, M), u_k (K, W) and h_k (K - 1)
+      among the decision variables.
     - ``blocks``: constraints that are evaluated together, beside those of ``prog``.
+    - ``cheap_blocks``: the same constraints with a Hessian that is not whole but cheaper; None if
+      only the whole Hessian will do.
     - ``added``: the constraints that the task's ``customize`` added.
+
+    Args:
+        parameters: description of the limb.
+        times: times of the knots (K,), s, from 0.
+        task: weights and limits; `Task()` if None.
+        measured_margin: how far readings V stay below ``measured_maximum``, °C, one number or
+            one for each wire (W,).
+        limit_weight: cost of each °C beyond (19)-(20), 1/°C; they are never passed if None.
     """
 
-    parameters: LimbParameters
-    times: np.ndarray
-    task: Task
-    wires: Wires
+    has_inertia: bool  # whether the motion of the chain is planned, and not the heat alone
+
     prog: MathematicalProgram
+    heat: np.ndarray
     duty: np.ndarray
-    time_steps: np.ndarray
     blocks: list[ConstraintBlock]
-    _of_knots: np.ndarray  # indices of all variables of each knot (K, P)
+    cheap_blocks: list[ConstraintBlock] | None
+    _heat: np.ndarray  # the variables of [x, V] (K, M), of u (K, W) and of h (K - 1)
+    _duty: np.ndarray
+    _time_steps: np.ndarray
+    _start: np.ndarray  # variables whose values (16) gives
+    # Variables whose distance from the reference (15) weighs (K, A), with their weights (A,), and
+    # the bends by these variables (F, A).
+    _tracked: np.ndarray
+    _shares: np.ndarray
+    _to_bends: np.ndarray
+    _of_knots: np.ndarray  # variables of the knots but the duty (K, P), with their scales (P,)
+    _scales: np.ndarray
+
+    def __init__(
+        self,
+        parameters: LimbParameters,
+        times: np.ndarray,
+        task: Task | None = None,
+        measured_margin: ArrayLike = 0.0,
+        limit_weight: float | None = None,
+    ):
+        self.parameters, self.times, self.task = parameters, times, task or Task()
+        self.wires, self._layout = Wires(parameters), Layout(parameters)
+        self._add_variables()
+        self.heat, self.duty = self.indices(self._heat), self.indices(self._duty)
+        self._add_time()
+        self._add_cost()
+        prog, none = self.prog, np.zeros(self._start.size)
+        self._initial = prog.AddBoundingBoxConstraint(none, none, self._start)  # (16)
+        self._warm_up = self._add_wires(measured_margin, limit_weight)
+        self._add_rate_limits(self._rate_limits())
+        if self.task.reach:
+            end = np.zeros(len(self._to_bends))
+            self._end = prog.AddLinearConstraint(self._to_bends, end, end, self._tracked[-1])
+        for variables, scale in zip(self._of_knots.T, self._scales, strict=True):
+            for variable in variables if scale != 1.0 else ():
+                prog.SetVariableScaling(variable, scale)
+        self.blocks = self._make_blocks()
+        before = set(prog.GetAllConstraints())
+        if self.task.customize:
+            self.task.customize(self)
+        self.added = [b for b in prog.GetAllConstraints() if b not in before]
+
+    def _add_variables(self) -> None:
+        """Add the decision variables, and say which of them the others here are."""
+        raise NotImplementedError
+
+    def _make_blocks(self) -> list[ConstraintBlock]:
+        """Return ``blocks``, (17) among them, and set ``cheap_blocks``."""
+        raise NotImplementedError
+
+    def _add_rate_limits(self, limits: np.ndarray) -> None:
+        """Limit the bend rates at the knots (K,), rad/s, where the limits are finite."""
+        raise NotImplementedError
+
+    def _targets(self, reference: np.ndarray) -> np.ndarray:
+        """The values that (15) asks of the tracked variables (K, A), by φ_ref (F, K), rad."""
+        raise NotImplementedError
+
+    def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
+        """Set the values that change from plan to plan.
+
+        Args:
+            reference: φ_ref at the knots (F, K), rad.
+            initial_state: x_init, a state of `Limb`, or its heat [x, V] alone for a program
+                without inertia.
+            warm_up_time: k_warm, s from the first knot.
+        """
+        weights, _ = self.task.weights(self.times)
+        targets = self._targets(reference)
+        for binding, weight, target in zip(self._angle_costs, weights, targets, strict=True):
+            Q = weight * self._shares
+            constant = 0.5 * float(target @ (Q * target))
+            binding.evaluator().UpdateCoefficients(np.diag(Q), -Q * target, constant, True)
+        heat = initial_state[-len(self.wires.heat_scales) :]
+        start = initial_state if self.has_inertia else heat[: self._start.size]
+        self._initial.evaluator().set_bounds(start, start)
+        lower = warm_bounds(self.parameters, self.times, warm_up_time)
+        self._warm_up.evaluator().UpdateLowerBound(lower)
+        if self.task.reach:
+            end = reference[:, -1]
+            self._end.evaluator().set_bounds(end - REACH_TOLERANCE, end + REACH_TOLERANCE)
+
+    @property
+    def starts_near(self) -> bool:
+        """Whether the quasi-static plan nearly is the plan, so that a solver starts near it."""
+        task = self.task
+        limits_motion = task.customize or task.reach or task.final_hold or task.max_bend_rate
+        return self.has_inertia and not limits_motion
 
     @property
     def state_scales(self) -> np.ndarray:
@@ -71,7 +171,7 @@ class PlanProgram:
         return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
 
     def broken_constraint(self, x: np.ndarray) -> str:
-        """The constraint of those ``added`` that is exceeded most, in words, or ""."""
+        """Return the ``added`` constraint that is missed most, in words; "" if all hold."""
         worst, most = "", ADDED_TOLERANCE
         for number, binding in enumerate(self.added, 1):
             evaluator, values = binding.evaluator(), self.prog.EvalBinding(binding, x)
@@ -92,9 +192,10 @@ class PlanProgram:
         return worst
 
     def _when(self, binding: Binding) -> str:
-        """The times of the knots whose variables a constraint is on, in words."""
+        """Return the times of the knots that a constraint is about, in words."""
         indices = self.prog.FindDecisionVariableIndices(binding.variables())
-        concerned = np.isin(self._of_knots, indices).any(axis=1)
+        of_knots = np.hstack([self.indices(self._of_knots), self.duty])
+        concerned = np.isin(of_knots, indices).any(axis=1)
         knots = self.times[concerned]
         if not len(knots):
             return ""
@@ -105,9 +206,9 @@ class PlanProgram:
         steps, factors = np.diff(self.times), self.task.stretch or (1.0, 1.0)
         return factors[0] * steps.min(), factors[1] * steps.max()
 
-    def _add_time(self, time_steps: np.ndarray) -> None:
+    def _add_time(self) -> None:
         """Times of the knots: as given, or all stretched alike."""
-        prog, steps = self.prog, np.diff(self.times)
+        prog, steps, time_steps = self.prog, np.diff(self.times), self._time_steps
         self.time_steps = self.indices(time_steps)
         if self.task.stretch is None:
             prog.AddBoundingBoxConstraint(steps, steps, time_steps)
@@ -119,44 +220,97 @@ class PlanProgram:
                 np.array([[1 / steps[0], -1 / steps[k]]]), [0.0], [time_steps[0], time_steps[k]]
             )
 
-    def _set_scaling(self, variables: np.ndarray, scales: np.ndarray) -> None:
-        """Scales of the variables of each knot (K, P)."""
-        for of_knots, scale in zip(variables.T, scales, strict=True):
-            if scale != 1.0:
-                for variable in of_knots:
-                    self.prog.SetVariableScaling(variable, scale)
+    def _add_cost(self) -> None:
+        """(15) of the angles; `update` fills in the reference."""
+        Q = np.diag(self._shares)
+        self._angle_costs = [
+            self.prog.AddQuadraticCost(Q, np.zeros(len(Q)), tracked, is_convex=True)
+            for tracked in self._tracked
+        ]
 
-    def _customize(self) -> None:
-        before = set(self.prog.GetAllConstraints())
-        if self.task.customize:
-            self.task.customize(self)
-        self.added = [b for b in self.prog.GetAllConstraints() if b not in before]
+    def _rate_limits(self) -> np.ndarray:
+        """Largest bend rates at the knots (K,), rad/s; infinite where there is no limit."""
+        task, times = self.task, self.times
+        rate = np.inf if task.max_bend_rate is None else task.max_bend_rate
+        rests = times >= times[-1] - task.final_hold - 1e-9
+        rests[-1] = task.reach or task.final_hold > 0
+        return np.where(rests, min(rate, REST_RATE), rate)
+
+    def _add_wires(self, measured_margin: ArrayLike, limit_weight: float | None) -> Binding:
+        """Add what a plan asks of the wires: costs of duty and heat, (18)-(20), and limits.
+
+        Returns:
+            The binding of (19)-(20), whose lower bounds are `warm_bounds`.
+
+        Raises:
+            TaskError: if the temperature rate is limited and not affine.
+        """
+        prog, parameters, times, task = self.prog, self.parameters, self.times, self.task
+        wires, duty = self.wires, self._duty
+        W, x, readings = wires.num_wires, *np.split(self._heat, [wires.num_states], axis=1)
+        _, weights = task.weights(times)
+        energy = task.energy_weight * task.shares(times)
+        for k in range(len(times) - 1):  # (15)
+            quadratic, linear = weights[k] * np.eye(W), np.full(W, energy[k])
+            prog.AddQuadraticCost(quadratic, linear, duty[k], is_convex=True)
+        if task.temperature_weight:
+            by_temperature = temperature_weights(parameters, times, task)
+            constant = -parameters.ambient_temperature * by_temperature.sum()
+            prog.AddLinearCost(by_temperature.ravel(), constant, x[:, :W].ravel())
+        if task.duty_hold:
+            held = times[:-1] >= times[-1] - task.duty_hold - 1e-9
+            held[-1] = True
+            for k in np.flatnonzero(held).tolist():
+                for pair in duty[k : k + 2].T:
+                    prog.AddLinearEqualityConstraint(np.array([[1.0, -1.0]]), [0.0], pair)
+        prog.AddBoundingBoxConstraint(0.0, 1.0 - task.duty_margin, duty.ravel())  # (18)
+        if parameters.total_duty < W:
+            one, most = np.ones((1, W)), [parameters.total_duty]
+            for of_knot in duty:
+                prog.AddLinearConstraint(one, [-np.inf], most, of_knot)
+        warm = warm_bounds(parameters, times, parameters.temperature_limits.warm_up_time)
+        hot = np.full(len(warm), parameters.temperature_limits.maximum - task.temperature_margin)
+        hot[:W] = np.inf  # of the given initial state
+        T = x[:, :W].ravel()
+        if limit_weight is None:
+            warm_up = prog.AddBoundingBoxConstraint(warm, hot, T)  # (19)-(20)
+        else:
+            warm_up = add_soft_bounds(prog, T, warm, hot, limit_weight)
+        if readings.size:
+            bounds = reading_bounds(parameters, measured_margin)
+            bounded, bounds = readings[1:, np.isfinite(bounds)], bounds[np.isfinite(bounds)]
+            if bounded.size:
+                upper = np.tile(bounds, len(bounded))
+                prog.AddBoundingBoxConstraint(np.full(len(upper), -np.inf), upper, bounded.ravel())
+        if task.max_temperature_rate is not None:
+            if not wires.rates_are_affine:
+                raise TaskError(
+                    "max_temperature_rate needs wires whose temperature rate is affine, as (6) is; "
+                    "leave it out for this limb."
+                )
+            A, B, c = wires.affine_rates()
+            rate, limit = np.hstack([A, B])[:W], task.max_temperature_rate  # (6)
+            for k in range(len(times)):
+                variables = np.r_[x[k], duty[k]]
+                prog.AddLinearConstraint(rate, -limit - c[:W], limit - c[:W], variables)
+        return warm_up
 
 
 class TrajectoryProgram(PlanProgram):
-    """Eqns (15)-(20) for one limb, with the task's further costs and limits.
+    """A `PlanProgram` of the chain's motion and the heat, on Drake's `DirectCollocation`.
 
-    The reference and the initial state are those of the last `update`.
-
-    - ``prog``: the `MathematicalProgram`.
     - ``collocation``: the `DirectCollocation` that built it; None without its constraints.
-    - ``limb``, ``wires``: the `Limb` whose dynamics are its constraints, and its `Wires`.
-    - ``times``: times of the knots (N,), s, before they are stretched.
-    - ``states``, ``duty``, ``time_steps``: indices of x_k, u_k and h_k among
-      the decision variables, (N, 2n + M), (N, W) and (N - 1), for the heat
-      (M) of W wires, their states and readings.
+    - ``limb``: the `Limb` whose dynamics are its constraints.
+    - ``states``: indices of x_k (K, 2n + M) among the decision variables.
     - ``defects``: (17) as `LimbDefects`.
-    - ``added``: the constraints that the task's ``customize`` added.
 
     Args:
-        parameters: description of the limb.
-        times: times of the knots (N,), s, from 0.
-        task: weights and limits; `Task()` if None.
-        measured_margin: how far readings V stay below ``measured_maximum``, °C,
-            one number or one for each wire (W,).
+        parameters, times, task, measured_margin: as for `PlanProgram`.
         with_constraints: whether ``prog`` has (17) as Drake's constraints, which building
             takes most of the time; ``defects`` stand for them anyway.
     """
+
+    has_inertia = True
 
     def __init__(
         self,
@@ -167,63 +321,76 @@ class TrajectoryProgram(PlanProgram):
         measured_margin: ArrayLike = 0.0,
         with_constraints: bool = True,
     ):
-        self.parameters, self.times, self.task = parameters, times, task or Task()
-        self.limb, self.wires = Limb(parameters), Wires(parameters)
-        self._add_dynamics(with_constraints)
-        self._add_cost()
-        self._initial_state = self.prog.AddBoundingBoxConstraint(0.0, 0.0, self._states[0])
-        self._warm_up = add_wires(
-            self.prog,
-            parameters,
-            times,
-            self._states[:, 2 * parameters.num_joints :],
-            self._duty,
-            self.task,
-            parameters.temperature_limits.warm_up_time,
-            measured_margin,
-        )
-        self._add_limits_of_motion()
-        self._set_scaling(self._states, self.state_scales)
-        self._dynamics = Dynamics(parameters)
+        self._with_constraints, self.limb = with_constraints, Limb(parameters)
+        super().__init__(parameters, times, task, measured_margin)
+
+    def _add_variables(self) -> None:
+        num_knots, n = len(self.times), self.parameters.num_joints
+        shortest, longest = self._shortest_and_longest_step()
+        self.collocation = None
+        if self._with_constraints:
+            self.collocation = collocation = DirectCollocation(
+                self.limb,
+                self.limb.CreateDefaultContext(),
+                num_time_samples=num_knots,
+                minimum_time_step=shortest,
+                maximum_time_step=longest,
+                input_port_index=self.limb.GetInputPort("duty").get_index(),
+            )
+            self.prog = collocation.prog()
+            self._states = np.array([collocation.state(k) for k in range(num_knots)])
+            self._duty = np.array([collocation.input(k) for k in range(num_knots)])
+            self._time_steps = np.array([collocation.time_step(k)[0] for k in range(num_knots - 1)])
+        else:
+            self.prog = prog = MathematicalProgram()
+            self._time_steps = prog.NewContinuousVariables(num_knots - 1, "h")
+            prog.AddBoundingBoxConstraint(shortest, longest, self._time_steps)
+            self._states, self._duty = (
+                prog.NewContinuousVariables(num_knots * size, name).reshape(num_knots, size)
+                for size, name in (
+                    (self.limb.num_continuous_states(), "x"),
+                    (self.wires.num_wires, "u"),
+                )
+            )
+        self.states, self._start = self.indices(self._states), self._states[0]
+        self._of_knots, self._scales = self._states, self.state_scales
+        self._tracked, self._heat = self._states[:, :n], self._states[:, 2 * n :]
+        self._shares, self._to_bends = np.ones(n), np.zeros((self._layout.num_bends, n))
+        for row, joints, chain in zip(
+            self._to_bends, self._layout.bend_joints, self._layout.chains, strict=True
+        ):
+            row[joints] = chain.bend_by_equal_angle / len(joints)  # (11)
+
+    def _targets(self, reference: np.ndarray) -> np.ndarray:
+        return joint_angles_from_bend_angle(self.parameters, reference).T
+
+    def _add_rate_limits(self, limits: np.ndarray) -> None:
+        n = self.parameters.num_joints
+        # The initial state is given, so its rate cannot be planned.
+        for k in np.flatnonzero(np.isfinite(limits[1:])) + 1:
+            most = np.full(len(self._to_bends), limits[k])
+            rates = self._states[k, n : 2 * n]
+            self.prog.AddLinearConstraint(self._to_bends, -most, most, rates)
+
+    def _make_blocks(self) -> list[ConstraintBlock]:
+        self._dynamics, is_free = Dynamics(self.parameters), self.task.stretch is not None
         self.defects = LimbDefects(
             self._dynamics,
             self.wires.heat_scales,
             self.states,
             self.duty,
             self.time_steps,
-            typical_time_step=float(np.median(np.diff(times))),
+            typical_time_step=float(np.median(np.diff(self.times))),
             replaces=self.prog.generic_constraints(),  # those of `DirectCollocation`
-            free_duration=self.task.stretch is not None,
+            free_duration=is_free,
         )
-        self.blocks = [self.defects]
-        self._customize()
-
-    def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
-        """Sets the values that change from plan to plan.
-
-        Args:
-            reference: φ_ref at the knots (S, N), rad.
-            initial_state: x_init, a state of `Limb`.
-            warm_up_time: k_warm, s from the first knot.
-        """
-        target = joint_angles_from_bend_angle(self.parameters, reference)
-        for (binding, weights), angles in zip(self._angle_costs, target.T, strict=True):
-            binding.evaluator().UpdateCoefficients(
-                np.diag(weights), -weights * angles, 0.5 * angles @ (weights * angles), True
-            )
-        # (16)
-        self._initial_state.evaluator().set_bounds(initial_state, initial_state)
-        # (20)
-        lower = warm_bounds(self.parameters, self.times, warm_up_time)
-        self._warm_up.evaluator().UpdateLowerBound(lower)
-        # The task's `reach`; without it there are no such bindings.
-        for binding, end in zip(self._ends, reference[:, -1], strict=False):
-            binding.evaluator().set_bounds([end - REACH_TOLERANCE], [end + REACH_TOLERANCE])
+        self.cheap_blocks = None if is_free else [self.defects.with_curvature_of_heat()]
+        return [self.defects]
 
     def variables(
         self, states: np.ndarray, duty: np.ndarray, times: np.ndarray | None = None
     ) -> np.ndarray:
-        """All decision variables, from states (2n + M, N), duty (W, N) and knots (N,)."""
+        """All decision variables, from states (2n + M, K), duty (W, K) and knots (K,)."""
         x = np.zeros(self.prog.num_vars())
         x[self.time_steps] = np.diff(self.times if times is None else times)
         x[self.states], x[self.duty] = states.T, duty.T
@@ -244,9 +411,9 @@ class TrajectoryProgram(PlanProgram):
     def defects_of(self, x: np.ndarray) -> np.ndarray:
         """Violation of (17), with the dynamics of the limb's diagram, (2n + M, N - 1).
 
-        Defects of θ̇ are scaled by K⁻¹ M(0) to the static deflections they
-        stand for, in rad; those of θ by the time step, in rad; those of the heat
-        by the time step and the changes that matter, such as 50 °C.
+        The defects of θ̇ are scaled by K⁻¹ M(0) to the static deflections that they stand for,
+        rad. The defects of θ are scaled by the time step, rad. The defects of the heat are scaled
+        by the time step and by typical changes, such as 50 °C.
         """
         h, states, duty = x[self.time_steps], x[self.states].T, x[self.duty].T
         rates = self._time_derivatives(states, duty)
@@ -267,73 +434,6 @@ class TrajectoryProgram(PlanProgram):
         """The largest of `defects_of`."""
         return float(np.abs(self.defects_of(x)).max())
 
-    def _add_dynamics(self, with_constraints: bool) -> None:
-        """(17), and the decision variables."""
-        num_knots = len(self.times)
-        shortest, longest = self._shortest_and_longest_step()
-        self.collocation = None
-        if with_constraints:
-            self.collocation = collocation = DirectCollocation(
-                self.limb,
-                self.limb.CreateDefaultContext(),
-                num_time_samples=num_knots,
-                minimum_time_step=shortest,
-                maximum_time_step=longest,
-                input_port_index=self.limb.GetInputPort("duty").get_index(),
-            )
-            self.prog = prog = collocation.prog()
-            self._states = np.array([collocation.state(k) for k in range(num_knots)])
-            self._duty = np.array([collocation.input(k) for k in range(num_knots)])
-            time_steps = np.array([collocation.time_step(k)[0] for k in range(num_knots - 1)])
-        else:
-            self.prog = prog = MathematicalProgram()
-            time_steps = prog.NewContinuousVariables(num_knots - 1, "h")
-            prog.AddBoundingBoxConstraint(shortest, longest, time_steps)
-            self._states, self._duty = (
-                prog.NewContinuousVariables(num_knots * size, name).reshape(num_knots, size)
-                for size, name in (
-                    (self.limb.num_continuous_states(), "x"),
-                    (self.wires.num_wires, "u"),
-                )
-            )
-
-        self.states, self.duty = self.indices(self._states), self.indices(self._duty)
-        self._of_knots = np.hstack([self.states, self.duty])
-        self._add_time(time_steps)
-
-    def _add_cost(self) -> None:
-        """(15) of the angles; `update` fills in the reference."""
-        n = self.parameters.num_joints
-        self._angle_costs = []
-        angle_weights, _ = self.task.weights(self.times)
-        for angles, angle_weight in zip(self._states[:, :n], angle_weights, strict=True):
-            weights = np.full(n, angle_weight)
-            binding = self.prog.AddQuadraticCost(
-                np.diag(weights), np.zeros(n), angles, is_convex=True
-            )
-            self._angle_costs.append((binding, weights))
-
-    def _add_limits_of_motion(self) -> None:
-        task, prog = self.task, self.prog
-        n = self.parameters.num_joints
-        self._ends = []
-        resting = self.times >= self.times[-1] - task.final_hold
-        resting[-1] &= task.reach or task.final_hold > 0
-        limits = np.full(
-            len(self.times), np.inf if task.max_bend_rate is None else task.max_bend_rate
-        )
-        limits[resting] = np.minimum(limits[resting], REST_RATE)
-        layout = Layout(self.parameters)
-        for joints, chain in zip(layout.bend_joints, layout.chains, strict=True):
-            links = len(joints)
-            to_bend = np.full((1, links), chain.bend_by_equal_angle / links)  # (11)
-            angles, rates = self._states[:, :n][:, joints], self._states[:, n : 2 * n][:, joints]
-            # The initial state is given, so its rate cannot be planned.
-            for k in np.flatnonzero(np.isfinite(limits[1:])) + 1:
-                prog.AddLinearConstraint(to_bend, [-limits[k]], [limits[k]], rates[k])
-            if task.reach:
-                self._ends.append(prog.AddLinearConstraint(to_bend, [0.0], [0.0], angles[-1]))
-
     def _time_derivatives(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         return BatchEvalTimeDerivatives(
             self.limb,
@@ -343,78 +443,6 @@ class TrajectoryProgram(PlanProgram):
             np.asfortranarray(duty),
             self.limb.GetInputPort("duty").get_index(),
         )
-
-
-def add_wires(
-    prog: MathematicalProgram,
-    parameters: LimbParameters,
-    times: np.ndarray,
-    heat: np.ndarray,
-    duty: np.ndarray,
-    task: Task,
-    warm_up_time: float,
-    measured_margin: ArrayLike = 0.0,
-    limit_weight: float | None = None,
-) -> Binding:
-    """Adds what a plan asks of the wires: costs of duty and heat, (18)-(20), and the task's limits.
-
-    Args:
-        times: times of the knots (K,), s.
-        heat, duty: decision variables [x, V] (K, N + W) and D (K, W); V may be left out.
-        warm_up_time: k_warm, s from the first knot.
-        measured_margin: margin of the readings, as of `TrajectoryProgram`.
-        limit_weight: cost of each °C beyond (19)-(20), 1/°C; they are never passed if None.
-
-    Returns:
-        The binding of (19)-(20), whose lower bounds are `warm_bounds`.
-
-    Raises:
-        TaskError: if the temperature rate is limited and not affine.
-    """
-    wires = Wires(parameters)
-    W, x, readings = wires.num_wires, *np.split(heat, [wires.num_states], axis=1)
-    _, weights = task.weights(times)
-    energy = task.energy_weight * task.shares(times)
-    for k in range(len(times) - 1):  # (15)
-        quadratic, linear = weights[k] * np.eye(W), np.full(W, energy[k])
-        prog.AddQuadraticCost(quadratic, linear, duty[k], is_convex=True)
-    if task.temperature_weight:
-        by_temperature = temperature_weights(parameters, times, task)
-        constant = -parameters.ambient_temperature * by_temperature.sum()
-        prog.AddLinearCost(by_temperature.ravel(), constant, x[:, :W].ravel())
-    if task.duty_hold:
-        held = times[:-1] >= times[-1] - task.duty_hold - 1e-9
-        held[-1] = True
-        for k in np.flatnonzero(held).tolist():
-            for pair in duty[k : k + 2].T:
-                prog.AddLinearEqualityConstraint(np.array([[1.0, -1.0]]), [0.0], pair)
-    prog.AddBoundingBoxConstraint(0.0, 1.0 - task.duty_margin, duty.ravel())  # (18)
-    warm = warm_bounds(parameters, times, warm_up_time)
-    hot = np.full(len(warm), parameters.temperature_limits.maximum - task.temperature_margin)
-    hot[:W] = np.inf  # of the given initial state
-    T = x[:, :W].ravel()
-    if limit_weight is None:
-        warm_up = prog.AddBoundingBoxConstraint(warm, hot, T)  # (19)-(20)
-    else:
-        warm_up = add_soft_bounds(prog, T, warm, hot, limit_weight)
-    if readings.size:
-        bounds = reading_bounds(parameters, measured_margin)
-        bounded, bounds = readings[1:, np.isfinite(bounds)], bounds[np.isfinite(bounds)]
-        if bounded.size:
-            upper = np.tile(bounds, len(bounded))
-            prog.AddBoundingBoxConstraint(np.full(len(upper), -np.inf), upper, bounded.ravel())
-    if task.max_temperature_rate is not None:
-        if not wires.rates_are_affine:
-            raise TaskError(
-                "max_temperature_rate needs wires whose temperature rate is affine, as (6) is; "
-                "leave it out for this limb."
-            )
-        A, B, c = wires.affine_rates()
-        rate, limit = np.hstack([A, B])[:W], task.max_temperature_rate  # (6)
-        for k in range(len(times)):
-            variables = np.r_[x[k], duty[k]]
-            prog.AddLinearConstraint(rate, -limit - c[:W], limit - c[:W], variables)
-    return warm_up
 
 
 def add_soft_bounds(

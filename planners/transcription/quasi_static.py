@@ -1,10 +1,10 @@
-"""The quasi-static program: plans of heat and duty, whose limb is where its wires hold it.
+"""The quasi-static program: plans of heat and duty for a limb that is where its wires hold it.
 
-The mechanics is fast (5 Hz) and the heat is slow (0.1 Hz), so the joint angles
-nearly are where the wires' torques hold them: K θ + ∇V(θ) = f(x, θ). With this, the variables are
-heat, duty and the bends φ alone, however many joints there are. (17) of the heat is
-that of the trajectory program, φ = φ(θ(x)) has exact first and second derivatives by
-adjoints, and (15) weighs the bends as their joints are weighed at equal angles (11).
+The mechanics is fast (5 Hz) and the heat is slow (0.1 Hz), so the joint angles nearly are where the
+wires' torques hold them: K θ + ∇V(θ) = f(x, θ). The variables are then heat, duty and the bends φ
+alone, however many joints there are. The collocation (17) of the heat is the same as in the
+trajectory program. φ = φ(θ(x)) has exact first and second derivatives by adjoints. (15) weighs a
+bend as it weighs the joints of this bend at equal angles (11).
 
 The trajectory program of a planar limb starts from it. Where torque or rates are not affine,
 a few of the knots are enough for that.
@@ -25,7 +25,7 @@ from pydrake.solvers import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import Layout, LimbError, LimbParameters, LinearLaw, Wires
+from limb_systems import LimbError, LimbParameters, LinearLaw, Wires
 from limb_systems.model.smooth_function import SmoothFunction
 from limb_systems.model.statics import HeldAngles
 from planners.task import Task
@@ -33,12 +33,8 @@ from planners.transcription.collocation import ANGLE_SCALE, heat_defects
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import (
-    REACH_TOLERANCE,
-    REST_RATE,
     PlanProgram,
-    add_wires,
     reading_bounds,
-    warm_bounds,
 )
 from planners.transcription.solving import InfeasibleError, solve_program
 
@@ -66,7 +62,7 @@ def check_temperature_limits(
         initial_heat: x and V at the start (N + W,).
         warm_up_time: k_warm, s from the first knot.
         task: task whose margins count.
-        measured_margin: margin of the readings, as of `TrajectoryProgram`.
+        measured_margin: margin of the readings, as for `PlanProgram`.
 
     Raises:
         InfeasibleError: names the wire, the constraint and the time from which
@@ -144,7 +140,7 @@ def solve_quasi_static(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Heat and duty of the wires in the best quasi-static plan.
 
-    It does not heed the task's limits of the motion, nor, as plans of planar limbs, ``total_duty``.
+    It does not heed the task's limits of the motion.
 
     Args:
         times, initial_heat, warm_up_time, measured_margin: as for `check_temperature_limits`.
@@ -152,7 +148,7 @@ def solve_quasi_static(
         held: angles that the wires hold.
 
     Returns:
-        [x, V] (N + W, K), of which the first W are T in °C, and D (W, K).
+        [x, V] (N + W, K), which begins with T (W) in °C, and D (W, K).
 
     Raises:
         InfeasibleError: if it has no solution.
@@ -162,8 +158,6 @@ def solve_quasi_static(
         num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
         grid = np.linspace(times[0], times[-1], num_intervals + 1)
         some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
-    if Layout(parameters).is_planar:
-        parameters = dataclasses.replace(parameters, total_duty=float(wires.num_wires))
     task = dataclasses.replace(
         task,
         max_bend_rate=None,
@@ -183,23 +177,20 @@ def solve_quasi_static(
 
 
 class QuasiStaticProgram(PlanProgram):
-    """Eqns (15)-(20) of a limb that is always where its wires hold it, with the task's limits.
+    """A `PlanProgram` of a limb that is always where its wires hold it.
 
-    The reference, the start and the warm-up are those of the last `update`. (17) of the heat
-    and φ = φ(x) are not in ``prog``, but in ``blocks``.
+    (17) of the heat and φ = φ(x) are not in ``prog``, but in ``blocks``.
 
     - ``held``: angles that the wires hold.
-    - ``heat``, ``bends``: indices of [x, V] (K, M) and φ (K, F) among the decision variables.
+    - ``bends``: indices of φ (K, F) among the decision variables.
 
     Args:
-        parameters: description of the limb.
-        times: times of the knots (K,), s, from 0.
+        parameters, times, task, measured_margin: as for `PlanProgram`.
         held: angles that the wires hold.
-        task: weights and limits.
-        measured_margin: margin of the readings, as of `TrajectoryProgram`.
-        limit_weight: cost of each °C beyond (19)-(20), 1/°C; they are never passed if None.
-            V is left out if they may be.
+        limit_weight: as for `PlanProgram`. V is left out if limits may be passed.
     """
+
+    has_inertia = False
 
     def __init__(
         self,
@@ -210,47 +201,31 @@ class QuasiStaticProgram(PlanProgram):
         measured_margin: ArrayLike = 0.0,
         limit_weight: float | None = None,
     ):
-        self.parameters, self.times, self.task, self.held = parameters, times, task, held
-        wires, K = held.wires, len(times)
-        self.wires, W = wires, wires.num_wires
-        self._layout = Layout(parameters)
-        self._shares = (self._layout.shape**2).sum(axis=0)  # of (15) in the joints' angles
-        self.prog = prog = MathematicalProgram()
-        scales = wires.heat_scales[: None if limit_weight is None else wires.num_states]
-        sizes = {"y": len(scales), "D": W, "b": len(self._shares)}
-        heat, duty, bends = (prog.NewContinuousVariables(K, sizes[name], name) for name in sizes)
-        self._bends = bends
-        self.heat, self.duty, self.bends = map(self.indices, (heat, duty, bends))
-        self._of_knots = np.hstack([self.heat, self.duty, self.bends])
-        steps = prog.NewContinuousVariables(K - 1, "h")
-        self._add_time(steps)
-        prog.AddBoundingBoxConstraint(*self._shortest_and_longest_step(), steps)
-        self._start = prog.AddBoundingBoxConstraint(0.0, 0.0, heat[0])
-        self._warm_up = add_wires(
-            prog,
-            parameters,
-            times,
-            heat,
-            duty,
-            task,
-            parameters.temperature_limits.warm_up_time,
-            measured_margin,
-            limit_weight,
-        )
-        if parameters.total_duty < W:
-            for of_knot in duty:
-                prog.AddLinearConstraint(np.ones((1, W)), [0.0], [parameters.total_duty], of_knot)
-        self._costs = [
-            prog.AddQuadraticCost(np.diag(self._shares), 0.0 * self._shares, bend, is_convex=True)
-            for bend in bends
-        ]
-        self._add_limits_of_motion(steps)
-        scales = np.append(scales, np.full(len(self._shares), ANGLE_SCALE))
-        self._set_scaling(np.hstack([heat, bends]), scales)
-        held_bends = FunctionBlock(held, self.heat[:, : wires.num_states], self.bends)
-        self.blocks = [self._heat_block(), held_bends]
+        self.held, self._is_soft = held, limit_weight is not None
+        super().__init__(parameters, times, task, measured_margin, limit_weight)
         self._tangent: tuple[MathematicalProgram, LinearEqualityConstraint] | None = None
-        self._customize()
+
+    def _add_variables(self) -> None:
+        K, wires = len(self.times), self.wires
+        self._shares = (self._layout.shape**2).sum(axis=0)  # of (15) in the joints' angles
+        self._to_bends = np.eye(len(self._shares))
+        num_heat = wires.num_states if self._is_soft else len(wires.heat_scales)
+        self.prog = prog = MathematicalProgram()
+        self._heat = prog.NewContinuousVariables(K, num_heat, "y")
+        self._duty = prog.NewContinuousVariables(K, wires.num_wires, "D")
+        self._tracked = prog.NewContinuousVariables(K, len(self._shares), "b")
+        self._time_steps = prog.NewContinuousVariables(K - 1, "h")
+        prog.AddBoundingBoxConstraint(*self._shortest_and_longest_step(), self._time_steps)
+        self.bends, self._start = self.indices(self._tracked), self._heat[0]
+        self._of_knots = np.hstack([self._heat, self._tracked])
+        angles = np.full(len(self._shares), ANGLE_SCALE)
+        self._scales = np.append(wires.heat_scales[:num_heat], angles)
+
+    def _make_blocks(self) -> list[ConstraintBlock]:
+        states = self.heat[:, : self.wires.num_states]
+        blocks = [self._heat_block(), FunctionBlock(self.held, states, self.bends)]
+        self.cheap_blocks = blocks  # whose Hessian is whole
+        return blocks
 
     def _heat_block(self) -> ConstraintBlock:
         """(17) of the heat, as `heat_defects`."""
@@ -266,46 +241,23 @@ class QuasiStaticProgram(PlanProgram):
         )
         return FunctionBlock(defects, points, scales=wires.heat_scales / 1.5)
 
+    def _targets(self, reference: np.ndarray) -> np.ndarray:
+        return reference.T
+
     def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
-        """Sets the values that change from plan to plan.
-
-        Args:
-            reference: φ_ref at the knots (F, K), rad.
-            initial_state: x_init, a state of `Limb`, or its heat [x, V] alone.
-            warm_up_time: k_warm, s from the first knot.
-        """
-        motion, heat = np.split(initial_state, [-len(self.wires.heat_scales)])
-        self._initial_motion, self._initial_heat = motion, heat
-        heat = heat[: self.heat.shape[1]]
+        super().update(reference, initial_state, warm_up_time)
+        split = np.split(initial_state, [-len(self.wires.heat_scales)])
+        self._initial_motion, self._initial_heat = split
         self._asked = reference, warm_up_time
-        weights, _ = self.task.weights(self.times)
-        for binding, weight, target in zip(self._costs, weights, reference.T, strict=True):
-            Q = weight * self._shares
-            binding.evaluator().UpdateCoefficients(
-                np.diag(Q), -Q * target, 0.5 * (Q * target**2).sum(), True
-            )
-        self._start.evaluator().set_bounds(heat, heat)
-        lower = warm_bounds(self.parameters, self.times, warm_up_time)
-        self._warm_up.evaluator().UpdateLowerBound(lower)
-        if self.task.reach:
-            end = reference[:, -1]
-            self._end.evaluator().set_bounds(end - REACH_TOLERANCE, end + REACH_TOLERANCE)
 
-    def _add_limits_of_motion(self, steps: np.ndarray) -> None:
-        """The task's, of the mean bend rates of intervals."""
-        task = self.task
-        if task.reach:
-            self._end = self.prog.AddBoundingBoxConstraint(0.0, 0.0, self._bends[-1])
-        limits = np.full(len(steps), np.inf if task.max_bend_rate is None else task.max_bend_rate)
-        resting = self.times[:-1] >= self.times[-1] - task.final_hold - 1e-9
-        resting[-1] |= task.reach
-        limits[resting] = np.minimum(limits[resting], REST_RATE)
+    def _add_rate_limits(self, limits: np.ndarray) -> None:
+        """Limit the mean bend rates of the intervals that begin at knots."""
+        limits = np.append(limits[:-2], limits[-2:].min())
         for k in np.flatnonzero(np.isfinite(limits)):
             rows = np.array([[-1.0, 1.0, -limits[k]], [1.0, -1.0, -limits[k]]])
-            for pair in self._bends[k : k + 2].T:
-                self.prog.AddLinearConstraint(
-                    rows, np.full(2, -np.inf), np.zeros(2), [*pair, steps[k]]
-                )
+            for pair in self._tracked[k : k + 2].T:
+                variables = [*pair, self._time_steps[k]]
+                self.prog.AddLinearConstraint(rows, np.full(2, -np.inf), np.zeros(2), variables)
 
     def guess(self) -> np.ndarray:
         """All decision variables under the best duty for wires that are about linear.
@@ -397,7 +349,7 @@ class QuasiStaticProgram(PlanProgram):
 def linear_limb(parameters: LimbParameters) -> LimbParameters:
     """The limb with wires of the paper's law that are about its own, and with springs alone.
 
-    Torque is that of wires heated from cold, along its chord from T_warm to T_max.
+    The torque is the chord, from T_warm to T_max, of the torque of wires heated from cold.
 
     Raises:
         LimbError: if a law does not say how fast its wire heats and cools.

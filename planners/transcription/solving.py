@@ -10,10 +10,10 @@ from pydrake.solvers import IpoptSolver, SolverInterface, SolverOptions
 from limb_systems import LimbError
 from limb_systems.progress import Progress
 from planners.transcription.ipopt import INFEASIBLE, ExactHessianIpoptSolver
-from planners.transcription.program import PlanProgram, TrajectoryProgram
+from planners.transcription.program import PlanProgram
 
-# Where the quasi-static plan nearly is the plan, most need 10 to 20 iterations from it, with a
-# barrier that leaves it near its bounds; as IPOPT begins they need twice as many.
+# From the quasi-static plan, most plans need 10 iterations with a barrier that leaves it near its
+# bounds; as IPOPT begins they need twice as many.
 NEAR = {
     "mu_strategy": "monotone",
     "mu_init": 1e-4,
@@ -21,13 +21,11 @@ NEAR = {
     "bound_frac": 1e-5,
     "max_iter": 40,
 }
-# Hysteresis and references far out of reach may need hundreds, of which each is cheap. With a
-# barrier that begins this small they are half as many as with IPOPT's own, 0.1.
-PATIENT_ITERATIONS = 600
-PATIENT_BARRIER = 0.01
+# Hysteresis and references far out of reach may need hundreds of iterations; each is cheap. With a
+# barrier that begins this small there are half as many as with IPOPT's own, 0.1.
+PATIENT = {"mu_strategy": "monotone", "mu_init": 0.01, "max_iter": 600}
 # s of processor time, after which no attempt begins and IPOPT ends; plans take seconds.
 LONGEST_SOLVE = 300.0
-GAUSS_NEWTON_ITERATIONS = 40  # most plans need 15, and those that need 40 do not converge
 
 
 class PlanningError(LimbError):
@@ -55,22 +53,19 @@ class Solution:
     solve_time: float
     solver: str
     status: str
-    multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    multipliers: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def solve_program(
     program: PlanProgram,
     guess: np.ndarray,
-    multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     solver: SolverInterface | None = None,
 ) -> Solution:
     """Solves a program by the first of these that succeeds.
 
-    1. of a quasi-static program, IPOPT with the Hessian of the Lagrangian, with patience; of
-       others, unless the duration is free, where less than all curvature is not enough:
-       IPOPT with the Hessian of the cost alone (Gauss-Newton), or, if the wires'
-       laws are not affine, with their curvature as well, from a start that nearly is the
-       plan unless the task has limits of the motion, then with patience;
+    1. IPOPT with the Hessian of the ``cheap_blocks``, if there are some: from near the solution,
+       if the guess is, then with patience;
     2. IPOPT with the Hessian of the Lagrangian;
     3. the same with a monotone barrier.
 
@@ -117,7 +112,7 @@ def solve_program(
                     multipliers=getattr(details, "multipliers", None),
                 )
             failures.append(f"{name}: {status}")
-            if status == INFEASIBLE and not isinstance(program, TrajectoryProgram):
+            if status == INFEASIBLE and not program.has_inertia:
                 raise InfeasibleError(
                     "The temperature constraints (19)-(20)"
                     f"{program.task.named_limits} cannot all be met with duty between 0 and "
@@ -134,35 +129,19 @@ def _attempts(program: PlanProgram, guess, multipliers, solver, report: Callable
 
     begun = time.process_time()
 
-    def ipopt(exact, options=None, multipliers=None, blocks=program.blocks):
-        solver_options = SolverOptions()
+    def ipopt(options: dict, multipliers=None, blocks=program.blocks):
         left = max(LONGEST_SOLVE - (time.process_time() - begun), 1e-3)
-        solver_options.SetOption(IpoptSolver.id(), "max_cpu_time", left)
-        for option, value in (options or {}).items():
+        solver_options = SolverOptions()
+        for option, value in {"max_cpu_time": left, **options}.items():
             solver_options.SetOption(IpoptSolver.id(), option, value)
-        solver = ExactHessianIpoptSolver(exact=exact, blocks=blocks, on_iteration=report)
+        solver = ExactHessianIpoptSolver(blocks=blocks, on_iteration=report)
         return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
 
-    limit = {"max_iter": GAUSS_NEWTON_ITERATIONS}
-    patient = {
-        "mu_strategy": "monotone",
-        "mu_init": PATIENT_BARRIER,
-        "max_iter": PATIENT_ITERATIONS,
-    }
-    wires, task = program.wires, program.task
-    if not isinstance(program, TrajectoryProgram):
-        name = "IPOPT, quasi-static"
-        if multipliers is not None:
-            yield name, lambda: ipopt(True, multipliers=multipliers)
-        yield name, lambda: ipopt(True, patient)
-    elif task.stretch is None and not (wires.rates_are_affine and wires.torque_is_affine):
-        of_heat = [program.defects.with_curvature_of_heat()]
-        name = "IPOPT, curvature of the wires"
-        far = task.customize or task.reach or task.final_hold or task.max_bend_rate is not None
-        if not far:
-            yield name, lambda: ipopt(True, NEAR, multipliers, of_heat)
-        yield f"{name}, patient", lambda: ipopt(True, patient, multipliers, of_heat)
-    elif task.stretch is None:
-        yield "IPOPT, Gauss-Newton", lambda: ipopt(False, limit, multipliers)
-    yield "IPOPT, exact Hessian", lambda: ipopt(True)
-    yield "IPOPT, exact Hessian, monotone barrier", lambda: ipopt(True, {"mu_strategy": "monotone"})
+    if (cheap := program.cheap_blocks) is not None:
+        name = "IPOPT, curvature of the wires" if program.has_inertia else "IPOPT, quasi-static"
+        if multipliers is not None or program.starts_near:
+            yield name, lambda: ipopt(NEAR, multipliers, cheap)
+            name += ", patient"
+        yield name, lambda: ipopt(PATIENT, None, cheap)
+    yield "IPOPT, exact Hessian", lambda: ipopt({})
+    yield "IPOPT, exact Hessian, monotone barrier", lambda: ipopt({"mu_strategy": "monotone"})

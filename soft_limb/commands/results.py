@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 from limb_systems.errors import LimbError
-from limb_systems.files.export import write_mcap, write_parquet
 from limb_systems.files.runner import write_c_header, write_rows
 from limb_systems.output import OutputError, check_outputs
 from limb_systems.summary import Summary
@@ -15,11 +14,9 @@ from soft_limb.commands.options import Command, Option, print_summary, print_tab
 from soft_limb.live.page import LOOPBACK, host_and_port, open_in_browser
 from soft_limb.results.comparison import compare
 from soft_limb.results.overview import Overview
-from soft_limb.results.reading import GAIT, RECORDING, TRAJECTORY, read_result
+from soft_limb.results.reading import TRAJECTORY, read_result
 
-_TABLES = {"parquet": write_parquet, "mcap": write_mcap}
-_ROWS = {"csv": write_rows, "c-header": write_c_header}
-_SUFFIXES = {"parquet": ".parquet", "mcap": ".mcap", "csv": ".csv", "c-header": ".h"}
+_ROWS = {"csv": (".csv", write_rows), "c-header": (".h", write_c_header)}
 
 
 def _show(options: argparse.Namespace) -> int:
@@ -58,30 +55,26 @@ def _compare(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> int:
     one = len(options.files) == 1
-    by_name = {suffix: name for name, suffix in _SUFFIXES.items()}
-    name = options.format or (by_name.get(options.output.suffix) if one else "parquet")
+    by_suffix = {suffix: name for name, (suffix, _) in _ROWS.items()}
+    name = options.format or (by_suffix.get(options.output.suffix) if one else "csv")
     if name is None:
         raise OutputError(
             f"{options.output} is of no known format; its name must end with "
-            f"{', '.join(by_name)}, or --format tell which."
+            f"{' or '.join(by_suffix)}, or --format tell which."
         )
+    suffix, write = _ROWS[name]
     outputs = [
-        options.output if one else options.output / f"{path.stem}{_SUFFIXES[name]}"
-        for path in options.files
+        options.output if one else options.output / f"{path.stem}{suffix}" for path in options.files
     ]
     check_outputs(outputs, inputs=options.files, force=options.force)
     results = [read_result(path) for path in options.files]
-    kinds = [TRAJECTORY] if name in _ROWS else [RECORDING, TRAJECTORY, GAIT]
     for result in results:
-        if result.kind not in kinds:
+        if result.kind != TRAJECTORY:
             raise LimbError(
-                f"{result.path} is a {result.kind}; only a {' or a '.join(kinds)} becomes {name}."
+                f"{result.path} is a {result.kind}; only a {TRAJECTORY} becomes {name}."
             )
     for result, path in zip(results, outputs, strict=True):
-        if name in _ROWS:
-            _ROWS[name](result.value, path, options.rate, options.duty_max)
-        else:
-            _TABLES[name](result.value, path)
+        write(result.value, path, options.rate, options.duty_max)
     print_summary(options, Summary([]), outputs)
     return 0
 
@@ -155,38 +148,29 @@ COMMANDS = {
     ),
     "export": Command(
         _export,
-        "Writes recordings and trajectories as Parquet, for tables, or as MCAP, for viewers of "
-        "robots' logs, with units and provenance in their metadata; these need pip install "
-        "'soft-limb[data]'. Writes the duty of trajectories as CSV or as a C header, for a program "
-        "of your own that holds each row for a period: a row is the plan's mean over it.",
+        "Writes the duty of trajectories as CSV or as a C header, for a program of your own that "
+        "holds each row for a period: a row is the plan's mean duty over the period.",
         "force",
         [
-            Option(
-                "files",
-                nargs="+",
-                metavar="FILE",
-                type=Path,
-                help="recordings and trajectories (.csv)",
-            ),
+            Option("files", nargs="+", metavar="FILE", type=Path, help="trajectories (.csv)"),
             shared("output", help="file to write; of several files the folder"),
             Option(
                 "--format",
-                choices=list(_SUFFIXES),
-                help="by default what the name of the file ends with, "
-                f"{', '.join(_SUFFIXES.values())}, and parquet in a folder",
+                choices=list(_ROWS),
+                help="by default what the output's name ends with, .csv or .h; csv in a folder",
             ),
             Option(
                 "--rate",
                 type=float,
                 default=20.0,
-                help="rows of csv and c-header per second (default %(default)g)",
+                help="rows per second (default %(default)g)",
             ),
             Option(
                 "--duty-max",
                 type=int,
                 default=1,
-                help="number in csv and c-header that stands for full duty, such as 255; "
-                "1 for duty itself (default %(default)s)",
+                help="number that stands for full duty, such as 255; 1 for duty itself "
+                "(default %(default)s)",
             ),
         ],
         stopped=STOPPED,

@@ -244,7 +244,7 @@ def fit(
         for candidate in calibration.prediction.candidates:
             limbs[candidate.name] = copy.deepcopy(calibration.parameters)
             limbs[candidate.name].calibration = None  # it is of the best law
-            candidate.fit.apply(limbs[candidate.name].segments[0])
+            candidate.fit.apply(limbs[candidate.name])
     return calibration, limbs
 
 

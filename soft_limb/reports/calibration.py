@@ -9,8 +9,8 @@ from markupsafe import Markup
 
 from calibration.calibrate import Calibration
 from calibration.prediction.selection import Prediction
-from calibration.section_v.damping import DampingFit
-from calibration.section_v.heat import HeatFit
+from calibration.section_v.mechanics import DampingFit
+from calibration.section_v.wires import HeatFit
 from calibration.validation import Validation
 from limb_systems.views.colors import wire_colors
 from limb_systems.views.panels import Panel

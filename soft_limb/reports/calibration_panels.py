@@ -5,10 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.prediction.law_fit import Predicted
-from calibration.section_v.damping import DampingFit
-from calibration.section_v.force import ForceFit
-from calibration.section_v.heat import HeatFit
-from calibration.section_v.stiffness import StiffnessFit
+from calibration.section_v.mechanics import DampingFit, StiffnessFit
+from calibration.section_v.wires import ForceFit, HeatFit
 from calibration.validation import Validation
 from limb_systems.views.colors import (
     NEUTRAL_COLOR,

@@ -1,7 +1,7 @@
-"""Recordings of the model itself, whose truth is known."""
+"""Recordings and calibrations that several test files share. Nobody changes them."""
 
 import copy
-import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def true_limb() -> LimbParameters:
 
 @pytest.fixture(scope="session")
 def model_recordings(true_limb):
-    """By kind, from the model, without noise. Not to be changed."""
+    """By kind, from the model of that limb, without noise: the truth is known."""
     mounted = copy.deepcopy(true_limb)
     mounted.gravity = [0.0, -9.81, 0.0]
     bent = joint_angles_from_bend_angle(true_limb, [np.pi / 4])
@@ -38,32 +38,17 @@ def model_recordings(true_limb):
 
 @pytest.fixture(scope="session")
 def by_the_paper(model_recordings) -> Calibration:
-    """Those recordings, calibrated as in Sec. V. Not to be changed."""
+    """Those recordings, calibrated as in Sec. V."""
     return calibrate(model_recordings, LimbParameters(), method="paper")
 
 
 @pytest.fixture(scope="session")
-def logged():
-    """Recordings as loggers of other rates record them."""
-    return _logged
+def emulated_folder() -> Path:
+    """Recordings of an emulated limb, and the limb that was calibrated from them."""
+    return Path(__file__).parents[1] / "data" / "emulated_limb"
 
 
-def _logged(recording, rate):
-    """As a logger of another rate would have recorded it; duty is the mean in between."""
-    every = round(recording.sample_rate / rate)
-    duty = [np.add.reduceat(d[1:], np.arange(0, len(d) - 1, every)) / every for d in recording.duty]
-    count = (len(recording.time) - 1) // every
-    rows = np.array(duty)[:, :count]
-    signals = {
-        name: getattr(recording, name)[..., : count * every + 1 : every]
-        for name in ("time", "measured_temperature", "bend_angle")
-    }
-    return dataclasses.replace(
-        recording,
-        duty=np.concatenate([rows[:, :1], rows], axis=1),
-        sample_rate=rate,
-        reference=None,
-        joint_state=None,
-        wire_temperature=None,
-        **signals,
-    )
+@pytest.fixture(scope="session")
+def by_prediction(emulated_folder) -> Calibration:
+    """The emulated limb, calibrated anew."""
+    return calibrate(emulated_folder)

@@ -1,6 +1,8 @@
 """The controller, the schedule, and recordings collected with them."""
 
 import dataclasses
+import io
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,12 +14,15 @@ from calibration import (
     CalibrationError,
     EquilibriumSchedule,
     LimitedDuty,
-    calibrate,
     collect_equilibria,
     collect_from_robot,
     excitations,
+    fit_law,
+    kind_of,
     load_recordings,
 )
+from calibration.collecting.excitation import mountings
+from calibration.prediction.heated_run import HeatedRun
 from hardware import LimbTwin
 from limb_systems import (
     CalibrationRecord,
@@ -28,19 +33,33 @@ from limb_systems import (
     Recording,
     RestMemory,
     TwoMassLaw,
+    WireParameters,
 )
+from soft_limb.command import main
 
 
-def duty_after(actuated, error_deg, measured=(25.0, 25.0), duration=0.0, *, limb=None):
-    """Duty for a constant error after some time."""
-    controller = BendAngleController(limb or LimbParameters(), actuated)
-    context = controller.CreateDefaultContext()
-    controller.GetInputPort("bend_angle").FixValue(context, [0.0])
-    controller.GetInputPort("measured_temperature").FixValue(context, measured)
-    controller.GetInputPort("set_point").FixValue(context, [np.deg2rad(error_deg)])
-    simulator = Simulator(controller, context)
-    simulator.AdvanceTo(duration)
-    return controller.get_output_port().Eval(context)
+class Controlled:
+    """A controller and what it sees: cold wires and a limb that stays straight."""
+
+    def __init__(self, actuated, error_deg, limb=None):
+        self.controller = BendAngleController(limb or LimbParameters(), actuated)
+        self.context = self.controller.CreateDefaultContext()
+        self.values = {
+            name: self.controller.GetInputPort(name).FixValue(self.context, value)
+            for name, value in (
+                ("bend_angle", [0.0]),
+                ("measured_temperature", [25.0, 25.0]),
+                ("set_point", [np.deg2rad(error_deg)]),
+            )
+        }
+        self.simulator = Simulator(self.controller, self.context)
+
+    def duty(self, duration=0.0, **seen):
+        """The duty after some time more, with other inputs from now on."""
+        for name, value in seen.items():
+            self.values[name].GetMutableData().set_value(np.array(value))
+        self.simulator.AdvanceTo(self.context.get_time() + duration)
+        return self.controller.get_output_port().Eval(self.context)
 
 
 # Bend per duty is 3 * 4.7e-4 / 0.1246 * 20 / 0.07 = 3.233 rad, and the loop's gain is 1.5.
@@ -48,103 +67,84 @@ GAIN = 1.5 / (3 * 4.7e-4 / 0.1246 * 20 / 0.07)
 
 
 def test_proportional_part_heats_the_wire_on_the_side_of_the_error():
-    duty = GAIN * np.deg2rad(10.0)
-    np.testing.assert_allclose(duty_after("right", 10), [0, duty], rtol=0.05)
-    np.testing.assert_allclose(duty_after("left", -10), [duty, 0], rtol=0.05)
-    np.testing.assert_allclose(duty_after("right", -10), [0, 0])
-    np.testing.assert_allclose(duty_after("left", 10), [0, 0])
-    duty = GAIN * np.deg2rad(4.0)
-    np.testing.assert_allclose(duty_after("both", 4), [0.08 - duty, 0.08 + duty], rtol=0.05)
-
-
-def test_integral_part_grows_at_the_pole_of_the_wire():
-    rise = duty_after("right", 5, duration=10.0)[1] - duty_after("right", 5)[1]
-    assert rise == pytest.approx(GAIN * 0.07 * np.deg2rad(5.0) * 10.0, rel=0.02)
+    duty, less = GAIN * np.deg2rad(10.0), GAIN * np.deg2rad(4.0)
+    for actuated, error, expected in (
+        ("right", 10, [0, duty]),
+        ("left", -10, [duty, 0]),
+        ("right", -10, [0, 0]),
+        ("left", 10, [0, 0]),
+        ("both", 4, [0.08 - less, 0.08 + less]),
+    ):
+        np.testing.assert_allclose(Controlled(actuated, error).duty(), expected, rtol=0.05)
 
 
 @pytest.mark.parametrize(
-    ("law", "memory"), [(TwoMassLaw(), None), (HystereticLaw(), RestMemory(shift=0.0))]
+    ("law", "memory"),
+    [(LinearLaw(), None), (TwoMassLaw(), None), (HystereticLaw(), RestMemory(shift=0.0))],
 )
-def test_wires_that_remember_are_controlled_by_what_they_do_once_they_are_settled(law, memory):
-    """Of the torque at 62.5 °C on heating, and of wires and silicone in a lasting heat."""
-    limb = LimbParameters()
+def test_gains_are_of_what_settled_wires_do(law, memory):
+    """Of the torque at 62.5 °C on heating, and of wires and silicone in a lasting heat.
+
+    The integral part grows at the pole of the wire.
+    """
+    limb, pole, bend = LimbParameters(), 0.07, 3 * 4.7e-4 / 0.1246 * 20 / 0.07
     limb.segments[0].rest_memory = memory
     for wire in limb.wires:
         wire.law = law
-    slope = 4.7e-4
-    if isinstance(law, HystereticLaw):
-        share = np.exp((62.5 - 66.0) / 9.0)
-        start = 1.0 + np.exp((25.0 - 66.0) / 9.0)
-        slope = 0.038 * start * share / (1.0 + share) ** 2 / 9.0
-    gain = 1.5 / (3 * slope / 0.1246 * 20 / 0.08 * (1 + 0.004 / 0.012))
-    error = np.deg2rad(5.0)
-    first = duty_after("right", 5, limb=limb)[1]
-    assert first == pytest.approx(gain * error, rel=0.02)
-    rise = duty_after("right", 5, duration=10.0, limb=limb)[1] - first
-    assert rise == pytest.approx(gain * 0.08 * error * 10.0, rel=0.02)
+    if not isinstance(law, LinearLaw):
+        slope, pole = 4.7e-4, 0.08
+        if isinstance(law, HystereticLaw):
+            share = np.exp((62.5 - 66.0) / 9.0)
+            start = 1.0 + np.exp((25.0 - 66.0) / 9.0)
+            slope = 0.038 * start * share / (1.0 + share) ** 2 / 9.0
+        bend = 3 * slope / 0.1246 * 20 / 0.08 * (1 + 0.004 / 0.012)
+    first = 1.5 / bend * np.deg2rad(5.0)
+    controlled = Controlled("right", 5, limb)
+    assert controlled.duty()[1] == pytest.approx(first, rel=0.02)
+    assert controlled.duty(10.0)[1] == pytest.approx(first + first * pole * 10.0, rel=0.02)
 
 
 def test_duty_is_limited_and_the_integral_does_not_wind_up():
-    assert duty_after("right", 85)[1] == pytest.approx(0.5)
-    controller = BendAngleController(LimbParameters(), "right")
-    context = controller.CreateDefaultContext()
-    controller.GetInputPort("bend_angle").FixValue(context, [0.0])
-    controller.GetInputPort("measured_temperature").FixValue(context, [25.0, 25.0])
-    set_point = controller.GetInputPort("set_point").FixValue(context, [1.0])
-    simulator = Simulator(controller, context)
-    simulator.AdvanceTo(100.0)
-    set_point.GetMutableData().set_value(np.array([-0.02]))
-    simulator.AdvanceTo(100.2)
-    assert controller.get_output_port().Eval(context)[1] < 0.05
+    controlled = Controlled("right", 85)
+    assert controlled.duty()[1] == pytest.approx(0.5)
+    controlled.duty(100.0)
+    assert controlled.duty(0.2, set_point=[-0.02])[1] < 0.05
 
 
-def test_a_hot_wire_gets_less_and_then_nothing():
-    free = duty_after("right", 40, (25.0, 25.0))[1]
-    assert duty_after("right", 40, (25.0, 88.0))[1] < 0.8 * free
-    assert duty_after("right", 40, (25.0, 95.0))[1] == 0.0
-    assert duty_after("both", 40, (95.0, 25.0))[0] == 0.0
+def test_a_hot_wire_gets_less_and_then_nothing_until_it_has_cooled():
+    controlled = Controlled("right", 40)
+    free = controlled.duty()[1]
+    shares = [
+        controlled.duty(0.1, measured_temperature=[25.0, measured])[1] / free
+        for measured in (88.0, 96.0, 92.0, 89.0)
+    ]
+    assert 0.0 < shares[0] < 0.8
+    assert shares[1:3] == [0.0, 0.0]
+    assert shares[3] > 0.0
+    assert Controlled("both", -40).duty(0.1, measured_temperature=[95.0, 25.0])[0] == 0.0
 
 
-def test_a_wire_that_was_cut_out_stays_off_until_it_has_cooled():
-    controller = BendAngleController(LimbParameters(), "right")
-    context = controller.CreateDefaultContext()
-    controller.GetInputPort("bend_angle").FixValue(context, [0.0])
-    controller.GetInputPort("set_point").FixValue(context, [0.6])
-    measured = controller.GetInputPort("measured_temperature").FixValue(context, [25.0, 96.0])
-    simulator = Simulator(controller, context)
-    for temperature, is_on in ((96.0, False), (92.0, False), (89.0, True)):
-        measured.GetMutableData().set_value(np.array([25.0, temperature]))
-        simulator.AdvanceTo(context.get_time() + 0.1)
-        assert (controller.get_output_port().Eval(context)[1] > 0) == is_on
-
-
-def schedule_times(measured_slope, angle_error_deg, longest=60.0):
-    """When the set point of a schedule changes, with inputs that ramp."""
-    schedule = EquilibriumSchedule([0.1, 0.2], longest)
+def first_change(measured_slope: float, angle_error_deg: float) -> tuple[float, bool]:
+    """When a schedule of two angles goes on, s, with V that ramps; whether it ends by then."""
+    schedule = EquilibriumSchedule([0.1, 0.2], 60.0)
     context = schedule.CreateDefaultContext()
     bend = schedule.GetInputPort("bend_angle").FixValue(context, [0.0])
     measured = schedule.GetInputPort("measured_temperature").FixValue(context, [25.0, 25.0])
-    simulator = Simulator(schedule, context)
-    changes, before = [], 0.1
-    for time in np.arange(0.0, 2 * longest + 1, 0.05):
-        now = schedule.get_output_port().Eval(context)[0]
-        bend.GetMutableData().set_value(np.array([now + np.deg2rad(angle_error_deg)]))
-        measured.GetMutableData().set_value(np.array([25.0, 25.0 + measured_slope * time]))
+    simulator, times, set_points = Simulator(schedule, context), np.arange(0.0, 70.0, 0.05), []
+    for time in times:
+        set_points.append(schedule.get_output_port().Eval(context)[0])
+        bend.GetMutableData().set_value([set_points[-1] + np.deg2rad(angle_error_deg)])
+        measured.GetMutableData().set_value([25.0, 25.0 + measured_slope * time])
         simulator.AdvanceTo(time)
-        if schedule.get_output_port().Eval(context)[0] != before or schedule.is_finished(context):
-            changes.append(time)
-            before = schedule.get_output_port().Eval(context)[0]
-        if schedule.is_finished(context):
-            break
-    return changes
+    return times[np.argmax(np.array(set_points) != 0.1)], schedule.is_finished(context)
 
 
 def test_schedule_goes_on_when_settled_and_not_before():
-    quick = schedule_times(0.0, 0.0)
-    assert 5.0 <= quick[0] < 15.0
-    assert schedule_times(0.3, 0.0)[0] == pytest.approx(60.0, abs=0.2)  # temperature moves
-    assert schedule_times(0.0, 8.0)[0] == pytest.approx(60.0, abs=0.2)  # too far from the set point
-    assert len(quick) == 2
+    time, finished = first_change(0.0, 0.0)
+    assert 5.0 <= time < 15.0
+    assert finished
+    assert first_change(0.3, 0.0)[0] == pytest.approx(60.0, abs=0.2)  # temperature moves
+    assert first_change(0.0, 8.0)[0] == pytest.approx(60.0, abs=0.2)  # too far from the set point
 
 
 def test_equilibria_are_reached_and_recorded_with_their_set_points(model_recordings):
@@ -162,13 +162,22 @@ def test_equilibria_are_reached_and_recorded_with_their_set_points(model_recordi
     assert not model_recordings["left"][0].duty[1].any()
 
 
-def test_a_twin_is_never_hotter_than_its_limit(tmp_path):
+def test_a_twin_is_never_hotter_than_its_limit():
     recording = collect_equilibria(LimbTwin(seed=3), "both", num_angles=2, longest=30.0, seed=0)
     assert (recording.provenance.limb_seed, recording.provenance.seed) == (3, 0)
     assert recording.measured_temperature.max() < 100.0
-    recording.save(tmp_path / "both.csv")
-    again = Recording.load(tmp_path / "both.csv")
-    np.testing.assert_array_equal(again.reference, recording.reference)
+
+
+class Robot(Limb):
+    """The model in place of a robot, which a context manager closes."""
+
+    __slots__ = ()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
 
 
 @pytest.fixture
@@ -204,16 +213,7 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     monkeypatch.setattr(
         "calibration.collecting.protocol._wait", lambda pause, _: waited.append(pause)
     )
-    monkeypatch.setattr("calibration.collecting.knowledge.Knowledge.LAW", TwoMassLaw)
-
-    class Robot(Limb):
-        __slots__ = ()
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
+    monkeypatch.setattr("calibration.collecting.protocol.Knowledge.LAW", TwoMassLaw)
 
     def collect():
         asked.clear()
@@ -238,11 +238,9 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     collect()
     assert told[3] == f"1 of 6 {said} 0.27 min in all"
     assert asked == ["motion_1 and what follows"]
-    recordings = load_recordings(tmp_path)
-    del recordings["sag"], recordings["ring_down"]  # the model's, which nobody has bent
-    calibration = calibrate(recordings, laws=(LinearLaw,))
-    assert calibration.prediction.judges == "1 motion left out of the fit"
-    assert calibration.parameters.wires[1].law.a2 == pytest.approx(22.0, rel=0.03)
+    runs = [HeatedRun.of(recording) for recording in load_recordings(tmp_path)["heated"]]
+    estimates = fit_law(LinearLaw, runs, described.segments[0], 25.0).estimates
+    assert estimates["right.a2"].value == pytest.approx(22.0, rel=0.03)
 
 
 def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitations, tmp_path):
@@ -251,15 +249,6 @@ def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitat
     short_excitations.setattr(f"{protocol}.SAG_TRIALS", 0)
     short_excitations.setattr(f"{protocol}.RING_DOWNS", 0)
     connected = []
-
-    class Robot(Limb):
-        __slots__ = ()
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
 
     def connect(known):
         connected.append(known)
@@ -273,6 +262,99 @@ def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitat
     (known,) = connected
     assert known.total_duty == 0.3
     assert known.heat_bounds[0].most_heating == 65.0
+
+
+def test_a_limb_in_space_is_mounted_by_hand_for_each_excitation(short_excitations, tmp_path):
+    """The weight is hung to it, it is turned, and the weight is taken off for the motion."""
+    protocol, whole = "calibration.collecting.protocol", mountings
+    short_excitations.setattr(f"{protocol}.RING_DOWNS", 0)
+    short_excitations.setattr(f"{protocol}._wait", lambda pause, _: None)
+    short_excitations.setattr(f"{protocol}.Knowledge.LAW", LinearLaw)
+    short_excitations.setattr(
+        f"{protocol}.mountings",
+        lambda num_wires: [
+            dataclasses.replace(e, duty=e.duty.slice(0, 2)) for e in whole(num_wires)[:2]
+        ],
+    )
+    limb, asked, connected = LimbParameters.in_space(), {}, []
+    limb.segments[0].links = 2
+
+    def connect(known):
+        connected.append((known.gravity, known.payload))
+        return Robot(known)
+
+    def ask(what):
+        name, _, instruction = what.partition(": ")
+        asked[name] = instruction
+
+    collect_from_robot(connect, limb, tmp_path, ask)
+    assert asked["warm_up"] == "Leave the limb as it hangs and alone until its wires are cold."
+    assert asked["conditioning and what follows"].endswith("cold, and for 20 minutes after Enter.")
+    mass = limb.segments[0].mass
+    for name, side in (("mounting_0", "+E2"), ("mounting_90", "-E3")):
+        assert asked[name].startswith(f"Hang {1000 * mass:.0f} g to the limb's tip, and mount it")
+        assert f"so that its {side} side is up. Leave it alone" in asked[name]
+    assert asked["motion_1"].startswith("Take the weight off its tip, and mount the limb so that")
+    hanging = ([9.81, 0.0, 0.0], limb.payload)
+    assert connected[0] == connected[2] == connected[5] == hanging
+    for (gravity, payload), e2_e3 in zip(connected[3:5], ([-9.81, 0.0], [0.0, 9.81]), strict=True):
+        assert gravity == pytest.approx([0.0, *e2_e3])
+        assert payload == pytest.approx(limb.payload + mass)
+
+
+def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkeypatch, capsys):
+    arguments = ["collect", "-o", str(tmp_path / "new"), "-p", str(tmp_path / "no_port")]
+    assert main(arguments) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "no_port: No such file or directory; soft-limb ports" in said.err
+    monkeypatch.setattr("soft_limb.commands.calibration.open_link", mock.MagicMock())
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert main(arguments) == 1
+    assert "error: There is no terminal to press Enter in" in capsys.readouterr().err
+
+
+def test_command_collects_three_wires_from_a_robot_as_four_kinds(tmp_path, monkeypatch):
+    """With the model in place of the robot. Two of the wires are on one side."""
+    monkeypatch.setattr("calibration.collecting.protocol.SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collecting.protocol.RING_DOWNS", 1)
+    ports, asked = [], []
+
+    def connect(port, parameters, board=None):
+        ports.append(port)
+        return Robot(parameters)
+
+    monkeypatch.setattr("soft_limb.commands.calibration.SerialLimb", connect)
+    monkeypatch.setattr("soft_limb.commands.calibration.open_link", mock.MagicMock())
+    monkeypatch.setattr("builtins.input", asked.append)
+    limb = LimbParameters(ambient_temperature=21.5)
+    limb.segments[0].links = 2  # which are simulated fast
+    limb.segments[0].wires = [
+        WireParameters("low", -0.0034),
+        WireParameters("near", 0.0034, 0.003),
+        WireParameters("far", 0.0034, -0.003),
+    ]
+    limb.save(tmp_path / "limb.yaml")
+    arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path / "new"), "--seed", "3"]
+    arguments += ["--protocol", "paper", "--angles", "1", "-l", str(tmp_path / "limb.yaml")]
+    assert main(arguments) == 0
+    names = ["sag_1", "ring_down_1", "first_contact", "warm_up", "near", "far", "low", "both"]
+    assert ports == ["/dev/robot"] * len(names)
+    assert [what.split(":")[0] for what in asked] == names
+    assert "towards its low wire" in asked[0]
+    assert all(what.endswith(".\nPress Enter when this is done. ") for what in asked)
+    found = {path.stem: Recording.load(path) for path in (tmp_path / "new").iterdir()}
+    assert sorted(found) == sorted(names)
+    assert {recording.parameters.ambient_temperature for recording in found.values()} == {21.5}
+    for name, heated in (("near", [1]), ("low", [0]), ("both", [0, 1, 2]), ("sag_1", [])):
+        assert np.flatnonzero(found[name].duty.max(axis=1)).tolist() == heated
+        assert kind_of(found[name]) == name.removesuffix("_1")
+    # Each kind has random angles of its own, from the seed on.
+    for name, seed, low in (("near", 3, 0), ("low", 5, -1)):
+        angles = np.deg2rad(45.0) * np.random.default_rng(seed).uniform(low, low + 1, 1)
+        assert np.unique(found[name].reference) == pytest.approx(np.sort(angles))
+    found["both"].duty[0] = 0.0
+    assert kind_of(dataclasses.replace(found["both"], kind="")) == "heated"
 
 
 def test_the_hottest_of_the_limbs_that_cannot_be_told_apart_limits_the_duty():

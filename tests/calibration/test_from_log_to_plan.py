@@ -2,18 +2,15 @@
 
 import functools
 import shlex
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from own_limb import OwnLimb
 
 from calibration import calibrate
 from limb_systems import LimbParameters, Recording, SaturatingLaw, Trajectory
 from soft_limb.command import main
-
-sys.path.insert(0, str(Path(__file__).parent))
-from own_limb import OwnLimb
 
 LEFT, RIGHT = 0, 1
 

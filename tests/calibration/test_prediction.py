@@ -11,7 +11,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.excitation import excitations
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
-from calibration.prediction.plan_miss import PlanMiss, plan_miss, remarks_on_coverage
+from calibration.prediction.outlook import PlanMiss, plan_miss, remarks_on_coverage
 from calibration.prediction.selection import (
     Prediction,
     beaten,
@@ -28,18 +28,15 @@ from limb_systems import (
     RestMemory,
     SaturatingLaw,
     SegmentParameters,
-    ThresholdLaw,
     TwoMassLaw,
     simulate,
 )
-from limb_systems.model.ensemble import OpenLoop, draw_ensemble, stacked
+from limb_systems.model.ensemble import OpenLoop, draw_ensemble, owner_of, stacked
 
 AMBIENT = 22.0
 LAWS = {
     "linear": lambda: LinearLaw(a1=-0.06, a2=18.0, a3=-0.8),
     "two masses": lambda: TwoMassLaw(a1=-0.09, a2=24.0, a3=-0.7),
-    "threshold": lambda: ThresholdLaw(a2=23.0, a3=-0.8, knee=45.0),
-    "saturating": lambda: SaturatingLaw(a2=22.0, a3=-0.6, middle=65.0),
     "hysteretic": lambda: HystereticLaw(a2=21.0, a3=-0.9, heating_middle=69.0),
 }
 
@@ -86,7 +83,7 @@ def later(run: PiecewisePolynomial) -> PiecewisePolynomial:
 def test_a_law_is_found_again_in_its_own_data(name):
     """By another integrator than Drake's, from other values; within their errors."""
     true, fit = limb_with(LAWS[name]), fit_of(name, "conditioning", "ramps")
-    found = SegmentParameters(links=2)
+    found = LimbParameters(segments=[SegmentParameters(links=2)])
     fit.apply(found)
     for wire, fitted in zip(true.wires, found.wires, strict=True):
         for field in dataclasses.fields(fitted.law):
@@ -149,17 +146,16 @@ def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
     assert np.rad2deg(away[:, 0]).mean() < 0.1
 
 
-def test_draws_scatter_as_the_covariance_says():
-    fit = fit_of("threshold", "conditioning", "ramps")
-    known = fit.calibrated(LimbParameters())
-    draws = draw_ensemble(known, 2000)
-    for wire in (0, 1):
-        values = np.array([[d.wires[wire].law.a2, d.wires[wire].law.knee] for d in draws])
-        name = known.wires[wire].name
-        for column, field in enumerate(("a2", "knee")):
-            estimate = fit.estimates[f"{name}.{field}"]
-            assert values[:, column].mean() == pytest.approx(estimate.value, rel=0.01)
-            assert values[:, column].std() == pytest.approx(estimate.standard_error, rel=0.1)
+def test_draws_scatter_as_the_covariance_says(emulated_folder):
+    limb = LimbParameters.load(emulated_folder / "calibrated.yaml")
+    draws, record = draw_ensemble(limb, 2000), limb.calibration
+    for name in ("left.a2", "right.heating_middle", "stiffness", "rest_angle"):
+        row = record.names.index(name)
+        owners = [owner_of(draw, name) for draw in draws]
+        values = np.array([getattr(owner, field) for owner, field in owners])
+        error = record.standard_errors[row]
+        assert values.mean() == pytest.approx(record.values[row], abs=0.1 * error)
+        assert values.std() == pytest.approx(error, rel=0.1)
 
 
 def test_no_fit_has_a_wire_transform_back_hotter_than_it_transformed():

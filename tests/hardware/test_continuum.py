@@ -24,8 +24,7 @@ from scipy.optimize import fsolve
 from hardware import LimbTwin
 from hardware.emulation.twin import specimens_of
 from limb_systems import ChordSensor, LimbParameters, SegmentParameters, simulate
-from limb_systems.model.manipulator import make_manipulator
-from soft_limb.command import main
+from limb_systems.model.limb import make_manipulator
 from soft_limb.runs.jobs import local_executor, run_each
 
 EXACT = {  # a beam whose stiffness is even, and a sensor without errors
@@ -69,41 +68,7 @@ def test_minor_loops_return_to_where_they_began_and_are_wiped_out():
     np.testing.assert_array_equal(looped[0], straight[0])
 
 
-def test_minor_loops_between_the_same_temperatures_are_congruent():
-    preisach = Preisach.of(ContinuumSpecimen(LimbParameters(), 1).wires)
-    cold = np.zeros(preisach.up.shape, bool)
-    from_below, _ = course_of(preisach, cold, [20, 55, 66, 55])
-    from_above, _ = course_of(preisach, cold, [20, 95, 55, 66, 55])
-    assert (np.abs(from_above[1] - from_below[0]) > 0.1).all()  # elsewhere
-    # The first rise from below is not of a loop; the way back down closes one.
-    np.testing.assert_allclose(from_above[2] - from_above[3], from_below[1] - from_below[2])
-
-
-def test_wires_are_martensite_when_cold_and_mostly_austenite_at_their_limit():
-    for seed in range(20):
-        preisach = Preisach.of(ContinuumSpecimen(LimbParameters(), seed).wires)
-        assert (preisach.up > preisach.down).all()
-        cold = np.zeros(preisach.up.shape, bool)
-        shares, _ = course_of(preisach, cold, [20, 30, 100, 25])
-        assert (shares[0] < 0.01).all()
-        assert (shares[1] > 0.95).all()
-        assert (shares[2] < 0.1).all()
-
-
 # Heat
-
-
-def test_heat_that_comes_in_is_stored_or_lost():
-    shells = RadialShells(specimen := ContinuumSpecimen(LimbParameters(), 2))
-    temperatures = first = np.full((2, 1 + SHELLS), specimen.ambient)
-    power, step, lost = np.array([8.0, 2.0]), 0.1, 0.0
-    for number in range(3000):
-        heat = power * (number < 1500)
-        lost += step * shells.loss(temperatures[:, -1]).sum()
-        temperatures = shells.after(temperatures, heat, step)
-    stored = (shells.capacities * (temperatures - first)).sum()
-    assert stored + lost == pytest.approx(power.sum() * 1500 * step, rel=1e-9)
-    assert lost > 0.1 * stored > 0
 
 
 def test_steady_heat_falls_by_the_logarithm_of_the_radius():
@@ -154,21 +119,6 @@ def test_shells_warm_as_the_equation_of_heat_says():
 
 
 # Beam
-
-
-def test_weight_is_the_gradient_of_the_potential():
-    description = LimbParameters(gravity=[1.0, -9.81, 0.0])
-    chain, angles = Chain(specimen_with(description=description)), np.linspace(-0.2, 0.3, JOINTS)
-
-    def potential(angles):
-        directions = np.cumsum(angles)
-        links = 0.1 / JOINTS * np.array([np.cos(directions), np.sin(directions)])
-        centres = np.cumsum(links, axis=1) - links / 2
-        return -0.025 / JOINTS * (np.array([1.0, -9.81]) @ centres).sum()
-
-    steps = 1e-6 * np.eye(JOINTS)
-    slope = [(potential(angles + s) - potential(angles - s)) / 2e-6 for s in steps]
-    np.testing.assert_allclose(chain.weight(angles), -np.array(slope), atol=1e-9)
 
 
 def test_inertia_and_stiffness_are_those_of_drake_s_chain():
@@ -272,11 +222,3 @@ def test_processes_know_the_physics_that_the_host_has_loaded():
     with local_executor(1) as executor:
         (kind,) = run_each(specimens_of, ["continuum"], executor)
     assert kind is ContinuumSpecimen
-
-
-def test_a_command_without_the_module_of_a_physics_says_so(tmp_path, capsys):
-    words = ["sweep", "fig5", "-o", str(tmp_path / "a.csv"), "--physics", "rods"]
-    assert main(words) == 1
-    said = capsys.readouterr().err
-    assert said.startswith("error: No emulated limb of the physics 'rods' is known here")
-    assert said.endswith("soft-limb --import MODULE.\n")

@@ -15,12 +15,12 @@ import sys
 import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
+from ros_bridge.drive import drive
+from ros_bridge.messages import Heard
 
 from hardware import BoardLink, HardwareError, SerialLimb, replay
 from hardware.firmware import guard, heat
 from limb_systems import Recording, simulate
-from soft_limb.bridge.drive import drive
-from soft_limb.bridge.messages import Heard
 from soft_limb.command import main, run_command
 
 from .conftest import BOUNDS, Heating, is_late, start_heating
@@ -94,7 +94,7 @@ def test_a_bridge_that_is_told_to_stop(virtual_time, emulator, monkeypatch):
         def hear(self):
             return Heard(duty=[0.0, 0.2], born=virtual_time.monotonic())
 
-    monkeypatch.setattr("soft_limb.bridge.drive.NodeProcess", Node)
+    monkeypatch.setattr("ros_bridge.drive.NodeProcess", Node)
 
     def stop():
         raise KeyboardInterrupt  # as the handler of a signal does

@@ -1,7 +1,6 @@
 """The physics of the emulated limb, against closed forms."""
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -101,19 +100,6 @@ def test_heating_and_cooling_follow_their_logistic_curves():
     assert martensite[0, down].max() > 0.95
 
 
-def test_hysteresis_closes_no_loop_where_a_motion_turns_back():
-    """Inside the band one temperature goes with several fractions."""
-    specimen = specimen_with()
-    duty = steps([0, 200, 260, 320, 380], [[0.08, 0], [0.03, 0], [0.08, 0], [0.03, 0], [0.08, 0]])
-    time, (wire, _, martensite), _ = run_wires(specimen, duty, 440)
-    window = time > 260
-    at = np.abs(wire[0, window] - np.median(wire[0, window])) < 0.3
-    values = martensite[0, window][at]
-    assert np.ptp(values) > 0.05  # not one value for one temperature
-    assert (values > 0).all()
-    assert (values < 1).all()
-
-
 def test_torque_of_a_hot_wire_held_straight_is_its_full_torque():
     specimen = specimen_with(torque=0.03, expansion=-5e-4)
     _, (wire, _, martensite), force = run_wires(specimen, steps([0], [[0.0, 0.3]]), 1000)
@@ -206,44 +192,6 @@ def test_the_angle_at_rest_is_the_described_one_with_what_was_drawn():
     for limb, rest in ((specimen.without("rubber"), 0.3), (specimen, 0.3 + drawn)):
         cold = simulate(LimbTwin(specimen=limb), [0.0, 0.0], 2.0)
         assert cold.bend_angle == pytest.approx(np.full((1, 41), rest), abs=np.deg2rad(0.051))
-
-
-# Of each seed: the left wire's austenite temperature, the right one's expansion, stiffness,
-# curvature of the bend sensor, room and first noise, as they were drawn before there was more.
-DRAWN = [
-    (60.149573764707334, -0.0004401141835066101, 0.13563800381784136, 0.019135022184310742),
-    (61.77610985012456, -0.0004939532675246344, 0.12955994092212594, 0.020661373033957944),
-    (63.40290018275496, -0.0005069788918377778, 0.13545985668297442, 0.020278534822411),
-    (63.50676428792033, -0.000595109699463792, 0.12563093165964379, 0.0008666673967132783),
-    (62.63256907541577, -0.0005844167415309792, 0.13465621291617003, -0.01242108415775485),
-    (61.94077402119431, -0.0004011794535304496, 0.1221857124125611, -0.011768141247567452),
-    (60.97595252393102, -0.00027067767422506546, 0.13229280163218837, -0.01816098877880382),
-    (58.48576529369801, -0.00044591483806663177, 0.13202265093613644, 0.013861574610801397),
-    (65.08313750937776, -0.00027646158635636443, 0.12546273297662855, 7.394933661600961e-05),
-    (58.356948754087874, -0.0002665473744470502, 0.1187709593162155, 0.00563391210622146),
-]
-DRAWN_LAST = [
-    (25.35819862554984, 0.8050894723742356),
-    (27.997262698104013, 2.485680210006816),
-    (22.478724905181934, 0.2928247151363088),
-    (26.257610055310323, -1.2984741282408938),
-    (24.36268529288539, -0.68409924626774),
-    (26.712649764876694, -0.08702733088261211),
-    (22.3806031763193, 0.9141490660052785),
-    (24.529109979896056, 1.4019101206317888),
-    (27.52692308013391, 0.06136219422898798),
-    (27.69051724933704, -0.4671803383576705),
-]
-
-
-def test_what_a_seed_draws_is_what_it_always_drew():
-    for seed, extra in itertools.product(range(10), [(), EXTRA_EFFECTS]):
-        specimen = Specimen(LimbParameters(), seed, extra)
-        left, right = specimen.wires
-        (segment,) = specimen.segments
-        drawn = left.austenite, right.expansion, segment.stiffness, segment.sensor_curvature
-        assert drawn == DRAWN[seed]
-        assert (specimen.ambient, specimen.noise.read(0, 1)[0]) == DRAWN_LAST[seed]
 
 
 def test_a_limb_remembers_or_is_badly_bonded_on_request_only():

@@ -17,7 +17,6 @@ from limb_systems import (
     make_manipulator,
     simulate,
 )
-from limb_systems.model.kinematics import recorded_bend_angle
 from limb_systems.model.statics import static_equilibrium
 from limb_systems.simulation import make_simulator
 
@@ -157,7 +156,7 @@ def test_the_continuum_hangs_as_its_chain_does_at_rest(limb):
     angles, _ = static_equilibrium(limb)
     twists = Layout(limb).axes[:, 0] != 0
     assert not twists.any() or np.rad2deg(np.abs(angles[twists]).max()) > 3.0
-    bends = recorded_bend_angle(limb, angles)
+    bends = Layout(limb).recorded_bend_angle(angles)
     np.testing.assert_allclose(np.rad2deg(specimen.state["play"]), np.rad2deg(bends), atol=0.05)
 
 
@@ -170,7 +169,7 @@ def test_in_the_continuum_a_wire_bends_the_limb_to_where_it_runs():
     seen = twin.specimen.state["play"]
     assert np.rad2deg(np.hypot(*seen)) > 20.0
     assert np.rad2deg(np.arctan2(seen[1], seen[0])) == pytest.approx(96.0, abs=0.2)
-    shown = recorded_bend_angle(twin.parameters, recording.joint_state[:10, -1])
+    shown = Layout(twin.parameters).recorded_bend_angle(recording.joint_state[:10, -1])
     np.testing.assert_allclose(shown, seen, atol=1e-3)
 
 

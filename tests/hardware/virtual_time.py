@@ -24,7 +24,7 @@ MODULES = (
     "hardware.robot.serial_limb",
     "limb_systems.progress",
     "limb_systems.simulation",
-    "soft_limb.bridge.drive",
+    "ros_bridge.drive",
     "soft_limb.commands.hardware",
     "soft_limb.runs.repetitions",
 )

@@ -61,13 +61,6 @@ class PlanarChain:
         centers = self.arms @ np.column_stack([np.cos(q), np.sin(q)])
         return self.stiffness @ angles**2 / 2 - self.mass @ centers @ self.gravity
 
-    def energy(self, angles, rates) -> float:
-        """Kinetic energy from the velocity of each centre, and potential energy."""
-        q, q_dot = np.cumsum(angles), np.cumsum(rates)
-        velocity = self.arms @ (np.column_stack([-np.sin(q), np.cos(q)]) * q_dot[:, None])
-        kinetic = (self.mass @ (velocity**2).sum(axis=1) + self.inertia @ q_dot**2) / 2
-        return kinetic + self.potential_energy(angles)
-
 
 @pytest.fixture(scope="session")
 def planar_chain():
@@ -78,45 +71,21 @@ def planar_chain():
 @pytest.fixture
 def uneven_limb() -> LimbParameters:
     """A limb of two segments and four wires, none like another."""
-    return LimbParameters(
-        segments=[
-            SegmentParameters(
-                links=3,
-                length=0.09,
-                mass=0.03,
-                width=0.03,
-                thickness=0.012,
-                stiffness=0.2,
-                damping=1.5e-3,
-                wires=[
-                    WireParameters(
-                        "left", -0.003, law=LinearLaw(a1=-0.05, a2=15.0, a3=-0.8, beta=3.0e-4)
-                    ),
-                    WireParameters(
-                        "right", 0.003, law=LinearLaw(a1=-0.09, a2=25.0, a3=-1.3, beta=6.0e-4)
-                    ),
-                ],
-            ),
-            SegmentParameters(
-                links=2,
-                length=0.05,
-                mass=0.01,
-                width=0.02,
-                thickness=0.008,
-                stiffness=0.1,
-                damping=0.7e-3,
-                wires=[
-                    WireParameters(
-                        "left", -0.003, law=LinearLaw(a1=-0.11, a2=30.0, a3=-2.0, beta=2.0e-4)
-                    ),
-                    WireParameters(
-                        "right", 0.003, law=LinearLaw(a1=-0.06, a2=18.0, a3=-0.5, beta=1.0e-4)
-                    ),
-                ],
-            ),
-        ],
-        ambient_temperature=22.0,
-    )
+
+    def segment(left, right, **fields) -> SegmentParameters:
+        wires = [
+            WireParameters(name, e2, law=LinearLaw(*law))
+            for name, e2, law in (("left", -0.003, left), ("right", 0.003, right))
+        ]
+        return SegmentParameters(wires=wires, **fields)
+
+    base = {"links": 3, "length": 0.09, "mass": 0.03, "width": 0.03, "thickness": 0.012}
+    tip = {"links": 2, "length": 0.05, "mass": 0.01, "width": 0.02, "thickness": 0.008}
+    base |= {"stiffness": 0.2, "damping": 1.5e-3}
+    tip |= {"stiffness": 0.1, "damping": 0.7e-3}
+    first = segment((-0.05, 15.0, -0.8, 3.0e-4), (-0.09, 25.0, -1.3, 6.0e-4), **base)
+    second = segment((-0.11, 30.0, -2.0, 2.0e-4), (-0.06, 18.0, -0.5, 1.0e-4), **tip)
+    return LimbParameters(segments=[first, second], ambient_temperature=22.0)
 
 
 @pytest.fixture

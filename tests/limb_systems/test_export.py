@@ -1,17 +1,12 @@
-"""Recordings and plans in other tools, read back by these tools alone."""
+"""Rows of duty for programs of one's own, read back by numpy and by a C compiler."""
 
 import dataclasses
-import io
-import json
 import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
-import pandas
-import pyarrow.parquet
 import pytest
-from mcap.reader import make_reader
 from scipy.interpolate import make_interp_spline
 
 from limb_systems import Limb, PlanCheck, Provenance, Trajectory, simulate
@@ -29,98 +24,6 @@ def recording():
 def path(recording, tmp_path):
     recording.save(tmp_path / "recording.csv")
     return tmp_path / "recording.csv"
-
-
-@pytest.fixture
-def table(path):
-    """What pandas makes of the CSV."""
-    return pandas.read_csv(path, comment="#", index_col="time_s")
-
-
-def test_a_table_has_the_columns_and_the_numbers_of_the_file(recording, table):
-    frame = recording.to_pandas()
-    pandas.testing.assert_frame_equal(frame, table, check_exact=True)
-    np.testing.assert_array_equal(frame.index, recording.time)
-    np.testing.assert_array_equal(
-        frame["measured_temperature_right_c"], recording.measured_temperature[1]
-    )
-    assert frame["bend_angle_deg"].iloc[0] == 0.4
-    units = frame.attrs["units"]
-    assert set(units) == {"time_s", *frame}
-    assert units["bend_angle_deg"] == "°"
-    assert units["joint_rate_1_deg_s"] == "°/s"
-    assert units["measured_temperature_left_c"] == "°C"
-    assert (units["time_s"], units["duty_left"]) == ("s", "1")
-    assert Provenance(**frame.attrs["provenance"]) == recording.provenance
-
-
-def test_a_plan_has_a_table(recording, tmp_path):
-    plan = Trajectory(
-        time=recording.time,
-        reference=recording.bend_angle,
-        duty=recording.duty,
-        joint_state=recording.joint_state,
-        wire_temperature=recording.wire_temperature,
-        measured_temperature=recording.measured_temperature,
-        parameters=recording.parameters,
-        check=PlanCheck("IPOPT", "solved", cost=0.1 + 0.2),
-    )
-    plan.save(tmp_path / "plan.csv")
-    table = pandas.read_csv(tmp_path / "plan.csv", comment="#", index_col="time_s")
-    frame = plan.to_pandas()
-    pandas.testing.assert_frame_equal(frame, table, check_exact=True)
-    assert frame.attrs["check"]["cost"] == 0.1 + 0.2
-    assert frame.attrs["provenance"] is None
-    assert main(["export", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "p.parquet")]) == 0
-    attrs = pandas.read_parquet(tmp_path / "p.parquet").attrs
-    assert attrs["check"].pop("tolerance_deg") is None  # JSON has no NaN
-    assert attrs["check"]["cost"] == 0.1 + 0.2
-    assert attrs["units"] == frame.attrs["units"]
-
-
-def test_parquet_has_doubles_units_and_provenance(recording, path, table, capsys):
-    output = path.with_suffix(".parquet")
-    assert main(["export", str(path), "-o", str(output)]) == 0
-    assert capsys.readouterr().out == f"written     {output}\n"
-    read = pyarrow.parquet.read_table(output)
-    assert {str(kind) for kind in read.schema.types} == {"double"}
-    for name in ("time_s", *table):
-        wanted = table.index if name == "time_s" else table[name]
-        assert read[name].to_numpy().tobytes() == wanted.to_numpy().tobytes()
-    assert read.schema.field("bend_angle_deg").metadata == {b"unit": "°".encode()}
-    about = json.loads(read.schema.metadata[b"soft_limb"])
-    assert about["provenance"] == dataclasses.asdict(recording.provenance)
-    assert about["parameters"] == recording.parameters.to_yaml()
-    pandas.testing.assert_frame_equal(pandas.read_parquet(output), table, check_exact=True)
-
-
-def test_mcap_has_a_channel_for_each_signal(recording, path, table):
-    output = path.with_suffix(".mcap")
-    assert main(["export", str(path), "-o", str(output)]) == 0
-    reader = make_reader(io.BytesIO(output.read_bytes()))
-    rows = {}
-    for schema, channel, message in reader.iter_messages():
-        assert schema.encoding == "jsonschema"
-        properties = json.loads(schema.data)["properties"]
-        content = json.loads(message.data)
-        assert list(properties) == list(content)
-        assert message.log_time == round(content["time_s"] * 1e9)
-        rows.setdefault(channel.topic, []).append(content)
-        if channel.topic == "/bend_angle":
-            assert properties["bend_angle_deg"]["description"] == "°"
-    assert set(rows) == {
-        "/duty",
-        "/measured_temperature",
-        "/bend_angle",
-        "/wire_temperature",
-        "/joint_state",
-    }
-    read = pandas.concat(
-        [pandas.DataFrame(group).set_index("time_s") for group in rows.values()], axis=1
-    )
-    pandas.testing.assert_frame_equal(read[list(table)], table, check_exact=True)
-    (metadata,) = reader.iter_metadata()
-    assert json.loads(metadata.metadata["provenance"]) == dataclasses.asdict(recording.provenance)
 
 
 @pytest.fixture

@@ -90,22 +90,10 @@ def save_and_load(original, path):
     return type(original).load(path)
 
 
-# Round trip
-
-
 def test_round_trip_is_bit_identical(tmp_path, uneven_limb):
     for make in MAKERS:
         for original in (make(samples=2), make(samples=500), make(uneven_limb, samples=50)):
             assert_identical(save_and_load(original, tmp_path / "file.csv"), original)
-
-
-def test_random_doubles_of_every_size_come_back_exactly(tmp_path):
-    """Any bit pattern of a finite double may be an angle or rate of a joint."""
-    patterns = np.random.default_rng(2).integers(0, 2**64, (4, 2000), dtype=np.uint64)
-    values = patterns.view(float)
-    values[~np.isfinite(values)] = 0.0
-    original = make_recording(samples=2000, joint_state=values)
-    assert_identical(save_and_load(original, tmp_path / "file.csv"), original)
 
 
 def test_columns_are_named_with_their_units_and_angles_are_in_degrees(tmp_path):
@@ -136,9 +124,6 @@ def test_columns_are_named_with_their_units_and_angles_are_in_degrees(tmp_path):
     assert measured == original.measured_temperature[1].tolist()
 
 
-# Damage
-
-
 def test_every_truncation_is_refused(tmp_path, refused):
     path = tmp_path / "file.csv"
     make_recording(samples=2).save(path)
@@ -163,9 +148,6 @@ def test_changes_of_one_byte_are_refused(tmp_path):
             path.write_bytes(before + change + after)
             with pytest.raises(FileFormatError):
                 Trajectory.load(path)
-
-
-# Content that does not fit, under a checksum that does
 
 
 def saved_lines(original, path) -> list[str]:
@@ -212,41 +194,15 @@ def refuse_sealed(tmp_path, refused):
     return check
 
 
-def test_another_version_is_refused(lines, refuse_sealed):
-    for version in (2, 4):
-        lines[0] = f"# limb recording, format {version}"
-        refuse_sealed(lines, f"format {version}", "reads format 3")
-
-
-def test_shuffled_rows_are_refused(lines, refuse_sealed):
+def test_another_version_and_shuffled_rows_are_refused(lines, refuse_sealed):
+    refuse_sealed(["# limb recording, format 2", *lines[1:]], "format 2", "reads format 3")
     lines[TOP + 2], lines[TOP + 3] = lines[TOP + 3], lines[TOP + 2]
-    refuse_sealed(lines, "time", f"line {TOP + 4}", "increas")
-
-
-def test_changed_value_under_the_old_checksum_is_refused(tmp_path, refused, lines):
-    path = tmp_path / "file.csv"
-    end = path.read_text().splitlines()[-1]
-    set_cell(lines, 0, "duty_left", "0.5")
-    path.write_text("\n".join([*lines, end]) + "\n")
-    with refused(FileFormatError, path, "checksum"):
-        Recording.load(path)
+    refuse_sealed(lines, "time goes from", "must increase")
 
 
 def test_cells_that_are_no_finite_numbers_are_refused_with_their_place(tmp_path, refuse_sealed):
     good = saved_lines(make_recording(), tmp_path / "file.csv")
-    texts = (
-        "nan",
-        "inf",
-        "-1e999",
-        f"-1e{'9' * 20}",
-        "",
-        "abc",
-        "0x1",
-        "snan",
-        "1.2.3",
-        "1_0",
-        "٣",
-    )
+    texts = ("nan", "inf", f"-1e{'9' * 20}", "", "abc", "0x1", "snan", "1_0", "٣")
     for name in ("time_s", "duty_left", "joint_rate_2_deg_s", "bend_angle_deg"):
         for text in texts:
             if name != "bend_angle_deg" or text not in ("", "nan"):  # a reading may be missing
@@ -270,37 +226,27 @@ def test_readings_that_are_missing_come_back(tmp_path, lines, refuse_sealed):
         make_trajectory(measured_temperature=[[np.nan] * 4] * 2)
     plan = saved_lines(make_trajectory(), tmp_path / "plan.csv")
     set_cell(plan, 2, "bend_angle_deg", "nan")
-    refuse_sealed(plan, "bend_angle_deg is nan at line", kind=Trajectory)
+    refuse_sealed(plan, "contains a cell that is not a number", kind=Trajectory)
 
 
 def test_values_out_of_range_are_refused_with_their_time(tmp_path, refuse_sealed):
     time = make_recording().time[2]
-    for make, name, text, words in (
-        (make_recording, "duty_right", "1.0000000000000002", ["duty", "0 to 1"]),
-        (make_recording, "duty_left", "-5e-324", ["duty", "0 to 1"]),
-        (make_recording, "wire_temperature_right_c", "-273.15", ["wire_temperature", "-60"]),
-        (make_trajectory, "duty_left", "1.5", ["duty", "1.5", "0 to 1"]),
+    for make, kind, name, text, words in (
+        (make_recording, Recording, "duty_right", "1.0000000000000002", ["duty", "0 to 1"]),
+        (make_recording, Recording, "wire_temperature_right_c", "-273.15", ["-60"]),
+        (make_trajectory, Trajectory, "duty_left", "-5e-324", ["duty", "0 to 1"]),
     ):
         lines = saved_lines(make(), tmp_path / "file.csv")
         set_cell(lines, 2, name, text)
-        kind = Recording if make is make_recording else Trajectory
         refuse_sealed(lines, *words, f"{time:g} s", kind=kind)
-
-
-# Objects that do not fit
-
-
-OUTLIERS = [
-    ("bend_angle_deg", 32767 / 64, "bend_angle is [8.93", "from -3.14159 to 3.14159 rad"),
-    ("bend_angle_deg", -180.0000001, "bend_angle is [-3.14", "from -3.14159 to 3.14159 rad"),
-    ("measured_temperature_left_c", 700.0, "measured_temperature is [700.0,", "-60 to 600 °C"),
-    ("measured_temperature_right_c", -1e300, "measured_temperature is [", "-60 to 600 °C"),
-]
 
 
 def test_a_measured_value_of_any_size_is_kept_and_told(tmp_path, refused):
     path, time = tmp_path / "file.csv", make_recording().time[2]
-    for name, value, said, allowed in OUTLIERS:
+    for name, value, said, allowed in (
+        ("bend_angle_deg", -180.0000001, "bend_angle is [-3.14", "from -3.14159 to 3.14159 rad"),
+        ("measured_temperature_right_c", 700.0, "measured_temperature is [", "-60 to 600 °C"),
+    ):
         lines = saved_lines(make_recording(), path)
         for sample in (2, 3):
             set_cell(lines, sample, name, repr(value))
@@ -314,9 +260,6 @@ def test_a_measured_value_of_any_size_is_kept_and_told(tmp_path, refused):
             recording.check_plausible()
 
 
-# Plans that failed their check
-
-
 def test_trajectory_whose_check_failed_is_not_saved(tmp_path, refused):
     for change, words in (
         ({"largest_defect": 2e-6}, ["dynamics"]),
@@ -326,9 +269,6 @@ def test_trajectory_whose_check_failed_is_not_saved(tmp_path, refused):
         with refused(LimbError, "failed its check", *words):
             failed.save(tmp_path / "file.csv")
     assert list(tmp_path.iterdir()) == []
-
-
-# Writing whole or not at all
 
 
 def test_interrupted_writing_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
@@ -349,47 +289,3 @@ def test_interrupted_writing_leaves_the_old_file_and_nothing_else(tmp_path, monk
                     LimbParameters().save(tmp_path / "limb.yaml")
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
-
-
-# What a trajectory tells
-
-
-def cubic_trajectory() -> tuple[Trajectory, np.ndarray]:
-    """Joint angles that are cubics of time, one row of coefficients per joint."""
-    coefficients = np.array([[0.01, -0.05, 0.1, 0.02], [-0.02, 0.04, 0.0, 0.1]])
-    time = np.array([2.0, 2.5, 3.5, 4.0])
-    angles = np.array([np.polyval(row, time) for row in coefficients])
-    rates = np.array([np.polyval(np.polyder(row), time) for row in coefficients])
-    return make_trajectory(time=time, joint_state=np.vstack([angles, rates])), coefficients
-
-
-def test_joint_angles_between_knots_are_cubic():
-    trajectory, coefficients = cubic_trajectory()
-    times = np.linspace(2.0, 4.0, 17)
-    first, second = (np.polyval(row, times) for row in coefficients)
-    # Two links of equal length: the chord points between the two link angles.
-    expected = [first + second / 2]
-    np.testing.assert_allclose(trajectory.bend_angle_at(times), expected, atol=1e-14)
-    knots = trajectory.bend_angle_at(trajectory.time)
-    np.testing.assert_allclose(trajectory.bend_angle, knots, atol=1e-14)
-
-
-def test_duty_between_knots_is_linear():
-    trajectory, _ = cubic_trajectory()
-    duty = trajectory.duty_trajectory()
-    assert (duty.start_time(), duty.end_time()) == (2.0, 4.0)
-    assert trajectory.duration == 2.0
-    expected = trajectory.duty[:, 1] + 0.25 * (trajectory.duty[:, 2] - trajectory.duty[:, 1])
-    np.testing.assert_allclose(duty.value(2.75)[:, 0], expected, rtol=1e-14)
-
-
-def test_state_of_a_trajectory_is_that_of_the_limb_diagram(uneven_limb):
-    trajectory = make_trajectory(uneven_limb)
-    expected = [
-        *trajectory.joint_angles,
-        *trajectory.joint_rates,
-        *trajectory.wire_temperature,
-        *trajectory.measured_temperature,
-    ]
-    np.testing.assert_array_equal(trajectory.state, expected)
-    assert trajectory.joint_angles.shape == trajectory.joint_rates.shape == (5, 4)

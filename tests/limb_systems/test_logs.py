@@ -337,20 +337,6 @@ def test_a_log_without_a_column_of_its_format_is_named(tmp_path, truth):
         Recording.from_log(path)
 
 
-def test_logs_of_one_name_do_not_replace_each_other(tmp_path, truth, capsys):
-    paths = [tmp_path / folder / "log.csv" for folder in ("one", "other")]
-    for path in paths:
-        path.parent.mkdir()
-        signals = [truth.time, truth.duty[1], truth.temperature[1], np.rad2deg(truth.bend)]
-        write(path, ["t", "duty", "temp", "bend"], signals)
-    mapping = tmp_path / "m.yaml"
-    limbs_in_log(paths[0])[0].mapping.save(mapping)
-    words = ["import", *map(str, paths), "-o", str(tmp_path / "out"), "--mapping", str(mapping)]
-    assert main(words) == 1
-    assert "written by the same command" in capsys.readouterr().err
-    assert not list((tmp_path / "out").glob("*.csv"))
-
-
 def rows(names, form):
     return "\n".join([names, *(form.format(i, i % 2, i % 7) for i in range(50))]).encode()
 

@@ -1,8 +1,7 @@
-"""The MultibodyPlant against Lagrange's equations, energy, pendulum and beam theory."""
+"""The MultibodyPlant against Lagrange's equations and beam theory."""
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.primitives import Linearize
 
 from limb_systems import LimbParameters, SegmentParameters, make_manipulator
@@ -64,72 +63,6 @@ def test_forward_dynamics_of_different_segments_in_series(planar_chain):
             segments=[random_segment(rng, n) for n in links], gravity=random_gravity(rng)
         )
         assert_dynamics_agree(planar_chain, parameters, rng)
-
-
-def test_one_link_is_a_physical_pendulum():
-    segment = SegmentParameters(
-        links=1, length=0.2, mass=0.3, thickness=0.01, stiffness=0.5, damping=0.02
-    )
-    plant = make_manipulator(LimbParameters(segments=[segment], gravity=[0.0, -9.81, 0.0]))
-    angle, rate, torque = 0.4, -3.0, 0.7
-    about_joint = 0.3 * (0.2**2 / 3 + 0.01**2 / 12)
-    load = torque - 0.5 * angle - 0.02 * rate - 0.3 * 9.81 * 0.1 * np.cos(angle)
-    actual = plant_acceleration(plant, [angle], [rate], [torque])
-    np.testing.assert_allclose(actual, load / about_joint, rtol=1e-12)
-
-
-def test_power_of_forces_and_damping_is_the_change_of_energy(planar_chain):
-    rng = np.random.default_rng(7)
-    parameters = LimbParameters(segments=[random_segment(rng, 5)], gravity=random_gravity(rng))
-    plant, chain = make_manipulator(parameters), planar_chain(parameters)
-    for _ in range(20):
-        angles, rates, force = random_state(rng, 5)
-        acceleration = plant_acceleration(plant, angles, rates, force)
-        step = 1e-4 / np.abs(acceleration).max()
-        after = chain.energy(angles + step * rates, rates + step * acceleration)
-        before = chain.energy(angles - step * rates, rates - step * acceleration)
-        power = (force - chain.damping * rates) @ rates
-        gross = np.abs(force * rates).sum() + chain.damping @ rates**2
-        assert (after - before) / (2 * step) == pytest.approx(power, abs=1e-4 * gross)
-
-
-def free_motion(planar_chain, parameters, duration: float):
-    """Energies and rates of a limb let go from a strong bend, every millisecond."""
-    plant, chain = make_manipulator(parameters), planar_chain(parameters)
-    n = parameters.num_joints
-    simulator = Simulator(plant)
-    ApplySimulatorConfig(
-        SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8, max_step_size=0.01),
-        simulator,
-    )
-    context = simulator.get_mutable_context()
-    plant.get_applied_generalized_force_input_port().FixValue(context, np.zeros(n))
-    context.SetContinuousState(np.append(np.full(n, 0.3), np.zeros(n)))
-    energies, rates = [], []
-    for time in np.arange(0.0, duration, 1e-3):
-        simulator.AdvanceTo(time)
-        state = context.get_continuous_state_vector().CopyToVector()
-        energies.append(chain.energy(state[:n], state[n:]))
-        rates.append(state[n:])
-    return np.array(energies), np.array(rates)
-
-
-def test_energy_is_conserved_without_damping(planar_chain):
-    for gravity in [[0.0, 0.0, 0.0], [3.0, -9.0, 0.0]]:
-        segment = SegmentParameters(links=3, damping=0.0)
-        parameters = LimbParameters(segments=[segment], gravity=gravity)
-        energies, rates = free_motion(planar_chain, parameters, duration=0.5)
-        assert np.abs(rates).max() > 5.0  # the limb did swing
-        assert np.ptp(energies) < 1e-6 * (3 * 0.1246 * 0.3**2 / 2)
-
-
-def test_energy_without_actuation_only_decays_and_goes_into_the_dampers(planar_chain):
-    parameters = LimbParameters(segments=[SegmentParameters(links=3)], gravity=[3.0, -9.0, 0.0])
-    energies, rates = free_motion(planar_chain, parameters, duration=0.5)
-    assert (np.diff(energies) < 1e-12).all()
-    power = 1.0e-3 * (rates**2).sum(axis=1)
-    dissipated = 1e-3 * (power[1:] + power[:-1]).sum() / 2
-    assert energies[0] - energies[-1] == pytest.approx(dissipated, rel=1e-3)
 
 
 def test_fine_chain_rings_like_an_euler_bernoulli_cantilever():

@@ -28,33 +28,19 @@ def test_outputs_that_cannot_be_written_are_refused(folder, refused):
             check_outputs([folder / name])
 
 
-def test_force_replaces_files_but_never_inputs(folder):
+def test_force_replaces_files_but_never_inputs_also_through_links(folder, monkeypatch):
     path = folder / "file.csv"
     check_outputs([path], force=True)
-    for same in (path, folder / "there" / ".." / "file.csv"):
-        with pytest.raises(OutputError, match=r"file\.csv is read by the same command"):
-            check_outputs([same], inputs=[path], force=True)
-    with pytest.raises(OutputError, match=r"new\.csv is written by the same command"):
-        check_outputs([folder / "new.csv", folder / "new.csv"], force=True)
-
-
-def test_an_input_is_not_replaced_through_a_link(folder, monkeypatch):
-    path = folder / "file.csv"
     (folder / "soft.csv").symlink_to(path)
     (folder / "hard.csv").hardlink_to(path)
     monkeypatch.chdir(folder)
     for read in (path, folder / "soft.csv", folder / "hard.csv"):
-        for same in (
-            "file.csv",
-            "./file.csv",
-            "soft.csv",
-            "hard.csv",
-            f"../{folder.name}/hard.csv",
-        ):
+        for same in ("file.csv", "./file.csv", "soft.csv", f"../{folder.name}/hard.csv"):
             with pytest.raises(OutputError, match="is read by the same command"):
                 check_outputs([Path(same)], inputs=[read], force=True)
-    with pytest.raises(OutputError, match="is written by the same command"):
-        check_outputs([path, folder / "hard.csv"], force=True)
+    for twice in ([Path("new.csv")] * 2, [path, folder / "hard.csv"]):
+        with pytest.raises(OutputError, match="is written by the same command"):
+            check_outputs(twice, force=True)
 
 
 def test_folders_without_permission_are_refused(folder, monkeypatch):
@@ -76,18 +62,13 @@ COMMANDS = (
     "plan reference.csv -o new.csv --plot kept",
     "plan reference.csv -o reference.csv --force",
     "plan reference.csv -o new.csv --plot new.xyz",
-    "replay kept.csv -o kept.csv --force",
-    "replay reference.csv -o kept.csv",
     "replay reference.csv -o kept.csv -p nowhere",
     "teach nowhere -o kept.csv",
     "recover recording.csv -o kept.csv",
-    "recover recording.csv -o recording.csv --force",
     "emulate --log kept",
-    "collect -o kept",
     "collect -o .",
     "fit . -o kept",
     "fit . -l limb.yaml -o limb.yaml --force",
-    "fit . -o recording.csv --force",
     "validate limb.yaml recording.csv --plot kept",
 )
 

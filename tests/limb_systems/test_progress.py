@@ -8,12 +8,10 @@ from limb_systems.progress import Progress, part_of_work
 
 
 class Terminal(io.StringIO):
-    def __init__(self, live: bool):
+    def __init__(self, monkeypatch, live=True):
         super().__init__()
-        self._live = live
-
-    def isatty(self) -> bool:
-        return self._live
+        self.isatty = lambda: live
+        monkeypatch.setattr("sys.stderr", self)
 
 
 @pytest.fixture
@@ -24,23 +22,18 @@ def clock(monkeypatch):
     return now
 
 
-def shown(monkeypatch, live: bool) -> Terminal:
-    terminal = Terminal(live)
-    monkeypatch.setattr("sys.stderr", terminal)
-    return terminal
-
-
-def test_nothing_is_shown_for_short_work(monkeypatch, clock):
-    terminal = shown(monkeypatch, live=True)
-    with Progress("simulating", 60.0, "s") as progress:
+@pytest.mark.parametrize(("live", "step"), [(True, 0.09), (False, 1.0)])
+def test_nothing_is_shown_for_short_work_or_without_a_terminal(monkeypatch, clock, live, step):
+    terminal = Terminal(monkeypatch, live)
+    with Progress("simulating", None, "s") as progress:
         for done in range(10):
-            clock[0] += 0.09
+            clock[0] += step
             progress.update(done)
     assert terminal.getvalue() == ""
 
 
 def test_terminal_line_is_kept_up_to_date_and_cleared(monkeypatch, clock):
-    terminal = shown(monkeypatch, live=True)
+    terminal = Terminal(monkeypatch)
     with part_of_work("sag_1, 1 of 24"), Progress("simulating", 60.0, "s") as progress:
         clock[0] += 1.1
         progress.update(12.0, "a long remark")
@@ -53,12 +46,3 @@ def test_terminal_line_is_kept_up_to_date_and_cleared(monkeypatch, clock):
     assert second.rstrip() == "sag_1, 1 of 24: simulating: 24 of 60 s"
     assert len(second) == len(first)  # nothing of the longer line is left
     assert blank.strip() == after == ""
-
-
-def test_nothing_is_shown_where_there_is_no_terminal(monkeypatch, clock):
-    terminal = shown(monkeypatch, live=False)
-    with Progress("solving", None, "iterations") as progress:
-        for done in range(1, 31):
-            clock[0] += 1.0
-            progress.update(done)
-    assert terminal.getvalue() == ""

@@ -9,7 +9,6 @@ import shlex
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from limb_systems import (
@@ -17,10 +16,7 @@ from limb_systems import (
     EmulatedLimb,
     Limb,
     LimbParameters,
-    PlanCheck,
     Provenance,
-    Recording,
-    Trajectory,
     provenance,
     simulate,
 )
@@ -34,34 +30,6 @@ MADE = Provenance(
     "2030-01-31T12:00:00Z",
     limb_seed=7,
 )
-
-
-def recording(parameters=None, **changes) -> Recording:
-    return Recording(
-        time=[0.0, 0.1, 0.2],
-        duty=np.zeros((2, 3)),
-        measured_temperature=np.full((2, 3), 25.0),
-        bend_angle=np.zeros((1, 3)),
-        parameters=parameters or LimbParameters(),
-        source="a test",
-        sample_rate=10.0,
-        **changes,
-    )
-
-
-def trajectory(**changes) -> Trajectory:
-    parameters = changes.pop("parameters", None) or LimbParameters()
-    return Trajectory(
-        time=[0.0, 0.1, 0.2],
-        reference=np.zeros((1, 3)),
-        duty=np.zeros((2, 3)),
-        joint_state=np.zeros((10, 3)),
-        wire_temperature=np.full((2, 3), 25.0),
-        measured_temperature=np.full((2, 3), 25.0),
-        parameters=parameters,
-        check=PlanCheck(),
-        **changes,
-    )
 
 
 def calibrated(made: Provenance | None) -> LimbParameters:
@@ -132,8 +100,10 @@ def test_commit_is_gits_with_a_mark_for_changes(checkout, tmp_path, monkeypatch)
     assert ask() == ""
 
 
-def test_a_result_keeps_its_provenance_when_it_is_saved_again(tmp_path):
-    for original in (recording(provenance=MADE), trajectory(provenance=MADE), trajectory()):
+def test_a_result_keeps_its_provenance_when_it_is_saved_again(tmp_path, fig5_plan):
+    recording = simulate(Limb(), [0.0, 0.1], 0.1)
+    for result, made in ((recording, MADE), (fig5_plan, MADE), (fig5_plan, None)):
+        original = dataclasses.replace(result, provenance=made)
         original.save(tmp_path / "once.csv")
         loaded = type(original).load(tmp_path / "once.csv")
         assert loaded.provenance == original.provenance

@@ -94,6 +94,23 @@ def test_limbs_bend_the_way_they_are_mounted():
     np.testing.assert_allclose(rear, front * [-1, 1, 1], atol=1e-12)
 
 
+def test_descriptions_that_no_robot_has_are_refused(refused):
+    for words, change in (
+        (
+            ["limbs[1].name is 'rear'", "another limb"],
+            lambda r: setattr(r.limbs[1], "name", "rear"),
+        ),
+        (["limbs[0].name is 'body'"], lambda r: setattr(r.limbs[0], "name", "body")),
+        (["body.mass is 20 kg", "in grams"], lambda r: setattr(r.body, "mass", 20.0)),
+        (["limbs[0]", "right angles"], lambda r: setattr(r.limbs[0], "e2", [0.0, 0.0, 1.0])),
+        (["gravity", "press the robot"], lambda r: setattr(r, "gravity", [0.0, 0.0, 9.81])),
+    ):
+        robot = RobotParameters()
+        change(robot)
+        with refused(LimbError, *words):
+            robot.validate()
+
+
 def test_files_of_robots_and_of_their_recordings_round_trip(tmp_path):
     robot = RobotParameters()
     robot.limbs[1].parameters.segments[0].wires[0].law.a1 = -0.06

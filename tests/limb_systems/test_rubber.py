@@ -1,14 +1,10 @@
 """Rubber that rests bent, stiffens and remembers, against formulas written out by hand."""
 
-import warnings
-
 import numpy as np
 import pytest
-from pydrake.symbolic import Expression, Variable
 from scipy.integrate import solve_ivp
 
 from limb_systems import (
-    HystereticLaw,
     Limb,
     LimbParameters,
     LinearLaw,
@@ -20,7 +16,6 @@ from limb_systems import (
 )
 from limb_systems.model.statics import static_equilibrium
 from limb_systems.simulation import make_simulator
-from planners.transcription.program import TrajectoryProgram
 
 K = 0.1246  # N·m/rad, of the nominal limb
 
@@ -102,14 +97,6 @@ def test_accelerations_are_those_of_the_hand_derived_chain(planar_chain):
     np.testing.assert_allclose(found, expected, rtol=1e-8)
 
 
-def test_the_planner_has_the_same_chain_in_closed_form():
-    parameters = two_segments()
-    parameters.gravity = [1.0, -9.0, 0.0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # that it plans with Drake's constraints
-        TrajectoryProgram(parameters, np.linspace(0.0, 1.0, 5))  # it compares with the plant
-
-
 def ramp(z):
     return z / (1.0 + np.exp(-z / 0.01))
 
@@ -175,28 +162,3 @@ def test_settled_wires_have_the_memory_of_being_heated_at_once():
     np.testing.assert_allclose(angles, 4.7e-4 * 40.0 / K + settled[2] / 3, rtol=1e-9)
     for equal in (70.0, 25.0):
         assert wires.settled_states(np.full(2, equal))[2] == pytest.approx(0.0, abs=1e-15)
-
-
-def test_symbolic_rates_are_the_numeric_ones():
-    for law in [LinearLaw, HystereticLaw]:
-        limb = limb_with(rest_memory=RestMemory())
-        for wire in limb.wires:
-            wire.law = law()
-        wires = Wires(limb)
-        names = [Variable(f"x{index}") for index in range(wires.num_states + 2)]
-        values = np.array(
-            [
-                60.0,
-                45.0,
-                *[30.0, 35.0, 59.0, 46.5, 0.2, 0.6][: wires.num_states - 3],
-                0.01,
-                0.3,
-                0.1,
-            ]
-        )
-        symbols = np.array([Expression(name) for name in names])
-        with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-            rates = wires.rates(symbols[:-2], symbols[-2:])
-        where = dict(zip(names, values, strict=True))
-        found = [rate.Evaluate(where) for rate in rates]
-        np.testing.assert_allclose(found, wires.rates(values[:-2], values[-2:]), rtol=1e-9)

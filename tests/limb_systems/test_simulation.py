@@ -7,7 +7,7 @@ motion by an explicit integrator at tight accuracy.
 import numpy as np
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -28,9 +28,6 @@ def small_limb(**segment) -> Limb:
 def ramp(times, left, right) -> PiecewisePolynomial:
     """Piecewise linear duty."""
     return PiecewisePolynomial.FirstOrderHold(times, np.array([left, right], float))
-
-
-# Samples
 
 
 # Accuracy
@@ -60,14 +57,6 @@ def test_heat_at_default_accuracy_is_within_a_thousandth_of_a_degree():
         np.testing.assert_allclose(recording.wire_temperature[index], wire, atol=1e-3)
         np.testing.assert_allclose(recording.measured_temperature[index], measured, atol=1e-3)
         assert np.ptp(wire) > 30
-
-
-def test_heat_at_tighter_accuracy_is_within_a_millionth_of_a_degree():
-    recording = simulate(small_limb(), [0.3, 0.0], 20.0, accuracy=1e-7)
-    wire, measured = heat_under_a_ramp(recording.time, 0.3, 0.0)
-    np.testing.assert_allclose(recording.wire_temperature[0], wire, atol=1e-6)
-    np.testing.assert_allclose(recording.measured_temperature[0], measured, atol=1e-6)
-    np.testing.assert_allclose(recording.wire_temperature[1], 25.0, atol=1e-9)
 
 
 def test_pulse_between_two_samples_is_not_stepped_over():
@@ -113,43 +102,6 @@ def test_bend_angle_is_that_of_an_explicit_integrator():
         np.testing.assert_allclose(recording.time, times, atol=1e-9)
         actual = np.degrees(recording.bend_angle[0])
         np.testing.assert_allclose(actual, expected, atol=tolerance_deg)
-
-
-# Anything with the ports of a limb
-
-
-def noisy_limb(parameters):
-    """A diagram around a limb, whose bend angle is shown with an offset."""
-
-    class Offset(LeafSystem):
-        def __init__(self):
-            super().__init__()
-            self.DeclareVectorInputPort("u", 1)
-            self.DeclareVectorOutputPort("y", 1, self._calc)
-
-        def _calc(self, context, output):
-            output.SetFromVector(self.get_input_port().Eval(context) + 0.01)
-
-    builder = DiagramBuilder()
-    limb, offset = builder.AddSystem(Limb(parameters)), builder.AddSystem(Offset())
-    builder.Connect(limb.GetOutputPort("bend_angle"), offset.get_input_port())
-    builder.ExportInput(limb.GetInputPort("duty"), "duty")
-    builder.ExportOutput(limb.GetOutputPort("measured_temperature"), "measured_temperature")
-    builder.ExportOutput(offset.get_output_port(), "bend_angle")
-    diagram = builder.Build()
-    diagram.parameters, diagram.source = limb.parameters, "a test"
-    return diagram
-
-
-def test_a_diagram_with_the_ports_of_a_limb_is_simulated_through_them():
-    wrapped = simulate(noisy_limb(LimbParameters()), [0.1, 0.5], 3.0, accuracy=1e-6)
-    limb = simulate(Limb(), [0.1, 0.5], 3.0, accuracy=1e-6)
-    assert wrapped.source == "a test"
-    assert wrapped.wire_temperature is None
-    assert wrapped.joint_state is None
-    np.testing.assert_array_equal(wrapped.time, limb.time)
-    np.testing.assert_allclose(wrapped.bend_angle, limb.bend_angle + 0.01, atol=1e-5)
-    np.testing.assert_allclose(wrapped.measured_temperature, limb.measured_temperature, atol=1e-3)
 
 
 # Refusals

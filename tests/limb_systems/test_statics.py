@@ -5,7 +5,6 @@ import itertools
 import numpy as np
 import pytest
 from pydrake.multibody.tree import MultibodyForces
-from scipy.optimize import fsolve
 
 from limb_systems import (
     Limb,
@@ -17,7 +16,7 @@ from limb_systems import (
     simulate,
     wires_around,
 )
-from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.limb import make_manipulator
 from limb_systems.model.statics import HeldAngles, static_equilibrium
 
 SIDEWAYS = [0.0, -9.81, 0.0]
@@ -33,22 +32,8 @@ def sag(parameters) -> float:
     return bend_angle(parameters, static_equilibrium(parameters)[0])[0]
 
 
-def test_one_link_balances_its_weight_and_its_wires():
-    """k θ = f - m g l/2 cos θ, solved by bisection."""
-    parameters = cantilever(links=1, length=0.3, mass=0.2, stiffness=0.4)
-    torque = 4.7e-4 * (70.0 - 40.0)
-    low, high = -np.pi / 2, 0.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        load = torque - 0.2 * 9.81 * 0.15 * np.cos(middle) - 0.4 * middle
-        low, high = (middle, high) if load > 0 else (low, middle)
-    angles, _ = static_equilibrium(parameters, [40.0, 70.0])
-    assert np.degrees(low) < -20.0  # far from small angles
-    np.testing.assert_allclose(angles, [low], atol=1e-11)
-
-
 def test_forces_balance_at_equilibrium_and_energy_is_lowest(planar_chain):
-    for links in [2, 5, 10]:
+    for links in [1, 5]:
         parameters = LimbParameters(
             segments=[SegmentParameters(links=links, mass=0.05)], gravity=[4.0, -8.0, 1.0]
         )
@@ -165,7 +150,7 @@ def test_nominal_limb_comes_to_rest_at_its_static_sag():
     parameters = cantilever()
     recording = simulate(Limb(parameters), [0.0, 0.0], 6.0)
     assert recording.bend_angle[0, 0] == 0.0
-    assert np.degrees(recording.bend_angle[0, -1]) == pytest.approx(-10.0, abs=0.2)
+    assert np.degrees(recording.bend_angle[0, -1]) == pytest.approx(-10.0, abs=0.02)
     assert recording.bend_angle[0, -1] == pytest.approx(sag(parameters), abs=1e-5)
     assert np.abs(recording.joint_state[5:, -1]).max() < 1e-3
 
@@ -220,21 +205,6 @@ def correction_factor(links: int) -> float:
 def test_correction_factor_of_the_sag_is_the_papers_for_five_links():
     for links, expected in [(4, 1.20), (5, 1.22), (6, 1.23)]:
         assert correction_factor(links) == pytest.approx(expected, abs=0.01)
-
-
-def test_stiffness_for_ten_degrees_with_five_links_is_the_nominal_one(planar_chain):
-    """Sec. V-A: k and θ of a chain that balances its weight, written by hand, at 10° of sag."""
-    parameters = cantilever()
-    chain = planar_chain(parameters)
-
-    def unbalance(unknown):
-        angles, chain.stiffness = unknown[:5], np.full(5, unknown[5])
-        links = np.cumsum(angles)
-        tip = chain.length @ np.column_stack([np.cos(links), np.sin(links)])
-        return [*chain.holding_torque(angles), np.arctan2(tip[1], tip[0]) + np.radians(10)]
-
-    *_, stiffness = fsolve(unbalance, [*np.full(5, -0.05), 0.1])
-    assert parameters.segments[0].stiffness == pytest.approx(stiffness, rel=2e-3)
 
 
 # No equilibrium

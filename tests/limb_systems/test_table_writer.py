@@ -72,6 +72,8 @@ def test_no_file_is_ever_written_over(path, unfinished):
 
 def test_what_was_interrupted_says_so_and_keeps_the_old_file(path, unfinished):
     path.write_text("old")
+    writer_with(path, 0).abandon("no board")
+    assert list(path.parent.iterdir()) == [path]  # no row, no file
     writer = writer_with(path, 2)
     with pytest.warns(UserWarning, match=r"recorded until then is in .*table\.unfinished\.csv\.$"):
         writer.abandon("The cable\nwas \x1b[31mcut.")
@@ -84,22 +86,13 @@ def test_what_was_interrupted_says_so_and_keeps_the_old_file(path, unfinished):
     assert numbers.shape == (2, 2)  # other programs read it as they read any other
 
 
-def test_what_was_interrupted_before_its_first_row_leaves_nothing(path):
-    path.write_text("old")
-    writer_with(path, 0).abandon("no board")
-    assert list(path.parent.iterdir()) == [path]
-    assert path.read_text() == "old"
-
-
 def test_why_it_was_interrupted_is_under_the_checksum(path):
     writer_with(path, 2).finish("by hand")
     data = path.read_bytes()
-    path.write_bytes(data.replace(b"by hand", b"by mind"))
-    with pytest.raises(FileFormatError, match="checksum"):
-        read_table(path, "recording")
-    path.write_bytes(data.replace(b"# interrupted: by hand\n", b""))
-    with pytest.raises(FileFormatError, match="checksum"):
-        read_table(path, "recording")
+    for change in (b"# interrupted: by mind\n", b""):
+        path.write_bytes(data.replace(b"# interrupted: by hand\n", change))
+        with pytest.raises(FileFormatError, match="checksum"):
+            read_table(path, "recording")
 
 
 def test_a_file_cut_anywhere_is_read_to_its_last_whole_row(path):
@@ -203,14 +196,9 @@ def test_rows_are_forced_to_the_disk_now_and_then_and_at_the_end(path, monkeypat
     assert 5 <= len(synced) <= 8  # about one for each second, the file's at the end, its name's
 
 
-@pytest.fixture
-def watchful(monkeypatch):
-    """A writer that looks at each row whether its file is there."""
-    monkeypatch.setattr(table_writer, "SYNC_PERIOD", 0.0)
-
-
-def test_what_is_removed_is_written_again(watchful, tmp_path):
+def test_what_is_removed_is_written_again(monkeypatch, tmp_path):
     """On the way, when the next row comes, or before the end."""
+    monkeypatch.setattr(table_writer, "SYNC_PERIOD", 0.0)  # it looks at each row
     path = tmp_path / "folder" / "table.csv"
     for removed, at in (("file", 2), ("folder", 2), ("file", 5), ("folder", 5)):
         writer = writer_with(path, at)
@@ -222,7 +210,8 @@ def test_what_is_removed_is_written_again(watchful, tmp_path):
         assert_rows(read_table(path, "recording"), 5)
 
 
-def test_where_it_cannot_be_written_again_it_is_kept_elsewhere(watchful, tmp_path, monkeypatch):
+def test_where_it_cannot_be_written_again_it_is_kept_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.setattr(table_writer, "SYNC_PERIOD", 0.0)
     path, elsewhere = tmp_path / "folder" / "table.csv", tmp_path / "elsewhere"
     elsewhere.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(elsewhere))

@@ -5,7 +5,6 @@ import itertools
 
 import numpy as np
 import pytest
-from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
@@ -160,23 +159,6 @@ def test_the_share_stays_from_0_to_1_in_every_simulation():
             limit = 3.0 * law.full_torque  # of the bend, (n + 1) / 2 torque / k
             _, _, bend = runs.simulate(law, np.full((1, 1), ROOM), heat, rubber)
             assert np.abs(bend).max() <= limit
-
-
-def test_drakes_derivatives_are_those_of_complex_steps():
-    for kind in LAWS:
-        law, step = kind(), 1e-30
-        point = np.array([*[70.0, 40.0, 68.9, 0.4][: len(law.states)], 0.35, 55.0])
-
-        def outputs(values):
-            *x, D, V = values
-            return [*law.rates(x, D, ROOM), law.torque(x, ROOM, 0.0), law.reading_rate(V, x)]
-
-        found = np.array(outputs(InitializeAutoDiff(point)[:, 0]))
-        moved = [outputs(point + 1j * step * one) for one in np.eye(len(point))]
-        np.testing.assert_allclose(ExtractValue(found)[:, 0], outputs(point), rtol=1e-13)
-        np.testing.assert_allclose(
-            ExtractGradient(found), np.imag(moved).T / step, rtol=1e-11, atol=1e-15
-        )
 
 
 def test_the_limb_has_the_law_written_out(planar_chain):

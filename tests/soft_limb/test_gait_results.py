@@ -64,10 +64,6 @@ def test_commands_on_results_take_gaits_and_robots(folder, capsys):
     page = (folder / "runs.html").read_text(encoding="utf-8")
     led_to = page.partition("led to")[2][:400]
     assert {"#gait.csv", "#walk.csv"} <= set(re.findall(r'href="([^"]+)"', led_to))
-    pytest.importorskip("mcap")
-    for name in ("walk", "gait"):
-        said(["export", f"{name}.csv", "-o", f"{name}.mcap"], capsys)
-        assert b"/body_pose" in (folder / f"{name}.mcap").read_bytes()
 
 
 def test_a_gait_s_page_has_its_verdict_its_check_and_the_robot_in_3d(folder, gait):

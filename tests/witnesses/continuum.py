@@ -43,12 +43,12 @@ from hardware.emulation.sensors import (
     THERMOCOUPLE_NOISE,
     THERMOCOUPLE_PERIOD,
     THERMOCOUPLE_STEP,
-    rolled,
 )
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import Layout, LimbError
-from limb_systems.model.chain import weight_of_angles
+from limb_systems.model.bend_sensor import rolled
+from limb_systems.model.kinematics import weight_of_angles
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import SegmentParameters
 from limb_systems.model.ports import declare_part
@@ -481,17 +481,14 @@ class Chain:
         mean = segment.stiffness * beam.stiffness * JOINTS / segment.links
         mean *= (1.0, beam.stiffness_ratio)[axis]
         self.stiffness = mean * (1 + beam.taper * (1 - 2 * along))
-        self._link, self._link_mass = segment.length / JOINTS, segment.mass / JOINTS
-        gravity = self._link_mass * np.array(specimen.description.gravity[:2])
-        self._gravity = gravity if gravity.any() else None
+        link, link_mass = segment.length / JOINTS, segment.mass / JOINTS
         turned = np.tril(np.ones((JOINTS, JOINTS)))  # directions of the links by joint angles
-        lateral = self._link * (np.tril(np.ones((JOINTS, JOINTS)), -1) + 0.5 * np.eye(JOINTS))
+        lateral = link * (np.tril(np.ones((JOINTS, JOINTS)), -1) + 0.5 * np.eye(JOINTS))
         across = (segment.thickness, segment.width)[axis]
-        own = (self._link**2 + across**2) / 12  # of a box, over its mass
+        own = (link**2 + across**2) / 12  # of a box, over its mass
         inertia = lateral.T @ lateral + own * np.eye(JOINTS)
-        self._payload = specimen.description.payload / self._link_mass
-        inertia += self._payload * self._link**2  # at the tip
-        self._inertia = self._link_mass * turned.T @ inertia @ turned
+        inertia += specimen.description.payload / link_mass * link**2  # at the tip
+        self._inertia = link_mass * turned.T @ inertia @ turned
         squares = eigh(np.diag(self.stiffness), self._inertia, eigvals_only=True)
         self._creep = beam.creep
         self._damping = 2 * beam.damping_ratio / np.sqrt(squares[0]) * np.diag(self.stiffness)
@@ -524,20 +521,6 @@ class Chain:
     def hand(self) -> float:
         """Stiffness of a hand's grip against the bend, N·m/rad."""
         return GRIP / (self.gradient**2 / self.stiffness).sum()
-
-    def weight(self, angles: np.ndarray) -> np.ndarray | float:
-        """Moments of gravity (8), N·m, at joint angles (8) in a plane; 0 where there is none."""
-        if self._gravity is None:
-            return 0.0
-        directions = np.cumsum(angles)
-        links = self._link * np.array([np.cos(directions), np.sin(directions)])
-        ends = np.cumsum(links, axis=1)
-        # Weights of all links beyond a joint, and their moment about it.
-        beyond = np.arange(JOINTS, 0, -1)
-        centres = np.cumsum((ends - links / 2)[:, ::-1], axis=1)[:, ::-1]
-        lever = centres - beyond * (ends - links)
-        lever += self._payload * (ends[:, -1:] - (ends - links))
-        return lever[0] * self._gravity[1] - lever[1] * self._gravity[0]
 
     def resampled(self, segment: SegmentParameters, axis: int) -> tuple[np.ndarray, np.ndarray]:
         """The chain of a described segment of this shape, which shows the same bend.
@@ -780,10 +763,8 @@ class ContinuumLimb(LeafSystem):
 
     def _weights(self, angles: np.ndarray, twist: np.ndarray) -> list[np.ndarray | float]:
         """Moments of gravity on the joints of each axis, N·m, under which the twists settle."""
-        if len(self._chains) == 1:
-            return [self._chains[0].weight(angles[0])]
         if not self._weighs:
-            return [0.0, 0.0]
+            return [0.0] * len(self._chains)
         moments = -self._weight.values(self._all_angles(angles, twist))
         twist[:] = moments[self._twists] / self._torsional
         return [moments[joints] for joints in self._layout.bend_joints]

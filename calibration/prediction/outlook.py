@@ -1,0 +1,258 @@
+"""What to expect of a calibration: how far plans will miss, and the recording to make next.
+
+A plan begins with what is read at its start, and has temperatures and reversals of its own. Its
+distance from the limb has two parts:
+
+- what the law leaves of motions that it was not fitted to, predicted from their start as plans
+  are, and more of motions that are wider than those;
+- what the limbs differ by that the recordings cannot tell apart, in a motion to T_max and back by
+  both sides, on another day: in a room somewhat warmer, with a somewhat other supply, and with a
+  bend sensor that has drifted.
+"""
+
+import dataclasses
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from calibration.prediction.heated_run import STEP
+from calibration.prediction.law_fit import AMBIENT_SPREAD, LawFit, Predicted
+from calibration.prediction.unknowns import LAG, Unknown
+from calibration.remarks import Remark
+from limb_systems import LimbParameters
+from limb_systems.model.ensemble import OpenLoop, draw_ensemble, stacked
+
+MEMBERS = 64
+SUPPLY_SPREAD = 0.03  # of the heat for the same duty, from day to day
+# Motions of one limb are missed by half to twice the expected; `benchmarks/plan_miss.py` shows how
+# often that holds.
+SPREAD = 2.0
+# s, and shares of the duty of wires towards -E2 and +E2: both warm, then reversals to both sides.
+TYPICAL = (
+    (10.0, 0.6, 0.6),
+    (8.0, 0.1, 0.9),
+    (6.0, 0.2, 0.5),
+    (7.0, 1.0, 0.1),
+    (6.0, 0.5, 0.2),
+    (5.0, 0.0, 0.8),
+    (4.0, 0.4, 0.4),
+    (4.0, 0.8, 0.0),
+    (6.0, 0.0, 0.6),
+)
+GOOD, WORST = 0.15, 0.4  # expected miss over the range of the bend: good up to, bad from there on
+HOT = 0.8  # share of the rise to T_max that recordings must reach
+SWING = 0.3  # share of a wire's rise that is a swing
+FEWEST_SWINGS = 2  # that show hysteresis
+
+KNOWN = 0.5  # share of what was unknown beforehand, below which more of it tells little
+
+HEATED = "heat the {} wire alone from cold for 60 s and let it cool for 120 s"
+TELL = {  # recordings, and the parameters that they tell best
+    HEATED: ("a1", "a2", LAG, "silicone_warming", "silicone_cooling"),
+    "raise the duty of the {} wire alone slowly until it is as hot as it may be, and lower it as "
+    "slowly": (
+        *("beta", "full_torque", "knee", "width", "middle", "heating_middle", "cooling_middle"),
+    ),
+    "mount the limb horizontally, turned about its axis by 0°, 90°, 180° and 270°, and in each "
+    "mounting hold each wire at four levels, then neighbouring pairs": (
+        *("stiffness", "stiffness_ratio", "roll", "angle", "rest_angle_e3"),
+    ),
+    "record the cold limb for 10 s, then heat it": ("rest_angle",),
+    "bend the limb as far as it may be to one side, then to the other": ("stiffening",),
+    "heat the wires in turn, each until it bends the limb to its side, three times": (
+        *("shift", "rate"),
+    ),
+}
+FURTHER = {
+    "motion": "record a motion like those that you plan, named motion_1.csv, which judges the laws",
+    "sag": "record the sag under gravity, named sag_1.csv, which tells k",
+    "ring_down": "record a ring-down, named ring_down_1.csv, which tells σ",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanMiss:
+    """Mean |φ* - φ| of a plan, open loop: what is expected, and from where to where it may be, rad.
+
+    - ``span``: range of the bend in the motions that judged, rad.
+    """
+
+    expected: float
+    span: float
+
+    @property
+    def low(self) -> float:
+        """The least that a plan is expected to miss by, rad."""
+        return self.expected / SPREAD
+
+    @property
+    def high(self) -> float:
+        """The most that a plan is expected to miss by, rad."""
+        return self.expected * SPREAD
+
+    @property
+    def in_words(self) -> str:
+        """The range, as part of a sentence."""
+        low, high = np.rad2deg([self.low, self.high])
+        return f"in open loop, a plan will miss by {low:.1f}° to {high:.1f}° on average"
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """A remark if that is much of the limb's range."""
+        share = self.expected / self.span
+        if share <= GOOD:
+            return []
+        sentence = (
+            f"{self.in_words[0].upper()}{self.in_words[1:]}, and the bend ranged over "
+            f"{np.rad2deg(self.span):.0f}° in what judged: record more motions like those that "
+            "you plan, from cold and with reversals."
+        )
+        return [Remark("off" if share <= WORST else "far", sentence)]
+
+
+def plan_miss(
+    limb: LimbParameters, foreseen: Sequence[Predicted], fitted: Sequence[Predicted]
+) -> PlanMiss:
+    """How far plans of a calibrated limb will miss it.
+
+    Args:
+        limb: one with its calibration's covariance; of one segment.
+        foreseen: what judged, predicted from its start; see `LawFit.foresee`.
+        fitted: the recordings of the fit, which may be missed by more.
+    """
+    unknown, typical = _typical_motion(limb) if limb.segments[0].axes == 1 else (0.0, 0.0)
+    left = 0.0
+    for group in (foreseen, fitted):
+        error = float(np.mean([predicted.bend_error for predicted in group]))
+        # Motions that bend the limb by more are missed by more.
+        left = max(left, error * max(1.0, typical / _span(group)))
+    if typical:  # a limb that stays in the middle of its range misses no more
+        left = min(left, typical / 2)
+    return PlanMiss(float(np.hypot(left, unknown)), _span(foreseen))
+
+
+def _span(group: Sequence[Predicted]) -> float:
+    """Range of the bend in recordings, rad; a degree at least, as sensors have noise."""
+    bends = [predicted.run.bend for predicted in group]
+    spans = [np.nanmax(bend, axis=0) - np.nanmin(bend, axis=0) for bend in bends]
+    return max(float(np.max(spans)), float(np.deg2rad(1.0)))
+
+
+def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> list[Remark]:
+    """Remarks on wires whose recordings are cooler than plans, or have hardly any reversals."""
+    remarks = []
+    top, room = limb.temperature_limits.maximum, limb.ambient_temperature
+    for index, wire in enumerate(limb.wires):
+        runs = [p.run.temperature[:, index] for p in fitted if p.run.duty[:, index].any()]
+        runs = [readings[~np.isnan(readings)] for readings in runs]
+        runs = [readings for readings in runs if len(readings)]
+        if not runs:
+            continue
+        hottest = max(float(readings.max()) for readings in runs)
+        if hottest < room + HOT * (top - room):
+            remarks.append(
+                Remark(
+                    "range",
+                    f"The {wire.name} wire was read at {hottest:.0f} °C at most, and plans may "
+                    f"heat it to {top:.0f} °C, where nothing is known of it: record it hotter, or "
+                    "lower temperature_limits.maximum.",
+                )
+            )
+        elif sum(_swings(readings, SWING * (hottest - room)) for readings in runs) < FEWEST_SWINGS:
+            remarks.append(
+                Remark(
+                    "range",
+                    f"The {wire.name} wire is heated and cools once: plans turn back and forth, "
+                    "and hysteresis shows where they do; record it with reversals.",
+                )
+            )
+    return remarks
+
+
+def _swings(readings: np.ndarray, least: float) -> int:
+    """How often readings fall by so much after they have risen by as much."""
+    count, rising, turned = 0, False, np.inf
+    for value in readings.tolist():
+        turned = max(turned, value) if rising else min(turned, value)
+        if rising and value < turned - least:
+            count, rising, turned = count + 1, False, value
+        elif not rising and value > turned + least:
+            rising, turned = True, value
+    return count
+
+
+def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
+    """How far limbs alike are apart in a typical motion (mean, of which the root mean square over
+    limbs), and the range of the bend in it, rad.
+    """
+    shares = np.vstack([np.tile(levels, (round(t / STEP), 1)) for t, *levels in TYPICAL])
+    sides = [int(wire.lever[0] > 0) for wire in limb.wires]
+    low, high = 0.0, 1.0
+    for _ in range(6):  # the duty that heats a wire to T_max
+        middle = (low + high) / 2
+        hottest = _simulated([limb], middle * shares[:, sides])[0].max()
+        low, high = (middle, high) if hottest < limb.temperature_limits.maximum else (low, middle)
+    limbs = draw_ensemble(limb, MEMBERS)
+    random = np.random.default_rng(0)
+    for other in limbs:
+        drift, room = random.standard_normal(2)
+        other.segments[0].rest_angle += other.segments[0].bend_sensor.drift * drift
+        other.ambient_temperature += AMBIENT_SPREAD * room
+    supplies = np.exp([0.0, -SUPPLY_SPREAD, SUPPLY_SPREAD]).tolist()
+    bends = _simulated([limb, *limbs], low * shares[:, sides], supplies)[1]
+    each = np.arange(1, len(limbs) + 1)
+    away = np.abs(bends[:, each, 1 + each % 2] - bends[:, :1, 0]).mean(axis=0)
+    return float(np.sqrt((away**2).mean())), float(np.ptp(bends[:, 0, 0]))
+
+
+def _simulated(
+    limbs: Sequence[LimbParameters], duty: np.ndarray, supplies: Sequence[float] = (1.0,)
+) -> tuple[np.ndarray, np.ndarray]:
+    """T (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad, of cold limbs (B) with a duty (K, W).
+
+    Args:
+        supplies: multiples of the duty (R,).
+    """
+    law, ambient, rubber = stacked(limbs)
+    rooms = np.repeat(ambient[:, np.newaxis], len(supplies), axis=1)
+    room = np.repeat(rooms[..., np.newaxis], duty.shape[1], axis=-1)
+    start = [
+        cold + law.is_temperature(state) * room
+        for cold, state in zip(law.cold_states(0.0), law.states, strict=True)
+    ]
+    courses = np.multiply.outer(supplies, duty).swapaxes(0, 1)
+    open_loop = OpenLoop(courses, STEP, limbs[0].segments[0])
+    temperature, _, bend = open_loop.simulate(law, rooms, [*start, room], rubber)
+    return temperature, bend
+
+
+def next_recording(fit: LawFit | None, kinds: Collection[str]) -> str:
+    """The recording to make next and what it tells, in words; empty if none is needed.
+
+    Args:
+        fit: fit of the wires; None if not by prediction.
+        kinds: kinds of the recordings that there are.
+    """
+    if fit is None:
+        kinds = {*kinds, "motion"}
+    elif fit.untold:
+        of_wire = [u for u in fit.untold if u.wire == fit.untold[0].wire]
+        bond = "with a thermocouple on it, " if len(of_wire) == 1 else ""  # else it was not heated
+        return _said(fit, bond + HEATED, [u for u in of_wire if u.field in TELL[HEATED]])
+    else:
+        errors = np.sqrt(np.diag(fit.covariance))
+        before = [np.hypot(u.spread, u.alike) for u in fit.unknowns]
+        shares = dict(zip([u.name for u in fit.unknowns], errors / before, strict=True))
+        unknown = [u for u in fit.unknowns if shares[u.name] > KNOWN]
+        for least in sorted(unknown, key=lambda u: -shares[u.name]):
+            for recording, fields in TELL.items():
+                if least.field in fields:
+                    alike = [u for u in unknown if u.field in fields and u.wire == least.wire]
+                    return _said(fit, recording, alike)
+    return next((recording for kind, recording in FURTHER.items() if kind not in kinds), "")
+
+
+def _said(fit: LawFit, recording: str, told: list[Unknown]) -> str:
+    names = [wire.name for wire in fit.segment.wires]
+    said = recording if told[0].wire is None else recording.format(names[told[0].wire])
+    return f"{said}, which tells {', '.join(unknown.name for unknown in told)}"

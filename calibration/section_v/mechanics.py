@@ -1,0 +1,532 @@
+"""Stiffness from the sag under gravity (Sec. V-A), and damping from a ring-down (Sec. V-B)."""
+
+import copy
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from calibration.estimate import Estimate, standard_error
+from calibration.recordings.kinds import bend_sensor_of, only_segment, title_of
+from calibration.recordings.repair import filled, part
+from calibration.remarks import CalibrationError, Remark, remarks_on_estimate
+from limb_systems import (
+    BendSensor,
+    ChordSensor,
+    Limb,
+    LimbError,
+    LimbParameters,
+    Recording,
+    TipTangentSensor,
+    Wires,
+    joint_angles_from_bend_angle,
+    make_manipulator,
+    simulate,
+)
+from limb_systems.model.bend_sensor import chord_angle
+from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.statics import static_equilibrium
+
+RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
+MOST_OFF = 10.0  # factor between the described stiffness and that of any such limb
+OFF_SENSOR = 0.15  # logarithm of frequencies, beyond which the sensor is in doubt
+STILL = np.deg2rad(1.0)  # by which the bend angle may move in that time
+SCATTER = 0.2  # share of k by which trials may leave it unknown: as a mounting 2° off of 10° does
+
+MODEL_RATE = 100.0  # Hz, at least, of the model's ring-down
+FEWEST = 20  # samples of a ring-down
+PER_PERIOD = 3.0  # samples, below which noise and an alias of the oscillation look alike
+MOVING = 0.5  # of the fastest motion, from which on a limb counts as released
+OUTLIER = 6.0  # robust standard deviations
+OFF = 2.0  # factor between the frequencies of limb and model, beyond which one of them is wrong
+MOST_RELEASED = np.pi / 2  # rad, of the model's release
+STEPS, ALIKE = 8, 1e-3  # of the search for σ, and relative difference of decays at its end
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StiffnessFit:
+    """The spring constant of each joint, from a limb that sags.
+
+    - ``stiffness``: k, N·m/rad.
+    - ``correction_factor``: λ of eqn (9), without unit, for φ^eq as the bend sensor shows it.
+    - ``chord_factor``: λ of the same sag for φ^eq of the chord, which the paper has: 1.22 of a
+      sag by 10° of five links. A tip tangent's α/2 is two thirds of the chord's angle.
+    - ``sags``: φ^eq of each trial (K,), rad, signed as gravity, as recorded.
+    - ``simulated_sag``: sag of the fitted limb, as its bend sensor would show it, rad.
+    - ``remarks``: sentences on what the data lack.
+    """
+
+    stiffness: Estimate
+    correction_factor: float
+    chord_factor: float
+    sags: np.ndarray
+    simulated_sag: float
+    remarks: list[Remark]
+
+    @property
+    def factor_in_words(self) -> str:
+        """λ, and what it is by the chord, as in the paper, if the sensor shows another angle."""
+        said = f"λ = {self.correction_factor:.3f}"
+        if abs(self.chord_factor / self.correction_factor - 1) < 0.02:
+            return said
+        return (
+            f"{said} of the bend that the sensor shows; of the chord's angle, as in the paper, the "
+            f"same sag has {self.chord_factor:.2f}"
+        )
+
+
+def shape_factors(links: int) -> np.ndarray:
+    """b_i of eqn (9), (links,): the shares of the joints in a sag.
+
+    The denominator is Σ (N - j + 1)², not Σ (N - j)² as printed.
+    """
+    squares = np.arange(links, 0, -1.0) ** 2
+    return squares / squares.sum()
+
+
+def fit_stiffness(
+    parameters: LimbParameters, recordings: Sequence[Recording], rest_error: float = 0.0
+) -> StiffnessFit:
+    """k by the iteration of Sec. V-A, eqn (9).
+
+    In turn k is fitted to θ^eq = λ φ^eq b, as -θ^eq \\ f_g(θ^eq) by least squares,
+    and λ to a simulated equilibrium of the limb with this k, of which φ^eq is what
+    the bend sensor of the recordings would show.
+
+    Args:
+        parameters: geometry, mass and rest angle of the limb; of one segment.
+        recordings: recordings of the limb at rest, unheated, with E2 along the vertical
+            as their parameters' ``gravity`` says. At rest the last 5 s count.
+        rest_error: standard error of the rest angle, rad.
+
+    Raises:
+        CalibrationError: if the limb does not rest, or sags against gravity; if it
+            was mounted, or its bend read, in several ways; if k is more than ten times
+            the described one, or less than a tenth.
+    """
+    if not recordings:
+        raise CalibrationError("There is no recording of the limb's sag under gravity.")
+    for recording in recordings:
+        recording.check_plausible()
+    recordings = [part(recording, ~recording.missing) for recording in recordings]
+    sags = np.array([_resting_angle(recording) for recording in recordings])
+    gravity = recordings[0].parameters.gravity
+    sensor = bend_sensor_of(recordings[0])
+    for recording in recordings[1:]:
+        if bend_sensor_of(recording) != sensor:
+            raise CalibrationError(
+                f"The sag was recorded with {sensor} and with {bend_sensor_of(recording)}; use "
+                "the same bend sensor each time."
+            )
+        if not np.allclose(recording.parameters.gravity, gravity):
+            raise CalibrationError(
+                f"The sag was recorded with gravity {gravity} and with "
+                f"{recording.parameters.gravity} m/s²; mount the limb the same way each time."
+            )
+    sag = float(sensor.corrected(np.mean(sags))) - only_segment(parameters).rest_angle
+    if not sag * gravity[1] > 0:
+        raise CalibrationError(
+            f"The limb sags by {np.rad2deg(sag):.1f}° where gravity along E2 is "
+            f"{gravity[1]:g} m/s²: it bends upwards. Is the bend sensor reversed, or gravity in "
+            "the header?"
+        )
+    # Of the mean: in a fit to each trial their scatter would count as sag, and k be too small.
+    mounted, mean = _mounted(parameters, gravity), float(np.mean(sags))
+    stiffness, correction = _iterate(mounted, sensor, mean)
+    described = only_segment(parameters).stiffness
+    if not described / MOST_OFF < stiffness < described * MOST_OFF:
+        raise CalibrationError(
+            f"A sag of {np.rad2deg(sag):.1f}° makes the stiffness {stiffness:.2g} N·m/rad, where "
+            f"the description has {described:.2g} N·m/rad; look at mass and length in the "
+            "description, and at what the bend sensor reads while the limb is straight."
+        )
+    # Trials that are all the same say nothing of the sensor's drift.
+    spread = standard_error(sags) if np.ptp(sags) > 0 else sensor.drift
+    spread = np.hypot(spread, sensor.gain * rest_error)
+    change = 1e-3 * sensor.gain * sag
+    slope = (_iterate(mounted, sensor, mean + change)[0] - stiffness) / change
+    estimate = Estimate(stiffness, float(abs(slope * spread)), "N·m/rad")
+    remarks = []
+    if len(sags) < 3:
+        sentence = (
+            f"Only {len(sags)} trial{'s' * (len(sags) > 1)} of the sag: mounting and sensor differ "
+            "by about 2° from trial to trial, so record ten."
+        )
+        remarks.append(Remark("few", sentence))
+    elif estimate.standard_error > SCATTER * stiffness:
+        sentence = (
+            f"The sag differs by {np.rad2deg(np.ptp(sags)):.1f}° between {len(sags)} trials, of "
+            f"{np.rad2deg(abs(sag)):.1f}°, so that k is known to "
+            f"{estimate.standard_error / stiffness:.0%}; mount the limb alike and record more."
+        )
+        remarks.append(Remark("scatter", sentence))
+    remarks += remarks_on_estimate("the stiffness", estimate)
+    mounted.segments[0].stiffness = stiffness
+    held, _ = static_equilibrium(mounted)
+    shown, chord = sensor.exact_bend_angle(held), chord_angle(held)
+    rest = only_segment(parameters).rest_angle
+    by_chord = correction * float((shown - rest) / (chord - rest))
+    simulated = float(sensor.apparent_bend_angle(held))
+    return StiffnessFit(estimate, correction, by_chord, sags, simulated, remarks)
+
+
+def _mounted(parameters: LimbParameters, gravity: Sequence[float]) -> LimbParameters:
+    mounted = copy.deepcopy(parameters)
+    mounted.gravity = list(gravity)
+    return mounted
+
+
+def _iterate(mounted: LimbParameters, sensor: BendSensor, sag: float) -> tuple[float, float]:
+    """k and λ (9) for the bend angle of a sag, rad, as a sensor shows it."""
+    limb = copy.deepcopy(mounted)
+    segment = only_segment(limb)
+    at_rest = rest_joint_angles(limb)
+    bend = float(sensor.corrected(sag)) - segment.rest_angle
+    shape = shape_factors(segment.links)
+    plant = make_manipulator(limb)
+    context = plant.CreateDefaultContext()
+    correction, before = 1.0, np.inf
+    for _ in range(100):
+        angles = correction * bend * shape  # θ^eq, eqn (9)
+        plant.SetPositions(context, at_rest + angles)
+        forces = plant.CalcGravityGeneralizedForces(context)
+        stiffness = float(angles @ forces / (angles @ angles))
+        if abs(stiffness - before) < 1e-10 * stiffness:
+            return stiffness, correction
+        before = segment.stiffness = stiffness
+        try:
+            simulated, _ = static_equilibrium(limb)
+        except LimbError as error:
+            raise CalibrationError(
+                f"No spring constant explains a sag of {np.rad2deg(sag):.1f}° with this "
+                f"mass and length: {error}"
+            ) from error
+        expected = (sensor.exact_bend_angle(simulated) - segment.rest_angle) * shape
+        correction = float(expected @ (simulated - at_rest) / (expected @ expected))
+    raise CalibrationError("The iteration for the spring constant does not converge.")
+
+
+def _resting_angle(recording: Recording) -> float:
+    """Mean bend angle over the end of a recording, rad."""
+    last = recording.time >= recording.time[-1] - RESTING_TIME
+    angle = recording.bend_angle[0, last]
+    first, second = np.array_split(angle, 2)
+    if abs(first.mean() - second.mean()) > STILL:
+        raise CalibrationError(
+            f"The limb does not rest at the end of {title_of(recording)}: its bend still moves by "
+            f"{np.rad2deg(abs(first.mean() - second.mean())):.1f}°."
+        )
+    return float(angle.mean())
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DampedSinusoid:
+    """A exp(-ζ ω t) sin(ω √(1 - ζ²) t + ϕ) + b, fitted to a signal from ``start`` on.
+
+    - ``damping_ratio``: ζ.
+    - ``natural_frequency``: ω, rad/s.
+    - ``amplitude``, ``phase``, ``offset``: A, ϕ, b at t = 0, the start.
+    - ``start``: time at which the fit starts, s.
+    - ``decay_rate``: ζ ω with its standard error, 1/s.
+    - ``residual``: root mean square of the deviations, in the unit of the signal.
+    """
+
+    damping_ratio: float
+    natural_frequency: float
+    amplitude: float
+    phase: float
+    offset: float
+    start: float
+    decay_rate: Estimate
+    residual: float
+
+    @property
+    def frequency(self) -> float:
+        """Frequency of the damped oscillation, Hz."""
+        return self.natural_frequency * np.sqrt(1 - self.damping_ratio**2) / (2 * np.pi)
+
+    def __call__(self, times: ArrayLike) -> np.ndarray:
+        """The sinusoid at times (K,), s."""
+        since = np.asarray(times, float) - self.start
+        turns = 2 * np.pi * self.frequency * since + self.phase
+        decay = np.exp(-self.damping_ratio * self.natural_frequency * since)
+        return self.amplitude * decay * np.sin(turns) + self.offset
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DampingFit:
+    """The damping constant of each joint.
+
+    - ``damping``: σ, N·m·s/rad.
+    - ``measured``: the sinusoid of each recording.
+    - ``simulated``: the sinusoid of the model with this σ, for each recording, as the
+      recording's bend sensor would show it.
+    - ``time``, ``bend_angle``: the first recording (K,), s and rad.
+    - ``remarks``: sentences on what the data lack.
+    """
+
+    damping: Estimate
+    measured: list[DampedSinusoid]
+    simulated: list[DampedSinusoid]
+    time: np.ndarray
+    bend_angle: np.ndarray
+    remarks: list[Remark]
+
+
+def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
+    """fitDS of Algorithm 1: a damped sinusoid with an offset, by least squares.
+
+    The fit starts where the signal first passes its final level after the release,
+    so that a hold by hand is left out, and the shock of the release, in which a limb
+    has higher modes. In A cos ϕ, A sin ϕ and b the fit is linear, so these are
+    eliminated and only ζ and ω are searched. Samples that are far off it, glitches
+    of the sensor, are left out of a second fit.
+
+    Args:
+        time: (K,), s, evenly spaced.
+        signal: (K,), in any unit; nan where it is missing.
+
+    Raises:
+        CalibrationError: if the signal does not oscillate.
+    """
+    time, signal = np.asarray(time, float), np.asarray(signal, float)
+    if time.shape != signal.shape or len(time) < FEWEST:
+        raise CalibrationError(f"A ring-down needs at least {FEWEST} samples, and a time for each.")
+    shown = ~np.isnan(signal)
+    signal = filled(time, signal)
+    if not np.ptp(signal) > 0:
+        raise CalibrationError("The signal does not move; there is no ring-down in it.")
+    period = (time[-1] - time[0]) / (len(time) - 1)
+    start = _passing(signal, _release(signal))
+    since, values = time[start:] - time[start], signal[start:]
+    if len(values) < FEWEST:
+        raise CalibrationError(
+            f"The signal moves fastest at {time[start]:.2f} s, at its end; there is no ring-down "
+            "after it."
+        )
+    shown = shown[start:]
+    good = shown.copy()
+
+    def basis(logarithms: np.ndarray) -> np.ndarray:
+        decay, turning = np.exp(logarithms)
+        envelope = np.exp(-decay * since)
+        waves = [envelope * np.sin(turning * since), envelope * np.cos(turning * since)]
+        return np.column_stack([*waves, np.ones_like(since)])
+
+    def residuals(logarithms: np.ndarray) -> np.ndarray:
+        columns = basis(logarithms)[good]
+        return columns @ np.linalg.lstsq(columns, values[good], rcond=None)[0] - values[good]
+
+    # Several starts around the peak of the spectrum; the best fit is taken.
+    padded = 8 * len(values)
+    spectrum = np.abs(np.fft.rfft(values - values[-len(values) // 4 :].mean(), padded))
+    frequencies = np.fft.rfftfreq(padded, period)
+    spectrum[frequencies < 1.0 / since[-1]] = 0.0
+    peak = 2 * np.pi * frequencies[np.argmax(spectrum)]
+    starts = [np.log([ratio * peak, peak]) for ratio in (0.01, 0.03, 0.1, 0.3)]
+    best = min(starts, key=lambda x: np.sum(residuals(x) ** 2))
+    fit = least_squares(residuals, best, x_scale=0.1)
+    away = np.abs(fit.fun)
+    # Of a signal without noise, small deviations are no glitches.
+    good[shown] = away <= OUTLIER * 1.48 * np.median(away) + 0.02 * np.ptp(values)
+    fit = least_squares(residuals, fit.x, x_scale=0.1)
+
+    decay, turning = np.exp(fit.x)
+    sine, cosine, offset = np.linalg.lstsq(basis(fit.x)[good], values[good], rcond=None)[0]
+    amplitude, rms = np.hypot(sine, cosine), np.sqrt(np.mean(fit.fun**2))
+    if not amplitude > 3 * rms or not 1.0 / since[-1] < turning / (2 * np.pi) < 0.5 / period:
+        raise CalibrationError(
+            f"No oscillation stands out after {time[start]:.2f} s: its amplitude would be "
+            f"{amplitude:.3g}, compared with residuals of {rms:.3g}."
+        )
+    error = np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac)[0, 0]) * rms  # of the logarithm
+    natural = np.hypot(decay, turning)
+    return DampedSinusoid(
+        damping_ratio=float(decay / natural),
+        natural_frequency=float(natural),
+        amplitude=float(amplitude),
+        phase=float(np.arctan2(cosine, sine)),
+        offset=float(offset),
+        start=float(time[start]),
+        decay_rate=Estimate(float(decay), float(error * decay), "1/s"),
+        residual=float(rms),
+    )
+
+
+def _release(signal: np.ndarray) -> int:
+    """The first sample of fast motion; a glitch of one sample is none."""
+    pace = np.abs(np.diff(signal))
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(pace, 2, mode="edge"), 5)
+    lasting = np.median(around, axis=1)
+    pace = lasting if lasting.any() else pace
+    return int(np.argmax(pace > MOVING * pace.max()))
+
+
+def _passing(signal: np.ndarray, release: int) -> int:
+    """The first sample after the release on the other side of the final level than before."""
+    level = np.median(signal[release + 3 * (len(signal) - release) // 4 :])
+    side = np.sign(np.median(signal[max(0, release - 4) : release + 1]) - level)
+    beyond = np.flatnonzero(side * (signal[release:] - level) < 0)
+    return release + int(beyond[0]) if len(beyond) else release
+
+
+def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> DampingFit:
+    """fitData of Algorithm 1: σ with which the model rings down like the limb.
+
+    Args:
+        parameters: the limb, with its calibrated stiffness.
+        recordings: passive oscillation after a release from about 45°; the
+            hold before may be part of them.
+
+    Raises:
+        CalibrationError: if there is no ring-down, or no σ explains it.
+    """
+    if not recordings:
+        raise CalibrationError("There is no recording of a ring-down.")
+    fits = [_fit_recording(parameters, recording) for recording in recordings]
+    values = np.array([value for value, _, _, _ in fits])
+    within = np.array([error for _, error, _, _ in fits])
+    # Trials scatter at least by the noise in each.
+    error = float(np.sqrt(np.mean(within**2) / len(values)))
+    if len(values) > 1:
+        error = max(error, standard_error(values))
+    measured, simulated = [fit[2] for fit in fits], [fit[3] for fit in fits]
+    remarks = []
+    ratio = np.mean([m.frequency / s.frequency for m, s in zip(measured, simulated, strict=True)])
+    if not 1 / OFF < ratio < OFF:
+        raise CalibrationError(
+            f"The limb rings at {measured[0].frequency:.2f} Hz, but its model with this stiffness "
+            f"at {simulated[0].frequency:.2f} Hz; look at mass and length in the description, at "
+            "the sag, and whether the ring-down's times are right."
+        )
+    if abs(ratio - 1) > 0.05:
+        sentence = (
+            f"The limb rings at {measured[0].frequency:.2f} Hz, its model with the spring constant "
+            f"of the sag at {simulated[0].frequency:.2f} Hz: rubber is stiffer in fast motion, or "
+            "mass or sag are off; weigh the limb."
+        )
+        remarks.append(Remark("ringing", sentence))
+    if any(fit.residual > 0.15 * fit.amplitude for fit in measured):
+        sentence = "The ring-down is far from a damped sinusoid; release the limb in one move."
+        remarks.append(Remark("ringing", sentence))
+    estimate = Estimate(float(values.mean()), error, "N·m·s/rad")
+    remarks += remarks_on_estimate("the damping", estimate)
+    first = recordings[0]
+    return DampingFit(estimate, measured, simulated, first.time, _swing(first)[1], remarks)
+
+
+def _swing(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Direction in which the limb was released, unit (F,), and the bend along it (K,), rad."""
+    if len(recording.bend_angle) == 1:
+        return np.ones(1), recording.bend_angle[0]
+    bends = np.array([filled(recording.time, bend) for bend in recording.bend_angle])
+    away = bends - np.median(bends[:, -FEWEST // 2 :], axis=1, keepdims=True)
+    widest = away[:, np.argmax(np.linalg.norm(away, axis=0))]
+    towards = widest / max(np.linalg.norm(widest), 1e-9)
+    return towards, towards @ recording.bend_angle
+
+
+def _fit_recording(parameters, recording: Recording):
+    """σ and its standard error, and the sinusoids of limb and model."""
+    recording.check_plausible()
+    sensor, (towards, seen_angle) = bend_sensor_of(recording), _swing(recording)
+    signal = filled(recording.time, seen_angle)
+    gravity = recording.parameters.gravity if len(towards) > 1 else [0.0, 0.0, 0.0]
+    if len(signal) < FEWEST or not np.ptp(signal) > 0:
+        fit_damped_sinusoid(recording.time, signal)  # which says so
+    release = _release(signal)
+    held = np.median(signal[max(0, release - 4) : release + 1])
+    released = float(abs(held - np.median(signal[-FEWEST // 2 :])) / sensor.gain)
+    duration = recording.time[-1] - recording.time[release]
+    rate = max(MODEL_RATE, recording.sample_rate)
+
+    def ring_down(damping: float, released: float) -> DampedSinusoid:
+        limb = copy.deepcopy(parameters)
+        limb.gravity, limb.segments[0].damping = list(gravity), float(damping)
+        room = np.full(len(limb.wires), limb.ambient_temperature)
+        angles = rest_joint_angles(limb)
+        angles = angles + joint_angles_from_bend_angle(limb, released * towards)
+        cold = Wires(limb).cold_states
+        state = np.concatenate([angles, np.zeros_like(angles), cold, room])
+        model = simulate(Limb(limb), 0 * room, duration, sample_rate=rate, initial_state=state)
+        assert model.joint_state is not None  # a model's
+        seen = sensor.apparent_bends(limb.segments[0].chain, model.joint_state[: limb.num_joints])
+        return fit_damped_sinusoid(model.time, towards @ seen)
+
+    described = ring_down(only_segment(parameters).damping, released)
+    if recording.sample_rate < PER_PERIOD * described.frequency:
+        raise CalibrationError(
+            f"The ring-down was recorded at {recording.sample_rate:g} Hz, but the limb's model "
+            f"rings at {described.frequency:.1f} Hz; record it at "
+            f"{np.ceil(2 * PER_PERIOD * described.frequency):.0f} Hz or more."
+        )
+    measured = fit_damped_sinusoid(recording.time, seen_angle)
+    # Decay is about proportional to σ.
+    logarithm, model = np.log(only_segment(parameters).damping), described
+    moved, slope, last = 0.0, 1.0, 0.0
+    for _ in range(STEPS):
+        mismatch = np.log(model.decay_rate.value / measured.decay_rate.value)
+        if abs(moved) > 10 * ALIKE:
+            slope = (mismatch - last) / moved
+        alike = abs(mismatch) < ALIKE and abs(measured.amplitude / model.amplitude - 1) < 0.01
+        if alike or not 0.2 < slope < 5.0:
+            break
+        moved, last = -mismatch / slope, mismatch
+        logarithm += moved
+        released = min(released * measured.amplitude / model.amplitude, MOST_RELEASED)
+        try:
+            model = ring_down(np.exp(logarithm), released)
+        except LimbError:
+            break
+    if abs(mismatch) >= ALIKE:
+        raise CalibrationError(
+            f"No damping constant near {np.exp(logarithm):.2g} N·m·s/rad makes the model decay "
+            f"with {measured.decay_rate.value:.2f} 1/s as the limb does."
+        )
+    damping = float(np.exp(logarithm))
+    relative = measured.decay_rate.standard_error / measured.decay_rate.value / slope
+    return damping, damping * relative, measured, model
+
+
+def remarks_on_sensor(
+    limb: LimbParameters,
+    sags: Sequence[Recording],
+    stiffness: StiffnessFit,
+    damping: DampingFit,
+) -> list[Remark]:
+    """A remark if sag and ring-down agree with another bend sensor than the header names.
+
+    The frequency is that of k and the mass, whatever the sensor, and the sag gives k by what
+    the sensor shows: a tip tangent that is taken for a chord makes k half as large again.
+
+    Args:
+        limb: the calibrated limb.
+        sags: recordings of its sag.
+        stiffness, damping: the fits.
+    """
+    named = bend_sensor_of(sags[0])
+    others = {TipTangentSensor: ChordSensor, ChordSensor: TipTangentSensor}
+    if type(named) not in others:
+        return []
+    other = others[type(named)](**dataclasses.asdict(named))
+    mounted = _mounted(limb, sags[0].parameters.gravity)
+    try:
+        k, _ = _iterate(mounted, other, float(np.mean(stiffness.sags)))
+    except CalibrationError:
+        return []
+    measured, simulated = damping.measured[0].frequency, damping.simulated[0].frequency
+    expected = simulated * np.sqrt(k / stiffness.stiffness.value)
+    away, less = abs(np.log(measured / simulated)), abs(np.log(measured / expected))
+    if away < OFF_SENSOR or less > away / 2:
+        return []
+    return [
+        Remark(
+            "sensor",
+            f"The limb rings at {measured:.2f} Hz; its sag makes that {simulated:.2f} Hz if the "
+            f"bend was read by {type(named).__name__}, as the header says, and {expected:.2f} Hz "
+            f"if by {type(other).__name__}: correct the header's bend_sensor, or else the mass "
+            "and the length.",
+        )
+    ]

@@ -1,0 +1,85 @@
+"""Put a limb on ROS 2 topics: a robot, or an emulated limb in real time. docs/ros.md says more.
+
+python examples/ros/bridge.py                                  # an emulated limb
+python examples/ros/bridge.py -p /dev/ttyACM0 -l limb.yaml     # a robot
+"""
+
+import argparse
+import re
+import sys
+from pathlib import Path
+
+from ros_bridge.drive import drive
+from ros_bridge.messages import Topics
+
+from hardware import LimbTwin, SerialLimb
+from hardware.replay import check_replayable
+from limb_systems import LimbError, LimbParameters, LimbSystem, Trajectory
+from limb_systems.output import check_outputs
+from soft_limb.command import run_words
+from soft_limb.commands.options import Command, Option, shared, text_board
+
+
+def _bridge(options: argparse.Namespace) -> int:
+    output = [options.output]
+    inputs = [options.limb, options.plan]
+    check_outputs(output, inputs=inputs, tables=output, force=options.force)
+    for name in (options.duty, options.sensors, options.name):
+        if not re.fullmatch(r"(/[A-Za-z]\w*)+", name, re.ASCII):
+            raise LimbError(f"{name} is no name of a topic; an example is /cmd_u_t.")
+    plan = Trajectory.load(options.plan) if options.plan else None
+    parameters = LimbParameters.of(options.limb or (plan.parameters if plan else None))
+    name = options.name
+    topics = Topics(options.duty, f"{name}/run", options.sensors, f"{name}/plan", f"{name}/state")
+    if board := text_board(options):
+        board.check_measures(["measured_temperature"], "The bridge")
+    limb: LimbSystem
+    if options.port:
+        limb = SerialLimb(options.port, parameters, board=board)
+    else:
+        limb = LimbTwin.of(parameters, options.emulated)
+    try:
+        if plan:
+            check_replayable(plan, limb)
+        print(f"bridge      {limb.source} on {topics.duty}; Ctrl-C ends it", flush=True)
+        drive(limb, plan=plan, topics=topics, output=options.output)
+    finally:
+        if isinstance(limb, SerialLimb):
+            limb.close()
+    return 0
+
+
+COMMAND = Command(
+    _bridge,
+    "Puts a limb on ROS 2 topics until Ctrl-C: a robot, or without a port an emulated limb in "
+    "real time. Publishes what is measured and what the limb does at 20 Hz, and takes its "
+    "duty, or starts and stops a plan. A duty that is older than 250 ms is not applied, and "
+    "one that is out of range, or of another writer, neither. Needs no ROS 2 build.",
+    "port text emulated limb force",
+    [
+        Option("--plan", type=Path, help="trajectory that may be started (.csv)"),
+        shared("output", required=False, help="recording to write (.csv)"),
+        Option(
+            "--duty",
+            default=Topics.duty,
+            metavar="TOPIC",
+            help="topic of the duty, a Float64MultiArray (default %(default)s)",
+        ),
+        Option(
+            "--sensors",
+            default=Topics.sensors,
+            metavar="TOPIC",
+            help="topic of temperatures in °C and bend in rad, one too (default %(default)s)",
+        ),
+        Option(
+            "--name",
+            default="/limb",
+            help="what the topics NAME/state, NAME/plan and NAME/run begin with "
+            "(default %(default)s)",
+        ),
+    ],
+    examples=["python examples/ros/bridge.py --emulated 3 --plan out/plan.csv"],
+)
+
+if __name__ == "__main__":
+    sys.exit(run_words(COMMAND, "bridge.py", sys.argv[1:]))

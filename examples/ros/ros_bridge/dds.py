@@ -1,0 +1,119 @@
+"""Messages of ROS 2 over DDS, by CycloneDDS alone.
+
+Names of topics and types are mangled as ROS 2 does it: ``/cmd_u_t`` is ``rt/cmd_u_t``.
+"""
+
+import collections
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct, make_idl_struct
+from cyclonedds.idl.annotations import final
+from cyclonedds.idl.types import float64, sequence, uint32
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from ros_bridge.messages import LARGEST, Message, Topics, Written
+
+# Messages of all writers that wait to be read, so that no other writer's displace those of who
+# commands; of each writer only the newest is looked into.
+WAITING = 5000
+
+
+class Undecoded(bytes):
+    """A message as it came."""
+
+    sample_info: Any
+
+
+class _Message(IdlStruct):
+    """A message that is decoded only when it is looked into."""
+
+    @classmethod
+    def deserialize(cls, data: bytes, *_: Any, **__: Any) -> Any:
+        return Undecoded(data)
+
+
+def _type(name: str, *bases: type, **fields: Any) -> Any:
+    return final(make_idl_struct(name, f"std_msgs::msg::dds_::{name}_", fields, bases=bases))
+
+
+Dimension = _type("MultiArrayDimension", label=str, size=uint32, stride=uint32)
+Layout = _type("MultiArrayLayout", dim=sequence[Dimension], data_offset=uint32)
+Float64MultiArray = _type("Float64MultiArray", _Message, layout=Layout, data=sequence[float64])
+String = _type("String", _Message, data=str)
+Bool = _type("Bool", _Message, data=bool)
+
+
+class DdsNode:
+    """A `Node` of the DDS domain ROS_DOMAIN_ID; 0 if that is not set.
+
+    Its writers are reliable, so that any reader matches; its readers need reliable writers,
+    as those of ROS 2 are by default. Raises DDSException if there is no network, for example.
+    """
+
+    def __init__(self, topics: Topics):
+        domain = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID") or 0))
+        reliable = Policy.Reliability.Reliable(duration(milliseconds=100))
+        kept, waiting = (
+            Qos(reliable, Policy.History.KeepLast(n), Policy.WriterDataLifecycle(autodispose=False))
+            for n in (10, WAITING)
+        )
+        written = {topics.sensors: Float64MultiArray, topics.plan: Float64MultiArray}
+        written[topics.state] = String
+        self._writers = {
+            name: DataWriter(domain, Topic(domain, f"rt{name}", kind), kept)
+            for name, kind in written.items()
+        }
+        self._readers = {
+            name: DataReader(domain, Topic(domain, f"rt{name}", kind), waiting)
+            for name, kind in {topics.duty: Float64MultiArray, topics.run: Bool}.items()
+        }
+
+    def publish(self, topic: str, message: Message) -> None:
+        """Writes a message."""
+        if isinstance(message, dict):
+            label, size = ",".join(message), len(message)
+            layout = Layout([Dimension(label, size, size)], 0)
+            self._writers[topic].write(Float64MultiArray(layout, list(message.values())))
+        else:
+            self._writers[topic].write(String(message))
+
+    def take(self) -> list[Written]:
+        """The newest message of each writer since the last call."""
+        return [written for name in self._readers for written in self._take(name)]
+
+    def _take(self, name: str) -> list[Written]:
+        reader = self._readers[name]
+        newest: dict[int, Any] = {}
+        counts: collections.Counter[int] = collections.Counter()
+        for sample in reader.take(WAITING):
+            if isinstance(sample, Undecoded):  # not that a writer has gone
+                writer = sample.sample_info.publication_handle
+                newest[writer] = sample
+                counts[writer] += 1
+        return [
+            Written(
+                name,
+                writer,
+                _value(reader.topic.data_type.__idl__.deserialize, sample),
+                (time.time_ns() - sample.sample_info.source_timestamp) * 1e-9,
+                counts[writer],
+            )
+            for writer, sample in newest.items()
+        ]
+
+
+def _value(decode: Callable[[bytes], Any], data: Undecoded) -> Any:
+    if len(data) > LARGEST:
+        return f"it has {len(data)} bytes"
+    try:
+        return decode(data).data
+    except Exception as error:  # whatever is in it
+        return f"it cannot be decoded: {type(error).__name__}"
