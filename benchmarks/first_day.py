@@ -37,7 +37,6 @@ from calibration.collecting.collect import (
 from calibration.collecting.protocol import CONTACT_MARGIN, WARM_UP_MARGIN
 from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
 from hardware import LimbTwin
-from hardware.firmware import guard
 from hardware.robot.arm_check import check_wires
 from hardware.robot.link import Sample
 from hardware.robot.reasons import REASONS
@@ -72,8 +71,8 @@ class SimulatedLink:
         )
 
     def next_sample(self) -> Sample:
-        count = len(self._board.sent)
-        while len(self._board.sent) == count:
+        count = len(self._board.samples)
+        while len(self._board.samples) == count:
             self._board.run(0.025)
         self.hottest = max(self.hottest, *self._board.emulation.board.wire_temperature())
         return self._board.samples[-1]
@@ -88,7 +87,7 @@ class SimulatedLink:
             raise LimbError(f"not armed: {REASONS[self._board.reason]}")
 
     def command(self, duty) -> None:
-        if self._board.sent[-1][3] != guard.ARMED:
+        if not self._board.newest.armed:
             raise LimbError(f"switched off: {REASONS[self._board.reason]}")
         self._board.command(duty)
 
@@ -119,10 +118,10 @@ def take(job: tuple[str, int, float]) -> dict:
         if not board.arm():
             result["found"].append(f"{step}: not armed: {REASONS[board.reason]}")
             return None
-        robot, first = SimulatedRobot(board, parameters), len(board.sent)
+        robot, first = SimulatedRobot(board, parameters), len(board.samples)
         recording = run(robot)
-        note(step, max(max(s[6:8]) for s in board.sent[first:]) / 4, robot.hottest)
-        if board.sent[-1][3] != guard.ARMED:
+        note(step, max(s.temperature.max() for s in board.samples[first:]), robot.hottest)
+        if not board.newest.armed:
             result["found"].append(f"{step}: {REASONS[board.reason]}")
             board.clear()
         if step == "replay":

@@ -15,6 +15,7 @@ wires within their bounds.
 import argparse
 import collections
 import random
+import struct
 import sys
 import time
 from pathlib import Path
@@ -27,24 +28,13 @@ from firmware_checks import Host, PaperBoard, four_wires  # noqa: E402
 from hardware.firmware import firmware, from_host, guard, heat, protocol  # noqa: E402
 from hardware.firmware.firmware import Firmware  # noqa: E402
 
-HOST_KINDS, BOARD_KINDS = (protocol.INFO, protocol.SAMPLE), (protocol.COMMAND, protocol.ARM)
-
 
 def valid_frame(rng: random.Random) -> bytes:
     """A frame as either side sends it, of another session."""
-    word = lambda: rng.getrandbits(16)  # noqa: E731
-    kind = rng.choice(("command", "arm", "sample"))
-    if kind == "command":
-        ticks = (rng.randrange(10001), rng.randrange(10001))
-        numbers = rng.getrandbits(32), rng.getrandbits(32)
-        return protocol.encode(protocol.COMMAND, word(), *numbers, *ticks)
-    if kind == "arm":
-        return protocol.encode(protocol.ARM, *[word() for _ in range(12)])
-    numbers = [rng.randrange(-2000, 2000) for _ in range(3)]
-    return protocol.encode(
-        protocol.SAMPLE,
-        *(word(), rng.getrandbits(32), word(), 1, 0, word(), *numbers, 5000, 0, 40, 25),
-    )
+    kind = rng.choice((protocol.COMMAND, protocol.ARM, protocol.BOUNDS, *protocol.BOARD_KINDS[1:]))
+    begin, each = protocol.LAYOUTS[kind]
+    size = struct.calcsize("<" + begin) + 2 * struct.calcsize("<" + each)
+    return protocol.frame(protocol.VERSION, kind, rng.randbytes(size))
 
 
 def mutate(frame: bytes, rng: random.Random) -> bytes:
@@ -71,8 +61,8 @@ def mutate(frame: bytes, rng: random.Random) -> bytes:
 def fuzz(num_frames: int, seed: int) -> dict[str, int]:
     """Counts of what happened; raises AssertionError if a duty changed."""
     rng = random.Random(seed)
-    host_parser = protocol.Parser(HOST_KINDS)
-    board_parser = protocol.Parser(BOARD_KINDS)
+    host_parser = protocol.Parser(protocol.BOARD_KINDS)
+    board_parser = protocol.Parser(protocol.KINDS)
     host = Host()
     host.heat()
     session, duty = host.guard.session, list(host.board.duty)
@@ -85,12 +75,12 @@ def fuzz(num_frames: int, seed: int) -> dict[str, int]:
         for _ in range(num_frames):
             sent = valid_frame(rng)
             data = mutate(sent, rng) if rng.random() < 0.8 else rng.randbytes(rng.randint(1, 100))
-            recent.extend(protocol.Parser(HOST_KINDS + BOARD_KINDS).feed(sent))
+            recent.extend(protocol.Parser(protocol.KINDS + protocol.BOARD_KINDS).feed(sent))
             for parser in (host_parser, board_parser):
                 for frame in parser.feed(data):
                     counts["accepted as sent" if frame in recent else "accepted by chance"] += 1
             # A whole frame within the mutated bytes may be a command, but of no session here.
-            if session not in {values[0] for _, values in recent}:
+            if session not in {values[0] for _, values in recent if values}:
                 host.board.incoming = data
                 host.firmware.step()
                 assert host.board.duty == duty, "the duty changed"
@@ -122,33 +112,36 @@ def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> d
     """Counts of frames and of steps with duty; raises AssertionError if there was too much."""
     rng = random.Random(seed)
     host = Host(paper)
-    board, program, version, wires = host.board, host.firmware, host.version, len(host.board.wires)
+    board, program, wires = host.board, host.firmware, len(host.board.wires)
     heated = latched = resets = 0
     for _ in range(num_frames):
         # Mostly what a host sends and a limb reads, so that much of it is while the board heats.
         subject = program.guard
+        before, challenge, cleared = subject.reason, subject.challenge, False
         what = rng.random()
         if subject.state == guard.DISARMED and what < 0.5:
-            cleared = from_host.encode(version, protocol.CLEAR, subject.challenge)
+            # An ARM must not arm what is latched.
+            cleared = rng.random() < 0.8
+            clear = protocol.encode(protocol.CLEAR, challenge if cleared else challenge ^ 1)
             bounds = tuple(rng.uniform(0.95 * low, 1.05 * high) for low, high in heat.RANGES)
             given = heat.NOMINAL if rng.random() < 0.8 else bounds
             bounds, total = [given] + [heat.NOMINAL] * (wires - 1), rng.uniform(0, 1.05 * wires)
             arming = subject.challenge, bounds, total, board.pulls
-            board.incoming += cleared + b"".join(from_host.encode_arming(version, *arming))
+            board.incoming += clear + b"".join(from_host.encode_arming(*arming))
         elif what < 0.97:
-            sequence = max(0, subject.acknowledged + rng.choice((1, 1, 1, 1, 0, -1, 7)))
+            sequence = subject.acknowledged + rng.choice((1, 1, 1, 1, 0, -1, 7))
             heard = board.now - int(rng.expovariate(1 / 60))
             session = subject.session if rng.random() < 0.95 else rng.getrandbits(16)
-            ticks = [rng.choice((0, 2000, 10000, rng.randrange(10001))) for _ in range(wires)]
+            duty = [rng.choice((0.0, 0.2, 1.0, rng.random())) for _ in range(wires)]
             if rng.random() < 0.002:
-                ticks[0] = rng.randrange(10001, 65536)
-            values = session or 0, sequence, heard & 0xFFFFFFFF, ticks
-            board.incoming += from_host.encode_command(version, *values)
+                duty[0] = rng.uniform(1.0001, 6.5)
+            board.incoming += from_host.encode_command(session or 0, sequence, heard, duty)
         elif what < 0.98:
             kind = rng.choice((protocol.DISARM, protocol.HELLO))
-            board.incoming += from_host.encode(version, kind)
+            board.incoming += protocol.encode(kind)
         elif what < 0.99:
-            board.errors[rng.randrange(wires)] = rng.choice((0.0, 0.0, 0.0, -20.0, rng.gauss(0, 9)))
+            wild = rng.uniform(-300.0, 1700.0) if rng.random() < 0.1 else rng.gauss(0, 9)
+            board.errors[rng.randrange(wires)] = rng.choice((0.0, 0.0, 0.0, -20.0, wild))
             board.faults[rng.randrange(wires)] = rng.choice((0, 0, 0, 0, 1, 2, 4))
             board.silent = rng.random() < 0.1
         elif what < 0.9905:
@@ -156,15 +149,18 @@ def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> d
             board.duty = [0.0] * wires
             program = Firmware(board)
             host.firmware, host.guard = program, program.guard
-            resets += 1
+            resets, before = resets + 1, guard.NONE
         elif what < 0.991:
             board.wires, board.temperatures = [25.0] * wires, [25.0] * wires
             board.errors, board.faults, board.silent = [0.0] * wires, [0] * wires, False
         for _ in range(int(rng.expovariate(0.05)) + 1):
             board.pass_time()
+        if rng.random() < 0.001:
+            board.pass_time(rng.randrange(10_000))  # in which its program did nothing
         program.step()
         board.sent.clear()
         check_guard(program.guard, board.now)
+        assert cleared or before < guard.LATCHING or program.guard.reason == before, "forgotten"
         heated += any(board.duty)
         latched += program.guard.reason >= guard.LATCHING
     return {"frames to the guard": num_frames, "steps with duty": heated,

@@ -8,7 +8,7 @@ from hardware.emulation.emulated_board import RunningTwin
 from hardware.emulation.emulator import Emulation
 from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.twin import LimbTwin
-from hardware.firmware import from_host, guard, protocol
+from hardware.firmware import from_host, protocol
 from hardware.robot.link import Assembly, Sample, pulls_of
 from limb_systems import LimbParameters
 
@@ -21,7 +21,7 @@ class SimulatedBoard:
     It is the board's `Cable`, too. Faults are given to ``emulation.misbehave``.
 
     - ``duties``: time, s, and duty of each wire, of each change at the pins.
-    - ``sent``: values of each SAMPLE, as in docs/protocol.md; ``samples``: the same whole.
+    - ``samples``: each `Sample` that came, once.
     """
 
     def __init__(
@@ -40,11 +40,10 @@ class SimulatedBoard:
         """
         self.milliseconds, self._step = 0, step
         self.duties: list[tuple[float, ...]] = []
-        self.sent: list[tuple] = []
         self.samples: list[Sample] = []
         self._assembly = Assembly()
         self._to_board, self._sequence, self._session = b"", 0, 0
-        self._parser = protocol.Parser(from_host.KINDS, from_host.FORMATS)
+        self._parser = protocol.Parser(protocol.BOARD_KINDS)
         self.emulation = Emulation(twin or LimbTwin(), self, self._note, lambda: self.now, limb)
         self.use(parameters or self.emulation.board.parameters)
 
@@ -52,6 +51,11 @@ class SimulatedBoard:
     def now(self) -> float:
         """s, since it was switched on."""
         return self.milliseconds / 1000
+
+    @property
+    def newest(self) -> Sample:
+        """The sample that came last."""
+        return self.samples[-1]
 
     def _note(self, event, time, **duty):
         if event == "duty":
@@ -65,12 +69,9 @@ class SimulatedBoard:
 
     def write(self, data: bytes) -> None:
         for kind, values in self._parser.feed(data):
-            if kind == protocol.SAMPLE:
-                self._newest = values
             sample = kind != protocol.INFO and self._assembly.take(kind, values, self.now)
-            if sample and (not self.sent or self.sent[-1][0] != values[0]):  # they come twice
-                self.sent.append(self._newest)
-                self.samples.append(sample)
+            if sample and (not self.samples or self.newest.sequence != sample.sequence):
+                self.samples.append(sample)  # they come twice
 
     def unplug(self) -> None:
         pass
@@ -79,17 +80,14 @@ class SimulatedBoard:
 
     def send(self, *frame: Any) -> None:
         """Sends a frame: its kind and its values."""
-        self._to_board += from_host.encode(self._parser.version, *frame)
+        self._to_board += protocol.encode(*frame)
 
     def command(self, duty: Sequence[float]) -> None:
         """Sends a duty (W), in answer to the newest sample."""
         self._sequence += 1
-        ticks = [round(protocol.FULL_DUTY * d) for d in duty]
-        heard = self.sent[-1][1]
-        for _ in (1, 2):  # as `BoardLink` does
-            self._to_board += from_host.encode_command(
-                self._parser.version, self._session, self._sequence, heard, ticks
-            )
+        heard = round(1000 * self.newest.board_time)
+        frame = from_host.encode_command(self._session, self._sequence, heard, duty)
+        self._to_board += 2 * frame  # as `BoardLink` does
 
     def use(self, parameters: LimbParameters) -> None:
         """Arms the board with other parameters from now on."""
@@ -99,15 +97,15 @@ class SimulatedBoard:
 
     def arm(self) -> bool:
         """Arms the board; whether it let itself be armed."""
-        self._session, self._sequence = self.sent[-1][2], 0
-        arming = self._parser.version, self._session, self._bounds, self._total, self._pulls
+        self._session, self._sequence = self.newest.challenge, 0
+        arming = self._session, self._bounds, self._total, self._pulls
         self._to_board += b"".join(from_host.encode_arming(*arming))
         self.run(0.06)
-        return self.sent[-1][3] == guard.ARMED
+        return self.newest.armed
 
     def clear(self) -> None:
         """Clears a latched fault."""
-        self.send(protocol.CLEAR, self.sent[-1][2])
+        self.send(protocol.CLEAR, self.newest.challenge)
         self.run(0.06)
 
     def run(self, seconds: float, duty: Sequence[float] | None = None) -> None:
@@ -127,9 +125,9 @@ class SimulatedBoard:
     @property
     def reason(self) -> int:
         """For which the board says it is off."""
-        return self.sent[-1][4]
+        return self.newest.reason
 
     @property
     def temperature(self) -> list[float]:
         """V (W), as the board sends it, °C."""
-        return self.samples[-1].temperature.tolist()
+        return self.newest.temperature.tolist()

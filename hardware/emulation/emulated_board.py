@@ -18,7 +18,7 @@ from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import POWER_ON
-from hardware.firmware.wide import MOST_ANGLES, MOST_CHANNELS
+from hardware.firmware.protocol import MOST_ANGLES, MOST_CHANNELS
 from limb_systems import Layout, LimbError
 from limb_systems.simulation import make_simulator
 

@@ -70,8 +70,7 @@ _RUNS_BY_CRYSTAL = 1 << 16 | _CRYSTAL
 _RAM = 0x2000E000
 _RAM_KEY = 0x5AC396  # in the upper 24 bits; after power-up they are random
 
-_FRAMES = 1 if (WIRES, AXES * len(BEND_ADDRESSES)) == (2, 1) else 2 + (WIRES - 1) // 4
-_ROOM = 128 * _FRAMES  # bytes that wait to be sent: two of the longest samples
+_ROOM = 128 * (1 + (WIRES + 3) // 4)  # bytes that wait to be sent: two of the longest samples
 _DRAIN_PASSES = 200  # in one call, some ms: no clock, as that may stand still; a byte takes 87 us
 
 

@@ -32,14 +32,10 @@ class Firmware:
     """The board's program, in steps."""
 
     def __init__(self, board):
-        channels, angles, frames = board.channels, board.angles, protocol
-        self._board, self._wires, self._dialect = board, range(channels), None
-        if (channels, angles) != (2, 1):
-            from . import wide as frames  # only where it is needed, as it takes memory
-
-            self._dialect = frames.Dialect(channels, angles)
-        self._encode, self._version = frames.encode, frames.VERSION
-        self._parser = protocol.Parser(frames.KINDS, {self._version: frames.FORMATS})
+        channels, angles = board.channels, board.angles
+        self._board, self._wires = board, range(channels)
+        self._parser = protocol.Parser(protocol.KINDS)
+        self._parts = [None] * channels  # values of each wire's last BOUNDS
         now = board.ticks()
         reason = _REASONS.get(board.reset_cause, guard.RESTARTED)
         if board.reset_cause != POWER_ON and board.remembered >= guard.LATCHING:
@@ -79,25 +75,38 @@ class Firmware:
             board.feed()  # only here: sensors were read, and the guard has seen it
 
     def _handle(self, kind, values, now):
-        if self._dialect and self._dialect.handle(kind, values, self.guard, now):
-            return
-        if kind == protocol.COMMAND:
-            session, sequence, heard, left, right = values
-            full = protocol.FULL_DUTY
-            self.guard.command(session, sequence, heard, (left / full, right / full), now)
+        if kind == protocol.BOUNDS:
+            if values[1] < len(self._parts):
+                self._parts[values[1]] = values
         elif kind == protocol.ARM:
-            self.guard.arm(*protocol.read_arm_values(values), now)
+            self._arm(values, now)
+        elif kind == protocol.COMMAND:
+            duty = [ticks / protocol.FULL_DUTY for ticks in values[3:]]
+            self.guard.command(values[0], values[1], values[2], duty, now)
         elif kind == protocol.DISARM:
             self.guard.disarm(now)
         elif kind == protocol.CLEAR:
             self.guard.clear(values[0])
         else:
             board = self._board
-            info = [self._version, SAMPLE_PERIOD, int(4 * guard.TEMPERATURE_LIMIT)]
-            info += [board.serial_number, board.channels, board.reset_cause]
-            if self._dialect:
-                info += self._dialect.info
-            board.send(self._encode(protocol.INFO, *info))
+            info = [protocol.VERSION, SAMPLE_PERIOD, int(4 * guard.TEMPERATURE_LIMIT)]
+            info += [board.serial_number, board.channels, board.angles, board.reset_cause]
+            board.send(protocol.encode(protocol.INFO, *info))
+
+    def _arm(self, values, now):
+        """Arms, or has no bounds to arm with unless all BOUNDS came that the ARM is for."""
+        challenge, channels, total, expected = values
+        parts = self._parts
+        whole = channels == len(parts) and all(part and part[0] == challenge for part in parts)
+        if not whole or protocol.checksum(parts) != expected:
+            parts = ()
+        bounds = [
+            [value / scale for value, scale in zip(part[2:7], protocol.BOUND_SCALES)]
+            for part in parts
+        ]
+        pulls = [part[7] for part in parts]
+        shares = [protocol.shares(pulls, angle) for angle in range(self._board.angles)]
+        self.guard.arm(challenge, bounds, total / protocol.FULL_DUTY, shares, now)
 
     def _read(self, now):
         board = self._board
@@ -126,15 +135,15 @@ class Firmware:
         self._sequence = (self._sequence + 1) & 0xFFFF
         subject = self.guard
         header = [self._sequence, now & 0xFFFFFFFF, subject.challenge, subject.state]
-        header += [subject.reason, subject.acknowledged & 0xFFFF]
+        header += [subject.reason, subject.acknowledged]
         bends = [0] * self._board.angles if self._bends is None else list(self._bends)
-        ticks = [int(protocol.FULL_DUTY * duty + 0.5) for duty in self._applied]
-        most = [subject.warmest(wire) for wire in self._wires]
-        if self._dialect:
-            frames = self._dialect.encode_sample(header, self._quarters, bends, ticks, most)
-        else:
-            values = header + self._quarters + bends + ticks + most
-            frames = (protocol.encode(protocol.SAMPLE, *values),)
+        frames = [protocol.encode(protocol.SAMPLE, *(header + bends))]
+        for first in range(0, len(self._wires), protocol.GROUP):
+            values = [self._sequence, first, len(self._wires)]
+            for wire in self._wires[first : first + protocol.GROUP]:
+                ticks = int(protocol.FULL_DUTY * self._applied[wire] + 0.5)
+                values += [self._quarters[wire], ticks, subject.warmest(wire)]
+            frames.append(protocol.encode(protocol.CHANNELS, *values))
         for _ in (1, 2):  # one may get lost, and a host that hears nothing may not heat
             for frame in frames:
                 self._board.send(frame)

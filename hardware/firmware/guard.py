@@ -63,7 +63,6 @@ TOLERANCE = 8.0  # °C, of that agreement
 STUCK_SAMPLES = 10  # equal to the last bit, which a working bend sensor never sends
 MOVED = 3 * 64  # 1/64 degrees, by which the tip must turn when the wires'
 PULL = 60.0  # °C, of difference between right and left, change
-SHARES = ((-1.0, 1.0),)  # of the torques of left and right that turn the tip
 
 
 class Guard:
@@ -94,10 +93,10 @@ class Guard:
         self._hot = [0] * channels
         self._bends, self._alike = [None] * angles, [0] * angles
         self._tips, self._tips_before = [None] * angles, [0.0] * angles
-        self._shares = SHARES if (channels, angles) == (2, 1) else ((0.0,) * channels,) * angles
+        self._shares = [[0.0] * channels] * angles
         self._pulls = [(0.0, 0.0)] * angles  # least and largest since it moved
 
-    def arm(self, challenge, bounds, total, now, shares=SHARES):
+    def arm(self, challenge, bounds, total, shares, now):
         """Arms the board if the host repeats the challenge, nothing is latched and sensors agree.
 
         bounds: bounds of each wire, see `heat`; total: largest sum of all duties; shares: for
@@ -135,12 +134,14 @@ class Guard:
     def command(self, session, sequence, heard, duty, now):
         """Takes a duty if it is newer than any before in this session.
 
-        heard: time of the newest sample that the host had, ms modulo 2**32; duty: of each wire,
-        and maybe zeros.
+        sequence: modulo 2**16; heard: time of the newest sample that the host had, ms modulo
+        2**32; duty: of each wire.
         """
-        if self.state != ARMED or session != self.session or sequence <= self.acknowledged:
+        if self.state != ARMED or session != self.session or len(duty) != len(self.duty):
             return
-        if min(duty) < 0.0 or max(duty) > 1.0 or any(duty[len(self.duty) :]):
+        if not 0 < (sequence - self.acknowledged) & 0xFFFF < 0x8000:
+            return
+        if min(duty) < 0.0 or max(duty) > 1.0:
             self.trip(OUT_OF_RANGE, now)
             return
         age = (now - heard) & 0xFFFFFFFF

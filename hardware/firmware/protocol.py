@@ -1,41 +1,46 @@
 """Frames between host and board: docs/protocol.md in code, for both sides.
 
-Those here are for boards with two wires and one bend angle; `wide` has all others'.
-
 Runs under MicroPython and CPython alike, hence the plain style.
 """
 
+import math
 import struct
 
-VERSION = 3
+VERSION = 4
 MAX_PAYLOAD = 24  # bytes; with its CRC and every byte escaped a frame stays below 64
+MOST_CHANNELS, MOST_ANGLES = 8, 6  # of a board
+GROUP = 4  # channels in a CHANNELS, at most
 FULL_DUTY = 10000  # a duty of 1 in a frame
-HEATING_SCALE, RATE_SCALE = 100, 1000  # of a2, and of a1 and a3, in a frame
 
 # From the host to the board.
-HELLO, ARM, COMMAND, DISARM, CLEAR = KINDS = 0x01, 0x02, 0x03, 0x04, 0x05
+HELLO, ARM, COMMAND, DISARM, CLEAR, BOUNDS = KINDS = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 # From the board to the host.
-INFO, SAMPLE = 0x81, 0x82
+INFO, SAMPLE, CHANNELS = BOARD_KINDS = 0x81, 0x82, 0x83
 
-FORMATS = {
-    HELLO: "<",  # nothing
-    # challenge, then of left and of right: a1 (slowest, fastest) in 1/1000 1/s, a2 (least, most) in
-    # 1/100 °C/s, a3 (slowest) in 1/1000 1/s; largest sum of duties in 1/10000
-    ARM: "<HHHHHHHHHHHH",
-    # session, sequence, time of the newest sample in ms, duty of left and right in 1/10000
-    COMMAND: "<HIIHH",
-    DISARM: "<",  # nothing
-    CLEAR: "<H",  # challenge
-    # firmware version, sample period in ms, limit in 1/4 °C, serial number, channels, cause of the
-    # last reset
-    INFO: "<HHh8sBB",
-    # sequence, time in ms, challenge, state, fault, acknowledged sequence, temperatures of left
-    # and right in 1/4 °C, tip tangent in 1/64 degrees, applied duty of left and right in 1/10000,
-    # the most that left and right can have in °C
-    SAMPLE: "<HIHBBHhhhHHBB",
+# The numbers that a payload begins with, and those that follow for each wire or angle.
+LAYOUTS = {
+    HELLO: ("", ""),
+    # challenge, wire, bounds: a1 (slowest, fastest) in 1/1000 1/s, a2 (least, most) in
+    # 1/100 °C/s, a3 (slowest) in 1/1000 1/s; pull, see `shares`
+    BOUNDS: ("HBHHHHHB", ""),
+    # challenge, channels, largest sum of duties in 1/10000, low half of the CRC-32 of all BOUNDS
+    ARM: ("HBHH", ""),
+    # session, sequence, time of the newest sample in ms; duty of each wire in 1/10000
+    COMMAND: ("HHI", "H"),
+    DISARM: ("", ""),
+    CLEAR: ("H", ""),  # challenge
+    # protocol version, sample period in ms, limit in 1/4 °C, serial number, channels, angles,
+    # cause of the last reset
+    INFO: ("HHh8sBBB", ""),
+    # sequence, time in ms, challenge, state, fault, acknowledged sequence; tip tangents in
+    # 1/64 degrees
+    SAMPLE: ("HIHBBH", "h"),
+    # sequence, first channel, channels in all; of each channel: temperature in 1/4 °C, applied
+    # duty in 1/10000, the most that it can have in °C
+    CHANNELS: ("HBB", "hHB"),
 }
 
-BOUND_SCALES = RATE_SCALE, RATE_SCALE, HEATING_SCALE, HEATING_SCALE, RATE_SCALE  # of a wire
+BOUND_SCALES = 1000, 1000, 100, 100, 1000  # of a wire's bounds in a frame
 
 _FLAG, _ESCAPE, _FLIP = 0x7E, 0x7D, 0x20
 _ESCAPED = (_FLAG, _ESCAPE, 0x03)  # 0x03 interrupts a MicroPython that is at its prompt
@@ -72,7 +77,22 @@ def crc32(data):
 
 def encode(kind, *values):
     """The bytes of one frame."""
-    return frame(VERSION, kind, struct.pack(FORMATS[kind], *values))
+    return frame(VERSION, kind, pack(kind, values))
+
+
+def pack(kind, values):
+    """The payload of a frame."""
+    begin, each = LAYOUTS[kind]
+    count = (len(values) - len(begin)) // len(each) if each else 0
+    return struct.pack("<" + begin + each * count, *values)
+
+
+def unpack(kind, payload):
+    """The values in a payload; None if it has another length."""
+    begin, each = LAYOUTS[kind]
+    size = len(payload) - struct.calcsize("<" + begin)
+    count, rest = divmod(size, struct.calcsize("<" + each)) if each else (0, size)
+    return None if rest or count < 0 else struct.unpack("<" + begin + each * count, payload)
 
 
 def frame(version, kind, payload):
@@ -89,29 +109,38 @@ def frame(version, kind, payload):
     return bytes(frame)
 
 
-def read_arm_values(values):
-    """Challenge, bounds and total of an ARM's values."""
-    bounds = [read_bounds(values[start : start + 5]) for start in (1, 6)]
-    return values[0], bounds, values[11] / FULL_DUTY
+def checksum(parts):
+    """What an ARM has of the values of all BOUNDS."""
+    payloads = b"".join([pack(BOUNDS, part) for part in parts])
+    return struct.unpack("<H", crc32(payloads)[:2])[0]
 
 
-def read_bounds(values):
-    """A wire's bounds from those in a frame."""
-    return tuple([value / scale for value, scale in zip(values, BOUND_SCALES)])
+def shares(pulls, angle):
+    """Share of each wire's torque that turns an angle.
+
+    A pull has the first angle of the wire's segment in its upper three bits, and below them the
+    wire's direction from +E2 towards +E3 in 1/32 turns. A segment that bends about two axes has
+    two angles.
+    """
+    found = []
+    for pull in pulls:
+        first, direction = pull >> 5, pull & 31
+        turn = math.pi / 16 * direction
+        across = math.sin(turn) if angle == first + 1 and direction % 16 else 0.0
+        found.append(math.cos(turn) if angle == first else across)
+    return found
 
 
 class Parser:
     """Finds frames in a stream that may contain other bytes.
 
-    ``rejected`` counts what looked like frames and were none. ``version`` is that
-    of the last frame. ``other_version`` is the version of the last frame of
-    another version, None if none came.
+    ``rejected`` counts what looked like frames and were none. ``other_version`` is the version
+    of the last frame of another version, None if none came.
     """
 
-    def __init__(self, kinds, formats=None):
-        """kinds: of the frames that are accepted; formats: of their versions, if not of 3."""
-        self._kinds, self._formats = kinds, formats or {VERSION: FORMATS}
-        self.version = min(self._formats)
+    def __init__(self, kinds):
+        """kinds: of the frames that are accepted."""
+        self._kinds = kinds
         self._body = bytearray()
         self._escaping = False
         self._lost = True  # until the first flag
@@ -156,12 +185,11 @@ class Parser:
         body = bytes(self._body)
         if len(body) < 6 or body[-4:] != crc32(body[:-4]):
             self.rejected += 1
-        elif body[0] not in self._formats:
+        elif body[0] != VERSION:
             self.other_version = body[0]
         else:
-            form = self._formats[body[0]].get(body[1]) if body[1] in self._kinds else None
-            if form is None or struct.calcsize(form) != len(body) - 6:
+            values = unpack(body[1], body[2:-4]) if body[1] in self._kinds else None
+            if values is None:
                 self.rejected += 1
-                return
-            self.version = body[0]
-            frames.append((body[1], struct.unpack(form, body[2:-4])))
+            else:
+                frames.append((body[1], values))

@@ -8,18 +8,17 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import serial
 
-from hardware.firmware import firmware, from_host, guard, protocol, wide
+from hardware.firmware import firmware, from_host, guard, protocol
 from hardware.robot.reasons import REASONS
 from limb_systems import Layout, LimbError, LimbParameters
 from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.signals import heed_signals
 
-FIRMWARE_VERSIONS = tuple(from_host.FORMATS)
 BAUD_RATE = 115200
 STALE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered
 # Share by which the board's clock may be slower than this computer's, as without a crystal.
@@ -125,23 +124,19 @@ class Assembly:
 
     def take(self, kind: int, values: tuple, received: float) -> Sample | None:
         """The sample that the values of a SAMPLE or CHANNELS complete, or None."""
-        if kind == protocol.SAMPLE and len(values) > 12:  # of two wires, without CHANNELS
-            wires = list(zip(values[6:8], values[9:11], values[11:], strict=True))
-            return Sample.of(values[:6], values[8:9], wires, received)
         if values[0] != self._sequence:
             self._sequence, self._header, self._wires = values[0], (), {}
         if kind == protocol.SAMPLE:
             self._header = values
         else:
             _, first, self._count, *parts = values
-            for wire in range(first, min(first + wide.GROUP, self._count)):
-                self._wires[wire] = tuple(parts[3 * (wire - first) :][:3])
+            for wire, part in enumerate(zip(*3 * [iter(parts)], strict=True), first):
+                self._wires[wire] = part
         if not self._header or len(self._wires) < self._count:
             return None
         self._sequence = None  # its copy is another one
-        bends = [bend for bend in self._header[6:] if bend != wide.NO_ANGLE]
         wires = [self._wires[wire] for wire in range(self._count)]
-        return Sample.of(self._header[:6], bends, wires, received)
+        return Sample.of(self._header[:6], self._header[6:], wires, received)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,7 +161,21 @@ class BoardInfo:
     angles: int = 1
 
 
-class SerialPort:
+class Closed:
+    """A connection that is closed at the end of its context."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends it; a second call does nothing."""
+        raise NotImplementedError
+
+
+class SerialPort(Closed):
     """The host's end of a cable: a serial port that this program alone has."""
 
     def __init__(self, port: str, baud_rate: int = BAUD_RATE):
@@ -195,12 +204,6 @@ class SerialPort:
             raise HardwareError(
                 f"Cannot open {port}: {reason}; soft-limb ports lists those of this computer."
             ) from error
-
-    def __enter__(self) -> "SerialPort":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
 
     def send(self, data: bytes) -> None:
         """Sends bytes; HardwareError if the cable is gone."""
@@ -265,7 +268,7 @@ def check_fit(limb: LimbParameters, board: BoardInfo, port: str) -> None:
 
 
 def pulls_of(limb: LimbParameters) -> list[int]:
-    """How each wire pulls (W), as `wide.shares` reads it."""
+    """How each wire pulls (W), as `protocol.shares` reads it."""
     return [
         from_host.pull(bends.start, wire.e2, wire.e3 if segment.axes == 2 else 0.0)
         for bends, segment in zip(Layout(limb).bends_of, limb.segments, strict=True)
@@ -275,10 +278,10 @@ def pulls_of(limb: LimbParameters) -> list[int]:
 
 def shares_of(limb: LimbParameters) -> np.ndarray:
     """Shares of each wire's torque that turn the bend angles (F, W), as the board has them."""
-    return np.array([wide.shares(pulls_of(limb), n) for n in range(Layout(limb).num_bends)])
+    return np.array([protocol.shares(pulls_of(limb), n) for n in range(Layout(limb).num_bends)])
 
 
-class BoardLink:
+class BoardLink(Closed):
     """A connection to a board. It arms the board only in `arm`.
 
     Threads read and write. Only `info`, `arm` and `clear` wait for the cable: for
@@ -301,7 +304,7 @@ class BoardLink:
         """
         self.port, self._pulls = port, pulls_of(limb or LimbParameters())
         self._cable = SerialPort(port)
-        self.parser = protocol.Parser(from_host.KINDS, from_host.FORMATS)
+        self.parser = protocol.Parser(protocol.BOARD_KINDS)
         self._assembly = Assembly()
         self.lost_samples = 0
         self.when_off: Callable[[], None] = lambda: None
@@ -323,26 +326,14 @@ class BoardLink:
         for thread in self._threads:
             thread.start()
 
-    def __enter__(self) -> "BoardLink":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
-
     def info(self) -> BoardInfo:
         """Asks the board for its description.
 
         Raises:
             HardwareError: if it does not answer, or speaks another protocol.
         """
-        self._send_until(lambda: [self._encode(protocol.HELLO)], lambda: self._info, ANSWER_TIME)
-        info = self._answer(self._info, "a greeting")
-        if info.firmware_version not in FIRMWARE_VERSIONS:
-            raise HardwareError(
-                f"The board on {self.port} has firmware {info.firmware_version}; this "
-                f"program needs {' or '.join(map(str, FIRMWARE_VERSIONS))}."
-            )
-        return info
+        self._send_until(lambda: [protocol.encode(protocol.HELLO)], lambda: self._info, ANSWER_TIME)
+        return self._answer(self._info, "a greeting")
 
     def sample(self, oldest: float = STALE) -> Sample:
         """The newest sample.
@@ -406,8 +397,7 @@ class BoardLink:
         self._restarts_when_armed = self._restarts
         values = [dataclasses.astuple(bound) for bound in bounds]
         total = min(total_duty, len(values))  # they cannot have more
-        arming = sample.challenge, values, total, self._pulls
-        frames = from_host.encode_arming(self.parser.version, *arming)
+        frames = from_host.encode_arming(sample.challenge, values, total, self._pulls)
         armed = self._send_until(lambda: frames, lambda: self._sample_now().armed, ARMING_TIME)
         if not armed:
             raise HardwareError(
@@ -434,10 +424,8 @@ class BoardLink:
         self._check_answers(sample)
         self._sequence += 1
         self._unanswered.append((self._sequence, time.monotonic()))
-        ticks = np.round(protocol.FULL_DUTY * duty).astype(int).tolist()
         heard = round(1000 * sample.board_time)
-        values = self._session, self._sequence, heard, ticks
-        frame = from_host.encode_command(self.parser.version, *values)
+        frame = from_host.encode_command(self._session, self._sequence, heard, duty.tolist())
         self._send(2 * frame)  # one may get lost; the board takes each once
 
     def _check_answers(self, sample: Sample) -> None:
@@ -454,7 +442,7 @@ class BoardLink:
     def disarm(self) -> None:
         """Switches the wires off. Does not wait, and never raises."""
         with contextlib.suppress(HardwareError):
-            self._send(self._encode(protocol.DISARM))
+            self._send(protocol.encode(protocol.DISARM))
 
     def clear(self) -> None:
         """Clears a latched fault; the board stays off until it is armed.
@@ -466,7 +454,7 @@ class BoardLink:
         if not sample.latched:
             return
         cleared = self._send_until(
-            lambda: [self._encode(protocol.CLEAR, sample.challenge)],
+            lambda: [protocol.encode(protocol.CLEAR, sample.challenge)],
             lambda: not self._sample_now().latched,
             ANSWER_TIME,
         )
@@ -486,10 +474,6 @@ class BoardLink:
         self._closing = True
         self._threads[0].join(1.0)
         self._cable.close()
-
-    def _encode(self, kind: int, *values: int) -> bytes:
-        """A frame of the version that the board speaks, as far as that is known."""
-        return from_host.encode(self.parser.version, kind, *values)
 
     def _send_until(
         self, frames: Callable[[], Sequence[bytes]], done: Callable[[], Any], limit: float
@@ -520,15 +504,14 @@ class BoardLink:
         if answer:
             return answer
         if (other := self.parser.other_version) is not None:
-            known = " and ".join(map(str, FIRMWARE_VERSIONS))
             mend = (
-                f"versions {known}; flash the board with the firmware of this version."
+                "flash the board with the firmware of this program."
                 if other < protocol.VERSION
-                else f"only versions {known}; use a newer version of this program."
+                else "use a newer version of this program."
             )
             raise HardwareError(
                 f"The board on {self.port} speaks version {other} of the protocol, but this "
-                f"program {mend}"
+                f"program version {protocol.VERSION}; {mend}"
             )
         raise HardwareError(f"The board on {self.port} does not answer {what}.")
 
@@ -571,12 +554,11 @@ class BoardLink:
 
     def _take(self, kind: int, values: tuple) -> None:
         if kind == protocol.INFO:
-            version, period, limit, number, channels, cause, *others = values
+            version, period, limit, number, channels, angles, cause = values
             text = number.rstrip(b"\0")
             name = text.decode() if text.isalnum() else number.hex()
             cause = RESET_CAUSES.get(cause, f"unknown ({cause})")
-            numbers = version, period / 1000, limit / 4
-            self._info = BoardInfo(*numbers, name, channels, cause, *others[:1])
+            self._info = BoardInfo(version, period / 1000, limit / 4, name, channels, cause, angles)
             return
         if (sample := self._assembly.take(kind, values, time.monotonic())) is None:
             return

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hardware.firmware import guard
-from hardware.robot.link import STALE, BoardInfo, BoardLink, Sample, check_fit, checked_duty
+from hardware.robot.link import STALE, BoardInfo, BoardLink, Closed, Sample, check_fit, checked_duty
 from limb_systems import Layout, LimbError, LimbParameters
 from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.simulation import PERIOD
@@ -37,7 +37,7 @@ def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParam
     return {name: dataclasses.replace(robot, segments=segments) for name, segments in limbs}
 
 
-class SeveralBoards:
+class SeveralBoards(Closed):
     """Connections to several boards, one for each limb of a robot, with the methods of `BoardLink`.
 
     None gets a duty other than zero unless all are armed, and all are switched off as soon as one
@@ -68,12 +68,6 @@ class SeveralBoards:
                 for name, limb in self._limbs.items()
             ]
             self._opened = opened.pop_all()
-
-    def __enter__(self) -> "SeveralBoards":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
 
     @property
     def lost_samples(self) -> int:

@@ -21,6 +21,7 @@ from hardware.robot.link import (
     ANSWER_TIME,
     BoardInfo,
     BoardLink,
+    Closed,
     HardwareError,
     Sample,
     SerialPort,
@@ -67,7 +68,7 @@ def open_link(
     return TextLink(port, board, limb.wire_names)
 
 
-class TextLink:
+class TextLink(Closed):
     """A connection to a text board, with the methods of `BoardLink` that a limb needs.
 
     The port is kept by a process of its own, `hardware.robot.port_keeper`, which sends zero
@@ -117,12 +118,6 @@ class TextLink:
         os.set_blocking(self._keeper.stdin.fileno(), False)
         self._thread = threading.Thread(target=self._read, name=f"{port} read", daemon=True)
         self._thread.start()
-
-    def __enter__(self) -> "TextLink":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
 
     def info(self) -> BoardInfo:
         """What the description says of the board; its cause of a reset is not known."""

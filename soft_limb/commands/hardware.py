@@ -144,14 +144,19 @@ def _show_board(link: BoardLink, info: BoardInfo, limb: LimbParameters, live: Li
         time.sleep(PERIOD)
 
 
+def _say(options: argparse.Namespace, outcome: str, what: str) -> None:
+    """Prints what came of a check at once, unless all is printed as JSON in the end."""
+    if not options.json:
+        print(f"{outcome:<9}{what}", flush=True)
+
+
 def _arm_check(options: argparse.Namespace) -> int:
     checks = []
     parameters = LimbParameters.of(options.limb)
 
     def say(good: bool, what: str) -> None:
         checks.append({"passed": good, "what": what})
-        if not options.json:
-            print(f"{'ok    ' if good else 'FAILED'}  {what}", flush=True)
+        _say(options, "ok" if good else "FAILED", what)
 
     voltage, cut_off = _supply(options)
     passed = check_supply(parameters, voltage, cut_off, say)
@@ -197,34 +202,28 @@ def _supply(options: argparse.Namespace) -> tuple[float | None, bool | None]:
 
 
 def _board_check(options: argparse.Namespace) -> int:
-    words = {board_check.PASSED: "ok", board_check.FAILED: "FAILED"}
+    checks, outcomes = [], (board_check.PASSED, board_check.FAILED, board_check.NOT_RUN)
+    words = dict(zip(outcomes, ("ok", "FAILED", "not run"), strict=True))
 
     def say(result: board_check.Outcome) -> None:
-        if options.json:
-            return
-        what = f": {result.what}" if result.what else ""
-        print(f"{words.get(result.outcome, result.outcome):<9}{result.case.name}{what}")
-        if result.outcome == board_check.FAILED:
-            print(f"         rule: {result.case.rule} docs/protocol.md#{result.case.section}")
-        sys.stdout.flush()
-
-    with SerialPort(options.port) as cable:
-        results = board_check.check_board(cable, LimbParameters.of(options.limb), say)
-    counts = {
-        outcome: sum(result.outcome == outcome for result in results)
-        for outcome in (board_check.PASSED, board_check.FAILED, board_check.NOT_RUN)
-    }
-    if options.json:
-        checks = [
+        case, section = result.case, f"docs/protocol.md#{result.case.section}"
+        checks.append(
             {
-                "name": result.case.name,
-                "rule": result.case.rule,
-                "section": f"docs/protocol.md#{result.case.section}",
+                "name": case.name,
+                "rule": case.rule,
+                "section": section,
                 "outcome": result.outcome,
                 "what": result.what,
             }
-            for result in results
-        ]
+        )
+        _say(options, words[result.outcome], case.name + f": {result.what}" * bool(result.what))
+        if result.outcome == board_check.FAILED:
+            _say(options, "", f"rule: {case.rule} {section}")
+
+    with SerialPort(options.port) as cable:
+        board_check.check_board(board_check.Host(cable, LimbParameters.of(options.limb)), say)
+    counts = {outcome: sum(check["outcome"] == outcome for check in checks) for outcome in outcomes}
+    if options.json:
         values = {outcome.replace(" ", "_"): count for outcome, count in counts.items()}
         print_summary(options, Summary.of({}, {**values, "checks": checks}))
     else:

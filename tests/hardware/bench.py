@@ -1,7 +1,4 @@
-"""A board on the bench: raw frames to and from it, for the rules of `conformance`.
-
-Unlike `BoardLink`, it also says what no host should say.
-"""
+"""A board on the bench, for the rules of `conformance`: a host that also says what none should."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
@@ -9,21 +6,15 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from hardware.firmware import from_host, guard, protocol
-from hardware.robot.link import Assembly, HardwareError, Sample, SerialPort, pulls_of, shares_of
+from hardware.robot.board_check import WIDE, Bounds, Host, NotRunError
+from hardware.robot.link import HardwareError, Sample, SerialPort, shares_of
 from limb_systems import LimbParameters
-from limb_systems.signals import heed_signals
 
-POLL = 0.01  # s, between two looks at what came
 HOTTEST = 90.0  # °C, of a reading at which the checks stop
 CLEARING_TIME = 40.0  # s, within which a fault that a check made is gone
 RESET_TIME = 20.0  # s, in which a person presses the button
 UNDO = "Undo what you did, and wait until all is as cold and as straight as before"
 
-# Bounds that suit any wire: (a1 slowest, fastest, a2 least, most, a3 slowest).
-WIDE = (0.03, 0.5, 4.0, 40.0, 0.1)
-
-Bounds = Sequence[float]
-Duty = Sequence[float] | np.ndarray
 Ask = Callable[[str, str], bool]
 
 
@@ -31,35 +22,24 @@ class RuleBrokenError(Exception):
     """The board breaks a rule."""
 
 
-class StaysOnError(Exception):
-    """The board heats when it must not."""
-
-
-class NotRunError(Exception):
-    """A rule could not be checked."""
-
-
 def expect(good: object, what: str) -> None:
-    """Raises `RuleBrokenError` with a sentence unless it is good."""
+    """Raise `RuleBrokenError` with a sentence unless it is good."""
     if not good:
         raise RuleBrokenError(what)
 
 
 def state_of(sample: Sample) -> str:
-    """State and reason of a board in words."""
+    """Return state and reason of a board in words."""
     off = f"it is off for reason {sample.reason}, {sample.reason_text}"
     return "it is armed" if sample.armed else off
 
 
-class Bench:
+class Bench(Host):
     """A board on the bench.
 
-    - ``samples``: each that came, once.
-    - ``copies``: how often each of them came.
-    - ``infos``: values of each INFO.
     - ``received``: all bytes.
     - ``rest``: first sample of all, when the wires were cold.
-    - ``names``, ``shares``: names of the limb's wires, and their `shares_of` it.
+    - ``shares``: the shares of the limb's wires, see `shares_of`.
     """
 
     def __init__(
@@ -74,231 +54,124 @@ class Bench:
             limb: the limb on the board; the nominal one if None.
         """
         limb = limb or LimbParameters()
-        self._cable, self._ask = cable, ask
-        self.names, self.shares, self._pulls = limb.wire_names, shares_of(limb), pulls_of(limb)
-        self.samples: list[Sample] = []
-        self.copies: list[int] = []
-        self.infos: list[tuple] = []
-        self.session, self.sequence = 0, 0
-        self.rest: Sample | None = None
-        self._forget()
-
-    def _forget(self) -> None:
-        self.parser, self._assembly = (
-            protocol.Parser(from_host.KINDS, from_host.FORMATS),
-            Assembly(),
-        )
+        super().__init__(cable, limb)
+        self._ask, self.shares = ask, shares_of(limb)
         self.received = bytearray()
-        self.samples.clear()
-        self.copies.clear()
+        self.rest: Sample | None = None
 
-    def send(self, data: bytes) -> None:
-        """Sends bytes, which need not be a frame."""
-        self._cable.send(data)
-
-    @property
-    def now(self) -> float:
-        """Time, s."""
-        return self._cable.now()
+    def receive(self) -> bytes:
+        """Return what came, and keep it."""
+        data = super().receive()
+        self.received += data
+        return data
 
     def steps(self, seconds: float) -> Iterator[bool]:
-        """Lets time pass; yields after each look at what came whether a new SAMPLE did."""
-        end = self.now + seconds - POLL / 2
-        while self.now < end:
-            self._cable.wait(POLL)
-            yield self._take(self._cable.receive())
-
-    def wait(self, seconds: float) -> None:
-        """Lets time pass, and takes what comes."""
-        for _ in self.steps(seconds):
-            pass
-
-    def _take(self, data: bytes) -> bool:
-        self.received += data
-        count = len(self.samples)
-        for kind, values in self.parser.feed(data):
-            if kind == protocol.INFO:
-                self.infos.append(values)
-                continue
-            if not (sample := self._assembly.take(kind, values, self.now)):
-                continue
-            if self.samples and sample.board_time == self.last.board_time:
-                self.copies[-1] += 1
-                continue
-            self.samples.append(sample)
-            self.copies.append(1)
-            self.rest = self.rest or sample
-        return len(self.samples) > count
-
-    @property
-    def last(self) -> Sample:
-        """The newest SAMPLE."""
-        return self.samples[-1]
+        """As of `Host`; keeps the first sample."""
+        for came in super().steps(seconds):
+            self.rest = self.rest or (self.last if came else None)
+            yield came
 
     def sees(self, shows: Callable[[Sample], object], seconds: float) -> bool:
-        """Waits for a SAMPLE that shows something; whether one came."""
+        """Wait for a sample that shows something; return whether one came."""
         return any(came and shows(self.last) for came in self.steps(seconds))
 
     def fresh(self, after: float = 0.0) -> Sample:
-        """The next SAMPLE after a time, s; RuleBrokenError if none comes."""
-        self.wait(after)
-        expect(self.sees(lambda _: True, 1.0), "no SAMPLE came for 1 s")
-        return self.last
-
-    def next_samples(self, seconds: float) -> list[Sample]:
-        """The samples that come from now on."""
-        self.fresh()
-        count = len(self.samples) - 1
-        self.wait(seconds)
-        return self.samples[count:]
-
-    # What a host says.
-
-    def every(self, share: float) -> list[float]:
-        """The same duty for each wire."""
-        return [share] * len(self.names)
+        """As of `Host`; RuleBrokenError if no sample comes."""
+        try:
+            return super().fresh(after)
+        except HardwareError:
+            raise RuleBrokenError("no SAMPLE came for 1 s") from None
 
     def only(self, wire: int, share: float) -> list[float]:
         """A duty for one wire, and none for the others."""
         return [share * (number == wire % len(self.names)) for number in range(len(self.names))]
 
-    def encode(self, kind: int, *values: int) -> bytes:
-        """A frame of the version that the board speaks."""
-        return from_host.encode(self.parser.version, kind, *values)
-
-    def switch_off(self) -> None:
-        """Says DISARM, three times, as one may get lost. Never raises."""
-        with contextlib.suppress(HardwareError):
-            self.send(3 * self.encode(protocol.DISARM))
+    @property
+    def asks(self) -> bool:
+        """Whether something can be done at the robot."""
+        return self._ask is not None
 
     def off(self) -> Sample:
-        """Switches off; the SAMPLE that shows it. StaysOnError if it stays armed."""
-        self.switch_off()
-        for after in (0.1, 0.8):  # by then its heartbeat has ended
-            sample = self.fresh(after)
-            if not sample.armed and not sample.duty.any():
-                return sample
-        raise StaysOnError("it does not switch off; disconnect the supply of its wires now")
+        """As of `Host`; clears a fault that a check has made."""
+        super().off()
+        with contextlib.suppress(RuleBrokenError):
+            self.clear()
+        return self.last
+
+    def switch_off(self) -> None:
+        """Say DISARM, three times, as one may get lost. Never raises."""
+        with contextlib.suppress(HardwareError):
+            self.say(protocol.DISARM)
 
     def clear(self) -> None:
-        """Clears a latched fault when it is gone for good; RuleBrokenError if that takes 40 s."""
-        end = self.now + CLEARING_TIME
+        """Clear a latched fault when it is gone for good; RuleBrokenError if that takes 40 s."""
+        end = self.cable.now() + CLEARING_TIME
         while self.last.latched:
-            expect(self.now < end, f"CLEAR did not clear within 40 s: {state_of(self.last)}")
-            self.send(self.encode(protocol.CLEAR, self.last.challenge))
+            expect(self.cable.now() < end, f"not cleared within 40 s: {state_of(self.last)}")
+            self.cable.send(protocol.encode(protocol.CLEAR, self.last.challenge))
             self.fresh(0.5)
 
-    def send_arm(
-        self,
-        bounds: Bounds = WIDE,
-        total: float = 1.5,
-        *,
-        each: Sequence[Bounds] = (),
-        challenge: int | None = None,
-        lost: int | None = None,
+    def try_to_arm(
+        self, bounds: Bounds = WIDE, total: float = 1.5, *, each: Sequence[Bounds] = ()
     ) -> None:
-        """Sends an ARM once, and what it needs, by default with the newest challenge.
-
-        Args:
-            bounds: bounds of all wires.
-            total: the largest sum of all duties; in a frame it may be as large as 6.5.
-            each: bounds of each wire, if they are unlike.
-            challenge: challenge that it repeats.
-            lost: wire whose BOUNDS is not sent.
-        """
-        heed_signals()
-        self.session = self.last.challenge if challenge is None else challenge
-        self.sequence = 0
-        bounds_of_wires = each or [bounds] * len(self.names)
-        if self.parser.version == protocol.VERSION:
-            values = from_host.arm_values(self.session, bounds_of_wires, 1.0)
-            values[-1] = round(protocol.FULL_DUTY * total)
-            self.send(self.encode(protocol.ARM, *values))
-            return
-        arming = self.session, bounds_of_wires, total, self._pulls
-        for number, frame in enumerate(from_host.encode_arming(self.parser.version, *arming)):
-            self.send(frame if number != lost else b"")
-            self.wait(POLL)
+        """Ask once for arming, with the newest challenge. each: bounds of each wire, if unlike."""
+        self.send_arm(each or [bounds] * len(self.names), total, self.last.challenge)
 
     def arm(self, bounds: Bounds = WIDE, total: float = 1.5) -> None:
-        """Asks the board to arm until it is; NotRunError if that takes more than 1 s."""
+        """Ask the board to arm until it is; NotRunError if that takes more than 1 s."""
         self.fresh()
         for _ in range(8):
-            self.send_arm(bounds, total)
+            self.try_to_arm(bounds, total)
             if self.sees(lambda sample: sample.armed, 0.12):
                 return
         raise NotRunError(f"the board did not arm: {state_of(self.last)}")
 
-    def command(
-        self,
-        duty: Duty,
-        *,
-        sequence: int | None = None,
-        session: int | None = None,
-        age: float = 0.0,
-    ) -> None:
-        """Sends a COMMAND twice, by default the next one, in answer to the newest SAMPLE.
+    def stray(self, duty, *, sequence=None, session=None, age=0.0) -> None:
+        """Send a COMMAND twice that is not the next one.
 
         Args:
             duty: duty of each wire; in a frame it may be as large as 6.5.
-            sequence: number of the COMMAND.
-            session: challenge that armed the board.
-            age: time by which the SAMPLE that it answers is older than the newest one, s.
+            sequence, session: other ones than those of the next command.
+            age: time by which the sample that it answers is older than the newest one, s.
         """
-        if sequence is None:
-            self.sequence += 1
-            sequence = self.sequence
+        sequence = self.sequence + 1 if sequence is None else sequence
         session = self.session if session is None else session
-        heard = round(1000 * (self.last.board_time - age)) & 0xFFFFFFFF
-        ticks = [round(protocol.FULL_DUTY * share) for share in duty]
-        version = self.parser.version
-        self.send(2 * from_host.encode_command(version, session, sequence, heard, ticks))
+        heard = round(1000 * (self.last.board_time - age))
+        self.cable.send(2 * from_host.encode_command(session, sequence, heard, duty))
 
-    def hold(
-        self,
-        duty: Duty,
-        seconds: float,
-        until: Callable[[Sample], bool] = lambda _: False,
-        hottest: float = HOTTEST,
-    ) -> bool:
-        """Commands duties in answer to each SAMPLE; whether it ended because of ``until``.
+    def hold(self, duty, seconds, until=lambda _: False, hottest=HOTTEST) -> bool:
+        """As of `Host`; NotRunError if commands come too late to keep the board armed."""
 
-        Raises:
-            StaysOnError: if a wire is read above ``hottest``, °C.
-            NotRunError: if commands come too late to keep the board armed.
-        """
+        def late(sample: Sample) -> bool:
+            return not sample.armed and sample.reason in (guard.NO_COMMAND, guard.LATE_COMMANDS)
+
         self.command(duty)
-        for came in self.steps(seconds):
-            if not came:
-                continue
-            if self.last.temperature.max() > hottest and self.last.duty.any():
-                raise StaysOnError(
-                    f"a wire is read at {self.last.temperature.max():.0f} °C, hotter than any "
-                    "check makes it; look at wires and supply"
-                )
-            if not self.last.armed and self.last.reason in (guard.NO_COMMAND, guard.LATE_COMMANDS):
-                raise NotRunError(
-                    "commands did not come in time; is this computer or the connection too busy?"
-                )
-            if until(self.last):
-                return True
-            self.command(duty)
-        return False
+        ended = super().hold(duty, seconds, lambda s: late(s) or until(s), hottest)
+        if late(self.last):
+            raise NotRunError(
+                "commands did not come in time; is this computer or the connection too busy?"
+            )
+        return ended
 
     # What happens at the robot.
 
     def do(self, order: str, by_hand: str) -> None:
-        """Switches off, and has something done by an order or by hand; NotRunError if it is not.
+        """Switch off, and have something done by an order or by hand; NotRunError if it is not.
 
         Both may have {0} for the name of the first wire, and {1} for that of the last.
         """
-        order, by_hand = (text.format(self.names[0], self.names[-1]) for text in (order, by_hand))
         self.switch_off()
+        self.tell(order, by_hand)
+        self.receive()  # what came while it was done may have gaps
+        self.samples.clear()
+        self.parser = protocol.Parser(protocol.BOARD_KINDS)
+        self.fresh(0.1)
+
+    def tell(self, order: str, by_hand: str) -> None:
+        """Have something done while the board is in whatever state; NotRunError if it is not."""
+        order, by_hand = (text.format(self.names[0], self.names[-1]) for text in (order, by_hand))
         if self._ask is None or not self._ask(order, by_hand):
             raise NotRunError("what it needs at the robot was not done")
-        self._cable.receive()  # what came while it was done may have gaps
-        self._forget()
-        self.fresh(0.1)
 
     @contextlib.contextmanager
     def fault(self, order: str, by_hand: str) -> Iterator[None]:
@@ -312,16 +185,16 @@ class Bench:
         self.do("mend", UNDO)
 
     def reset(self) -> None:
-        """Has the board reset, and waits until it is; NotRunError if it was not."""
-        before, end = self.fresh().sequence, self.now + RESET_TIME
+        """Have the board reset, and wait until it is; NotRunError if it was not."""
+        before, end = self.fresh().sequence, self.cable.now() + RESET_TIME
         self.do("reset", "Be ready to press the board's reset button within 20 s")
         while self.last.sequence >= before:
-            if self.now > end:
+            if self.cable.now() > end:
                 raise NotRunError("the board was not reset within 20 s")
             with contextlib.suppress(RuleBrokenError):
                 self.fresh()
 
     def cool(self, which: Callable[[np.ndarray], float], limit: float = 60.0) -> None:
-        """Waits until one wire, or all, are nearly as cold as at the beginning, or for a while."""
+        """Wait until one wire, or all, are nearly as cold as at the beginning, or for a while."""
         rest = self.rest or self.last
         self.sees(lambda sample: which(sample.temperature) < min(rest.temperature) + 5, limit)

@@ -16,8 +16,10 @@ import simulated_board
 
 from hardware import HardwareError, LimbTwin
 from hardware.emulation.emulator import Emulation
+from hardware.firmware.firmware import Firmware
 from limb_systems import LimbParameters
 
+from .c_firmware import COMPILER, compile_core
 from .virtual_time import VirtualCable, VirtualTime
 
 BOUNDS = LimbParameters().heat_bounds
@@ -193,8 +195,8 @@ class SimulatedBoard(simulated_board.SimulatedBoard):
 
     def run_to_reading(self, duty):
         """Runs until the thermocouples were just read, as they are for every other sample."""
-        count = len(self.sent)
-        while len(self.sent) == count or self.sent[-1][0] % 2 == 0:
+        count = len(self.samples)
+        while len(self.samples) == count or self.newest.sequence % 2 == 0:
             self.run(0.001, duty)
 
     def heat(self):
@@ -221,6 +223,22 @@ class SimulatedBoard(simulated_board.SimulatedBoard):
             self.run(0.001, duty)
             assert self.now - start <= limit, "still on"
         return self.now - start
+
+
+@pytest.fixture(scope="session")
+def core(tmp_path_factory):
+    """The firmware in C, in single precision, as on a board."""
+    if not COMPILER:
+        pytest.skip("there is no C compiler here")
+    return compile_core(tmp_path_factory.mktemp("core"))
+
+
+@pytest.fixture(params=["python", "c"])
+def program(request, monkeypatch):
+    """Each firmware, which emulated boards run, too."""
+    found = Firmware if request.param == "python" else request.getfixturevalue("core")
+    monkeypatch.setattr("hardware.emulation.emulator.Firmware", found)
+    return found
 
 
 @pytest.fixture

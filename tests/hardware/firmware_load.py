@@ -57,17 +57,15 @@ class Load:
     def run(self):
         """One pass, with a sample and with a command that comes twice."""
         board, guard, said = self._board, self._firmware.guard, self._from_host
-        version = 3 if board.channels == 2 else 4
         board.now += 50
         self._number += 1
         if guard.session is None:
-            pulls = [0] * board.channels
-            values = guard.challenge, self._bounds, 1.0, pulls
-            board.incoming = b"".join(said.encode_arming(version, *values))
+            values = guard.challenge, self._bounds, 1.0, [0] * board.channels
+            board.incoming = b"".join(said.encode_arming(*values))
         else:
-            ticks = [100] * board.channels
-            values = guard.session, guard.acknowledged + 1, board.now - 50, ticks
-            board.incoming = 2 * said.encode_command(version, *values)
+            duty = [0.01] * board.channels
+            values = guard.session, guard.acknowledged + 1, board.now - 50, duty
+            board.incoming = 2 * said.encode_command(*values)
         before, start = gc.mem_alloc(), time.ticks_us()
         self._firmware.step()
         taken, garbage = time.ticks_diff(time.ticks_us(), start), gc.mem_alloc() - before

@@ -15,7 +15,7 @@ from hardware.firmware import firmware, protocol
 HEAP = 1.6 * 32 * 1024
 HERE = Path(__file__).parent
 FIRMWARE = HERE.parents[1] / "hardware" / "firmware"
-NAMES = ("protocol", "wide", "readings", "heat", "guard", "firmware", "from_host")
+NAMES = ("protocol", "readings", "heat", "guard", "firmware", "from_host")
 
 sys.path.insert(0, str(HERE))
 import fake_machine  # noqa: E402
@@ -94,10 +94,10 @@ def test_nrf52dk_runs_the_firmware(monkeypatch):
     for _ in range(100):
         chip.now += 2000  # us
         program.step()
-    parser = protocol.Parser((protocol.INFO, protocol.SAMPLE))
+    parser = protocol.Parser(protocol.BOARD_KINDS)
     frames = parser.feed(bytes(chip.uart.line))
     assert parser.rejected == 0
     (info,) = [values for kind, values in frames if kind == protocol.INFO]
     assert board.serial_number in info
-    assert 6 <= len(frames) - 1 <= 12  # samples in 0.2 s, each twice
+    assert 12 <= len(frames) - 1 <= 24  # SAMPLE and CHANNELS in 0.2 s, each twice
     assert [chip.output(pin) for pin in (11, 12)] == [0, 0]

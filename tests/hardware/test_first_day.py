@@ -107,7 +107,7 @@ def test_what_a_person_says_of_the_supply(calibrated_at, voltage, cut_off, good,
 
 def test_a_command_that_is_told_of_no_cut_off_does_not_open_the_port(capsys):
     assert main(["arm-check", "/dev/null", "--supply", "7", "--no-cut-off"]) == 1
-    assert "FAILED  no cut-off" in capsys.readouterr().out
+    assert "FAILED   no cut-off" in capsys.readouterr().out
     assert main(["arm-check", "/dev/null", "--supply", "-7"]) == 1
     assert main(["arm-check", "/dev/null"]) == 1
     said = capsys.readouterr().err

@@ -1,5 +1,6 @@
 """Boards that are none, are others' or are hung, as the host's end of the cable tells."""
 
+import itertools
 import os
 import threading
 import tty
@@ -11,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from calibration import collect_sag
 from hardware import BoardLink, HardwareError, LimbTwin, SerialLimb
 from hardware.emulation.emulated_board import EmulatedBoard
-from hardware.firmware import from_host, guard, protocol, readings, wide
+from hardware.firmware import guard, protocol, readings
 from hardware.robot.link import Assembly
 from hardware.robot.reasons import REASONS
 from limb_systems import (
@@ -46,7 +47,7 @@ def pseudo_terminal():
 
 
 def greeting(version, channels=2):
-    return protocol.encode(protocol.INFO, version, 20, 440, b"mine0001", channels, 0)
+    return protocol.encode(protocol.INFO, version, 20, 440, b"mine0001", channels, 1, 0)
 
 
 def test_a_port_without_a_board_is_named(pseudo_terminal, monkeypatch):
@@ -60,35 +61,18 @@ def test_a_port_without_a_board_is_named(pseudo_terminal, monkeypatch):
 
 
 def test_a_board_of_another_version_is_refused(board):
-    """Also one of the first version, which did not tell its channels."""
-    first = bytes.fromhex("7e0181010032 00b8016d69 6e653030 30314766 dc367e")
-    newer = bytes((0x05, protocol.INFO)) + bytes(20)
-    newer = b"\x7e" + newer + protocol.crc32(newer) + b"\x7e"
-    for frame, said in (
-        (greeting(7), "has firmware 7; this program needs 3"),
-        (first, "speaks version 1 of the protocol, but this program versions 3 and 4; flash"),
-        (newer, "only versions 3 and 4; use a newer version of this"),
-    ):
+    for version, said in ((3, "flash the board with"), (5, "use a newer version of this")):
         with BoardLink(board.port) as link:
-            board.write(frame)
-            with pytest.raises(HardwareError, match=said):
+            board.write(protocol.frame(version, protocol.INFO, bytes(17)))
+            with pytest.raises(HardwareError, match=f"speaks version {version} .* this .* {said}"):
                 link.info()
-
-
-def test_an_older_host_notices_this_board(monkeypatch):
-    """Its parser tells the board's version, as all versions do."""
-    frame = sample(1, guard.DISARMED, guard.NONE)
-    monkeypatch.setattr(protocol, "VERSION", 2)
-    parser = protocol.Parser((protocol.SAMPLE,))
-    assert parser.feed(frame) == []
-    assert parser.other_version == 3
 
 
 def test_a_board_with_other_channels_is_refused(virtual_time, board):
     with BoardLink(board.port) as link:
-        board.write(greeting(3, channels=4))
+        board.write(greeting(4, channels=4))
         assert link.info().channels == 4
-    virtual_time.when(lambda: True, lambda: board.write(greeting(3, channels=4)), after=0.3)
+    virtual_time.when(lambda: True, lambda: board.write(greeting(4, channels=4)), after=0.3)
     with pytest.raises(
         LimbError, match=r"has 2 wires and 1 bend angles, but the board on .* has 4 channels"
     ):
@@ -97,10 +81,9 @@ def test_a_board_with_other_channels_is_refused(virtual_time, board):
 
 def sample(number, state, reason, bend=0, acknowledged=0, time_ms=None):
     time_ms = 50 * number if time_ms is None else time_ms
-    readings = 100, 100, bend, 0, 0, 25, 25
-    return protocol.encode(
-        protocol.SAMPLE, number, time_ms, 4711, state, reason, acknowledged, *readings
-    )
+    header = number, time_ms, 4711, state, reason, acknowledged, bend
+    wires = protocol.encode(protocol.CHANNELS, number, 0, 2, 100, 0, 25, 100, 0, 25)
+    return protocol.encode(protocol.SAMPLE, *header) + wires
 
 
 def limb_with(sensor) -> LimbParameters:
@@ -113,7 +96,7 @@ def test_the_segment_tells_what_a_reading_means(virtual_time, board):
     """The board reads 30°, in 1/64 of them."""
 
     def make(number):
-        return greeting(3) + sample(number, guard.DISARMED, 0, bend=64 * 30)
+        return greeting(4) + sample(number, guard.DISARMED, 0, bend=64 * 30)
 
     for sensor, degrees in ((TipTangentSensor(), 15.0), (ChordSensor(), 30.0)):
         with (
@@ -166,7 +149,7 @@ def test_the_reason_for_which_a_board_is_off_is_told(virtual_time, board):
 
 def test_a_reason_that_is_not_known_is_a_sentence(virtual_time, board, capsys):
     with Talking(
-        board, virtual_time, lambda number: greeting(3) + sample(number, guard.DISARMED, 77)
+        board, virtual_time, lambda number: greeting(4) + sample(number, guard.DISARMED, 77)
     ):
         assert main(["status", board.port]) == 0
     assert "off: for a reason that this program does not know, 77" in capsys.readouterr().out
@@ -197,11 +180,13 @@ def test_a_sample_counts_only_if_all_of_its_channels_came():
     quarters, bends, ticks = [100, 101, 102, 103, 104, 105], [64, -64, 32], 6 * [5000]
 
     def frames(sequence):
-        header = [sequence, 50 * sequence, 4711, guard.ARMED, 0, 9]
-        dialect = wide.Dialect(6, 3)
-        sent = dialect.encode_sample(header, quarters, bends, ticks, [25, 26, 27, 28, 29, 30])
-        parser = protocol.Parser(from_host.KINDS, from_host.FORMATS)
-        return parser.feed(b"".join(sent))
+        header = sequence, 50 * sequence, 4711, guard.ARMED, 0, 9, *bends
+        wires = list(zip(quarters, ticks, [25, 26, 27, 28, 29, 30], strict=True))
+        return [
+            (protocol.SAMPLE, header),
+            (protocol.CHANNELS, (sequence, 0, 6, *itertools.chain(*wires[:4]))),
+            (protocol.CHANNELS, (sequence, 4, 6, *itertools.chain(*wires[4:]))),
+        ]
 
     one, two, three, four = (frames(sequence) for sequence in (1, 2, 3, 4))
     assembly = Assembly()
@@ -220,84 +205,60 @@ def test_a_sample_counts_only_if_all_of_its_channels_came():
         assert (sample.armed, sample.acknowledged) == (True, 9)
 
 
-def keep_commanding(time, link, seconds=1.5):
+def armed(number, **others):
+    return sample(number, guard.ARMED, guard.NONE, **others)
+
+
+BAD_SAMPLES = {
+    "Nothing new came from the board": lambda _: armed(7, acknowledged=100),  # repeats
+    r"time of the board on .* went back": lambda n: armed(7 + n % 2, acknowledged=100),
+    # Behind a buffer that grows: half of a second for each second.
+    r"come 0\.\d+ s late; is this computer or the conn": lambda n: armed(
+        n, acknowledged=n, time_ms=25 * n
+    ),
+    r"did not get a command within 0\.\d+ s; commands arrive": armed,
+}
+
+
+@pytest.mark.parametrize("said", BAD_SAMPLES)
+def test_samples_that_repeat_are_old_or_late_or_answer_nothing(said, virtual_time, board):
+    with (
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, BAD_SAMPLES[said]),
+        pytest.raises(HardwareError, match=said),
+    ):
+        keep_commanding(virtual_time, link, 1.5)
+
+
+def test_commands_that_are_answered_go_on(virtual_time, board):
+    with (
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, lambda n: 2 * armed(n, acknowledged=n)),
+    ):
+        keep_commanding(virtual_time, link, 0.6)
+        assert link.lost_samples == 0  # those that are doubled are not lost
+
+
+def keep_commanding(time, link, seconds):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         link.command([0.0, 0.5])
         time.sleep(0.05)
 
 
-def test_a_sample_that_repeats_is_not_new(virtual_time, board):
-    same = sample(7, guard.ARMED, guard.NONE, acknowledged=100)
-    with (
-        BoardLink(board.port) as link,
-        Talking(board, virtual_time, lambda _: same),
-        pytest.raises(HardwareError, match="Nothing new came from the board"),
-    ):
-        keep_commanding(virtual_time, link)
-
-
-def test_old_samples_in_turn_are_not_new(virtual_time, board):
-    def make(number):
-        return sample(7 + number % 2, guard.ARMED, guard.NONE, acknowledged=100)
-
-    with (
-        BoardLink(board.port) as link,
-        Talking(board, virtual_time, make),
-        pytest.raises(HardwareError, match=r"time of the board on .* went back"),
-    ):
-        keep_commanding(virtual_time, link)
-
-
-def test_samples_that_come_later_and_later_are_noticed(virtual_time, board):
-    """Behind a buffer that grows: half of a second for each second."""
-
-    def make(number):
-        return sample(number, guard.ARMED, guard.NONE, acknowledged=number, time_ms=25 * number)
-
-    with (
-        BoardLink(board.port) as link,
-        Talking(board, virtual_time, make),
-        pytest.raises(HardwareError, match=r"come 0\.\d+ s late; is this computer or the conn"),
-    ):
-        keep_commanding(virtual_time, link)
-
-
 def test_a_board_whose_clock_is_slow_is_borne(board, monkeypatch):
     """By 2%, as that of an oscillator without a crystal may be, for five minutes."""
-    parser = protocol.Parser((protocol.SAMPLE,))
+    parser = protocol.Parser(protocol.BOARD_KINDS)
     with BoardLink(board.port) as link:
         for number in range(6_000):
             passed = 0.05 * number
             monkeypatch.setattr("hardware.robot.link.time.monotonic", lambda now=passed: now)
-            ((kind, values),) = parser.feed(
+            for kind, values in parser.feed(
                 sample(number, guard.DISARMED, guard.NONE, time_ms=round(980 * passed))
-            )
-            link._take(kind, values)
+            ):
+                link._take(kind, values)
             assert link.delay < 0.01
         monkeypatch.undo()
-
-
-def test_commands_that_do_not_arrive_are_noticed(virtual_time, board):
-    with (
-        BoardLink(board.port) as link,
-        Talking(board, virtual_time, lambda number: sample(number, guard.ARMED, guard.NONE)),
-        pytest.raises(
-            HardwareError, match=r"did not get a command within 0\.\d+ s; commands arrive"
-        ),
-    ):
-        keep_commanding(virtual_time, link)
-
-
-def test_commands_that_are_answered_go_on(virtual_time, board):
-    with (
-        BoardLink(board.port) as link,
-        Talking(
-            board, virtual_time, lambda n: 2 * sample(n, guard.ARMED, guard.NONE, acknowledged=n)
-        ),
-    ):
-        keep_commanding(virtual_time, link, 0.6)
-        assert link.lost_samples == 0  # those that are doubled are not lost
 
 
 def test_the_sample_that_says_that_the_board_is_off_is_recorded(virtual_time, board, tmp_path):
@@ -308,7 +269,7 @@ def test_the_sample_that_says_that_the_board_is_off_is_recorded(virtual_time, bo
         if number > 40:
             state, reason = guard.DISARMED, guard.THERMOCOUPLE_OPEN
         bend = 64 * (7 if number > 40 else 3)
-        return greeting(3) + sample(number, state, reason, bend, acknowledged=number)
+        return greeting(4) + sample(number, state, reason, bend, acknowledged=number)
 
     with (
         Talking(board, virtual_time, make),
@@ -340,11 +301,11 @@ def test_the_bounds_of_a_limb_are_in_the_frame_that_arms(virtual_time, board):
         pytest.raises(HardwareError, match="does not let itself be armed: all is well"),
     ):
         link.arm(limb.heat_bounds, limb.total_duty)
-    frames = protocol.Parser((protocol.ARM,)).feed(board.read())
-    challenge, bounds, total = protocol.read_arm_values(frames[0][1])
-    assert (challenge, total) == (4711, 0.7)
-    np.testing.assert_allclose(bounds[0], (0.042, 0.095, 17.0, 23.0, 0.5))
-    np.testing.assert_allclose(bounds[1], (0.05, 0.08, 18.0, 21.5, 0.75))
+    sent = protocol.Parser((protocol.BOUNDS, protocol.ARM)).feed(board.read())
+    (_, left), (_, right), (_, arm) = sent[:3]
+    assert left == (4711, 0, 42, 95, 1700, 2300, 500, 16)
+    assert right == (4711, 1, 50, 80, 1800, 2150, 750, 0)
+    assert arm[:3] == (4711, 2, 7000)
 
 
 def test_a_board_that_takes_no_data_is_hung(pseudo_terminal, monkeypatch):

@@ -12,7 +12,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
-from calibration import collect_equilibria, collect_from_robot
+from calibration import collect_from_robot
 from hardware import LimbTwin, ReplayError, SerialLimb, replay
 from hardware.replay import check_replayable
 from limb_systems import (
@@ -125,14 +125,14 @@ def test_emulated_limb_is_the_same_behind_a_board_and_in_a_simulation():
     began, times = board.now, 6.5
     for number in range(round(times / 0.05)):  # at first so little that it is not reduced
         board.run(0.05, (0.0, 0.1 if number < 80 else 1.0))
-    samples = [s for s in board.sent if began < s[1] / 1000 <= began + times]
-    time = np.array([s[1] for s in samples]) / 1000 - began
+    samples = [s for s in board.samples if began < s.board_time <= began + times]
+    time = np.array([s.board_time for s in samples]) - began
     duty = PiecewisePolynomial.ZeroOrderHold([0.0, 4.0, 6.5], [[0.0, 0.0, 0.0], [0.1, 1.0, 1.0]])
     model = simulate(LimbTwin(seed=0), duty, times)
     late = 0.3  # s: 0.1 s between readings, and the cable
     for read, simulated, noise in (
-        (np.array([s[6:8] for s in samples]).T / 4, model.measured_temperature, 2.0),
-        (np.array([[s[8] for s in samples]]) / 128, np.rad2deg(model.bend_angle), 3.0),
+        (np.array([s.temperature for s in samples]).T, model.measured_temperature, 2.0),
+        (np.array([s.tip_tangent for s in samples]).T / 2, model.bend_angle, np.deg2rad(3.0)),
     ):
         highest = np.maximum.accumulate(simulated, axis=1)
         for values, now, before in zip(read, simulated, highest, strict=True):
@@ -274,7 +274,7 @@ def model_like_recording():
 def test_status_says_how_the_board_is(virtual_time, emulator, capsys):
     assert main(["status", emulator.port]) == 0
     said = capsys.readouterr().out
-    assert "board       twin0000, firmware 3" in said
+    assert "board       twin0000, firmware 4" in said
     assert "off: it was just switched on" in said
     assert main(["status", emulator.port, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["armed"] is False
@@ -312,7 +312,7 @@ def test_arm_check_heats_nothing_that_is_hot(virtual_time, emulator, capsys):
     emulator.order("hot left")
     virtual_time.sleep(0.2)
     assert main(["arm-check", emulator.port]) == 1
-    assert "FAILED  left thermocouple reads 115.0 °C" in capsys.readouterr().out
+    assert "FAILED   left thermocouple reads 115.0 °C" in capsys.readouterr().out
     assert emulator.duty() == [0.0, 0.0]
     assert main(["arm-check", emulator.port, "--json"]) == 1
     said = json.loads(capsys.readouterr().out)
@@ -327,18 +327,6 @@ def test_orders_that_come_together_are_obeyed_but_for_those_that_make_no_sense(r
     assert wait_for(lambda: len(real_emulator.events("order")) == 2)  # the first is its restart
     assert real_emulator.events("order")[1]["order"] == "open left"
     assert "'explode" in real_emulator.errors.read_text()
-
-
-def test_equilibria_are_collected_from_a_robot(virtual_time, emulator):
-    with SerialLimb(emulator.port) as limb:
-        recording = collect_equilibria(limb, "right", num_angles=1, longest=2.0)
-    assert recording.duty[1].max() > 0.05
-    assert not recording.duty[0].any()
-    assert recording.reference is not None
-    assert "limb twin0000 on /dev/" in recording.source
-    assert recording.parameters.board == SerialBoard("twin0000")
-    virtual_time.sleep(0.01)
-    assert emulator.duty() == [0.0, 0.0]
 
 
 def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):

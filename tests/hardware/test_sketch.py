@@ -10,7 +10,6 @@ import pytest
 from hardware.firmware import firmware, from_host, guard, heat, protocol
 
 from .c_firmware import COMPILER, CXX, SKETCH
-from .test_board_rules import fast_checksum  # noqa: F401
 
 LEFT, RIGHT, SUPPLY = 3, 5, 7  # pins
 POWER, WATCHDOG = 1 << 0, 1 << 7  # causes of a reset
@@ -38,7 +37,7 @@ class Teensy:
     def __init__(self, compiled, why=POWER, kept=0):
         copy = compiled.with_name(f"{next(_numbers)}.so")  # whose variables are new
         self._library = ctypes.CDLL(str(shutil.copy(compiled, copy)))
-        self._parser = protocol.Parser((protocol.INFO, protocol.SAMPLE))
+        self._parser = protocol.Parser(protocol.BOARD_KINDS)
         self.frames = []
         self.set(WDOG3_CS=1 << 13, SRC_SRSR=why, SNVS_LPGPR0=kept, bend_count=3, room=64)
         self.read(25.0, 25.0)
@@ -90,11 +89,15 @@ class Teensy:
     def sample(self):
         return [values for kind, values in self.frames if kind == protocol.SAMPLE][-1]
 
+    @property
+    def channels(self):
+        return [values for kind, values in self.frames if kind == protocol.CHANNELS][-1]
+
     def heat(self):
         challenge, now = self.sample[2], self.sample[1]
-        values = from_host.arm_values(challenge, [heat.NOMINAL] * 2, 2.0)
-        self.send(protocol.encode(protocol.ARM, *values))
-        self.send(protocol.encode(protocol.COMMAND, challenge, 1, now, 0, 1000))
+        arming = from_host.encode_arming(challenge, [heat.NOMINAL] * 2, 2.0, (16, 0))
+        self.send(b"".join(arming))
+        self.send(from_host.encode_command(challenge, 1, now, (0.0, 0.1)))
         return self.run(100)
 
 
@@ -111,11 +114,11 @@ def test_pins_sensors_and_port(compiled):
     board.send(protocol.encode(protocol.HELLO))
     assert len({*board.run(700)}) == 1  # the relay's pin stands still
     (info,) = [values for kind, values in board.frames if kind == protocol.INFO]
-    assert info[3:] == (b"LIMB0001", 2, firmware.POWER_ON)
+    assert info[3:] == (b"LIMB0001", 2, 1, firmware.POWER_ON)
     assert board._parser.rejected == 0
     assert board.sample[3:5] == (guard.DISARMED, guard.POWER_UP)
-    assert board.sample[6:8] == (100, 102)
-    assert -192 <= board.sample[8] <= -188
+    assert -192 <= board.sample[6] <= -188
+    assert board.channels[3::3] == (100, 102)
     assert board.get("WDOG3_CNT") == 0xB480A602  # it is fed
     assert (board.duty(LEFT), board.duty(RIGHT)) == (None, None)
 

@@ -63,25 +63,20 @@ static real most_of(real a, real b)
 
 /* Frames: a struct is a payload; version and type come before it, the CRC after it. */
 
-enum { FIRMWARE_VERSION = 3, SAMPLE_PERIOD = 50 /* ms */, FULL_DUTY = 10000 };
-enum { VERSION = 3, FLAG = 0x7E, ESCAPE = 0x7D, FLIP = 0x20 };
-enum { HELLO = 0x01, ARM = 0x02, COMMAND = 0x03, DISARM = 0x04, CLEAR = 0x05 }; /* from the host */
-enum { INFO = 0x81, SAMPLE = 0x82 };                                           /* to the host */
+enum { SAMPLE_PERIOD = 50 /* ms */, FULL_DUTY = 10000 };
+enum { VERSION = 4, FLAG = 0x7E, ESCAPE = 0x7D, FLIP = 0x20 };
+enum { HELLO = 0x01, ARM = 0x02, COMMAND = 0x03, DISARM = 0x04, CLEAR = 0x05, BOUNDS = 0x06 };
+enum { INFO = 0x81, SAMPLE = 0x82, CHANNEL_VALUES = 0x83 }; /* to the host; those above are from it */
 
 #pragma pack(push, 1)
-struct bounds {                 /* of a wire */
-    uint16_t a1_slow, a1_fast;  /* 1/1000 1/s */
-    uint16_t a2_least, a2_most; /* 1/100 °C/s */
-    uint16_t a3_slow;           /* 1/1000 1/s */
-};
 struct arm {
     uint16_t challenge;
-    struct bounds wire[CHANNELS]; /* left, right */
-    uint16_t total;               /* largest sum of both duties, 1/10000 */
+    uint8_t channels;
+    uint16_t total;  /* largest sum of both duties, 1/10000 */
+    uint16_t parts;  /* low half of the CRC-32 of both BOUNDS */
 };
 struct command {
-    uint16_t session;
-    uint32_t sequence;
+    uint16_t session, sequence;
     uint32_t heard;          /* time of the newest SAMPLE that the host has, ms */
     uint16_t duty[CHANNELS]; /* 1/10000 */
 };
@@ -89,24 +84,31 @@ struct clear {
     uint16_t challenge;
 };
 struct info {
-    uint16_t firmware_version, sample_period; /* 3, 50 ms */
-    int16_t limit;                            /* 1/4 °C */
-    uint8_t serial_number[8], channels, reset_cause;
+    uint16_t version, sample_period; /* 4, 50 ms */
+    int16_t limit;                   /* 1/4 °C */
+    uint8_t serial_number[8], channels, angles, reset_cause;
 };
 struct sample {
     uint16_t sequence;
     uint32_t time; /* ms */
     uint16_t challenge;
     uint8_t state, reason;
-    uint16_t acknowledged;         /* low half of the last sequence */
-    int16_t temperature[CHANNELS]; /* 1/4 °C */
-    int16_t bend;                  /* 1/64 degrees */
-    uint16_t duty[CHANNELS];       /* applied, 1/10000 */
-    uint8_t warmest[CHANNELS];     /* °C */
+    uint16_t acknowledged; /* the last sequence */
+    int16_t bend;          /* 1/64 degrees */
+};
+struct channel_values {
+    uint16_t sequence; /* of the SAMPLE */
+    uint8_t first, channels;
+    struct {
+        int16_t temperature; /* 1/4 °C */
+        uint16_t duty;       /* applied, 1/10000 */
+        uint8_t warmest;     /* °C */
+    } channel[CHANNELS];
 };
 #pragma pack(pop)
-_Static_assert(sizeof(struct arm) == MAX_PAYLOAD, "ARM is not packed");
-_Static_assert(sizeof(struct sample) == MAX_PAYLOAD, "SAMPLE is not packed");
+_Static_assert(sizeof(struct part) == 14, "BOUNDS is not packed");
+_Static_assert(sizeof(struct info) == 17, "INFO is not packed");
+_Static_assert(sizeof(struct channel_values) <= MAX_PAYLOAD, "CHANNELS is not packed");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "payloads are little endian");
 
 /* That of Ethernet and zlib; its low byte is sent first. */
@@ -154,6 +156,8 @@ static int payload_size(uint8_t type) /* of frames to the board; -1 if there is 
         return sizeof(struct command);
     case CLEAR:
         return sizeof(struct clear);
+    case BOUNDS:
+        return sizeof(struct part);
     default:
         return -1;
     }
@@ -340,6 +344,15 @@ static void begin_guard(struct guard *g, uint32_t now, uint16_t challenge, uint8
         begin_wire(&g->channel[i].wire, reason == POWER_UP ? 0 : HIGHEST_RISE);
 }
 
+/* How much warmer right is than left, at least, °C. */
+static real pull_of(const struct guard *g)
+{
+    real pull = 0;
+    for (int i = 0; i < CHANNELS; i++)
+        pull += g->channel[i].side * g->channel[i].wire.least;
+    return pull;
+}
+
 /* Whether cold wires and both amplifiers have the same temperature, that of a room. */
 static int sensors_agree(const struct guard *g)
 {
@@ -357,15 +370,32 @@ static int sensors_agree(const struct guard *g)
     return high - low <= TOLERANCE && coldest >= COLDEST_ROOM;
 }
 
+enum { TO_THE_RIGHT = 0, TO_THE_LEFT = 16 }; /* pulls of wires */
+
+/* Whether all BOUNDS came that an ARM is for, each for a wire that bends the limb to a side. */
+static int is_whole(const struct guard *g, const struct arm *arm)
+{
+    int whole = arm->channels == CHANNELS;
+    for (int i = 0; i < CHANNELS; i++)
+        whole = whole && g->part[i].known && g->part[i].part.challenge == arm->challenge &&
+                (g->part[i].part.pull == TO_THE_LEFT || g->part[i].part.pull == TO_THE_RIGHT);
+    uint8_t parts[CHANNELS * sizeof(struct part)];
+    for (int i = 0; i < CHANNELS; i++)
+        memcpy(parts + i * sizeof(struct part), &g->part[i].part, sizeof(struct part));
+    return whole && arm->parts == (uint16_t)crc32(parts, sizeof parts);
+}
+
 static void take_arm(struct guard *g, const struct arm *arm, uint32_t now)
 {
     if (arm->challenge != g->challenge || g->state == ARMED || g->reason >= LATCHING)
         return;
     if (g->samples < SETTLING_SAMPLES || g->faulty)
         return;
-    int good = 0 < arm->total && arm->total <= 2 * FULL_DUTY;
-    for (int i = 0; i < CHANNELS; i++)
-        good = good && bounds_acceptable(&arm->wire[i]) && heat_shows(&arm->wire[i], arm->total);
+    int good = is_whole(g, arm) && 0 < arm->total && arm->total <= CHANNELS * FULL_DUTY;
+    for (int i = 0; i < CHANNELS; i++) {
+        const struct bounds *bounds = &g->part[i].part.bounds;
+        good = good && bounds_acceptable(bounds) && heat_shows(bounds, arm->total);
+    }
     if (!good) {
         g->reason = BAD_BOUNDS;
         return;
@@ -381,13 +411,22 @@ static void take_arm(struct guard *g, const struct arm *arm, uint32_t now)
     g->heard = g->answered = now;
     g->late = 0;
     g->total = arm->total / R(FULL_DUTY);
+    int turned = 0;
+    for (int i = 0; i < CHANNELS; i++) {
+        int side = g->part[i].part.pull == TO_THE_RIGHT ? 1 : -1;
+        turned = turned || side != g->channel[i].side;
+        g->channel[i].side = side;
+    }
+    if (turned)
+        g->pull_low = g->pull_high = pull_of(g);
     for (int i = 0; i < CHANNELS; i++)
-        use_bounds(&g->channel[i].wire, &arm->wire[i]);
+        use_bounds(&g->channel[i].wire, &g->part[i].part.bounds);
 }
 
 static void take_command(struct guard *g, const struct command *c, uint32_t now)
 {
-    if (g->state != ARMED || c->session != g->session || c->sequence <= g->acknowledged)
+    uint16_t ahead = c->sequence - g->acknowledged;
+    if (g->state != ARMED || c->session != g->session || ahead == 0 || ahead >= 0x8000)
         return;
     if (c->duty[0] > FULL_DUTY || c->duty[1] > FULL_DUTY) {
         trip(g, OUT_OF_RANGE, now);
@@ -538,7 +577,7 @@ static void check_bend(struct guard *g, int answers, int16_t bend, real share, u
     g->bend_known = 1;
     g->bend = bend;
     g->tip += share * (bend - g->tip);
-    real pull = g->channel[1].wire.least - g->channel[0].wire.least;
+    real pull = pull_of(g);
     real turned = g->tip - g->tip_before;
     if (turned > MOVED || turned < -MOVED) {
         g->tip_before = g->tip;
@@ -586,21 +625,18 @@ static uint8_t warmest(const struct channel *c)
 
 /* The program. */
 
-static void send_frame(const struct firmware *f, uint8_t type, const void *payload, int size,
-                       int copies)
+static void send_frame(const struct firmware *f, uint8_t type, const void *payload, int size)
 {
     uint8_t frame[MAX_FRAME];
-    int count = make_frame(frame, type, payload, size);
-    while (copies--)
-        f->board->send(frame, count);
+    f->board->send(frame, make_frame(frame, type, payload, size));
 }
 
 static void send_info(const struct firmware *f)
 {
-    struct info info = {FIRMWARE_VERSION, SAMPLE_PERIOD, (int16_t)(4 * TEMPERATURE_LIMIT),
-                        {0}, CHANNELS, f->board->reset_cause};
+    struct info info = {VERSION, SAMPLE_PERIOD, (int16_t)(4 * TEMPERATURE_LIMIT),
+                        {0}, CHANNELS, 1, f->board->reset_cause};
     memcpy(info.serial_number, f->board->serial_number, sizeof info.serial_number);
-    send_frame(f, INFO, &info, sizeof info, 1);
+    send_frame(f, INFO, &info, sizeof info);
 }
 
 static void send_sample(struct firmware *f)
@@ -612,20 +648,25 @@ static void send_sample(struct firmware *f)
         .challenge = g->challenge,
         .state = g->state,
         .reason = g->reason,
-        .acknowledged = (uint16_t)g->acknowledged,
+        .acknowledged = g->acknowledged,
         .bend = f->bend,
     };
+    struct channel_values values = {.sequence = f->sequence, .channels = CHANNELS};
     for (int i = 0; i < CHANNELS; i++) {
-        sample.temperature[i] = f->thermocouple[i].quarters;
-        sample.duty[i] = (uint16_t)(FULL_DUTY * f->applied[i] + R(0.5));
-        sample.warmest[i] = warmest(&g->channel[i]);
+        values.channel[i].temperature = f->thermocouple[i].quarters;
+        values.channel[i].duty = (uint16_t)(FULL_DUTY * f->applied[i] + R(0.5));
+        values.channel[i].warmest = warmest(&g->channel[i]);
     }
-    send_frame(f, SAMPLE, &sample, sizeof sample, 2); /* one may get lost */
+    for (int copy = 0; copy < 2; copy++) { /* one may get lost */
+        send_frame(f, SAMPLE, &sample, sizeof sample);
+        send_frame(f, CHANNEL_VALUES, &values, sizeof values);
+    }
 }
 
 static void handle(struct firmware *f, uint8_t type, const uint8_t *payload)
 {
     union {
+        struct part part;
         struct arm arm;
         struct command command;
         struct clear clear;
@@ -634,6 +675,12 @@ static void handle(struct firmware *f, uint8_t type, const uint8_t *payload)
     switch (type) {
     case HELLO:
         send_info(f);
+        break;
+    case BOUNDS:
+        if (frame.part.wire < CHANNELS) {
+            f->guard.part[frame.part.wire].part = frame.part;
+            f->guard.part[frame.part.wire].known = 1;
+        }
         break;
     case ARM:
         take_arm(&f->guard, &frame.arm, f->now);

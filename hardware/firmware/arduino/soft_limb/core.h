@@ -45,6 +45,20 @@ struct parser {             /* of frames from the host */
     uint8_t size, escaping, lost; /* lost: skips up to the next flag; 1 at the start */
 };
 
+#pragma pack(push, 1)
+struct bounds {                 /* of a wire */
+    uint16_t a1_slow, a1_fast;  /* 1/1000 1/s */
+    uint16_t a2_least, a2_most; /* 1/100 °C/s */
+    uint16_t a3_slow;           /* 1/1000 1/s */
+};
+struct part { /* a BOUNDS: of what an ARM needs, that of a wire */
+    uint16_t challenge;
+    uint8_t wire;
+    struct bounds bounds;
+    uint8_t pull; /* 0: to the right, 16: to the left */
+};
+#pragma pack(pop)
+
 struct thermocouple {
     int16_t quarters, sixteenths; /* temperature in 1/4 °C, the amplifier's in 1/16 °C */
     uint8_t faults;               /* bits 0 to 2 are a MAX31855's; 3: bits that it never sends */
@@ -58,6 +72,7 @@ struct wire { /* how warm it is at least and at most, by its duty; °C above the
 struct channel { /* a wire and its thermocouple; °C */
     struct wire wire;
     uint8_t proven, hot; /* whether it has followed some heat; samples above the limit */
+    int8_t side;         /* to which the wire bends the limb: 1 right, -1 left, 0 before an ARM */
     real duty, asked, allowed;
     real given; /* duty times ms since the last sample */
     real temperature, average, trend, junction, unheated, offset, room;
@@ -71,13 +86,17 @@ struct guard {
     uint8_t bend_known, alike;    /* alike: readings of the bend that were the same */
     int16_t bend;                 /* 1/64 degrees */
     uint16_t challenge, session;
-    uint32_t acknowledged;        /* sequence of the last command */
+    uint16_t acknowledged;        /* sequence of the last command */
     uint32_t heard, answered;     /* when it came, and the time of its sample, ms */
     uint32_t since, sampled;      /* up to when heat and samples count, ms */
     real total;                   /* largest sum of both duties */
     real tip, tip_before;         /* the bend, averaged: now, and when it last moved; */
     real pull_low, pull_high;     /* since then, °C of right against left */
     struct channel channel[CHANNELS];
+    struct {
+        uint8_t known;
+        struct part part;
+    } part[CHANNELS]; /* the last BOUNDS of each wire */
 };
 
 struct firmware {
