@@ -4,6 +4,7 @@ import contextlib
 import importlib
 import inspect
 import itertools
+import os
 import pkgutil
 import re
 import runpy
@@ -16,6 +17,7 @@ import pytest
 import yaml
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import System
+from pydrake.trajectories import PiecewisePolynomial
 
 import hardware.robot.serial_limb
 from calibration import BendAngleController, EquilibriumSchedule, LimitedDuty, excitations

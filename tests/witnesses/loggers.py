@@ -21,6 +21,6 @@ def logged(recording: Recording, rate: float) -> Recording:
         recording,
         duty=np.concatenate([rows[:, :1], rows], axis=1),
         sample_rate=rate,
-        **dict.fromkeys(Recording.OPTIONAL),
+        **dict.fromkeys(Recording.optional()),
         **signals,
     )
