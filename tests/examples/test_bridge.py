@@ -29,6 +29,8 @@ from cyclonedds.qos import Policy
 
 from . import ros_peer
 
+pytestmark = pytest.mark.whole
+
 BRIDGE = Path(__file__).parents[2] / "examples" / "ros" / "bridge.py"
 
 

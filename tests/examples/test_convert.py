@@ -18,6 +18,8 @@ from mcap.writer import Writer
 from limb_systems import Limb, PlanCheck, Provenance, Recording, Trajectory, simulate
 from soft_limb.command import run_words
 
+pytestmark = pytest.mark.whole
+
 
 def run(*words) -> int:
     return run_words(convert.COMMAND, "convert.py", list(map(str, words)))

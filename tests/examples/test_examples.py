@@ -121,6 +121,7 @@ def test_yaml_to_recording(tmp_path, monkeypatch):
     assert (tmp_path / "replay.png").read_bytes().startswith(PNG)
 
 
+@pytest.mark.whole
 def test_calibrate_from_csv(tmp_path, monkeypatch):
     """k holds the limb at its sag, whose α/2 was recorded, by the statics of small angles."""
     one_law = functools.partial(calibration.calibrate, laws=(LinearLaw,))  # others take long
@@ -160,6 +161,7 @@ def test_calibrate_from_csv(tmp_path, monkeypatch):
     assert b"</html>" in (tmp_path / "calibration.html").read_bytes()
 
 
+@pytest.mark.whole
 def test_supervised_controller(tmp_path):
     """T_max is 100 °C, a supervisor lets feedback go to 105 °C, and a board cuts out at 110 °C."""
     said = run([EXAMPLES / "supervised_controller.py", "-o", tmp_path], tmp_path)
@@ -190,6 +192,7 @@ def test_two_segments(tmp_path):
     assert b"</html>" in (tmp_path / "two_segments.html").read_bytes()
 
 
+@pytest.mark.whole
 def test_draw_in_space(tmp_path):
     """Feedback brings the tip of a limb that is not calibrated to where it is asked to be."""
     (tmp_path / "path.csv").write_text("8,0\n8,8\n0,8\n")

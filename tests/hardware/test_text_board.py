@@ -155,7 +155,13 @@ def in_time(run):
     raise AssertionError(said)
 
 
-@pytest.mark.parametrize("kind", BOARDS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=pytest.mark.whole) if kind == "brackets" else kind
+        for kind in BOARDS
+    ],
+)
 def test_a_sketch_applies_the_duty_of_the_plan(kind, sketches, short_plan, tmp_path):
     def run():
         sketch = sketches(kind)
