@@ -6,6 +6,8 @@ scaling. `ExactHessianIpoptSolver` gives it the Hessian of the Lagrangian and sc
 
 import contextlib
 import dataclasses
+import functools
+import os
 import signal
 import threading
 import time
@@ -27,8 +29,8 @@ from limb_systems.signals import SIGNALS
 
 OPTIONS = {
     "mu_strategy": "adaptive",
-    # For an objective that is scaled to at most 100. Costs in a plane are right to 5e-6, in space
-    # to 5e-5; a tenth of this value makes them ten times better and takes up to 4 iterations more.
+    # For an objective that is scaled to at most 100. A tenth of this value makes costs ten times
+    # better, which are right to 5e-5 or better, and takes up to 4 iterations more.
     "tol": 1e-5,
     # Links in a row amplify what is left of the dynamics: with 1e-10, some plans with nonlinear
     # torque missed them by more than their check allows.
@@ -62,6 +64,22 @@ STATUS = {  # words and Drake's result, by the name that IPOPT returns
         SolutionResult.kInvalidInput,
     ),
 }
+
+
+@functools.cache
+def _load_ipopt() -> None:
+    """Load CasADi's IPOPT with one thread for its matrices, which are small.
+
+    Its BLAS reads when it is loaded how many threads it may have; others would only wait.
+    """
+    name, number = "OPENBLAS_NUM_THREADS", os.environ.get("OPENBLAS_NUM_THREADS")
+    os.environ[name] = "1"
+    try:
+        ca.load_nlpsol("ipopt")
+    finally:
+        del os.environ[name]
+        if number is not None:
+            os.environ[name] = number
 
 
 class ConstraintBlock(Protocol):
@@ -381,6 +399,7 @@ class _ScaledProblem:
 
     def solve(self, options, multipliers):
         """The best y, IPOPT's status, and the multipliers of constraints and bounds."""
+        _load_ipopt()
         n, m = len(self.scale), len(self._g_lower)
         jacobian, self._in_jacobian = _sparsity((m, n), self._rows, self._columns)
         # CasADi wants the upper triangle.
