@@ -39,10 +39,9 @@ def write_report(
     parts: list[page.Part] = [
         page.paragraph(
             "Trajectory optimization for a thermally actuated soft planar limb, after Wertz, "
-            f"Sabelhaus and Majidi. {'Emulated limbs' if len(limbs) > 1 else 'An emulated limb'}: "
-            f"{len(limbs)}. Each was recorded, calibrated, taught, planned for and driven, open "
-            "loop and in closed loop. Planner, calibration and controllers know of a limb only "
-            "what its sensors tell."
+            f"Sabelhaus and Majidi. Number of emulated limbs: {len(limbs)}. Each limb was "
+            "recorded, calibrated, taught, planned for and driven, open loop and in closed loop. "
+            "Planner, calibration and controllers know of a limb only what its sensors tell."
         ),
         page.verdict(EMULATED),
         *_measured(summaries),
