@@ -64,7 +64,7 @@ class ReducedModel:
         after = heat + self.period * rates(heat + 0.5 * self.period * rates(heat))
         return ca.vertcat(self._wires.within(after[:N]), after[N:])
 
-    @property
+    @functools.cached_property
     def heating_rates(self) -> np.ndarray:
         """a2 (W,), °C/s: by how much faster cold wires heat at full duty than at none."""
         W = self.num_wires
@@ -76,7 +76,7 @@ class ReducedModel:
         """`mean_bend_by_temperature` of the limb (F, W), rad/°C."""
         return mean_bend_by_temperature(self.parameters, lambda T: self.bend_angle(self.heated(T)))
 
-    @property
+    @functools.cached_property
     def mean_gains(self) -> np.ndarray:
         """g (F, W), rad/s: the bend rate by full duty, on average from T_warm to T_max."""
         return self.bend_by_temperature * self.heating_rates
