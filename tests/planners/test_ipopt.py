@@ -83,6 +83,17 @@ def test_a_signal_at_a_feasible_point_raises_what_its_handler_does():
             signal.signal(number, before)
 
 
+def test_an_error_in_a_constraint_of_ones_own_is_raised_as_it_is():
+    prog, x = nearest_point_on_circle()
+
+    def broken(_):
+        raise ZeroDivisionError("of one's own")
+
+    prog.AddConstraint(broken, [-1.0], [1.0], vars=x)
+    with pytest.raises(ZeroDivisionError, match="of one's own"):
+        ExactHessianIpoptSolver().Solve(prog, np.array([0.5, 0.5]))
+
+
 def test_agrees_with_snopt_on_a_random_nonlinear_program():
     generator = np.random.default_rng(5)
     prog = MathematicalProgram()

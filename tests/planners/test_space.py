@@ -72,14 +72,16 @@ def test_limits_of_the_task_and_of_the_supply_hold():
     step = references.from_samples([0.0, 3.0, 3.1, 12.0], np.deg2rad([[0, 0, 15, 15], [0] * 4]))
     parameters = limb_in_space(4, total_duty=0.7)
     parameters.temperature_limits.warm_up_time = 100.0
-    task = Task(max_bend_rate=0.06, reach=True, final_hold=2.0, max_temperature_rate=7.0)
+    task = Task(max_bend_rate=0.06, reach=True, max_temperature_rate=7.0)
     free, limited = (plan(parameters, step, task=task) for task in (None, task))
     rates = [np.abs(np.diff(found.bend_angle)).max() * 10.0 for found in (free, limited)]
     assert rates[0] > 0.12
     assert rates[1] < 0.061  # the plan follows its heat with a delay
     end = np.rad2deg(limited.bend_angle[:, limited.time >= 10.0])
     assert np.abs(end[:, -1] - [15.0, 0.0]).max() < 0.11
-    assert np.abs(np.diff(end)).max() <= 0.051
+    ramp = references.from_samples([0.0, 12.0], np.deg2rad([[0.0, 15.0], [0.0, 0.0]]))
+    held = plan(parameters, ramp, task=Task(final_hold=2.0))
+    assert np.rad2deg(np.abs(np.diff(held.bend_angle[:, held.time >= 10.0]))).max() <= 0.051
     assert np.abs(np.diff(limited.wire_temperature)).max() < 0.7001
     assert free.duty.sum(axis=0).max() == pytest.approx(0.7, abs=1e-4)
     in_plane = plan(LimbParameters(total_duty=0.7), references.step_and_decaying_sine())
