@@ -12,7 +12,7 @@ _part = contextvars.ContextVar("part", default="")
 @contextlib.contextmanager
 def part_of_work(name: str) -> Iterator[None]:
     """A context in which lines of progress begin with the name of the part that is being done."""
-    token = _part.set(f"{name}: ")
+    token = _part.set(f"{_part.get()}{name}: ")
     try:
         yield
     finally:

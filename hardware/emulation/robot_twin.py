@@ -1,22 +1,18 @@
-"""The emulated robot: emulated limbs on a body of its own masses, on a ground of its own friction.
-
-Ranges are stated as in `specimen`; all of those here are ours.
-"""
+"""The emulated robot: emulated limbs on a body, its masses and its ground's friction its own."""
 
 import copy
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from pydrake.geometry import ProximityProperties, RoleAssign, SceneGraph
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from hardware.emulation.lumped import add_physics
-from hardware.emulation.specimen import Specimen
+from hardware.emulation.robot_specimen import RobotSpecimen
 from hardware.emulation.twin import SPACE_ACCURACY, SWING_TIME, LimbTwin, rest
-from limb_systems import Layout, LimbParameters, NoBoard, RobotParameters, SerialBoard
+from limb_systems import EmulatedLimb, Layout, LimbParameters, RobotParameters
 from limb_systems.model.robot import (
     TIME_STEP,
     add_plant,
@@ -28,104 +24,6 @@ from limb_systems.model.robot import (
 from limb_systems.simulation import PERIOD
 
 RESTING_STEP = 5e-3  # s, at most, of a robot that has cooled and slides no more
-
-
-class RobotSpecimen(Specimen):
-    """A particular robot: all its limbs as one `Specimen`, and what carries them.
-
-    - ``robot``: `RobotParameters` as a lab would know them beforehand.
-    - ``drawn``: description with the true masses, places of the limbs and friction of the ground.
-    - ``foot_friction``: μ between each foot and that ground (L,); empty without a ground.
-
-    Beside the effects of limbs it may be `without` "body", so that masses and places are as
-    described, and without "ground", so that μ is.
-    """
-
-    kind = RobotParameters
-    effects = (*Specimen.effects, "body", "ground")
-
-    def __init__(self, robot: RobotParameters, seed: int, extra: Sequence[str] = ()):
-        """
-        Args:
-            robot: parameters around which it is drawn.
-            seed, extra: as for `Specimen`.
-
-        Raises:
-            LimbError: as `Specimen`.
-        """
-        super().__init__(robot.together, seed, extra)
-        self.robot = copy.deepcopy(robot)
-        for limb in self.robot.limbs:
-            self.around_calibrated |= limb.parameters.calibration is not None
-            limb.parameters.board, limb.parameters.calibration = NoBoard(), None
-        self._drawn_around = self.robot.to_yaml()
-        self.drawn = copy.deepcopy(self.robot)
-        uniform = np.random.default_rng([seed, len(robot.limbs)]).uniform
-        self._draw_body(uniform)
-        self.foot_friction: list[float] = []
-        if ground := self.drawn.ground:
-            ground.friction *= uniform(0.7, 1.3)  # another floor, dust, wear
-            shares = uniform(0.9, 1.1, len(robot.limbs))  # feet are not alike
-            self.foot_friction = (ground.friction * shares).tolist()
-
-    def _draw_body(self, uniform) -> None:
-        """Draws masses to 10%, as parts are cast and glued, and places of the limbs to 1 mm."""
-        body, feet = self.drawn.body, self.drawn.feet
-        body.mass *= (share := uniform(0.9, 1.1))
-        if body.inertia is not None:
-            body.inertia = [share * moment for moment in body.inertia]
-        feet.mass *= uniform(0.9, 1.1)
-        for limb in self.drawn.limbs:
-            limb.position = (limb.position + uniform(-1e-3, 1e-3, 3)).tolist()
-            for segment in limb.parameters.segments:
-                segment.mass *= uniform(0.9, 1.1)
-
-    def without(self, *effects: str) -> "RobotSpecimen":
-        """As `Specimen.without`, with the effects of the class."""
-        specimen, described = super().without(*effects), copy.deepcopy(self.robot)
-        if "body" in effects:
-            described.ground, specimen.drawn = specimen.drawn.ground, described
-        if "ground" in effects and self.robot.ground:
-            specimen.drawn.ground = copy.deepcopy(self.robot.ground)
-            specimen.foot_friction = [self.robot.ground.friction] * len(self.robot.limbs)
-        return specimen
-
-    def true_robot(self) -> RobotParameters:
-        """Parameters of the mechanics: as `drawn`, and of the limbs as of `mechanics`."""
-        robot = copy.deepcopy(self.drawn)
-        segments = iter(self.mechanics().segments)
-        for limb in robot.limbs:
-            limb.parameters.segments = [
-                dataclasses.replace(next(segments), mass=own.mass, name=own.name)
-                for own in limb.parameters.segments
-            ]
-        return robot
-
-    def limb(self, name: str) -> Specimen:
-        """A limb alone, unused and weighed, for a `LimbTwin` on which to calibrate it."""
-        return _LimbSpecimen(self, name)
-
-    def board_of(self, limb: str) -> SerialBoard:
-        """The identity of a limb, and of the board that drives it alone."""
-        named = dataclasses.replace(self.board, description=f"{limb} of {self._drawn_around}")
-        return SerialBoard(named.serial_number)
-
-
-class _LimbSpecimen(Specimen):
-    def __init__(self, robot: RobotSpecimen, name: str):
-        super().__init__(robot.drawn.limb(name), robot.seed, robot.extra)
-        number = [limb.name for limb in robot.drawn.limbs].index(name)
-        places = [len(limb.parameters.segments) for limb in robot.drawn.limbs]
-        start = sum(places[:number])
-        self.wires = robot.wires[robot.drawn.wires_of[number]]
-        self.segments = robot.segments[start : start + places[number]]
-        self.ambient, self.absent = robot.ambient, robot.absent
-        self._board = robot.board_of(name)
-
-    @property
-    def board(self) -> SerialBoard:
-        """That of the limb on the robot."""
-        return self._board
 
 
 class RobotTwin(Diagram):
@@ -189,7 +87,7 @@ class RobotTwin(Diagram):
             specimen = RobotSpecimen(RobotParameters.of(robot), seed, extra)
         self.specimen, self.robot = specimen, copy.deepcopy(specimen.robot)
         for limb in self.robot.limbs:
-            limb.parameters.board = specimen.board_of(limb.name)
+            limb.parameters.board = dataclasses.replace(specimen.board, limb=limb.name)
         self.parameters = copy.deepcopy(specimen.description)
         self.parameters.board = specimen.board
         self.source = f"emulated robot, {specimen.label}"
@@ -223,6 +121,23 @@ class RobotTwin(Diagram):
                 joint.set_default_angle(angle)
         builder.BuildInto(self)
         self.set_name("robot_twin")
+
+    @classmethod
+    def of(cls, robot: RobotParameters, seed: int = 0, *, truth: bool = False) -> "RobotTwin":
+        """The emulated robot whose limbs a robot's were calibrated on, unused.
+
+        Args:
+            robot: if its limbs were not calibrated on those of one emulated robot, a robot of
+                its kind is drawn.
+            seed: seed of that draw.
+            truth: as for the constructor.
+
+        Raises:
+            LimbError: if the identity is invalid.
+        """
+        if isinstance(board := robot.together.board, EmulatedLimb):
+            return cls(specimen=RobotSpecimen.of(board), truth=truth)
+        return cls(robot, seed=seed, truth=truth)
 
     def again(
         self, pause: float = 0.0, *, bend_rate: float = 20.0, truth: bool = False

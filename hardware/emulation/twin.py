@@ -10,6 +10,7 @@ from pydrake import trajectories
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from hardware.emulation.lumped import add_physics
+from hardware.emulation.robot_specimen import specimen_of_limb
 from hardware.emulation.specimen import Specimen, emulated_limb
 from hardware.emulation.wires import LONGEST_STEP
 from limb_systems import Layout, LimbError, LimbParameters, make_manipulator
@@ -165,7 +166,7 @@ class LimbTwin(Diagram):
                 say which limb it is.
         """
         if board := emulated_limb(parameters.board):
-            return cls(specimen=specimens_of(board.physics).of(board))
+            return cls(specimen=specimen_of_limb(specimens_of(board.physics), board))
         return cls(parameters, seed=seed)
 
     def again(

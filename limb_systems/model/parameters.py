@@ -244,6 +244,8 @@ class EmulatedLimb(BoardIdentity):
     - ``extra``: effects that it has beside those of every emulated limb.
     - ``disturbances``: later changes, each a name and a number.
     - ``physics``: name of its physics, "lumped" or the name that a module of yours defines.
+    - ``limb``: name of the limb if it is one of an emulated robot, which the other fields are of,
+      ``description`` being of `RobotParameters`; empty for a limb alone, and for a whole robot.
     """
 
     seed: int
@@ -252,6 +254,7 @@ class EmulatedLimb(BoardIdentity):
     extra: list[str] = dataclasses.field(default_factory=list)
     disturbances: list[str] = dataclasses.field(default_factory=list)
     physics: str = "lumped"
+    limb: str = ""
 
     @property
     def identity(self) -> str:
@@ -259,12 +262,13 @@ class EmulatedLimb(BoardIdentity):
         fields = [self.seed, self.description, self.absent, self.extra]
         fields += [self.disturbances] if self.disturbances else []
         fields += [self.physics] if self.physics != "lumped" else []
+        fields += [self.limb] if self.limb else []
         return repr(tuple(fields))
 
     @property
     def serial_number(self) -> str:
         """Serial number of the emulated board that the limb is on: eight letters and digits."""
-        special = self.description or self.absent or self.extra or self.disturbances
+        special = self.description or self.absent or self.extra or self.disturbances or self.limb
         if not special and self.physics == "lumped" and self.seed < 10_000:
             return f"twin{self.seed:04d}"
         return f"t{hashlib.sha256(self.identity.encode()).hexdigest()[:7]}"

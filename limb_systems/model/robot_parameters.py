@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,14 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 
 from limb_systems.model.described import Described, ParameterError, check_density, check_name
 from limb_systems.model.layout import slices
-from limb_systems.model.parameters import LimbParameters, NoBoard, SegmentParameters, SerialBoard
+from limb_systems.model.parameters import (
+    BoardIdentity,
+    EmulatedLimb,
+    LimbParameters,
+    NoBoard,
+    SegmentParameters,
+    SerialBoard,
+)
 from limb_systems.schema import SchemaError, Strict, quantity, validate
 
 FORMAT = 1  # of the YAML file
@@ -302,6 +310,40 @@ class RobotParameters(Described):
         names = ", ".join(limb.name for limb in self.limbs)
         raise ParameterError(f"This robot has no limb {name!r}; it has {names}.")
 
+    def limb_alone(self, name: str) -> LimbParameters:
+        """The parameters of a limb that is taken off, which carries its foot as payload.
+
+        Raises:
+            ParameterError: if no limb has that name.
+        """
+        limb = copy.deepcopy(self.limb(name))
+        limb.payload += self.feet.mass
+        return limb
+
+    def with_limbs(self, limbs: Mapping[str, LimbParameters]) -> "RobotParameters":
+        """This robot with limbs that were calibrated alone, as `limb_alone` has them, by name.
+
+        The air of the robot is as warm as on average for the limbs. The limits of heat are the
+        robot's.
+
+        Raises:
+            ParameterError: if no limb has such a name, or they do not fit the robot.
+        """
+        robot = copy.deepcopy(self)
+        ambient = float(np.mean([limb.ambient_temperature for limb in limbs.values()]))
+        for name in limbs:
+            robot.limb(name)  # which raises
+        for limb in robot.limbs:
+            if limb.name in limbs:
+                limb.parameters = copy.deepcopy(limbs[limb.name])
+                limb.parameters.payload = max(0.0, limb.parameters.payload - self.feet.mass)
+                limb.parameters.temperature_limits = copy.deepcopy(
+                    self.limb(limb.name).temperature_limits
+                )
+            limb.parameters.ambient_temperature = ambient
+        robot.validate()
+        return robot
+
     @property
     def is_limb(self) -> bool:
         """Whether this is one limb that is held, and `together` describes all of it."""
@@ -313,7 +355,8 @@ class RobotParameters(Described):
 
         Whatever is about wires, joints and bends takes a robot by it: `Wires`, `Layout`,
         recordings, supervisors and boards. Where the limbs are it does not say. Its ``board`` has
-        the serial numbers of all limbs' boards, if all were calibrated on one.
+        the serial numbers of all limbs' boards, if all were calibrated on one, or is the emulated
+        robot that all of them are of.
         """
         if self.is_limb:
             limb = copy.deepcopy(self.limbs[0].parameters)
@@ -326,14 +369,25 @@ class RobotParameters(Described):
                 name = part.name if len(own) == 1 else f"{part.name}_{number}"
                 segments.append(dataclasses.replace(segment, name=name))
         first = self.limbs[0].parameters
-        boards = [getattr(limb.parameters.board, "serial_number", "") for limb in self.limbs]
         return LimbParameters(
             segments=segments,
-            board=SerialBoard(", ".join(dict.fromkeys(boards))) if all(boards) else NoBoard(),
+            board=self._board,
             ambient_temperature=first.ambient_temperature,
             temperature_limits=first.temperature_limits,
             total_duty=self.total_duty,
         )
+
+    @property
+    def _board(self) -> BoardIdentity:
+        boards = [limb.parameters.board for limb in self.limbs]
+        names = [limb.name for limb in self.limbs]
+        first = boards[0]
+        if isinstance(first, EmulatedLimb) and boards == [
+            dataclasses.replace(first, limb=name) for name in names
+        ]:
+            return dataclasses.replace(first, limb="")
+        numbers = [getattr(board, "serial_number", "") for board in boards]
+        return SerialBoard(", ".join(dict.fromkeys(numbers))) if all(numbers) else NoBoard()
 
     @property
     def world_gravity(self) -> np.ndarray:

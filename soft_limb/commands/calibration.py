@@ -1,7 +1,10 @@
 """Commands that record what calibration needs, fit a limb to it, and validate the limb."""
 
 import argparse
+import contextlib
+import itertools
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from calibration import (
@@ -16,11 +19,15 @@ from calibration.collecting.protocol import PROTOCOLS
 from calibration.recordings.checks import check_recording, check_without_gaps
 from calibration.recordings.files import folder_of_limb, read_folder, usable
 from hardware import LimbTwin, SerialLimb
+from hardware.emulation.robot_specimen import RobotSpecimen
+from hardware.emulation.specimen import Specimen
+from hardware.robot.text_board import TextBoard
 from hardware.robot.text_link import open_link
-from limb_systems import LimbError, LimbParameters, Recording
-from limb_systems.output import OutputError, check_folder, check_outputs
-from limb_systems.summary import Summary
-from soft_limb.commands.logs import fit_line
+from limb_systems import LimbError, LimbParameters, Recording, RobotParameters
+from limb_systems.output import OutputError, check_folder, check_outputs, free_path
+from limb_systems.progress import part_of_work
+from limb_systems.summary import Entry, Summary
+from soft_limb.commands.logs import fit_line, shell_line
 from soft_limb.commands.options import (
     Command,
     Option,
@@ -37,51 +44,116 @@ from soft_limb.reports.calibration import (
 )
 from soft_limb.results.summaries import calibration_summary, validation_summary
 
+ROBOT = "robot.yaml"  # description of the robot, in the folder with the folders of its limbs
+
 
 def _collect(options: argparse.Namespace) -> int:
     check_folder(options.output)
-    limb = LimbParameters.of(options.limb)
-    if board := text_board(options):
-        board.check_measures(board.unmeasured, "Calibration")
-    if options.port:
-        with open_link(options.port, limb, board) as link:  # before anybody mounts the limb in vain
-            link.sample()
-        with live_page(options) as live:
-            collect_from_robot(
-                lambda parameters: SerialLimb(options.port, parameters, board=board),
-                limb,
-                options.output,
-                lambda what: _ask(what, live),
-                seed=options.seed,
-                num_angles=options.angles,
-                protocol=options.protocol,
-                tell=print,
-                live=live,
+    robot = RobotParameters.load(options.limb) if options.limb else None
+    limbs = {"": LimbParameters.of(options.limb)} if robot is None or robot.is_limb else None
+    if limbs is None:
+        assert robot
+        limbs = _limbs_to_record(robot, options)
+    folders = {name: options.output / name for name in limbs}
+    if not options.port and not options.force:
+        recorded = [folder for folder in folders.values() if any(folder.glob("*.csv"))]
+        if recorded:
+            raise OutputError(
+                f"{recorded[0]} holds recordings; give another folder, or --force to replace them."
             )
-        print_summary(options, _fit_next(options.output))
-        return 0
-    if not options.force and any(options.output.glob("*.csv")):
-        raise OutputError(
-            f"{options.output} holds recordings; give another folder, or --force to replace them."
-        )
+    board = text_board(options)
+    for name, limb in limbs.items() if options.port else ():
+        if board:
+            board.check_measures(board.unmeasured, "Calibration")
+        with open_link(_port(options, name), limb, board) as link:  # before it is mounted in vain
+            link.sample()
+    if robot and "" not in limbs:
+        robot.save(options.output / ROBOT)
     with live_page(options) as live:
-        recordings = collect_from_twin(
-            LimbTwin(limb, seed=options.emulated, extra=options.extra, physics=options.physics),
-            seed=options.seed,
-            num_angles=options.angles,
-            protocol=options.protocol,
-            tell=print,
-            live=live,
-        )
-    paths = save_recordings(recordings, options.output)
-    print_summary(options, _fit_next(options.output), paths)
+        written = [
+            path
+            for name, limb in limbs.items()
+            for path in _collect_limb(options, limb, robot, name, board, live)
+        ]
+    told = _fit_next(options.output, [*folders.values()])
+    print_summary(options, told, None if options.port else written)
     return 0
 
 
-def _fit_next(folder: Path) -> Summary:
-    """The command that fits a limb to a folder, if it can."""
-    recordings, _ = read_folder(folder)
-    line = fit_line(folder) if usable(recordings).heated else ""
+def _collect_limb(
+    options: argparse.Namespace,
+    limb: LimbParameters,
+    robot: RobotParameters | None,
+    name: str,
+    board: TextBoard | None,
+    live: LivePage | None,
+) -> list[Path]:
+    """Record one limb, of a robot if it has a name; return the files of an emulated limb."""
+    about, folder = f"{name}: " if name else "", options.output / name
+    chosen = {
+        "seed": options.seed,
+        "num_angles": options.angles,
+        "protocol": options.protocol,
+        "tell": lambda what: print(f"{about}{what}", flush=True),
+        "live": live,
+    }
+    with part_of_work(name) if name else contextlib.nullcontext():
+        if options.port:
+            port = _port(options, name)
+            collect_from_robot(
+                lambda parameters: SerialLimb(port, parameters, board=board),
+                limb,
+                folder,
+                lambda what: _ask(f"{about}{what}", live),
+                **chosen,
+            )
+            return []
+        if robot and name:
+            specimen = RobotSpecimen(robot, options.emulated, options.extra).limb(name)
+            twin = LimbTwin(specimen=specimen)
+        else:
+            of_limb = {"extra": options.extra, "physics": options.physics}
+            twin = LimbTwin(limb, seed=options.emulated, **of_limb)
+        return save_recordings(collect_from_twin(twin, **chosen), folder)
+
+
+def _port(options: argparse.Namespace, name: str) -> str:
+    """The port of a limb, or of the only one, whose name is empty."""
+    return options.port[name] if name else options.port
+
+
+def _limbs_to_record(
+    robot: RobotParameters, options: argparse.Namespace
+) -> dict[str, LimbParameters]:
+    """The limbs of a robot that are recorded, one after the other: all, or those with a port.
+
+    Raises:
+        LimbError: if a port is not that of a limb, or the robot's emulation has no such choice.
+    """
+    names = [limb.name for limb in robot.limbs]
+    if options.port and not isinstance(options.port, dict):
+        raise LimbError(
+            f"{options.port} is the port of one board, but the limbs of a robot are recorded each "
+            f"on a board of its own; give --port NAME=PORT for {', '.join(names)}."
+        )
+    if others := set(options.port or ()) - {*names}:
+        raise LimbError(
+            f"This robot has no limb {', '.join(sorted(others))}, for which a port is given; it "
+            f"has {', '.join(names)}."
+        )
+    if options.physics != Specimen.physics:
+        raise LimbError(
+            f"Robots are emulated with the physics {Specimen.physics}, not {options.physics}; "
+            "leave --physics out."
+        )
+    return {name: robot.limb_alone(name) for name in names if name in (options.port or names)}
+
+
+def _fit_next(folder: Path, of_limbs: Sequence[Path]) -> Summary:
+    """The command that fits a limb, or the limbs of a robot, to a folder, if it can."""
+    usable_each = [usable(read_folder(own)[0]).heated for own in of_limbs]
+    name = "limb" if list(of_limbs) == [folder] else "robot_calibrated"
+    line = fit_line(folder, name) if all(usable_each) else ""
     return Summary.of({"next": line}, {})
 
 
@@ -96,22 +168,66 @@ def _ask(what: str, live: LivePage | None) -> None:
 
 
 def _fit(options: argparse.Namespace) -> int:
-    folder, outputs = folder_of_limb(options.recordings), [options.output, options.report]
-    recorded = sorted(folder.glob("*.csv"))
-    check_outputs(outputs, inputs=[options.limb, *recorded], force=options.force)
-    limb = LimbParameters.load(options.limb) if options.limb else None
-    calibration = calibrate(
-        folder,
-        limb,
-        method=options.method,
-        announce=lambda said: print(said, file=sys.stderr, flush=True),
-    )
-    if options.report:
-        recordings = {path.stem: path for path in recorded}
-        write_report(calibration, options.report, {"calibrated limb": options.output, **recordings})
-    calibration.parameters.save(options.output)  # last, so that Ctrl-C before leaves no limb
-    print_summary(options, calibration_summary(calibration), outputs)
+    robot = _robot_recorded(options)
+    if robot:
+        folders = {limb.name: options.recordings / limb.name for limb in robot.limbs}
+        folders = {name: folder for name, folder in folders.items() if folder.is_dir()}
+        if not folders:
+            names = ", ".join(str(options.recordings / limb.name) for limb in robot.limbs)
+            raise LimbError(
+                f"There is no folder with recordings of a limb of this robot, such as {names}; "
+                "make them by soft-limb collect."
+            )
+    else:
+        folders = {"": folder_of_limb(options.recordings)}
+    recorded = {name: sorted(folder.glob("*.csv")) for name, folder in folders.items()}
+    report: Path | None = options.report
+    reports = {
+        name: report.with_stem(f"{report.stem}_{name}") if name else report
+        for name in folders
+        if report
+    }
+    outputs = [options.output, *reports.values()]
+    every = itertools.chain(*recorded.values())
+    check_outputs(outputs, inputs=[options.limb, *every], force=options.force)
+    summaries, limbs = {}, {}
+    for name, folder in folders.items():
+        described = None
+        if options.limb:
+            described = robot.limb_alone(name) if robot else LimbParameters.load(options.limb)
+        with part_of_work(name) if name else contextlib.nullcontext():
+            calibration = calibrate(
+                folder,
+                described,
+                method=options.method,
+                announce=lambda said: print(said, file=sys.stderr, flush=True),
+            )
+        if name in reports:
+            data = {path.stem: path for path in recorded[name]}
+            write_report(calibration, reports[name], {"calibrated limb": options.output, **data})
+        limbs[name], summaries[name] = calibration.parameters, calibration_summary(calibration)
+    # Written last, so that Ctrl-C before leaves no limb.
+    if robot is None:
+        limbs[""].save(options.output)
+        print_summary(options, summaries[""], outputs)
+        return 0
+    robot.with_limbs(limbs).save(options.output)
+    kept = [limb.name for limb in robot.limbs if limb.name not in limbs]
+    walks = shell_line("gait", options.output, "-o", free_path(Path("gait.csv")))
+    told = [Entry(name, each.to_json(), "", f"{each}\n") for name, each in summaries.items()]
+    told += [Entry("as_described", kept, sentence=", ".join(kept) or None)]
+    told += [Entry("next", sentence=walks)] * (robot.body.mount == "planar" and bool(robot.ground))
+    print_summary(options, Summary(told), outputs)
     return 0
+
+
+def _robot_recorded(options: argparse.Namespace) -> RobotParameters | None:
+    """The robot whose limbs were recorded in the folders of a folder; None if it is of a limb."""
+    path = options.limb or options.recordings / ROBOT
+    if not options.limb and not path.is_file():
+        return None
+    robot = RobotParameters.load(path)
+    return None if robot.is_limb else robot
 
 
 def _validate(options: argparse.Namespace) -> int:

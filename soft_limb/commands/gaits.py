@@ -168,7 +168,11 @@ def _walk(options: argparse.Namespace) -> int:
     elif options.model:
         robot = Robot(gait.robot)
     else:
-        robot = RobotTwin(options.robot or gait.robot, seed=options.emulated or 0, truth=True)
+        robot = (
+            RobotTwin.of(gait.robot, truth=True)
+            if options.emulated is None
+            else RobotTwin(gait.robot, seed=options.emulated, truth=True)
+        )
     recording = record_replay(trajectory, robot, options.output, controller=controller)
     save_panels(motion_panels(recording), options.plot)
     start = trajectory.duration - options.cycles * gait.period
@@ -238,12 +242,6 @@ COMMANDS = {
                 type=_at_least_one,
                 default=8,
                 help="number of cycles (default %(default)s)",
-            ),
-            Option(
-                "--robot",
-                type=Path,
-                help="parameters (.yaml) that the emulated robot is drawn around, such as those "
-                "before calibration (default: those that the gait was planned for)",
             ),
             Option(
                 "--controller",

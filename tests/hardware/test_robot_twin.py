@@ -10,7 +10,7 @@ from simulated_board import SimulatedBoard
 
 from hardware import LimbTwin, RobotTwin, replay
 from hardware.emulation.emulated_board import RunningTwin
-from hardware.emulation.robot_twin import RobotSpecimen
+from hardware.emulation.robot_specimen import RobotSpecimen
 from limb_systems import (
     PlanCheck,
     Recording,
@@ -111,7 +111,7 @@ def test_a_seed_draws_a_robot_and_its_identity_makes_it_again():
     assert other.wires != first.wires
     assert RobotSpecimen.of(first.without("body").board).board == first.without("body").board
     numbers = {first.board.serial_number, other.board.serial_number}
-    numbers |= {first.board_of(name).serial_number for name in ("rear", "front")}
+    numbers |= {first.limb(name).board.serial_number for name in ("rear", "front")}
     assert len(numbers) == 4
 
 
