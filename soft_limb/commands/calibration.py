@@ -69,8 +69,9 @@ def _collect(options: argparse.Namespace) -> int:
             link.sample()
     if robot and "" not in limbs:
         robot.save(options.output / ROBOT)
+    written = [options.output / ROBOT] if "" not in limbs else []
     with live_page(options) as live:
-        written = [
+        written += [
             path
             for name, limb in limbs.items()
             for path in _collect_limb(options, limb, robot, name, board, live)
@@ -258,9 +259,15 @@ COMMANDS = {
         "in some 65 minutes, or 30 without equilibria; the program says when to remount or hold "
         "the limb. Started again, it keeps recordings that are complete. An emulated limb takes a "
         "minute. A limb that bends in space is mounted turned about its axis by 0°, 90°, 180° and "
-        "270°, in place of sag, equilibria, pulses and ramps.",
-        "folder limb port text emulated extra physics live address force",
+        "270°, in place of sag, equilibria, pulses and ramps. The limbs of a robot are taken off and "
+        "recorded one after the other, each into the folder of its name.",
+        "folder port text emulated extra physics live address force",
         [
+            shared(
+                "limb",
+                help="limb parameters (.yaml), or those of a robot, whose limbs are recorded in "
+                "turn; the nominal limb if left out",
+            ),
             Option(
                 "--angles",
                 type=int,
@@ -283,22 +290,31 @@ COMMANDS = {
             ),
         ],
         stopped="stopped; finished recordings are kept, and wires are off",
-        examples=["soft-limb collect -o out/recordings/ -l limb.yaml"],
+        examples=[
+            "soft-limb collect -o out/recordings/ -l limb.yaml",
+            "soft-limb collect -o out/robot/ -l robot.yaml",
+        ],
     ),
     "fit": Command(
         _fit,
         "Fits stiffness, damping and the wires' laws to recordings. What each is for is in its "
         "header, where collect and import write it; other files go by what they show, and where "
         "that is heat and their names begin so, are of the kind heated or motion. What cannot be "
-        "used is left out, and a remark says why.",
+        "used is left out, and a remark says why. The limbs of a robot, each in the folder of its "
+        "name, are fitted one after the other and put back to the robot.",
         "report json force",
         [
-            Option("recordings", type=Path, help="folder of recordings (.csv)"),
-            shared("output", help="limb parameters to write (.yaml)"),
+            Option(
+                "recordings",
+                type=Path,
+                help="folder of recordings (.csv), or with a folder of recordings for each limb of "
+                "a robot",
+            ),
+            shared("output", help="parameters of the limb or robot to write (.yaml)"),
             shared(
                 "limb",
-                help="the limb's description (.yaml), whose geometry and mass are kept; that in "
-                "the recordings if left out",
+                help="description of the limb or robot (.yaml), whose geometry and mass are kept; "
+                "that in the recordings if left out, and of a robot also robot.yaml beside them",
             ),
             Option(
                 "--method",

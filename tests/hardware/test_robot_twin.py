@@ -122,6 +122,9 @@ def test_a_limb_that_is_taken_off_is_the_one_on_the_robot():
     assert specimen.wires == robot.specimen.wires[2:]
     assert specimen.segments == robot.specimen.segments[1:]
     assert twin.parameters.board == robot.robot.limb("front").board
+    assert LimbTwin.of(twin.parameters).specimen.wires == specimen.wires
+    again = RobotTwin.of(robot.robot.with_limbs({"front": twin.parameters}))
+    assert again.specimen.foot_friction == robot.specimen.foot_friction
     weighed = robot.specimen.drawn.limb("front").segments[0].mass
     assert twin.parameters.segments[0].mass == weighed != 0.015
     # It is much stiffer than the nominal limb, and is let go as in a ring-down.

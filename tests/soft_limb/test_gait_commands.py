@@ -1,11 +1,16 @@
 """``soft-limb gait`` and ``soft-limb walk`` as a shell sees them."""
 
 import json
+import shutil
+from pathlib import Path
 
 import pytest
 
-from limb_systems import Gait, Recording, RobotParameters
+from hardware import RobotTwin
+from limb_systems import Gait, LimbParameters, Recording, RobotParameters
 from soft_limb.command import main
+
+LIMB = Path(__file__).parents[1] / "data" / "emulated_limb"
 
 
 @pytest.fixture
@@ -39,6 +44,59 @@ def test_a_robot_gets_a_gait_and_walks_by_it(robot, tmp_path, capsys):
     assert not said["fall"]
     walked = Recording.load(recorded).body_pose[0]
     assert walked[-1] - walked[0] == pytest.approx(1.9 * gait.stride, rel=0.1)
+
+
+def test_limbs_of_a_robot_are_fitted_one_by_one_and_put_back(tmp_path, capsys):
+    """The recordings are those of one limb, which in the robot has a foot of 2 g at its tip."""
+    robot = RobotParameters()
+    robot.feet.mass = 0.002
+    robot.limbs[1].parameters.payload = 0.001
+    for limb in robot.limbs:
+        shutil.copytree(LIMB, tmp_path / "rec" / limb.name)
+    robot.save(tmp_path / "rec" / "robot.yaml")
+    words = ["fit", str(tmp_path / "rec"), "-o", str(tmp_path / "robot.yaml"), "--method", "paper"]
+    assert main([*words, "--report", str(tmp_path / "fit.html"), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    fitted, alone = RobotParameters.load(tmp_path / "robot.yaml"), tmp_path / "limb.yaml"
+    assert main(["fit", str(LIMB), "-o", str(alone), "--method", "paper"]) == 0
+    expected = LimbParameters.load(alone)
+    for limb in fitted.limbs:
+        assert limb.parameters.segments == expected.segments
+        assert limb.parameters.calibration is not None
+        assert limb.parameters.payload == 0.0  # the recordings' limb has no foot
+        k = said[limb.name]["estimates"]["stiffness"]["value"]
+        assert k == pytest.approx(expected.segments[0].stiffness)
+        assert (tmp_path / f"fit_{limb.name}.html").exists()
+    assert [limb.position for limb in fitted.limbs] == [limb.position for limb in robot.limbs]
+
+
+def test_a_robot_is_not_recorded_on_one_port(tmp_path, capsys):
+    RobotParameters().save(tmp_path / "robot.yaml")
+    words = ["collect", "-l", str(tmp_path / "robot.yaml"), "-o", str(tmp_path / "rec")]
+    for port, sentence in (
+        ("loop://", "give --port NAME=PORT for rear, front"),
+        ("left=loop://", "This robot has no limb left"),
+    ):
+        assert main([*words, "-p", port]) == 1
+        assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "rec").exists()
+
+
+@pytest.mark.whole
+def test_a_calibrated_robot_walks_as_planned(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    RobotParameters().save("robot.yaml")
+    for line in (
+        "collect -l robot.yaml -o rec --emulated 3 --protocol excitation",
+        "fit rec -o calibrated.yaml",
+        "gait calibrated.yaml -o gait.csv --quick",
+        "walk gait.csv -n 3 -o walk.csv",
+    ):
+        assert main(line.split()) == 0
+    gait = Gait.load("gait.csv")
+    assert RobotTwin.of(gait.robot).specimen.drawn == RobotTwin(seed=3).specimen.drawn
+    travel = Recording.load("walk.csv").body_pose[0]
+    assert travel[-1] - travel[0] == pytest.approx(3 * gait.stride, rel=0.1)
 
 
 def test_what_cannot_walk_is_said_in_a_sentence(robot, tmp_path, capsys):
