@@ -179,7 +179,9 @@ class RobotParameters(Described):
         return [
             oddity
             for index, limb in enumerate(self.limbs)
-            for oddity in limb.parameters.oddities(f"{where}limbs[{index}].parameters.")
+            for oddity in limb.parameters.oddities(
+                where if self.is_limb else f"{where}limbs[{index}].parameters."
+            )
         ]
 
     def without_provenance(self) -> "RobotParameters":

@@ -49,11 +49,9 @@ ROBOT = "robot.yaml"  # description of the robot, in the folder with the folders
 
 def _collect(options: argparse.Namespace) -> int:
     check_folder(options.output)
-    robot = RobotParameters.load(options.limb) if options.limb else None
-    limbs = {"": LimbParameters.of(options.limb)} if robot is None or robot.is_limb else None
-    if limbs is None:
-        assert robot
-        limbs = _limbs_to_record(robot, options)
+    described = RobotParameters.of(options.limb or LimbParameters())
+    robot = None if described.is_limb else described
+    limbs = _limbs_to_record(robot, options) if robot else {"": described.limbs[0].parameters}
     folders = {name: options.output / name for name in limbs}
     if not options.port and not options.force:
         recorded = [folder for folder in folders.values() if any(folder.glob("*.csv"))]
@@ -67,9 +65,10 @@ def _collect(options: argparse.Namespace) -> int:
             board.check_measures(board.unmeasured, "Calibration")
         with open_link(_port(options, name), limb, board) as link:  # before it is mounted in vain
             link.sample()
-    if robot and "" not in limbs:
+    written: list[Path] = []
+    if robot:
         robot.save(options.output / ROBOT)
-    written = [options.output / ROBOT] if "" not in limbs else []
+        written.append(options.output / ROBOT)
     with live_page(options) as live:
         written += [
             path
@@ -109,7 +108,7 @@ def _collect_limb(
                 **chosen,
             )
             return []
-        if robot and name:
+        if robot:
             specimen = RobotSpecimen(robot, options.emulated, options.extra).limb(name)
             twin = LimbTwin(specimen=specimen)
         else:
@@ -259,8 +258,8 @@ COMMANDS = {
         "in some 65 minutes, or 30 without equilibria; the program says when to remount or hold "
         "the limb. Started again, it keeps recordings that are complete. An emulated limb takes a "
         "minute. A limb that bends in space is mounted turned about its axis by 0°, 90°, 180° and "
-        "270°, in place of sag, equilibria, pulses and ramps. The limbs of a robot are taken off and "
-        "recorded one after the other, each into the folder of its name.",
+        "270°, in place of sag, equilibria, pulses and ramps. The limbs of a robot are taken off "
+        "and recorded one after the other, each into the folder of its name.",
         "folder port text emulated extra physics live address force",
         [
             shared(
