@@ -177,6 +177,19 @@ class Estimator:
             last=np.concatenate([known, np.nan_to_num(bend_angle)]),
         )
 
+    def loaded(self, heat: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
+        """Return the estimate for a limb at rest with known heat, which a load bends otherwise.
+
+        Args:
+            heat: [x, V] (H).
+            bend_angle: φ (F), rad, with the load.
+        """
+        W = self.model.num_wires
+        estimate = self.begin(heat[-W:], np.full(self.model.num_bends, np.nan))
+        return dataclasses.replace(
+            estimate, heat=heat, offset=bend_angle - self.model.bend_angle(heat)
+        )
+
     def read(
         self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray
     ) -> StateEstimate:

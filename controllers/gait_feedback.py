@@ -6,6 +6,7 @@ what holding leaves since wires run out of heat or of time to cool, repeats in e
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from controllers.estimator import StateEstimate
 from controllers.plan_feedback import PlanFeedback
@@ -43,19 +44,27 @@ class GaitFeedback(PlanFeedback):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, gait: Gait, cycles: int, *, parameters: LimbParameters | None = None):
+    def __init__(
+        self,
+        gait: Gait,
+        cycles: int,
+        *,
+        heat: ArrayLike | None = None,
+        bend: ArrayLike | None = None,
+        parameters: LimbParameters | None = None,
+    ):
         """
         Args:
             gait: a gait that passed its check, or was not checked.
-            cycles: number of cycles of `walk`, about which it is.
+            cycles, heat, bend: as for `walk`, about which it is.
             parameters: description of all limbs together, of which gains and estimates are
                 made; the gait's if None.
 
         Raises:
             LimbError: if the gait failed its check, or the body does not move in a plane.
         """
-        trajectory = walk(gait, cycles)
-        super().__init__(trajectory, parameters=parameters)
+        trajectory = walk(gait, cycles, heat=heat, bend=bend)
+        super().__init__(trajectory, parameters=parameters, known_start=heat is not None)
         self._period, self._stride = gait.period, gait.stride
         self._begin = PERIOD * np.floor((trajectory.duration - cycles * gait.period) / PERIOD + 0.5)
         bends = self._plan.bend_angle[round(self._begin / PERIOD) : -1]

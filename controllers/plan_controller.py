@@ -31,11 +31,18 @@ class PlanController(LeafSystem):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, parameters: LimbParameters, duty: np.ndarray):
+    def __init__(
+        self,
+        parameters: LimbParameters,
+        duty: np.ndarray,
+        start: tuple[np.ndarray, np.ndarray] | None = None,
+    ):
         """
         Args:
             parameters: description of the limb.
             duty: initial duty (W,).
+            start: [x, V] (H) and φ (F), rad, of a limb that begins warm or with a load; of a limb
+                at rest, by its first readings, if None.
         """
         super().__init__()
         self._parameters = parameters
@@ -46,7 +53,10 @@ class PlanController(LeafSystem):
         self.DeclareVectorInputPort("measured_temperature", model.num_wires)
         self.DeclareVectorInputPort("bend_angle", model.num_bends)
         state = self.DeclareDiscreteState(duty)
-        self.DeclareDiscreteState(self._estimator.nothing)
+        known = self._estimator.nothing
+        if start:
+            known = packed(self._estimator.loaded(*start))
+        self.DeclareDiscreteState(known)
         self.DeclareStateOutputPort("duty", state)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
 

@@ -55,6 +55,7 @@ class PlanFeedback(PlanController):
         *,
         parameters: LimbParameters | None = None,
         proportional: float = PROPORTIONAL,
+        known_start: bool = False,
     ):
         """
         Args:
@@ -62,10 +63,13 @@ class PlanFeedback(PlanController):
             parameters: description of the limb, of which gains and estimates are made; the
                 plan's if None.
             proportional: k_p, 1/s.
+            known_start: whether the limb begins with the plan's heat and bend, as one that is warm
+                or carries a load; else at rest, as its first readings show.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
         self._plan, self._proportional = SampledPlan(trajectory, parameters), proportional
-        super().__init__(parameters, self._plan.duty[0])
+        start = (self._plan.heat[0], trajectory.bend_angle[:, 0]) if known_start else None
+        super().__init__(parameters, self._plan.duty[0], start)
         model = self._estimator.model
         self._planned_gains = planned_gains(model, self._plan)
         self._to_mean = np.zeros((model.num_wires, model.num_wires))

@@ -180,12 +180,16 @@ class Gait(Planned):
         return self.check.failure() is None
 
     @property
+    def initial_heat(self) -> np.ndarray:
+        """[x, V] of the wires at the first knot (N + W,)."""
+        return np.append(self.wire_states[:, 0], self.measured_temperature[:, 0])
+
+    @property
     def initial_state(self) -> np.ndarray:
         """State of a `Robot` at rest at the first knot, for `simulate`."""
         pose, angles = self.body_pose[:, 0], self.joint_angles[:, 0]
         rates = np.zeros(len(pose) + len(angles))
-        heat = self.wire_states[:, 0], self.measured_temperature[:, 0]
-        return np.concatenate([pose, angles, rates, *heat])
+        return np.concatenate([pose, angles, rates, self.initial_heat])
 
     def duty_trajectory(self, cycles: int = 1) -> PiecewisePolynomial:
         """Duty over some cycles from time 0, for a `TrajectorySource`."""

@@ -1,10 +1,11 @@
 """From a gait to a motion: so many cycles from cold wires, as a trajectory that can be replayed."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from limb_systems import Gait, LimbError, PlanCheck, Provenance, Trajectory, Wires, bend_angle
-from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.kinematics import joint_angles_from_bend_angle
 from limb_systems.model.statics import HeldAngles
 from limb_systems.simulation import PERIOD
 from planners.transcription.quasi_static import readings_along
@@ -15,18 +16,23 @@ LONGER = 1.25  # times, the next warm-up that is tried
 TOLERANCE_DEG = 5.0  # by which heat may bend the limbs otherwise than in the gait
 
 
-def walk(gait: Gait, cycles: int, *, from_cold: bool = True) -> Trajectory:
+def walk(
+    gait: Gait, cycles: int, *, heat: ArrayLike | None = None, bend: ArrayLike | None = None
+) -> Trajectory:
     """A warm-up, some cycles of a gait, and all wires off: a trajectory of all limbs together.
 
-    In the warm-up, each wire has the constant duty that brings it from ambient to its temperature
-    at the gait's first knot; it is as short as duty and its total allow. The heat follows from the
-    wires' laws under the trajectory's duty. The joint angles are the gait's, in which the robot is
-    in balance with the gait's heat; in the warm-up they grow with the heat.
+    In the warm-up, each wire has the constant duty that brings it to its temperature at the gait's
+    first knot; it is as short as duty and its total allow. There is none for wires that have the
+    gait's first temperatures. The heat follows from the wires' laws under the trajectory's duty.
+    The joint angles are the gait's, in which the robot is in balance with the gait's heat. In the
+    warm-up they go there from the angles at the start, as the heat moves limbs without a ground.
 
     Args:
         gait: a gait; one that was checked must have passed.
         cycles: number of cycles.
-        from_cold: whether there is a warm-up; else the wires begin as in the gait.
+        heat: [x, V] of the wires at the start (N + W,); cold if None.
+        bend: φ of the limbs at the start (F,), rad; as the heat holds them without a ground if
+            None.
 
     Returns:
         A trajectory for `replay`, with knots at 20 Hz. Its check says how the gait was found; it
@@ -34,13 +40,21 @@ def walk(gait: Gait, cycles: int, *, from_cold: bool = True) -> Trajectory:
         the cycles, between the bends that the two heats would hold without a ground.
 
     Raises:
-        LimbError: if the gait failed its check, or its wires cannot be brought to its heat.
+        LimbError: if the gait failed its check, if a wire begins above T_max, or if the wires
+            cannot be brought to the gait's heat.
     """
     if not gait.check.is_missing and (failure := gait.check.failure()):
         raise LimbError(f"This gait failed its check and is not walked: {failure}")
     wires, limits = Wires(gait.parameters), gait.parameters.temperature_limits
     W, ambient = wires.num_wires, gait.parameters.ambient_temperature
-    warm_up, level = _warm_up(gait, wires) if from_cold else (0.0, np.zeros(W))
+    cold = np.append(wires.cold_states, wires.cold_states[:W])
+    start = cold if heat is None else np.asarray(heat, float)
+    if (hottest := start[:W].max()) > limits.maximum:
+        raise LimbError(
+            f"A wire begins the walk at {hottest:.0f} °C, above its limit of {limits.maximum:g} "
+            "°C; let it cool first."
+        )
+    warm_up, level = _warm_up(gait, wires, start[:-W])
     knots = np.arange(np.ceil((warm_up + cycles * gait.period) / PERIOD - 1e-6) + 1)
     times = PERIOD * knots
     # Each knot has the mean duty of the period about it, so that the heat is the same.
@@ -51,23 +65,22 @@ def walk(gait: Gait, cycles: int, *, from_cold: bool = True) -> Trajectory:
     since = times - warm_up
     walks, in_cycle = since >= 0, since % gait.period
     planned = PchipInterpolator(gait.time, gait.wire_states, axis=1)(in_cycle).T
-    start = wires.cold_states if from_cold else gait.wire_states[:, 0]
     while (above := _heat(wires, start, duty, times)[:, :W].max() - limits.maximum) > 1e-7:
         duty *= 1 - 2 * above / (limits.maximum - ambient)  # of T_max by rounding
-    heat = _heat(wires, start, duty, times)
+    along = _heat(wires, start, duty, times)
 
     course = PchipInterpolator(gait.time, gait.joint_angles, axis=1)
-    rest = rest_joint_angles(gait.parameters)[:, None]
-    warmth = heat[:, :W].mean(axis=1) - ambient
-    share = np.where(walks, 1.0, warmth / warmth[np.argmax(walks)])
-    angles = rest + share * (course(np.where(walks, in_cycle, 0.0)) - rest)
+    held = HeldAngles(gait.parameters).angles(along[:, :-W]).T
+    share = np.clip(times / max(warm_up, PERIOD), 0.0, 1.0)
+    first = held[:, 0] if bend is None else joint_angles_from_bend_angle(gait.parameters, bend)
+    offsets = first - held[:, 0], course(0.0) - held[:, np.argmax(walks)]  # held by the ground
+    offset = np.outer(offsets[0], 1 - share) + np.outer(offsets[1], share)
+    angles = np.where(walks, course(np.where(walks, in_cycle, 0.0)), held + offset)
     rates = np.gradient(angles, PERIOD, axis=1)
     check = PlanCheck()
     if not gait.check.is_missing:
-        held = HeldAngles(gait.parameters)
-        apart = bend_angle(
-            gait.parameters, (held.angles(heat[walks, :-W]) - held.angles(planned[walks])).T
-        )
+        in_gait = HeldAngles(gait.parameters).angles(planned[walks]).T
+        apart = bend_angle(gait.parameters, held[:, walks] - in_gait)
         check = PlanCheck(
             solver=gait.check.solver,
             status=f"a gait that passed its check: {gait.check.status}",
@@ -77,7 +90,7 @@ def walk(gait: Gait, cycles: int, *, from_cold: bool = True) -> Trajectory:
             largest_difference_deg=float(np.rad2deg(np.abs(apart).max())),
             tolerance_deg=TOLERANCE_DEG,
         )
-    states, readings = heat[:, :-W].T, heat[:, -W:].T
+    states, readings = along[:, :-W].T, along[:, -W:].T
     return Trajectory(
         time=times,
         reference=bend_angle(gait.parameters, angles),
@@ -92,23 +105,26 @@ def walk(gait: Gait, cycles: int, *, from_cold: bool = True) -> Trajectory:
     )
 
 
-def _warm_up(gait: Gait, wires: Wires) -> tuple[float, np.ndarray]:
-    """The shortest warm-up with constant duty, s, and its duty (W,)."""
-    target, duration = gait.wire_temperature[:, 0], SHORTEST_WARM_UP
-    cold, W = wires.cold_states[: wires.num_wires], wires.num_wires
+def _warm_up(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
+    """The shortest warm-up with constant duty, s, and its duty (W,), from states (N,)."""
+    target, duration, W = gait.wire_temperature[:, 0], SHORTEST_WARM_UP, wires.num_wires
+    if np.abs(start[:W] - target).max() < NEAR:
+        return 0.0, np.zeros(W)
     while duration < LONGEST_WARM_UP:
         duration = PERIOD * np.ceil(duration / PERIOD)
         times = np.linspace(0.0, duration, 11)
         level = np.full(W, 0.5)
+        cooled = wires.under_duty(start, np.zeros((11, W)), times)[-1, :W]
         for _ in range(10):  # T rises with duty, in proportion where heat is linear
-            reached = wires.under_duty(wires.cold_states, np.tile(level, (11, 1)), times)[-1, :W]
+            reached = wires.under_duty(start, np.tile(level, (11, 1)), times)[-1, :W]
             if np.abs(reached - target).max() < NEAR and level.sum() <= gait.robot.total_duty:
                 return duration, level
-            level = np.clip(level * (target - cold) / (reached - cold), 0.0, 1.0)
+            rise = np.maximum(reached - cooled, NEAR)
+            level = np.clip(np.maximum(level, 0.01) * (target - cooled) / rise, 0.0, 1.0)
         duration *= LONGER
     raise LimbError(
-        f"The wires do not reach the gait's first temperatures within {LONGEST_WARM_UP:g} s from "
-        "cold; has the air or the supply changed since it was planned?"
+        f"The wires do not reach the gait's first temperatures within {LONGEST_WARM_UP:g} s; has "
+        "the air or the supply changed since it was planned?"
     )
 
 
@@ -124,7 +140,8 @@ def _duty_time(
     return np.transpose([np.interp(times, knots, np.append(0.0, of_wire)) for of_wire in sums.T])
 
 
-def _heat(wires: Wires, states: np.ndarray, duty: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """[x, V] (K, N + W) under duty (K, W) that is linear between times (K,), from V = T."""
+def _heat(wires: Wires, start: np.ndarray, duty: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """[x, V] (K, N + W) under duty (K, W) that is linear between times (K,), from a start."""
+    states, readings = np.split(start, [-wires.num_wires])
     course = wires.under_duty(states, duty, times)
-    return np.hstack([course, readings_along(wires, course, states[: wires.num_wires], times)])
+    return np.hstack([course, readings_along(wires, course, readings, times)])

@@ -4,6 +4,7 @@ import argparse
 import functools
 import os
 import re
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -11,12 +12,24 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
+from calibration.strides import StridesFit, fit_strides
 from controllers import GaitFeedback, PlanFeedback
 from hardware import RobotTwin, SerialLimb
-from limb_systems import Gait, LimbError, LimbSystem, Robot, RobotParameters
+from limb_systems import (
+    Gait,
+    LimbError,
+    LimbSystem,
+    Recording,
+    Robot,
+    RobotParameters,
+    Trajectory,
+)
+from limb_systems.output import check_outputs
 from limb_systems.progress import Progress
+from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import motion_panels
 from planners import PlanningError, plan_gait
+from planners.gait.check import fall_of
 from planners.gait.schedules import Schedule, schedule_of, schedule_text, sensible_schedules
 from planners.gait.walking import walk
 from soft_limb.commands.options import (
@@ -34,6 +47,8 @@ from soft_limb.runs.jobs import local_executor, run_each
 from soft_limb.runs.rollout import OPEN, record_replay
 
 STRIDES, BENDS = "gait-feedback", "plan-feedback"
+FIRST_STRIDES = 2  # after which the gait is planned again
+STANDING = 10.0  # s, that an emulated robot stands with its wires off while that is done
 
 
 def _at_least_one(text: str) -> int:
@@ -149,35 +164,111 @@ def _planned(
 
 def _walk(options: argparse.Namespace) -> int:
     outputs = checked_outputs(options, options.gait)
-    gait = Gait.load(options.gait)
+    parts = [
+        options.output.with_stem(f"{options.output.stem}_{what}") for what in ("first", "gait")
+    ]
+    check_outputs(parts if options.replan else [], inputs=[options.gait], force=options.force)
+    gait, heat, bend, told = Gait.load(options.gait), None, None, Summary([])
     if gait.check.is_missing:
         raise LimbError(
             f"{options.gait} was never checked and is not walked by; plan it again with soft-limb "
             "gait, which checks it by simulation."
         )
-    trajectory = walk(gait, options.cycles)
+    robot = _robot(options, gait)
+    if options.replan:
+        fit, robot = _first_strides(options, gait, robot, parts[0])
+        gait, heat, told = _replanned(gait, fit, options)
+        bend = fit.bend
+        gait.save(parts[1])
+        outputs += parts
+    trajectory, recording = _drive(options, gait, options.cycles, robot, options.output, heat, bend)
+    save_panels(motion_panels(recording), options.plot)
+    start = trajectory.duration - options.cycles * gait.period
+    print_summary(options, told + walk_summary(gait, recording, options.cycles, start), outputs)
+    return 1 if recording.interrupted else 0
+
+
+def _robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
+    """The robot that a command names: on a port, the gait's own model, or an emulated one."""
+    if options.port:
+        return SerialLimb(options.port, gait.parameters)
+    if options.model:
+        if options.replan:
+            raise LimbError("--model is the robot as planned, so --replan tells nothing of it.")
+        return Robot(gait.robot)
+    if options.emulated is None:
+        return RobotTwin.of(gait.robot, truth=True)
+    return RobotTwin(gait.robot, seed=options.emulated, truth=True)
+
+
+def _drive(
+    options: argparse.Namespace,
+    gait: Gait,
+    cycles: int,
+    robot: LimbSystem,
+    output: Path,
+    heat: np.ndarray | None = None,
+    bend: np.ndarray | None = None,
+) -> tuple[Trajectory, Recording]:
+    """Walks some cycles from a heat and bends; returns the walk as planned and as recorded."""
+    trajectory = walk(gait, cycles, heat=heat, bend=bend)
     name = options.controller or (BENDS if options.port else STRIDES)
     controller: LeafSystem | None = None
     if name == STRIDES:
-        controller = GaitFeedback(gait, options.cycles)
+        controller = GaitFeedback(gait, cycles, heat=heat, bend=bend)
     elif name == BENDS:
-        controller = PlanFeedback(trajectory)
-    robot: LimbSystem
-    if options.port:
-        robot = SerialLimb(options.port, gait.parameters)
-    elif options.model:
-        robot = Robot(gait.robot)
-    else:
-        robot = (
-            RobotTwin.of(gait.robot, truth=True)
-            if options.emulated is None
-            else RobotTwin(gait.robot, seed=options.emulated, truth=True)
+        controller = PlanFeedback(trajectory, known_start=heat is not None)
+    return trajectory, record_replay(trajectory, robot, output, controller=controller)
+
+
+def _first_strides(
+    options: argparse.Namespace, gait: Gait, robot: LimbSystem, output: Path
+) -> tuple[StridesFit, LimbSystem]:
+    """Walks two strides; returns what they tell, and the robot as it then stands.
+
+    Raises:
+        LimbError: if the robot falls, or its strides tell nothing.
+    """
+    trajectory, recording = _drive(options, gait, FIRST_STRIDES, robot, output)
+    start = trajectory.duration - FIRST_STRIDES * gait.period
+    fall = fall_of(recording, gait, start)[0] if recording.body_pose is not None else ""
+    if fall or recording.interrupted:
+        raise LimbError(
+            f"The robot does not make its first strides, which are in {output}: "
+            f"{fall or recording.interrupted}."
         )
-    recording = record_replay(trajectory, robot, options.output, controller=controller)
-    save_panels(motion_panels(recording), options.plot)
-    start = trajectory.duration - options.cycles * gait.period
-    print_summary(options, walk_summary(gait, recording, options.cycles, start), outputs)
-    return 1 if recording.interrupted else 0
+    fit = fit_strides(gait, recording, start, FIRST_STRIDES)
+    if isinstance(robot, RobotTwin):
+        robot = robot.again(STANDING, truth=True)
+    return fit, robot
+
+
+def _replanned(
+    gait: Gait, fit: StridesFit, options: argparse.Namespace
+) -> tuple[Gait, np.ndarray, Summary]:
+    """The gait for what strides told, the wires' heat when it is planned, and what is to be said.
+
+    The gait stays as it was where none walks for what they told.
+    """
+    began = time.monotonic()
+    margin = gait.parameters.temperature_limits.maximum - gait.wire_temperature.max()
+    objective: Any = gait.check.objective
+    try:
+        planned = plan_gait(
+            fit.robot,
+            schedule=gait.schedule,
+            objective=objective,
+            temperature_margin=max(0.0, margin),
+            spread=False,
+        )
+        said = f"{1e3 * planned.speed:.2f} mm/s, after {1e3 * gait.speed:.2f} mm/s"
+    except PlanningError as error:
+        planned, said = gait, f"the gait is kept: {error}"
+    pause = time.monotonic() - began if options.port else STANDING
+    told = {name: estimate.value for name, estimate in fit.estimates.items()}
+    shown = "\n".join(f"{name} {estimate}" for name, estimate in fit.estimates.items())
+    entries = [Entry("strides_fit", told, "", shown), Entry("replanned", said)]
+    return planned, fit.heat_after(pause), Summary(entries)
 
 
 COMMANDS = {
@@ -242,6 +333,13 @@ COMMANDS = {
                 type=_at_least_one,
                 default=8,
                 help="number of cycles (default %(default)s)",
+            ),
+            Option(
+                "--replan",
+                action="store_true",
+                help="walk two strides, fit friction, stiffness, torques and heat to them, plan "
+                "the gait anew while the robot stands, and go on by it; files *_first.csv and "
+                "*_gait.csv have the strides and the gait",
             ),
             Option(
                 "--controller",
