@@ -31,6 +31,7 @@ from calibration.section_v.mechanics import (
     fit_stiffness,
 )
 from calibration.section_v.wires import ForceFit, HeatFit, fit_force, fit_heat_transfer
+from calibration.strides import StridesFit, fit_strides
 from calibration.validation import Validation, validate
 
 __all__ = [
@@ -52,6 +53,7 @@ __all__ = [
     "Predicted",
     "Prediction",
     "StiffnessFit",
+    "StridesFit",
     "Validation",
     "calibrate",
     "check_recording",
@@ -71,6 +73,7 @@ __all__ = [
     "fit_heat_transfer",
     "fit_law",
     "fit_stiffness",
+    "fit_strides",
     "kind_of",
     "kinds_of",
     "load_recordings",

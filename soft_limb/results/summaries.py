@@ -134,7 +134,11 @@ def walk_summary(gait: Gait, recording: Recording, cycles: int, start: float) ->
     cycles = max(0, min(cycles, int((end - start) / gait.period + 1e-6)))
     strides = strides_of(recording, gait.period, cycles, start)
     shown = ", ".join(f"{1e3 * stride:.1f}" for stride in strides)
-    said = f"{shown} mm in periods of {gait.period:.1f} s, {1e3 * gait.stride:.1f} planned"
+    said = f"{shown} mm" if len(strides) else "none is whole"
+    said += f" in periods of {gait.period:.1f} s, {1e3 * gait.stride:.1f} mm planned"
+    if fall:
+        x = np.interp([start, end], recording.time, recording.body_pose[0])
+        fall += f", having travelled {1e3 * np.diff(x)[0]:.1f} mm"
     return summary + Summary(
         [
             Entry("strides", strides.tolist(), "m", said),
