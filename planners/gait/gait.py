@@ -100,7 +100,7 @@ def plan_gait(
     try:
         gait = _steady(program, steadiness)
     except PlanningError as error:
-        reason = _reason(program)
+        reason = _reason(partial(program, steadiness=LESS_STEADY[0] * steadiness))
         raise PlanningError(f"There is no gait: {reason} ({error}).") from error
     if not check:
         return gait
@@ -234,18 +234,7 @@ def _without_memory(program: GaitProgram) -> np.ndarray:
         wire.law = wire.law.without_memory()
     if not Wires(robot.together).settles.all():
         return standing_still(program)
-    shares = np.bincount(program.phase_of).tolist()
-    gait = _solved(
-        GaitProgram(
-            robot,
-            program.schedule,
-            shares,
-            program.objective,
-            program.temperature_margin,
-            program.sticking_share,
-            steadiness=program.steadiness,
-        )
-    )
+    gait = _solved(_for_robot(program, robot))
     wires = program.wires
     states = wires.settled_states(gait.wire_temperature.mean(axis=1))
     for _ in range(START_CYCLES):
@@ -255,6 +244,19 @@ def _without_memory(program: GaitProgram) -> np.ndarray:
             states = wires.under_duty(states, duty, np.array([0.0, step]))[-1]
             course.append(states)
     return _from_gait(program, gait, np.array(course))
+
+
+def _for_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
+    """The same program for another robot."""
+    return GaitProgram(
+        robot,
+        program.schedule,
+        np.bincount(program.phase_of).tolist(),
+        program.objective,
+        program.temperature_margin,
+        program.sticking_share,
+        steadiness=program.steadiness,
+    )
 
 
 def _from_gait(program: GaitProgram, gait: Gait, states: np.ndarray | None = None) -> np.ndarray:
@@ -296,15 +298,15 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
     assert slippery.ground is not None
     mu = slippery.ground.friction
     slippery.ground.friction *= LESS_FRICTION
-    shares = np.bincount(asked.phase_of).tolist()
+    too_cold = (
+        program(temperature_margin=0.0),
+        f"wires that stay {margin:g} °C below T_max are too cold, as there would be one without a "
+        "margin; ask for a smaller one",
+    )
     for relaxed, reason in (
+        *([too_cold] if margin else []),
         (
-            program(temperature_margin=0.0),
-            f"wires that stay {margin:g} °C below T_max are too cold, as there would be one "
-            "without a margin; ask for a smaller one",
-        ),
-        (
-            GaitProgram(slippery, asked.schedule, shares, asked.objective, margin),
+            _for_robot(asked, slippery),
             f"friction does not work one way, as the wires are too weak to slide a foot at mu = "
             f"{mu:g}, though they could at {slippery.ground.friction:g}",
         ),

@@ -185,8 +185,12 @@ def test_a_gait_that_fails_its_check_is_planned_steadier(monkeypatch):
 def test_there_is_no_gait_for_reasons_that_are_told():
     alone = RobotParameters()
     del alone.limbs[1]
+    together = RobotParameters()
+    for limb in together.limbs:
+        limb.position, limb.parameters.segments[0].stiffness = [0.0, 0.0, 0.0], 0.1
     for robot, request, words in (
         (alone, {}, "The robot has one limb"),
+        (together, {}, "all feet are within 0.0 mm of each other"),
         (None, {"temperature_margin": 74.0}, "74 °C below T_max are too cold"),
         (None, {"sticking_share": 1.2}, "sticking_share is 1.2"),
         (None, {"steadiness": np.inf}, "steadiness is inf"),
