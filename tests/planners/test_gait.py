@@ -1,6 +1,7 @@
 """Gaits against Drake's plant of the robot, closed forms, and figures of a walker that works."""
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from limb_systems import (
     add_robot,
 )
 from planners import PlanningError, plan_gait
-from planners.gait.gait import standing_still
+from planners.gait.gait import _reason, standing_still
 from planners.gait.planar_robot import PlanarRobot
 from planners.gait.program import STEADINESS, GaitProgram
 from planners.gait.schedules import schedule_of
@@ -182,21 +183,29 @@ def test_a_gait_that_fails_its_check_is_planned_steadier(monkeypatch):
     assert "a stride is 90.0% of the planned one" in gait.check.remark
 
 
-def test_there_is_no_gait_for_reasons_that_are_told():
-    alone = RobotParameters()
-    del alone.limbs[1]
+def test_reasons_why_there_is_no_gait_are_told():
     together = RobotParameters()
     for limb in together.limbs:
-        limb.position, limb.parameters.segments[0].stiffness = [0.0, 0.0, 0.0], 0.1
+        limb.position = [0.0, 0.0, 0.0]
+    for robot, margin, words in (
+        (together, 0.0, "all feet are within 0.0 mm of each other"),
+        (RobotParameters(), 74.0, "74 °C below T_max are too cold"),
+    ):
+        schedule = schedule_of("fs ss sf ss", 2)
+        program = partial(GaitProgram, robot, schedule, [2] * 4, temperature_margin=margin)
+        assert words in _reason(program)
+
+
+def test_requests_and_robots_that_have_no_gait_are_refused():
+    alone = RobotParameters()
+    del alone.limbs[1]
     for robot, request, words in (
         (alone, {}, "The robot has one limb"),
-        (together, {}, "all feet are within 0.0 mm of each other"),
-        (None, {"temperature_margin": 74.0}, "74 °C below T_max are too cold"),
         (None, {"sticking_share": 1.2}, "sticking_share is 1.2"),
         (None, {"steadiness": np.inf}, "steadiness is inf"),
     ):
         with pytest.raises(PlanningError, match=words):
-            plan_gait(robot, check=False, intervals=8, **request)
+            plan_gait(robot, check=False, **request)
 
 
 def test_gait_is_in_balance_by_drakes_inverse_dynamics(gait):
