@@ -1,12 +1,13 @@
 """A crawler that walks from cold wires: open loop, with its bends held, and with `GaitFeedback`.
 
 The gait is planned 5 °C below T_max, which is left to feedback. The robot is the one that it was
-planned for; on a ground with 0.7 and 1.3 times the friction; and with k, β, a1 and a2 of each
-limb 10% larger or smaller, drawn at random. Feedback knows the robot as planned. Shown are the
-strides of each cycle as shares of the planned one, the last corrections of amplitude and
-duration, the highest temperature, and falls.
+planned for; on a ground with 0.7 and 1.3 times the friction; with 0.67 times the friction under
+one foot; and with k, β, a1 and a2 of each limb 10% larger or smaller, drawn at random. Feedback
+knows the robot as planned. Shown are the strides of each cycle as shares of the planned one, the
+last corrections of amplitude and duration, the highest temperature, and falls.
 
-    python benchmarks/walking.py [--draws 10] [--cycles 5] [--jobs 2]
+    python benchmarks/walking.py [--draws 10] [--cycles 5] [--jobs 2] [--steadiness 25]
+        [--sticking 0.8]
 """
 
 import argparse
@@ -22,19 +23,35 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 
 from controllers import GaitFeedback, PlanFeedback, TemperatureSupervisor
+from hardware.emulation.robot_twin import RobotSpecimen, _set_friction
 from limb_systems import Gait, Robot, RobotParameters
 from limb_systems.simulation import PERIOD, record
 from planners import plan_gait, walk
 from planners.gait.check import fall_of, with_other_parameters
+from planners.gait.program import STEADINESS, STICKING_SHARE
 
 MARGIN = 5.0  # °C
 WAYS = ("open loop", "bends held", "GaitFeedback", "supervised")
 
 
-def run(job: tuple[Gait, str, RobotParameters, str, int]) -> str:
+def with_foot_friction(robot: RobotParameters, shares: list[float]) -> Robot:
+    """A robot with its own share of the ground's friction under each foot."""
+    system, specimen = Robot(robot), RobotSpecimen(robot, 0).without("body", "ground")
+    assert robot.ground is not None
+    specimen.foot_friction = (robot.ground.friction * np.array(shares)).tolist()
+    plant, scene_graph = map(system.GetSubsystemByName, ("plant", "scene_graph"))
+    _set_friction(scene_graph, plant, specimen)
+    return system
+
+
+def run(job: tuple[Gait, str, RobotParameters, list[float], str, int]) -> str:
     """A row of the table: what was varied, the way, and the figures."""
-    gait, what, robot, way, cycles = job
-    walked, builder, system = walk(gait, cycles), DiagramBuilder(), Robot(robot)
+    gait, what, robot, shares, way, cycles = job
+    walked, builder, system = (
+        walk(gait, cycles),
+        DiagramBuilder(),
+        with_foot_friction(robot, shares),
+    )
     corrects = way in WAYS[2:]
     if way == "open loop":
         controller = TrajectorySource(walked.duty_trajectory())
@@ -88,20 +105,28 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=WAYS)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--steadiness", type=float, default=STEADINESS)
+    parser.add_argument("--sticking", type=float, default=STICKING_SHARE)
     options = parser.parse_args()
-    gait = plan_gait(RobotParameters(), temperature_margin=MARGIN, check=False)
-    robots = [("as planned", gait.robot)]
+    gait = plan_gait(
+        RobotParameters(),
+        temperature_margin=MARGIN,
+        steadiness=options.steadiness,
+        sticking_share=options.sticking,
+        check=False,
+    )
+    robots = [("as planned", gait.robot, [1.0, 1.0])]
     for factor in (0.7, 1.3):
         other = copy.deepcopy(gait.robot)
         assert other.ground is not None
         other.ground.friction *= factor
-        robots.append((f"friction x {factor}", other))
+        robots.append((f"friction x {factor}", other, [1.0, 1.0]))
+    for limb, shares in zip(gait.robot.limbs, ([0.67, 1.0], [1.0, 0.67]), strict=True):
+        robots.append((f"friction of the {limb.name} foot x 0.67", gait.robot, shares))
     rng = np.random.default_rng(options.seed)
     for draw in range(1, options.draws + 1):
-        robots.append((f"draw {draw}", with_other_parameters(gait.robot, rng)))
-    jobs = [
-        (gait, what, robot, way, options.cycles) for what, robot in robots for way in options.ways
-    ]
+        robots.append((f"draw {draw}", with_other_parameters(gait.robot, rng), [1.0, 1.0]))
+    jobs = [(gait, *robot, way, options.cycles) for robot in robots for way in options.ways]
     print(gait)
     print("| robot | way | strides | amplitude, duration | T, °C | fall | x real time |")
     print("| --- | --- | --- | --- | --- | --- | --- |")

@@ -25,7 +25,7 @@ from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb
 from limb_systems.model.limb_system import ACCURACY, LimbSystem, check_limb
-from limb_systems.model.robot import TIME_STEP, Robot
+from limb_systems.model.robot import Robot
 from limb_systems.progress import Progress
 from limb_systems.provenance import Provenance
 from limb_systems.schema import shown
@@ -189,12 +189,12 @@ def record(
 def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulator:
     """Drake's Simulator with the integrator that a limb needs.
 
-    If the accuracy is None, the mechanics is in steps, and heat is by Euler's method in them,
-    which for the wires is as good as any.
+    If the accuracy is None, the mechanics is in steps, whose length is the plant's, and heat is by
+    Euler's method in them, which for the wires is as good as any.
     """
     simulator = Simulator(system)
     if accuracy is None:
-        config = SimulatorConfig(integration_scheme="explicit_euler", max_step_size=TIME_STEP)
+        config = SimulatorConfig(integration_scheme="explicit_euler", max_step_size=MAX_STEP_SIZE)
         ApplySimulatorConfig(config, simulator)
         return simulator
     ApplySimulatorConfig(

@@ -57,6 +57,9 @@ class GaitCheck:
     - ``simulation``: the gait as planned; without strides if it was not simulated.
     - ``spread``: what it does where the robot or the ground is another than described.
     - ``tolerance``: share of the planned stride by which a simulated one may differ.
+    - ``steadiness``: least stiffness against pitch, as a multiple of weight times limb length.
+    - ``sticking_share``: share of μ that feet that stick may use.
+    - ``remark``: why it is not as steady as asked for; empty if it is.
     """
 
     solver: str = ""
@@ -68,6 +71,9 @@ class GaitCheck:
     simulation: GaitVariation = dataclasses.field(default_factory=GaitVariation)
     spread: list[GaitVariation] = dataclasses.field(default_factory=list)
     tolerance: float = STRIDE_TOLERANCE
+    steadiness: float = math.nan
+    sticking_share: float = math.nan
+    remark: str = ""
 
     @property
     def is_missing(self) -> bool:

@@ -24,11 +24,12 @@ from pydrake.systems.framework import (
     Diagram,
     DiagramBuilder,
     InputPort,
+    InputPortIndex,
     LeafSystem,
     OutputPort,
     System,
 )
-from pydrake.systems.primitives import MatrixGain
+from pydrake.systems.primitives import MatrixGain, PortSwitch
 
 from limb_systems.model.layout import Layout
 from limb_systems.model.limb import add_springs
@@ -343,8 +344,10 @@ class FootForces(LeafSystem):
         output.SetFromVector(forces[:, self._axes].ravel())
 
 
-class DutyOfLimbs(LeafSystem):
+class DutyOfLimbs(Diagram):
     """Duty of all wires, given for all or limb by limb.
+
+    Without duty of single limbs, which is decided once, no step of a simulation calls Python.
 
     - input 0 ``duty``: D (W)
     - inputs 1 to L, ``rear.duty`` and so on: D of each limb's wires, in place of its part of
@@ -360,17 +363,46 @@ class DutyOfLimbs(LeafSystem):
             robot: description of the robot.
         """
         super().__init__()
+        builder = DiagramBuilder()
+        joined = builder.AddSystem(_JoinedDuty(robot))
+        switch = builder.AddSystem(PortSwitch(joined.get_output_port(0).size()))
+        chosen = switch.get_port_selector_input_port()
+        builder.Connect(joined.get_output_port(1), chosen)
+        of_all = switch.DeclareInputPort("duty")
+        builder.Connect(joined.get_output_port(0), switch.DeclareInputPort("joined"))
+        for index in range(joined.num_input_ports()):
+            builder.ExportInput(
+                joined.get_input_port(index), joined.get_input_port(index).get_name()
+            )
+        builder.ConnectInput("duty", of_all)
+        builder.ExportOutput(switch.get_output_port(), "all_duty")
+        builder.BuildInto(self)
+        self.set_name("duty_of_limbs")
+
+
+class _JoinedDuty(LeafSystem):
+    """Duty of all wires, and which port of a switch of `DutyOfLimbs` has it."""
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, robot: RobotParameters):
+        super().__init__()
         self._wires_of = robot.wires_of
         self._size = robot.wires_of[-1].stop
         self.DeclareVectorInputPort("duty", self._size)
         for limb, wires in zip(robot.limbs, robot.wires_of, strict=True):
             self.DeclareVectorInputPort(f"{limb.name}.duty", wires.stop - wires.start)
-        self.DeclareVectorOutputPort(
-            "all_duty", self._size, weak_method(self._calc), {self.all_input_ports_ticket()}
+        tickets = [self.input_port_ticket(InputPortIndex(i)) for i in range(self.num_input_ports())]
+        self.DeclareVectorOutputPort("joined", self._size, weak_method(self._join), {*tickets})
+        self.DeclareAbstractOutputPort(
+            "chosen", Value[InputPortIndex], weak_method(self._choose), {*tickets[1:]}
         )
-        self.set_name("duty_of_limbs")
 
-    def _calc(self, context, output):
+    def _choose(self, context, output):
+        limbs = map(self.get_input_port, range(1, self.num_input_ports()))
+        output.set_value(InputPortIndex(2 if any(port.HasValue(context) for port in limbs) else 1))
+
+    def _join(self, context, output):
         of_all, *of_limbs = map(self.get_input_port, range(self.num_input_ports()))
         connected = [port.HasValue(context) for port in of_limbs]
         duty = np.zeros(self._size) if all(connected) else of_all.Eval(context).copy()

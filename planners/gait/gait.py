@@ -1,5 +1,6 @@
 """Gaits of planar robots: `plan_gait`."""
 
+import contextlib
 import copy
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -11,8 +12,8 @@ from pydrake.solvers import IpoptSolver, SolverOptions
 
 from limb_systems import Gait, GaitCheck, RobotParameters, Wires
 from planners.gait.check import check_gait
-from planners.gait.planar_robot import POSE
-from planners.gait.program import LEAST_LOAD, LEAST_STRIDE, GaitProgram
+from planners.gait.planar_robot import POSE, check_walker
+from planners.gait.program import LEAST_LOAD, LEAST_STRIDE, STEADINESS, STICKING_SHARE, GaitProgram
 from planners.gait.schedules import check_schedule, sensible_schedules
 from planners.gait.standing import LEAST_PIVOT, Standing
 from planners.transcription.ipopt import ExactHessianIpoptSolver
@@ -20,20 +21,18 @@ from planners.transcription.solving import PlanningError
 
 INTERVALS, MOST_INTERVALS = 24, 240
 START_WARMTH = 40.0  # °C above ambient, of the wires of a robot that stands
-# Tried one after the other where the robot does not walk as planned: on rough ground, friction of
-# a foot that slides lets the body sway more and more, though it is stable at rest.
-CAUTION: tuple[dict[str, Any], ...] = (
-    {},
-    {"sticking_share": 0.6},
-    {"steadiness": 2.0},
-    {"steadiness": 4.0},
-)
+# Shares of the steadiness asked for, up which gaits are planned from each other where none can be
+# as steady; and times it, where the robot does not walk as planned: on rough ground, friction of a
+# foot that slides lets the body sway more and more, though it is stable at rest.
+LESS_STEADY, STEADIER = (0.125, 0.25, 0.5, 1.0), (2.0, 4.0)
 START_CYCLES = 6  # after which heat and memory of wires nearly repeat
 LONGEST_SOLVE = 60.0  # s of processor time, of each attempt; gaits take a few
-MOST_ITERATIONS = 150  # of each attempt; gaits need 25 to 60, with memory of wires 100
+MOST_ITERATIONS = 150  # of each attempt; gaits need 25 to 60
+WITH_MEMORY = 2  # times as many, of wires with memory, whose gaits need 110 to 220
 # By what requests are relaxed to tell why there is no gait.
 LESS_FRICTION, MORE_HEAT = 0.25, 100.0
 RELAXED_TIME = 10.0  # s of processor time, of each relaxed request
+LEAST_STANCE = 0.1  # of limbs' length, from foot to foot where the robot stands
 TOO_SOFT = (
     "the limbs are too soft for the weight on them, so that it would tip over; make them stiffer, "
     "shorter or lighter"
@@ -46,15 +45,19 @@ def plan_gait(
     schedule: Sequence[Sequence[str]] | None = None,
     objective: Literal["speed", "energy"] = "speed",
     temperature_margin: float = 0.0,
+    steadiness: float = STEADINESS,
+    sticking_share: float = STICKING_SHARE,
     intervals: int = INTERVALS,
+    near: Gait | None = None,
     check: bool = True,
     spread: bool = True,
 ) -> Gait:
     """The fastest periodic motion of a robot, or the one that heats least per distance.
 
-    The check simulates it with contact over eight cycles, and on other grounds and with other
-    parameters, which takes a minute or two. Where the robot does not walk as planned, steadier
-    gaits are planned, as `CAUTION` lists them.
+    The check simulates it with contact, and on other grounds and with other parameters, which
+    takes ten seconds on two cores. Where no gait is as steady as asked for, the gait is less
+    steady; where the robot does not walk as planned, it is steadier. The gait's check has a remark
+    that says so.
 
     Args:
         robot: description of the robot, or the path of its YAML file; the crawler if None.
@@ -63,7 +66,12 @@ def plan_gait(
         objective: "speed" for the largest stride by period, "energy" for the least duty, summed
             over time and wires, by stride.
         temperature_margin: how far T stays below T_max, °C.
+        steadiness: least stiffness against pitch, as a multiple of weight times limb length. Less
+            is faster, but more of the robots that are not quite as described fall.
+        sticking_share: share of μ that feet that stick may use, at most 1. More is faster, but
+            the robot stands still if friction differs more from foot to foot.
         intervals: number of intervals between knots, shared by the phases.
+        near: a gait of a robot that differs little, of this schedule, to start from.
         check, spread: whether to check it by `check_gait`, and with its spread.
 
     Raises:
@@ -72,9 +80,16 @@ def plan_gait(
         ParameterError: if the robot's description is wrong.
     """
     robot = RobotParameters.of(robot)
+    check_walker(robot)
     schedule = schedule or sensible_schedules(len(robot.limbs))[0]
     check_schedule(schedule, len(robot.limbs))
     _check_request(robot, schedule, objective, temperature_margin, intervals)
+    for name, value, most in (
+        ("steadiness", steadiness, np.inf),
+        ("sticking_share", sticking_share, 1.0),
+    ):
+        if not 0 < value <= most or np.isinf(value):
+            raise PlanningError(f"{name} is {value:g}; it must be above 0, and at most {most:g}.")
     shares = np.diff(np.linspace(0, intervals, len(schedule) + 1).round().astype(int))
     program = partial(
         GaitProgram,
@@ -83,27 +98,64 @@ def plan_gait(
         shares.tolist(),
         objective=objective,
         temperature_margin=temperature_margin,
+        sticking_share=sticking_share,
     )
     try:
-        gait = _solved(program())
+        gait = _steady(program, steadiness, near)
     except PlanningError as error:
-        reason = _reason(program)
+        reason = _reason(partial(program, steadiness=LESS_STEADY[0] * steadiness))
         raise PlanningError(f"There is no gait: {reason} ({error}).") from error
-    for caution in CAUTION if check else ():
-        if caution:
-            try:
-                gait = _solved(program(**caution))
-            except PlanningError:
-                continue
-        gait = check_gait(gait, spread=spread)
-        if gait.passed:
-            return gait
     if not check:
+        return gait
+    gait, planned = check_gait(gait, spread=spread), gait
+    for factor in () if gait.passed else STEADIER:
+        try:
+            steadier = _solved(program(steadiness=factor * planned.check.steadiness), planned)
+        except PlanningError:
+            break
+        steadier.check.remark = (
+            f"steadier than the {planned.check.steadiness:g} planned first, with which "
+            f"{gait.check.failure()}"
+        )
+        gait = check_gait(steadier, spread=spread)
+        if gait.passed:
+            break
+    if gait.passed:
         return gait
     raise PlanningError(
         f"Gaits were planned, the last of them of {1e3 * gait.stride:.1f} mm in "
         f"{gait.period:.1f} s, but they are refused: {gait.check.failure()}"
     )
+
+
+def _steady(
+    program: Callable[..., GaitProgram], steadiness: float, near: Gait | None = None
+) -> Gait:
+    """The gait of a steadiness, or of the next lower share of it that there is.
+
+    Args:
+        program: program of the gait, by further arguments.
+        near: a gait to start from; if it leads to none, the robot stands at the start.
+
+    Raises:
+        PlanningError: with the solver's status, if there is no gait of any share.
+    """
+    if near:
+        with contextlib.suppress(PlanningError):
+            return _solved(program(steadiness=steadiness), near)
+    try:
+        return _solved(program(steadiness=steadiness))
+    except PlanningError:
+        gait = _solved(program(steadiness=LESS_STEADY[0] * steadiness))
+    for share in LESS_STEADY[1:]:
+        try:
+            gait = _solved(program(steadiness=share * steadiness), gait)
+        except PlanningError:
+            break
+    else:
+        return gait
+    gait.check.remark = f"no gait was found that is as steady as asked for, {steadiness:g}"
+    return gait
 
 
 def _check_request(
@@ -129,27 +181,31 @@ def _check_request(
         )
 
 
-def _solved(program: GaitProgram, longest: float = LONGEST_SOLVE) -> Gait:
+def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LONGEST_SOLVE) -> Gait:
     """The gait that solves a program, by the first start and barrier that succeed.
 
     Args:
+        near: a gait of a program that differs little, to start from.
         longest: longest time of each attempt, s of processor time.
 
     Raises:
         PlanningError: with the solver's status, if there is none.
     """
     attempts: list[tuple[dict[str, Any], Callable]]
+    memory = not program.wires.settles.all()
     # An adaptive barrier needs fewer iterations, but with feet that swing it rarely converges.
     barriers = ["adaptive", "monotone"][:: -1 if (program.contacts == "swing").any() else 1]
     attempts = [({"mu_strategy": barrier}, standing_still) for barrier in barriers]
-    if not program.wires.settles.all():
-        attempts = [({"mu_strategy": "monotone", "mu_init": 1e-3}, _without_memory)]
+    if near or memory:
+        begin = partial(_from_gait, gait=near) if near else _without_memory
+        attempts = [({"mu_strategy": "monotone", "mu_init": 1e-4}, begin)]
     failures: list[str] = []
     iterations, solve_time = 0, 0.0
     for barrier, begin in attempts:
         start = begin(program)
         options = SolverOptions()
-        limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_iter": MOST_ITERATIONS}
+        most = WITH_MEMORY * MOST_ITERATIONS if memory else MOST_ITERATIONS
+        limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_iter": most}
         limits["max_cpu_time"] = longest
         for name, value in (barrier | limits).items():
             options.SetOption(IpoptSolver.id(), name, value)
@@ -167,6 +223,8 @@ def _solved(program: GaitProgram, longest: float = LONGEST_SOLVE) -> Gait:
                 iterations=iterations,
                 solve_time=solve_time,
                 violation=program.violation(x),
+                steadiness=program.steadiness,
+                sticking_share=program.sticking_share,
             )
             return program.gait(x, found)
         failures.append(f"{name}: {details.status}")
@@ -185,11 +243,8 @@ def _without_memory(program: GaitProgram) -> np.ndarray:
         wire.law = wire.law.without_memory()
     if not Wires(robot.together).settles.all():
         return standing_still(program)
-    shares = np.bincount(program.phase_of).tolist()
-    gait = _solved(
-        GaitProgram(robot, program.schedule, shares, program.objective, program.temperature_margin)
-    )
-    wires, N = program.wires, program.wires.num_states
+    gait = _solved(_for_robot(program, robot))
+    wires = program.wires
     states = wires.settled_states(gait.wire_temperature.mean(axis=1))
     for _ in range(START_CYCLES):
         course = [states]
@@ -197,10 +252,29 @@ def _without_memory(program: GaitProgram) -> np.ndarray:
             duty = np.tile(gait.duty[:, k], (2, 1))
             states = wires.under_duty(states, duty, np.array([0.0, step]))[-1]
             course.append(states)
+    return _from_gait(program, gait, np.array(course))
+
+
+def _for_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
+    """The same program for another robot."""
+    return GaitProgram(
+        robot,
+        program.schedule,
+        np.bincount(program.phase_of).tolist(),
+        program.objective,
+        program.temperature_margin,
+        program.sticking_share,
+        steadiness=program.steadiness,
+    )
+
+
+def _from_gait(program: GaitProgram, gait: Gait, states: np.ndarray | None = None) -> np.ndarray:
+    """All decision variables of a gait, with other states x of the wires (K + 1, N), if given."""
+    N = program.wires.num_states
     x = np.zeros(program.prog.num_vars())
     x[program.y] = np.vstack([gait.body_pose, gait.joint_angles]).T[:-1]
     x[program.forces], x[program.duty] = gait.contact_force.T[:-1], gait.duty.T[:-1]
-    x[program.heat[:, :N]] = course[:-1]
+    x[program.heat[:, :N]] = (gait.wire_states.T if states is None else states)[:-1]
     x[program.heat[:, N:]] = gait.measured_temperature.T[:-1]
     return program.complete(x, gait.stride, np.diff(gait.time))
 
@@ -215,6 +289,12 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
     F, robot = asked.planar.num_feet, asked.robot
     standing = Standing(asked.planar, asked.wires, np.ones((F, 2)))
     still = standing_still(asked)[asked.points[0]]
+    places = asked.planar.feet(standing.split(still)[0])[:, 0]
+    if np.ptp(places) < LEAST_STANCE * asked.planar.size:
+        return (
+            f"all feet are within {1e3 * np.ptp(places):.1f} mm of each other along x, so that "
+            "the body tips over; set the limbs apart"
+        )
     if standing.split(still)[2][:, 1].min() < LEAST_LOAD * asked.load:
         return (
             "there is no load transfer, as a foot carries nothing where the robot stands; set the "
@@ -222,15 +302,20 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
         )
     if (standing.values(still)[-(F + POSE) :] < LEAST_PIVOT).any():
         return TOO_SOFT
+    margin = asked.temperature_margin
     slippery = copy.deepcopy(robot)
     assert slippery.ground is not None
     mu = slippery.ground.friction
     slippery.ground.friction *= LESS_FRICTION
-    shares = np.bincount(asked.phase_of).tolist()
-    margin = asked.temperature_margin
+    too_cold = (
+        program(temperature_margin=0.0),
+        f"wires that stay {margin:g} °C below T_max are too cold, as there would be one without a "
+        "margin; ask for a smaller one",
+    )
     for relaxed, reason in (
+        *([too_cold] if margin else []),
         (
-            GaitProgram(slippery, asked.schedule, shares, asked.objective, margin),
+            _for_robot(asked, slippery),
             f"friction does not work one way, as the wires are too weak to slide a foot at mu = "
             f"{mu:g}, though they could at {slippery.ground.friction:g}",
         ),
@@ -246,7 +331,7 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
         ),
     ):
         try:
-            _solved(relaxed, RELAXED_TIME)
+            _solved(relaxed, longest=RELAXED_TIME)
         except PlanningError:
             continue
         return reason

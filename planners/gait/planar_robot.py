@@ -44,7 +44,7 @@ class PlanarRobot:
     """
 
     def __init__(self, robot: RobotParameters):
-        _check(robot)
+        check_walker(robot)
         laws = (type(wire.law) for wire in robot.together.wires)
         self.key = PlanarRobot, repr(robot), *laws
         self.__dict__.update(stated_once(self.key, lambda: self._stated(robot)))
@@ -106,7 +106,7 @@ class PlanarRobot:
         return ca.vertcat(y[0] + a * cosine - b * sine, y[1] + a * sine + b * cosine)
 
 
-def _check(robot: RobotParameters) -> None:
+def check_walker(robot: RobotParameters) -> None:
     """Raises PlanningError if a robot cannot walk, whatever it does."""
     if robot.body.mount != "planar":
         raise PlanningError(

@@ -27,7 +27,8 @@ from planners.gait.planar_robot import POSE, PlanarRobot
 # ρ, N/m: a hundred times what limbs are, so that more of it would change pivots by percents.
 GROUND_STIFFNESS = 1e4
 # Least pivots. With less, gaits tip over a slightly uneven ground or slip of a foot: at 10 N/m, a
-# tenth of a limb's weight moves the body by 1.5 mm; at 0.1 N·m/rad, it turns it by 1°.
+# tenth of a limb's weight moves the body by 1.5 mm; at 0.1 N·m/rad, it turns it by 1°. Against
+# pitch, which other limbs than planned make tip, `GaitProgram` asks for more.
 LEAST_STIFFNESS = np.array([10.0, 10.0, 0.1])
 LEAST_JOINT_STIFFNESS = 0.05  # of a joint's spring: limbs buckle at 0
 LEAST_PIVOT = float(np.arcsinh(1.0))  # of `Standing.values`

@@ -30,6 +30,8 @@ from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import motion_panels
 from planners import PlanningError, plan_gait
 from planners.gait.check import fall_of
+from planners.gait.planar_robot import check_walker
+from planners.gait.program import STEADINESS, STICKING_SHARE
 from planners.gait.schedules import Schedule, schedule_of, schedule_text, sensible_schedules
 from planners.gait.walking import walk
 from soft_limb.commands.options import (
@@ -60,17 +62,23 @@ def _at_least_one(text: str) -> int:
 def _gait(options: argparse.Namespace) -> int:
     outputs = checked_outputs(options, options.robot)
     robot = RobotParameters.of(options.robot)
+    check_walker(robot)
     num_feet = len(robot.limbs)
     schedules = [schedule_of(text, num_feet) for text in options.schedule]
     schedules = schedules or sensible_schedules(num_feet)
-    each = "half a minute" if options.quick else "two minutes"
+    each = "five seconds" if options.quick else "ten seconds"
     say_duration(
         f"some seconds for each of {len(schedules)} schedules, and about {each} to check one",
     )
     gait, refused = _best_gait(
         schedules,
         functools.partial(
-            _planned, robot, objective=options.objective, temperature_margin=options.margin
+            _planned,
+            robot,
+            objective=options.objective,
+            temperature_margin=options.margin,
+            steadiness=options.steadiness,
+            sticking_share=options.sticking,
         ),
         spread=not options.quick,
     )
@@ -259,6 +267,9 @@ def _replanned(
             schedule=gait.schedule,
             objective=objective,
             temperature_margin=max(0.0, margin),
+            steadiness=gait.check.steadiness,
+            sticking_share=gait.check.sticking_share,
+            near=gait,
             spread=False,
         )
         said = f"{1e3 * planned.speed:.2f} mm/s, after {1e3 * gait.speed:.2f} mm/s"
@@ -276,7 +287,7 @@ COMMANDS = {
         _gait,
         "Plans the gait of a robot of several limbs on the ground: a motion that repeats, heat "
         "included. Tries the schedules of contacts that are worth it and says why others were not "
-        "taken; simulates the best with contact over eight cycles, and with other friction and "
+        "taken; simulates the best with contact, and with other friction and "
         "parameters; and writes it to a file that soft-limb walk drives a robot by.",
         "plot report json force",
         [
@@ -309,6 +320,23 @@ COMMANDS = {
                 metavar="DEGREES",
                 help="how far wires stay below T_max, °C, which feedback needs (default "
                 "%(default)g)",
+            ),
+            Option(
+                "--steadiness",
+                type=float,
+                default=STEADINESS,
+                metavar="N",
+                help="least stiffness against pitch, as a multiple of weight times limb length: "
+                "less is faster, but more robots that are not quite as described fall (default "
+                "%(default)g)",
+            ),
+            Option(
+                "--sticking",
+                type=float,
+                default=STICKING_SHARE,
+                metavar="SHARE",
+                help="share of the friction that feet that stick may use: more is faster, but the "
+                "robot stands still if friction differs from foot to foot (default %(default)g)",
             ),
             Option(
                 "--quick",

@@ -13,6 +13,8 @@ from limb_systems import (
     RobotParameters,
     simulate,
 )
+from limb_systems.model.robot import DutyOfLimbs
+from limb_systems.simulation import make_simulator
 
 COLD = np.zeros(4)
 
@@ -33,6 +35,29 @@ def test_a_welded_limb_is_todays_limb(tmp_path):
     alone, on_body = (simulate(system, [0.1, 0.6], 5.0) for system in (Limb(limb), robot))
     for signal in ("bend_angle", "wire_temperature", "measured_temperature", "joint_state"):
         np.testing.assert_allclose(getattr(on_body, signal), getattr(alone, signal), atol=1e-12)
+
+
+def test_the_duty_of_a_limb_takes_the_place_of_its_part_of_all_duty():
+    duty = DutyOfLimbs(RobotParameters())
+    context = duty.CreateDefaultContext()
+    for port, given, expected in (
+        ("duty", [0.1, 0.2, 0.3, 0.4], [0.1, 0.2, 0.3, 0.4]),
+        ("rear.duty", [0.5, 0.6], [0.5, 0.6, 0.3, 0.4]),
+        ("duty", [0.0, 0.0, 0.7, 0.8], [0.5, 0.6, 0.7, 0.8]),
+    ):
+        duty.GetInputPort(port).FixValue(context, given)
+        np.testing.assert_array_equal(duty.get_output_port().Eval(context), expected)
+    context = duty.CreateDefaultContext()
+    for port in ("rear.duty", "front.duty"):
+        duty.GetInputPort(port).FixValue(context, [0.5, 0.6])
+    np.testing.assert_array_equal(duty.get_output_port().Eval(context), [0.5, 0.6, 0.5, 0.6])
+
+
+def test_a_simulation_takes_the_steps_of_the_mechanics():
+    simulator = make_simulator(robot := Robot(time_step=2e-3), None)
+    robot.GetInputPort("duty").FixValue(simulator.get_mutable_context(), COLD)
+    simulator.AdvanceTo(0.1)
+    assert simulator.get_num_steps_taken() == 50
 
 
 @pytest.mark.parametrize("mount", ["planar", "free"])

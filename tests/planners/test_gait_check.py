@@ -16,12 +16,12 @@ from limb_systems import (
 from planners import check_gait, plan_gait, walk
 from planners.gait.check import fall_of, strides_of, variations
 
-QUICK = 4.0  # times, that wires heat and cool faster, so that cycles are so much shorter
+QUICK = 2.0  # times, that wires heat and cool faster: cycles are so much shorter
 
 
 @pytest.fixture(scope="module")
 def gait() -> Gait:
-    """A crawl of the nominal robot with quick wires, 36 mm in 4 s, not checked."""
+    """A crawl of the nominal robot with quick wires, 28 mm in 7 s, not checked."""
     robot = RobotParameters()
     for limb in robot.limbs:
         for wire in limb.parameters.wires:
