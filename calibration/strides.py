@@ -23,7 +23,7 @@ from planners.gait.standing import Standing
 from planners.transcription.quasi_static import readings_along
 
 SPACING = 0.25  # s, between the moments whose balance counts
-SMOOTHING = 0.5  # s, of bends from which the speed of feet is told
+SMOOTHING = 0.25  # s, of bends from which the speed of feet is told
 SLIDING = 0.5  # share of its planned mean speed, from which on a foot counts as sliding
 FEWEST = 6  # moments
 ITERATIONS = 8
@@ -154,7 +154,7 @@ def _multiple(logarithm: float, variance: float) -> Estimate:
 
 
 def _smoothed(recording: Recording) -> np.ndarray:
-    """Measured bends (F, K), rad, without gaps, and without what is faster than half a second."""
+    """Measured bends (F, K), rad, without gaps, and without what is faster than a quarter of a second."""
     size = max(1, round(SMOOTHING * recording.sample_rate))
     bends = [
         np.interp(recording.time, recording.time[~np.isnan(b)], b[~np.isnan(b)])
