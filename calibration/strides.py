@@ -154,7 +154,7 @@ def _multiple(logarithm: float, variance: float) -> Estimate:
 
 
 def _smoothed(recording: Recording) -> np.ndarray:
-    """Measured bends (F, K), rad, without gaps, and without what is faster than a quarter of a second."""
+    """Measured bends (F, K), rad, without gaps, and with little noise."""
     size = max(1, round(SMOOTHING * recording.sample_rate))
     bends = [
         np.interp(recording.time, recording.time[~np.isnan(b)], b[~np.isnan(b)])
