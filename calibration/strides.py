@@ -30,6 +30,7 @@ ITERATIONS = 8
 # Relative errors that are expected of what was described or calibrated before, and what bends and
 # readings deviate from the laws: rad, in each phase of sliding, and °C.
 FRICTION, STIFFNESS, TORQUE, RATES = 0.5, 0.1, 0.1, 0.2
+UNCALIBRATED = 2.0  # times as much, of stiffness and torques of a limb that is only described
 BEND_ERROR, READING_ERROR = np.deg2rad(1.0), 2.0
 TORQUES = ("beta", "full_torque")  # of the wires' laws, as far as they have them
 HEAT_RATES = ("a1", "a2")
@@ -87,10 +88,11 @@ def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> 
     smooth = _smoothed(recording)
     bends = np.array([np.interp(moments, recording.time, bend) for bend in smooth]).T
     balance = _Balance(robot, states, contacts, exact=recording.applied_duty is None)
-    names = ["friction"]
+    names, expected = ["friction"], [FRICTION]
     for limb in robot.limbs:
         names += [f"{limb.name}.stiffness", f"{limb.name}.torque"]
-    expected = np.array([FRICTION, *[STIFFNESS, TORQUE] * len(robot.limbs)])
+        known = 1.0 if limb.parameters.calibration else UNCALIBRATED
+        expected += [known * STIFFNESS, known * TORQUE]
     # Deviations of one phase are alike: each phase counts as one moment.
     phases = cycles * sum("stick" in of and set(of) != {"stick"} for of in gait.schedule)
     error = BEND_ERROR * np.sqrt(max(1.0, len(moments) / phases))

@@ -50,7 +50,7 @@ def test_friction_torque_and_heat_are_those_of_the_robot_that_walked(walked):
     )
     assert fit.heat[:4] == pytest.approx(recording.wire_temperature[:, -1], abs=2.0)
     planned, true = plan_gait(fit.robot, check=False), plan_gait(other, check=False)
-    assert planned.speed == pytest.approx(true.speed, rel=0.05)
+    assert planned.speed == pytest.approx(true.speed, rel=0.1)
 
 
 def test_a_robot_that_does_not_slide_tells_nothing(walked):
