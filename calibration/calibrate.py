@@ -185,7 +185,7 @@ class Calibration(Summarized):
             ("kept", "ring-down", kept, self.damping),
         ]
         remarks = [
-            Remark(kind, f"There is no recording of {what}: {meaning}.")
+            Remark(kind, f"There is no usable recording of {what}: {meaning}.")
             for kind, what, meaning, found in lacking
             if not found
         ]
@@ -386,14 +386,14 @@ def _fit_possible(
     One that cannot be fitted together with those before it is not taken, and ``left`` out.
     """
     if recordings:
-        with contextlib.suppress(CalibrationError):
+        with contextlib.suppress(LimbError):
             return fit(recordings), list(recordings)
     found: Fit | None = None
     taken: list[Recording] = []
     for recording in recordings:
         try:
             found = fit([*taken, recording])
-        except CalibrationError as error:
+        except LimbError as error:
             left.append(leaving_out(title_of(recording), error))
         else:
             taken.append(recording)

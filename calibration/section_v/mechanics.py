@@ -39,7 +39,8 @@ MODEL_RATE = 100.0  # Hz, at least, of the model's ring-down
 FEWEST = 20  # samples of a ring-down
 PER_PERIOD = 3.0  # samples, below which noise and an alias of the oscillation look alike
 MOVING = 0.5  # of the fastest motion, from which on a limb counts as released
-OUTLIER = 6.0  # robust standard deviations
+OUTLIER, UNLIKE = 6.0, 0.3  # robust standard deviations, and share of the swing, of a glitch
+LEAST_DECAY, MOST_DECAY = 1e-4, 1.0  # decay rate over angular frequency of what rings
 OFF = 2.0  # factor between the frequencies of limb and model, beyond which one of them is wrong
 MOST_RELEASED = np.pi / 2  # rad, of the model's release
 STEPS, ALIKE = 8, 1e-3  # of the search for σ, and relative difference of decays at its end
@@ -275,7 +276,9 @@ class DampingFit:
     remarks: list[Remark]
 
 
-def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
+def fit_damped_sinusoid(
+    time: ArrayLike, signal: ArrayLike, band: tuple[float, float] = (0.0, np.inf)
+) -> DampedSinusoid:
     """fitDS of Algorithm 1: a damped sinusoid with an offset, by least squares.
 
     The fit starts where the signal first passes its final level after the release,
@@ -287,6 +290,8 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
     Args:
         time: (K,), s, evenly spaced.
         signal: (K,), in any unit; nan where it is missing.
+        band: frequencies, Hz, between which the oscillation is searched. Below one period in the
+            signal and above half the sampling rate there is none to be found.
 
     Raises:
         CalibrationError: if the signal does not oscillate.
@@ -309,39 +314,53 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
     shown = shown[start:]
     good = shown.copy()
 
+    lowest, highest = max(band[0], 1.0 / since[-1]), min(band[1], 0.5 / period)
+    if not lowest < highest:
+        raise CalibrationError(
+            f"The ring-down lasts {since[-1]:.2f} s at {1 / period:.3g} Hz, which shows no "
+            f"oscillation of {band[0]:.3g} Hz to {band[1]:.3g} Hz."
+        )
+
     def basis(logarithms: np.ndarray) -> np.ndarray:
-        decay, turning = np.exp(logarithms)
-        envelope = np.exp(-decay * since)
+        ratio, turning = np.exp(logarithms)
+        envelope = np.exp(-ratio * turning * since)
         waves = [envelope * np.sin(turning * since), envelope * np.cos(turning * since)]
         return np.column_stack([*waves, np.ones_like(since)])
 
+    def weights(logarithms: np.ndarray) -> np.ndarray:
+        return np.linalg.lstsq(basis(logarithms)[good], values[good], rcond=None)[0]
+
     def residuals(logarithms: np.ndarray) -> np.ndarray:
-        columns = basis(logarithms)[good]
-        return columns @ np.linalg.lstsq(columns, values[good], rcond=None)[0] - values[good]
+        return basis(logarithms)[good] @ weights(logarithms) - values[good]
 
     # Several starts around the peak of the spectrum; the best fit is taken.
     padded = 8 * len(values)
     spectrum = np.abs(np.fft.rfft(values - values[-len(values) // 4 :].mean(), padded))
     frequencies = np.fft.rfftfreq(padded, period)
-    spectrum[frequencies < 1.0 / since[-1]] = 0.0
-    peak = 2 * np.pi * frequencies[np.argmax(spectrum)]
-    starts = [np.log([ratio * peak, peak]) for ratio in (0.01, 0.03, 0.1, 0.3)]
+    spectrum[(frequencies <= lowest) | (frequencies >= highest)] = 0.0
+    peak = np.clip(frequencies[np.argmax(spectrum)], 1.001 * lowest, 0.999 * highest)
+    starts = [np.log([ratio, 2 * np.pi * peak]) for ratio in (0.01, 0.03, 0.1, 0.3)]
     best = min(starts, key=lambda x: np.sum(residuals(x) ** 2))
-    fit = least_squares(residuals, best, x_scale=0.1)
-    away = np.abs(fit.fun)
-    # Of a signal without noise, small deviations are no glitches.
-    good[shown] = away <= OUTLIER * 1.48 * np.median(away) + 0.02 * np.ptp(values)
-    fit = least_squares(residuals, fit.x, x_scale=0.1)
+    ends = np.log([(LEAST_DECAY, 2 * np.pi * lowest), (MOST_DECAY, 2 * np.pi * highest)])
+    fit = least_squares(residuals, best, x_scale=0.1, bounds=ends)
+    away, swing = np.abs(fit.fun), np.hypot(*weights(fit.x)[:2])
+    swing = swing * np.exp(-np.exp(fit.x.sum()) * since[shown])
+    # Where the limb swings far it differs from a sinusoid by more than noise.
+    good[shown] = away <= OUTLIER * 1.48 * np.median(away) + UNLIKE * swing
+    fit = least_squares(residuals, fit.x, x_scale=0.1, bounds=ends)
 
-    decay, turning = np.exp(fit.x)
-    sine, cosine, offset = np.linalg.lstsq(basis(fit.x)[good], values[good], rcond=None)[0]
+    ratio, turning = np.exp(fit.x)
+    decay = ratio * turning
+    sine, cosine, offset = weights(fit.x)
     amplitude, rms = np.hypot(sine, cosine), np.sqrt(np.mean(fit.fun**2))
-    if not amplitude > 3 * rms or not 1.0 / since[-1] < turning / (2 * np.pi) < 0.5 / period:
+    if not amplitude > 3 * rms or np.isclose(fit.x, ends, rtol=0.0, atol=1e-3).any():
         raise CalibrationError(
-            f"No oscillation stands out after {time[start]:.2f} s: its amplitude would be "
-            f"{amplitude:.3g}, compared with residuals of {rms:.3g}."
+            f"No oscillation between {lowest:.3g} Hz and {highest:.3g} Hz stands out after "
+            f"{time[start]:.2f} s: its amplitude would be {amplitude:.3g}, compared with residuals "
+            f"of {rms:.3g}."
         )
-    error = np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac)[0, 0]) * rms  # of the logarithm
+    # Of the decay's logarithm, which is the sum of both.
+    error = np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac).sum()) * rms
     natural = np.hypot(decay, turning)
     return DampedSinusoid(
         damping_ratio=float(decay / natural),
@@ -357,10 +376,8 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
 
 def _release(signal: np.ndarray) -> int:
     """The first sample of fast motion; a glitch of one sample is none."""
-    pace = np.abs(np.diff(signal))
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(pace, 2, mode="edge"), 5)
-    lasting = np.median(around, axis=1)
-    pace = lasting if lasting.any() else pace
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(signal, 1, mode="edge"), 3)
+    pace = np.abs(np.diff(np.median(around, axis=1)))
     return int(np.argmax(pace > MOVING * pace.max()))
 
 
@@ -394,14 +411,15 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
         error = max(error, standard_error(values))
     measured, simulated = [fit[2] for fit in fits], [fit[3] for fit in fits]
     remarks = []
-    ratio = np.mean([m.frequency / s.frequency for m, s in zip(measured, simulated, strict=True)])
-    if not 1 / OFF < ratio < OFF:
+    ratios = [m.frequency / s.frequency for m, s in zip(measured, simulated, strict=True)]
+    worst = int(np.argmax(np.abs(np.log(ratios))))
+    if not 1 / OFF < ratios[worst] < OFF:
         raise CalibrationError(
-            f"The limb rings at {measured[0].frequency:.2f} Hz, but its model with this stiffness "
-            f"at {simulated[0].frequency:.2f} Hz; look at mass and length in the description, at "
-            "the sag, and whether the ring-down's times are right."
+            f"The limb rings at {measured[worst].frequency:.2f} Hz, but its model with this "
+            f"stiffness at {simulated[worst].frequency:.2f} Hz; look at mass and length in the "
+            "description, at the sag, and whether the ring-down's times are right."
         )
-    if abs(ratio - 1) > 0.05:
+    if abs(np.mean(ratios) - 1) > 0.05:
         sentence = (
             f"The limb rings at {measured[0].frequency:.2f} Hz, its model with the spring constant "
             f"of the sag at {simulated[0].frequency:.2f} Hz: rubber is stiffer in fast motion, or "
@@ -462,7 +480,9 @@ def _fit_recording(parameters, recording: Recording):
             f"rings at {described.frequency:.1f} Hz; record it at "
             f"{np.ceil(2 * PER_PERIOD * described.frequency):.0f} Hz or more."
         )
-    measured = fit_damped_sinusoid(recording.time, seen_angle)
+    factor = np.sqrt(MOST_OFF)  # of frequencies, for k
+    band = described.frequency / factor, described.frequency * factor
+    measured = fit_damped_sinusoid(recording.time, seen_angle, band)
     # Decay is about proportional to σ.
     logarithm, model = np.log(only_segment(parameters).damping), described
     moved, slope, last = 0.0, 1.0, 0.0

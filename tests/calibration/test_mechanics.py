@@ -12,20 +12,25 @@ import pytest
 
 from calibration import (
     CalibrationError,
+    collect_ring_down,
     fit_damped_sinusoid,
     fit_damping,
     fit_stiffness,
     validate,
 )
+from calibration.collecting.protocol import hand_for_ring_down
 from calibration.recordings.at_rest import rest_angle
 from calibration.remarks import Severity
 from calibration.section_v.mechanics import remarks_on_sensor, shape_factors
+from hardware import LimbTwin
+from hardware.emulation.robot_twin import RobotSpecimen
 from limb_systems import (
     BendSensor,
     ChordSensor,
     Limb,
     LimbParameters,
     Recording,
+    RobotParameters,
     SegmentParameters,
     TipTangentSensor,
     simulate,
@@ -157,6 +162,31 @@ def test_damped_sinusoid_is_found():
         assert fit.offset == pytest.approx(offset, abs=0.3)
         assert release - 0.02 <= fit.start < release + 0.5
         np.testing.assert_allclose(fit(time[-300:]), signal[-300:], atol=0.5)
+
+
+def test_a_short_ring_down_is_found_in_noise_and_beside_hum():
+    """Three periods of 13 Hz in 4 s, and a mains hum at its alias that lasts."""
+    time, generator = np.arange(600) / 100, np.random.default_rng(0)
+    clean = ring_down(time, 13.3, 0.22, 3.0, np.pi / 2, release=2.0)
+    for _ in range(20):
+        noisy = np.round(clean + generator.normal(0.0, 0.6, 600), 1)
+        fit = fit_damped_sinusoid(time, noisy)
+        assert fit.frequency == pytest.approx(13.3, rel=0.06)
+        assert 2.0 <= fit.start < 2.03
+        hum = 2.5 * np.sin(2 * np.pi * 45.0 * time)
+        assert fit_damped_sinusoid(time, noisy + hum, (4.2, 42.0)).frequency < 16.0
+    with pytest.raises(CalibrationError, match=r"No oscillation between 4\.2 Hz and 42 Hz stands"):
+        fit_damped_sinusoid(time, np.round(generator.normal(0.0, 0.6, 600), 1), (4.2, 42.0))
+    with pytest.raises(CalibrationError, match=r"shows no oscillation of 60 Hz to 90 Hz"):
+        fit_damped_sinusoid(time, noisy, (60.0, 90.0))
+
+
+def test_an_emulated_short_limb_rings_as_its_stiffness_says():
+    """It has rubber and wires beyond the model."""
+    specimen = RobotSpecimen(RobotParameters(), 1).limb("rear")
+    twin = LimbTwin(specimen=specimen, hand=hand_for_ring_down(), bend_rate=100.0)
+    fit = fit_damping(specimen.mechanics(), [collect_ring_down(twin)])
+    assert fit.measured[0].frequency == pytest.approx(fit.simulated[0].frequency, rel=0.1)
 
 
 def test_standard_error_of_the_decay_covers_the_truth():
