@@ -26,11 +26,14 @@ from calibration.recordings.kinds import FREE_KINDS, all_kinds, heated_kinds, on
 from calibration.recordings.repair import FEWEST, before_missing, with_lost_rows
 from calibration.remarks import CalibrationError, Remark, verdict
 from calibration.section_v.mechanics import (
+    SCATTER,
     DampingFit,
     StiffnessFit,
     fit_damping,
     fit_stiffness,
+    further_sag,
     remarks_on_sensor,
+    with_ringing,
 )
 from calibration.section_v.wires import RATES, ForceFit, HeatFit, fit_force, fit_heat_transfer
 from calibration.validation import Validation, validate, validation_of
@@ -110,7 +113,13 @@ class Calibration(Summarized):
     @property
     def next_recording(self) -> str:
         """The recording to make next and what it tells, in words; empty if none is needed."""
-        return next_recording(self.prediction.fit if self.prediction else None, self.sources)
+        fit = self.prediction.fit if self.prediction else None
+        return next_recording(fit, self.sources, self._further_sag)
+
+    @property
+    def _further_sag(self) -> str:
+        planar, fit = only_segment(self.parameters).axes == 1, self.stiffness
+        return further_sag(self.parameters, fit.stiffness if fit else None) if planar else ""
 
     @functools.cached_property
     def plan_miss(self) -> PlanMiss | None:
@@ -185,7 +194,7 @@ class Calibration(Summarized):
             ("kept", "ring-down", kept, self.damping),
         ]
         remarks = [
-            Remark(kind, f"There is no recording of {what}: {meaning}.")
+            Remark(kind, f"There is no usable recording of {what}: {meaning}.")
             for kind, what, meaning, found in lacking
             if not found
         ]
@@ -196,6 +205,11 @@ class Calibration(Summarized):
         judged = None if self.plan_miss else self.validation
         fits = judged, self.stiffness, self.damping, self.prediction, *self.heat, *self.force
         remarks += [remark for fit in (*fits, self.plan_miss) if fit for remark in fit.remarks]
+        if self.stiffness and self._further_sag:
+            k = self.stiffness.stiffness
+            share = k.standard_error / k.value
+            sentence = f"k is known to {share:.0%} only: {self._further_sag}."
+            remarks.append(Remark("scatter" if share > SCATTER else "stiffness", sentence))
         if self.prediction:
             remarks += remarks_on_coverage(self.parameters, self.prediction.fit.predicted)
         return sorted([*remarks, *self.left_out], key=lambda remark: -remark.severity)
@@ -287,6 +301,9 @@ def calibrate(
             if stiffness:
                 sensor = remarks_on_sensor(limb, told["sag"], stiffness, damping)
                 damping.remarks.extend(sensor)
+                if not by_paper:
+                    stiffness = with_ringing(stiffness, damping)
+                    segment.stiffness = stiffness.stiffness.value
         # Secs. V-C and V-D
         heat, force = list[HeatFit](), list[ForceFit]()
         if by_paper:
@@ -386,14 +403,14 @@ def _fit_possible(
     One that cannot be fitted together with those before it is not taken, and ``left`` out.
     """
     if recordings:
-        with contextlib.suppress(CalibrationError):
+        with contextlib.suppress(LimbError):
             return fit(recordings), list(recordings)
     found: Fit | None = None
     taken: list[Recording] = []
     for recording in recordings:
         try:
             found = fit([*taken, recording])
-        except CalibrationError as error:
+        except LimbError as error:
             left.append(leaving_out(title_of(recording), error))
         else:
             taken.append(recording)

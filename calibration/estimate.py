@@ -51,8 +51,16 @@ def record_of(
 
 def standard_error(values: np.ndarray) -> float:
     """Standard error of the mean of independent values (K,), widened for few by Student's t."""
-    spread = np.std(values, ddof=1) / np.sqrt(len(values))
-    return float(spread * _widening(len(values)))
+    return pooled_spread(values - np.mean(values), 1) / float(np.sqrt(len(values)))
+
+
+def pooled_spread(deviations: np.ndarray, num_groups: int) -> float:
+    """Standard deviation of values, widened for few, from deviations from their groups' means (K,).
+
+    There must be more values than groups.
+    """
+    free = len(deviations) - num_groups
+    return float(np.sqrt(np.sum(deviations**2) / free) * _widening(free + 1))
 
 
 def _widening(count: int) -> float:

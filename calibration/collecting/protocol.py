@@ -41,6 +41,7 @@ from calibration.recordings.kinds import (
     heated_kinds,
     only_segment,
 )
+from calibration.section_v.mechanics import GRAVITY, sag_payload
 from hardware import LimbTwin, SerialLimb
 from hardware.live.feed import LiveView
 from limb_systems import HystereticLaw, LimbError, LimbParameters, Recording
@@ -50,7 +51,7 @@ from limb_systems.simulation import PERIOD
 
 SAG_TRIALS, RING_DOWNS = 10, 3
 SPEED = 70.0  # heated time of an emulated limb over the computing time of the whole collection
-GRAVITY = 9.81  # m/s²
+SAG_PAUSE = 20.0  # s, after which rubber has forgotten the sag to the other side
 PROTOCOLS = ("all", "excitation", "paper")
 UP: dict[float, str] = {
     0: "+E2",
@@ -168,8 +169,15 @@ def planned_recordings(
         )
     rate = RING_DOWN_RATE if emulated else 1 / PERIOD
     swing = functools.partial(collect_ring_down, sample_rate=rate)
+    loaded = planar and sag_payload(limb) > 0
     plans = [
-        PlannedRecording(f"sag_{number}", "sag", collect_sag, turned=0.0)
+        PlannedRecording(
+            f"sag_{number}",
+            "sag",
+            collect_sag,
+            pause=SAG_PAUSE * loaded,
+            turned=180.0 * (loaded and number % 2 == 0),
+        )
         for number in range(1, sag_trials + 1)
         if planar
     ]
@@ -226,8 +234,9 @@ def program(limb: LimbParameters, seed: int, protocol: str) -> list[Excitation]:
 def mounted(limb: LimbParameters, turned: float | None) -> LimbParameters:
     """A copy of a limb as it is mounted: turned about E1 under gravity, or unbent by gravity.
 
-    A limb that bends in space and is turned has a weight at its tip, as heavy as its segment.
-    With it the limb sags four times as far: bend sensors drift by a quarter of its own sag.
+    A limb that is turned has a weight at its tip, if bend sensors drift by much of its own sag: one
+    that bends in space a weight as heavy as its segment, with which it sags four times as far, and
+    a planar one a weight of `sag_payload`.
 
     Args:
         turned: angle about E1, degrees; None if gravity does not bend the limb.
@@ -238,7 +247,7 @@ def mounted(limb: LimbParameters, turned: float | None) -> LimbParameters:
     if turned is not None:
         angle = np.deg2rad(turned)
         limb.gravity = [0.0, -GRAVITY * float(np.cos(angle)), GRAVITY * float(np.sin(angle))]
-        limb.payload += segment.mass if segment.axes > 1 else 0.0
+        limb.payload += segment.mass if segment.axes > 1 else sag_payload(limb)
     elif segment.axes > 1:
         limb.gravity = [GRAVITY, 0.0, 0.0]  # it hangs
     return limb
@@ -266,8 +275,9 @@ def collect_from_twin(
 ) -> dict[str, list[Recording]]:
     """All recordings that calibration wants, from an emulated limb, one after the other.
 
-    Trials of the sag and ring-downs come first, then equilibria with one wire after the other
-    and with all of them, as in Sec. V. A warm-up and `excitations` follow.
+    Trials of the sag and ring-downs come first: if the limb's own sag is small, under a weight at
+    its tip and to both sides in turn. Then follow equilibria with one wire after
+    the other and with all of them, as in Sec. V, a warm-up and `excitations`.
 
     Args:
         twin: an emulated limb of one segment; `again` is called on it.
@@ -445,16 +455,22 @@ def _instruction(limb: LimbParameters, plan: PlannedRecording, remount: bool) ->
     """
     segment = only_segment(limb)
     planar = segment.axes == 1
+    load = sag_payload(limb) if planar else 0.0
     if plan.kind == "sag":
         first = min(segment.wires, key=lambda wire: wire.lever[0])
-        side = "towards" if first.lever[0] < 0 else "away from"
+        side = "towards" if (first.lever[0] < 0) != bool(plan.turned) else "away from"
+        hang = f"Hang {1000 * load:.3g} g to its tip, and let" if load else "Let"
         return (
-            f": Mount the limb so that gravity bends it {side} its {first.name} wire, and let it "
+            f": Mount the limb so that gravity bends it {side} its {first.name} wire. {hang} it "
             "hang still."
         )
     if plan.kind == "ring_down":
+        take = "Take the weight off the limb's tip. " if load else ""
         place = "level" if planar else "so that it hangs straight down"
-        return f": Mount the limb {place}. Bend it to 45° by hand, and release it 2 s after Enter."
+        return (
+            f": {take}Mount the limb {place}. Bend it to 45° by hand, and release it 2 s after "
+            "Enter."
+        )
     if plan.excites and remount:
         mount = (
             "Take the weight off its tip, and mount the limb so that it hangs straight down."

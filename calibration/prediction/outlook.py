@@ -65,7 +65,6 @@ TELL = {  # recordings, and the parameters that they tell best
 }
 FURTHER = {
     "motion": "record a motion like those that you plan, named motion_1.csv, which judges the laws",
-    "sag": "record the sag under gravity, named sag_1.csv, which tells k",
     "ring_down": "record a ring-down, named ring_down_1.csv, which tells σ",
 }
 
@@ -226,12 +225,13 @@ def _simulated(
     return temperature, bend
 
 
-def next_recording(fit: LawFit | None, kinds: Collection[str]) -> str:
+def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") -> str:
     """The recording to make next and what it tells, in words; empty if none is needed.
 
     Args:
         fit: fit of the wires; None if not by prediction.
         kinds: kinds of the recordings that there are.
+        sag: the recording of the sag that tells k, in words; empty if k is known.
     """
     if fit is None:
         kinds = {*kinds, "motion"}
@@ -249,7 +249,8 @@ def next_recording(fit: LawFit | None, kinds: Collection[str]) -> str:
                 if least.field in fields:
                     alike = [u for u in unknown if u.field in fields and u.wire == least.wire]
                     return _said(fit, recording, alike)
-    return next((recording for kind, recording in FURTHER.items() if kind not in kinds), "")
+    lacking = {kind: said for kind, said in FURTHER.items() if kind not in kinds}
+    return lacking.get("motion") or sag or lacking.get("ring_down", "")
 
 
 def _said(fit: LawFit, recording: str, told: list[Unknown]) -> str:

@@ -23,6 +23,9 @@ SPECIMENS: dict[str, type[Specimen]] = {Specimen.physics: Specimen}
 # lost, and those of a robot that stands on its limbs all.
 SPACE_ACCURACY = 1e-3
 STIFF = 500.0  # 1/s, rate √(k / (m l²)) of a link of mass m and length l; of the nominal limb 250
+# The grip of a hand is 20 times as stiff: of limbs that are a little stiffer than the nominal one,
+# one in fifty got lost in it.
+STIFF_HELD, HELD_ACCURACY = 300.0, 1e-4  # 1/s as above
 SWING_TIME, REST_STEPS = 30.0, 270  # of a pause: s with fine steps, and least number of coarse ones
 
 
@@ -118,6 +121,8 @@ class LimbTwin(Diagram):
         )
         if not layout.is_planar or stiffest > STIFF:
             self.accuracy = SPACE_ACCURACY
+        if hand is not None and stiffest > STIFF_HELD:
+            self.accuracy = HELD_ACCURACY
         if hand is not None and hand.rows() != layout.num_bends:
             raise LimbError(
                 f"The hand moves {hand.rows()} bend angles, but the limb has {layout.num_bends}; "

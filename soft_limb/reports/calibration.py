@@ -254,10 +254,10 @@ def stiffness_panels(fit: StiffnessFit) -> list[Panel]:
     """The sag of each trial, and that of the fitted limb."""
     sags = np.rad2deg(np.abs(fit.sags))
     trials = np.arange(1, len(sags) + 1)
-    model = np.full(len(sags), np.rad2deg(abs(fit.simulated_sag)))
+    model = np.rad2deg(np.abs(fit.simulated_sags))
     curves = [
         Curve("limb, each trial", trials, sags, ROLLOUT_COLOR, marks=True),
-        Curve(f"model, k = {fit.stiffness}", trials, model, PLAN_COLOR, "dashed"),
+        Curve(f"model, k = {fit.by_sag}", trials, model, PLAN_COLOR, "dashed"),
     ]
     ticks = {int(trial): str(trial) for trial in trials}
     return [Panel("sag (°)", curves, x_label="trial", from_zero=True, x_ticks=ticks)]

@@ -51,7 +51,7 @@ def test_the_model_is_calibrated_to_its_own_parameters(true_limb, by_the_paper):
     assert calibration.parameters.ambient_temperature == pytest.approx(23.0, abs=0.01)
     assert calibration.stiffness.correction_factor == pytest.approx(1.22, abs=0.01)
     assert np.rad2deg(calibration.validation.percentile_90) < 0.2
-    assert [remark.kind for remark in calibration.remarks] == ["few"]  # trials of the sag
+    assert [remark.kind for remark in calibration.remarks] == ["few", "stiffness"]  # one sag
     assert calibration.verdict.startswith("Use with care: too few trials; the model is 0.")
 
 
@@ -66,7 +66,7 @@ def test_an_emulated_limb_is_calibrated_by_prediction(by_prediction, emulated_fo
         assert wire.law.a3 == pytest.approx(made.lag_rate, rel=0.1)
         assert -wire.law.a1 == pytest.approx(1 / made.fast_time, rel=0.25)
         assert wire.law.a2 == pytest.approx(made.heating, rel=0.2)
-        assert wire.law.full_torque == pytest.approx(made.torque, rel=0.1)
+        assert wire.law.full_torque == pytest.approx(made.torque, rel=0.15)  # k is known to 7%
     assert by_prediction.prediction.judges == "3 motions left out of the fit"
     assert np.rad2deg(by_prediction.prediction.best.bend_error) < 0.8
     assert by_prediction.prediction.best.temperature_error < 0.5
@@ -96,7 +96,7 @@ def test_description_keeps_what_is_not_calibrated(model_recordings):
     assert calibration.validation is None
     remarks = list(map(str, calibration.remarks))
     assert "Of 2 recordings of the kind right only one was used." in remarks
-    assert sum("There is no recording" in remark for remark in remarks) == 3
+    assert sum("There is no usable recording" in remark for remark in remarks) == 3
     assert calibration.verdict == (
         "Use with care: it is not validated; mechanics is that of the description."
     )

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import re
 import warnings
 
 import numpy as np
@@ -231,12 +232,24 @@ def test_what_cannot_be_used_is_left_out_and_named(model_recordings, true_limb, 
 
     still = copy.deepcopy(model_recordings["ring_down"][0])
     still.bend_angle[:], still.source = 0.0, "still"
-    swings = {"ring_down": [still, *model_recordings["ring_down"]]}
+    (swing,) = model_recordings["ring_down"]
+    slow = dataclasses.replace(
+        swing, time=2.5 * swing.time, sample_rate=swing.sample_rate / 2.5, source="slow"
+    )
+    coarse = dataclasses.replace(
+        part(swing, np.arange(len(swing.time)) % 10 == 0), sample_rate=10.0, source="coarse"
+    )
+    swings = {"ring_down": [still, swing, slow, coarse]}
     wires = {wire: model_recordings[wire] for wire in ("right", "left")}
     found = calibrate(wires | swings, method="paper")
     assert found.damping.damping.value == pytest.approx(8e-4, rel=0.03)
     assert found.as_described == ["stiffness"]
-    assert "still is left out: The signal does not move; there" in " ".join(map(str, found.remarks))
+    remarks = " ".join(map(str, found.remarks))
+    assert "still is left out: The signal does not move; there" in remarks
+    assert re.search(
+        r"slow is left out: The limb rings at 1\.\d* Hz, but its model .* at 4", remarks
+    )
+    assert re.search(r"coarse is left out: .* recorded at 10 Hz, but .* 4\.4 Hz; record", remarks)
 
 
 BREAKS = {

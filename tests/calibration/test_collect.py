@@ -1,5 +1,6 @@
 """The controller, the schedule, and recordings collected with them."""
 
+import copy
 import dataclasses
 import io
 from unittest import mock
@@ -18,6 +19,7 @@ from calibration import (
     collect_from_robot,
     excitations,
     fit_law,
+    fit_stiffness,
     kind_of,
     load_recordings,
 )
@@ -26,12 +28,14 @@ from calibration.prediction.heated_run import HeatedRun
 from hardware import LimbTwin
 from limb_systems import (
     CalibrationRecord,
+    ChordSensor,
     HystereticLaw,
     Limb,
     LimbParameters,
     LinearLaw,
     Recording,
     RestMemory,
+    SegmentParameters,
     TwoMassLaw,
     WireParameters,
 )
@@ -300,6 +304,45 @@ def test_a_limb_in_space_is_mounted_by_hand_for_each_excitation(short_excitation
     for (gravity, payload), e2_e3 in zip(connected[3:5], ([-9.81, 0.0], [0.0, 9.81]), strict=True):
         assert gravity == pytest.approx([0.0, *e2_e3])
         assert payload == pytest.approx(limb.payload + mass)
+
+
+def test_a_short_limb_sags_under_a_weight_to_both_sides(tmp_path, monkeypatch):
+    """The operator is told the weight, the recordings say it, and together they tell k."""
+    protocol = "calibration.collecting.protocol"
+    monkeypatch.setattr(f"{protocol}.SAG_TRIALS", 2)
+    monkeypatch.setattr(f"{protocol}.RING_DOWNS", 1)
+    segment = SegmentParameters(links=2, length=0.06, mass=0.015, stiffness=0.104)
+    segment.bend_sensor = ChordSensor()  # what the model shows
+    limb, asked = LimbParameters(segments=[segment]), []
+    heavier = copy.deepcopy(limb)
+    heavier.segments[0].stiffness *= 1.3
+
+    class CollectedError(Exception):
+        """Sag and ring-down are there."""
+
+    def connect(known):
+        return Robot(dataclasses.replace(heavier, gravity=known.gravity, payload=known.payload))
+
+    def ask(what):
+        asked.append(what)
+        if what.startswith("first_contact"):
+            raise CollectedError
+
+    with pytest.raises(CollectedError):
+        collect_from_robot(connect, limb, tmp_path, ask)
+    one, other, swing = (
+        Recording.load(tmp_path / f"{name}.csv") for name in ("sag_1", "sag_2", "ring_down_1")
+    )
+    grams = 1000 * one.parameters.payload
+    assert other.parameters.payload == one.parameters.payload > 0.03
+    assert swing.parameters.payload == 0.0
+    hang = f"left wire. Hang {grams:.3g} g to its tip, and let it hang still."
+    assert asked[0].endswith(f"bends it towards its {hang}")
+    assert asked[1].endswith(f"bends it away from its {hang}")
+    assert "Take the weight off the limb's tip. Mount the limb level." in asked[2]
+    assert one.bend_angle[0, -1] < -0.15 < 0.15 < other.bend_angle[0, -1]
+    found = fit_stiffness(limb, [one, other]).stiffness
+    assert found.value == pytest.approx(heavier.segments[0].stiffness, rel=5e-3)
 
 
 def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkeypatch, capsys):
