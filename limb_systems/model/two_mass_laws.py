@@ -18,6 +18,7 @@ from limb_systems.schema import quantity
 # without transformation, which public records cannot tell from none. Paths are told from rest by
 # their direction down to a few mK/s, and τ is as short as the steps of simulations allow.
 BACKLASH, SOFTNESS, FOLLOWING = 1.0, 0.15, 0.3
+GRADUAL = 1.5  # ε, °C, and τ, s, of paths that turn so gradually that solvers follow them easily
 
 
 @dataclasses.dataclass
@@ -155,6 +156,7 @@ class HystereticLaw(_TwoMassHeat):
     }
     memory: ClassVar[dict[str, tuple[float, float]]] = {"B": (-np.inf, np.inf), "xi": (0.0, 1.0)}
     below: ClassVar[dict[str, str]] = {"cooling_middle": "heating_middle"}
+    turning: ClassVar[tuple[float, float]] = SOFTNESS, FOLLOWING
 
     full_torque: float = quantity(0.038, "N·m", 1e-8, 100.0)
     heating_middle: float = quantity(66.0, "°C", -20.0, 300.0)
@@ -165,8 +167,8 @@ class HystereticLaw(_TwoMassHeat):
         """See the class."""
         T, _, B, xi = x
         # Both ways at once, because calls of numpy take longer than what they do.
-        ahead = np.array([T - B, B - T])
-        rise, fall = SOFTNESS / FOLLOWING * _softplus((ahead - BACKLASH) / SOFTNESS)
+        ahead, (softness, following) = np.array([T - B, B - T]), self.turning
+        rise, fall = softness / following * _softplus((ahead - BACKLASH) / softness)
         beyond = np.array([T - self.heating_middle, self.cooling_middle - T])
         heating, cooling = _logistic(beyond / self.width)
         up, down = (1.0 - xi) * heating / self.width, xi * cooling / self.width
@@ -180,16 +182,24 @@ class HystereticLaw(_TwoMassHeat):
         """Nothing is transformed, and heat meets no backlash, so that plans see it act."""
         return [T0, T0, T0 - BACKLASH, 0.0]
 
-    def without_memory(self) -> SaturatingLaw:
-        """Return the law without hysteresis, whose curve is midway between the two."""
-        heat = {field.name: getattr(self, field.name) for field in dataclasses.fields(_TwoMassHeat)}
-        middle = 0.5 * (self.heating_middle + self.cooling_middle)
-        return SaturatingLaw(**heat, full_torque=self.full_torque, middle=middle, width=self.width)
+    def easier(self) -> WireLaw:
+        """Return the law with a path that turns gradually."""
+        return _GradualLaw(**vars(self))
 
     def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
         """On the curve of heating, which starts at ambient temperature with ξ = 0."""
         ends = [1.0 + np.exp((t - self.heating_middle) / self.width) for t in (T0, T)]
         return [T, T0, T - BACKLASH, 1.0 - ends[0] / ends[1]]
+
+
+class _GradualLaw(HystereticLaw):
+    turning: ClassVar[tuple[float, float]] = GRADUAL, GRADUAL
+
+    def easier(self) -> WireLaw:
+        """Return the law without hysteresis, whose curve is midway between the two."""
+        heat = {field.name: getattr(self, field.name) for field in dataclasses.fields(_TwoMassHeat)}
+        middle = 0.5 * (self.heating_middle + self.cooling_middle)
+        return SaturatingLaw(**heat, full_torque=self.full_torque, middle=middle, width=self.width)
 
 
 def _logistic(z):

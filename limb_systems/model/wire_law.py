@@ -70,8 +70,8 @@ class WireLaw(Tagged):
         """
         return [T, *self.cold_states(T0)[1:]]
 
-    def without_memory(self) -> "WireLaw":
-        """A law about like this one without ``memory``, from which planning starts; else itself."""
+    def easier(self) -> "WireLaw":
+        """A law about like this one whose plan a plan of this one starts from; else itself."""
         return self
 
     def typical_rates(self) -> dict[str, float]:

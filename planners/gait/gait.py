@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from pydrake.solvers import IpoptSolver, SolverOptions
 
-from limb_systems import Gait, GaitCheck, RobotParameters, Wires
+from limb_systems import Gait, GaitCheck, RobotParameters
 from planners.gait.check import check_gait
 from planners.gait.planar_robot import POSE, check_walker
 from planners.gait.program import LEAST_LOAD, LEAST_STRIDE, STEADINESS, STICKING_SHARE, GaitProgram
@@ -27,8 +27,7 @@ START_WARMTH = 40.0  # °C above ambient, of the wires of a robot that stands
 LESS_STEADY, STEADIER = (0.125, 0.25, 0.5, 1.0), (2.0, 4.0)
 START_CYCLES = 6  # after which heat and memory of wires nearly repeat
 LONGEST_SOLVE = 60.0  # s of processor time, of each attempt; gaits take a few
-MOST_ITERATIONS = 150  # of each attempt; gaits need 25 to 60
-WITH_MEMORY = 2  # times as many, of wires with memory, whose gaits need 110 to 220
+MOST_ITERATIONS = 200  # of each attempt; gaits need 25 to 60, with memory of wires 60 to 110
 # By what requests are relaxed to tell why there is no gait.
 LESS_FRICTION, MORE_HEAT = 0.25, 100.0
 RELAXED_TIME = 10.0  # s of processor time, of each relaxed request
@@ -192,20 +191,20 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
         PlanningError: with the solver's status, if there is none.
     """
     attempts: list[tuple[dict[str, Any], Callable]]
-    memory = not program.wires.settles.all()
+    laws = [wire.law for wire in program.robot.together.wires]
+    is_hard = any(law.easier() is not law for law in laws)
     # An adaptive barrier needs fewer iterations, but with feet that swing it rarely converges.
     barriers = ["adaptive", "monotone"][:: -1 if (program.contacts == "swing").any() else 1]
     attempts = [({"mu_strategy": barrier}, standing_still) for barrier in barriers]
-    if near or memory:
-        begin = partial(_from_gait, gait=near) if near else _without_memory
+    if near or is_hard:
+        begin = partial(_from_gait, gait=near) if near else _easier
         attempts = [({"mu_strategy": "monotone", "mu_init": 1e-4}, begin)]
     failures: list[str] = []
     iterations, solve_time = 0, 0.0
     for barrier, begin in attempts:
         start = begin(program)
         options = SolverOptions()
-        most = WITH_MEMORY * MOST_ITERATIONS if memory else MOST_ITERATIONS
-        limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_iter": most}
+        limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_iter": MOST_ITERATIONS}
         limits["max_cpu_time"] = longest
         for name, value in (barrier | limits).items():
             options.SetOption(IpoptSolver.id(), name, value)
@@ -231,20 +230,21 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
     raise PlanningError("; ".join(failures))
 
 
-def _without_memory(program: GaitProgram) -> np.ndarray:
-    """All decision variables of the gait of wires without memory, with the heat and the memory
-    that their duty leads to.
+def _easier(program: GaitProgram) -> np.ndarray:
+    """All decision variables of the gait of a robot whose wires are easier to plan with.
+
+    If its wires have less memory, the memory is what their duty leads to.
 
     Raises:
         PlanningError: if there is none.
     """
     robot = copy.deepcopy(program.robot)
     for wire in robot.together.wires:
-        wire.law = wire.law.without_memory()
-    if not Wires(robot.together).settles.all():
-        return standing_still(program)
-    gait = _solved(_for_robot(program, robot))
+        wire.law = wire.law.easier()
+    gait = _solved(easier := _for_robot(program, robot))
     wires = program.wires
+    if easier.wires.num_states == wires.num_states:
+        return _from_gait(program, gait)
     states = wires.settled_states(gait.wire_temperature.mean(axis=1))
     for _ in range(START_CYCLES):
         course = [states]
