@@ -141,6 +141,7 @@ def local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]:
     context = multiprocessing.get_context(method)
     if method == "forkserver":
         context.set_forkserver_preload(["calibration", "soft_limb.runs.rollout"])
+        _start_quietly()
     folders = {specimen.__module__: "" for specimen in SPECIMENS.values()} | _folders
     with concurrent.futures.ProcessPoolExecutor(
         num_processes, mp_context=context, initializer=_begin, initargs=(folders,)
@@ -151,6 +152,20 @@ def local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]:
             for process in multiprocessing.active_children():
                 process.terminate()  # or the pool would wait for what they are at
             raise
+
+
+def _start_quietly() -> None:
+    """Start the process that is copied; whatever ends it, only this one has something to say."""
+    from multiprocessing import forkserver  # which not all systems have
+
+    errors, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        forkserver.ensure_running()
+    finally:
+        os.dup2(errors, 2)
+        os.close(errors)
+        os.close(nowhere)
 
 
 def load_module(name: str, folder: str | Path) -> None:
