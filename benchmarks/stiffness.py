@@ -64,9 +64,8 @@ def errors(case: tuple[str, int]) -> list[list[float]]:
     rows = []
     for specimen in LIMBS[case[0]](case[1]):
         limb, slow = copy.deepcopy(specimen.description), slow_stiffness(specimen)
-        found = collect_from_twin(
-            LimbTwin(specimen=specimen), protocol="paper", num_angles=1, longest=20.0
-        )
+        brief = {"num_angles": 1, "longest": 20.0, "cooling_time": 60.0}
+        found = collect_from_twin(LimbTwin(specimen=specimen), protocol="paper", **brief)
         level = [r for kind, group in found.items() if kind != "sag" for r in group]
         rest, (segment,) = rest_angle(level, specimen.ambient), limb.segments
         segment.rest_angle = rest.value

@@ -214,14 +214,14 @@ def _stiffness_of_sags(
     kinds, rest = [limbs[index] for index in first], only_segment(limbs[0]).rest_angle
     compliances = np.array([_compliance(limb, sensor) for limb in kinds])
     away = means - sensor.apparent_bend_angle(rest_joint_angles(limbs[0]))
-    softness = (counts * compliances) @ away / ((counts * compliances) @ compliances)
-    if not softness > 0:
+    if not (counts * compliances) @ away > 0:
         heaviest = np.argmax(np.abs(compliances))
         raise CalibrationError(
             f"The limb sags by {np.rad2deg(away[heaviest] / sensor.gain):.1f}° where gravity along "
             f"E2 is {kinds[heaviest].gravity[1]:g} m/s²: it bends upwards. Is the bend sensor "
             "reversed, or gravity in the header?"
         )
+    softness = (counts * compliances) @ away / ((counts * compliances) @ compliances)
     # Trials that are all the same say nothing of the sensor's drift.
     spread = sensor.drift
     if np.ptp(scatter := sags - means[group]) > 1e-9:
