@@ -11,7 +11,7 @@ In the vertical plane in which planar robots move, nothing rolls sideways.
 
 Violations are calculated from the gait alone: balance, height of the feet, travel of those that
 stick, friction and (6) of the heat of each interval, as shares of weight, length and T_max. With
---simulate, eight strides with contact are the least and the largest share of the planned one, of
+--simulate, the strides of the check are the least and the largest share of the planned one, of
 the first gait that passes: a steadier one where the fastest does not.
 
     python benchmarks/gaits.py [nominal random cooling laws slope lifting] [--simulate]
@@ -204,7 +204,7 @@ if __name__ == "__main__":
     quick = [name for name in tables if name != "lifting"]
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("tables", nargs="*", default=quick, help=", ".join(tables))
-    parser.add_argument("--simulate", action="store_true", help="eight strides with contact")
+    parser.add_argument("--simulate", action="store_true", help="check by simulation")
     arguments = parser.parse_args()
     for name in arguments.tables:
         print(f"\n{name}: {HEADER}")

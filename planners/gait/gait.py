@@ -82,13 +82,9 @@ def plan_gait(
     check_walker(robot)
     schedule = schedule or sensible_schedules(len(robot.limbs))[0]
     check_schedule(schedule, len(robot.limbs))
-    _check_request(robot, schedule, objective, temperature_margin, intervals)
-    for name, value, most in (
-        ("steadiness", steadiness, np.inf),
-        ("sticking_share", sticking_share, 1.0),
-    ):
-        if not 0 < value <= most or np.isinf(value):
-            raise PlanningError(f"{name} is {value:g}; it must be above 0, and at most {most:g}.")
+    check_request(
+        robot, schedule, objective, temperature_margin, steadiness, sticking_share, intervals
+    )
     shares = np.diff(np.linspace(0, intervals, len(schedule) + 1).round().astype(int))
     program = partial(
         GaitProgram,
@@ -157,14 +153,16 @@ def _steady(
     return gait
 
 
-def _check_request(
+def check_request(
     robot: RobotParameters,
     schedule: Sequence[Sequence[str]],
     objective: str,
     temperature_margin: float,
-    intervals: int,
+    steadiness: float,
+    sticking_share: float,
+    intervals: int = INTERVALS,
 ) -> None:
-    """Raises PlanningError for what a gait cannot be asked for."""
+    """Raises PlanningError for what a gait cannot be asked for; see `plan_gait`."""
     if objective not in ("speed", "energy"):
         raise PlanningError(f"The objective is {objective!r}; it must be 'speed' or 'energy'.")
     limits, ambient = robot.together.temperature_limits, robot.together.ambient_temperature
@@ -172,6 +170,12 @@ def _check_request(
         raise PlanningError(
             f"temperature_margin is {temperature_margin:g} °C; it must be from 0 to less than "
             f"{limits.maximum - ambient:g} °C, by which T_max is above ambient."
+        )
+    if not 0 < steadiness < np.inf:
+        raise PlanningError(f"steadiness is {steadiness:g}; it must be a positive number.")
+    if not 0 < sticking_share <= 1:
+        raise PlanningError(
+            f"sticking_share is {sticking_share:g}; it must be more than 0 and at most 1."
         )
     if not 2 * len(schedule) <= intervals <= MOST_INTERVALS:
         raise PlanningError(

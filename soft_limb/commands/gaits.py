@@ -30,6 +30,7 @@ from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import motion_panels
 from planners import PlanningError, plan_gait
 from planners.gait.check import fall_of
+from planners.gait.gait import check_request
 from planners.gait.planar_robot import check_walker
 from planners.gait.program import STEADINESS, STICKING_SHARE
 from planners.gait.schedules import Schedule, schedule_of, schedule_text, sensible_schedules
@@ -66,20 +67,20 @@ def _gait(options: argparse.Namespace) -> int:
     num_feet = len(robot.limbs)
     schedules = [schedule_of(text, num_feet) for text in options.schedule]
     schedules = schedules or sensible_schedules(num_feet)
-    each = "five seconds" if options.quick else "ten seconds"
+    request = {
+        "objective": options.objective,
+        "temperature_margin": options.margin,
+        "steadiness": options.steadiness,
+        "sticking_share": options.sticking,
+    }
+    check_request(robot, schedules[0], **request)
+    each = "five to twenty" if options.quick else "ten to sixty"
     say_duration(
-        f"some seconds for each of {len(schedules)} schedules, and about {each} to check one",
+        f"some seconds for each of {len(schedules)} schedules, and {each} seconds to check one",
     )
     gait, refused = _best_gait(
         schedules,
-        functools.partial(
-            _planned,
-            robot,
-            objective=options.objective,
-            temperature_margin=options.margin,
-            steadiness=options.steadiness,
-            sticking_share=options.sticking,
-        ),
+        functools.partial(_planned, robot, **request),
         spread=not options.quick,
     )
     if gait is None:

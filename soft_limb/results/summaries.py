@@ -101,18 +101,18 @@ def gait_summary(gait: Gait) -> Summary:
     if strides:
         spread.append(f"strides {min(strides):.0%} to {max(strides):.0%} of the planned one")
     if fallen:
-        spread.append(
-            f"falls with {', '.join(fallen)}; a gait of more --steadiness falls less and is slower"
-        )
-    steadiness = f"{check.steadiness:.3g} x weight x limb length or more against pitch"
-    if check.remark:
-        steadiness += f"; {check.remark.rstrip('.')}"
+        spread.append(f"falls with {', '.join(fallen)}")
+    steadiness = [
+        f"{check.steadiness:.3g} x weight x limb length against pitch",
+        "gaits of less are faster and tip over sooner",
+        *([check.remark.rstrip(".")] if check.remark else []),
+    ]
     failure = None if check.is_missing else check.failure()
     return gait.summary() + Summary.of(
         {
             "phases": "\n".join(phases),
             "solver": found,
-            "steadiness": steadiness if check.steadiness == check.steadiness else "",
+            "steadiness": "; ".join(steadiness) if np.isfinite(check.steadiness) else "",
             "failure": failure or "",
             "spread": "; ".join(spread),
         },
