@@ -28,6 +28,7 @@ CAUTION: tuple[dict[str, Any], ...] = (
     {"steadiness": 2.0},
     {"steadiness": 4.0},
 )
+NEAR = {"mu_strategy": "monotone", "mu_init": 1e-3}  # barrier of IPOPT from a start that is near
 START_CYCLES = 6  # after which heat and memory of wires nearly repeat
 LONGEST_SOLVE = 60.0  # s of processor time, of each attempt; gaits take a few
 MOST_ITERATIONS = 150  # of each attempt; gaits need 25 to 60, with memory of wires 100
@@ -49,6 +50,7 @@ def plan_gait(
     intervals: int = INTERVALS,
     check: bool = True,
     spread: bool = True,
+    explain: bool = True,
 ) -> Gait:
     """The fastest periodic motion of a robot, or the one that heats least per distance.
 
@@ -65,6 +67,7 @@ def plan_gait(
         temperature_margin: how far T stays below T_max, °C.
         intervals: number of intervals between knots, shared by the phases.
         check, spread: whether to check it by `check_gait`, and with its spread.
+        explain: whether to find out, in up to a minute, why there is no gait, if there is none.
 
     Raises:
         PlanningError: if there is no such motion, with what stays violated, or if the robot does
@@ -87,7 +90,7 @@ def plan_gait(
     try:
         gait = _solved(program())
     except PlanningError as error:
-        reason = _reason(program)
+        reason = _reason(program) if explain else "its program has no solution"
         raise PlanningError(f"There is no gait: {reason} ({error}).") from error
     for caution in CAUTION if check else ():
         if caution:
@@ -129,11 +132,17 @@ def _check_request(
         )
 
 
-def _solved(program: GaitProgram, longest: float = LONGEST_SOLVE) -> Gait:
+def _solved(
+    program: GaitProgram, longest: float = LONGEST_SOLVE, near: np.ndarray | None = None
+) -> Gait:
     """The gait that solves a program, by the first start and barrier that succeed.
+
+    Where feet do not slide evenly in it, it is solved again from there, so that they do: from
+    afar, few starts lead to a gait with this constraint.
 
     Args:
         longest: longest time of each attempt, s of processor time.
+        near: all decision variables of a gait to start from, if one is known.
 
     Raises:
         PlanningError: with the solver's status, if there is none.
@@ -143,7 +152,9 @@ def _solved(program: GaitProgram, longest: float = LONGEST_SOLVE) -> Gait:
     barriers = ["adaptive", "monotone"][:: -1 if (program.contacts == "swing").any() else 1]
     attempts = [({"mu_strategy": barrier}, standing_still) for barrier in barriers]
     if not program.wires.settles.all():
-        attempts = [({"mu_strategy": "monotone", "mu_init": 1e-3}, _without_memory)]
+        attempts = [(NEAR, _without_memory)]
+    if near is not None:
+        attempts = [(NEAR, lambda _: near)]
     failures: list[str] = []
     iterations, solve_time = 0, 0.0
     for barrier, begin in attempts:
@@ -160,6 +171,9 @@ def _solved(program: GaitProgram, longest: float = LONGEST_SOLVE) -> Gait:
         name = f"IPOPT, {barrier['mu_strategy']} barrier"
         if result.is_success():
             x = result.get_x_val()
+            if near is None and not program.slides_evenly(x):
+                program.blocks.append(program.sliding)
+                return _solved(program, longest, x)
             found = GaitCheck(
                 solver=name,
                 status=details.status,
@@ -220,7 +234,7 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
             "there is no load transfer, as a foot carries nothing where the robot stands; set the "
             "limbs so that its weight is between the feet"
         )
-    if (standing.values(still)[-(F + POSE) :] < LEAST_PIVOT).any():
+    if (standing.values(still)[-(2 * F + POSE) : -F] < LEAST_PIVOT).any():
         return TOO_SOFT
     slippery = copy.deepcopy(robot)
     assert slippery.ground is not None

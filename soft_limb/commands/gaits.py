@@ -55,7 +55,11 @@ def _gait(options: argparse.Namespace) -> int:
     gait, refused = _best_gait(
         schedules,
         functools.partial(
-            _planned, robot, objective=options.objective, temperature_margin=options.margin
+            _planned,
+            robot,
+            objective=options.objective,
+            temperature_margin=options.margin,
+            explain=len(schedules) == 1,
         ),
         spread=not options.quick,
     )
@@ -103,7 +107,9 @@ def _best_gait(
             trials = []
             for trial in run_each(plan, schedules, executor):
                 trials.append(trial)
-                progress.update(len(trials))
+                done = [trial.schedule for trial in trials]
+                left = [schedule_text(each) for each in schedules if each not in done]
+                progress.update(len(trials), f"trying {left[0]}" if left else "")
     trials.sort(key=lambda trial: -trial.merit)
     taken, refused = None, []
     for trial in trials:
