@@ -228,8 +228,8 @@ class FrictionGain:
         robot: mechanics of the robot.
         wires: wires of all its limbs.
         held: 1 where the ground holds a foot in (x, z), otherwise 0 (K, F, 2).
-        sliding: for the foot of each point, μ if it slides forward and -μ if it slides backward;
-            0 for the others (K, F).
+        sliding: μ of the foot that is looked at, -μ if it slides backward, and 0 of the other feet
+            (K, F).
     """
 
     num_values = 1
