@@ -14,7 +14,7 @@ stick, friction and (6) of the heat of each interval, as shares of weight, lengt
 --simulate, the strides of the check are the least and the largest share of the planned one, of
 the first gait that passes: a steadier one where the fastest does not.
 
-    python benchmarks/gaits.py [nominal random cooling laws slope lifting] [--simulate]
+    python benchmarks/gaits.py [nominal random cooling laws slope lifting more_feet] [--simulate]
 """
 
 import argparse
@@ -36,7 +36,8 @@ from limb_systems import (
 from limb_systems.model.robot_parameters import RobotLimb, walking_limb
 from planners import plan_gait
 from planners.gait.planar_robot import PlanarRobot
-from planners.gait.schedules import schedule_of
+from planners.gait.schedules import schedule_of, schedule_text, sensible_schedules
+from planners.gait.standing import GROUND_STIFFNESS
 
 HEADER = "case | mm/s | stride, mm | period, s | iterations | s | violation | simulated"
 
@@ -60,7 +61,8 @@ def violation(gait: Gait) -> float:
     excess = np.abs(forces[..., 0]) - mu * forces[..., 1]
     limit = gait.parameters.temperature_limits.maximum
     violations = [np.abs(balance).max() / load, excess.max() / load]
-    off_ground = np.abs(heights[:-1] - planar.radius)[contacts != "swing"]
+    pressed = forces[:-1, :, 1] / GROUND_STIFFNESS * (contacts != "swing").all()
+    off_ground = np.abs(heights[:-1] + pressed - planar.radius)[contacts != "swing"]
     violations += [off_ground.max() / planar.size]
     violations += [np.abs(moved).max() / planar.size, gait.wire_temperature.max() / limit - 1]
     if all(isinstance(wire.law, LinearLaw) for wire in gait.parameters.wires):
@@ -199,9 +201,34 @@ def lifting(simulate: bool) -> None:
                 print(f"    feet lifted by {lifted.min():.1f} to {lifted.max():.1f} mm")
 
 
+def three() -> RobotParameters:
+    """The crawler with a third limb in the middle of a longer body."""
+    robot = RobotParameters()
+    robot.limbs = [
+        RobotLimb(name, position=[x, 0.0, 0.0], parameters=walking_limb())
+        for name, x in (("rear", -0.045), ("middle", 0.0), ("front", 0.045))
+    ]
+    robot.body.length = 0.1
+    return robot
+
+
+def more_feet(simulate: bool) -> None:
+    for name, make, friction in (
+        ("three", three, 0.3),
+        ("three", three, 0.6),
+        ("pairs", pairs, 0.3),
+    ):
+        robot = make()
+        assert robot.ground is not None
+        robot.ground.friction = friction
+        for schedule in sensible_schedules(len(robot.limbs)):
+            case = f"{name}, mu {friction}, {schedule_text(schedule)}"
+            row(case, robot, simulate, schedule=schedule, temperature_margin=5.0, explain=False)
+
+
 if __name__ == "__main__":
-    tables = {t.__name__: t for t in (nominal, random, cooling, laws, slope, lifting)}
-    quick = [name for name in tables if name != "lifting"]
+    tables = {t.__name__: t for t in (nominal, random, cooling, laws, slope, lifting, more_feet)}
+    quick = [name for name in tables if name not in ("lifting", "more_feet")]
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("tables", nargs="*", default=quick, help=", ".join(tables))
     parser.add_argument("--simulate", action="store_true", help="check by simulation")

@@ -25,6 +25,10 @@ START_WARMTH = 40.0  # °C above ambient, of the wires of a robot that stands
 # as steady; and times it, where the robot does not walk as planned: on rough ground, friction of a
 # foot that slides lets the body sway more and more, though it is stable at rest.
 LESS_STEADY, STEADIER = (0.125, 0.25, 0.5, 1.0), (2.0, 4.0)
+# Barriers of IPOPT from a gait of a program that differs little, and from one whose feet slide
+# unevenly.
+FROM_GAIT = {"mu_strategy": "monotone", "mu_init": 1e-4}
+FROM_UNEVEN = {"mu_strategy": "monotone", "mu_init": 1e-3}
 START_CYCLES = 6  # after which heat and memory of wires nearly repeat
 LONGEST_SOLVE = 60.0  # s of processor time, of each attempt; gaits take a few
 MOST_ITERATIONS = 200  # of each attempt; gaits need 25 to 60, with memory of wires 60 to 110
@@ -50,6 +54,7 @@ def plan_gait(
     near: Gait | None = None,
     check: bool = True,
     spread: bool = True,
+    explain: bool = True,
 ) -> Gait:
     """The fastest periodic motion of a robot, or the one that heats least per distance.
 
@@ -72,6 +77,7 @@ def plan_gait(
         intervals: number of intervals between knots, shared by the phases.
         near: a gait of a robot that differs little, of this schedule, to start from.
         check, spread: whether to check it by `check_gait`, and with its spread.
+        explain: whether to find out, in up to a minute, why there is no gait, if there is none.
 
     Raises:
         PlanningError: if there is no such motion, with what stays violated, or if the robot does
@@ -98,7 +104,9 @@ def plan_gait(
     try:
         gait = _steady(program, steadiness, near)
     except PlanningError as error:
-        reason = _reason(partial(program, steadiness=LESS_STEADY[0] * steadiness))
+        reason = "its program has no solution"
+        if explain:
+            reason = _reason(partial(program, steadiness=LESS_STEADY[0] * steadiness))
         raise PlanningError(f"There is no gait: {reason} ({error}).") from error
     if not check:
         return gait
@@ -187,6 +195,9 @@ def check_request(
 def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LONGEST_SOLVE) -> Gait:
     """The gait that solves a program, by the first start and barrier that succeed.
 
+    Where feet do not slide evenly in it, it is solved again from there, so that they do: from
+    afar, few starts lead to a gait with this constraint.
+
     Args:
         near: a gait of a program that differs little, to start from.
         longest: longest time of each attempt, s of processor time.
@@ -202,10 +213,11 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
     attempts = [({"mu_strategy": barrier}, standing_still) for barrier in barriers]
     if near or is_hard:
         begin = partial(_from_gait, gait=near) if near else _easier
-        attempts = [({"mu_strategy": "monotone", "mu_init": 1e-4}, begin)]
+        attempts = [(FROM_GAIT, begin)]
     failures: list[str] = []
     iterations, solve_time = 0, 0.0
-    for barrier, begin in attempts:
+    while attempts:
+        barrier, begin = attempts.pop(0)
         start = begin(program)
         options = SolverOptions()
         limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_iter": MOST_ITERATIONS}
@@ -219,6 +231,10 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
         name = f"IPOPT, {barrier['mu_strategy']} barrier"
         if result.is_success():
             x = result.get_x_val()
+            if program.sliding not in program.blocks and not program.slides_evenly(x):
+                program.blocks.append(program.sliding)
+                attempts = [(FROM_UNEVEN, lambda _, x=x: x)]
+                continue
             found = GaitCheck(
                 solver=name,
                 status=details.status,
@@ -304,7 +320,7 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
             "there is no load transfer, as a foot carries nothing where the robot stands; set the "
             "limbs so that its weight is between the feet"
         )
-    if (standing.values(still)[-(F + POSE) :] < LEAST_PIVOT).any():
+    if (standing.values(still)[-(2 * F + POSE) : -F] < LEAST_PIVOT).any():
         return TOO_SOFT
     margin = asked.temperature_margin
     slippery = copy.deepcopy(robot)

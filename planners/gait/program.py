@@ -7,10 +7,11 @@ duration of its own. What is held:
 
 - the balance of forces and the stability of `Standing`, at every knot;
 - (17) of the heat, in every interval, as `heat_defects`;
-- a foot on the ground is at z = r and carries a least share of the load; one that sticks does not
-  travel, and has ``|f_t| <= 0.8 μ f_n``; one that slides travels one way only, and has f_t = -μ f_n
-  against it; one that swings carries nothing, is 1 mm clear of the ground at knots inside of its
-  phase, and travels so little in an interval that it is clear in between;
+- a foot on the ground is at z = r - f_n / ρ, or at z = r if any foot swings, and carries a least
+  share of the load; one that sticks does not travel, and has ``|f_t| <= 0.8 μ f_n``; one that
+  slides travels one way only, and has f_t = -μ f_n against it; one that swings carries nothing, is
+  1 mm clear of the ground at knots inside of its phase, and travels so little in an interval that
+  it is clear in between;
 - (19), 0 <= D <= 1 and the total duty.
 
 A knot between two phases belongs to both. Where a foot begins to slide or ceases to, friction is
@@ -27,7 +28,7 @@ from pydrake.solvers import MathematicalProgram
 from limb_systems import Gait, GaitCheck, GaitPhase, Provenance, RobotParameters, Wires
 from limb_systems.model.smooth_function import SmoothFunction
 from planners.gait.planar_robot import POSE, PlanarRobot
-from planners.gait.standing import LEAST_PIVOT, LEAST_STIFFNESS, Standing
+from planners.gait.standing import LEAST_PIVOT, LEAST_STIFFNESS, FrictionGain, Standing
 from planners.transcription.collocation import ANGLE_SCALE, heat_defects
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
@@ -36,6 +37,7 @@ SLIDES = {"slide_forward": 1.0, "slide_backward": -1.0}
 
 LEAST_LOAD = 0.05  # of the weight, on each foot on the ground
 CLEARANCE = 1e-3  # m, of feet that swing; feet on the ground sink in by 0.03 mm
+MOST_GAIN = 0.5  # of friction on itself, with which errors of loads grow twofold
 STICKING_SHARE = 0.8  # of μ, that feet that stick may use
 # Of weight x limb length, the least stiffness against pitch. Robots whose limbs pull 10% more and
 # less than planned tip over with less, open loop; with more they walk more slowly.
@@ -52,6 +54,7 @@ class GaitProgram:
 
     - ``prog``: the `MathematicalProgram`, with all that is linear.
     - ``blocks``: all other constraints.
+    - ``sliding``: `FrictionGain` of feet that slide, which is not among them at first.
     - ``y``, ``heat``, ``forces``, ``travel``, ``duty``: indices of the configuration (K, d), of
       [x, V] (K, M), of λ (K, 2F), s (K, F) and the duty of the interval after the knot (K, W)
       among the decision variables.
@@ -99,7 +102,9 @@ class GaitProgram:
         down = np.all([of != "swing" for of in both], axis=0)
         stuck = np.all([of == "stick" for of in both], axis=0)
         held = np.stack([stuck, down], axis=-1).astype(float)
-        standing = Standing(self.planar, self.wires, held)
+        # Feet that swing come down on loads that are not known to micrometres.
+        self.lifts = bool((self.contacts == "swing").any())
+        standing = Standing(self.planar, self.wires, held, ground_gives=not self.lifts)
         self.standing = standing
         off_ground = np.all([of == "swing" for of in both], axis=0)
         self.blocks: list[ConstraintBlock] = [
@@ -107,6 +112,7 @@ class GaitProgram:
             self._heat_block(),
             self._merit_block(),
         ]
+        self.sliding = self._sliding_block()
 
     def _add_variables(self) -> None:
         prog = self.prog = MathematicalProgram()
@@ -197,16 +203,32 @@ class GaitProgram:
         planar, load = self.planar, self.load
         d, F = len(planar.stiffness), planar.num_feet
         forces, moments = np.full(2, load), np.full(d - 2, load * planar.size)
-        scales = np.concatenate([forces, moments, np.full(2 * F, LENGTH_SCALE), np.ones(F + POSE)])
+        scales = np.concatenate(
+            [forces, moments, np.full(2 * F, LENGTH_SCALE), np.ones(2 * F + POSE)]
+        )
         lower, upper = np.zeros((2, len(self.y), len(scales)))
-        heights, pivots = slice(d + F, d + 2 * F), slice(d + 2 * F, None)
+        heights, pivots = slice(d + F, d + 2 * F), slice(d + 2 * F, -F)
+        lower[:, -F:], upper[:, -F:] = -np.inf, np.inf if self.lifts else LEAST_PIVOT
         lower[:, heights] = planar.radius + clearance * off_ground
         upper[:, heights] = np.where(off_ground, np.inf, planar.radius)
         lower[:, pivots] = LEAST_PIVOT if np.isfinite(self.steadiness) else -np.inf
         pitch = self.steadiness * load * planar.size / LEAST_STIFFNESS[-1]
-        lower[:, -1] = np.arcsinh(pitch)
+        lower[:, -F - 1] = np.arcsinh(pitch)
         upper[:, pivots] = np.inf
         return FunctionBlock(self.standing, self.points, scales=scales, bounds=(lower, upper))
+
+    def _sliding_block(self) -> ConstraintBlock:
+        """`FrictionGain` of each foot that slides, in each knot and phase that it is part of."""
+        assert self.robot.ground is not None, "a gait needs a ground"
+        K, F = self.contacts.shape
+        contacts = np.concatenate([self.contacts, self.before])
+        directions = np.vectorize(SLIDES.get)(contacts, 0.0)
+        rows, feet = directions.nonzero()
+        held = np.stack([contacts == "stick", contacts != "swing"], axis=-1).astype(float)
+        sliding = self.robot.ground.friction * directions[rows, feet, None] * np.eye(F)[feet]
+        gain = FrictionGain(self.planar, self.wires, held[rows], sliding)
+        lower, upper = np.full((len(rows), 1), -np.inf), np.full((len(rows), 1), MOST_GAIN)
+        return FunctionBlock(gain, self.points[rows % K], bounds=(lower, upper))
 
     def _heat_block(self) -> ConstraintBlock:
         """(17) of the heat around the period, with duty held over intervals of free length."""
@@ -277,6 +299,10 @@ class GaitProgram:
             check=check,
             provenance=Provenance.now(self.robot.together),
         )
+
+    def slides_evenly(self, x: np.ndarray) -> bool:
+        """Whether the friction of no foot that slides acts on itself too much."""
+        return bool((self.sliding.evaluate(x) <= self.sliding.upper).all())
 
     def violation(self, x: np.ndarray) -> float:
         """The largest violation of constraints and bounds, scaled."""

@@ -71,26 +71,25 @@ def sensible_schedules(num_feet: int) -> list[Schedule]:
     """Schedules forward that are worth trying, the crawl of `plan_gait` first.
 
     Feet move one after the other, from the rear or from the front; they slide, or are lifted if
-    three or more can stand on the others. Between their moves all stick, while the body shifts, or
-    the next of three or more moves at once. Of four or more, every other one may move at a time.
+    three or more can stand on the others. Of four or more, every other one may move at a time.
+    Between their moves all stick, while the body shifts: where one foot begins to slide as another
+    ceases to, friction holds neither, and no such gait walked as planned.
     """
     wave = [[foot] for foot in range(num_feet)]
     orders = [wave] if num_feet < 3 else [wave, wave[::-1]]
     if num_feet > 3:
-        orders.append([list(range(0, num_feet, 2)), list(range(1, num_feet, 2))])
+        orders.insert(0, [list(range(0, num_feet, 2)), list(range(1, num_feet, 2))])
     return [
-        _schedule(order, contact, num_feet, rests)
+        _schedule(order, contact, num_feet)
         for contact in ("slide_forward", "swing")[: 1 if num_feet < 3 else 2]
         for order in orders
-        for rests in (True, False)
-        if rests or len(order) > 2
     ]
 
 
-def _schedule(order: list[list[int]], contact: str, num_feet: int, rests: bool) -> Schedule:
-    """Groups of feet that move in an order, all sticking between if it rests."""
+def _schedule(order: list[list[int]], contact: str, num_feet: int) -> Schedule:
+    """Groups of feet that move in an order, all sticking between."""
     phases = []
     for moving in order:
         phases.append([contact if foot in moving else "stick" for foot in range(num_feet)])
-        phases += [["stick"] * num_feet] * rests
+        phases.append(["stick"] * num_feet)
     return phases

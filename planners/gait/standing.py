@@ -12,6 +12,12 @@ pivots of LDLᵀ = ∂²L/∂y² - ∂f/∂q + ρ JᵀJ, with the rows J of the 
 holds feet, have to be more than positive. Joints are eliminated first: what is left are the
 stiffnesses against motion of the body in x, then z, then θ, the others being free.
 
+Balance alone does not share the load among more than two feet: heights of micrometres do, by which
+feet sink into the ground. So the heights h of the ground below the feet are coordinates as well.
+What is left for each, with all of y eliminated, is the load that a foot gains by ground that is
+higher. It has to be small: else the load, and with it friction, is left to chance. `FrictionGain`
+bounds what friction then makes of it.
+
 A pivot is the stiffness vᵀ H v of the motion v that the eliminated coordinates follow. v is
 stationary, so that the pivot's derivative is that of Φ(p, v) = vᵀ H(p) v at constant v, and its
 curvature is Φ's less what the eliminated coordinates give way.
@@ -23,14 +29,17 @@ import numpy as np
 from limb_systems import Wires
 from limb_systems.model.smooth_function import SmoothFunction, stated_once
 from planners.gait.planar_robot import POSE, PlanarRobot
+from urdf.generate import CONTACT_STIFFNESS
 
-# ρ, N/m: a hundred times what limbs are, so that more of it would change pivots by percents.
-GROUND_STIFFNESS = 1e4
+# ρ, N/m, of a foot and the ground in series: a hundred times what limbs are, so that more of it
+# would change pivots by percents.
+GROUND_STIFFNESS = CONTACT_STIFFNESS / 2
 # Least pivots. With less, gaits tip over a slightly uneven ground or slip of a foot: at 10 N/m, a
 # tenth of a limb's weight moves the body by 1.5 mm; at 0.1 N·m/rad, it turns it by 1°. Against
 # pitch, which other limbs than planned make tip, `GaitProgram` asks for more.
 LEAST_STIFFNESS = np.array([10.0, 10.0, 0.1])
 LEAST_JOINT_STIFFNESS = 0.05  # of a joint's spring: limbs buckle at 0
+MOST_LOAD_STIFFNESS = 1000.0  # N/m: ground that is higher by 0.1 mm adds a load of at most 0.1 N
 LEAST_PIVOT = float(np.arcsinh(1.0))  # of `Standing.values`
 
 
@@ -38,51 +47,67 @@ class Standing:
     """Balance, feet and pivots of a robot at points p (..., P), with exact derivatives.
 
     Values are the d forces of the balance, N and N·m; the travel of each foot less s, m, and its
-    height z, m; and asinh of the pivots over the least ones: of the last joint of each limb, whose
-    sign is the first to change, and of the body in x, z and θ. They are (..., m), with
-    m = d + 2F + F + 3. The class is a `planners.transcription.function_block.PointFunction`.
+    height above where its load presses the ground to, z + f_n / ρ, m; and asinh of the pivots over
+    the least ones: of the last joint of each limb, whose sign is the first to change, and of the
+    body in x, z and θ; and of the load by each height of the ground over the most. They are
+    (..., m), with m = d + 2F + F + 3 + F. The class is a
+    `planners.transcription.function_block.PointFunction`.
 
     Args:
         robot: mechanics of the robot.
         wires: wires of all its limbs.
         held: 1 where the ground holds a foot in (x, z), otherwise 0 (K, F, 2); any
             number of points before the last axis of p then has to be K.
+        ground_gives: whether loads press feet into the ground; else heights are z.
     """
 
-    def __init__(self, robot: PlanarRobot, wires: Wires, held: np.ndarray):
+    def __init__(
+        self, robot: PlanarRobot, wires: Wires, held: np.ndarray, ground_gives: bool = True
+    ):
         d, N, F = len(robot.stiffness), wires.num_states, robot.num_feet
         self._d, self._N, self._F = d, N, F
-        self.num_values = d + 3 * F + POSE
+        self._gives = np.array([float(ground_gives)])
+        self.num_values = d + 4 * F + POSE
         self._held = held.reshape(*held.shape[:-2], 2 * F)
-        self._least = np.append(
-            LEAST_JOINT_STIFFNESS * robot.stiffness[POSE:][robot.last_joints], LEAST_STIFFNESS
-        )
-        # Joints first, then the body; coordinates of the pivots that count.
+        of_joints = LEAST_JOINT_STIFFNESS * robot.stiffness[POSE:][robot.last_joints]
+        self._least = np.concatenate([of_joints, LEAST_STIFFNESS, np.full(F, MOST_LOAD_STIFFNESS)])
+        # Joints first, then the body, then each height of the ground; the pivots that count, by how
+        # many coordinates are eliminated, and by their own.
         self._order = np.append(np.arange(POSE, d), np.arange(POSE))
-        self._pivots = [*robot.last_joints, *range(d - POSE, d)]
+        kept = [*robot.last_joints, *range(d - POSE, d)]
+        self._pivots = [*zip(kept, self._order[kept], strict=True), *((d, d + f) for f in range(F))]
 
         functions = stated_once((Standing, robot.key), lambda: self._stated(robot, wires))
-        self._of_point, self._energy, self._stiffness = functions
+        self._of_point, self._energy, self._stiffness, self.gain = functions
         self.slope_places, self.curvature_places = self._places()
 
     def _stated(self, robot: PlanarRobot, wires: Wires) -> tuple[SmoothFunction, ...]:
-        """Balance and feet of a point; Φ; and the stiffness, column by column."""
+        """Balance and feet of a point; Φ; the stiffness, column by column; Φ of `FrictionGain`."""
         d, N, F = self._d, self._N, self._F
         y, feet = robot.configuration, ca.vec(robot.symbolic_feet)
         x, forces, travel = ca.SX.sym("x", N), ca.SX.sym("f", 2 * F), ca.SX.sym("s", F)
-        v, on_ground = ca.SX.sym("v", d), ca.SX.sym("held", 2 * F)
+        v, on_ground = ca.SX.sym("v", d + F), ca.SX.sym("held", 2 * F)
         lagrangian = robot.symbolic_potential - ca.dot(forces, feet)
         torques = ca.vertcat(ca.SX(POSE, 1), wires.symbolic_force(x, y[POSE:]))
         balance = ca.gradient(lagrangian, y) - torques
         s, z = robot.symbolic_feet[0, :].T, robot.symbolic_feet[1, :].T
+        gives = ca.SX.sym("gives")
+        heights = z + gives * forces[1::2] / GROUND_STIFFNESS
         point = ca.vertcat(y, x, forces, travel)
-        along = ca.jtimes(feet, y, v)
-        own = ca.jtimes(balance, y, v)
-        energy = ca.dot(v, own) + GROUND_STIFFNESS * ca.dot(on_ground, along**2)
+        raised = ca.vec(ca.horzcat(ca.SX(F, 1), v[d:]).T)
+        turned = ca.jtimes(feet, y, v[:d])
+        along = turned - raised
+        own = ca.jtimes(balance, y, v[:d])
+        energy = ca.dot(v[:d], own) + GROUND_STIFFNESS * ca.dot(on_ground, along**2)
+        w, drag = ca.SX.sym("w", d), ca.SX.sym("drag", 2 * F)
+        pushed = ca.jtimes(feet, y, w)
+        coupled = ca.dot(w, own) + GROUND_STIFFNESS * ca.dot(on_ground * turned, pushed)
+        gain = ca.dot(drag[::2], pushed[::2]) + ca.dot(drag[1::2], turned[1::2]) - coupled
         return (
-            SmoothFunction(ca.vertcat(balance, s - travel, z), point),
+            SmoothFunction(ca.vertcat(balance, s - travel, heights), point, gives),
             SmoothFunction(energy, ca.vertcat(point, v), on_ground),
             SmoothFunction(ca.vec(ca.hessian(energy, v)[0] / 2), point, on_ground),
+            SmoothFunction(gain, ca.vertcat(point, v[:d], w), ca.vertcat(on_ground, drag)),
         )
 
     def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -94,18 +119,21 @@ class Standing:
         """Balance, feet and pivots (..., m)."""
         pivots = np.moveaxis(self._eliminated(points)[0], 0, -1)
         return np.concatenate(
-            [self._of_point.values(points), np.arcsinh(pivots / self._least)], axis=-1
+            [self._of_point.values(points, self._gives), np.arcsinh(pivots / self._least)], axis=-1
         )
 
     def stiffness(self, points: np.ndarray) -> np.ndarray:
         """∂²L/∂y² - ∂f/∂q + ρ JᵀJ (..., d, d)."""
-        return self._stiffness.values(points, self._held).reshape(
-            *points.shape[:-1], self._d, self._d
-        )
+        return self._with_heights(points)[..., : self._d, : self._d]
+
+    def _with_heights(self, points: np.ndarray) -> np.ndarray:
+        """The stiffness with the heights of the ground as coordinates (..., d + F, d + F)."""
+        size = self._d + self._F
+        return self._stiffness.values(points, self._held).reshape(*points.shape[:-1], size, size)
 
     def derivatives(self, points: np.ndarray) -> np.ndarray:
         """Derivatives of `values` by the points (..., m, P)."""
-        _, of_point = self._of_point.first(points)
+        _, of_point = self._of_point.first(points, self._gives)
         pivots, motions, _ = self._eliminated(points)
         of_pivots = np.moveaxis(self._pivot_slopes(points, pivots, motions), 0, -2)
         return np.concatenate([of_point, of_pivots], axis=-2)
@@ -113,14 +141,14 @@ class Standing:
     def second(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · `values` by the points (..., P, P)."""
         P, first_pivot = points.shape[-1], self.num_values - len(self._pivots)
-        result = self._of_point.second(points, weights[..., :first_pivot])
+        result = self._of_point.second(points, weights[..., :first_pivot], self._gives)
         pivots, motions, stiffness = self._eliminated(points)
         slopes = self._pivot_slopes(points, pivots, motions)
         one = np.ones((*pivots.shape, 1))
         curved = self._energy.second(self._with(points, motions), one, self._held)
         sizes = np.hypot(pivots, self._of_pivots(self._least, pivots))
         on_pivots = np.moveaxis(weights[..., first_pivot:], -1, 0) / sizes
-        for number, pivot, slope, both, weight in zip(
+        for (number, _), pivot, slope, both, weight in zip(
             self._pivots, pivots, slopes, curved, on_pivots, strict=True
         ):
             before = self._order[:number]
@@ -142,7 +170,7 @@ class Standing:
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
         """Where first and second derivatives may not be zero."""
         of_energy = self._energy
-        P, m = of_energy.num_variables - self._d, self.num_values
+        P, m = of_energy.num_variables - self._d - self._F, self.num_values
         slopes, curved = np.zeros((m, P), bool), np.zeros((P, P), bool)
         slopes[tuple(self._of_point.slope_places)] = True
         counts = np.unique(of_energy.slope_places[1])
@@ -171,14 +199,75 @@ class Standing:
         return values.reshape(-1, *[1] * (pivots.ndim - 1))
 
     def _eliminated(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The V pivots (V, ...), their motions v (V, ..., d), and the stiffness (..., d, d)."""
-        whole = self.stiffness(points)
+        """The V pivots (V, ...), their motions v (V, ..., d + F), and `_with_heights`."""
+        whole = self._with_heights(points)
         motions = np.zeros((len(self._pivots), *whole.shape[:-1]))
-        for number, v in zip(self._pivots, motions, strict=True):
-            before, own = self._order[:number], self._order[number]
+        for (number, own), v in zip(self._pivots, motions, strict=True):
+            before = self._order[:number]
             kept = whole[..., before[:, None], before]
             v[..., own] = 1.0
             v[..., before] = -np.linalg.solve(kept, whole[..., before, own, None])[..., 0]
-        own = self._order[self._pivots]
+        own = [own for _, own in self._pivots]
         pivots = np.einsum("...ji,j...i->j...", whole[..., own, :], motions)
         return pivots, motions, whole
+
+
+class FrictionGain:
+    """What friction on a foot that slides does to itself, at points p (..., P) of `Standing`.
+
+    If friction drags a foot back by 1 N, the load on it changes, and so the friction, by g N. Where
+    g reaches 1, the foot jams, or jumps, however stable the robot is without friction. With the
+    stiffness H of `Standing`, and the directions t and n in which the foot slides and is held, it
+    is g = μ ρ nᵀH⁻¹t. This is the stationary value over motions v and w of
+
+        Φ(p, v, w) = μ tᵀw + ρ nᵀv - vᵀH w,
+
+    whose derivatives at constant v and w are those of g. The class is a
+    `planners.transcription.function_block.PointFunction` of one value.
+
+    Args:
+        robot: mechanics of the robot.
+        wires: wires of all its limbs.
+        held: 1 where the ground holds a foot in (x, z), otherwise 0 (K, F, 2).
+        sliding: μ of the foot that is looked at, -μ if it slides backward, and 0 of the other feet
+            (K, F).
+    """
+
+    num_values = 1
+
+    def __init__(self, robot: PlanarRobot, wires: Wires, held: np.ndarray, sliding: np.ndarray):
+        self._robot, self._standing = robot, Standing(robot, wires, held)
+        self._gain, self._d = self._standing.gain, len(robot.stiffness)
+        self._drag = np.stack([sliding, GROUND_STIFFNESS * (sliding != 0)], axis=-1)
+        both = np.stack([held, self._drag], axis=1)
+        self._parameters = both.reshape(len(held), 4 * robot.num_feet)
+        self._P = self._gain.num_variables - 2 * self._d
+        counts = np.unique(self._gain.slope_places[1])
+        self._counts = counts[counts < self._P]
+        self.slope_places = np.array([np.zeros_like(self._counts), self._counts])
+        self.curvature_places = self._counts[np.array(np.tril_indices(len(self._counts)))]
+
+    def values(self, points: np.ndarray) -> np.ndarray:
+        """The gain (..., 1)."""
+        return self._gain.values(self._with_motions(points), self._parameters)
+
+    def slopes(self, points: np.ndarray) -> np.ndarray:
+        """Derivatives at the ``slope_places`` (..., Z)."""
+        _, slopes = self._gain.first(self._with_motions(points), self._parameters)
+        return slopes[..., 0, self._counts]
+
+    def curvatures(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · `values` at the ``curvature_places`` (..., Z)."""
+        P, one = self._P, np.ones_like(weights)
+        whole = self._gain.second(self._with_motions(points), one, self._parameters)
+        change = whole[..., P:, :P]  # of the slopes of Φ by the motions, to which they give way
+        given = change.swapaxes(-1, -2) @ np.linalg.solve(whole[..., P:, P:], change)
+        return (weights[..., None] * (whole[..., :P, :P] - given))[..., *self.curvature_places]
+
+    def _with_motions(self, points: np.ndarray) -> np.ndarray:
+        """Arguments [p, v, w] of Φ (..., P + 2d)."""
+        y, _, _ = self._standing.split(points)
+        stiffness = self._standing.stiffness(points)
+        directions = np.einsum("...fc,...fcd->...dc", self._drag, self._robot.feet_jacobian(y))
+        motions = np.linalg.solve(stiffness, directions)
+        return np.concatenate([points, motions[..., 0], motions[..., 1]], axis=-1)

@@ -80,7 +80,7 @@ def _gait(options: argparse.Namespace) -> int:
     )
     gait, refused = _best_gait(
         schedules,
-        functools.partial(_planned, robot, **request),
+        functools.partial(_planned, robot, explain=len(schedules) == 1, **request),
         spread=not options.quick,
     )
     if gait is None:
@@ -127,7 +127,9 @@ def _best_gait(
             trials = []
             for trial in run_each(plan, schedules, executor):
                 trials.append(trial)
-                progress.update(len(trials))
+                done = [trial.schedule for trial in trials]
+                left = [schedule_text(each) for each in schedules if each not in done]
+                progress.update(len(trials), f"trying {left[0]}" if left else "")
     trials.sort(key=lambda trial: -trial.merit)
     taken, refused = None, []
     for trial in trials:
