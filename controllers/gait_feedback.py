@@ -26,7 +26,7 @@ class GaitFeedback(PlanFeedback):
     Within a cycle the bends of the limbs, F in all, are held to φ̄ + a (φ* - φ̄), with φ̄ the mean of
     each planned bend over the cycle, at a clock that runs c times slower than the plan's. At its
     end, where the body has travelled S, and not S* as planned, and the bends had on average the
-    share r of those that were asked for, by regression, which is less if they were late,
+    share r of the ranges that were asked for,
 
         a ← a (S* / S)^0.5,   c ← c / r
 
@@ -37,8 +37,8 @@ class GaitFeedback(PlanFeedback):
 
     - inputs 0 and 1, output 0: those of `PlanController`
     - input 2 ``body_pose``: x, z, m, and θ, rad, of the body; NaN where it is not seen
-    - output 1 ``correction``: time in the walk, s, a, c, where the cycle began, m, and in it so
-      far, of the planned bends less their mean, Σ φ φ* and Σ φ*² (2F), rad²
+    - output 1 ``correction``: time in the walk, s, a, c, where the cycle began, m, and the least
+      and the largest bends in it so far (2F), rad
     - state, discrete, at 20 Hz: 0 and 1 of `PlanController`; 2: the correction
     """
 
@@ -68,14 +68,14 @@ class GaitFeedback(PlanFeedback):
         self._period, self._stride = gait.period, gait.stride
         self._begin = PERIOD * np.floor((trajectory.duration - cycles * gait.period) / PERIOD + 0.5)
         bends = self._plan.bend_angle[round(self._begin / PERIOD) : -1]
-        self._mean_bend = bends.mean(axis=0)
+        self._mean_bend, self._range = bends.mean(axis=0), np.ptp(bends, axis=0)
         model, duty = self._estimator.model, np.zeros_like(self._plan.duty)
         none, full = (model.step(self._plan.heat, duty + D) - self._plan.heat for D in (0.0, 1.0))
         W = model.num_wires
         self._holding = np.clip(none / (none - full), 0.0, 1.0)[:, :W]
         self.DeclareVectorInputPort("body_pose", 3)
         F = model.num_bends
-        start = [0.0, 1.0, 1.0, np.nan, *[0.0] * (2 * F)]
+        start = [0.0, 1.0, 1.0, np.nan, *[np.inf] * F, *[-np.inf] * F]
         self.DeclareStateOutputPort("correction", self.DeclareDiscreteState(start))
         self.set_name("gait_feedback")
 
@@ -92,21 +92,17 @@ class GaitFeedback(PlanFeedback):
     def _end_update(self, context, ahead: StateEstimate, state) -> None:
         now = context.get_discrete_state(2).value().copy()
         bend, x = self.get_input_port(1).Eval(context), self.get_input_port(2).Eval(context)[0]
-        along, squares = np.split(now[START + 1 :], 2)
-        # The bend that is read at a tick was asked for in the period before it.
-        wanted = self._plan.bend_angle[max(0, self._plan.index(now[TIME]) - 1)] - self._mean_bend
-        wanted, seen = now[AMPLITUDE] * wanted, np.isfinite(bend)
-        along[seen] += (wanted * bend)[seen]
-        squares[seen] += (wanted**2)[seen]
+        least, largest = np.split(now[START + 1 :], 2)
+        least[:], largest[:] = np.fmin(least, bend), np.fmax(largest, bend)
         before = np.floor((now[TIME] - self._begin) / self._period + 1e-9)
         now[TIME] += PERIOD / now[DURATION]
         if np.floor((now[TIME] - self._begin) / self._period + 1e-9) > before:
-            if before >= SETTLING and squares.min() > 0:
-                reached = np.clip(np.mean(along / squares), 0.5, 2.0)
+            if before >= SETTLING and np.isfinite([*least, *largest]).all():
+                reached = np.mean((largest - least) / (now[AMPLITUDE] * self._range))
                 travelled = (x - now[START]) / self._stride
                 if np.isfinite(travelled):
                     step = np.clip(travelled, 0.3, 3.0) ** -GAIN
                     now[AMPLITUDE] = np.clip(now[AMPLITUDE] * step, *AMPLITUDES)
                 now[DURATION] = np.clip(now[DURATION] / reached, *DURATIONS)
-            now[START], along[:], squares[:] = x, 0.0, 0.0
+            now[START], least[:], largest[:] = x, np.inf, -np.inf
         state.set_value(2, now)
