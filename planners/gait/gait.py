@@ -13,7 +13,13 @@ from pydrake.solvers import IpoptSolver, SolverOptions
 from limb_systems import Gait, GaitCheck, RobotParameters
 from planners.gait.check import check_gait
 from planners.gait.planar_robot import POSE, check_walker
-from planners.gait.program import LEAST_LOAD, LEAST_STRIDE, STEADINESS, STICKING_SHARE, GaitProgram
+from planners.gait.program import (
+    LEAST_LOAD,
+    LEAST_STRIDE,
+    STICKING_SHARE,
+    GaitProgram,
+    usual_steadiness,
+)
 from planners.gait.schedules import check_schedule, sensible_schedules
 from planners.gait.standing import LEAST_PIVOT, Standing
 from planners.transcription.ipopt import ExactHessianIpoptSolver
@@ -48,7 +54,7 @@ def plan_gait(
     schedule: Sequence[Sequence[str]] | None = None,
     objective: Literal["speed", "energy"] = "speed",
     temperature_margin: float = 0.0,
-    steadiness: float = STEADINESS,
+    steadiness: float | None = None,
     sticking_share: float = STICKING_SHARE,
     intervals: int = INTERVALS,
     near: Gait | None = None,
@@ -71,7 +77,8 @@ def plan_gait(
             over time and wires, by stride.
         temperature_margin: how far T stays below T_max, °C.
         steadiness: least stiffness against pitch, as a multiple of weight times limb length. Less
-            is faster, but more of the robots that are not quite as described fall.
+            is faster, but more of the robots that are not quite as described fall. If None, 25,
+            or 12.5 if all limbs are calibrated.
         sticking_share: share of μ that feet that stick may use, at most 1. More is faster, but
             the robot stands still if friction differs more from foot to foot.
         intervals: number of intervals between knots, shared by the phases.
@@ -86,6 +93,7 @@ def plan_gait(
     """
     robot = RobotParameters.of(robot)
     check_walker(robot)
+    steadiness = usual_steadiness(robot) if steadiness is None else steadiness
     schedule = schedule or sensible_schedules(len(robot.limbs))[0]
     check_schedule(schedule, len(robot.limbs))
     check_request(
@@ -166,7 +174,7 @@ def check_request(
     schedule: Sequence[Sequence[str]],
     objective: str,
     temperature_margin: float,
-    steadiness: float,
+    steadiness: float | None,
     sticking_share: float,
     intervals: int = INTERVALS,
 ) -> None:
@@ -179,7 +187,7 @@ def check_request(
             f"temperature_margin is {temperature_margin:g} °C; it must be from 0 to less than "
             f"{limits.maximum - ambient:g} °C, by which T_max is above ambient."
         )
-    if not 0 < steadiness < np.inf:
+    if steadiness is not None and not 0 < steadiness < np.inf:
         raise PlanningError(f"steadiness is {steadiness:g}; it must be a positive number.")
     if not 0 < sticking_share <= 1:
         raise PlanningError(

@@ -42,11 +42,20 @@ STICKING_SHARE = 0.8  # of μ, that feet that stick may use
 # Of weight x limb length, the least stiffness against pitch. Robots whose limbs pull 10% more and
 # less than planned tip over with less, open loop; with more they walk more slowly.
 STEADINESS = 25.0
+# Calibrated limbs are known better, and are driven by feedback: what they need to hold their feet
+# apart, heat of both wires of a limb, then is better kept for the stride.
+STEADINESS_CALIBRATED = 12.5
 LENGTH_SCALE = 0.01  # m, a typical travel
 LEAST_STRIDE = 1e-3  # m; below, there is no gait to speak of
 STEPS = 0.1, 10.0  # of intervals, as shares of the time constant of cooling over their number
 # rad, of the body and of each joint: bounds that gaits do not reach keep iterates sane.
 MOST_PITCH, MOST_TURN = 0.5, 0.8
+
+
+def usual_steadiness(robot: RobotParameters) -> float:
+    """25, or 12.5 for a robot of which all limbs are calibrated."""
+    calibrated = all(limb.parameters.calibration for limb in robot.limbs)
+    return STEADINESS_CALIBRATED if calibrated else STEADINESS
 
 
 class GaitProgram:

@@ -32,7 +32,7 @@ from planners import PlanningError, plan_gait
 from planners.gait.check import fall_of
 from planners.gait.gait import check_request
 from planners.gait.planar_robot import check_walker
-from planners.gait.program import STEADINESS, STICKING_SHARE
+from planners.gait.program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
 from planners.gait.schedules import Schedule, schedule_of, schedule_text, sensible_schedules
 from planners.gait.walking import walk
 from soft_limb.commands.options import (
@@ -327,11 +327,10 @@ COMMANDS = {
             Option(
                 "--steadiness",
                 type=float,
-                default=STEADINESS,
                 metavar="N",
                 help="least stiffness against pitch, as a multiple of weight times limb length: "
                 "less is faster, but more robots that are not quite as described fall (default "
-                "%(default)g)",
+                f"{STEADINESS:g}, or {STEADINESS_CALIBRATED:g} if all limbs are calibrated)",
             ),
             Option(
                 "--sticking",
