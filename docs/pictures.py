@@ -263,7 +263,7 @@ node [fillcolor="#eef2fb"];
 subgraph recordings { node [fillcolor=white];
   sag [label="sag under gravity\\n10 trials"]; ring [label="ring-down from 45°\\n3 times"];
   heated [label="one wire heated\\nC^l, C^r"]; both [label="both wires heated\\nC^m"]; }
-k [label="fit_stiffness\\nλ iteration, (9)"];
+k [label="fit_stiffness\\nλ, (9)"];
 sigma [label="fit_damping\\nAlgorithm 1, (10)"];
 heat [label="fit_heat_transfer\\nSec. V-C1, (6), (7), (12)"];
 force [label="fit_force\\n(13)"];

@@ -1,0 +1,94 @@
+"""How emulated robots walk that are calibrated by the commands: collect, fit, gait, walk.
+
+The robots are crawlers, some of them unlike the default one: ``long`` has limbs of 8 cm and a
+light body, ``heavy`` a body of 30 g, feet of 2 g and weak wires, ``unlike`` limbs of other lengths
+and stiffness up a slope of 2°. Shown are the planned speed and the mean speed of the first four
+planned periods by feedback, open loop, and after the gait was planned anew, beside that of the plan
+that was walked; and falls.
+
+    python benchmarks/calibrated_walks.py [default:3 default:11 long:5 ...]
+
+Each robot takes four minutes. Its files are left in out/calibrated_walks/.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from limb_systems import Gait, RobotParameters
+
+USUAL = ("default:3", "default:11", "default:12", "default:13", "default:14")
+UNLIKE = ("long:5", "heavy:6", "unlike:7")
+FOLDER = Path("out/calibrated_walks")
+WAYS: dict[str, list[str]] = {
+    "feedback": [],
+    "open loop": ["--controller", "open-loop"],
+    "replanned": ["--replan"],
+}
+
+
+def described(name: str) -> RobotParameters:
+    robot = RobotParameters()
+    assert robot.ground is not None
+    rear, front = (limb.parameters.segments[0] for limb in robot.limbs)
+    if name == "long":
+        for limb, x in zip(robot.limbs, (-0.035, 0.035), strict=True):
+            limb.position[0] = x
+        for segment in (rear, front):
+            segment.length, segment.mass, segment.stiffness = 0.08, 0.02, 0.25
+        robot.body.mass, robot.body.length, robot.ground.friction = 0.012, 0.09, 0.5
+    if name == "heavy":
+        robot.body.mass, robot.feet.mass = 0.03, 0.002
+        for segment in (rear, front):
+            segment.stiffness = 0.26
+            for wire in segment.wires:
+                wire.law.beta *= 0.9
+    if name == "unlike":
+        rear.length, front.length, front.stiffness = 0.065, 0.055, 0.19
+        robot.ground.friction, robot.ground.slope = 0.4, 0.035
+    return robot
+
+
+def command(folder: Path, *words: str) -> dict:
+    """What a command of soft-limb says in JSON, or its error as ``fall``."""
+    line = [sys.executable, "-m", "soft_limb", *words, "--force"]
+    done = subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False)
+    return json.loads(done.stdout) if done.stdout.startswith("{") else {"fall": done.stderr.strip()}
+
+
+def row(robot: str) -> None:
+    name, _, seed = robot.partition(":")
+    folder = FOLDER / f"{name}_{seed}"
+    folder.mkdir(parents=True, exist_ok=True)
+    described(name).save(folder / "robot.yaml")
+    command(folder, "collect", "-l", "robot.yaml", "-o", "recordings", "--emulated", seed)
+    command(folder, "fit", "recordings", "-o", "calibrated.yaml", "--json")
+    said = command(folder, "gait", "calibrated.yaml", "-o", "gait.csv", "--json")
+    if "speed" not in said:
+        print(f"| {robot} | {said['fall']} |", flush=True)
+        return
+    cells = [robot, f"{1e3 * said['speed']:.2f} mm/s"]
+    for way, words in WAYS.items():
+        output = f"{way.replace(' ', '_')}.csv"
+        said = command(folder, "walk", "gait.csv", "-n", "4", "-o", output, "--json", *words)
+        walked = folder / output.replace(".csv", "_gait.csv")
+        gait = Gait.load(walked if walked.exists() else folder / "gait.csv")
+        if said.get("fall") or len(said["strides"]) < 4:
+            cells.append(f"falls: {said.get('fall')}")
+        else:
+            stride = np.mean(said["strides"])
+            cells.append(f"{1e3 * stride / gait.period:.2f} mm/s, {stride / gait.stride:.0%}")
+    print(f"| {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("robots", nargs="*", default=[*USUAL, *UNLIKE], help="NAME:SEED")
+    print(f"| robot and seed | planned | {' | '.join(WAYS)} |")
+    print("| --- | --- | --- | --- | --- |")
+    for robot in parser.parse_args().robots:
+        row(robot)
