@@ -15,7 +15,7 @@ NEAR = 0.1  # °C
 LONGER = 1.25  # times, the next warm-up that is tried
 # By which heat may bend the limbs otherwise than in the gait, in the last cycle. In the first cycle
 # from cold it bends those of wires with memory by up to 5° otherwise, in the second by 2°.
-TOLERANCE_DEG = 10.0
+TOLERANCE_DEG = 5.0
 
 
 def walk(

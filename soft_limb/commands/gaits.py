@@ -187,8 +187,12 @@ def _walk(options: argparse.Namespace) -> int:
         )
     robot = _robot(options, gait)
     if options.replan:
-        fit, robot = _first_strides(options, gait, robot, parts[0])
+        fit = _first_strides(options, gait, robot, parts[0])
         gait, heat, told = _replanned(gait, fit, options)
+        if isinstance(robot, RobotTwin):
+            robot = robot.again(STANDING, truth=True)
+        else:  # its port was closed, with its wires off, after the first strides
+            robot = _robot(options, gait)
         bend = fit.bend
         gait.save(parts[1])
         outputs += parts
@@ -234,8 +238,8 @@ def _drive(
 
 def _first_strides(
     options: argparse.Namespace, gait: Gait, robot: LimbSystem, output: Path
-) -> tuple[StridesFit, LimbSystem]:
-    """Walks two strides; returns what they tell, and the robot as it then stands.
+) -> StridesFit:
+    """Walk two strides, and return what they tell.
 
     Raises:
         LimbError: if the robot falls, or its strides tell nothing.
@@ -248,10 +252,7 @@ def _first_strides(
             f"The robot does not make its first strides, which are in {output}: "
             f"{fall or recording.interrupted}."
         )
-    fit = fit_strides(gait, recording, start, FIRST_STRIDES)
-    if isinstance(robot, RobotTwin):
-        robot = robot.again(STANDING, truth=True)
-    return fit, robot
+    return fit_strides(gait, recording, start, FIRST_STRIDES)
 
 
 def _replanned(
