@@ -234,9 +234,9 @@ def program(limb: LimbParameters, seed: int, protocol: str) -> list[Excitation]:
 def mounted(limb: LimbParameters, turned: float | None) -> LimbParameters:
     """A copy of a limb as it is mounted: turned about E1 under gravity, or unbent by gravity.
 
-    A limb that is turned has a weight at its tip, if bend sensors drift by much of its own sag: one
-    that bends in space a weight as heavy as its segment, with which it sags four times as far, and
-    a planar one a weight of `sag_payload`.
+    A limb that is turned has a weight at its tip, as bend sensors drift by a good part of its own
+    sag. In space the weight is as heavy as the segment, with which it sags four times as far. A
+    planar limb has the weight of `sag_payload`, which is zero if its own sag is large enough.
 
     Args:
         turned: angle about E1, degrees; None if gravity does not bend the limb.

@@ -244,8 +244,9 @@ class EmulatedLimb(BoardIdentity):
     - ``extra``: effects that it has beside those of every emulated limb.
     - ``disturbances``: later changes, each a name and a number.
     - ``physics``: name of its physics, "lumped" or the name that a module of yours defines.
-    - ``limb``: name of the limb if it is one of an emulated robot, which the other fields are of,
-      ``description`` being of `RobotParameters`; empty for a limb alone, and for a whole robot.
+    - ``limb``: name of the limb, if it is one of an emulated robot; empty for a limb alone and for
+      a whole robot. The other fields are then those of the robot, and ``description`` is the YAML
+      text of its `RobotParameters`.
     """
 
     seed: int

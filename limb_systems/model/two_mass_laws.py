@@ -193,6 +193,8 @@ class HystereticLaw(_TwoMassHeat):
 
 
 class _GradualLaw(HystereticLaw):
+    """The hysteretic law whose path turns gradually, for the start of plans."""
+
     turning: ClassVar[tuple[float, float]] = GRADUAL, GRADUAL
 
     def easier(self) -> WireLaw:

@@ -71,7 +71,10 @@ class WireLaw(Tagged):
         return [T, *self.cold_states(T0)[1:]]
 
     def easier(self) -> "WireLaw":
-        """A law about like this one whose plan a plan of this one starts from; else itself."""
+        """Return a similar law that is easier to plan with, or this law if there is none.
+
+        A plan with this law starts from the plan with the easier one.
+        """
         return self
 
     def typical_rates(self) -> dict[str, float]:
