@@ -134,7 +134,8 @@ def draw(seed: int) -> types.SimpleNamespace:
     )
     room, states = specimen.ambient, []
     for _ in specimen.wires:
-        # T, its two silicones, V before and after its second lag, ξ, ξ where it turned, rising
+        # T, its two silicones, V before and after its second lag, ξ, what was left to transform over
+        # what was left of the whole branch where it turned, rising
         states.append([room, room, room, room, room, 1.0, 1.0, 0.0])
     specimen.state = [*np.ravel(states), specimen.rest, 0.0, specimen.rest]
     return specimen
@@ -232,20 +233,15 @@ def _heat(
     to_outer = (inner - outer) / wire.inner_time
     to_room = (outer - room) / wire.outer_time * ((abs(outer - room) + 2.0) / 20.0) ** 0.25
     free = wire.heating * (1 - wire.resistance_drop * austenite) * duty - to_inner
-    # Kinetics by the temperature that stress has shifted; the branch begins where it turned.
+    # Kinetics by the temperature that stress has shifted. What is left to transform where the wire
+    # turns is spread over the rest of the branch, so that minor loops have no jumps.
     shifted = T - wire.shift * pull
+    begin, end = wire.austenite if free > 0 else wire.martensite
+    x = min(1.0, max(0.0, (shifted - begin) / (end - begin)))
+    left = (1 + math.cos(math.pi * x)) / 2 if free > 0 else (1 - math.cos(math.pi * x)) / 2
     if (free > 0) != (rising > 0):
-        turned, rising = xi, float(free > 0)
-    if free > 0:
-        begin, end = wire.austenite
-        x = min(1.0, max(0.0, (shifted - begin) / (end - begin)))
-        branch = turned / 2 * (math.cos(math.pi * x) + 1)
-        change = min(0.0, branch - xi)
-    else:
-        end, begin = wire.martensite
-        x = min(1.0, max(0.0, (shifted - end) / (begin - end)))
-        branch = (1 - turned) / 2 * math.cos(math.pi * x) + (1 + turned) / 2
-        change = max(0.0, branch - xi)
+        rising, turned = float(free > 0), (xi if free > 0 else 1 - xi) / max(left, 1e-3)
+    change = min(0.0, turned * left - xi) if free > 0 else max(0.0, 1 - turned * left - xi)
     change = math.copysign(min(abs(change), 0.5 * STEP), change)  # no faster than in two seconds
     state[:] = [
         T + STEP * free + wire.latent * change,
