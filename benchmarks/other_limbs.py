@@ -134,8 +134,8 @@ def draw(seed: int) -> types.SimpleNamespace:
     )
     room, states = specimen.ambient, []
     for _ in specimen.wires:
-        # T, its two silicones, V before and after its second lag, ξ, what was left to transform over
-        # what was left of the whole branch where it turned, rising
+        # T, its two silicones, V before and after its second lag, ξ; where it turned, what was left
+        # to transform over what was left of the whole branch; rising
         states.append([room, room, room, room, room, 1.0, 1.0, 0.0])
     specimen.state = [*np.ravel(states), specimen.rest, 0.0, specimen.rest]
     return specimen

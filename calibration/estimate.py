@@ -28,7 +28,12 @@ class Estimate:
 
         What may be zero always counts as determined.
         """
-        return self.may_be_zero or self.standard_error <= abs(self.value)
+        return self.may_be_zero or self.relative_error <= 1.0
+
+    @property
+    def relative_error(self) -> float:
+        """Standard error over the size of the value."""
+        return self.standard_error / max(abs(self.value), 1e-300)
 
     def __str__(self) -> str:
         if not self.is_determined:

@@ -54,6 +54,7 @@ from limb_systems.model.robot_parameters import (
     RobotParameters,
 )
 from limb_systems.model.two_mass_laws import (
+    CoupledLaw,
     HystereticLaw,
     SaturatingLaw,
     ThresholdLaw,
@@ -75,6 +76,7 @@ __all__ = [
     "BodyParameters",
     "CalibrationRecord",
     "ChordSensor",
+    "CoupledLaw",
     "EmulatedLimb",
     "FootParameters",
     "Gait",

@@ -46,6 +46,7 @@ RELATIVE_STEP = 1e-4  # of finite differences, in spreads of the prior
 TOLERANCE = 1e-4  # relative, at which iterations end
 MOST_ITERATIONS = 40
 STEPS_OF_A_FIT = 8  # that take as long as its first, roughly
+KNOWN = 0.5  # share of what was unknown beforehand, below which more of it tells little
 STARTS = 16  # of a fit, of which the best is taken
 
 
@@ -131,6 +132,12 @@ class LawFit:
         self.apply(limb)
         limb.calibration = record_of(self.estimates, self.value_covariance)
         return limb
+
+    @property
+    def unknown_shares(self) -> np.ndarray:
+        """Standard errors of the unknowns (P,), over what was expected of them beforehand."""
+        before = [np.hypot(unknown.spread, unknown.alike) for unknown in self.unknowns]
+        return np.sqrt(np.diag(self.covariance)) / before
 
     @property
     def value_covariance(self) -> np.ndarray:

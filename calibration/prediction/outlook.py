@@ -16,7 +16,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from calibration.prediction.heated_run import STEP
-from calibration.prediction.law_fit import AMBIENT_SPREAD, LawFit, Predicted
+from calibration.prediction.law_fit import AMBIENT_SPREAD, KNOWN, LawFit, Predicted
 from calibration.prediction.unknowns import LAG, Unknown
 from calibration.remarks import Remark
 from limb_systems import LimbParameters
@@ -43,8 +43,6 @@ GOOD, WORST = 0.15, 0.4  # expected miss over the range of the bend: good up to,
 HOT = 0.8  # share of the rise to T_max that recordings must reach
 SWING = 0.3  # share of a wire's rise that is a swing
 FEWEST_SWINGS = 2  # that show hysteresis
-
-KNOWN = 0.5  # share of what was unknown beforehand, below which more of it tells little
 
 HEATED = "heat the {} wire alone from cold for 60 s and let it cool for 120 s"
 TELL = {  # recordings, and the parameters that they tell best
@@ -240,9 +238,7 @@ def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") ->
         bond = "with a thermocouple on it, " if len(of_wire) == 1 else ""  # else it was not heated
         return _said(fit, bond + HEATED, [u for u in of_wire if u.field in TELL[HEATED]])
     else:
-        errors = np.sqrt(np.diag(fit.covariance))
-        before = [np.hypot(u.spread, u.alike) for u in fit.unknowns]
-        shares = dict(zip([u.name for u in fit.unknowns], errors / before, strict=True))
+        shares = dict(zip([u.name for u in fit.unknowns], fit.unknown_shares, strict=True))
         unknown = [u for u in fit.unknowns if shares[u.name] > KNOWN]
         for least in sorted(unknown, key=lambda u: -shares[u.name]):
             for recording, fields in TELL.items():

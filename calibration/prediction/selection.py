@@ -8,10 +8,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from calibration.prediction.heated_run import STEP, HeatedRun
-from calibration.prediction.law_fit import LawFit, Predicted, fit_law, fitting_time
+from calibration.prediction.law_fit import KNOWN, LawFit, Predicted, fit_law, fitting_time
 from calibration.prediction.unknowns import LAG
 from calibration.remarks import Remark, remarks_on_start
 from limb_systems import (
+    CoupledLaw,
     HystereticLaw,
     LinearLaw,
     Recording,
@@ -28,6 +29,7 @@ LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
     ThresholdLaw,
     SaturatingLaw,
     HystereticLaw,
+    CoupledLaw,
 )
 # Options of the rubber, which are tried with the best law; a memory only in the plane.
 OPTIONS = ("stiffening", "rest_memory")
@@ -99,7 +101,7 @@ class Prediction:
 
     - ``candidates``: laws that were compared, each fitted without the judges.
     - ``best``: the simplest of them that no other beats.
-    - ``fit``: the best law, fitted to all recordings but motions that judge.
+    - ``fit``: the best law, fitted to all recordings.
     - ``judges``: recordings that the laws were judged by, in words.
     - ``foreseen``: these recordings as the best law predicts them from their start, as plans are.
     """
@@ -175,16 +177,23 @@ class Prediction:
                 )
 
     def _remarks_on_parameters(self) -> Iterator[Remark]:
-        for unknown, x, estimate in zip(
-            self.fit.unknowns, self.fit.fitted, self.fit.estimates.values(), strict=True
+        estimates, shares = self.fit.estimates.values(), self.fit.unknown_shares
+        for unknown, x, estimate, share in zip(
+            self.fit.unknowns, self.fit.fitted, estimates, shares, strict=True
         ):
-            if not unknown.low + AT_BOUND < x < unknown.high - AT_BOUND:
+            may_be_absent = unknown.low == 0.0 and not unknown.form  # a part of a law
+            low = -np.inf if may_be_absent else unknown.low
+            if not low + AT_BOUND < x < unknown.high - AT_BOUND:
                 yield Remark(
                     "bound",
                     f"{unknown.name} is at the fit's limit, {estimate.value:.3g} {unknown.unit}: "
                     "the recordings are not as the law would have it; look at their pictures.",
                 )
-            elif unknown.form and estimate.standard_error > 0.5 * abs(estimate.value):
+            elif (
+                unknown.form
+                and share > KNOWN
+                and estimate.standard_error > KNOWN * abs(estimate.value)
+            ):
                 yield Remark(
                     "uncertain",
                     f"The recordings hardly determine {unknown.name}: it is what is expected of "
@@ -216,8 +225,8 @@ def fit_by_prediction(
     """The wires' law and its parameters from all heated recordings.
 
     Laws are judged by how they predict the motions. Where there are none, they are judged
-    by the recordings of all wires, or else by the last part of each recording, and what
-    judged them is then fitted as well. Recordings judge only wires that others heat.
+    by the recordings of all wires, or else by the last part of each recording. What judged
+    them is then fitted as well. Recordings judge only wires that others heat.
 
     Args:
         laws: to be compared, from the simplest on.
@@ -232,7 +241,8 @@ def fit_by_prediction(
     fitted = [run for group in runs.values() for run in group]
     if judge := bool(motions) and _heated(motions) <= _heated(fitted):
         rest, judges = fitted, motions
-        words = f"{len(judges)} motion{'s' * (len(judges) != 1)} left out of the fit"
+        words = f"{len(judges)} motion{'s' * (len(judges) != 1)}, fitted last"
+        fitted = [*rest, *motions]
     else:
         fitted += motions
         rest, judges = [run for run in fitted if run not in both], both
@@ -245,7 +255,7 @@ def fit_by_prediction(
     elif not judge:
         rest, judges = map(list, zip(*[c.held_out(*HELD_OUT) for c in fitted], strict=True))
         words = "the last part of each recording, fitted last"
-    continued = rest is not fitted and len(rest) == len(fitted)
+    continued = len(rest) == len(fitted)
     options = OPTIONS[: 3 - segment.axes]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
         tell("how long it takes")
@@ -268,9 +278,8 @@ def fit_by_prediction(
             tell=tell,
         )
         fit = best.fit
-        if rest is not fitted:
-            tell(f"{best.name}, all recordings")
-            fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
+        tell(f"{best.name}, all recordings")
+        fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
         foreseen = best.fit.foresee([predicted.run for predicted in best.judged])
     return Prediction(candidates, best, fit, words, foreseen)
 

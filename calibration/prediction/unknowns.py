@@ -26,6 +26,17 @@ PRIORS: dict[str, tuple[float, float, float]] = {
     "heating_middle": (70.0, 12.0, 4.0),
     "cooling_middle": (8.0, 0.7, 0.3),  # below heating_middle, °C
     "width": (9.0, 0.4, 0.15),
+    # Parts of `CoupledLaw`. Latent heat: 6 to 20 J/g of NiTi wires and 0.5 to 0.9 J/(g K), of
+    # which coils in silicone show a part. Direct losses: of leads, and free convection by the
+    # fourth root of the temperature difference.
+    "outer_warming": (0.005, 0.02, 0.002),
+    "outer_cooling": (0.008, 0.6, 0.2),
+    "direct_cooling": (0.01, 0.03, 0.003),
+    "convection": (1e-4, 3e-4, 3e-5),
+    "silicone_share": (0.1, 0.15, 0.1),
+    "latent_heat": (8.0, 6.0, 1.0),
+    "backlash": (1.0, 1.5, 0.3),
+    "play_share": (0.5, 0.5, 0.05),
     "rest_angle": (0.0, float(np.deg2rad(3.0)), 0.0),
     "rest_angle_e3": (0.0, float(np.deg2rad(3.0)), 0.0),
     "stiffness": (0.1246, 0.5, 0.0),

@@ -193,7 +193,9 @@ class OpenLoop:
 
             def bent(number: int, theta: np.ndarray) -> np.ndarray:
                 course = _of_sets(heat[number, :-1], which)
-                return np.asarray(law.torque(list(course), room, theta[..., None]))
+                return np.asarray(
+                    law.torque(list(course), room, theta[..., None] * self._directions)
+                )
 
         bends = self._bends(torques, rubber, bent)
         return _of_sets(heat[:, 0], which), _of_sets(heat[:, -1], which), bends

@@ -166,13 +166,21 @@ class HystereticLaw(_TwoMassHeat):
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
         """See the class."""
         T, _, B, xi = x
+        rise, fall = self._play(T, B, BACKLASH)
+        return [*super().rates(x[:2], D, T0), rise - fall, self._transforming(T, xi, rise, fall)]
+
+    def _play(self, T: Any, P: Any, half_width: Any) -> tuple[Any, Any]:
+        """Rates at which P rises and falls, °C/s, that follows T with a backlash ± half_width."""
         # Both ways at once, because calls of numpy take longer than what they do.
-        ahead, (softness, following) = np.array([T - B, B - T]), self.turning
-        rise, fall = softness / following * _softplus((ahead - BACKLASH) / softness)
+        ahead, (softness, following) = np.array([T - P, P - T]), self.turning
+        rise, fall = softness / following * _softplus((ahead - half_width) / softness)
+        return rise, fall
+
+    def _transforming(self, T: Any, xi: Any, rise: Any, fall: Any) -> Any:
+        """ξ̇, 1/s, where B rises or falls at these rates."""
         beyond = np.array([T - self.heating_middle, self.cooling_middle - T])
         heating, cooling = _logistic(beyond / self.width)
-        up, down = (1.0 - xi) * heating / self.width, xi * cooling / self.width
-        return [*super().rates(x[:2], D, T0), rise - fall, up * rise - down * fall]
+        return ((1.0 - xi) * heating * rise - xi * cooling * fall) / self.width
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
         """M ξ."""
@@ -199,9 +207,147 @@ class _GradualLaw(HystereticLaw):
 
     def easier(self) -> WireLaw:
         """Return the law without hysteresis, whose curve is midway between the two."""
-        heat = {field.name: getattr(self, field.name) for field in dataclasses.fields(_TwoMassHeat)}
-        middle = 0.5 * (self.heating_middle + self.cooling_middle)
-        return SaturatingLaw(**heat, full_torque=self.full_torque, middle=middle, width=self.width)
+        return SaturatingLaw(**_of(_TwoMassHeat, self), **_midway(self))
+
+
+@dataclasses.dataclass
+class _ThreeMassHeat(_TwoMassHeat):
+    """Heat of wire, silicone around it and outer silicone, R; the wire cools to the room, too."""
+
+    states: ClassVar[dict[str, float]] = {**_TwoMassHeat.states, "R": TEMPERATURE_SCALE}
+
+    outer_warming: float = quantity(0.005, "1/s", 0.0, 1.0)
+    outer_cooling: float = quantity(0.008, "1/s", 1e-4, 1.0)
+    direct_cooling: float = quantity(0.01, "1/s", 0.0, 1.0)
+    convection: float = quantity(1e-4, "1/(s·°C)", 0.0, 0.1)
+    silicone_share: float = quantity(0.1, "1", 0.0, 0.9)
+
+    def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
+        """Those of wire, silicone and outer silicone, as in `CoupledLaw`, without ż."""
+        T, S, R = x
+        above = T - T0
+        lost = self.direct_cooling * above + self.convection * above**2
+        return [
+            self.a1 * (T - S) - lost + self.a2 * D,
+            self.silicone_warming * (T - S) - self.silicone_cooling * (S - R),
+            self.outer_warming * (S - R) - self.outer_cooling * (R - T0),
+        ]
+
+    def reading_rate(self, V, x):
+        """V̇ = a3 (V - (1 - μ) T - μ S)."""
+        return self.a3 * (V - x[0] - self.silicone_share * (x[1] - x[0]))
+
+
+@dataclasses.dataclass
+class CoupledLaw(_ThreeMassHeat, HystereticLaw):
+    """Heat in three masses, which the transformation takes up; a memory that closes minor loops.
+
+        Ṫ = a1 (T - S) - (h0 + h1 (T - T0)) (T - T0) + a2 D - L ż
+        Ṡ = kS (T - S) - kA (S - R)
+        Ṙ = kR (S - R) - kO (R - T0)
+        V̇ = a3 (V - (1 - μ) T - μ S)
+        z = (1 - m) ξ + m (F(P) - F(T0 - r)),  F(P) = s((P - (T_h + T_c) / 2) / w)
+        torque = M z
+
+    ξ is that of `HystereticLaw`, with the backlash b of B. P follows T in the same way, with the
+    backlash r = (T_h - T_c) / 2, as a play of the Prandtl-Ishlinskii model: minor loops close along
+    it, while those of Duhem's law creep. Wires are in between.
+
+    - ``a1``, ``a2``, ``a3``, ``silicone_warming``, ``full_torque``, ``heating_middle``,
+      ``cooling_middle``, ``width``: as in `HystereticLaw`.
+    - ``silicone_cooling``: kA, rate at which the silicone cools to the outer silicone, 1/s.
+    - ``outer_warming``, ``outer_cooling``: kR, kO, rates at which the outer silicone warms, and
+      cools to ambient, 1/s.
+    - ``direct_cooling``, ``convection``: h0, rate at which the wire cools to ambient by itself,
+      1/s, and h1, its rise per degree, 1/(s·°C).
+    - ``silicone_share``: μ, of the silicone's temperature in what the thermocouple shows.
+    - ``latent_heat``: L, of the whole transformation, as °C of the wire.
+    - ``backlash``: b, °C.
+    - ``play_share``: m.
+    """
+
+    states: ClassVar[dict[str, float]] = {
+        **_ThreeMassHeat.states,
+        **dict.fromkeys(["B", "P"], TEMPERATURE_SCALE),
+        "xi": 0.5,
+    }
+    memory: ClassVar[dict[str, tuple[float, float]]] = {
+        **HystereticLaw.memory,
+        "P": (-np.inf, np.inf),
+    }
+
+    latent_heat: float = quantity(8.0, "°C", 0.0, 60.0)
+    backlash: float = quantity(BACKLASH, "°C", 0.0, 20.0)
+    play_share: float = quantity(0.5, "1", 0.0, 1.0)
+
+    def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
+        """See the class."""
+        T, *_, B, P, xi = x
+        rise, fall = self._play(T, B, self.backlash)
+        transforming = self._transforming(T, xi, rise, fall)
+        along = np.subtract(*self._play(T, P, self._half_loop))
+        F = self._along(P)
+        gained = F * (1.0 - F) / self.width * along
+        gained = transforming + self.play_share * (gained - transforming)
+        heated, *others = _ThreeMassHeat.rates(self, x[:3], D, T0)
+        heated = heated - self.latent_heat * gained
+        return [heated, *others, rise - fall, along, transforming]
+
+    @property
+    def _half_loop(self) -> Any:
+        """r, °C."""
+        return 0.5 * (self.heating_middle - self.cooling_middle)
+
+    def _along(self, P: Any) -> Any:
+        """F(P)."""
+        return _logistic((P - 0.5 * (self.heating_middle + self.cooling_middle)) / self.width)
+
+    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
+        """M z."""
+        *_, P, xi = x
+        along = self._along(P) - self._along(T0 - self._half_loop)
+        return self.full_torque * (xi + self.play_share * (along - xi))
+
+    def cold_states(self, T0: float) -> Sequence[float]:
+        """Nothing is transformed, and heat meets no backlash, so that plans see it act."""
+        return [T0, T0, T0, T0 - self.backlash, T0 - self._half_loop, 0.0]
+
+    def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
+        """On the curve of heating, which starts at ambient temperature with z = 0."""
+        *_, xi = super().warm_states(T, T0)
+        return [T, T0, T0, T - self.backlash, T - self._half_loop, xi]
+
+    def easier(self) -> WireLaw:
+        """Return the law with paths that turn gradually."""
+        return _GradualCoupledLaw(**vars(self))
+
+
+class _GradualCoupledLaw(CoupledLaw):
+    """The coupled law whose paths turn gradually, for the start of plans."""
+
+    turning: ClassVar[tuple[float, float]] = GRADUAL, GRADUAL
+
+    def easier(self) -> WireLaw:
+        """Return the law without hysteresis and latent heat, whose curve is midway."""
+        return _WarmLaw(**_of(_ThreeMassHeat, self), **_midway(self))
+
+
+@dataclasses.dataclass
+class _WarmLaw(_ThreeMassHeat, SaturatingLaw):
+    """The coupled law without its memory."""
+
+    states: ClassVar[dict[str, float]] = _ThreeMassHeat.states
+
+
+def _of(heat: type[WireLaw], law: WireLaw) -> dict[str, float]:
+    """The fields of a law that say how its wire heats."""
+    return {field.name: getattr(law, field.name) for field in dataclasses.fields(heat)}  # type: ignore[arg-type]
+
+
+def _midway(law: HystereticLaw) -> dict[str, float]:
+    """The curve of `SaturatingLaw` midway between those of heating and cooling."""
+    middle = 0.5 * (law.heating_middle + law.cooling_middle)
+    return {"full_torque": law.full_torque, "middle": middle, "width": law.width}
 
 
 def _logistic(z):

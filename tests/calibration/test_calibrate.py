@@ -66,8 +66,9 @@ def test_an_emulated_limb_is_calibrated_by_prediction(by_prediction, emulated_fo
         assert wire.law.a3 == pytest.approx(made.lag_rate, rel=0.1)
         assert -wire.law.a1 == pytest.approx(1 / made.fast_time, rel=0.25)
         assert wire.law.a2 == pytest.approx(made.heating, rel=0.2)
-        assert wire.law.full_torque == pytest.approx(made.torque, rel=0.15)  # k is known to 7%
-    assert by_prediction.prediction.judges == "3 motions left out of the fit"
+        # k is known to 7%, and bends relieve the wires.
+        assert wire.law.full_torque == pytest.approx(made.torque, rel=0.2)
+    assert by_prediction.prediction.judges == "3 motions, fitted last"
     assert np.rad2deg(by_prediction.prediction.best.bend_error) < 0.8
     assert by_prediction.prediction.best.temperature_error < 0.5
     assert by_prediction.verdict.startswith("Good enough to plan with: in open loop, a plan will")

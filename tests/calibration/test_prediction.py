@@ -20,6 +20,7 @@ from calibration.prediction.selection import (
 )
 from calibration.prediction.unknowns import slopes_of, unknowns_of, values_of
 from limb_systems import (
+    CoupledLaw,
     HystereticLaw,
     Limb,
     LimbParameters,
@@ -38,6 +39,7 @@ LAWS = {
     "linear": lambda: LinearLaw(a1=-0.06, a2=18.0, a3=-0.8),
     "two masses": lambda: TwoMassLaw(a1=-0.09, a2=24.0, a3=-0.7),
     "hysteretic": lambda: HystereticLaw(a2=21.0, a3=-0.9, heating_middle=69.0),
+    "coupled": lambda: CoupledLaw(a2=24.0, a3=-0.9, heating_middle=69.0, latent_heat=12.0),
 }
 
 
@@ -79,7 +81,7 @@ def later(run: PiecewisePolynomial) -> PiecewisePolynomial:
     return PiecewisePolynomial.ZeroOrderHold(times, np.transpose(levels))
 
 
-@pytest.mark.parametrize("name", ["linear", "hysteretic"])
+@pytest.mark.parametrize("name", ["linear", "coupled"])
 def test_a_law_is_found_again_in_its_own_data(name):
     """By another integrator than Drake's, from other values; within their errors."""
     true, fit = limb_with(LAWS[name]), fit_of(name, "conditioning", "ramps")

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from controllers.reduced_model import ReducedModel
 from limb_systems import (
+    CoupledLaw,
     HystereticLaw,
     Limb,
     LimbParameters,
@@ -23,7 +24,7 @@ from limb_systems.model.ensemble import OpenLoop
 from limb_systems.model.two_mass_laws import BACKLASH
 from limb_systems.simulation import make_simulator
 
-LAWS = [TwoMassLaw, ThresholdLaw, SaturatingLaw, HystereticLaw]
+LAWS = [TwoMassLaw, ThresholdLaw, SaturatingLaw, HystereticLaw, CoupledLaw]
 ROOM = 25.0
 
 
@@ -130,6 +131,41 @@ def test_minor_loops_are_monotone_within_the_major_one_and_do_not_creep():
         assert -0.01 < held[-1] - share < most + 0.02
 
 
+def test_minor_loops_of_plays_close_and_those_of_duhems_law_creep():
+    """Return-point memory (Mayergoyz): after a smaller loop the wire is where it was."""
+    creep: dict[float, float] = {}
+    for share in (0.0, 0.5, 1.0):
+        law = CoupledLaw(heating_middle=72.0, cooling_middle=56.0, play_share=share)
+        state, torques, T = np.array(law.cold_states(ROOM)), [], ROOM
+        for turn in (70.0, 55.0, 70.0, 55.0, 70.0):
+            for T in np.linspace(T, turn, 1000):
+                state[0] = T
+                state[3:] += 0.05 * np.array(law.rates(state, 0.0, ROOM)[3:])
+            torques.append(law.torque(state, ROOM, 0.0) / law.full_torque)
+        along = logistic((70 - 8 - 64) / 9) - logistic((25 - 8 - 64) / 9)
+        creep[share] = torques[4] - torques[0]
+        if share == 1.0:
+            np.testing.assert_allclose(torques[::2], along, atol=0.01)  # they lag by 0.3 s
+    # What is left of plays' creep is their soft corner.
+    assert creep[1.0] < 0.015 and creep[0.0] > 0.08
+    middle = (creep[0.0] + creep[1.0]) / 2
+    assert creep[0.5] == pytest.approx(middle, abs=1e-6)
+
+
+def test_what_transforms_takes_up_its_latent_heat():
+    """Without losses, a wire gets as hot as its heat says, less that of the transformation."""
+    law = CoupledLaw(a1=-1e-4, latent_heat=12.0, direct_cooling=0.0, convection=0.0)
+    limb = limb_with(law, law)
+    recording = simulate(Limb(limb), [0.0, 0.25], 16.0, sample_rate=1.0, accuracy=1e-8)
+    states = Wires(limb).under_duty(
+        Wires(limb).cold_states, np.array([[0.0, 0.25]] * 17), recording.time, longest_step=0.02
+    )
+    gained = law.torque(states.T[1::2], ROOM, 0.0) / law.full_torque
+    assert gained[-1] > 0.9
+    heated = ROOM + law.a2 * 0.25 * recording.time - law.latent_heat * gained
+    np.testing.assert_allclose(recording.wire_temperature[1], heated, atol=0.1)
+
+
 def test_the_share_stays_from_0_to_1_in_every_simulation():
     """From starts that are not consistent, as fits and estimators have them, under sudden duty."""
     for start in (-0.3, 1.4):
@@ -169,9 +205,9 @@ def test_the_limb_has_the_law_written_out(planar_chain):
         limb, generator = limb_with(left, right), np.random.default_rng(3)
         angles, rates = generator.uniform(-0.4, 0.4, 5), generator.uniform(-2, 2, 5)
         T, S, V = np.array([[70.0, 50.0], [35.0, 45.0], [60.0, 55.0]])
-        B, xi = np.array([[68.5, 52.0], [0.3, 0.8]])
+        R, B, P, xi = np.array([[30.0, 32.0], [68.5, 52.0], [65.5, 55.0], [0.3, 0.8]])
         D = np.array([0.4, 0.1])
-        others = [S, B, xi] if kind is HystereticLaw else [S]
+        others = {HystereticLaw: [S, B, xi], CoupledLaw: [S, R, B, P, xi]}.get(kind, [S])
         system = Limb(limb)
         context = system.CreateDefaultContext()
         context.SetContinuousState(np.concatenate([angles, rates, T, *others, V]))
@@ -180,19 +216,32 @@ def test_the_limb_has_the_law_written_out(planar_chain):
 
         heating = np.array([-0.08, -0.1]) * (T - S) + np.array([20.0, 25.0]) * D
         expected = [heating, 0.004 * (T - S) - 0.012 * (S - 25.0)]
-        if kind is HystereticLaw:
+        shown, F = T, logistic((P - 62) / 9)
+        if kind in (HystereticLaw, CoupledLaw):
             # Both are beyond the backlash of 1 °C, with a corner of 0.15 °C and a time of 0.3 s.
             rise = 0.15 / 0.3 * np.log1p(np.exp((T - B - 1.0) / 0.15))
             fall = 0.15 / 0.3 * np.log1p(np.exp((B - T - 1.0) / 0.15))
             slope = rise * (1 - xi) * logistic((T - 66) / 9) - fall * xi * logistic((58 - T) / 9)
-            expected += [rise - fall, slope / 9]
-        expected.append(np.array([1.0, 0.7]) * (T - V))
+            path = [rise - fall, slope / 9]
+        if kind is CoupledLaw:
+            risen = 0.15 / 0.3 * np.log1p(np.exp((T - P - 4.0) / 0.15))
+            fallen = 0.15 / 0.3 * np.log1p(np.exp((P - T - 4.0) / 0.15))
+            along = F * (1 - F) / 9 * (risen - fallen)
+            lost = 0.01 * (T - 25) + 1e-4 * (T - 25) ** 2
+            expected[0] = heating - lost - 8.0 * (0.5 * slope / 9 + 0.5 * along)
+            expected[1] = 0.004 * (T - S) - 0.012 * (S - R)
+            expected.append(0.005 * (S - R) - 0.008 * (R - 25))
+            path.insert(1, risen - fallen)
+            shown = 0.9 * T + 0.1 * S
+        expected += path if kind in (HystereticLaw, CoupledLaw) else []
+        expected.append(np.array([1.0, 0.7]) * (shown - V))
         np.testing.assert_allclose(found[10:], np.concatenate(expected), rtol=1e-9)
         torque = {
             TwoMassLaw: 4.7e-4 * (T - 25.0),
             ThresholdLaw: 4.9e-3 * (np.log1p(np.exp((T - 48) / 7)) - np.log1p(np.exp(-23 / 7))),
             SaturatingLaw: 0.035 * (logistic((T - 62) / 10) - logistic(-3.7)),
             HystereticLaw: 0.038 * xi,
+            CoupledLaw: 0.038 * (0.5 * xi + 0.5 * (F - logistic((25 - 4 - 62) / 9))),
         }[kind]
         force = np.full(5, torque[1] - torque[0])
         expected = planar_chain(limb).acceleration(angles, rates, force)
