@@ -3,7 +3,7 @@
 Each controller gets the readings of an emulated limb that follows Fig. 5 by it, one
 step after the other, and nothing else is timed: estimate, feedback, and bounds of duty; every
 fifth step of a `RecedingHorizon` plans the next 10 s, too. The limb is not calibrated, but its law
-is the costliest, `HystereticLaw`, with rubber that stiffens. So is a limb with three wires that
+is the costliest, `CoupledLaw`, with rubber that stiffens. So is a limb with three wires that
 draws a circle, without gravity and lying across it.
 
     python benchmarks/controller_steps.py
@@ -19,7 +19,7 @@ from pydrake.systems.analysis import Simulator
 
 from controllers import PlanFeedback, PlanRegulator, RecedingHorizon, TemperatureSupervisor
 from hardware import LimbTwin, replay
-from limb_systems import HystereticLaw, LimbParameters
+from limb_systems import CoupledLaw, LimbParameters
 from limb_systems.simulation import PERIOD
 from planners import Task, plan, references
 
@@ -36,7 +36,7 @@ def main() -> None:
     ):
         parameters.gravity = gravity
         for wire in parameters.wires:
-            wire.law = HystereticLaw()
+            wire.law = CoupledLaw()
         trajectory = plan(parameters, reference, task=Task.closed_loop(parameters))
         recording = replay(trajectory, LimbTwin(parameters), controller=PlanFeedback(trajectory))
         for controller in (

@@ -22,6 +22,7 @@ import numpy as np
 
 from limb_systems import LimbError, LimbParameters, SegmentParameters
 from limb_systems.model.two_mass_laws import (
+    CoupledLaw,
     HystereticLaw,
     SaturatingLaw,
     ThresholdLaw,
@@ -38,6 +39,7 @@ LAWS: dict[str, type[WireLaw]] = {
     "threshold": ThresholdLaw,
     "saturating": SaturatingLaw,
     "hysteretic": HystereticLaw,
+    "coupled": CoupledLaw,
 }
 # Ranges of the parameters of wires in published recordings.
 RECORDED = {
@@ -54,6 +56,7 @@ RECORDED_WIDTHS = {
     ThresholdLaw: (5.0, 8.0),
     SaturatingLaw: (13.0, 24.0),
     HystereticLaw: (13.0, 24.0),
+    CoupledLaw: (13.0, 24.0),
 }
 HYSTERESIS = (4.0, 12.0)  # °C, from one middle to the other
 # Of wires near the defaults: factors of rates and torques, and changes of temperatures, °C.

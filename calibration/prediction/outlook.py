@@ -71,16 +71,19 @@ FURTHER = {
 class PlanMiss:
     """Mean |φ* - φ| of a plan, open loop: what is expected, and from where to where it may be, rad.
 
+    - ``left``: what the law leaves of the motions that judged.
+    - ``expected``: this for motions as wide as plans, and what is unknown of the limb and its day.
     - ``span``: range of the bend in the motions that judged, rad.
     """
 
+    left: float
     expected: float
     span: float
 
     @property
     def low(self) -> float:
-        """The least that a plan is expected to miss by, rad."""
-        return self.expected / SPREAD
+        """The least that a plan is expected to miss by, rad: on the same day, near what judged."""
+        return self.left / SPREAD
 
     @property
     def high(self) -> float:
@@ -118,14 +121,17 @@ def plan_miss(
         fitted: the recordings of the fit, which may be missed by more.
     """
     unknown, typical = _typical_motion(limb) if limb.segments[0].axes == 1 else (0.0, 0.0)
-    left = 0.0
-    for group in (foreseen, fitted):
-        error = float(np.mean([predicted.bend_error for predicted in group]))
-        # Motions that bend the limb by more are missed by more.
-        left = max(left, error * max(1.0, typical / _span(group)))
+    left, of_fit = (
+        float(np.mean([predicted.bend_error for predicted in group]))
+        for group in (foreseen, fitted)
+    )
+    # Motions that bend the limb by more are missed by more.
+    wide = max(
+        left * max(1.0, typical / _span(foreseen)), of_fit * max(1.0, typical / _span(fitted))
+    )
     if typical:  # a limb that stays in the middle of its range misses no more
-        left = min(left, typical / 2)
-    return PlanMiss(float(np.hypot(left, unknown)), _span(foreseen))
+        left, wide = min(left, typical / 2), min(wide, typical / 2)
+    return PlanMiss(left, float(np.hypot(wide, unknown)), _span(foreseen))
 
 
 def _span(group: Sequence[Predicted]) -> float:

@@ -103,7 +103,7 @@ class Prediction:
     - ``best``: the simplest of them that no other beats.
     - ``fit``: the best law, fitted to all recordings.
     - ``judges``: recordings that the laws were judged by, in words.
-    - ``foreseen``: these recordings as the best law predicts them from their start, as plans are.
+    - ``foreseen``: these recordings as this fit predicts them from their start, as plans are.
     """
 
     candidates: list[Candidate]
@@ -280,7 +280,7 @@ def fit_by_prediction(
         fit = best.fit
         tell(f"{best.name}, all recordings")
         fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
-        foreseen = best.fit.foresee([predicted.run for predicted in best.judged])
+        foreseen = fit.foresee([predicted.run for predicted in best.judged])
     return Prediction(candidates, best, fit, words, foreseen)
 
 

@@ -188,8 +188,8 @@ def test_a_plan_is_expected_to_miss_by_what_is_left_and_by_what_is_unknown():
     assert np.deg2rad(0.3) < unknown < np.deg2rad(4.0)  # the sensor's drift is 1°
     assert miss(0.1).expected > 0.99 * np.hypot(unknown, 0.1)
     assert miss(0.1, share=0.3).expected > 1.3 * miss(0.1).expected  # which plans will exceed
-    low, high = np.rad2deg(unknown) * np.array([0.5, 2.0])
-    assert f"will miss by {low:.1f}° to {high:.1f}°" in miss(0.0).in_words
+    assert f"will miss by 0.0° to {np.rad2deg(2 * unknown):.1f}°" in miss(0.0).in_words
+    assert miss(0.1).low == pytest.approx(0.05)
     assert [r.kind for e in (0.0, 0.1, 1.0) for r in miss(e).remarks] == ["off", "far"]
     assert limb.calibration is not None
     limb.calibration.covariance = (100 * np.array(limb.calibration.covariance)).tolist()

@@ -136,10 +136,9 @@ def test_minor_loops_of_plays_close_and_those_of_duhems_law_creep():
     creep: dict[float, float] = {}
     for share in (0.0, 0.5, 1.0):
         law = CoupledLaw(heating_middle=72.0, cooling_middle=56.0, play_share=share)
-        state, torques, T = np.array(law.cold_states(ROOM)), [], ROOM
+        state, torques = np.array(law.cold_states(ROOM)), []
         for turn in (70.0, 55.0, 70.0, 55.0, 70.0):
-            for T in np.linspace(T, turn, 1000):
-                state[0] = T
+            for state[0] in np.linspace(state[0], turn, 1000):
                 state[3:] += 0.05 * np.array(law.rates(state, 0.0, ROOM)[3:])
             torques.append(law.torque(state, ROOM, 0.0) / law.full_torque)
         along = logistic((70 - 8 - 64) / 9) - logistic((25 - 8 - 64) / 9)
@@ -147,7 +146,8 @@ def test_minor_loops_of_plays_close_and_those_of_duhems_law_creep():
         if share == 1.0:
             np.testing.assert_allclose(torques[::2], along, atol=0.01)  # they lag by 0.3 s
     # What is left of plays' creep is their soft corner.
-    assert creep[1.0] < 0.015 and creep[0.0] > 0.08
+    assert creep[1.0] < 0.015
+    assert creep[0.0] > 0.08
     middle = (creep[0.0] + creep[1.0]) / 2
     assert creep[0.5] == pytest.approx(middle, abs=1e-6)
 
