@@ -138,13 +138,15 @@ def test_minor_loops_of_plays_close_and_those_of_duhems_law_creep():
         law = CoupledLaw(heating_middle=72.0, cooling_middle=56.0, play_share=share)
         state, torques = np.array(law.cold_states(ROOM)), []
         for turn in (70.0, 55.0, 70.0, 55.0, 70.0):
-            for state[0] in np.linspace(state[0], turn, 1000):
+            start = state[0]
+            for along in np.linspace(0.0, 1.0, 1000):
+                state[0] = start + along * (turn - start)
                 state[3:] += 0.05 * np.array(law.rates(state, 0.0, ROOM)[3:])
             torques.append(law.torque(state, ROOM, 0.0) / law.full_torque)
-        along = logistic((70 - 8 - 64) / 9) - logistic((25 - 8 - 64) / 9)
+        gained = logistic((70 - 8 - 64) / 9) - logistic((25 - 8 - 64) / 9)
         creep[share] = torques[4] - torques[0]
         if share == 1.0:
-            np.testing.assert_allclose(torques[::2], along, atol=0.01)  # they lag by 0.3 s
+            np.testing.assert_allclose(torques[::2], gained, atol=0.01)  # they lag by 0.3 s
     # What is left of plays' creep is their soft corner.
     assert creep[1.0] < 0.015
     assert creep[0.0] > 0.08
