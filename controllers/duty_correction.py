@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from controllers.plan_controller import within_total
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, Trajectory
-from limb_systems.band import MEAN_TO_DEVIATION
+from limb_systems.band import temperature_margin
 from limb_systems.model.kinematics import bend_angle, joint_angles_from_bend_angle
 from planners.transcription.descent import descend, first_that_reduces
 
@@ -96,9 +96,7 @@ class DutyCorrection:
         limits = plan.parameters.temperature_limits
         warm = self.nodes > limits.warm_up_time
         self._coolest = np.where(warm, limits.warm, -np.inf)
-        # °C, by which a wire may be warmer than its readings say: two standard deviations.
-        record = plan.parameters.calibration
-        self._unknown = 2.0 * MEAN_TO_DEVIATION * record.temperature_error if record else 0.0
+        self._hottest = limits.maximum - temperature_margin(plan.parameters)
 
     def distance(self, bend: np.ndarray) -> float:
         """Mean distance of bends at the nodes (M + 1, F) from the target, rad; NaN do not count."""
@@ -248,7 +246,7 @@ class DutyCorrection:
         """Bounds of the model's T, from below and above, and of its V, at the nodes (M + 1, W)."""
         limits = self.plan.parameters.temperature_limits
         highest = limits.measured_maximum - READING_MARGIN - cooler
-        hottest = limits.maximum - self._unknown - cooler - errors.wire_temperature
+        hottest = self._hottest - cooler - errors.wire_temperature
         coolest = self._coolest[:, np.newaxis] - errors.wire_temperature
         return np.minimum(coolest, hottest), hottest, highest - errors.measured_temperature
 
