@@ -2,7 +2,8 @@
 
 The duty is the plan's plus a correction, linear between nodes. A `ReducedModel`
 predicts the limb's motion, and the known residuals of the model are added. A convex program
-along the linearized prediction finds the correction that brings the limb nearest to the plan.
+along the linearized prediction finds the correction that brings the limb nearest to the plan's
+reference, within the bounds of duty and temperature.
 """
 
 import dataclasses
@@ -15,7 +16,7 @@ from scipy.signal import lfilter
 from controllers.plan_controller import within_total
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, Trajectory
-from limb_systems.band import MEAN_TO_DEVIATION
+from limb_systems.band import temperature_margin
 from limb_systems.model.kinematics import bend_angle, joint_angles_from_bend_angle
 from planners.transcription.descent import descend, first_that_reduces
 
@@ -24,9 +25,9 @@ STEPS = 2  # of the model, from a node to the next
 NODES_APART = 0.2  # s, about
 READING_MARGIN = 5.0  # °C, of what is expected below the reading at which a board switches off
 LEVEL_COST, CHANGE_COST = 0.3, 1.0  # of a duty, and of its change between nodes: (1°)²
+NEAR = 1.0  # degrees, within which a distance costs its square, and beyond in proportion
 EXCESS_COST = 300.0  # (1°)²/°C beyond a temperature bound at a node; more than tracking pays
 TANGENTS = 5  # at most
-TARGETS = ("plan", "reference")
 ANOTHER_DUTY = 0.02  # at a node, by which a duty is not that of a correction
 LITTLE = 0.01  # relative; a tangent that reduces the cost by less is the last
 
@@ -56,7 +57,7 @@ class _Prediction:
     """What a limb is expected to do under a correction.
 
     - ``duty``, ``heat``: in the model's steps (L, W) and (L + 1, H).
-    - ``missed``: φ* - φ (M + 1, F), degrees.
+    - ``missed``: φ_ref - φ (M + 1, F), degrees.
     - ``unsure``: standard deviation of φ by the change of each wire's duty (M + 1, F, W), degrees.
     """
 
@@ -73,11 +74,11 @@ class DutyCorrection:
     - ``layout``: the limb's `Layout`.
     - ``nodes``: times of the nodes (M + 1,), s since the start of the plan.
     - ``middles``: times of the middles of the model's steps (L,), s.
-    - ``target``: φ* at the nodes (M + 1, F), rad.
+    - ``reference``: φ_ref at the nodes (M + 1, F), rad.
     - ``none``: no correction (M + 1, W).
     """
 
-    def __init__(self, trajectory: Trajectory, target: str = "plan"):
+    def __init__(self, trajectory: Trajectory):
         self.plan = plan = trajectory.since_start()
         num_nodes = max(2, round(plan.duration / NODES_APART)) + 1
         self.nodes = np.linspace(0.0, plan.duration, num_nodes)
@@ -88,21 +89,17 @@ class DutyCorrection:
         self._shares = np.array(
             [np.interp(self.middles, self.nodes, o) for o in np.eye(num_nodes)]
         ).T
-        self.target = plan.bend_angle_at(self.nodes).T
-        if target == "reference":
-            self.target = np.array([np.interp(self.nodes, plan.time, r) for r in plan.reference]).T
+        self.reference = np.array([np.interp(self.nodes, plan.time, r) for r in plan.reference]).T
         self._planned = plan.duty_trajectory().vector_values(self.nodes).T
         self.none = np.zeros_like(self._planned)
         limits = plan.parameters.temperature_limits
         warm = self.nodes > limits.warm_up_time
         self._coolest = np.where(warm, limits.warm, -np.inf)
-        # °C, by which a wire may be warmer than its readings say: two standard deviations.
-        record = plan.parameters.calibration
-        self._unknown = 2.0 * MEAN_TO_DEVIATION * record.temperature_error if record else 0.0
+        self._hottest = limits.maximum - temperature_margin(plan.parameters)
 
     def distance(self, bend: np.ndarray) -> float:
-        """Mean distance of bends at the nodes (M + 1, F) from the target, rad; NaN do not count."""
-        return float(np.nanmean(self.layout.distances((self.target - bend).T)))
+        """Mean distance of bends at the nodes (M + 1, F) from the reference, rad; without NaN."""
+        return float(np.nanmean(self.layout.distances((self.reference - bend).T)))
 
     def duty_trajectory(self, correction: np.ndarray) -> PiecewisePolynomial:
         """Return the corrected duty since the plan's start, in [0, 1] and within the total duty."""
@@ -149,7 +146,7 @@ class DutyCorrection:
         heat = predicted.heat[::STEPS]
         angles = self.model.joint_angles(heat).T
         missed = (
-            self.target.T - np.deg2rad(predicted.missed.T) - bend_angle(plan.parameters, angles)
+            self.reference.T - np.deg2rad(predicted.missed.T) - bend_angle(plan.parameters, angles)
         )
         angles += joint_angles_from_bend_angle(plan.parameters, missed)  # (11)
         at_knots = PiecewisePolynomial.CubicShapePreserving(self.nodes, angles, True)
@@ -208,7 +205,7 @@ class DutyCorrection:
         self, correction: np.ndarray, start: np.ndarray, errors: Errors
     ) -> np.ndarray:
         """φ of the limb at the nodes (M + 1, F), rad, under a correction."""
-        return self.target - np.deg2rad(self._predict(correction, start, errors).missed)
+        return self.reference - np.deg2rad(self._predict(correction, start, errors).missed)
 
     def _predict(self, correction: np.ndarray, start: np.ndarray, errors: Errors) -> "_Prediction":
         duty = self.steps(correction)
@@ -216,7 +213,7 @@ class DutyCorrection:
         bend = self.model.bend_angle(heat[::STEPS]) + errors.bend_angle
         bend = bend + ((errors.gains - 1) * changes).sum(axis=-1)
         unsure = errors.doubt[:, np.newaxis] * errors.gains * changes
-        return _Prediction(duty, heat, np.rad2deg(self.target - bend), np.rad2deg(unsure))
+        return _Prediction(duty, heat, np.rad2deg(self.reference - bend), np.rad2deg(unsure))
 
     def changes(self, start: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """Changes of the model's φ as the duty of one wire after the other changes, rad.
@@ -248,18 +245,23 @@ class DutyCorrection:
         """Bounds of the model's T, from below and above, and of its V, at the nodes (M + 1, W)."""
         limits = self.plan.parameters.temperature_limits
         highest = limits.measured_maximum - READING_MARGIN - cooler
-        hottest = limits.maximum - self._unknown - cooler - errors.wire_temperature
+        hottest = self._hottest - cooler - errors.wire_temperature
         coolest = self._coolest[:, np.newaxis] - errors.wire_temperature
         return np.minimum(coolest, hottest), hottest, highest - errors.measured_temperature
+
+    def _squares(self, predicted: "_Prediction") -> np.ndarray:
+        """Expected squares of the distances from the reference (S, M + 1), degrees squared."""
+        parts = np.dstack([predicted.missed, *np.moveaxis(predicted.unsure, -1, 0)])
+        return (self.layout.distances(np.swapaxes(parts, 0, 1)) ** 2).sum(axis=-1)
 
     def _cost(self, correction, predicted: "_Prediction", errors: Errors, cooler: float) -> float:
         heat = predicted.heat[::STEPS]
         coolest, hottest, highest = self._bounds(errors, cooler)
         T, V = self.model.temperatures(heat), self.model.readings(heat)
         excess = np.maximum(0.0, np.maximum.reduce([T - hottest, coolest - T, V - highest]))
+        far = np.sqrt(NEAR**2 + self._squares(predicted)) - NEAR
         return float(
-            (predicted.missed**2).sum()
-            + (predicted.unsure**2).sum()
+            2 * NEAR * far.sum()
             + LEVEL_COST * (correction**2).sum()
             + CHANGE_COST * (np.diff(correction, axis=0) ** 2).sum()
             + EXCESS_COST * excess[1:].sum()
@@ -310,6 +312,10 @@ class DutyCorrection:
         doubted = errors.doubt[:, np.newaxis, np.newaxis] * of_wires  # (M, F, W, H)
         rows = np.concatenate([of_wires.sum(axis=2), doubted.reshape(M, -1, H)], axis=1)
         wanted = np.hstack([missed[1:], -unsure[1:].reshape(M, -1)])
+        # The squares whose cost touches that of the distances from above, where they are now.
+        weights = 1 / np.sqrt(1 + self._squares(predicted)[:, 1:].T / NEAR**2)  # (M, S)
+        weights = weights[:, self.layout.bend_segment]
+        weights = np.hstack([weights, np.repeat(weights, W, axis=1)])
         of_T, of_V = np.diag(scales)[:W], np.diag(scales)[-W:]
         bounded = np.hstack([np.vstack([of_T, of_V, -of_T]), -np.tile(one, (3, 1))])
         coolest, hottest, highest = (bound[1:] for bound in self._bounds(errors, cooler))
@@ -318,7 +324,8 @@ class DutyCorrection:
         prog.AddBoundingBoxConstraint(0.0, np.inf, excess)
         prog.AddLinearCost(np.full(excess.size, EXCESS_COST), 0.0, excess.ravel())
         for k in range(M):
-            quadratic, linear = 2 * rows[k].T @ rows[k], -2 * rows[k].T @ wanted[k]
+            towards = 2 * rows[k].T * weights[k]
+            quadratic, linear = towards @ rows[k], -towards @ wanted[k]
             prog.AddQuadraticCost(quadratic, linear, x[k], is_convex=True)
             variables = np.append(x[k], excess[k])
             prog.AddLinearConstraint(bounded, np.full(len(bounded), -np.inf), most[k], variables)

@@ -1,8 +1,8 @@
-"""Learning over repetitions: the duty with which a limb follows its plan.
+"""Learning over repetitions: the duty that brings a limb to the reference of its plan.
 
 A plan is repeated. Errors of the model come again in each repetition, the sensor's
 noise and drift do not. `RepeatingError` tells them apart, and `DutyCorrection` finds
-the duty for a limb with the repeating errors, within all bounds of the plan. This is
+the duty for a limb with the repeating errors, within the limb's limits. This is
 norm-optimal iterative learning control, with a gain that falls as repetitions add up.
 """
 
@@ -21,7 +21,7 @@ from scipy.linalg import block_diag
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import detrend
 
-from controllers.duty_correction import READING_MARGIN, TARGETS, DutyCorrection, Errors
+from controllers.duty_correction import READING_MARGIN, DutyCorrection, Errors
 from controllers.estimator import DRIFT_TIME
 from limb_systems import Layout, LimbError, Provenance, Recording, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
@@ -47,12 +47,13 @@ LATELY = 0.8  # of what a repetition has shown of that share, in what is known a
 GAIN, LEAST_GAIN, LARGEST_GAIN = 0.5, 0.4, 2.5  # of the limb over the model: deviation, bounds
 SPREAD = 0.6  # of the mean of |x| over the standard deviation of x, if x is normal
 NODES_OF_NOISE = 5  # over which the mean of readings has little of it
-WORSE = 0.25  # standard deviations, by which a repetition that is kept may be read to be worse
+WORSE = 0.1  # standard deviations, by which a repetition that is kept may seem to be worse
+ALIKE = 0.25  # of the sensor's error; duties that change the bend by less are nearly identical
 COOLER = 3.0  # °C, by which bounds are lowered after a wire was read too hot
 WORTH = 0.05  # of the sensor's error; by what another repetition must change the bend at least
 MOST_INTERRUPTED, MOST_FAILURES = 3, 5  # in a row; the latter with those that were not better
 SHORTEST = 0.25  # of a step, after repetitions that were not better
-_FIRST_LINE = "# limb learning, format 5, sha256 "
+_FIRST_LINE = "# limb learning, format 6, sha256 "
 
 
 def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
@@ -188,7 +189,6 @@ class _Belief:
 
     - ``bend``: `Estimate` of each bend (F).
     - ``errors``: the same for `DutyCorrection`.
-    - ``error``: mean distance of the bend from the target, rad.
     """
 
     bend: list[Estimate]
@@ -197,7 +197,7 @@ class _Belief:
 
 
 class Learner:
-    """Learns from repetitions of a plan the duty with which a limb follows it.
+    """Learns from repetitions of a plan the duty that brings a limb nearest to its reference.
 
     Use::
 
@@ -213,31 +213,26 @@ class Learner:
     fed forward.
 
     - ``trajectory``: the plan.
-    - ``target``: one of `TARGETS`, what the limb is to be near to.
     - ``repetitions``: all `Repetition` so far.
     - ``correction``: change of the plan's duty in the next repetition (M + 1, W), at
       ``nodes`` (M + 1,), s since the start of the plan.
     - ``provenance``: what made the learner.
     """
 
-    def __init__(self, trajectory: Trajectory, target: str = "plan"):
+    def __init__(self, trajectory: Trajectory):
         """
         Args:
             trajectory: the plan.
-            target: one of `TARGETS`: whether the limb is to follow the plan, or to be as near to
-                the plan's reference as the bounds of duty and temperature allow.
 
         Raises:
             LimbError: if the plan failed its check.
         """
         if not trajectory.check.is_missing and (failure := trajectory.check.failure()):
             raise LimbError(f"This trajectory failed its check and is not learned: {failure}")
-        if target not in TARGETS:
-            raise LimbError(f"The target is {target!r}; it must be one of {', '.join(TARGETS)}.")
-        self.trajectory, self.target = trajectory, target
+        self.trajectory = trajectory
         self.provenance: Provenance | None = Provenance.now(trajectory.parameters)
         self.repetitions: list[Repetition] = []
-        self._program = DutyCorrection(trajectory, target)
+        self._program = DutyCorrection(trajectory)
         self.nodes, self.correction = self._program.nodes, self._program.none
         self._start = self._program.start()
         self._belief: _Belief
@@ -268,14 +263,14 @@ class Learner:
     def expected_bend_angle(self) -> np.ndarray:
         """φ that is expected of the next repetition, at ``nodes`` (M + 1, F), rad.
 
-        It is the target where the limb can follow it, and else what it can do
+        It is the reference where the limb can follow it, and else what it can do
         within the bounds: what a feedback should hold it to.
         """
         return self._program.expected_bend(self.correction, self._start, self._belief.errors)
 
     @property
     def expected_error(self) -> float:
-        """Mean distance of the bend from the target that is expected of the next repetition."""
+        """Mean distance of the bend from the reference that is expected of the next repetition."""
         return self._program.distance(self.expected_bend_angle())
 
     @property
@@ -315,9 +310,10 @@ class Learner:
     def update(self, recording: Recording) -> Repetition:
         """Learn from a repetition that was driven by ``source()``, or from its beginning.
 
-        A repetition that was interrupted, or that was not better than the best one as far as
-        all repetitions together can tell, is undone: the next one begins with the best one's
-        duty again, and its step is half as long.
+        A repetition that was interrupted, or that was read to be farther from the reference than
+        one before by more than the sensor's errors explain, is undone: the next one begins with
+        the best one's duty again. Its step is half as long, if the bend was to change by more than
+        by chance.
 
         Raises:
             LimbError: if the recording is of a limb of another shape, or has no
@@ -334,21 +330,14 @@ class Learner:
                 before, shown = self._belief.bend[bend], self._shown[-1][0][:, bend]
                 found = part.likelihoods(before, shown, changes[:, bend])
                 self._evidence[bend] = LATELY * self._evidence[bend] + found - found.max()
-        remark = ""
-        if best is not None:
-            self._belief = self._about(best)
+        remark, back = "", "back to the best repetition"
+        kept = None if best is None else self._about(best)
+        belief = self._about(number)
         if repetition.interrupted:
-            back = "its readings were learned" if best is None else "back to the best repetition"
-            remark = f"interrupted; {back}"
-        if best is None or not repetition.interrupted:
-            belief = self._about(number)
-            if best is None or self._is_better(belief, repetition, self.repetitions[best]):
-                self._belief = belief
-            else:
-                remark = (
-                    f"not better than {np.rad2deg(self._belief.error):.2f}°, as far as can be told "
-                    "from all repetitions; back to that one, with a shorter step"
-                )
+            remark = f"interrupted; {back if kept else 'its readings were learned'}"
+        elif kept and belief.error > kept.error + self._by_chance:
+            remark = f"farther from the reference than the sensor's errors explain; {back}"
+        self._belief = kept if remark and kept else belief
         self.repetitions[-1] = repetition = dataclasses.replace(repetition, remark=remark)
         errors = self._belief.errors
         if best is not None and repetition.interrupted:
@@ -359,18 +348,16 @@ class Learner:
         self.correction = errors.about + step * (found - errors.about)
         return repetition
 
-    def _is_better(self, belief: "_Belief", repetition: Repetition, best: Repetition) -> bool:
-        """Whether a repetition is better than the best one, and not worse as it was read."""
-        now, before = (self._program.distance(r.bend_angle) for r in (repetition, best))
-        by_chance = WORSE * SPREAD * np.sqrt(2) * self._sensor_error  # a difference of two
-        if now > before + by_chance:
-            return False
-        return belief.error < self._belief.error
-
     def _undone(self) -> int:
-        """Number of repetitions since the last one that was kept, or since the first one."""
-        failed = itertools.takewhile(lambda r: r.failed, reversed(self.repetitions))
-        return 0 if self.best is None else len(list(failed))
+        """Number of repetitions since the best one, without those of a nearly identical duty."""
+        if self.best is None:
+            return 0
+        about, later = self.repetitions[self.best].duty, self.repetitions[self.best + 1 :]
+        moved = [
+            np.abs(self._program.changes(self._start, about, other.duty).sum(axis=-1)).mean()
+            for other in later
+        ]
+        return sum(change > ALIKE * self._sensor_error for change in moved)
 
     def _seen(self, recording: Recording) -> Repetition:
         """Return what a recording says about a repetition."""
@@ -418,6 +405,7 @@ class Learner:
             of_heat = MEAN_TO_DEVIATION * record.temperature_error
         sensors = [parameters.segments[s].bend_sensor for s in program.layout.bend_segment]
         self._sensor_error = max(np.hypot(sensor.noise, sensor.drift) for sensor in sensors)
+        self._by_chance = WORSE * SPREAD * np.sqrt(2) * self._sensor_error  # a difference of two
         # The torque's error is about in proportion to the heat, which no wire has at first.
         heat = program.model.temperatures(
             program.rollout(self._start, program.steps(self.correction))
@@ -450,15 +438,15 @@ class Learner:
             for wire, lag in enumerate(self._lag)
         ]
         # What the calibration's predictions missed of the bend is expected of changes at least.
-        bend = np.sqrt(np.mean(program.target**2)) + ROUNDING
+        bend = np.sqrt(np.mean(program.reference**2)) + ROUNDING
         expected = np.clip(of_bend / bend, EXPECTED_SHARE, SHARES[-1])
         unlikely = np.log(SHARES / expected) / np.log(KNOWN_TO)
         self._evidence = np.tile(-0.5 * unlikely**2, (len(sensors), 1))
         self._shown: list[tuple[np.ndarray, ...]] = []
         errors = Errors(
-            np.zeros_like(program.target),
-            self._program.none,
-            self._program.none,
+            np.zeros_like(program.reference),
+            program.none,
+            program.none,
             self.correction,
             np.ones((len(sensors), len(parameters.wires))),
             self._shares(),
@@ -479,16 +467,14 @@ class Learner:
         readings = repetition.measured_temperature - program.model.readings(heat)
         self.repetitions.append(repetition)
         temperatures = program.model.temperatures(heat)
-        self._shown.append((repetition.bend_angle - bend, readings, temperatures, bend))
+        self._shown.append((repetition.bend_angle - bend, readings, temperatures))
 
     def _about(self, index: int) -> "_Belief":
         """Return what all repetitions have shown about the duty of one of them."""
         program, about = self._program, self.repetitions[index]
         duty = np.stack([other.duty for other in self.repetitions], axis=1)
         changes = np.moveaxis(program.changes(self._start, about.duty, duty), 1, 0)
-        shown, readings, temperatures, modelled = (
-            np.array(part) for part in zip(*self._shown, strict=True)
-        )
+        shown, readings, temperatures = (np.array(part) for part in zip(*self._shown, strict=True))
         bend = [
             part.estimate(shown[..., f], changes[:, :, f], share)
             for f, (part, share) in enumerate(zip(self._bend, self._shares(), strict=True))
@@ -509,10 +495,10 @@ class Learner:
         )
         # Of what was read to be unlike what is expected, a line is drift, and the rest the limb
         # but for noise.
-        expected = modelled[index] + errors.bend_angle
-        seen = np.isfinite(about.bend_angle).all(axis=1)
-        unlike = detrend((about.bend_angle - expected)[seen], axis=0)
-        expected[seen] += uniform_filter1d(unlike, NODES_OF_NOISE, axis=0)
+        unlike = shown[index] - errors.bend_angle
+        expected = about.bend_angle - unlike
+        seen = np.isfinite(unlike).all(axis=1)
+        expected[seen] += uniform_filter1d(detrend(unlike[seen], axis=0), NODES_OF_NOISE, axis=0)
         return _Belief(bend, errors, program.distance(expected))
 
     def _cooler(self) -> float:
@@ -529,7 +515,6 @@ class Learner:
         """Save plan and repetitions, whole or not at all; `load` goes on from there."""
         state = {
             "plan": self.trajectory.to_text(),
-            "target": self.target,
             "repetitions": [vars(repetition) for repetition in self.repetitions],
             "correction": self.correction,
             "evidence": self._evidence,
@@ -559,7 +544,7 @@ class Learner:
             )
         state = json.loads(body)
         try:
-            learner = cls(Trajectory.from_text(state["plan"]), state["target"])
+            learner = cls(Trajectory.from_text(state["plan"]))
         except LimbError as error:  # such as a law whose module was not imported
             raise FileFormatError(f"{path}: {error}") from error
         for saved in state["repetitions"]:

@@ -7,6 +7,7 @@ from pydrake.systems.framework import Diagram, LeafSystem, System
 from controllers.estimator import Estimator, StateEstimate, packed
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters
+from limb_systems.band import temperature_margin
 from limb_systems.model.limb_system import behind
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
@@ -15,8 +16,7 @@ HOLD = 0.5  # s, for which a duty must be harmless
 DEVIATIONS = 2.0  # of the estimated temperature, by which predictions stay below the limit
 # By which share a thermocouple may lag more than its law says: lags of 0.8 to 2.5 s are usual.
 LAG_ERROR, UNCALIBRATED_LAG_ERROR = 0.1, 1.0
-ABOVE_PLANS = 5.0  # °C, that feedback may heat wires of calibrated limbs beyond T_max
-BELOW_BOARD = 5.0  # °C, that it stays below what the board cuts out at
+BELOW_BOARD = 5.0  # °C, that feedback stays below what the board cuts out at
 
 
 class TemperatureLimiter:
@@ -31,9 +31,8 @@ class TemperatureLimiter:
 
     Args:
         parameters: description of the limb.
-        limit: °C; if None, 5 °C above ``temperature_limits.maximum``, or that itself if the
-            limb is not calibrated, but at least 5 °C below
-            ``temperature_limits.measured_maximum``.
+        limit: °C; if None, ``temperature_limits.maximum`` less `temperature_margin`, but at
+            least 5 °C below ``temperature_limits.measured_maximum``.
 
     Raises:
         LimbError: if the limit is not below ``temperature_limits.measured_maximum``.
@@ -42,8 +41,8 @@ class TemperatureLimiter:
     def __init__(self, parameters: LimbParameters, limit: float | None = None):
         limits = parameters.temperature_limits
         if limit is None:
-            above = ABOVE_PLANS if parameters.calibration else 0.0
-            limit = min(limits.maximum + above, limits.measured_maximum - BELOW_BOARD)
+            highest = limits.maximum - temperature_margin(parameters)
+            limit = min(highest, limits.measured_maximum - BELOW_BOARD)
         if not limit < limits.measured_maximum:
             raise LimbError(
                 f"The limit of a wire's temperature is {limit!r} °C; it must be below "

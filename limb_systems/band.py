@@ -9,11 +9,17 @@ from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.ensemble import OpenLoop, draw_ensemble, stacked
 from limb_systems.model.layout import Layout
 from limb_systems.model.limb import split_state
+from limb_systems.model.parameters import LimbParameters
 
 MEMBERS = 64
 STEP = 0.25  # s, of simulation
 BEND_QUANTILE = 1.96  # standard deviations, of 95% of the limbs
 READING_QUANTILE = 2.6  # of 995 of 1000 limbs, on one side, for each of two wires
+DEVIATIONS = 2.0  # of predicted temperatures, by which calibrated limbs stay below T_max
+# A thermocouple sits between its wire and colder silicone, and may show this share too little of
+# the wire's excess over the room. No reading tells how much it is.
+UNSHOWN = 0.12
+LARGEST_MARGIN = 15.0  # °C, as of plans of limbs that are not calibrated
 MEAN_TO_DEVIATION = 1.25  # of the mean of |x| to the standard deviation of x, if x is normal
 
 
@@ -40,6 +46,21 @@ class Band:
     measured_temperature: np.ndarray
     highest_readings: np.ndarray
     aborted_share: float
+
+
+def temperature_margin(parameters: LimbParameters) -> float:
+    """How far below T_max the model's wires stay, °C, so that those of the limb stay below it, too.
+
+    It is twice the standard deviation of predicted temperatures, and what thermocouples do not
+    show; zero if the limb is not calibrated, as nothing is known then.
+    """
+    record = parameters.calibration
+    if record is None:
+        return 0.0
+    unshown = parameters.temperature_limits.maximum - parameters.ambient_temperature
+    unshown *= UNSHOWN / (1.0 + UNSHOWN)
+    margin = DEVIATIONS * MEAN_TO_DEVIATION * record.temperature_error + unshown
+    return min(margin, LARGEST_MARGIN)
 
 
 def band(trajectory: Trajectory, seed: int = 0) -> Band | None:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from limb_systems import LimbError, LimbParameters
-from limb_systems.band import MEAN_TO_DEVIATION
+from limb_systems.band import temperature_margin
 from limb_systems.input import read_text
-from limb_systems.model.statics import HeldAngles, mean_bend_by_temperature
 from limb_systems.schema import load_typed
 
 
@@ -127,29 +126,19 @@ class Task:
 
     @classmethod
     def closed_loop(cls, parameters: LimbParameters | None = None) -> "Task":
-        """Weights and margins of plans that feedback follows: they leave it heat and duty.
+        """Weights and margins of plans that feedback follows.
 
-        A limb that is calibrated needs less of both. Its temperature margin is what it takes to
-        make up for errors that are twice the standard deviations with which the calibration
-        predicted motions and temperatures.
+        The plan of a calibrated limb goes to the reference: its duty has little weight, and its
+        wires may be as hot as `TemperatureLimiter` lets feedback heat them. The plan of another
+        limb leaves feedback heat and duty for errors that nobody knows.
 
         Args:
             parameters: description of the limb; one that is not calibrated if None.
         """
-        uncalibrated = cls(duty_weight=10.0, temperature_margin=15.0, duty_margin=0.4)
         record = parameters and parameters.calibration
         if not (parameters and record and record.bend_error > 0):
-            return uncalibrated
-        held = HeldAngles(parameters)
-
-        def bend(temperature: np.ndarray) -> np.ndarray:
-            return held.values(held.wires.settled_states(temperature))
-
-        slopes = np.linalg.norm(mean_bend_by_temperature(parameters, bend), axis=0)
-        weakest = slopes.min()  # of all wires, rad/°C
-        error = record.bend_error / weakest + record.temperature_error  # °C
-        margin = min(2.0 * MEAN_TO_DEVIATION * error, uncalibrated.temperature_margin)
-        return cls(duty_weight=3.0, temperature_margin=float(margin), duty_margin=0.3)
+            return cls(duty_weight=10.0, temperature_margin=15.0, duty_margin=0.4)
+        return cls(duty_weight=0.2, temperature_margin=temperature_margin(parameters))
 
     @classmethod
     def load(cls, path: str | Path) -> "Task":

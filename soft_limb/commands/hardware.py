@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from serial.tools import list_ports
 
-from controllers.duty_correction import TARGETS
 from controllers.learner import Repetition
 from hardware import (
     BoardInfo,
@@ -325,7 +324,7 @@ def _learn(options: argparse.Namespace) -> int:
     trajectory, folder = Trajectory.load(options.trajectory), options.output
     if board := text_board(options):
         board.check_measures(board.unmeasured, "Learning")
-    learner = repetitions.learner_in(folder, trajectory, options.target, force=options.force)
+    learner = repetitions.learner_in(folder, trajectory, force=options.force)
     if far := far_from_reference(trajectory):
         warnings.warn(far, stacklevel=1)
 
@@ -515,10 +514,11 @@ COMMANDS = {
     "learn": Command(
         _learn,
         "Replays a trajectory again and again, a robot in real time, each time when its wires are "
-        "cool. Corrects the duty after each repetition, so that the limb follows the plan, and "
-        "goes back where that was not better. Ends early when another repetition does not pay. The "
-        "folder has a recording of each repetition, a picture, a report, the best duty as a "
-        "trajectory, learned.csv, and what was learned: started again, it goes on from there.",
+        "cool. Corrects the duty after each repetition, so that the limb comes nearer to the "
+        "reference, and goes back where it was farther away. Ends early when another repetition "
+        "does not pay. The folder has a recording of each repetition, a picture, a report, the "
+        "best duty as a trajectory, learned.csv, and what was learned: started again, it goes on "
+        "from there.",
         "trajectory folder driven text live address json force",
         [
             Option(
@@ -527,13 +527,6 @@ COMMANDS = {
                 type=int,
                 default=10,
                 help="in all, those before included (default %(default)s)",
-            ),
-            Option(
-                "--target",
-                choices=TARGETS,
-                default=TARGETS[0],
-                help="what the limb is to be near to: what the plan says, or what was asked for as "
-                "far as its limits allow (default %(default)s)",
             ),
         ],
         examples=["soft-limb learn out/plan.csv -n 10 -o out/learned/"],

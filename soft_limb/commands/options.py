@@ -82,8 +82,8 @@ def shared(key: str, **settings: Any) -> Option:
 LONGEST_COOLING = 3600.0  # s
 PORT_HELP = "a serial port or any URL that pyserial accepts"
 TASK_HELP = (
-    "weights and limits: a file (.yaml), 'paper' for the paper's, or 'closed-loop' for margins of "
-    "temperature and duty that feedback needs"
+    "weights and limits: a file (.yaml), 'paper' for the paper's, or 'closed-loop' for plans that "
+    "feedback follows"
 )
 EMULATED = Option(
     "--emulated",

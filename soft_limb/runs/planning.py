@@ -58,7 +58,7 @@ def task_named(name: str, limb: LimbParameters | None = None) -> Task:
     """The task that a command calls "paper", "closed-loop" or by its file.
 
     Args:
-        limb: the limb to plan for, by which `Task.closed_loop` chooses margins.
+        limb: the limb to plan for, by which `Task.closed_loop` chooses weights and margins.
 
     Raises:
         LimbError: if the file cannot be read.
@@ -94,7 +94,7 @@ def teach_and_go(
     real_time: bool = False,
     live: LivePage | None = None,
 ) -> tuple[Rollout, Summary]:
-    """Plan with margins for feedback, and drive a limb along the plan.
+    """Plan for feedback, and drive a limb along the plan.
 
     The folder gets the files `FOLLOWED`.
     If the limb fails, the plan is there, and of a robot an unfinished recording.

@@ -181,13 +181,10 @@ def wait_until_cool(
             time.sleep(period)
 
 
-def learner_in(
-    folder: Path, trajectory: Trajectory, target: str = "plan", *, force: bool = False
-) -> Learner:
+def learner_in(folder: Path, trajectory: Trajectory, *, force: bool = False) -> Learner:
     """The learner of a plan in a folder, or a new one.
 
     Args:
-        target: what the limb is to be near to, as for `Learner`.
         force: whether to start anew where there are repetitions.
 
     Raises:
@@ -198,10 +195,9 @@ def learner_in(
     state = folder / STATE
     if state.exists() and not force:
         learner = Learner.load(state)
-        if not (learner.trajectory.is_same_plan(trajectory) and learner.target == target):
+        if not learner.trajectory.is_same_plan(trajectory):
             raise OutputError(
-                f"{state} is of another plan or target; give another folder, or --force to start "
-                "anew."
+                f"{state} is of another plan; give another folder, or --force to start anew."
             )
         return learner
     made = [path for path in folder.glob("repetition_*.csv") if _NAME.fullmatch(path.name)]
@@ -210,7 +206,7 @@ def learner_in(
             f"{folder} holds repetitions without {STATE}; give another folder, or --force to "
             "replace them."
         )
-    learner = Learner(trajectory, target)
+    learner = Learner(trajectory)
     if force:
         learner.save(state)  # before, so that they are never taken for this learner's
         for path in made:

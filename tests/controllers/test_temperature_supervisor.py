@@ -15,6 +15,7 @@ from scipy.linalg import expm
 from controllers import PlanFeedback, TemperatureSupervisor, supervised
 from hardware import LimbTwin
 from limb_systems import HystereticLaw, Limb, LimbError, LimbParameters, TwoMassLaw
+from limb_systems.model.parameters import CalibrationRecord
 from limb_systems.simulation import record
 
 LIMIT = 100.0  # °C, T_max, of limbs that are not calibrated
@@ -30,10 +31,13 @@ def small_limb(law=None):
 
 
 class ExactWires:
-    """Two wires in steps of constant duty, by the matrix exponential of (6) and (7)."""
+    """Two wires in steps of constant duty, by the matrix exponential of (6) and (7).
 
-    def __init__(self, parameters):
-        self._ambient = parameters.ambient_temperature
+    Readings show a share of their excess over the room.
+    """
+
+    def __init__(self, parameters, shown=1.0):
+        self._shown, self._ambient = shown, parameters.ambient_temperature
         self._steps = []
         for wire in parameters.wires:
             law = wire.law
@@ -47,7 +51,7 @@ class ExactWires:
 
     @property
     def reading(self):
-        return self._ambient + self.excess[:, 1]
+        return self._ambient + self._shown * self.excess[:, 1]
 
     def step(self, duty):
         self.excess = np.array(
@@ -122,6 +126,18 @@ def test_full_duty_is_used_up_to_the_limit_and_by_wires_known_badly_a_little_bey
             wire.law.a3 *= a3_share
         temperature, _ = driven(parameters, ExactWires(others), square)
         assert least < temperature.max() <= LIMIT + beyond
+
+
+def test_wires_that_are_hotter_than_they_read_stay_below_the_limit():
+    """By 12% of what they show over the room, of which no calibration by readings can know."""
+    parameters = small_limb()
+    parameters.calibration = CalibrationRecord([], [], [], [], temperature_error=0.5)
+    for hotter, least in ((1.0, 85.0), (1.12, 93.0)):
+        others = copy.deepcopy(parameters)
+        for wire in others.wires:
+            wire.law.a2 *= hotter
+        temperature, _ = driven(parameters, ExactWires(others, shown=1 / hotter), square)
+        assert least < temperature.max() <= LIMIT
 
 
 def test_without_readings_the_law_is_believed():

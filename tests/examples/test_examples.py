@@ -166,7 +166,7 @@ def test_calibrate_from_csv(tmp_path, monkeypatch):
 
 @pytest.mark.whole
 def test_supervised_controller(tmp_path):
-    """T_max is 100 °C, a supervisor lets feedback go to 105 °C, and a board cuts out at 110 °C."""
+    """T_max is 100 °C, which the supervisor holds, and a board cuts out at 110 °C."""
     said = run([EXAMPLES / "supervised_controller.py", "-o", tmp_path], tmp_path)
     alone, supervised = map(float, re.findall(r"wires got (.*) °C hot", said))
     assert alone > 115.0

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver
 
+from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import (
     Limb,
     LimbParameters,
@@ -12,6 +13,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
+from limb_systems.model.parameters import CalibrationRecord
 from planners import (
     Planner,
     PlanningError,
@@ -146,6 +148,25 @@ def test_margins_leave_feedback_its_authority():
     assert close.parameters == cold_parameters()
     bounds = {active.bound for active in close.check.active_constraints}
     assert {"duty right = 0.3", "wire right = T_max - 52 °C"} <= bounds
+
+
+def test_plans_for_feedback_go_to_the_reference_of_limbs_that_are_calibrated():
+    """And those of other limbs stay away from it."""
+    parameters, calibrated = LimbParameters(), LimbParameters()
+    known = ["right.a1"], [-0.07], [1e-3], [[1e-6]]
+    calibrated.calibration = CalibrationRecord(*known, bend_error=0.02, temperature_error=1.0)
+    reference, missed = references.step_and_decaying_sine(), []
+    for limb, task in (
+        (calibrated, Task.closed_loop(calibrated)),
+        (parameters, Task.paper()),
+        (parameters, Task.closed_loop(parameters)),
+    ):
+        course = plan(limb, reference, task=task)
+        missed.append(np.rad2deg(np.abs(course.bend_angle - course.reference).mean()))
+        highest = TemperatureLimiter(limb).limit
+        assert course.wire_temperature.max() <= highest + 0.01
+    assert missed[0] < missed[1] - 0.2
+    assert missed[1] < missed[2] - 0.2
 
 
 def of_ones_own(program):
