@@ -85,7 +85,7 @@ class RecedingHorizon(PlanController):
         if round(time / PERIOD) % TICKS:
             return
         counts, plan = state.value(2).copy(), unpacked(state.value(3), self._like)
-        question = time + PERIOD, ahead.heat, ahead.offset, plan
+        question = time + PERIOD, ahead.heat, ahead.lasting, plan, ahead.residual
         is_late = self._process is not None and self._process.is_planning
         counts[1 if is_late else 0] += 1
         if self._process is None:

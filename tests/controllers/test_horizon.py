@@ -126,8 +126,8 @@ def test_there_is_a_plan_where_limits_are_passed_already():
     T = found.heat[:, :2]
     beyond = np.maximum(T[1:] - highest, 0.0).sum() + np.maximum(45.0 - T, 0.0).sum()
     missed = 50.0 * 2 * (2 / 3) ** 2 * (found.bend_angle**2).sum()
-    heat = 2e-3 * (T.mean(axis=1) - 25.0).sum()
-    duty = 0.025 * (found.duty**2).sum()
+    heat = task.temperature_weight * (T.mean(axis=1) - 25.0).sum()
+    duty = 0.5 * task.duty_weight * (found.duty**2).sum()
     assert found.cost == pytest.approx(beyond + missed + heat + duty, rel=1e-6)
 
 
@@ -153,6 +153,18 @@ def test_both_bends_of_a_limb_in_space_follow_their_references():
     missed = np.rad2deg(np.abs(found.bend_angle - wanted.vector_values(found.time).T))
     assert missed[10:].max() < 2.5
     assert missed[10:].mean() < 0.7
+
+
+def test_what_the_model_leaves_out_fades_but_for_what_lasts():
+    """The plan straightens the limb now, and less so when the residual has gone."""
+    parameters = small_limb()
+    planner, heat = HorizonPlanner(parameters, wave(0.0)), warm_heat(parameters)
+    lasting, residual = np.deg2rad([2.0]), np.deg2rad([-3.0])
+    found = planner.plan(0.0, heat, lasting, residual=residual)
+    beyond = found.bend_angle - ReducedModel(parameters).bend_angle(found.heat)
+    fading = np.exp(-found.time / 20.0)[:, None]
+    np.testing.assert_allclose(beyond, lasting + fading * residual, atol=1e-9)
+    assert np.rad2deg(np.abs(found.bend_angle[10:])).max() < 0.5
 
 
 def in_a_loop(controller, parameters):
