@@ -48,9 +48,9 @@ LIMIT_WEIGHT = 1.0  # 1/Â°C, of each knot beyond T_max or T_warm; as much as 11Â
 def horizon_task() -> Task:
     """Return the weights of a horizon: less duty than (15), as the next plan follows soon."""
     return Task(
-        duty_weight=0.05,
+        duty_weight=0.01,
         terminal_factor=1.0,
-        temperature_weight=2e-3,
+        temperature_weight=2e-4,
         temperature_margin=10.0,
     )
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from controllers.estimator import StateEstimate, packed, unpacked
-from controllers.horizon import HorizonPlan, HorizonPlanner
+from controllers.horizon import HorizonPlan, HorizonPlanner, horizon_task
 from controllers.plan_controller import PlanController
 from limb_systems import LimbError, Trajectory
 from limb_systems.simulation import PERIOD
@@ -66,6 +66,8 @@ class RecedingHorizon(PlanController):
         first = self._planner.beginning_of(plan)
         super().__init__(trajectory.parameters, first.duty[0])
         self._like = first
+        margin = (task or horizon_task()).temperature_margin
+        self._highest = np.array(trajectory.parameters.temperature_limits.maximum - margin)
         replans = self.DeclareDiscreteState(3)
         self.DeclareDiscreteState(packed(first))
         self.DeclareStateOutputPort("replans", replans)
@@ -79,6 +81,9 @@ class RecedingHorizon(PlanController):
             state.set_value(3, packed(plan))
         missed = plan.bend_angle_at(time) - self._estimator.bend_angle(estimate)
         return plan.duty_at(time), PROPORTIONAL * missed
+
+    def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
+        return self._highest
 
     def _end_update(self, context, ahead: StateEstimate, state) -> None:
         time = self._time_in_plan(context)

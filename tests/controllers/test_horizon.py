@@ -198,6 +198,18 @@ def test_a_weaker_limb_follows_the_reference(short_plan):
     assert missed[1] < 0.8
 
 
+def test_what_is_done_between_plans_heats_no_wire_beyond_a_horizon(short_plan):
+    """A wire at 89 °C has less duty than plan and feedback want, by the horizon's limit alone."""
+    controller = RecedingHorizon(short_plan)
+    parameters, estimator = short_plan.parameters, controller._estimator
+    heat = estimator.model.heated(np.array([25.0, 89.0]))
+    straight = estimator.loaded(heat, np.zeros(1))
+    limits = [controller._temperature_limit(0.0, straight), None]
+    caps = [controller._limiter.caps(straight, limit)[1] for limit in limits]
+    assert limits[0] == pytest.approx(parameters.temperature_limits.maximum - 10.0)
+    assert caps[0] < 0.5 * caps[1]
+
+
 def test_plans_are_counted_and_those_that_fail_leave_the_last_in_force(short_plan):
     controller = RecedingHorizon(short_plan)
     simulator, context = in_a_loop(controller, short_plan.parameters)
