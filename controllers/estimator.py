@@ -20,7 +20,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from controllers.reduced_model import ReducedModel
-from limb_systems import Layout, LimbParameters
+from limb_systems import Layout, LimbParameters, Recording
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -56,6 +56,7 @@ DRIFT_TIME = 120.0  # s, in which the correlation of d falls to 1/e
 # rad, of p where the rest angle is not known, or bent by more than so many standard deviations.
 INITIAL_BEND, UNLOADED = np.deg2rad(3.0), 2.0
 INITIAL_TEMPERATURE = 1.0  # °C
+UNEXPLAINED = 2.0  # standard deviations, by which a bend is read from where the model explains it
 # °C, by which the silicone around a warm wire may be off, and what other states are known to.
 SILICONE = 5.0
 
@@ -147,7 +148,7 @@ class Estimator:
         decays = np.exp(-h / HEATING_TIME), np.full(F, np.exp(-h / DRIFT_TIME))
         self._decay = means(np.zeros(H), *decays, 1.0, np.exp(-h / RESIDUAL_TIME))
         error = (record and record.bend_error) or UNKNOWN_BEND_ERROR
-        self._residual_walk = error**2 / RESIDUAL_PATH  # rad² per rad of bend, to and fro
+        self._residual_rate = error**2 / RESIDUAL_PATH  # rad² per rad of bend, to and fro
         initial = np.where(temperatures, SILICONE, 0.0)
         initial[:W] = initial[-W:] = INITIAL_TEMPERATURE
         self._initial = means(initial, HEATING_RATE / 2, drift, INITIAL_BEND, 0.0)
@@ -310,8 +311,7 @@ class Estimator:
         F[:W, H : H + W] = period * np.eye(W)
         walk = self._walk.copy()
         walk[:W] += (HEATING_ERROR * self._heating * duty) ** 2 / period
-        path = np.abs(self.model.bend_by_temperature) @ np.abs(heat[:W] - estimate.heat[:W])
-        walk[-len(path) :] = self._residual_walk * path
+        walk[-self.model.num_bends :] = self._residual_walk(heat[:W] - estimate.heat[:W])
         P = F @ estimate.covariance @ F.T + np.diag(walk)
         unshown = estimate.unshown + heat[:W] - estimate.heat[:W]
         _, rate_left, drift_left, _, residual_left = self._split(self._decay)
@@ -324,6 +324,39 @@ class Estimator:
             covariance=P,
             unshown=unshown,
         )
+
+    def _residual_walk(self, change: np.ndarray) -> np.ndarray:
+        """Variance (F,), rad², that r gains while wires' T changes (W,), °C."""
+        path = np.abs(self.model.bend_by_temperature) @ np.abs(change)
+        return self._residual_rate * path
+
+    def unexplained(self, recording: Recording) -> tuple[float, float]:
+        """Return for how long, s, a limb was read to be bent otherwise than explained.
+
+        It began at rest. The bend that the model does not explain, p + r + d, is then more than
+        two standard deviations of what is known before any bend is read: of the rest angle, the
+        sensor's drift, and the model's residual at wires whose heat has changed so much.
+
+        Returns:
+            The longest time without a break, s, and the largest p + r + d of any bend then, rad.
+        """
+        W, drift = self.model.num_wires, self._split(self._initial)[2]
+        still = self._rest_error**2 + drift**2
+        fades = np.exp(-2 * self.model.period / RESIDUAL_TIME)
+        vector, residual, time, largest, found = self.nothing, 0.0, 0.0, 0.0, (0.0, 0.0)
+        for readings, bend, duty in zip(
+            recording.measured_temperature.T, recording.bend_angle.T, recording.duty.T, strict=True
+        ):
+            estimate = self.read(vector, readings, bend)
+            off = np.abs(estimate.offset + estimate.drift)
+            beyond = off > UNEXPLAINED * np.sqrt(still + residual)
+            time = time + self.model.period if beyond.any() else 0.0
+            largest = max(largest, off.max()) if time else 0.0
+            found = max(found, (time, float(largest)))
+            ahead = self.predicted(estimate, duty)
+            residual = fades * residual + self._residual_walk(ahead.heat[:W] - estimate.heat[:W])
+            vector = packed(ahead)
+        return found
 
     def bend_angle(self, estimate: StateEstimate) -> np.ndarray:
         """φ(x) + p + r (F,), rad, without the sensors' noise and drift."""

@@ -1,6 +1,7 @@
 """The estimate of a limb: the filter in its textbook form, sensors that fail, and the observer."""
 
 import copy
+import dataclasses
 
 import numpy as np
 import pytest
@@ -230,6 +231,20 @@ def test_a_reading_that_creeps_is_drift_of_a_sensor_unless_the_wires_heat(limb):
         shares.append((last.drift / (last.offset + last.drift)).item())
     assert shares[0] > 0.5
     assert shares[1] < 0.4
+
+
+def test_a_sensor_that_drifts_further_than_described_is_told(limb):
+    """By 6° within 10 s. A drift of 1° is described."""
+    recording = simulate(Limb(limb), course_of([[0.1, 0.3], [0.3, 0.1]], 20.0), 20.0)
+    limb = copy.deepcopy(limb)
+    limb.calibration = CalibrationRecord(["rest_angle"], [0.0], [0.01], [[1e-4]], bend_error=0.01)
+    for drift, told in ((1.0, 0.0), (6.0, 15.0)):
+        drifts = np.deg2rad(drift) * np.minimum(1.0, recording.time / 10.0)
+        read = dataclasses.replace(recording, bend_angle=recording.bend_angle + drifts)
+        seconds, most = Estimator(limb).unexplained(read)
+        assert seconds == pytest.approx(told, abs=1.5)
+        if told:
+            assert np.rad2deg(most) == pytest.approx(drift, abs=0.5)
 
 
 def test_a_bend_sensor_that_fails_does_not_move_the_estimate(limb, recording):
