@@ -25,7 +25,7 @@ from limb_systems.simulation import PERIOD
 from planners import Task
 
 TICKS = 5  # from one plan to the next
-PROPORTIONAL = 1.0  # 1/s; the next plan corrects what this does not
+PROPORTIONAL = 0.3  # 1/s; little, as the next plan is soon there, and knows the wires
 PRIORITY = 5  # by which the process gives way to who commands
 PROGRAM = "from controllers.receding_horizon import answer_questions; answer_questions()"
 
