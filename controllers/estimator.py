@@ -3,10 +3,13 @@
 It estimates the heat [x, V] (H) of W wires and what the model leaves out of them and of
 F bends: a heating rate q (W), by which the wires warm faster than their law
 says (another supply voltage, a fan, a room that is warmer); the drift d (F) of the
-bend sensors; and a bend p (F) that a torque from outside holds, such as a payload's:
+bend sensors; a bend p (F) that lasts, of a torque from outside, such as a payload's, or of a rest
+angle that is not known; and the residual r (F) of the model's bend, which comes and goes as the
+wires' heat changes:
 
-    readings  V + v,   bend  φ(x) + p + d + w
+    readings  V + v,   bend  φ(x) + p + r + d + w
     Ṫ = law + q,   q̇ = -q / τ_q + noise,   ḋ = -d / τ_d + noise,   ṗ = noise
+    ṙ = -r / τ_r + noise · √(bend that the wires' heat makes, to and fro)
 """
 
 import dataclasses
@@ -17,7 +20,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from controllers.reduced_model import ReducedModel
-from limb_systems import Layout, LimbParameters
+from limb_systems import Layout, LimbParameters, Recording
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -43,14 +46,21 @@ TEMPERATURE_WALK = 0.5  # °C, of states that are temperatures
 READING_WALK = 0.1  # °C
 OTHER_WALK = 0.005  # of the typical change of other states
 HEATING_ERROR = 0.1  # of the heating by duty, in addition
-BEND_WALK = np.deg2rad(0.4)  # rad, of p
+BEND_WALK = np.deg2rad(0.1)  # rad, of p
+# r changes by the calibration's mean error of bends, or by so much if that is not known, rad, while
+# wires bend the limb by so much in all, to and fro, rad. So the bends of calibrated limbs of three
+# emulated physics are known best, now and seconds ahead. It is forgotten within so many s.
+UNKNOWN_BEND_ERROR, RESIDUAL_PATH, RESIDUAL_TIME = np.deg2rad(1.0), np.deg2rad(20.0), 20.0
 HEATING_RATE, HEATING_TIME = 1.0, 15.0  # °C/s and s, of q
 DRIFT_TIME = 120.0  # s, in which the correlation of d falls to 1/e
 # rad, of p where the rest angle is not known, or bent by more than so many standard deviations.
 INITIAL_BEND, UNLOADED = np.deg2rad(3.0), 2.0
 INITIAL_TEMPERATURE = 1.0  # °C
+UNEXPLAINED = 2.0  # standard deviations, by which a bend is read from where the model explains it
 # °C, by which the silicone around a warm wire may be off, and what other states are known to.
 SILICONE = 5.0
+
+OF_BENDS = ("drift", "lasting", "residual")  # what a `StateEstimate` has of each bend
 
 Record = TypeVar("Record")
 
@@ -62,8 +72,9 @@ class StateEstimate:
     - ``heat``: [x, V] (H).
     - ``heating_rate``: q (W), °C/s.
     - ``drift``: d (F), rad.
-    - ``offset``: p (F), rad.
-    - ``covariance``: covariance of the four above, in this order (M, M).
+    - ``lasting``: p (F), rad.
+    - ``residual``: r (F), rad.
+    - ``covariance``: covariance of the five above, in this order (M, M).
     - ``unbelieved``: time since each thermocouple and bend was last believed (W + F), s.
     - ``alike``: time since each reading last changed (W + F), s.
     - ``unshown``: change of each wire's temperature since its reading changed (W), °C.
@@ -75,7 +86,8 @@ class StateEstimate:
     heat: np.ndarray
     heating_rate: np.ndarray
     drift: np.ndarray
-    offset: np.ndarray
+    lasting: np.ndarray
+    residual: np.ndarray
     covariance: np.ndarray
     unbelieved: np.ndarray
     alike: np.ndarray
@@ -83,6 +95,11 @@ class StateEstimate:
     raised: np.ndarray
     hotter: np.ndarray
     last: np.ndarray
+
+    @property
+    def offset(self) -> np.ndarray:
+        """p + r (F,), rad: how much further the limb is bent than the model."""
+        return self.lasting + self.residual
 
 
 def packed(record: Any) -> np.ndarray:
@@ -121,16 +138,20 @@ class Estimator:
         walks = np.where(temperatures, TEMPERATURE_WALK, OTHER_WALK * model.scales)
         walks[-W:] = READING_WALK
 
-        def means(heat, rate, drift, bend):
-            return np.concatenate([heat, np.full(W, rate), drift, np.full(F, bend)])
+        def means(heat, rate, drift, bend, residual):
+            return np.concatenate(
+                [heat, np.full(W, rate), drift, np.full(F, bend), np.full(F, residual)]
+            )
 
         rate_walk, drift_walk = 2 * HEATING_RATE**2 / HEATING_TIME, 2 * drift**2 / DRIFT_TIME
-        self._walk = h * means(walks**2, rate_walk, drift_walk, BEND_WALK**2)
+        self._walk = h * means(walks**2, rate_walk, drift_walk, BEND_WALK**2, 0.0)
         decays = np.exp(-h / HEATING_TIME), np.full(F, np.exp(-h / DRIFT_TIME))
-        self._decay = means(np.zeros(H), *decays, 1.0)
+        self._decay = means(np.zeros(H), *decays, 1.0, np.exp(-h / RESIDUAL_TIME))
+        error = (record and record.bend_error) or UNKNOWN_BEND_ERROR
+        self._residual_rate = error**2 / RESIDUAL_PATH  # rad² per rad of bend, to and fro
         initial = np.where(temperatures, SILICONE, 0.0)
         initial[:W] = initial[-W:] = INITIAL_TEMPERATURE
-        self._initial = means(initial, HEATING_RATE / 2, drift, INITIAL_BEND)
+        self._initial = means(initial, HEATING_RATE / 2, drift, INITIAL_BEND, 0.0)
         self._others = np.flatnonzero(~temperatures)
         # How far limbs may rest, without a load, from where their parameters say.
         self._rest_error = np.full(F, INITIAL_BEND)
@@ -158,14 +179,16 @@ class Estimator:
         heat = self.model.heated(known)
         initial = self._initial.copy()
         initial[self._others] = (self.model.heated(known + SILICONE) - heat)[self._others]
-        initial[-F:] = self._rest_error
+        lasting = initial[-2 * F : -F]
+        lasting[:] = self._rest_error
         held, C = self._sensing(heat)
         spread = ((C[W:] * initial) ** 2).sum(axis=1) + self._reading_variances[W:]
         off = np.abs(self._corrected(bend_angle) - held)
-        initial[-F:][off > UNLOADED * np.sqrt(spread)] = INITIAL_BEND
+        lasting[off > UNLOADED * np.sqrt(spread)] = INITIAL_BEND
         return StateEstimate(
             heat,
             np.zeros(W),
+            np.zeros(F),
             np.zeros(F),
             np.zeros(F),
             np.diag(initial**2),
@@ -187,7 +210,7 @@ class Estimator:
         W = self.model.num_wires
         estimate = self.begin(heat[-W:], np.full(self.model.num_bends, np.nan))
         return dataclasses.replace(
-            estimate, heat=heat, offset=bend_angle - self.model.bend_angle(heat)
+            estimate, heat=heat, lasting=bend_angle - self.model.bend_angle(heat)
         )
 
     def read(
@@ -242,13 +265,14 @@ class Estimator:
         C, innovations = C[used], innovations[used]
         gain = np.linalg.solve(spread[np.ix_(used, used)], C @ P).T
         P = P - gain @ C @ P
-        heat, heating_rate, drift, offset = self._split(gain @ innovations)
+        heat, heating_rate, drift, lasting, residual = self._split(gain @ innovations)
         corrected = StateEstimate(
             estimate.heat + heat,
             # What a frozen thermocouple said of it is forgotten.
             np.where(frozen, 0.0, estimate.heating_rate + heating_rate),
             estimate.drift + drift,
-            estimate.offset + offset,
+            estimate.lasting + lasting,
+            estimate.residual + residual,
             covariance=(P + P.T) / 2,
             unbelieved=unbelieved,
             alike=alike,
@@ -269,12 +293,13 @@ class Estimator:
         return together @ together.T
 
     def _forgetting(self, estimate: StateEstimate, bends: np.ndarray) -> StateEstimate:
-        """Return the estimate with p and d of some bends (F,) forgotten."""
-        kept = np.concatenate([np.full(len(self._decay) - 2 * len(bends), True), ~bends, ~bends])
+        """Return the estimate with d, p and r of some bends (F,) forgotten."""
+        kept = np.full(len(self._decay), True)
+        kept[-3 * len(bends) :] = np.tile(~bends, 3)
         covariance = np.where(np.outer(kept, kept), estimate.covariance, 0.0)
         covariance[np.diag_indices_from(covariance)] += np.where(kept, 0.0, self._initial**2)
-        drift, offset = (np.where(bends, 0.0, one) for one in (estimate.drift, estimate.offset))
-        return dataclasses.replace(estimate, drift=drift, offset=offset, covariance=covariance)
+        none = {name: np.where(bends, 0.0, getattr(estimate, name)) for name in OF_BENDS}
+        return dataclasses.replace(estimate, covariance=covariance, **none)
 
     def predicted(self, estimate: StateEstimate, duty: np.ndarray) -> StateEstimate:
         """Return the estimate a period later under duty (W,), without new readings."""
@@ -286,27 +311,62 @@ class Estimator:
         F[:W, H : H + W] = period * np.eye(W)
         walk = self._walk.copy()
         walk[:W] += (HEATING_ERROR * self._heating * duty) ** 2 / period
+        walk[-self.model.num_bends :] = self._residual_walk(heat[:W] - estimate.heat[:W])
         P = F @ estimate.covariance @ F.T + np.diag(walk)
         unshown = estimate.unshown + heat[:W] - estimate.heat[:W]
-        _, rate_left, drift_left, _ = self._split(self._decay)
+        _, rate_left, drift_left, _, residual_left = self._split(self._decay)
         return dataclasses.replace(
             estimate,
             heat=heat,
             heating_rate=rate_left * estimate.heating_rate,
             drift=drift_left * estimate.drift,
+            residual=residual_left * estimate.residual,
             covariance=P,
             unshown=unshown,
         )
 
+    def _residual_walk(self, change: np.ndarray) -> np.ndarray:
+        """Variance (F,), rad², that r gains while wires' T changes (W,), °C."""
+        path = np.abs(self.model.bend_by_temperature) @ np.abs(change)
+        return self._residual_rate * path
+
+    def unexplained(self, recording: Recording) -> tuple[float, float]:
+        """Return for how long, s, a limb was read to be bent otherwise than explained.
+
+        It began at rest. The bend that the model does not explain, p + r + d, is then more than
+        two standard deviations of what is known before any bend is read: of the rest angle, the
+        sensor's drift, and the model's residual at wires whose heat has changed so much.
+
+        Returns:
+            The longest time without a break, s, and the largest p + r + d of any bend then, rad.
+        """
+        W, drift = self.model.num_wires, self._split(self._initial)[2]
+        still = self._rest_error**2 + drift**2
+        fades = np.exp(-2 * self.model.period / RESIDUAL_TIME)
+        vector, residual, time, largest, found = self.nothing, 0.0, 0.0, 0.0, (0.0, 0.0)
+        for readings, bend, duty in zip(
+            recording.measured_temperature.T, recording.bend_angle.T, recording.duty.T, strict=True
+        ):
+            estimate = self.read(vector, readings, bend)
+            off = np.abs(estimate.offset + estimate.drift)
+            beyond = off > UNEXPLAINED * np.sqrt(still + residual)
+            time = time + self.model.period if beyond.any() else 0.0
+            largest = max(largest, off.max()) if time else 0.0
+            found = max(found, (time, float(largest)))
+            ahead = self.predicted(estimate, duty)
+            residual = fades * residual + self._residual_walk(ahead.heat[:W] - estimate.heat[:W])
+            vector = packed(ahead)
+        return found
+
     def bend_angle(self, estimate: StateEstimate) -> np.ndarray:
-        """φ(x) + p (F,), rad, without the sensors' noise and drift."""
+        """φ(x) + p + r (F,), rad, without the sensors' noise and drift."""
         return self.model.bend_angle(estimate.heat) + estimate.offset
 
     def _split(self, means: np.ndarray) -> list[np.ndarray]:
-        """Parts of a vector (M,) that belong to [x, V] (H), q (W), d (F) and p (F)."""
-        return np.split(
-            means, np.cumsum([self.model.size, self.model.num_wires, self.model.num_bends])
-        )
+        """Parts of a vector (M,) that belong to [x, V] (H), q (W), d (F), p (F) and r (F)."""
+        model = self.model
+        sizes = model.size, model.num_wires, model.num_bends, model.num_bends
+        return np.split(means, np.cumsum(sizes))
 
     def _corrected(self, bend_angle: np.ndarray) -> np.ndarray:
         """Bends (F,), rad, as sensors without gain, offset and roll would read them."""
@@ -323,7 +383,7 @@ class Estimator:
         C = np.zeros((W + F, len(self._decay)))
         C[:W, H - W : H] = np.eye(W)
         C[W:, :H] = slopes
-        C[W:, H + W : H + W + F] = C[W:, H + W + F :] = np.eye(F)
+        C[W:, H + W :] = np.tile(np.eye(F), 3)
         return held, C
 
 

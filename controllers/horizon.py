@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
 
+from controllers.estimator import RESIDUAL_TIME
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
 from limb_systems.model.smooth_function import SmoothFunction
@@ -47,9 +48,9 @@ LIMIT_WEIGHT = 1.0  # 1/Â°C, of each knot beyond T_max or T_warm; as much as 11Â
 def horizon_task() -> Task:
     """Return the weights of a horizon: less duty than (15), as the next plan follows soon."""
     return Task(
-        duty_weight=0.05,
+        duty_weight=0.01,
         terminal_factor=1.0,
-        temperature_weight=2e-3,
+        temperature_weight=2e-4,
         temperature_margin=10.0,
     )
 
@@ -117,6 +118,7 @@ class HorizonPlanner:
         self._times = times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
         self._model = model = ReducedModel(parameters, 1.0 / knot_rate)
         self._program = HorizonProgram(model, times, task or horizon_task())
+        self._decay = np.exp(-times / RESIDUAL_TIME)[:, None]
 
     @classmethod
     def of(cls, trajectory: Trajectory, task: Task | None = None) -> "HorizonPlanner":
@@ -135,18 +137,21 @@ class HorizonPlanner:
         heat: np.ndarray,
         bend_offset: np.ndarray,
         previous: HorizonPlan | None = None,
+        residual: np.ndarray | float = 0.0,
     ) -> HorizonPlan:
         """Return a plan from a time on.
 
         Args:
             time: time since the start of the reference, s.
             heat: [x, V] at that time (H,).
-            bend_offset: bend angle of the limb less that of the model (F,), rad.
+            bend_offset: bend angle of the limb less that of the model (F,), rad, that lasts.
             previous: a plan that begins before, to start from; wires that are off if None.
+            residual: what it is more than that now, and less and less later (F,), rad.
         """
         times = time + self._times
         reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
-        warmest = self._warmest(times[1:], bend_offset)
+        warmest = self._warmest(times[1:], bend_offset + residual)
+        bend_offset = bend_offset + self._decay * residual
         warm_up_time = self._limits.warm_up_time - time
         self._program.aim(reference.T - bend_offset, heat, warm_up_time, warmest)
         if previous is None:

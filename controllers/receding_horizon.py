@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from controllers.estimator import StateEstimate, packed, unpacked
-from controllers.horizon import HorizonPlan, HorizonPlanner
+from controllers.horizon import HorizonPlan, HorizonPlanner, horizon_task
 from controllers.plan_controller import PlanController
 from limb_systems import LimbError, Trajectory
 from limb_systems.simulation import PERIOD
 from planners import Task
 
 TICKS = 5  # from one plan to the next
-PROPORTIONAL = 1.0  # 1/s; the next plan corrects what this does not
+PROPORTIONAL = 0.3  # 1/s; little, as the next plan is soon there, and knows the wires
 PRIORITY = 5  # by which the process gives way to who commands
 PROGRAM = "from controllers.receding_horizon import answer_questions; answer_questions()"
 
@@ -66,6 +66,8 @@ class RecedingHorizon(PlanController):
         first = self._planner.beginning_of(plan)
         super().__init__(trajectory.parameters, first.duty[0])
         self._like = first
+        margin = (task or horizon_task()).temperature_margin
+        self._highest = np.array(trajectory.parameters.temperature_limits.maximum - margin)
         replans = self.DeclareDiscreteState(3)
         self.DeclareDiscreteState(packed(first))
         self.DeclareStateOutputPort("replans", replans)
@@ -80,12 +82,15 @@ class RecedingHorizon(PlanController):
         missed = plan.bend_angle_at(time) - self._estimator.bend_angle(estimate)
         return plan.duty_at(time), PROPORTIONAL * missed
 
+    def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
+        return self._highest
+
     def _end_update(self, context, ahead: StateEstimate, state) -> None:
         time = self._time_in_plan(context)
         if round(time / PERIOD) % TICKS:
             return
         counts, plan = state.value(2).copy(), unpacked(state.value(3), self._like)
-        question = time + PERIOD, ahead.heat, ahead.offset, plan
+        question = time + PERIOD, ahead.heat, ahead.lasting, plan, ahead.residual
         is_late = self._process is not None and self._process.is_planning
         counts[1 if is_late else 0] += 1
         if self._process is None:

@@ -9,6 +9,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
 
 from controllers import PlanFeedback, PlanRegulator, RecedingHorizon
+from controllers.estimator import Estimator
 from hardware.replay import replay
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
@@ -30,6 +31,7 @@ CONTROLLERS = {
 }
 # The controller that has come nearest to references, on limbs of several physics.
 NEAREST = "receding-horizon"
+UNEXPLAINED_TIME = 5.0  # s, that a bend may be read otherwise than explained before a user is told
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,6 +85,7 @@ class Rollout:
                 Entry("source", recording.source),
                 Entry("controller", self.controller, sentence=None),
                 self._replans(),
+                self._unexplained(),
                 *troubles(recording).entries,
             ]
         )
@@ -98,6 +101,19 @@ class Rollout:
             "°",
             f"|φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile {most:.2f}°",
         )
+
+    def _unexplained(self) -> Entry:
+        """Whether wires, heat and bend disagreed for longer than the calibration's errors last."""
+        if not self.has_bend:
+            return Entry("unexplained")
+        seconds, most = Estimator(self.trajectory.parameters).unexplained(self.recording)
+        values = {"longest_s": seconds, "most_deg": float(np.rad2deg(most))}
+        said = (
+            f"for {seconds:.0f} s the bend was read up to {values['most_deg']:.1f}° from where "
+            "heat and rest angle explain it; look whether the bend sensor has drifted or the limb "
+            "is loaded, and else calibrate it again"
+        )
+        return Entry("unexplained", values, sentence=said if seconds > UNEXPLAINED_TIME else None)
 
     def _timing(self) -> Entry:
         if self.late is None:

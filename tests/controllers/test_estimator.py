@@ -1,5 +1,8 @@
 """The estimate of a limb: the filter in its textbook form, sensors that fail, and the observer."""
 
+import copy
+import dataclasses
+
 import numpy as np
 import pytest
 from pydrake.trajectories import PiecewisePolynomial
@@ -17,6 +20,7 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.model.bend_sensor import rolled
+from limb_systems.model.parameters import CalibrationRecord
 
 PERIOD = 0.05
 DUTY = np.array([0.15, 0.6])
@@ -32,7 +36,7 @@ def linear_limb():
 
 
 def textbook_filter(parameters, duty, readings, bends):
-    """Means (K, 8) of [T, V, q, d, p] and the last covariance, in the information form.
+    """Means (K, 9) of [T, V, q, d, p, r] and the last covariance, in the information form.
 
     All matrices are written down from (4), (6), (7), (11) and the constants of the filter.
     """
@@ -45,34 +49,45 @@ def textbook_filter(parameters, duty, readings, bends):
     of_duty = (PERIOD * np.eye(4) + PERIOD**2 / 2 * rates) @ np.vstack(
         [np.diag(a2), 0 * rates[:2, :2]]
     )
-    F = np.zeros((8, 8))
+    F = np.zeros((9, 9))
     F[:4, :4] = step
     F[:2, 4:6] = PERIOD * np.eye(2)
-    decay = np.exp(-PERIOD / np.array([15.0, 15.0, 120.0, np.inf]))
+    decay = np.exp(-PERIOD / np.array([15.0, 15.0, 120.0, np.inf, module.RESIDUAL_TIME]))
     F[4:, 4:] = np.diag(decay)
     bend = (segment.links + 1) / 2 / segment.stiffness * beta * [-1.0, 1.0]
-    C = np.zeros((3, 8))
+    C = np.zeros((3, 9))
     C[0, 2] = C[1, 3] = 1.0
-    C[2] = [*bend, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0]
+    C[2] = [*bend, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
     R = np.diag([module.READING_NOISE**2, module.READING_NOISE**2, sensor.noise**2])
-    x = np.array([*readings[0], *readings[0], 0.0, 0.0, 0.0, 0.0])
-    unknown = [1.0, 1.0, 1.0, 1.0, 0.5, 0.5, sensor.drift, module.INITIAL_BEND]
+    x = np.array([*readings[0], *readings[0], 0.0, 0.0, 0.0, 0.0, 0.0])
+    unknown = [1.0, 1.0, 1.0, 1.0, 0.5, 0.5, sensor.drift, module.INITIAL_BEND, 0.0]
     P = np.diag(unknown) ** 2
     means = []
     for D, V, phi in zip(duty, readings, bends, strict=True):
-        # φ = bend · (T - T0) + d + p
+        # φ = bend · (T - T0) + d + p + r
         z = [*V, (phi - sensor.offset) / sensor.gain + bend.sum() * T0]
+        # r is known at the start, with a covariance that is next to nothing.
+        P[8, 8] = max(P[8, 8], 1e-12)
         information = np.linalg.inv(P) + C.T @ np.linalg.inv(R) @ C
         x = np.linalg.solve(information, np.linalg.solve(P, x) + C.T @ np.linalg.solve(R, z))
         means.append(x)
         heating = (0.1 * of_duty[:2] @ D) ** 2 / PERIOD  # after a second, as for the others
         walk = [0.25, 0.25, 0.01, 0.01, 2 / 15, 2 / 15, 2 * sensor.drift**2 / 120]
-        walk = PERIOD * np.array([*walk, module.BEND_WALK**2])
+        walk = PERIOD * np.array([*walk, module.BEND_WALK**2, 0.0])
         walk[:2] += heating
-        P = F @ np.linalg.inv(information) @ F.T + np.diag(walk)
+        warmth = x[:2]
         x = F @ x
         x[:4] += (np.eye(4) - step) @ np.full(4, T0) + of_duty @ D
+        path = np.abs(bend) @ np.abs(x[:2] - warmth)  # what one wire bends, none takes back
+        walk[8] = module.UNKNOWN_BEND_ERROR**2 / module.RESIDUAL_PATH * path
+        P = F @ np.linalg.inv(information) @ F.T + np.diag(walk)
     return np.array(means), P
+
+
+def means_of(estimate):
+    """[x, V, q, d, p, r] (M,) of an estimate."""
+    names = "heat", "heating_rate", "drift", "lasting", "residual"
+    return np.concatenate([getattr(estimate, name) for name in names])
 
 
 def test_on_a_linear_law_it_is_the_textbook_filter():
@@ -86,8 +101,7 @@ def test_on_a_linear_law_it_is_the_textbook_filter():
     for k in range(K):
         estimate = filtered.corrected(estimate, readings[k], bends[k : k + 1])
         assert (estimate.unbelieved == 0.0).all()
-        parts = estimate.heat, estimate.heating_rate, estimate.drift, estimate.offset
-        means.append(np.concatenate(parts))
+        means.append(means_of(estimate))
         estimate = filtered.predicted(estimate, duty[k])
     expected, covariance = textbook_filter(parameters, duty, readings, bends)
     np.testing.assert_allclose(means, expected, rtol=1e-7, atol=1e-9)
@@ -104,30 +118,33 @@ def test_its_covariance_is_that_of_its_errors_in_space():
     noise, drift, h = sensor.noise, sensor.drift, PERIOD
     filtered = Estimator(parameters)
     model, W, F = filtered.model, 3, 2
-    decay = np.exp(-h / np.repeat([module.HEATING_TIME, module.DRIFT_TIME, np.inf], [W, F, F]))
-    walk = np.repeat([2 / module.HEATING_TIME, 2 * drift**2 / 120, module.BEND_WALK**2], [W, F, F])
+    sizes, times = [W, F, F, F], [module.HEATING_TIME, 120.0, np.inf, module.RESIDUAL_TIME]
+    decay = np.exp(-h / np.repeat(times, sizes))
+    walk = np.repeat([2 / module.HEATING_TIME, 2 * drift**2 / 120, module.BEND_WALK**2, 0.0], sizes)
     normalized = []
     for _ in range(15):
         heat = model.cold + rng.normal(size=6)
-        others = rng.normal(size=W + 2 * F) * np.repeat(
-            [0.5, drift, module.INITIAL_BEND], [W, F, F]
+        others = rng.normal(size=W + 3 * F) * np.repeat(
+            [0.5, drift, module.INITIAL_BEND, 0.0], sizes
         )
         estimate = filtered.begin(model.cold[:W], np.full(F, np.nan))
         for k in range(60):
-            q, d, p = np.split(others, [W, W + F])
+            q, d, p, r = np.split(others, [W, W + F, W + 2 * F])
             readings = heat[W:] + module.READING_NOISE * rng.normal(size=W)
-            bend = offsets + rolled(model.bend_angle(heat) + d + p, 0.3)
+            bend = offsets + rolled(model.bend_angle(heat) + d + p + r, 0.3)
             bend += noise * rng.normal(size=F)
             estimate = filtered.corrected(estimate, readings, bend)
             duty = np.clip(0.4 + 0.4 * np.sin(0.05 * k + np.arange(W) * 2.0), 0.0, 1.0)
             estimate = filtered.predicted(estimate, duty)
             heating = rng.normal(size=W) * 0.1 * h * 20.0 * duty
-            heat = model.step(heat, duty)
+            before, heat = heat, model.step(heat, duty)
             heat[:W] += h * q + heating + 0.5 * np.sqrt(h) * rng.normal(size=W)
             heat[W:] += 0.1 * np.sqrt(h) * rng.normal(size=W)
-            others = decay * others + np.sqrt(h * walk) * rng.normal(size=W + 2 * F)
-        means = estimate.heat, estimate.heating_rate, estimate.drift, estimate.offset
-        error = np.concatenate(means) - np.concatenate([heat, others])
+            path = np.abs(model.bend_by_temperature) @ np.abs(heat - before)[:W]
+            walks = h * walk
+            walks[-F:] = module.UNKNOWN_BEND_ERROR**2 / module.RESIDUAL_PATH * path
+            others = decay * others + np.sqrt(walks) * rng.normal(size=W + 3 * F)
+        error = means_of(estimate) - np.concatenate([heat, others])
         normalized.append(error @ np.linalg.solve(estimate.covariance, error))
     low, high = chi2.ppf([0.001, 0.999], 15 * len(error))
     assert low < np.sum(normalized) < high
@@ -194,6 +211,40 @@ ABSENT, LYING, JUMPING, STUCK = map(
 )
 # 8° more each second, which no gate for single readings notices
 CREEPING = from_then_on(lambda k, phi: phi + np.deg2rad(8.0) * PERIOD * (k - FROM))
+
+
+def test_a_reading_that_creeps_is_drift_of_a_sensor_unless_the_wires_heat(limb):
+    """It creeps by 2° within 20 s, of a limb whose rest angle is known to half a degree."""
+    known, half = copy.deepcopy(limb), float(np.deg2rad(0.5))
+    known.calibration = CalibrationRecord(["rest_angle"], [0.0], [half], [[half**2]])
+    known.calibration.bend_error = 2 * half
+    shares = []
+    for levels in ([0.0, 0.0], [0.2, 0.5]):
+        recording = simulate(Limb(limb), course_of([levels], 20.0), 20.0)
+        rate = np.deg2rad(2.0) * PERIOD / 20.0
+
+        def creeping(k, V, phi, rate=rate):
+            return V + 0.1 * (-1) ** k, phi + rate * k  # noise: they are not stuck
+
+        last = estimates(known, recording, creeping)[-1]
+        assert np.rad2deg(last.offset + last.drift) == pytest.approx([2.0], abs=0.3)
+        shares.append((last.drift / (last.offset + last.drift)).item())
+    assert shares[0] > 0.5
+    assert shares[1] < 0.4
+
+
+def test_a_sensor_that_drifts_further_than_described_is_told(limb):
+    """By 6° within 10 s. A drift of 1° is described."""
+    recording = simulate(Limb(limb), course_of([[0.1, 0.3], [0.3, 0.1]], 20.0), 20.0)
+    limb = copy.deepcopy(limb)
+    limb.calibration = CalibrationRecord(["rest_angle"], [0.0], [0.01], [[1e-4]], bend_error=0.01)
+    for drift, told in ((1.0, 0.0), (6.0, 15.0)):
+        drifts = np.deg2rad(drift) * np.minimum(1.0, recording.time / 10.0)
+        read = dataclasses.replace(recording, bend_angle=recording.bend_angle + drifts)
+        seconds, most = Estimator(limb).unexplained(read)
+        assert seconds == pytest.approx(told, abs=1.5)
+        if told:
+            assert np.rad2deg(most) == pytest.approx(drift, abs=0.5)
 
 
 def test_a_bend_sensor_that_fails_does_not_move_the_estimate(limb, recording):
@@ -267,7 +318,8 @@ def test_a_thermocouple_that_reads_too_hot_does_not_wind_up(limb, recording):
         assert missed.max() < most
         assert missed[: FROM + 59].max() < meanwhile
         assert np.abs(missed[-1]).max() < 3.0
-        assert missed.min() > -3.0
+        assert missed.min() > -6.0
+        assert (missed < -3.0).sum() < 10  # for half a second, when it has jumped back
         assert limiter.caps(found[FROM - 1])[1] > 0.5
         assert limiter.caps(found[FROM + 25])[1] == 0.0  # it acts on the reading at once
 

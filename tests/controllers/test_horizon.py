@@ -126,8 +126,8 @@ def test_there_is_a_plan_where_limits_are_passed_already():
     T = found.heat[:, :2]
     beyond = np.maximum(T[1:] - highest, 0.0).sum() + np.maximum(45.0 - T, 0.0).sum()
     missed = 50.0 * 2 * (2 / 3) ** 2 * (found.bend_angle**2).sum()
-    heat = 2e-3 * (T.mean(axis=1) - 25.0).sum()
-    duty = 0.025 * (found.duty**2).sum()
+    heat = task.temperature_weight * (T.mean(axis=1) - 25.0).sum()
+    duty = 0.5 * task.duty_weight * (found.duty**2).sum()
     assert found.cost == pytest.approx(beyond + missed + heat + duty, rel=1e-6)
 
 
@@ -153,6 +153,18 @@ def test_both_bends_of_a_limb_in_space_follow_their_references():
     missed = np.rad2deg(np.abs(found.bend_angle - wanted.vector_values(found.time).T))
     assert missed[10:].max() < 2.5
     assert missed[10:].mean() < 0.7
+
+
+def test_what_the_model_leaves_out_fades_but_for_what_lasts():
+    """The plan straightens the limb now, and less so when the residual has gone."""
+    parameters = small_limb()
+    planner, heat = HorizonPlanner(parameters, wave(0.0)), warm_heat(parameters)
+    lasting, residual = np.deg2rad([2.0]), np.deg2rad([-3.0])
+    found = planner.plan(0.0, heat, lasting, residual=residual)
+    beyond = found.bend_angle - ReducedModel(parameters).bend_angle(found.heat)
+    fading = np.exp(-found.time / 20.0)[:, None]
+    np.testing.assert_allclose(beyond, lasting + fading * residual, atol=1e-9)
+    assert np.rad2deg(np.abs(found.bend_angle[10:])).max() < 0.5
 
 
 def in_a_loop(controller, parameters):
@@ -184,6 +196,18 @@ def test_a_weaker_limb_follows_the_reference(short_plan):
     missed = [np.rad2deg(np.abs(r.bend_angle[0, late] - wanted)).max() for r in (alone, followed)]
     assert missed[0] > 3.0
     assert missed[1] < 0.8
+
+
+def test_what_is_done_between_plans_heats_no_wire_beyond_a_horizon(short_plan):
+    """A wire at 89 °C has less duty than plan and feedback want, by the horizon's limit alone."""
+    controller = RecedingHorizon(short_plan)
+    parameters, estimator = short_plan.parameters, controller._estimator
+    heat = estimator.model.heated(np.array([25.0, 89.0]))
+    straight = estimator.loaded(heat, np.zeros(1))
+    limits = [controller._temperature_limit(0.0, straight), None]
+    caps = [controller._limiter.caps(straight, limit)[1] for limit in limits]
+    assert limits[0] == pytest.approx(parameters.temperature_limits.maximum - 10.0)
+    assert caps[0] < 0.5 * caps[1]
 
 
 def test_plans_are_counted_and_those_that_fail_leave_the_last_in_force(short_plan):

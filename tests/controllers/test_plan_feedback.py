@@ -187,7 +187,7 @@ def test_no_wire_is_heated_far_beyond_the_plan(short_plan):
         hottest = [np.interp(soon, short_plan.time, row).max() for row in planned]
         limit = feedback._temperature_limit(1.0, estimate)
         np.testing.assert_allclose(limit, np.array(hottest) + warmer, atol=0.5)
-        pushed = dataclasses.replace(estimate, offset=np.deg2rad([-5.0]))
+        pushed = dataclasses.replace(estimate, lasting=np.deg2rad([-5.0]))
         law, segment = parameters.wires[1].law, parameters.segments[0]
         holds = np.deg2rad(5.0) * segment.stiffness / law.beta * 2 / (segment.links + 1)
         more = feedback._temperature_limit(1.0, pushed) - limit

@@ -1,5 +1,6 @@
 """Controllers from the shell: replay with one, and teach and go."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -47,6 +48,17 @@ def test_deadlines_that_were_missed_are_counted(short_plan, tmp_path):
     assert timing["missed_deadline_share"] == 0.5
     assert "2 (50.0%) by more than 5 ms; 3 samples were lost\nsource" in str(summary)
     assert "replans     8 begun, 2 late, 1 failed" in str(summary)
+
+
+def test_a_bend_that_heat_does_not_explain_is_told(short_plan):
+    """The sensor of a limb that rests drifts by 15° within 12 s."""
+    recording = simulate(LimbTwin(), [0.0, 0.0], 12.0)
+    drifted = recording.bend_angle + np.deg2rad(1.25) * recording.time
+    for bend, told in ((recording.bend_angle, False), (drifted, True)):
+        read = dataclasses.replace(recording, bend_angle=bend)
+        summary = Rollout("open-loop", short_plan, read, None, None, None).summary()
+        assert ("s the bend was read up to" in str(summary)) == told
+        assert (summary.to_json()["unexplained"]["longest_s"] > 5.0) == told
 
 
 def test_what_was_taught_is_followed(tmp_path, capsys):
