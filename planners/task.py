@@ -138,7 +138,7 @@ class Task:
         record = parameters and parameters.calibration
         if not (parameters and record and record.bend_error > 0):
             return cls(duty_weight=10.0, temperature_margin=15.0, duty_margin=0.4)
-        return cls(duty_weight=0.2, temperature_margin=temperature_margin(parameters))
+        return cls(duty_weight=0.5, temperature_margin=temperature_margin(parameters))
 
     @classmethod
     def load(cls, path: str | Path) -> "Task":
