@@ -4,9 +4,9 @@ Three or four wires draw a circle, of the limb as it is known: at 20° wires coo
 circle in 46 s with three of them, in 33 s with four. The limbs that follow it are the model with
 other wires: each is 10% stronger or weaker than known, and runs some degrees beside its place.
 Their sensors have noise and drift. Shown are mean distances from the reference in truth, and from
-the plan in truth and as read, and the highest reading and temperature. A receding horizon follows
-the reference, and all others the plan, which leaves room for them. Learning is shown as it is in
-its last repetition of five.
+the plan in truth and as read, and the highest reading and temperature. A receding horizon and
+learning go to the reference, and all others follow the plan, which leaves room for them. Learning
+is shown as it is in its last repetition of five.
 
     python benchmarks/space_feedback.py [--limbs 3]
 """
