@@ -12,9 +12,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 
 from limb_systems import (
+    CoupledLaw,
     Gait,
     GaitVariation,
-    HystereticLaw,
     LimbParameters,
     RobotLimb,
     RobotParameters,
@@ -88,7 +88,7 @@ def test_potential_and_feet_are_those_of_drakes_plant():
             )
 
 
-@pytest.mark.parametrize("law", [None, HystereticLaw()])
+@pytest.mark.parametrize("law", [None, CoupledLaw()])
 @pytest.mark.parametrize("objective", ["speed", "energy"])
 def test_derivatives_of_all_blocks(law, objective):
     robot = RobotParameters()
