@@ -69,18 +69,38 @@ class Candidate:
         return float(np.mean([predicted.temperature_error for predicted in self.judged]))
 
     @property
-    def errors(self) -> np.ndarray:
-        """Mean error in each block of time, of bend and temperature together, in their scales."""
-        blocks = []
-        for predicted in self.judged:
-            run = predicted.run
-            bend = np.ma.masked_invalid(predicted.bend - run.bend) / BEND_SCALE
-            reading = np.ma.masked_invalid(predicted.temperature - run.temperature)
-            heat = np.abs(reading).mean(axis=1) / TEMPERATURE_SCALE
-            error = np.ma.filled(np.abs(bend).mean(axis=1), 0.0) + np.ma.filled(heat, 0.0)
-            numbers = (run.times / BLOCK).astype(int)
-            blocks += [error[numbers == number].mean() for number in np.unique(numbers)]
-        return np.array(blocks)
+    def errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean errors in blocks of time, of bend and readings together, in their scales.
+
+        Those of the recordings that judge, and those of the recordings of the fit.
+        """
+        return _errors(self.judged), _errors(self.fit.predicted)
+
+
+def _errors(recordings: Sequence[Predicted]) -> np.ndarray:
+    blocks = []
+    for predicted in recordings:
+        run = predicted.run
+        bend = np.ma.masked_invalid(predicted.bend - run.bend) / BEND_SCALE
+        reading = np.ma.masked_invalid(predicted.temperature - run.temperature)
+        heat = np.abs(reading).mean(axis=1) / TEMPERATURE_SCALE
+        error = np.ma.filled(np.abs(bend).mean(axis=1), 0.0) + np.ma.filled(heat, 0.0)
+        numbers = (run.times / BLOCK).astype(int)
+        blocks += [error[numbers == number].mean() for number in np.unique(numbers)]
+    return np.array(blocks)
+
+
+def nearer_by(other: Candidate, simple: Candidate) -> tuple[float, float]:
+    """By how much another law predicts better, and the standard error of that.
+
+    What judges and what was fitted have the same weight: few motions tell laws apart badly, and
+    what a law of few parameters leaves of its own recordings tells as much.
+    """
+    differences = [a - b for a, b in zip(simple.errors, other.errors, strict=True)]
+    spreads = [
+        float(np.std(d, ddof=1)) / np.sqrt(len(d)) if len(d) > 1 else 0.0 for d in differences
+    ]
+    return float(np.mean([d.mean() for d in differences])), float(np.linalg.norm(spreads) / 2)
 
 
 def beaten(simple: Candidate, other: Candidate) -> bool:
@@ -90,9 +110,8 @@ def beaten(simple: Candidate, other: Candidate) -> bool:
     would be too many: a few motions of a minute tell laws apart by little more than one, and a
     law that is too simple costs more than one that has a parameter too many.
     """
-    difference = simple.errors - other.errors
-    error = difference.std(ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else 0.0
-    return bool(difference.mean() > max(error, WORTH))
+    difference, error = nearer_by(other, simple)
+    return difference > max(error, WORTH)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -117,18 +136,18 @@ class Prediction:
         """Why the best law is used, and what of another that has smaller errors, in sentences."""
         said = (
             "Used (*) is the simplest law that none after it beats: by more than a standard error "
-            "of the difference, in blocks of 10 s, of the errors of bend and V together."
+            "of the difference, in blocks of 10 s, of the errors of bend and V together, those of "
+            "what judged and those of what was fitted."
         )
         least = min(self.candidates, key=lambda candidate: candidate.bend_error)
         if least.bend_error < self.best.bend_error:
-            better = self.best.errors - least.errors
-            error = better.std(ddof=1) / np.sqrt(len(better)) if len(better) > 1 else 0.0
+            better, error = nearer_by(least, self.best)
+            said += f" {least.name} is nearer to what judged, but in all "
             said += (
-                f" {least.name} is nearer by {better.mean():.2f} ± {error:.2f} (1° and 3 °C count "
-                "as 1), which may be chance."
-                if better.mean() <= error
-                else f" {least.name} is nearer by {better.mean():.2f} (1° and 3 °C count as 1), "
-                f"too little to matter."
+                f"by {better:.2f} ± {error:.2f} alone (1° and 3 °C count as 1), "
+                f"{'which may be chance' if better <= error else 'too little to matter'}."
+                if better > 0
+                else "not nearer."
             )
         return said
 
