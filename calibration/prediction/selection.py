@@ -91,7 +91,7 @@ def _errors(recordings: Sequence[Predicted]) -> np.ndarray:
 
 
 def nearer_by(other: Candidate, simple: Candidate) -> tuple[float, float]:
-    """By how much another law predicts better, and the standard error of that.
+    """Lead of another law in prediction, and the standard error of that, in their scales.
 
     What judges and what was fitted have the same weight: few motions tell laws apart badly, and
     what a law of few parameters leaves of its own recordings tells as much.
