@@ -91,7 +91,7 @@ def check_feedback_and_learning(text):
     open_loop, feedback = map(float, loaded[-2:])
     assert open_loop > 5.0
     assert feedback < open_loop / 4
-    first, _, last = map(float, re.findall(r"repetition \d: mean tracking error (.*)°", text))
+    first, _, last = map(float, re.findall(r"repetition \d: (.*)° from the reference", text))
     assert last < first / 2
 
 
