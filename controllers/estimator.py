@@ -333,9 +333,10 @@ class Estimator:
     def unexplained(self, recording: Recording) -> tuple[float, float]:
         """Return for how long, s, a limb was read to be bent otherwise than explained.
 
-        It began at rest. The bend that the model does not explain, p + r + d, is then more than
-        two standard deviations of what is known before any bend is read: of the rest angle, the
-        sensor's drift, and the model's residual at wires whose heat has changed so much.
+        The recording is at 20 Hz and begins at rest. The bend that the model does not explain,
+        p + r + d, is then more than two standard deviations of what is known before any bend is
+        read: of the rest angle, the sensor's drift, and the model's residual at wires whose heat
+        has changed so much.
 
         Returns:
             The longest time without a break, s, and the largest p + r + d of any bend then, rad.

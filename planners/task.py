@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from limb_systems import LimbError, LimbParameters
-from limb_systems.band import temperature_margin
+from limb_systems.band import LARGEST_MARGIN, temperature_margin
 from limb_systems.input import read_text
 from limb_systems.schema import load_typed
 
@@ -137,7 +137,7 @@ class Task:
         """
         record = parameters and parameters.calibration
         if not (parameters and record and record.bend_error > 0):
-            return cls(duty_weight=10.0, temperature_margin=15.0, duty_margin=0.4)
+            return cls(duty_weight=10.0, temperature_margin=LARGEST_MARGIN, duty_margin=0.4)
         return cls(duty_weight=0.5, temperature_margin=temperature_margin(parameters))
 
     @classmethod

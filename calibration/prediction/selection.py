@@ -78,6 +78,7 @@ class Candidate:
 
 
 def _errors(recordings: Sequence[Predicted]) -> np.ndarray:
+    """Mean errors in the blocks of all recordings, one after the other."""
     blocks = []
     for predicted in recordings:
         run = predicted.run
@@ -208,11 +209,7 @@ class Prediction:
                     f"{unknown.name} is at the fit's limit, {estimate.value:.3g} {unknown.unit}: "
                     "the recordings are not as the law would have it; look at their pictures.",
                 )
-            elif (
-                unknown.form
-                and share > KNOWN
-                and estimate.standard_error > KNOWN * abs(estimate.value)
-            ):
+            elif unknown.form and min(share, estimate.relative_error) > KNOWN:
                 yield Remark(
                     "uncertain",
                     f"The recordings hardly determine {unknown.name}: it is what is expected of "

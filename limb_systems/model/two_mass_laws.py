@@ -1,7 +1,7 @@
 """Laws of wires in warm silicone, whose torque is linear, sets in, saturates or remembers.
 
 Published recordings of limbs of this family are predicted best by them: the
-silicone around a wire is a second thermal mass, and torque has a threshold. The
+silicone around a wire is a second thermal mass, or two, and torque has a threshold. The
 default values describe the nominal limb with such wires.
 """
 
@@ -176,6 +176,11 @@ class HystereticLaw(_TwoMassHeat):
         rise, fall = softness / following * _softplus((ahead - half_width) / softness)
         return rise, fall
 
+    @property
+    def _middle(self) -> Any:
+        """(T_h + T_c) / 2, °C."""
+        return 0.5 * (self.heating_middle + self.cooling_middle)
+
     def _transforming(self, T: Any, xi: Any, rise: Any, fall: Any) -> Any:
         """ξ̇, 1/s, where B rises or falls at these rates."""
         beyond = np.array([T - self.heating_middle, self.cooling_middle - T])
@@ -300,7 +305,7 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
 
     def _along(self, P: Any) -> Any:
         """F(P)."""
-        return _logistic((P - 0.5 * (self.heating_middle + self.cooling_middle)) / self.width)
+        return _logistic((P - self._middle) / self.width)
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
         """M z."""
@@ -346,8 +351,7 @@ def _of(heat: type[WireLaw], law: WireLaw) -> dict[str, float]:
 
 def _midway(law: HystereticLaw) -> dict[str, float]:
     """The curve of `SaturatingLaw` midway between those of heating and cooling."""
-    middle = 0.5 * (law.heating_middle + law.cooling_middle)
-    return {"full_torque": law.full_torque, "middle": middle, "width": law.width}
+    return {"full_torque": law.full_torque, "middle": law._middle, "width": law.width}
 
 
 def _logistic(z):
