@@ -4,7 +4,9 @@ The chain swings at some hertz, and knots at 5 Hz cannot show that. So a horizon
 quasi-static program with `ReducedModel`, which has a fifth of the states of (17). Each plan takes
 one or more convex programs:
 
-- The model is linearized along its rollout under the best duty known.
+- The model is linearized along its rollout under the best duty known: of the plan before, or of a
+  plan of the whole motion. Where hysteresis makes a wire's torque flat, its slope does not show
+  that heat would help, and a plan from the one before would stay there.
 - The program with the linear model is solved.
 - Of some steps towards the solution, the step that costs least with the nonlinear model is taken.
 
@@ -99,8 +101,8 @@ class HorizonPlanner:
         task: its weights of angles, duty, temperature and the end, and its margins
             count; `horizon_task()` if None. T_max and T_warm may be passed, at a cost.
         duration, knot_rate: length of the horizon, s, and rate of its knots, Hz.
-        planned: times (L,), s, and temperatures of the wires (W, L), °C, of a plan of the whole
-            motion, if there is one.
+        planned: a plan of the whole motion that starts at time 0, if there is one. Heat beyond that
+            of the wires in the plan nearest to its reference costs.
     """
 
     def __init__(
@@ -111,9 +113,11 @@ class HorizonPlanner:
         *,
         duration: float = DURATION,
         knot_rate: float = KNOT_RATE,
-        planned: tuple[np.ndarray, np.ndarray] | None = None,
+        planned: Trajectory | None = None,
     ):
         self._reference, self._planned = reference, planned
+        nearest = nearest_plan(planned) if planned else None
+        self._planned_temperature = nearest and nearest[1]
         self._limits = parameters.temperature_limits
         self._times = times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
         self._model = model = ReducedModel(parameters, 1.0 / knot_rate)
@@ -122,14 +126,9 @@ class HorizonPlanner:
 
     @classmethod
     def of(cls, trajectory: Trajectory, task: Task | None = None) -> "HorizonPlanner":
-        """Return a planner towards the reference of a `Planner`'s plan that starts at time 0.
-
-        Heat beyond the wires' heat in the plan nearest to the reference costs.
-        """
+        """Return a planner towards the reference of a `Planner`'s plan that starts at time 0."""
         reference = references.from_samples(trajectory.time, trajectory.reference)
-        nearest = nearest_plan(trajectory)
-        planned = nearest and (trajectory.time, nearest[1])
-        return cls(trajectory.parameters, reference, task, planned=planned)
+        return cls(trajectory.parameters, reference, task, planned=trajectory)
 
     def plan(
         self,
@@ -154,11 +153,18 @@ class HorizonPlanner:
         bend_offset = bend_offset + self._decay * residual
         warm_up_time = self._limits.warm_up_time - time
         self._program.aim(reference.T - bend_offset, heat, warm_up_time, warmest)
-        if previous is None:
-            duty = np.zeros((len(times) - 1, self._model.num_wires))
-        else:
-            duty = previous.duty_at(times[:-1])
-        heats = self._model.rollout(heat, duty)
+        duties = [] if previous is None else [previous.duty_at(times[:-1])]
+        if self._planned is not None:
+            duties.append(self._duty_of(self._planned, times))
+        duties = duties or [np.zeros((len(times) - 1, self._model.num_wires))]
+
+        def cheapest(duties):
+            """The best of some duties (B, K, W) with its rollout, and its cost."""
+            start = np.broadcast_to(heat, (len(duties), len(heat)))
+            rollouts = self._model.rollout(start, duties.swapaxes(0, 1))
+            costs = self._program.costs(rollouts, duties)
+            chosen = costs.argmin()
+            return (duties[chosen], rollouts[:, chosen]), costs[chosen]
 
         def solve(point):
             duty, heats = point
@@ -166,17 +172,11 @@ class HorizonPlanner:
             return None if best is None else (best, heats)
 
         def step(point, best, _):
-            """The best of all shares of the way."""
-            tried = point[0] + SHARES[:, None, None] * (best[0] - point[0])
-            start = np.broadcast_to(heat, (len(tried), len(heat)))
-            rollouts = self._model.rollout(start, tried.swapaxes(0, 1))
-            costs = self._program.costs(rollouts, tried)
-            chosen = costs.argmin()
-            return (tried[chosen], rollouts[:, chosen]), costs[chosen]
+            return cheapest(point[0] + SHARES[:, None, None] * (best[0] - point[0]))
 
-        cost = self._program.costs(heats[:, None], duty[None])[0]
+        point, cost = cheapest(np.array(duties))
         rounds = FIRST_ROUNDS if previous is None else ROUNDS
-        (duty, heats), cost, success = descend((duty, heats), cost, solve, step, rounds, LITTLE)
+        (duty, heats), cost, success = descend(point, cost, solve, step, rounds, LITTLE)
         return HorizonPlan(
             time=times,
             duty=duty,
@@ -188,12 +188,11 @@ class HorizonPlanner:
 
     def beginning_of(self, trajectory: Trajectory) -> HorizonPlan:
         """Return the first horizon of a `Planner`'s plan that starts at time 0."""
-        middles = np.minimum(self._times[:-1] + 0.5 * self._model.period, trajectory.duration)
         knots = np.minimum(self._times, trajectory.duration)
         heat = trajectory.state[2 * trajectory.parameters.num_joints :]
         return HorizonPlan(
             time=self._times,
-            duty=trajectory.duty_trajectory().vector_values(middles).T,
+            duty=self._duty_of(trajectory, self._times),
             heat=np.column_stack([np.interp(knots, trajectory.time, row) for row in heat]),
             bend_angle=trajectory.bend_angle_at(knots).T,
             cost=np.nan,
@@ -202,11 +201,16 @@ class HorizonPlanner:
 
     def _warmest(self, times: np.ndarray, bend_offset: np.ndarray) -> np.ndarray:
         """The temperatures (K, W), °C, beyond which heat costs, at times of the reference, s."""
-        if self._planned is None:
+        if self._planned is None or self._planned_temperature is None:
             return np.full((len(times), self._model.num_wires), np.inf)
-        at, T = self._planned
-        held = self._model.temperature_to_hold(bend_offset)
-        return WARMER + held + np.column_stack([np.interp(times, at, row) for row in T])
+        held, at = self._model.temperature_to_hold(bend_offset), self._planned.time
+        rows = self._planned_temperature
+        return WARMER + held + np.column_stack([np.interp(times, at, row) for row in rows])
+
+    def _duty_of(self, plan: Trajectory, times: np.ndarray) -> np.ndarray:
+        """Duty (K, W) of a plan in the steps of a horizon with knots at some times (K + 1,), s."""
+        middles = np.minimum(times[:-1] + 0.5 * self._model.period, plan.duration)
+        return plan.duty_trajectory().vector_values(middles).T
 
 
 class HorizonProgram(QuasiStaticProgram):

@@ -17,8 +17,8 @@ from controllers import RecedingHorizon, ReducedModel
 from controllers.horizon import HorizonPlanner, horizon_task
 from controllers.receding_horizon import PlannerProcess
 from hardware import replay
-from limb_systems import HystereticLaw, Limb, LimbError, LimbParameters, simulate
-from planners import Planner, Task, references
+from limb_systems import CoupledLaw, HystereticLaw, Limb, LimbError, LimbParameters, simulate
+from planners import Planner, Task, plan, references
 
 ONCE = Task(angle_weight=100.0, duty_weight=0.5, terminal_factor=1.0, duty_hold=0.0)
 
@@ -110,6 +110,24 @@ def test_hysteresis_is_planned_from_a_plan_before():
     anew = planner.plan(first.time[2], after, np.zeros(1))
     again = planner.plan(first.time[2], after, np.zeros(1), first)
     assert again.cost < 1.01 * anew.cost
+
+
+def test_a_wire_within_its_play_is_heated_as_in_the_plan_of_the_motion():
+    """There the bend does not change with heat, so no slope leads on from a plan without duty."""
+    parameters = small_limb(
+        lambda: CoupledLaw(heating_middle=69.0, cooling_middle=46.0, width=5.7, play_share=1.0)
+    )
+    reference = references.from_samples([0.0, 4.0, 20.0], np.deg2rad([[0.0, -12.0, -12.0]]))
+    model, off = ReducedModel(parameters, 0.2), np.zeros((50, 2))
+    heat = model.rollout(warm_heat(parameters, 55.0), off[:10])[-1]
+    whole = plan(parameters, reference, initial_state=np.r_[np.zeros(4), heat])
+    bends = []
+    for planned in (None, whole):
+        planner = HorizonPlanner(parameters, reference, planned=planned)
+        before = dataclasses.replace(planner.beginning_of(whole), duty=off)
+        bends.append(np.rad2deg(planner.plan(0.0, heat, np.zeros(1), before).bend_angle[-1]))
+    assert bends[0] == pytest.approx(0.0, abs=1.0)
+    assert bends[1] == pytest.approx(-12.0, abs=0.5)
 
 
 def test_there_is_a_plan_where_limits_are_passed_already():
