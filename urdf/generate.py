@@ -9,6 +9,17 @@ WIRE_COLOR = "0.45 0.45 0.5 1"
 BRACKET_COLOR, BODY_COLOR = "0.25 0.27 0.3 1", "0.36 0.42 0.50 1"
 # N/m and s, of contact: a foot that carries 0.25 N sinks in by 25 µm.
 CONTACT_STIFFNESS, RELAXATION_TIME = 2e4, 0.01
+# Of the silicone's surface: friction on smooth things; Pa, hydroelastic modulus, of soft casting
+# silicones, which have 0.1 to 0.6 MPa; m, the edges of its mesh; s/m and s, of contact.
+SILICONE = {
+    "mu_dynamic": 0.8,
+    "mu_static": 0.8,
+    "compliant_hydroelastic": None,
+    "hydroelastic_modulus": 2e5,
+    "mesh_resolution_hint": 0.01,
+    "hunt_crossley_dissipation": 20.0,
+    "relaxation_time": 0.01,
+}
 STEEL = 33e3  # kg/m³, 4π/3 times that of steel: a payload is drawn as a ball of it
 PI_2 = 1.5707963267948966
 
@@ -46,15 +57,24 @@ def limb_urdf(
         negligible_mass: mass of the base and of each ``cross_j``, kg, for programs that divide by
             the mass of every body.
     """
-    robot = ElementTree.Element("robot", name=name)
-    parent, origin = _add_chain(robot, segments)
+    return document(limb_element(segments, name, payload, negligible_mass))
+
+
+def limb_element(
+    segments: Sequence[Any], name: str, payload: float, negligible_mass: float
+) -> ElementTree.Element:
+    """The root of `limb_urdf`, with its arguments."""
+    robot = _root(name)
+    parent, origin = _add_chain(robot, segments, collides=True)
     if negligible_mass:
         for link in robot.findall("link"):
             if link.find("inertial") is None:
                 _add_mass(link, negligible_mass)
     if payload:
         _add_payload(robot, "", parent, origin, payload)
-    return _document(robot)
+    place = {"xyz": _text(origin, 0.0, 0.0), "rpy": _text(0.0, 0.0, 0.0)}
+    ElementTree.SubElement(robot, "frame", {"name": "tip", "link": parent, **place})
+    return robot
 
 
 def robot_urdf(robot: Any) -> str:
@@ -67,7 +87,7 @@ def robot_urdf(robot: Any) -> str:
     Args:
         robot: such as `limb_systems.RobotParameters`.
     """
-    element = ElementTree.Element("robot", name="robot")
+    element = _root("robot")
     parts, size = robot.body, (robot.body.length, robot.body.width, robot.body.height)
     body = ElementTree.SubElement(element, "link", name="body")
     inertial = ElementTree.SubElement(body, "inertial")
@@ -75,7 +95,7 @@ def robot_urdf(robot: Any) -> str:
     _inertia(inertial, *parts.moments)
     _box(body, "body", size, (0.0, 0.0), BODY_COLOR)
     if robot.ground:
-        _collision(body, "box", robot.ground.friction, size=_text(*size))
+        _collision(body, "box", _of_ground(robot.ground), size=_text(*size))
     for limb in robot.limbs:
         parent, origin = _add_chain(element, limb.parameters.segments, f"{limb.name}_")
         mount = ElementTree.SubElement(element, "joint", name=f"{limb.name}_mount", type="fixed")
@@ -91,21 +111,38 @@ def robot_urdf(robot: Any) -> str:
         _sphere(foot, "foot", robot.feet.radius, BRACKET_COLOR)
         if robot.ground:
             radius = _text(robot.feet.radius)
-            _collision(foot, "sphere", robot.ground.friction, radius=radius)
+            _collision(foot, "sphere", _of_ground(robot.ground), radius=radius)
     if robot.ground:  # the robot's parts go through each other
         group = ElementTree.SubElement(element, "drake:collision_filter_group", name="robot")
         for link in ("body", *(f"{limb.name}_foot" for limb in robot.limbs)):
             ElementTree.SubElement(group, "drake:member", link=link)
         ElementTree.SubElement(group, "drake:ignored_collision_filter_group", name="robot")
-    return _document(element)
+    return document(element)
 
 
-def _document(robot) -> str:
+def _root(name: str) -> ElementTree.Element:
+    return ElementTree.Element("robot", {"name": name, "xmlns:drake": "http://drake.mit.edu"})
+
+
+def document(robot: ElementTree.Element) -> str:
+    """Text of an XML document."""
     ElementTree.indent(robot)
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
 
 
-def _add_chain(robot, segments: Sequence[Any], prefix: str = "") -> tuple[str, float]:
+def _of_ground(ground) -> dict[str, float | None]:
+    """Contact of what touches a robot's ground."""
+    return {
+        "mu_dynamic": ground.friction,
+        "mu_static": ground.friction,
+        "point_contact_stiffness": CONTACT_STIFFNESS,
+        "relaxation_time": RELAXATION_TIME,
+    }
+
+
+def _add_chain(
+    robot, segments: Sequence[Any], prefix: str = "", collides: bool = False
+) -> tuple[str, float]:
     """The base and the links of a limb; the last link, and how far along it the limb ends, m."""
     base = ElementTree.SubElement(robot, "link", name=f"{prefix}base")
     first = segments[0]
@@ -118,7 +155,7 @@ def _add_chain(robot, segments: Sequence[Any], prefix: str = "") -> tuple[str, f
         piece, first = segment.length / segment.links, 0.5 if segment.centred_joints else 0.0
         if first:
             root = f"{prefix}root_{segment_number}"
-            _add_link(robot, root, segment, first)
+            _add_link(robot, root, segment, first, collides)
             _add_joint(robot, f"{prefix}mount_{segment_number}", "fixed", parent, root, origin)
             parent, origin = root, first * piece
         for index, kinds in enumerate(segment.joints):
@@ -131,7 +168,7 @@ def _add_chain(robot, segments: Sequence[Any], prefix: str = "") -> tuple[str, f
                     ElementTree.SubElement(robot, "link", name=child)
                 else:
                     last = index == segment.links - 1
-                    _add_link(robot, child, segment, 1.0 - first if last else 1.0)
+                    _add_link(robot, child, segment, 1.0 - first if last else 1.0, collides)
                 name = f"{prefix}joint_{joint_number}"
                 joint = _add_joint(robot, name, "continuous", parent, child, origin)
                 ElementTree.SubElement(joint, "axis", xyz=AXES[kind])
@@ -162,26 +199,26 @@ def _add_mass(link, mass: float) -> None:
     _inertia(inertial, 0.0, 0.0, 0.0)
 
 
-def _collision(link, shape: str, friction: float, **size: str) -> None:
-    """A shape of a link that collides, with its friction."""
+def _collision(link, shape: str, contact: dict[str, float | None], x: float = 0.0, **size: str):
+    """A shape of a link that collides, at x, m, with the properties of its contact."""
     collision = ElementTree.SubElement(link, "collision", name=shape)
+    ElementTree.SubElement(collision, "origin", xyz=_text(x, 0.0, 0.0), rpy=_text(0.0, 0.0, 0.0))
     ElementTree.SubElement(ElementTree.SubElement(collision, "geometry"), shape, size)
     properties = ElementTree.SubElement(collision, "drake:proximity_properties")
-    for name, value in (
-        ("mu_dynamic", friction),
-        ("mu_static", friction),
-        ("point_contact_stiffness", CONTACT_STIFFNESS),
-        ("relaxation_time", RELAXATION_TIME),
-    ):
-        ElementTree.SubElement(properties, f"drake:{name}", value=_text(value))
+    for name, value in contact.items():
+        given = {} if value is None else {"value": _text(value)}
+        ElementTree.SubElement(properties, f"drake:{name}", given)
 
 
-def _add_link(robot, name: str, segment, share: float) -> None:
+def _add_link(robot, name: str, segment, share: float, collides: bool) -> None:
     """A link that is a share of a piece of its segment."""
     link = ElementTree.SubElement(robot, "link", name=name)
     length = share * (segment.length / segment.links)
     _inertial(link, share * (segment.mass / segment.links), length, segment)
     _link_visuals(link, length, segment)
+    if collides:
+        size = _text(length, segment.thickness, segment.width)
+        _collision(link, "box", SILICONE, 0.5 * length, size=size)
 
 
 def _add_joint(robot, name: str, kind: str, parent: str, child: str, origin: float):

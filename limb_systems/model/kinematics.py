@@ -187,9 +187,5 @@ def joint_angles_from_bend_angle(parameters: LimbParameters, bend_angle: ArrayLi
 
 def rest_joint_angles(parameters: LimbParameters) -> np.ndarray:
     """θ (joints,), rad, at which the rubber rests with wires that were never heated, by (11)."""
-    rest = [
-        angle
-        for segment in parameters.segments
-        for angle in (segment.rest_angle, segment.rest_angle_e3)[: segment.axes]
-    ]
-    return joint_angles_from_bend_angle(parameters, rest)
+    rest = [(segment.joints, segment.joint_rest_angles) for segment in parameters.segments]
+    return np.array([angles[kind] for links, angles in rest for link in links for kind in link])

@@ -1,14 +1,16 @@
-"""The whole limb, Fig. 3, as one Drake diagram, and its manipulator, eqns (1)-(2), as a plant."""
+"""The limb of Fig. 3 as one Drake diagram, and in anybody's plant; its manipulator, (1)-(2)."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RevoluteJoint, RevoluteSpring
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, RevoluteJoint, RevoluteSpring
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import PassThrough
 
 from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.layout import Layout
@@ -16,7 +18,7 @@ from limb_systems.model.parameters import LimbParameters, ParameterError
 from limb_systems.model.wire_blocks import add_wires
 from limb_systems.model.wire_law import LinearLaw
 from limb_systems.model.wires import num_wire_states
-from urdf import limb_urdf
+from urdf import limb_sdf
 
 # kg, far below the rounding error of a limb's mass. Drake 1.58 divides by the mass of each body
 # when it evaluates a plant in symbols.
@@ -75,42 +77,146 @@ class Limb(Diagram):
         self.source = "model"
         builder = DiagramBuilder()
         manipulator = builder.AddSystem(make_manipulator(parameters))
-        _, duty = add_wires(
-            builder,
-            parameters,
-            manipulator.get_state_output_port(),
-            manipulator.get_applied_generalized_force_input_port(),
-        )
+        ports, duty = add_wires(builder, parameters, manipulator.get_state_output_port())
+        builder.Connect(ports["torque"], manipulator.get_applied_generalized_force_input_port())
         builder.ExportInput(duty, "duty")
         builder.BuildInto(self)
         self.set_name(name)
 
 
-def add_manipulator(plant: MultibodyPlant, parameters: LimbParameters) -> None:
-    """Parses the limb's URDF into a plant, clamps its base and adds the springs.
+class LimbActuation(Diagram):
+    """The wires of a limb that is in anybody's plant: heat (6), lag (7) and torque (4).
 
-    The plant is not finalized, so that you can add bodies to it. Joints
-    are named ``joint_1`` ... from the base to the tip; by default they are at
-    their rest angles, which torsional springs have as set points; and gravity
-    is that of the parameters.
-    The torques f(T) of eqn (2) enter at ``applied_generalized_force``.
+    These are the blocks of `Limb` about its manipulator. For F bends, n joints and W wires with N
+    states:
+
+    - input 0 ``duty``: D (W), in [0, 1]
+    - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s, the plant's state of the limb's instance
+    - output 0 ``torque``: of wires and rubber on the joints (n), N·m
+    - outputs 1 to 5: ``measured_temperature``, ``bend_angle``, ``wire_temperature``,
+      ``joint_state`` and ``measurement``, as of `Limb`
+    - state, continuous: x (N), V (W); by default of cold wires
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(
+        self, parameters: LimbParameters | str | Path | None = None, *, name: str = "actuation"
+    ):
+        """
+        Args:
+            parameters: description of the limb, or its YAML file; the nominal limb if None.
+            name: name of the system; systems in one diagram need different names.
+
+        Raises:
+            ParameterError: if a parameter is out of its range.
+        """
+        super().__init__()
+        self.parameters = parameters = LimbParameters.of(parameters)
+        builder = DiagramBuilder()
+        state = builder.AddNamedSystem("state", PassThrough(2 * parameters.num_joints))
+        ports, duty = add_wires(builder, parameters, state.get_output_port())
+        builder.ExportInput(duty, "duty")
+        builder.ExportInput(state.get_input_port(), "joint_state")
+        builder.ExportOutput(ports["torque"], "torque")
+        builder.BuildInto(self)
+        self.set_name(name)
+
+
+def add_limb(
+    plant: MultibodyPlant,
+    parameters: LimbParameters | str | Path | None = None,
+    name: str = "limb",
+    *,
+    parent_frame: Frame | None = None,
+    X_PF: RigidTransform | None = None,
+) -> ModelInstanceIndex:
+    """Adds a limb to a plant, as many times as you like, and welds its base.
+
+    The plant is not finalized, so that you can add to it. In the limb's instance, the frames
+    ``base`` and ``tip`` have E1 along x, E2 along y and E3 along z of the first and the last link.
+    Joints are named ``joint_1`` ... from the base to the tip. They have springs, which are at rest
+    by default, and actuators, through which torque enters: see `add_limb_actuation`. Gravity is
+    the plant's; the parameters' should be the same in the frame ``base``, since plans and
+    calibrations heed only that.
 
     Args:
-        plant: not finalized; registered with a SceneGraph if it is to be displayed.
-        parameters: geometry, mass, stiffness and damping of the limb.
+        plant: not finalized; registered with a SceneGraph if the limb is to be shown or to collide.
+        parameters: description of the limb, or its YAML file; the nominal limb if None.
+        name: name of the model instance.
+        parent_frame: what the base is welded to; the world if None.
+        X_PF: pose of the base in the parent frame; where that is if None.
+
+    Raises:
+        ParameterError: if a parameter is out of its range.
     """
-    parameters.validate()
-    text = limb_urdf(
-        parameters.segments, payload=parameters.payload, negligible_mass=NEGLIGIBLE_MASS
+    parameters = LimbParameters.of(parameters)
+    text = limb_sdf(
+        parameters.segments, name, payload=parameters.payload, negligible_mass=NEGLIGIBLE_MASS
     )
-    Parser(plant).AddModelsFromString(text, "urdf")
-    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
-    numbers = range(1, parameters.num_joints + 1)
-    add_springs(plant, [plant.GetJointByName(f"joint_{n}") for n in numbers], parameters)
-    plant.mutable_gravity_field().set_gravity_vector(parameters.gravity)
+    (limb,) = Parser(plant).AddModelsFromString(text, "sdf")
+    base = plant.GetFrameByName("base", limb)
+    plant.WeldFrames(parent_frame or plant.world_frame(), base, X_PF or RigidTransform())
+    for joint, angle in zip(_joints(plant, limb), rest_joint_angles(parameters), strict=True):
+        joint.set_default_angle(angle)
+    return limb
 
 
 def add_springs(
+    plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
+) -> None:
+    """Adds what URDF cannot say to a limb that was parsed from its URDF: springs, and actuators.
+
+    Args:
+        plant: not finalized, with the limb.
+        limb: model instance of the limb.
+        parameters: description of the limb that the URDF is of.
+
+    Raises:
+        ParameterError: if the limb has another number of joints than its description.
+    """
+    joints = _checked_joints(plant, limb, parameters)
+    add_joint_springs(plant, joints, parameters)
+    for joint in joints:
+        plant.AddJointActuator(joint.name(), joint)
+
+
+def add_limb_actuation(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    limb: ModelInstanceIndex,
+    parameters: LimbParameters | str | Path | None = None,
+) -> LimbActuation:
+    """Adds the wires of a limb to a diagram, and connects them to its joints in the plant.
+
+    Args:
+        builder: builder of the diagram that has the plant.
+        plant: finalized, with the limb.
+        limb: model instance of the limb, from `add_limb`, from its SDFormat, or from its URDF with
+            `add_springs`.
+        parameters: description of the limb, or its YAML file; the nominal limb if None.
+
+    Returns:
+        The wires, named after the limb, whose ``duty`` is not connected.
+
+    Raises:
+        ParameterError: if the limb has other joints than its description, or no actuators.
+    """
+    actuation = LimbActuation(parameters, name=f"{plant.GetModelInstanceName(limb)}_actuation")
+    joints = _checked_joints(plant, limb, actuation.parameters)
+    if plant.num_actuated_dofs(limb) != len(joints):
+        raise ParameterError(
+            f"The limb {plant.GetModelInstanceName(limb)!r} has {plant.num_actuated_dofs(limb)} "
+            f"actuators for {len(joints)} joints; URDF has no springs, so call add_springs before "
+            "the plant is finalized, or parse its SDFormat."
+        )
+    builder.AddSystem(actuation)
+    builder.Connect(plant.get_state_output_port(limb), actuation.GetInputPort("joint_state"))
+    builder.Connect(actuation.GetOutputPort("torque"), plant.get_actuation_input_port(limb))
+    return actuation
+
+
+def add_joint_springs(
     plant: MultibodyPlant, joints: Sequence[RevoluteJoint], parameters: LimbParameters
 ) -> None:
     """Adds the spring of each joint (n) to a plant, and puts the joints to rest by default."""
@@ -120,14 +226,34 @@ def add_springs(
         plant.AddForceElement(RevoluteSpring(joint, rest_angle, k))
 
 
+def _joints(plant: MultibodyPlant, limb: ModelInstanceIndex) -> list[RevoluteJoint]:
+    """The joints of a limb that turn (n), from the base to the tip."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(limb)]
+    return [joint for joint in joints if isinstance(joint, RevoluteJoint)]
+
+
+def _checked_joints(
+    plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
+) -> list[RevoluteJoint]:
+    joints = _joints(plant, limb)
+    if len(joints) != parameters.num_joints:
+        raise ParameterError(
+            f"The limb {plant.GetModelInstanceName(limb)!r} has {len(joints)} joints in the plant "
+            f"and {parameters.num_joints} in its description; give the description that the model "
+            "was written of."
+        )
+    return joints
+
+
 def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:
     """The finalized continuous-time plant of eqns (1)-(2).
 
     State [θ (n), θ̇ (n)] in rad and rad/s; input ``applied_generalized_force``
-    (n) in N·m.
+    (n) in N·m. Gravity is that of the parameters.
     """
     plant = MultibodyPlant(time_step=0.0)
-    add_manipulator(plant, parameters)
+    add_limb(plant, parameters)
+    plant.mutable_gravity_field().set_gravity_vector(parameters.gravity)
     plant.Finalize()
     plant.set_name("manipulator")
     return plant

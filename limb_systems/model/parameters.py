@@ -175,6 +175,12 @@ class SegmentParameters(Strict):
         """Stiffness and damping of each kind of joint, as shares of k and σ."""
         return {"e2": 1.0, "e3": self.stiffness_ratio, "twist": self.torsional_ratio}
 
+    @property
+    def joint_rest_angles(self) -> dict[str, float]:
+        """Angle of each kind of joint at rest with wires that were never heated, rad, by (11)."""
+        by_bend = self.chain.equal_angle
+        return {"e2": by_bend * self.rest_angle, "e3": by_bend * self.rest_angle_e3, "twist": 0.0}
+
     def wire(self, name: str) -> WireParameters:
         """The wire of that name.
 

@@ -32,7 +32,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import MatrixGain, PortSwitch
 
 from limb_systems.model.layout import Layout
-from limb_systems.model.limb import add_springs
+from limb_systems.model.limb import add_joint_springs
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import LimbParameters, ParameterError
@@ -103,7 +103,8 @@ class Robot(Diagram):
         self.accuracy = None if robot.ground else ACCURACY  # None: heat in the mechanics' steps
         builder = DiagramBuilder()
         plant, joint_state, force = add_plant(builder, robot, time_step)
-        ports, duty = add_wires(builder, parameters, joint_state, force)
+        ports, duty = add_wires(builder, parameters, joint_state)
+        builder.Connect(ports["torque"], force)
         export_limbs(builder, robot, ports, duty)
         if pose := body_pose_port(builder, plant, robot):
             builder.ExportOutput(pose, "body_pose")
@@ -199,7 +200,7 @@ def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
             for name, parent in (("ground_plane", world), ("body_plane", body))
         ]
         plant.AddJoint(PlanarJoint("body", *frames))
-    add_springs(plant, limb_joints(plant, robot), robot.together)
+    add_joint_springs(plant, limb_joints(plant, robot), robot.together)
     height = _standing_height(robot) if robot.ground else 0.0
     if robot.body.mount == "planar":
         plant.GetJointByName("body").set_default_translation([0.0, height])

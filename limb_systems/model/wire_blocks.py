@@ -253,7 +253,7 @@ def make_blocks(parameters: LimbParameters) -> tuple[System, System, System]:
 
 
 def add_wires(
-    builder: DiagramBuilder, parameters: LimbParameters, joint_state: OutputPort, force: InputPort
+    builder: DiagramBuilder, parameters: LimbParameters, joint_state: OutputPort
 ) -> tuple[dict[str, OutputPort], InputPort]:
     """Adds the blocks of Fig. 3 about mechanics, and exports the outputs 0 to 4 of `Limb`.
 
@@ -261,11 +261,10 @@ def add_wires(
         builder: builder of the diagram that has the mechanics.
         parameters: description of the limb, or of all limbs of a robot together.
         joint_state: [θ, θ̇] (2n) of the mechanics, rad and rad/s.
-        force: torques on its joints (n), N·m.
 
     Returns:
-        Output ports by name, and the input port of the duty, which is neither connected nor
-        exported.
+        Output ports by name, with ``torque`` on the joints (n), N·m, which is not exported; and
+        the input port of the duty, which is neither connected nor exported.
     """
     layout = Layout(parameters)
     n, num_wires, num_bends = layout.num_joints, layout.num_wires, layout.num_bends
@@ -279,7 +278,6 @@ def add_wires(
     builder.Connect(wire_state, lag.get_input_port())
     if torque_map.num_input_ports() > 1:
         builder.Connect(joint_state, torque_map.get_input_port(1))
-    builder.Connect(torque_map.get_output_port(), force)
     builder.Connect(joint_state, bend.get_input_port())
     builder.Connect(lag.get_output_port(), measurement.get_input_port(0))
     builder.Connect(bend.get_output_port(), measurement.get_input_port(1))
@@ -296,4 +294,4 @@ def add_wires(
     }
     for name, port in ports.items():
         builder.ExportOutput(port, name)
-    return ports, heating.get_input_port()
+    return ports | {"torque": torque_map.get_output_port()}, heating.get_input_port()

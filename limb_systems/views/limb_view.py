@@ -39,7 +39,7 @@ from limb_systems.model.kinematics import (
     tip_position,
 )
 from limb_systems.model.layout import Layout
-from limb_systems.model.limb import add_manipulator
+from limb_systems.model.limb import add_limb
 from limb_systems.model.parameters import LimbParameters, SegmentParameters
 from limb_systems.model.robot import PLANE, add_robot, set_positions
 from limb_systems.model.robot_parameters import RobotParameters
@@ -401,7 +401,7 @@ class LimbView:
         if self._robot:
             add_robot(plant, self._robot)
         else:
-            add_manipulator(plant, self._parameters)
+            add_limb(plant, self._parameters)
         plant.Finalize()
         return plant, scene_graph
 

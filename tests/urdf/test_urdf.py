@@ -13,9 +13,9 @@ from pydrake.multibody.tree import RevoluteJoint
 from pydrake.systems.framework import DiagramBuilder
 
 import urdf
-from limb_systems import LimbParameters, SegmentParameters, WireParameters, add_manipulator
+from limb_systems import LimbParameters, SegmentParameters, WireParameters, add_limb
 from limb_systems.model.kinematics import link_positions
-from urdf import limb_urdf
+from urdf import limb_sdf, limb_urdf
 
 FOLDER = Path(urdf.__file__).parent
 
@@ -57,9 +57,10 @@ def assert_same_inertia(actual, expected):
         np.testing.assert_allclose(left, right, rtol=1e-12, atol=1e-15)
 
 
-def test_checked_in_file_is_what_the_generator_writes_for_the_nominal_limb():
-    text = (FOLDER / "limb_5.urdf").read_text(encoding="utf-8")
-    assert text == limb_urdf(LimbParameters().segments)
+@pytest.mark.parametrize(("name", "write"), [("limb_5.urdf", limb_urdf), ("limb_5.sdf", limb_sdf)])
+def test_checked_in_files_are_what_is_written_of_the_nominal_limb(name, write):
+    text = (FOLDER / name).read_text(encoding="utf-8")
+    assert text == write(LimbParameters().segments)
 
 
 def test_two_segments_are_two_beams_end_to_end():
@@ -105,7 +106,7 @@ def test_in_space_wires_run_at_their_places_beside_the_axis_of_each_piece():
     limb.segments.insert(0, SegmentParameters(links=1))  # of other silicone
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    add_manipulator(plant, limb)
+    add_limb(plant, limb)
     plant.Finalize()
     context = builder.Build().CreateDefaultContext()
     query = scene_graph.get_query_output_port()

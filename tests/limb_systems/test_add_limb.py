@@ -1,0 +1,122 @@
+"""Limbs on anybody's plant: against the limb alone, from files too, and what is refused."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+
+import urdf
+from limb_systems import (
+    Limb,
+    LimbError,
+    LimbParameters,
+    add_limb,
+    add_limb_actuation,
+    add_springs,
+    simulate,
+    tip_position,
+)
+from limb_systems.simulation import make_simulator
+from urdf import limb_sdf, limb_urdf
+
+DUTY = {"left": [0.0, 0.3], "right": [0.25, 0.1]}
+
+
+def limb_with(rest_angle=0.1, gravity=(0.0, 0.0, 0.0)):
+    limb = LimbParameters()
+    limb.segments[0].rest_angle, limb.payload = rest_angle, 0.005
+    limb.gravity = list(gravity)
+    return limb
+
+
+def driven(builder, plant, fingers, parameters, duration=4.0):
+    """The bends of some limbs under their `DUTY`, after a time, s."""
+    sinks = {}
+    for name, limb in fingers.items():
+        wires = add_limb_actuation(builder, plant, limb, parameters)
+        source = builder.AddSystem(ConstantVectorSource(DUTY[name]))
+        builder.Connect(source.get_output_port(), wires.GetInputPort("duty"))
+        sinks[name] = LogVectorOutput(wires.GetOutputPort("bend_angle"), builder, 0.5)
+    simulator = make_simulator(builder.Build(), 1e-5)
+    simulator.AdvanceTo(duration)
+    return {name: sink.FindLog(simulator.get_context()).data() for name, sink in sinks.items()}
+
+
+def test_two_limbs_on_a_body_beside_a_free_one_bend_as_each_alone():
+    tilted = RollPitchYaw(0.4, -0.9, 2.0).ToRotationMatrix()
+    down = tilted.inverse() @ np.array([0.0, 0.0, -9.81])
+    parameters = limb_with(gravity=down)
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.0))
+    plant.AddRigidBody("ball", SpatialInertia.SolidSphereWithMass(0.01, 0.02))
+    wrist = plant.AddFrame(
+        FixedOffsetFrame("wrist", plant.world_frame(), RigidTransform([0.1, 0.2, 0.3]))
+    )
+    fingers = {
+        name: add_limb(
+            plant,
+            parameters,
+            f"{name}_finger",
+            parent_frame=wrist,
+            X_PF=RigidTransform(tilted, [0.0, y, 0.0]),
+        )
+        for name, y in (("left", -0.05), ("right", 0.05))
+    }
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    angles = np.linspace(0.1, 0.5, 5)
+    plant.SetPositions(context, fingers["right"], angles)
+    base, tip = (plant.GetFrameByName(name, fingers["right"]) for name in ("base", "tip"))
+    at = tip.CalcPose(context, base).translation()
+    np.testing.assert_allclose(at[:2], tip_position(parameters, angles), atol=1e-12)
+    for name, bend in driven(builder, plant, fingers, parameters).items():
+        alone = simulate(Limb(parameters), DUTY[name], 4.0, sample_rate=2.0, accuracy=1e-5)
+        np.testing.assert_allclose(bend, alone.bend_angle, atol=5e-5)
+        assert np.abs(bend).max() > 0.1
+
+
+@pytest.mark.parametrize("kind", ["sdf", "urdf"])
+def test_limbs_from_files_bend_as_the_limb_alone(kind, tmp_path):
+    parameters = limb_with()
+    write = limb_sdf if kind == "sdf" else limb_urdf
+    file = tmp_path / f"finger.{kind}"
+    file.write_text(write(parameters.segments, payload=parameters.payload))
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.0))
+    (limb,) = Parser(plant).AddModels(file)
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, 0.0])
+    if kind == "urdf":
+        add_springs(plant, limb, parameters)
+    plant.Finalize()
+    bend = driven(builder, plant, {"left": limb}, parameters)["left"][:, -1]
+    alone = simulate(Limb(parameters), DUTY["left"], 4.0).bend_angle[:, -1]
+    np.testing.assert_allclose(bend, alone, atol=1e-4)
+
+
+def test_the_package_has_the_nominal_limb_by_its_url():
+    plant = MultibodyPlant(1e-3)
+    parser = Parser(plant)
+    parser.package_map().PopulateFromFolder(next(iter(urdf.__path__)))
+    parser.SetStrictParsing()
+    (limb,) = parser.AddModelsFromUrl("package://soft_limb/limb_5.sdf")
+    plant.Finalize()
+    assert plant.num_actuated_dofs(limb) == 5
+
+
+def test_what_does_not_fit_a_limb_is_refused():
+    parameters, builder = LimbParameters(), DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.0))
+    text = limb_urdf(parameters.segments)
+    (limp,) = Parser(plant).AddModelsFromString(text, "urdf")
+    finger = add_limb(plant, parameters, "finger")
+    plant.Finalize()
+    with pytest.raises(LimbError, match=r"'limb' has 0 actuators for 5 joints.*add_springs"):
+        add_limb_actuation(builder, plant, limp, parameters)
+    parameters.segments[0].links = 3
+    with pytest.raises(LimbError, match="'finger' has 5 joints in the plant and 3 in its descr"):
+        add_limb_actuation(builder, plant, finger, parameters)
