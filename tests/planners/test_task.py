@@ -1,7 +1,9 @@
 """Tasks beyond the paper's, and planning again and again."""
 
+import inspect
 import re
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,15 +20,19 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.model.parameters import CalibrationRecord
+from limb_systems.model.statics import HeldAngles
 from planners import (
+    ExactHessianIpoptSolver,
     Planner,
     PlanningError,
     Task,
+    TrajectoryProgram,
     plan,
     planning,
     references,
 )
 from planners.transcription import solving
+from planners.transcription.quasi_static import QuasiStaticProgram
 from planners.transcription.solving import solve_program
 from soft_limb.results.summaries import plan_summary
 
@@ -290,6 +296,24 @@ def test_what_one_added_is_in_the_summary_and_in_the_file(tmp_path):
             expected.append(f"{name}: active at {', '.join(times)} s")
         assert described == expected
     assert "added" not in plan_summary(plan(cold_parameters(), ramp_to_20_degrees())).texts()
+
+
+def test_constructors_on_the_page_are_those_of_the_classes():
+    page = (Path(__file__).parents[2] / "docs" / "planners.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)(\(.*\))` \| (.*) \|$", page, re.MULTILINE)
+    by_name = {name: (arguments, attributes) for name, arguments, attributes in rows}
+    limb, times = LimbParameters(), np.linspace(0.0, 1.0, 3)
+    for made in (
+        Planner(limb, times),
+        TrajectoryProgram(limb, times),
+        QuasiStaticProgram(limb, times, HeldAngles(limb), Task()),
+        ExactHessianIpoptSolver(),
+    ):
+        arguments, attributes = by_name[type(made).__name__]
+        signature = inspect.signature(type(made))
+        plain = [p.replace(annotation=p.empty) for p in signature.parameters.values()]
+        assert arguments == str(inspect.Signature(plain))
+        assert all(hasattr(made, name) for name in re.findall(r"`(\w+)`", attributes))
 
 
 @pytest.fixture
