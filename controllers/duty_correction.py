@@ -168,7 +168,9 @@ class DutyCorrection:
             wire_temperature=states[0],
             measured_temperature=states[1],
             other_wire_state=states[2] if len(states[2]) else None,
-            check=dataclasses.replace(plan.check, status="learned", active_constraints=[]),
+            check=dataclasses.replace(
+                plan.check, status="learned", active_constraints=[], added=[]
+            ),
         )
 
     def lag(self) -> np.ndarray:

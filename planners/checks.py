@@ -1,5 +1,7 @@
 """How far a plan is from its simulation and from its reference, and which limits are active."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.symbolic import Expression, MakeVectorContinuousVariable
@@ -233,29 +235,36 @@ def _reach(parameters: LimbParameters, bend: int) -> np.ndarray | None:
 
 
 def active_constraints(
-    trajectory: Trajectory, task: Task, warm_up_time: float, measured_margin: ArrayLike = 0.0
+    trajectory: Trajectory,
+    task: Task,
+    warm_up_time: float,
+    measured_margin: ArrayLike,
+    added: Mapping[str, np.ndarray],
 ) -> list[ActiveConstraint]:
-    """Return the times in which bounds of (18)-(20) and of the readings are active."""
+    """Return the times in which bounds of (18)-(20), of readings, and added ones are active.
+
+    Args:
+        added: whether constraints of one's own are active at the knots (K,), by their names.
+    """
     limits, names = trajectory.parameters.temperature_limits, trajectory.parameters.wire_names
     warm = trajectory.time > warm_up_time
     near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE
     hottest, fullest = limits.maximum - task.temperature_margin, 1.0 - task.duty_margin
     hottest_name = f"T_max - {task.temperature_margin:g} °C" if task.temperature_margin else "T_max"
     highest = reading_bounds(trajectory.parameters, measured_margin)
-    active = []
+    bounds: list[tuple[str, np.ndarray]] = []
     for index, name in enumerate(names):
         reading = trajectory.measured_temperature[index]
         duty, wire = trajectory.duty[index], trajectory.wire_temperature[index]
-        for bound, where in (
+        bounds += (
             (f"duty {name} = 0", duty < near_duty),
             (f"duty {name} = {fullest:g}", duty > fullest - near_duty),
             (f"wire {name} = {hottest_name}", wire > hottest - near_temperature),
             (f"wire {name} = T_warm", warm & (wire < limits.warm + near_temperature)),
             (f"reading {name} = measured_maximum", reading > highest[index] - near_temperature),
-        ):
-            edges = np.flatnonzero(np.diff(np.r_[False, where, False]))
-            active += [
-                ActiveConstraint(bound, float(trajectory.time[a]), float(trajectory.time[b - 1]))
-                for a, b in edges.reshape(-1, 2)
-            ]
-    return active
+        )
+    return [
+        ActiveConstraint(bound, float(trajectory.time[first]), float(trajectory.time[after - 1]))
+        for bound, where in (*bounds, *added.items())
+        for first, after in np.flatnonzero(np.diff(np.r_[False, where, False])).reshape(-1, 2)
+    ]

@@ -236,7 +236,7 @@ class Planner:
         trajectory = self._trajectory(program, solution, angles_ref)
         trajectory.check.guess_cost = program.cost(guess)
         trajectory.check.active_constraints = active_constraints(
-            trajectory, self.task, warm_up, self._margin
+            trajectory, self.task, warm_up, self._margin, program.active_knots(solution.x)
         )
         offsets, differences = simulated_differences(trajectory)
         trajectory.check.largest_difference_deg = float(np.rad2deg(differences.max()))
@@ -301,6 +301,7 @@ class Planner:
                 cost=solution.cost,
                 largest_defect=program.largest_defect(solution.x),
                 broken_constraint=program.broken_constraint(solution.x),
+                added=program.added_terms(solution.x),
                 tolerance_deg=self._tolerance_deg,
             ),
             provenance=self._provenance,

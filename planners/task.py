@@ -73,8 +73,13 @@ class Task:
       reference's duration; None if both are 1. Reference and warm-up (20) are
       stretched alike.
 
-    - ``customize``: function that is called with the `TrajectoryProgram` before
-      it is solved, to add your own costs and constraints to its ``prog``.
+    - ``customize``: function that is called with the program before it is solved, to add
+      your own costs and constraints to its ``prog``. A planar limb has a `TrajectoryProgram`.
+      Its ``states`` are the indices of θ (n), rad; θ̇ (n), rad/s; the wires' states (N),
+      which begin with T (W), °C; and V (W), °C, at each knot. A limb in space has a
+      `QuasiStaticProgram`, with ``bends`` in place of ``states``. Both have ``heat``, the
+      wires' states and V, and ``duty``. The plan's check has what was added, by the
+      descriptions of its evaluators.
     """
 
     angle_weight: float = 100.0

@@ -22,11 +22,28 @@ DEFECT_TOLERANCE = 1e-6
 
 @dataclasses.dataclass
 class ActiveConstraint:
-    """A bound of eqns (18)-(20) that a plan runs along from ``start`` to ``end``, s."""
+    """A bound that a plan runs along from ``start`` to ``end``, s.
+
+    - ``bound``: name of a bound of (18)-(20), or of constraints that ``customize`` added.
+    """
 
     bound: str = ""
     start: float = 0.0
     end: float = 0.0
+
+
+@dataclasses.dataclass
+class AddedTerms:
+    """Costs, or constraints, of one name that the task's ``customize`` added to a plan's program.
+
+    - ``name``: their description, or else their formula.
+    - ``number``: number of them.
+    - ``cost``: sum of their values at the plan; None for constraints.
+    """
+
+    name: str = ""
+    number: int = 0
+    cost: float | None = None
 
 
 @dataclasses.dataclass
@@ -46,6 +63,7 @@ class PlanCheck:
       accurate simulation of the plan's duty, degrees.
     - ``tolerance_deg``: largest difference that was allowed, degrees.
     - ``active_constraints``: where the plan runs along a bound.
+    - ``added``: what the task's ``customize`` added.
     - ``bend_band_deg``: mean half-width of the band about the bend angle in which 95% of
       all limbs are read that the calibration cannot tell from this one, degrees; 0 if it
       is not known. See `limb_systems.band`.
@@ -66,6 +84,7 @@ class PlanCheck:
     largest_difference_deg: float = math.nan
     tolerance_deg: float = math.nan
     active_constraints: list[ActiveConstraint] = dataclasses.field(default_factory=list)
+    added: list[AddedTerms] = dataclasses.field(default_factory=list)
     bend_band_deg: float = 0.0
     highest_readings: list[float] = dataclasses.field(default_factory=list)
 

@@ -19,6 +19,7 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import (
     Binding,
+    EvaluatorBase,
     IpoptSolver,
     MathematicalProgram,
     SolutionResult,
@@ -313,7 +314,7 @@ class _Evaluators:
         return _concatenate([evaluator.Eval(x[indices]) for evaluator, indices in self._parts])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        return _concatenate([_gradient(part, x[where]).ravel() for part, where in self._parts])
+        return _concatenate([gradient_of(part, x[where]).ravel() for part, where in self._parts])
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         weights = np.split(multipliers, self._ends)
@@ -569,7 +570,7 @@ def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def _gradient(evaluator, x: np.ndarray) -> np.ndarray:
+def gradient_of(evaluator: EvaluatorBase, x: np.ndarray) -> np.ndarray:
     """(rows, variables); zero where the evaluator does not depend on them."""
     values = evaluator.Eval(InitializeAutoDiff(x)[:, 0])
     gradient = ExtractGradient(values)
@@ -582,7 +583,7 @@ def _weighted_hessian(evaluator, x: np.ndarray, weights: np.ndarray) -> np.ndarr
     for index, value in enumerate(x):
         step = np.zeros(len(x))
         step[index] = 1e-5 * max(1.0, abs(value))
-        change = _gradient(evaluator, x + step) - _gradient(evaluator, x - step)
+        change = gradient_of(evaluator, x + step) - gradient_of(evaluator, x - step)
         hessian[index] = weights @ change / (2 * step[index])
     return (0.5 * (hessian + hessian.T))[np.tril_indices(len(x))]
 

@@ -1,7 +1,5 @@
 """The trajectory program, eqns (15)-(20), on Drake's DirectCollocation."""
 
-import textwrap
-
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike
@@ -17,8 +15,10 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     split_state,
 )
+from limb_systems.files.trajectory import AddedTerms
 from limb_systems.model.dynamics import Dynamics
 from planners.task import Task, TaskError
+from planners.transcription.added import by_names, described, variables_at_bounds
 from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
 from planners.transcription.ipopt import ConstraintBlock
 
@@ -42,7 +42,7 @@ class PlanProgram:
     - ``blocks``: constraints that are evaluated together, beside those of ``prog``.
     - ``cheap_blocks``: the same constraints with a Hessian that is not whole but cheaper; None if
       only the whole Hessian will do.
-    - ``added``: the constraints that the task's ``customize`` added.
+    - ``added``, ``added_costs``: the constraints and costs that the task's ``customize`` added.
 
     Args:
         parameters: description of the limb.
@@ -97,10 +97,11 @@ class PlanProgram:
             for variable in variables if scale != 1.0 else ():
                 prog.SetVariableScaling(variable, scale)
         self.blocks = self._make_blocks()
-        before = set(prog.GetAllConstraints())
+        before = {*prog.GetAllConstraints(), *prog.GetAllCosts()}
         if self.task.customize:
             self.task.customize(self)
         self.added = [b for b in prog.GetAllConstraints() if b not in before]
+        self.added_costs = [b for b in prog.GetAllCosts() if b not in before]
 
     def _add_variables(self) -> None:
         """Add the decision variables, and say which of them the others here are."""
@@ -183,23 +184,52 @@ class PlanProgram:
             if relative[row] <= most:
                 continue
             most = np.nan_to_num(relative[row], nan=np.inf)
-            expression = textwrap.shorten(str(binding).partition("\n")[2], 100) or str(binding)
-            name = evaluator.get_description() or expression
             worst = (
-                f"'{name}' (number {number} of {len(self.added)}{self._when(binding)}) is missed "
-                f"by {missed[row]:.3g}"
+                f"'{described(binding)}' (number {number} of {len(self.added)}"
+                f"{self._when(binding)}) is missed by {missed[row]:.3g}"
             )
         return worst
+
+    def added_terms(self, x: np.ndarray) -> list[AddedTerms]:
+        """Return what ``customize`` added, with the values of costs, by names."""
+        costs = [
+            AddedTerms(name, len(alike), float(self.prog.EvalBindings(alike, x).sum()))
+            for name, alike in by_names(self.added_costs).items()
+        ]
+        constraints = by_names(self.added)
+        return costs + [AddedTerms(name, len(alike)) for name, alike in constraints.items()]
+
+    def active_knots(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Return whether the ``added`` constraints of a name are at a bound at the knots (K,)."""
+        scales, knot_of = np.ones(len(x)), self._knots_of_variables()
+        for index, scale in self.prog.GetVariableScaling().items():
+            scales[index] = scale
+        active = {}
+        for name, alike in by_names(self.added).items():
+            active[name] = np.zeros(len(self.times), bool)
+            for binding in alike:
+                indices = np.array(self.prog.FindDecisionVariableIndices(binding.variables()))
+                at_bounds = variables_at_bounds(binding, x[indices], scales[indices])
+                knots = knot_of[indices[at_bounds]]
+                # Time steps belong to no knot: a limit of the duration is about all knots.
+                none = len(knots) > 0 and knots.max() < 0
+                active[name][slice(None) if none else knots[knots >= 0]] = True
+        return active
+
+    def _knots_of_variables(self) -> np.ndarray:
+        """Return the number of the knot that each decision variable belongs to; -1 for none."""
+        knots = np.full(self.prog.num_vars(), -1)
+        of_knots = np.hstack([self.indices(self._of_knots), self.duty])
+        knots[of_knots] = np.arange(len(self.times))[:, None]
+        return knots
 
     def _when(self, binding: Binding) -> str:
         """Return the times of the knots that a constraint is about, in words."""
         indices = self.prog.FindDecisionVariableIndices(binding.variables())
-        of_knots = np.hstack([self.indices(self._of_knots), self.duty])
-        concerned = np.isin(of_knots, indices).any(axis=1)
-        knots = self.times[concerned]
-        if not len(knots):
+        knots = self._knots_of_variables()[indices]
+        if not (knots >= 0).any():
             return ""
-        first, last = knots[[0, -1]]
+        first, last = self.times[[knots[knots >= 0].min(), knots.max()]]
         return f", at {first:g} s" if first == last else f", from {first:g} to {last:g} s"
 
     def _shortest_and_longest_step(self) -> tuple[float, float]:
@@ -301,7 +331,9 @@ class TrajectoryProgram(PlanProgram):
 
     - ``collocation``: the `DirectCollocation` that built it; None without its constraints.
     - ``limb``: the `Limb` whose dynamics are its constraints.
-    - ``states``: indices of x_k (K, 2n + M) among the decision variables.
+    - ``states``: indices of x_k (K, 2n + M) among the decision variables, in the order of
+      `Limb`: θ (n), rad; θ̇ (n), rad/s; the wires' states x (N), which begin with T (W), °C; and
+      V (W), °C. ``heat`` has the last M = N + W of them.
     - ``defects``: (17) as `LimbDefects`.
 
     Args:

@@ -7,6 +7,7 @@ import numpy as np
 from calibration import Calibration, Prediction, Validation
 from controllers import Learner
 from limb_systems import Gait, Recording, Trajectory
+from limb_systems.files.trajectory import AddedTerms
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances
 from planners import nearest_bend_angle
@@ -49,9 +50,12 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
     stretches: dict[str, list[str]] = {}
     for active in check.active_constraints:
         stretches.setdefault(active.bound, []).append(f"{active.start:.1f}-{active.end:.1f}")
-    width = max((len(bound) for bound in stretches), default=0)
-    lines = [f"{bound:<{width}}  at {', '.join(times)} s" for bound, times in stretches.items()]
+    at = {bound: f"at {', '.join(times)} s" for bound, times in stretches.items()}
+    added = [_added(terms, at) for terms in check.added]
+    width = max(map(len, at), default=0)
+    lines = [f"{bound:<{width}}  {times}" for bound, times in at.items()]
     texts["limits"] = "\n".join(["the plan runs along", *lines]) if lines else "none is active"
+    texts["added"] = "\n".join(added)
     values = {
         "duration_s": trajectory.duration,
         "knots": knots,
@@ -76,8 +80,20 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
             {"bound": active.bound, "start_s": active.start, "end_s": active.end}
             for active in check.active_constraints
         ],
+        "added": [dataclasses.asdict(terms) for terms in check.added],
     }
     return Summary.of(texts, values)
+
+
+def _added(terms: AddedTerms, active: dict[str, str]) -> str:
+    """Return a line on terms of one's own, and take what it says from the active constraints."""
+    if terms.cost is None:
+        times = active.pop(terms.name, None)
+        kind, state = "constraint", f"active {times}" if times else "not active"
+    else:
+        kind, state = "cost", f"{terms.cost:.3g}"
+    number = kind if terms.number == 1 else f"{terms.number} {kind}s"
+    return f"{terms.name} ({number}): {state}"
 
 
 def gait_summary(gait: Gait) -> Summary:

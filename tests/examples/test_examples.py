@@ -209,3 +209,18 @@ def test_draw_in_space(tmp_path):
     for name in ("open_loop", "feedback"):
         assert (tmp_path / f"drawing_{name}.png").read_bytes().startswith(PNG)
         assert b"</html>" in (tmp_path / f"drawing_{name}.html").read_bytes()
+
+
+def test_own_cost(tmp_path):
+    """The mean of 3 s stays at the limit of the fuse in the windows that are said to be active."""
+    said = run([EXAMPLES / "own_cost.py"], tmp_path)
+    plan = Trajectory.load(tmp_path / "out" / "own_cost.csv")
+    means = np.convolve(plan.duty.sum(axis=0), np.full(30, 1 / 30), "valid")
+    assert means.max() == pytest.approx(0.5, abs=1e-6)
+    full = np.flatnonzero(means > 0.5 - 1e-4)
+    cost = 50 * (np.diff(plan.duty) ** 2).sum()
+    assert f"jumps (450 costs): {cost:.3g}\n" in said
+    active = re.search(r"fuse \(422 constraints\): active at (.*?)-.*-(.*?) s\n", said).groups()
+    first_and_last = plan.time[[full[0], full[-1] + 29]]
+    np.testing.assert_allclose(list(map(float, active)), first_and_last, atol=0.2)
+    assert (tmp_path / "out" / "own_cost.png").read_bytes().startswith(PNG)

@@ -1,5 +1,10 @@
 """Tasks beyond the paper's, and planning again and again."""
 
+import inspect
+import re
+import warnings
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver
@@ -9,21 +14,27 @@ from limb_systems import (
     Limb,
     LimbParameters,
     SaturatingLaw,
+    Trajectory,
     bend_angle,
     joint_angles_from_bend_angle,
     simulate,
 )
 from limb_systems.model.parameters import CalibrationRecord
+from limb_systems.model.statics import HeldAngles
 from planners import (
+    ExactHessianIpoptSolver,
     Planner,
     PlanningError,
     Task,
+    TrajectoryProgram,
     plan,
     planning,
     references,
 )
 from planners.transcription import solving
+from planners.transcription.quasi_static import QuasiStaticProgram
 from planners.transcription.solving import solve_program
+from soft_limb.results.summaries import plan_summary
 
 
 def largest_change_of_duty(trajectory, seconds):
@@ -234,6 +245,75 @@ def test_the_check_names_a_constraint_of_ones_own_that_does_not_hold(monkeypatch
         message = rf"task's constraint '{name}' \(number 2 of 4, at 1 s\) is missed by 0\.\d+"
         with pytest.raises(PlanningError, match=message):
             plan(cold_parameters(), step_to_20_degrees(), task=Task(customize=customize))
+
+
+def test_what_one_added_is_in_the_summary_and_in_the_file(tmp_path):
+    """Of both programs, and for costs and constraints with and without descriptions."""
+
+    def customize(program):
+        prog, variables = program.prog, program.prog.decision_variables()
+        duty = variables[program.duty]
+        T = variables[program.heat[:, : duty.shape[1]]].ravel()
+        for k, of_knot in enumerate(duty):
+            gentle = prog.AddConstraint(of_knot @ of_knot <= 0.4**2)
+            gentle.evaluator().set_description("gentle")
+            prog.AddConstraint(of_knot[0] ** 3 <= 2 + 0.123456 * k)
+        bounds = prog.AddBoundingBoxConstraint(-np.inf, 40.0, T)  # one for many knots
+        bounds.evaluator().set_description("cool")
+        prog.AddLinearCost(1e-3 * (T - 25.0).sum()).evaluator().set_description("warmth")
+        for change in np.diff(duty, axis=0):
+            prog.AddQuadraticCost(change @ change).evaluator().set_description("even\nduty")
+
+    space = LimbParameters.in_space()
+    space.temperature_limits.warm_up_time = 1000.0
+    up_and_still = references.from_samples([0, 1, 8], np.deg2rad([[0, 20, 20], [0, 0, 0]]))
+    for limb, reference in ((cold_parameters(), step_to_20_degrees()), (space, up_and_still)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # it is far from its reference
+            found = plan(limb, reference, task=Task(customize=customize))
+        found.save(tmp_path / "plan.csv")
+        loaded = Trajectory.load(tmp_path / "plan.csv")
+        assert loaded.check == found.check
+        texts = plan_summary(loaded).texts()
+        assert "duty" in texts["limits"]
+        assert "gentle" not in texts["limits"]
+        lines = texts["added"].split("\n")
+        T, duty = found.wire_temperature, found.duty
+        assert lines[:2] == [
+            f"warmth (cost): {1e-3 * (T - 25.0).sum():.3g}",
+            f"even duty (80 costs): {(np.diff(duty) ** 2).sum():.3g}",
+        ]
+        formula, *described = sorted(lines[2:])
+        alike = r"-inf <= pow\(\w+\([\d,]+\), 3\) <= 2 and alike \(81 constraints\): not active"
+        assert re.fullmatch(alike, formula)
+        expected = []
+        for name, is_active in (
+            ("cool (constraint)", T.max(axis=0) > 40.0 - 0.05),
+            ("gentle (81 constraints)", np.linalg.norm(duty, axis=0) > 0.4 - 1e-3),
+        ):
+            edges = np.flatnonzero(np.diff(is_active, prepend=False, append=False)).reshape(-1, 2)
+            times = [f"{found.time[a]:.1f}-{found.time[b - 1]:.1f}" for a, b in edges]
+            expected.append(f"{name}: active at {', '.join(times)} s")
+        assert described == expected
+    assert "added" not in plan_summary(plan(cold_parameters(), ramp_to_20_degrees())).texts()
+
+
+def test_constructors_on_the_page_are_those_of_the_classes():
+    page = (Path(__file__).parents[2] / "docs" / "planners.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)(\(.*\))` \| (.*) \|$", page, re.MULTILINE)
+    by_name = {name: (arguments, attributes) for name, arguments, attributes in rows}
+    limb, times = LimbParameters(), np.linspace(0.0, 1.0, 3)
+    for made in (
+        Planner(limb, times),
+        TrajectoryProgram(limb, times),
+        QuasiStaticProgram(limb, times, HeldAngles(limb), Task()),
+        ExactHessianIpoptSolver(),
+    ):
+        arguments, attributes = by_name[type(made).__name__]
+        signature = inspect.signature(type(made))
+        plain = [p.replace(annotation=p.empty) for p in signature.parameters.values()]
+        assert arguments == str(inspect.Signature(plain))
+        assert all(hasattr(made, name) for name in re.findall(r"`(\w+)`", attributes))
 
 
 @pytest.fixture

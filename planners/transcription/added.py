@@ -1,0 +1,67 @@
+"""What a task's ``customize`` added: the names of costs and constraints, and which are active."""
+
+import re
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse
+from pydrake.solvers import Binding, LinearConstraint
+
+from planners.transcription.ipopt import gradient_of
+
+# A constraint is active if a change of its variables by this share of their scales takes it to a
+# bound.
+NEAR_BOUND = 1e-3
+MOST_SPELLED_OUT = 10  # variables; with more of them a formula takes long to write
+
+
+def described(binding: Binding) -> str:
+    """Return the description of a cost or constraint on one line, or else its formula."""
+    evaluator, num_variables = binding.evaluator(), len(binding.variables())
+    if description := " ".join(evaluator.get_description().split()):
+        return description
+    if num_variables > MOST_SPELLED_OUT:
+        return f"{type(evaluator).__name__} of {num_variables} variables"
+    kind, _, formula = str(binding).partition("\n")
+    formula = re.sub(r"\d+\.\d{4,}", lambda number: f"{float(number[0]):.3g}", formula or kind)
+    return textwrap.shorten(formula, 100)
+
+
+def by_names(bindings: Sequence[Binding]) -> dict[str, list[Binding]]:
+    """Return costs or constraints by their descriptions.
+
+    Those without a description whose formulas differ by numbers alone are together, under the
+    formula of the first.
+    """
+    groups: dict[str, list[Binding]] = {}
+    for binding in bindings:
+        name = described(binding)
+        if not binding.evaluator().get_description():
+            name = re.sub(r"\d[\d.,]*(e[-+]\d+)?", "", name)
+        groups.setdefault(name, []).append(binding)
+    named = {}
+    for key, alike in groups.items():
+        first = described(alike[0])
+        named[first if key == first or len(alike) == 1 else f"{first} and alike"] = alike
+    return named
+
+
+def variables_at_bounds(binding: Binding, x: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """Return which variables the active rows of a constraint depend on.
+
+    Args:
+        x: values of its variables (m,).
+        scales: typical changes of its variables (m,).
+
+    Returns:
+        Places among its variables, some of them repeatedly.
+    """
+    evaluator = binding.evaluator()
+    is_linear = isinstance(evaluator, LinearConstraint)
+    jacobian = evaluator.get_sparse_A() if is_linear else gradient_of(evaluator, x)
+    rows, columns, slopes = scipy.sparse.find(jacobian)
+    values = evaluator.Eval(x)
+    slack = np.minimum(values - evaluator.lower_bound(), evaluator.upper_bound() - values)
+    reach = np.sqrt(np.bincount(rows, (slopes * scales[columns]) ** 2, len(slack)))
+    return columns[(slack <= NEAR_BOUND * reach)[rows]]
