@@ -9,6 +9,7 @@ from hardware.replay import ReplayError, replay, watch
 from hardware.robot.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.robot.serial_limb import SerialLimb
 from hardware.robot.text_board import AnswerLine, DutyLine, TextBoard
+from hardware.station import LimbDriver, Scenario, Station, StationError, drive
 
 __all__ = [
     "AnswerLine",
@@ -16,13 +17,18 @@ __all__ = [
     "BoardLink",
     "DutyLine",
     "HardwareError",
+    "LimbDriver",
     "LimbTwin",
     "ReplayError",
     "RobotTwin",
     "Sample",
+    "Scenario",
     "SensedLimb",
     "SerialLimb",
+    "Station",
+    "StationError",
     "TextBoard",
+    "drive",
     "emulated_port",
     "replay",
     "watch",

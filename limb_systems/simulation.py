@@ -166,7 +166,7 @@ def record(
     num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
     # Drake's clock ticks at multiples of the period, which round their own way.
     end = max(duration, (num_samples - 1) * (1 / sample_rate))
-    _advance(simulator, end, until, remark, real_time or system.real_time)
+    advance(simulator, end, until, remark, real_time or system.real_time)
 
     signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
     signals |= {name: signals[name][0] for name in TIMES if name in signals}
@@ -288,14 +288,18 @@ def _set_state(system, context, state) -> None:
     context.SetContinuousState(state[of_steps:])
 
 
-def _advance(
+def advance(
     simulator: Simulator,
     end: float,
-    until: Callable[[Context], bool] | None,
-    remark: Callable[[Context], str] | None,
-    real_time: bool,
+    until: Callable[[Context], bool] | None = None,
+    remark: Callable[[Context], str] | None = None,
+    real_time: bool = False,
 ) -> None:
-    """Simulates from time 0 to the end, s, bit by bit to show progress."""
+    """Simulates from time 0 to the end, s, bit by bit to show progress; arguments as of `record`.
+
+    Raises:
+        SimulationError: if the integrator fails.
+    """
     context = simulator.get_context()
     with failure_told(simulator, end):
         simulator.Initialize()

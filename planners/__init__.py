@@ -5,6 +5,7 @@ from planners import references
 from planners.gait.check import check_gait
 from planners.gait.gait import plan_gait
 from planners.gait.walking import walk
+from planners.grip import Grip, grip
 from planners.nearest import nearest_bend_angle
 from planners.planning import Planner, plan
 from planners.task import Phase, Task, TaskError
@@ -14,6 +15,7 @@ from planners.transcription.solving import InfeasibleError, PlanningError
 
 __all__ = [
     "ExactHessianIpoptSolver",
+    "Grip",
     "InfeasibleError",
     "Phase",
     "Planner",
@@ -22,6 +24,7 @@ __all__ = [
     "TaskError",
     "TrajectoryProgram",
     "check_gait",
+    "grip",
     "nearest_bend_angle",
     "plan",
     "plan_gait",

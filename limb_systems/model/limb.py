@@ -4,11 +4,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, ModelInstanceIndex, RevoluteJoint, RevoluteSpring
+from pydrake.multibody.tree import (
+    ForceElementIndex,
+    Frame,
+    ModelInstanceIndex,
+    RevoluteJoint,
+    RevoluteSpring,
+)
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
@@ -200,16 +207,13 @@ def add_limb_actuation(
         The wires, named after the limb, whose ``duty`` is not connected.
 
     Raises:
-        ParameterError: if the limb has other joints than its description, or no actuators.
+        ParameterError: if the limb in the plant is not that of the description, or too stiff for
+            the steps of a discrete plant.
     """
     actuation = LimbActuation(parameters, name=f"{plant.GetModelInstanceName(limb)}_actuation")
-    joints = _checked_joints(plant, limb, actuation.parameters)
-    if plant.num_actuated_dofs(limb) != len(joints):
-        raise ParameterError(
-            f"The limb {plant.GetModelInstanceName(limb)!r} has {plant.num_actuated_dofs(limb)} "
-            f"actuators for {len(joints)} joints; URDF has no springs, so call add_springs before "
-            "the plant is finalized, or parse its SDFormat."
-        )
+    joints = _check_model(plant, limb, actuation.parameters)
+    if plant.time_step():
+        check_step(plant, joints, actuation.parameters)
     builder.AddSystem(actuation)
     builder.Connect(plant.get_state_output_port(limb), actuation.GetInputPort("joint_state"))
     builder.Connect(actuation.GetOutputPort("torque"), plant.get_actuation_input_port(limb))
@@ -243,6 +247,65 @@ def _checked_joints(
             "was written of."
         )
     return joints
+
+
+def _check_model(
+    plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
+) -> list[RevoluteJoint]:
+    """The joints of a limb; raises ParameterError if it is not as described."""
+    joints, layout = _checked_joints(plant, limb, parameters), Layout(parameters)
+    name = plant.GetModelInstanceName(limb)
+    elements = map(
+        plant.get_force_element, map(ForceElementIndex, range(plant.num_force_elements()))
+    )
+    springs = {e.joint().index(): e for e in elements if isinstance(e, RevoluteSpring)}
+    if plant.num_actuated_dofs(limb) != len(joints) or not all(
+        joint.index() in springs for joint in joints
+    ):
+        raise ParameterError(
+            f"The limb {name!r} has no springs or no actuators, as URDF has none; call add_springs "
+            "before the plant is finalized, or parse its SDFormat."
+        )
+    stiffness = [springs[joint.index()].default_stiffness() for joint in joints]
+    mass = sum(plant.get_body(body).default_mass() for body in plant.GetBodyIndices(limb))
+    names = [f"stiffness of {joint.name()}" for joint in joints]
+    for what, unit, found, described in (
+        ("mass", "kg", mass, layout.body_masses.sum()),
+        *zip(names, ["N·m/rad"] * len(names), stiffness, layout.stiffness, strict=True),
+    ):
+        if not np.isclose(found, described, rtol=1e-6):
+            raise ParameterError(
+                f"The {what} of the limb {name!r} is {found:.6g} {unit} in the plant and "
+                f"{described:.6g} {unit} in its description; write its model anew by "
+                "urdf.limb_sdf of this description."
+            )
+    return joints
+
+
+def check_step(
+    plant: MultibodyPlant, joints: Sequence[RevoluteJoint], parameters: LimbParameters
+) -> None:
+    """Raises ParameterError if the springs, whose forces are those before each step, blow up.
+
+    With damping by the forces after it, a mode is stable where 4 m + 2 h σ > h² k.
+
+    Args:
+        plant: finalized and discrete.
+        joints: the joints (n) that the parameters describe.
+        parameters: description of the limb.
+    """
+    step, layout = plant.time_step(), Layout(parameters)
+    excess = np.zeros(plant.num_velocities())
+    of_joints = step * (step * layout.stiffness - 2 * layout.damping)
+    excess[[joint.velocity_start() for joint in joints]] = of_joints
+    mass = 4 * plant.CalcMassMatrix(plant.CreateDefaultContext())
+    if (highest := scipy.linalg.eigh(np.diag(excess), mass, eigvals_only=True)[-1]) >= 1.0:
+        raise ParameterError(
+            f"The limbs are too stiff for their mass and damping to be simulated in steps of "
+            f"{1e3 * step:g} ms: their fastest mode is {highest:.2f} times as stiff as it may be; "
+            f"give the plant a smaller time_step, or the segments a damping of "
+            f"{0.6 * step * layout.stiffness.max():.2g} N·m·s/rad, if that is possible."
+        )
 
 
 def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
@@ -13,7 +12,6 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
-    ContactResults,
     CoulombFriction,
     DiscreteContactApproximation,
     MultibodyPlant,
@@ -31,11 +29,11 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import MatrixGain, PortSwitch
 
-from limb_systems.model.layout import Layout
-from limb_systems.model.limb import add_joint_springs
+from limb_systems.model.contact import ContactForces
+from limb_systems.model.limb import add_joint_springs, check_step
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
-from limb_systems.model.parameters import LimbParameters, ParameterError
+from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.model.wire_blocks import VectorFunction, add_wires
 from urdf import robot_urdf
@@ -139,7 +137,7 @@ def make_robot(
     add_robot(plant, robot)
     plant.Finalize()
     if robot.ground:
-        _check_step(plant, robot)
+        check_step(plant, limb_joints(plant, robot), robot.together)
     return plant
 
 
@@ -157,25 +155,6 @@ def add_plant(
     builder.Connect(plant.get_state_output_port(), select.get_input_port())
     builder.Connect(spread.get_output_port(), plant.get_applied_generalized_force_input_port())
     return plant, select.get_output_port(), spread.get_input_port()
-
-
-def _check_step(plant: MultibodyPlant, robot: RobotParameters) -> None:
-    """Raises ParameterError if the springs, whose forces are those before each step, blow up.
-
-    With damping by the forces after it, a mode is stable where 4 m + 2 h σ > h² k.
-    """
-    joints, step, layout = limb_joints(plant, robot), plant.time_step(), Layout(robot.together)
-    excess = np.zeros(plant.num_velocities())
-    of_joints = step * (step * layout.stiffness - 2 * layout.damping)
-    excess[[joint.velocity_start() for joint in joints]] = of_joints
-    mass = 4 * plant.CalcMassMatrix(plant.CreateDefaultContext())
-    if (highest := scipy.linalg.eigh(np.diag(excess), mass, eigvals_only=True)[-1]) >= 1.0:
-        raise ParameterError(
-            f"The limbs are too stiff for their mass and damping to be simulated in steps of "
-            f"{1e3 * step:g} ms: their fastest mode is {highest:.2f} times as stiff as it may be; "
-            f"give Robot a smaller time_step, or the segments a damping of "
-            f"{0.6 * step * layout.stiffness.max():.2g} N·m·s/rad, if that is possible."
-        )
 
 
 def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
@@ -303,46 +282,11 @@ def export_contact_force(
 ) -> None:
     """Exports the output port ``contact_force``, if there is a ground."""
     if robot.ground:
-        forces = builder.AddSystem(FootForces(plant, robot))
+        feet = [[plant.GetBodyByName(f"{limb.name}_foot").index()] for limb in robot.limbs]
+        axes = [0, 2] if robot.force_size == 2 else [0, 1, 2]
+        forces = builder.AddSystem(ContactForces(plant, feet, axes))
         builder.Connect(plant.get_contact_results_output_port(), forces.get_input_port())
         builder.ExportOutput(forces.get_output_port(), "contact_force")
-
-
-class FootForces(LeafSystem):
-    """Forces from the ground on each foot of a robot.
-
-    - input 0 ``contact_results``: abstract, of the plant
-    - output 0 ``contact_force``: N, as the port of `Robot`
-    """
-
-    __slots__ = ()  # see limb_systems.model.ownership
-
-    def __init__(self, plant: MultibodyPlant, robot: RobotParameters):
-        """
-        Args:
-            plant: finalized, with the robot.
-            robot: description of the robot.
-        """
-        super().__init__()
-        self._axes = [0, 2] if robot.force_size == 2 else [0, 1, 2]
-        self._feet = {
-            plant.GetBodyByName(f"{limb.name}_foot").index(): number
-            for number, limb in enumerate(robot.limbs)
-        }
-        self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
-        size = len(self._feet) * len(self._axes)
-        self.DeclareVectorOutputPort("contact_force", size, weak_method(self._calc))
-        self.set_name("foot_forces")
-
-    def _calc(self, context, output):
-        results = self.get_input_port().Eval(context)
-        forces = np.zeros((len(self._feet), 3))
-        for index in range(results.num_point_pair_contacts()):
-            contact = results.point_pair_contact_info(index)
-            for body, sign in ((contact.bodyA_index(), -1), (contact.bodyB_index(), 1)):
-                if body in self._feet:
-                    forces[self._feet[body]] += sign * contact.contact_force()
-        output.SetFromVector(forces[:, self._axes].ravel())
 
 
 class DutyOfLimbs(Diagram):

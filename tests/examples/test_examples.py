@@ -224,3 +224,26 @@ def test_own_cost(tmp_path):
     first_and_last = plan.time[[full[0], full[-1] + 29]]
     np.testing.assert_allclose(list(map(float, active)), first_and_last, atol=0.2)
     assert (tmp_path / "out" / "own_cost.png").read_bytes().startswith(PNG)
+
+
+def test_own_diagram(tmp_path):
+    said = run([EXAMPLES / "own_diagram.py"], tmp_path)
+    assert said.startswith("after 20 s the arm hangs by 90°")
+    assert (tmp_path / "out" / "own_diagram.png").read_bytes().startswith(PNG)
+
+
+def test_gripper(tmp_path):
+    """Contact, of which the plan knows the springs of the finger alone, confirms force and time."""
+    said = run([EXAMPLES / "gripper.py"], tmp_path)
+    planned, opens, force, free = (
+        float(re.search(pattern, said)[1])
+        for pattern in (
+            r"grip +([\d.]+) N",
+            r"open ([\d.]+) s after",
+            r"simulation +([\d.]+) N",
+            r"free after ([\d.]+) s",
+        )
+    )
+    assert force == pytest.approx(planned, rel=0.1)
+    assert free == pytest.approx(opens, abs=0.2)
+    assert (tmp_path / "out" / "gripper.png").read_bytes().startswith(PNG)

@@ -115,8 +115,13 @@ def test_what_does_not_fit_a_limb_is_refused():
     (limp,) = Parser(plant).AddModelsFromString(text, "urdf")
     finger = add_limb(plant, parameters, "finger")
     plant.Finalize()
-    with pytest.raises(LimbError, match=r"'limb' has 0 actuators for 5 joints.*add_springs"):
+    with pytest.raises(LimbError, match=r"'limb' has no springs or no actuators.*add_springs"):
         add_limb_actuation(builder, plant, limp, parameters)
+    parameters.segments[0].stiffness *= 1.5
+    with pytest.raises(
+        LimbError, match=r"joint_1 of the limb 'finger' is 0.1246 N·m/rad in the pl"
+    ):
+        add_limb_actuation(builder, plant, finger, parameters)
     parameters.segments[0].links = 3
-    with pytest.raises(LimbError, match="'finger' has 5 joints in the plant and 3 in its descr"):
+    with pytest.raises(LimbError, match=r"'finger' has 5 joints in the plant and 3 in its descr"):
         add_limb_actuation(builder, plant, finger, parameters)

@@ -1,0 +1,173 @@
+"""What a finger must do to press on an object: the bend and the heat for a force.
+
+A finger is a planar limb that bends until one of its links touches a ball. At rest, the springs
+and the force F of the contact carry the wires' torque:
+
+    K θ + ∇V(θ) - f(x) = F ∇g(θ),   g(θ) = 0   (2 at rest, with a contact)
+
+where g is the gap between the limb's axis and the ball, less half the limb's thickness. f depends
+on heat alone, so the plan of a grip is that of the same heat in free air, where the finger would
+bend further: by the bend that F takes back. Hence a reference for `plan` is enough, and the heat,
+its limits and how long they take are those of the plan.
+"""
+
+import dataclasses
+import itertools
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+
+from limb_systems import Layout, LimbParameters, Wires, bend_angle
+from limb_systems.model.dynamics import equation_of_motion
+from limb_systems.model.kinematics import Chain
+from limb_systems.model.statics import HeldAngles
+from planners.transcription.solving import PlanningError
+
+
+@dataclasses.dataclass(frozen=True)
+class Grip:
+    """A finger at rest that presses on a ball.
+
+    - ``bend_angle``: φ of the free finger under the same heat, rad, by (11) from the mean of its
+      joints' angles, as (15) weighs them: what to ask of a plan.
+    - ``held_bend_angle``: φ with the ball, rad.
+    - ``joint_angles``: θ with the ball (n,), rad.
+    - ``force``: F, N, and ``normal``: unit vector from the finger to the ball in (E1, E2).
+    - ``wire_temperature``: T of each wire (W,), °C.
+    - ``largest_force``: N, that the finger can hold there without end, its wires at T_max.
+    """
+
+    bend_angle: float
+    held_bend_angle: float
+    joint_angles: np.ndarray
+    force: float
+    normal: np.ndarray
+    wire_temperature: np.ndarray
+    largest_force: float
+
+
+def grip(
+    parameters: LimbParameters,
+    center: ArrayLike,
+    radius: float,
+    force: float,
+    *,
+    margin: float = 5.0,
+) -> Grip:
+    """The grip of a finger on a ball, whose other wires are at T_warm.
+
+    Args:
+        parameters: description of the finger, a planar limb of one segment, with gravity.
+        center: of the ball in the base's frame, (E1, E2), m.
+        radius: of the ball, m.
+        force: F with which the finger presses, N.
+        margin: °C, by which wires stay below T_max.
+
+    Raises:
+        PlanningError: if the limb is no such finger, does not reach the ball, touches it with cold
+            wires, or cannot press so hard.
+    """
+    return _Finger(parameters, np.asarray(center, float), radius, margin).grip(force)
+
+
+class _Finger:
+    """The equations of `grip`."""
+
+    def __init__(
+        self, parameters: LimbParameters, center: np.ndarray, radius: float, margin: float
+    ):
+        layout = Layout(parameters)
+        if not layout.is_planar or len(parameters.segments) > 1:
+            raise PlanningError("Grips are of planar limbs of one segment; this limb is another.")
+        if center.shape != (2,) or not center[1] or not radius > 0:
+            raise PlanningError(
+                f"The ball is at {center.tolist()} m with a radius of {radius:g} m; give its "
+                "center in (E1, E2), to one side of the straight finger, and a radius above 0."
+            )
+        self._parameters, self._center = parameters, center
+        self._wires, self._held = Wires(parameters), HeldAngles(parameters, of_equal_angles=True)
+        side = np.sign(center[1])
+        self._pulls = np.array([np.sign(wire.e2) == side for wire in parameters.wires])
+        limits = parameters.temperature_limits
+        self._warm, self._hottest = limits.warm, limits.maximum - margin
+        n, segment = layout.num_joints, parameters.segments[0]
+        q, x, F = ca.SX.sym("q", n), ca.SX.sym("x", self._wires.num_states), ca.SX.sym("F")
+        chain, still = Chain(layout, q), ca.SX(n, 1)
+        last = chain.position(n - 1, layout.end_offset[-1])
+        ends = [*chain.origins, last]
+        gap = ca.norm_2(ca.DM(center) - _nearest(ends, ca.DM(center))[:2])
+        away = radius + segment.thickness / 2
+        residual = equation_of_motion(parameters, self._wires, q, still, still, x)
+        balance = ca.vertcat(residual - F * ca.gradient(gap, q), gap - away)
+        unknown = ca.vertcat(q, F)
+        self._touching = ca.rootfinder("grip", "newton", {"x": unknown, "p": x, "g": balance})
+        self._point = ca.Function("point", [q], [_nearest(ends, ca.DM(center))])
+        # The touching finger moves little with T. From far away, a root may be beyond the ball.
+        self._start = np.append(self._held.angles(self._states(self._warm)), 0.0)
+        self._start = np.append(*self._pressing(self._warm))
+
+    def grip(self, force: float) -> Grip:
+        most = self._force(self._hottest)
+        if most <= 0:
+            raise PlanningError(
+                f"The finger does not reach the ball with wires at {self._hottest:g} °C; move the "
+                "ball nearer."
+            )
+        if self._force(self._warm) >= 0:
+            raise PlanningError(
+                f"The finger touches the ball with all wires at {self._warm:g} °C; move the ball "
+                "away from it."
+            )
+        if not 0 < force <= most:
+            raise PlanningError(
+                f"The finger can press on this ball with up to {most:.3g} N, its wires at "
+                f"{self._hottest:g} °C, and not with {force:g} N."
+            )
+        T = brentq(lambda T: self._force(T) - force, self._warm, self._hottest)
+        angles, _ = self._pressing(T)
+        away = self._center - np.array(self._point(angles)).ravel()[:2]
+        return Grip(
+            bend_angle=float(self._held.values(self._states(T))[0]),
+            held_bend_angle=float(bend_angle(self._parameters, angles)[0]),
+            joint_angles=angles,
+            force=force,
+            normal=away / np.linalg.norm(away),
+            wire_temperature=np.where(self._pulls, T, self._warm),
+            largest_force=most,
+        )
+
+    def _force(self, T: float) -> float:
+        """F, N, with the pulling wires at T; negative where the ball would have to pull."""
+        return self._pressing(T)[1]
+
+    def _pressing(self, T: float) -> tuple[np.ndarray, float]:
+        """θ (n,) and F at rest, with the pulling wires at T and the ball touched."""
+        states = self._states(T)
+        try:
+            found = self._touching(self._start, states)
+        except RuntimeError as error:
+            raise PlanningError(
+                "No way was found for the finger to touch the ball; is it within reach of one of "
+                "its sides?"
+            ) from error
+        values = np.array(found).ravel()
+        return values[:-1], float(values[-1])
+
+    def _states(self, T: float) -> np.ndarray:
+        return self._wires.settled_states(np.where(self._pulls, T, self._warm))
+
+
+def _nearest(ends: list[ca.SX], point: ca.DM) -> ca.SX:
+    """The point (3,) of links from end to end that is nearest to a point (2,)."""
+    points = []
+    for start, end in itertools.pairwise(ends):
+        along = end[:2] - start[:2]
+        share = ca.dot(point - start[:2], along) / ca.dot(along, along)
+        points.append(start + ca.fmax(0.0, ca.fmin(1.0, share)) * (end - start))
+    nearest = points[0]
+    for at in points[1:]:
+        nearer = ca.norm_2(point - at[:2]) < ca.norm_2(point - nearest[:2])
+        nearest = ca.if_else(nearer, at, nearest)
+    return nearest

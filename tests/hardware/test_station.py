@@ -1,0 +1,99 @@
+"""Stations by scenarios: simulated, emulated and on a board, and scenarios that are wrong."""
+
+import numpy as np
+import pytest
+
+from hardware import LimbTwin, Station, drive, emulated_port
+from limb_systems import Limb, LimbError, LimbParameters, simulate
+from urdf import limb_sdf
+
+SCENARIO = """
+directives:
+- add_model: {name: finger, file: package://scenario/finger.sdf}
+- add_weld: {parent: world, child: finger::base}
+- add_model: {name: thumb, file: package://soft_limb/limb_5.sdf}
+- add_weld: {parent: world, child: thumb::base, X_PC: {translation: [0.0, 0.5, 0.0]}}
+model_drivers:
+  finger: !LimbDriver {limb: finger.yaml, seed: 3}
+  thumb: !LimbDriver {limb: thumb.yaml, seed: 4}
+"""
+DUTY = {"finger.duty": [0.0, 0.4], "thumb.duty": [0.3, 0.0]}
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    """A scenario of two limbs that hang from the world's z, one of them of four links."""
+    for name, links in (("finger", 4), ("thumb", 5)):
+        limb = LimbParameters()
+        limb.segments[0].links, limb.gravity = links, [0.0, 0.0, -9.81]
+        limb.save(tmp_path / f"{name}.yaml")
+        (tmp_path / f"{name}.sdf").write_text(limb_sdf(limb.segments))
+    (tmp_path / "scenario.yaml").write_text(SCENARIO)
+    return tmp_path / "scenario.yaml"
+
+
+def test_simulated_limbs_bend_as_each_alone(scenario):
+    seen = drive(Station(scenario), DUTY, 3.0, sample_rate=10.0)
+    for name in ("finger", "thumb"):
+        alone = Limb(scenario.with_name(f"{name}.yaml"))
+        alone = simulate(alone, DUTY[f"{name}.duty"], 3.0, sample_rate=10.0)
+        for signal, tolerance in (("bend_angle", 2e-3), ("wire_temperature", 0.02)):
+            found = seen[f"{name}.{signal}"]
+            np.testing.assert_allclose(found, getattr(alone, signal), atol=tolerance)
+        np.testing.assert_array_equal(seen[f"{name}.contact_force"], 0.0)
+    assert np.abs(seen["finger.bend_angle"]).max() > 0.1
+
+
+def test_emulated_limbs_are_those_of_their_seeds(scenario):
+    seen = drive(Station(scenario, "emulated"), DUTY, 3.0)
+    twin = LimbTwin(scenario.with_name("thumb.yaml"), seed=4, truth=True)
+    alone = simulate(twin, DUTY["thumb.duty"], 3.0)
+    np.testing.assert_allclose(seen["thumb.bend_angle"], alone.bend_angle, atol=1e-4)
+    assert "thumb.contact_force" not in seen
+
+
+def test_limbs_on_boards_are_driven_in_real_time_and_switched_off(scenario):
+    with emulated_port(seed=4) as port:
+        text = SCENARIO.replace("limb: thumb.yaml, seed: 4", f"port: '{port}'")
+        scenario.write_text(
+            text.replace("  finger: !LimbDriver {limb: finger.yaml, seed: 3}\n", "")
+        )
+        station = Station(scenario, "board")
+        readings = drive(station, {"thumb.duty": [0.8, 0.0]}, 1.5)["thumb.measured_temperature"]
+        assert readings[0, -1] > readings[1, -1] + 0.9
+        again = Station(scenario, "board")  # the port is free again, and the wires are off
+        with again:
+            np.testing.assert_array_equal(again.limbs["thumb"].link.sample().duty, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right", "said"),
+    [
+        ("directives:", "directve:", r"scenario\.yaml: .*'directve'.* unknown"),
+        ("!LimbDriver", "!LimDriver", "'LimDriver' did not match"),
+        ("limb_5.sdf", "limb_6.sdf", r"limb_6\.sdf"),
+        ("  thumb:", "  tumb:", "model_drivers has tumb.*they add finger, thumb"),
+        ("limb: thumb.yaml", "limb: finger.yaml", "'thumb' has 5 joints in the plant and 4"),
+        ("limb: thumb.yaml", "limb: no.yaml", r"no\.yaml"),
+    ],
+)
+def test_a_scenario_that_is_wrong_is_refused_by_one_sentence(scenario, wrong, right, said):
+    scenario.write_text(SCENARIO.replace(wrong, right))
+    with pytest.raises(LimbError, match=said) as refused:
+        Station(scenario)
+    assert "\n" not in str(refused.value)
+
+
+def test_inputs_that_do_not_fit_are_refused(scenario):
+    with pytest.raises(LimbError, match=r"no input thum\.duty; it has finger\.duty, thumb\.duty"):
+        drive(Station(scenario), {"thum.duty": [0.0, 0.0]}, 1.0)
+    with pytest.raises(LimbError, match=r"thumb\.duty has 2 numbers, and what it is given 3"):
+        drive(Station(scenario), {"thumb.duty": [0.0, 0.0, 0.0]}, 1.0)
+    with pytest.raises(LimbError, match="finger has no port"):
+        Station(scenario, "board")
+
+
+def test_gravity_of_another_direction_than_planned_for_is_warned_of(scenario):
+    scenario.write_text(SCENARIO.replace("X_PC: {", "X_PC: {rotation: !Rpy {deg: [90, 0, 0]}, "))
+    with pytest.warns(UserWarning, match="base of the limb 'thumb'.*give the description the same"):
+        Station(scenario)
