@@ -54,7 +54,7 @@ class LimbDriver:
 
     - ``limb``: YAML file of its `LimbParameters`, from the scenario's folder; the nominal limb if
       empty.
-    - ``seed``: of the limb that is emulated.
+    - ``seed``: seed of the limb where it is emulated.
     - ``port``: serial port of its board.
     """
 
@@ -88,7 +88,7 @@ class Scenario:
       is the scenario's folder.
     - ``model_drivers``: a driver for the model instances that have one, by name: `LimbDriver`, or
       Drake's `ZeroForceDriver`.
-    - ``plant_config``, ``simulator_config``: of the simulation.
+    - ``plant_config``, ``simulator_config``: settings of the simulation.
     """
 
     directives: list[ModelDirective] = dataclasses.field(default_factory=list)
@@ -211,10 +211,10 @@ def drive(
 
     Args:
         station: it becomes part of a diagram and cannot be run again.
-        inputs: by port, a plan for ``NAME.duty``, a Drake trajectory with a row for each number, or
-            constants. A ``NAME.desired_state`` may be given its positions alone.
+        inputs: signals by the names of ports: a plan for ``NAME.duty``, a Drake trajectory with a
+            row for each number, or constants. ``NAME.desired_state`` may have positions alone.
         duration: s.
-        sample_rate: of what is returned, Hz.
+        sample_rate: rate of what is returned, Hz.
 
     Returns:
         "time" (K,), s, and the samples (size, K) of all output ports by name.
@@ -286,7 +286,7 @@ def ApplyDriverConfig(
         driver_config: description of the limb.
         model_instance_name: name of the limb in the plant.
         sim_plant: finalized, with the limb.
-        models_from_directives, lcms: of no use to limbs.
+        models_from_directives, lcms: not used.
         builder: builder of the diagram that has the plant.
 
     Raises:

@@ -60,8 +60,8 @@ def grip(
 
     Args:
         parameters: description of the finger, a planar limb of one segment, with gravity.
-        center: of the ball in the base's frame, (E1, E2), m.
-        radius: of the ball, m.
+        center: center of the ball in the base's frame, (E1, E2), m.
+        radius: radius of the ball, m.
         force: F with which the finger presses, N.
         margin: °C, by which wires stay below T_max.
 

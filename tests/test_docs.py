@@ -9,6 +9,7 @@ import pkgutil
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -29,13 +30,14 @@ from controllers import (
     RecedingHorizon,
     TemperatureSupervisor,
 )
-from hardware import LimbTwin, RobotTwin, SensedLimb, SerialLimb
+from hardware import LimbTwin, RobotTwin, SensedLimb, SerialLimb, Station
 from hardware.live.feed import Feed
 from hardware.robot.journal import Journal
 from limb_systems import (
     CalibrationRecord,
     HeatBounds,
     Limb,
+    LimbActuation,
     LimbParameters,
     LimbVisualizer,
     LinearLaw,
@@ -251,7 +253,18 @@ class Board:
 
 
 @pytest.fixture
-def systems(monkeypatch, fig5_plan, gait):
+def station(tmp_path):
+    """That of the scenario on the page, with the files of the gripper."""
+    shutil.copytree(ROOT / "examples" / "gripper", tmp_path, dirs_exist_ok=True)
+    (scenario,) = (
+        code for code, _ in blocks(TEXTS[PAGES["hardware"]], "yaml") if "drivers" in code
+    )
+    (tmp_path / "scenario.yaml").write_text(scenario, encoding="utf-8")
+    return Station(tmp_path / "scenario.yaml")
+
+
+@pytest.fixture
+def systems(monkeypatch, fig5_plan, gait, station):
     """All systems by the names of their classes, with those that the limbs consist of."""
     monkeypatch.setattr(hardware.robot.serial_limb, "open_link", Board)
     nominal, known = LimbParameters(), LimbParameters()
@@ -275,6 +288,8 @@ def systems(monkeypatch, fig5_plan, gait):
         SerialLimb("port"),
         Feed(None, Limb()),
         Journal(os.devnull, Limb(), 20.0),
+        LimbActuation(),
+        station,
     ]
     return {class_name(system): system for system in made}
 

@@ -32,7 +32,7 @@ class ContactForces(LeafSystem):
         Args:
             plant: finalized, registered with a SceneGraph.
             groups: bodies whose forces are added up.
-            axes: of the world, along which forces are shown: 0 for x and so on.
+            axes: axes of the world along which forces are shown: 0 for x and so on.
         """
         super().__init__()
         self._axes, self._num_groups = list(axes), len(groups)

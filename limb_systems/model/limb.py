@@ -99,9 +99,8 @@ class LimbActuation(Diagram):
 
     - input 0 ``duty``: D (W), in [0, 1]
     - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s, the plant's state of the limb's instance
-    - output 0 ``torque``: of wires and rubber on the joints (n), N·m
-    - outputs 1 to 5: ``measured_temperature``, ``bend_angle``, ``wire_temperature``,
-      ``joint_state`` and ``measurement``, as of `Limb`
+    - outputs 0 to 4: those of `Limb`
+    - output 5 ``torque``: torque of wires and rubber on each joint (n), N·m
     - state, continuous: x (N), V (W); by default of cold wires
     """
 

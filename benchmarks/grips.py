@@ -1,0 +1,84 @@
+"""How planned grips come out in a simulation with contact: forces, and when the ball is free.
+
+The gripper of examples/gripper.py, with other forces, balls, hands and wires. The plan is that of
+a free finger by `planners.grip`; the simulation is Drake's, with hydroelastic contact.
+
+    python benchmarks/grips.py
+"""
+
+import copy
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from hardware import Station, drive
+from limb_systems import HystereticLaw, LimbParameters, SaturatingLaw
+from planners import Task, grip, plan, references
+
+FOLDER = Path(__file__).parents[1] / "examples" / "gripper"
+ALONG, OPENS, END = 0.085, 22.0, 26.0  # m, s
+CASES = (  # ball's radius, distance of the finger from its centre, m; force, N; law
+    ("light", 0.02, 0.035, 0.05, None),
+    ("as the example", 0.02, 0.035, 0.1, None),
+    ("strong", 0.02, 0.035, 0.2, None),
+    ("larger ball", 0.025, 0.04, 0.1, None),
+    ("smaller ball", 0.0175, 0.033, 0.1, None),
+    ("wider hand", 0.02, 0.04, 0.1, None),
+    ("saturating wires", 0.02, 0.035, 0.1, SaturatingLaw),
+    ("hysteretic wires", 0.02, 0.035, 0.1, HystereticLaw),
+)
+
+
+def station(finger: LimbParameters, radius: float, distance: float, folder: Path) -> Station:
+    """That of the example, with a finger, a ball and a hand of one's own."""
+    shutil.copytree(FOLDER, folder, dirs_exist_ok=True)
+    finger.save(folder / "finger.yaml")
+    for name, changes in {
+        "scenario.yaml": {"0.035": f"{distance}", "0.02]": f"{radius}]"},
+        "ball.sdf": {"0.02</radius>": f"{radius}</radius>"},
+        "wrist.sdf": {"0 0 0.105": f"0 0 {ALONG + radius}"},
+    }.items():
+        text = (folder / name).read_text()
+        for old, new in changes.items():
+            text = text.replace(old, new)
+        (folder / name).write_text(text)
+    return Station(folder / "scenario.yaml")
+
+
+def main() -> None:
+    nominal = LimbParameters.load(FOLDER / "finger.yaml")
+    row = "{:<18}{:>9}{:>9}{:>9}{:>9}{:>11}{:>11}{:>8}{:>8}"
+    print(row.format("grip", "force", "wire", "duty", "at most", "simulated", "", "open", "free"))
+    print(row.format("", "N", "°C", "", "N", "N", "", "s", "s"))
+    for name, radius, distance, force, law in CASES:
+        finger = copy.deepcopy(nominal)
+        for wire in finger.wires:
+            wire.law = law() if law else wire.law
+        held = grip(finger, [ALONG, distance], radius, force)
+        bends = np.array([[0.0, 0.0, held.bend_angle, held.bend_angle, 0.0, 0.0]])
+        motion = references.from_samples([0.0, 12.0, 14.0, OPENS, OPENS + 1.0, END], bends)
+        trajectory = plan(finger, motion, task=Task(duty_weight=0.05))
+        inputs = {f"{side}_finger.duty": trajectory for side in ("left", "right")}
+        with tempfile.TemporaryDirectory() as folder:
+            made = station(finger, radius, distance, Path(folder))
+            seen = drive(made, {**inputs, "wrist.desired_state": [0.0, 0.0]}, END)
+        forces = np.linalg.norm(seen["left_finger.contact_force"], axis=0)
+        simulated = forces[seen["time"] >= OPENS - 2.0][0]
+        opens = trajectory.time[trajectory.bend_angle[0] > held.held_bend_angle][-1] - OPENS
+        cells = (
+            f"{force:.2f}",
+            f"{held.wire_temperature.max():.0f}",
+            f"{trajectory.duty[:, trajectory.time >= OPENS - 2.0][:, 0].max():.2f}",
+            f"{held.largest_force:.2f}",
+            f"{simulated:.3f}",
+            f"{simulated / force - 1:+.1%}",
+            f"{opens:.1f}",
+            f"{seen['time'][np.flatnonzero(forces)[-1]] - OPENS:.1f}",
+        )
+        print(row.format(name, *cells), flush=True)
+
+
+if __name__ == "__main__":
+    main()
