@@ -9,26 +9,43 @@ drawn by hand.
 import argparse
 import contextlib
 import os
+import runpy
 import shutil
 import subprocess
 import sys
+import tempfile
 import threading
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import casadi as ca
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from pydrake.geometry import (
+    ClippingRange,
+    ColorRenderCamera,
+    LightParameter,
+    MakeRenderEngineVtk,
+    PerceptionProperties,
+    RenderCameraCore,
+    RenderEngineVtkParams,
+    Rgba,
+    Role,
+    RoleAssign,
+)
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPortIndex
+from pydrake.systems.sensors import CameraInfo
 from scipy.interpolate import CubicSpline
 
 from calibration import BendAngleController, EquilibriumSchedule
 from controllers import PlanFeedback
-from hardware import LimbTwin, replay
+from hardware import LimbTwin, Station, replay
 from limb_systems import (
     Layout,
     Limb,
@@ -115,6 +132,57 @@ def make_space(evaluation: Path) -> None:
             raise SystemExit(1)
     files = Trajectory.load(space / "plan.csv"), Recording.load(space / "recording.csv")
     save_figure(draw_in_space(*files), FOLDER / "space.png")
+
+
+def make_gripper(_: Path) -> None:
+    """The gripper of the example at four times, as it was simulated."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        example = runpy.run_path(str(FOLDER.parent / "examples" / "gripper.py"))
+    seen, station = example["seen"], Station(example["FOLDER"] / "scenario.yaml")
+    scene_graph, plant = station.GetSubsystemByName("scene_graph"), station.plant
+    beams = [
+        LightParameter(type="directional", frame="world", direction=direction, intensity=intensity)
+        for direction, intensity in (([0.2, 0.8, -0.6], 0.8), ([-0.3, 0.3, -1.0], 0.5))
+    ]
+    white = RenderEngineVtkParams(default_clear_color=[1.0, 1.0, 1.0], lights=beams)
+    scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(white))
+    size, depth = CameraInfo(340, 480, 0.5), ClippingRange(0.01, 5.0)  # px, rad; m
+    camera = ColorRenderCamera(RenderCameraCore("vtk", size, depth, RigidTransform()))
+    right, ahead = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.98, -0.2]) / np.hypot(0.98, 0.2)
+    axes = np.column_stack([right, np.cross(ahead, right), ahead])
+    pose = RigidTransform(RotationMatrix(axes), [0.0, -0.4, 0.17])
+    root = station.CreateDefaultContext()
+    scene, positions = (s.GetMyMutableContextFromRoot(root) for s in (scene_graph, plant))
+    shots = []
+    for time in (11.0, 15.0, 22.0, 33.0):
+        k = np.searchsorted(seen["time"], time)
+        for name, signal in seen.items():
+            model, _, what = name.partition(".")
+            if what in ("state", "joint_state"):
+                instance = plant.GetModelInstanceByName(model)
+                state = signal[: plant.num_positions(instance), k]
+                plant.SetPositions(positions, instance, state)
+        for name, wires in station.limbs.items():
+            color_wires(scene_graph, scene, plant, name, wires.parameters, seen, k)
+        query = scene_graph.get_query_output_port().Eval(scene)
+        shot = query.RenderColorImage(camera, scene_graph.world_frame_id(), pose)
+        shots.append(shot.data[..., :3].copy())
+    plt.imsave(FOLDER / "gripper.png", np.hstack(shots))
+
+
+def color_wires(scene_graph, scene, plant, name: str, parameters, seen, k: int) -> None:
+    """Give the wires of a simulated limb the colours of their temperatures at a sample."""
+    colors = wire_color(parameters, seen[f"{name}.wire_temperature"][:, k])
+    inspector, source = scene_graph.model_inspector(), plant.get_source_id()
+    for body in plant.GetBodyIndices(plant.GetModelInstanceByName(name)):
+        frame = plant.GetBodyFrameIdOrThrow(body)
+        for geometry in inspector.GetGeometries(frame, Role.kPerception):
+            for wire, color in zip(parameters.wire_names, colors, strict=True):
+                if inspector.GetName(geometry).endswith(f"wire_{wire}"):
+                    shown = PerceptionProperties()
+                    shown.AddProperty("phong", "diffuse", Rgba(*color))
+                    scene_graph.RemoveRole(scene, source, geometry, Role.kPerception)
+                    scene_graph.AssignRole(scene, source, geometry, shown, RoleAssign.kNew)
 
 
 def photograph_replay(evaluation: Path) -> None:
@@ -524,6 +592,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "runs": photograph_runs,
     "live": photograph_live_page,
     "walk": make_walk,
+    "gripper": make_gripper,
     "space": make_space,
 }
 

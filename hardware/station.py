@@ -40,7 +40,7 @@ from limb_systems.model.contact import ContactForces
 from limb_systems.simulation import advance, make_simulator
 
 SIMULATED, EMULATED, BOARD = KINDS = ("simulated", "emulated", "board")
-OUTPUTS = ("measured_temperature", "bend_angle", "wire_temperature", "measurement")
+OUTPUTS = "measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"
 TILTED = 0.5  # m/s², by which gravity in a description may differ from that in the plant
 
 
@@ -119,8 +119,8 @@ class Station(Diagram):
 
     - input ``left_finger.duty``: D (W), in [0, 1]
     - outputs ``left_finger.measured_temperature``: V (W), °C; ``left_finger.bend_angle``: φ (F),
-      rad; ``left_finger.measurement``: [V, φ]; and ``left_finger.wire_temperature``: T (W), °C,
-      unless it is on a board
+      rad; ``left_finger.measurement``: [V, φ]; and, unless it is on a board,
+      ``left_finger.wire_temperature``: T (W), °C, and ``left_finger.joint_state``: [θ, θ̇] (2n)
 
     With simulated limbs also, for each limb, output ``left_finger.contact_force``: N, of whatever
     touches it, along x, y and z of the world (3); for each other model instance that moves,
