@@ -23,12 +23,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import (
-    ConstantVectorSource,
-    LogVectorOutput,
-    MatrixGain,
-    TrajectorySource,
-)
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 import urdf
@@ -128,8 +123,6 @@ class Station(Diagram):
     ``wrist.actuation``, which may be left unconnected, and ``wrist.desired_state``, which its
     actuators with gains hold if it is connected.
 
-    - ``plant``: the MultibodyPlant; None unless limbs are simulated.
-    - ``limbs``: the system of each limb by name: `LimbActuation`, `LimbTwin` or `SerialLimb`.
     - ``real_time``: whether it has boards, and so must run in real time and be closed at the end.
     """
 
@@ -166,32 +159,41 @@ class Station(Diagram):
         }
         of_limbs = {name: d for name, d in drivers.items() if isinstance(d, LimbDriver)}
         self.real_time, self.scenario = limbs == BOARD, scenario
-        self.plant: MultibodyPlant | None = None
+        self._is_simulated, self._names = limbs == SIMULATED, list(of_limbs)
         builder = DiagramBuilder()
-        self.limbs: dict[str, Any] = {}
         if limbs == SIMULATED:
-            self.plant = _add_plant(builder, scenario, drivers, folder)
+            _add_plant(builder, scenario, drivers, folder)
             if meshcat:
                 ApplyVisualizationConfig(VisualizationConfig(), builder, meshcat=meshcat)
-            for name in of_limbs:
-                self.limbs[name] = builder.GetSubsystemByName(f"{name}_actuation")
-        try:
-            for name, driver in of_limbs.items() if limbs != SIMULATED else ():
-                self.limbs[name] = _limb_alone(name, driver, limbs)
-                builder.AddNamedSystem(name, self.limbs[name])
-                _export(builder, self.limbs[name], name)
-        except BaseException:  # a signal, too
-            self.close()
-            raise
+        else:
+            with contextlib.ExitStack() as opened:  # closed again if one does not answer
+                for name, driver in of_limbs.items():
+                    limb = builder.AddNamedSystem(name, _limb_alone(name, driver, limbs))
+                    if limbs == BOARD:
+                        opened.callback(limb.close)
+                    _export(builder, limb, name)
+                opened.pop_all()
         builder.BuildInto(self)
         self.set_name("station")
+
+    # A reference to a part would keep the station alive, see limb_systems.model.ownership.
+
+    @property
+    def plant(self) -> MultibodyPlant | None:
+        """The plant of what is simulated; None if limbs are emulated or on boards."""
+        return self.GetSubsystemByName("plant") if self._is_simulated else None
+
+    @property
+    def limbs(self) -> dict[str, Any]:
+        """The system of each limb by name: `LimbActuation`, `LimbTwin` or `SerialLimb`."""
+        suffix = "_actuation" if self._is_simulated else ""
+        return {name: self.GetSubsystemByName(f"{name}{suffix}") for name in self._names}
 
     def close(self) -> None:
         """Switches all wires off that are on boards, and closes their ports."""
         with contextlib.ExitStack() as every:  # whatever one of them raises
-            for limb in self.limbs.values():
-                if isinstance(limb, SerialLimb):
-                    every.callback(limb.close)
+            for limb in self.limbs.values() if self.real_time else ():
+                every.callback(limb.close)
 
     def __enter__(self) -> "Station":
         return self
@@ -300,7 +302,7 @@ def ApplyDriverConfig(
 
 def _add_plant(
     builder: DiagramBuilder, scenario: Scenario, drivers: Mapping[str, Any], folder: Path
-) -> MultibodyPlant:
+) -> None:
     """Adds the plant of a scenario with its drivers, and exports the ports of all models."""
     try:
         plant, _ = AddMultibodyPlant(config=scenario.plant_config, builder=builder)
@@ -318,9 +320,7 @@ def _add_plant(
             f"model_drivers has {', '.join(unknown)}, but the directives add no model of that "
             f"name; they add {', '.join(names) or 'none'}."
         )
-    limbs = {
-        n: plant.GetModelInstanceByName(n) for n, d in drivers.items() if type(d) is LimbDriver
-    }
+    limbs = [name for name, driver in drivers.items() if isinstance(driver, LimbDriver)]
     ApplyDriverConfigs(
         driver_configs=drivers,
         sim_plant=plant,
@@ -328,15 +328,11 @@ def _add_plant(
         lcm_buses=None,
         builder=builder,
     )
-    bodies = [plant.GetBodyIndices(limb) for limb in limbs.values()]
-    contact = builder.AddSystem(ContactForces(plant, bodies))
-    builder.Connect(plant.get_contact_results_output_port(), contact.get_input_port())
-    for number, name in enumerate(limbs):
-        part = builder.AddSystem(
-            MatrixGain(np.eye(3, contact.get_output_port().size(), 3 * number))
-        )
-        builder.Connect(contact.get_output_port(), part.get_input_port())
-        builder.ExportOutput(part.get_output_port(), f"{name}.contact_force")
+    for name in limbs:
+        bodies = plant.GetBodyIndices(plant.GetModelInstanceByName(name))
+        contact = builder.AddNamedSystem(f"{name}_contact", ContactForces(plant, [bodies]))
+        builder.Connect(plant.get_contact_results_output_port(), contact.get_input_port())
+        builder.ExportOutput(contact.get_output_port(), f"{name}.contact_force")
     for name in names:
         model = plant.GetModelInstanceByName(name)
         if name not in limbs and plant.num_velocities(model):
@@ -344,7 +340,6 @@ def _add_plant(
         if name not in drivers and plant.num_actuated_dofs(model):
             builder.ExportInput(plant.get_actuation_input_port(model), f"{name}.actuation")
             builder.ExportInput(plant.get_desired_state_input_port(model), f"{name}.desired_state")
-    return plant
 
 
 def _warn_of_gravity(

@@ -37,8 +37,9 @@ class ContactForces(LeafSystem):
         super().__init__()
         self._axes, self._num_groups = list(axes), len(groups)
         self._group_of = {body: group for group, bodies in enumerate(groups) for body in bodies}
+        # By number: the ids themselves would keep the plant alive.
         self._body_of = {
-            geometry: body
+            geometry.get_value(): body
             for body in self._group_of
             for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body))
         }
@@ -62,6 +63,8 @@ class ContactForces(LeafSystem):
         for index in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(index)
             surface = info.contact_surface()
-            on, on_other = (self._body_of.get(of) for of in (surface.id_M(), surface.id_N()))
+            on, on_other = (
+                self._body_of.get(of.get_value()) for of in (surface.id_M(), surface.id_N())
+            )
             add(on, info.F_Ac_W().translational(), on_other)
         output.SetFromVector(forces[:, self._axes].ravel())

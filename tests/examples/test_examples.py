@@ -244,6 +244,6 @@ def test_gripper(tmp_path):
             r"free after ([\d.]+) s",
         )
     )
-    assert force == pytest.approx(planned, rel=0.1)
+    assert force == pytest.approx(planned, rel=0.05)
     assert free == pytest.approx(opens, abs=0.2)
     assert (tmp_path / "out" / "gripper.png").read_bytes().startswith(PNG)

@@ -2,12 +2,13 @@
 
 import gc
 import weakref
+from pathlib import Path
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
-from hardware import LimbTwin
-from limb_systems import JouleHeating, Limb, LimbParameters, simulate
+from hardware import LimbTwin, Station
+from limb_systems import JouleHeating, Limb, LimbActuation, LimbParameters, Robot, simulate
 from planners import TrajectoryProgram
 
 
@@ -29,6 +30,9 @@ def limb_of_a_program():
     return TrajectoryProgram(LimbParameters(), np.linspace(0.0, 1.0, 3)).limb
 
 
+GRIPPER = Path(__file__).parents[2] / "examples" / "gripper" / "scenario.yaml"
+
+
 def test_system_is_freed():
     for make in [
         Limb,
@@ -37,7 +41,9 @@ def test_system_is_freed():
         limb_in_a_diagram,
         simulated_limb,
         limb_of_a_program,
-        lambda: Limb().ToAutoDiffXd(),
+        lambda: LimbActuation().ToAutoDiffXd(),
+        Robot,
+        lambda: Station(GRIPPER),
     ]:
         system = make()
         reference = weakref.ref(system)
