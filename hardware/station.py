@@ -23,7 +23,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 import urdf
@@ -32,7 +32,14 @@ from hardware.robot.serial_limb import SerialLimb
 from limb_systems import LimbError, LimbParameters, Trajectory, add_limb_actuation
 from limb_systems.input import read_text
 from limb_systems.model.contact import ContactForces
-from limb_systems.simulation import advance, make_simulator
+from limb_systems.schema import shown
+from limb_systems.simulation import (
+    advance,
+    build,
+    check_duty,
+    check_positive,
+    make_simulator,
+)
 
 SIMULATED, EMULATED, BOARD = KINDS = ("simulated", "emulated", "board")
 OUTPUTS = "measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"
@@ -101,6 +108,8 @@ class Scenario:
             StationError: if it is none, or has other fields.
         """
         text = read_text(path, "scenario", StationError)
+        if not text.strip():
+            raise StationError(f"{path} is empty; a scenario has directives and model_drivers.")
         try:
             return yaml_load_typed(schema=cls, data=text, defaults=cls())
         except Exception as error:  # Drake and PyYAML have many
@@ -222,25 +231,30 @@ def drive(
         "time" (K,), s, and the samples (size, K) of all output ports by name.
 
     Raises:
-        StationError: if the station has no such port, or an input has another size.
-        LimbError: if the simulation or a board fails.
+        StationError: if the station has no such port, an input has another size, or a limb no duty.
+        LimbError: if duty leaves [0, 1], or the simulation or a board fails.
     """
+    check_positive("duration", duration, " s")
+    check_positive("sample_rate", sample_rate)
     with station:
         builder = DiagramBuilder()
         builder.AddSystem(station)
+        names = [station.get_input_port(i).get_name() for i in range(station.num_input_ports())]
+        if unknown := [name for name in inputs if name not in names]:
+            raise StationError(
+                f"The station has no input {', '.join(unknown)}; it has {', '.join(names)}."
+            )
+        if missing := [n for n in names if n.endswith(".duty") and n not in inputs]:
+            raise StationError(f"{', '.join(missing)} is missing; each limb needs its duty.")
         for name, signal in inputs.items():
-            if not station.HasInputPort(name):
-                ports = map(station.get_input_port, range(station.num_input_ports()))
-                names = ", ".join(port.get_name() for port in ports)
-                raise StationError(f"The station has no input {name}; it has {names}.")
             port = station.GetInputPort(name)
-            source = builder.AddSystem(_source(name, signal, port.size()))
+            source = builder.AddSystem(_source(name, signal, port.size(), duration))
             builder.Connect(source.get_output_port(), port)
         outputs = map(station.get_output_port, range(station.num_output_ports()))
         sinks = {
             port.get_name(): LogVectorOutput(port, builder, 1 / sample_rate) for port in outputs
         }
-        simulator = _simulator(station, builder.Build())
+        simulator = _simulator(station, build(builder))
         advance(simulator, duration, real_time=station.real_time)
         logs = {name: sink.FindLog(simulator.get_context()) for name, sink in sinks.items()}
     times = next(iter(logs.values())).sample_times()
@@ -257,21 +271,27 @@ def _simulator(station: Station, diagram: Diagram) -> Simulator:
     return make_simulator(diagram, min(filter(None, accuracies), default=None))
 
 
-def _source(name: str, signal: Any, size: int) -> System:
+def _source(name: str, signal: Any, size: int, duration: float) -> System:
     """The source of an input of a size."""
     if isinstance(signal, Trajectory):
         signal = signal.since_start().duty_trajectory()
     if not isinstance(signal, trajectories.Trajectory):
-        source = ConstantVectorSource(np.atleast_1d(np.asarray(signal, float)))
-    else:
-        with_rates = name.endswith(".desired_state") and 2 * signal.rows() == size
-        source = TrajectorySource(signal, int(with_rates))
-    if source.get_output_port().size() != size:
+        try:
+            values = np.atleast_1d(np.asarray(signal, float))
+        except (TypeError, ValueError) as error:
+            raise StationError(
+                f"The input {name} is {shown(signal)}; it must be a plan, a trajectory or numbers."
+            ) from error
+        held = np.column_stack([values, values])
+        signal = trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], held)
+    with_rates = name.endswith(".desired_state") and 2 * signal.rows() == size
+    if not with_rates and signal.rows() != size:
         raise StationError(
-            f"The input {name} has {size} numbers, and what it is given "
-            f"{source.get_output_port().size()}."
+            f"The input {name} has {size} numbers, and what it is given {signal.rows()}."
         )
-    return source
+    if name.endswith(".duty"):
+        check_duty(signal, np.linspace(0.0, duration, 1000))
+    return TrajectorySource(signal, int(with_rates))
 
 
 def ApplyDriverConfig(

@@ -15,7 +15,7 @@ from pydrake.systems.analysis import (
     SimulatorConfig,
     SimulatorStatus,
 )
-from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from limb_systems.errors import LimbError
@@ -81,12 +81,12 @@ def simulate(
         LimbError: if the system is not a `LimbSystem`.
     """
     check_limb(system)
-    _check_positive("sample_rate", sample_rate)
+    check_positive("sample_rate", sample_rate)
     if accuracy is not None:
-        _check_positive("accuracy", accuracy)
+        check_positive("accuracy", accuracy)
     applied, duration = _duty_over_time(duty, duration, len(system.parameters.wires))
     num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
-    _check_duty(applied, np.minimum(np.arange(num_samples) / sample_rate, duration))
+    check_duty(applied, np.minimum(np.arange(num_samples) / sample_rate, duration))
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(applied))
     builder.AddSystem(system)
@@ -139,7 +139,7 @@ def record(
         LimbError: if the duty left [0, 1], or the system is not a `LimbSystem`.
     """
     check_limb(system)
-    _check_positive("duration", duration, " s")
+    check_positive("duration", duration, " s")
     provenance = provenance or Provenance.now(system.parameters)  # before it has to keep time
     builder.Connect(duty, system.GetInputPort("duty"))
     # A Limb's bend angle follows from its joint state for all samples at once, so that the C++
@@ -149,14 +149,7 @@ def record(
     ports = {name: system.GetOutputPort(name) for name in names if system.HasOutputPort(name)}
     ports |= {"duty": duty} | ({"reference": reference} if reference else {})
     sinks = {name: LogVectorOutput(port, builder, 1 / sample_rate) for name, port in ports.items()}
-    try:
-        diagram = builder.Build()
-    except RuntimeError as error:
-        if "already been built" not in str(error):
-            raise
-        raise SimulationError(
-            "This system is part of a diagram already; make a new one to simulate it."
-        ) from error
+    diagram = build(builder)
     if accuracy is None:
         accuracy = system.accuracy
     simulator = make_simulator(diagram, accuracy)
@@ -184,6 +177,22 @@ def record(
         provenance=provenance,
         **signals,
     )
+
+
+def build(builder: DiagramBuilder) -> Diagram:
+    """The diagram of a builder.
+
+    Raises:
+        SimulationError: if a system in it is part of another diagram.
+    """
+    try:
+        return builder.Build()
+    except RuntimeError as error:
+        if "already been built" not in str(error):
+            raise
+        raise SimulationError(
+            "This system is part of a diagram already; make a new one to simulate it."
+        ) from error
 
 
 def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulator:
@@ -230,7 +239,7 @@ def _duty_over_time(
         if values.shape == (num_wires,):
             if duration is None:
                 raise SimulationError("duration is missing; constant duty needs one.")
-            _check_positive("duration", duration, " s")
+            check_positive("duration", duration, " s")
             held = np.column_stack([values, values])
             return trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], held), duration
     given = "another trajectory" if isinstance(duty, trajectories.Trajectory) else shown(duty)
@@ -244,7 +253,7 @@ def _from_zero(
 ) -> tuple[trajectories.Trajectory, float]:
     if duration is None:
         duration = duty.end_time() - duty.start_time()
-    _check_positive("duration", duration, " s")
+    check_positive("duration", duration, " s")
     if duty.start_time() == 0:
         return duty, duration
     if not isinstance(duty, trajectories.PiecewisePolynomial):
@@ -257,7 +266,7 @@ def _from_zero(
     return duty, duration
 
 
-def _check_duty(duty: trajectories.Trajectory, times: np.ndarray) -> None:
+def check_duty(duty: trajectories.Trajectory, times: np.ndarray) -> None:
     """Raises SimulationError if duty leaves [0, 1] at the samples or any break."""
     if isinstance(duty, trajectories.PiecewiseTrajectory):
         breaks = np.array(duty.get_segment_times())
@@ -269,7 +278,8 @@ def _check_duty(duty: trajectories.Trajectory, times: np.ndarray) -> None:
         )
 
 
-def _check_positive(name: str, value: Any, unit: str = "") -> None:
+def check_positive(name: str, value: Any, unit: str = "") -> None:
+    """Raises SimulationError if a value is not a positive number."""
     if not isinstance(value, (int, float)) or not (np.isfinite(value) and value > 0):
         raise SimulationError(f"{name} is {value!r}{unit}; it must be a positive number.")
 

@@ -102,7 +102,12 @@ class _Finger:
         residual = equation_of_motion(parameters, self._wires, q, still, still, x)
         balance = ca.vertcat(residual - F * ca.gradient(gap, q), gap - away)
         unknown = ca.vertcat(q, F)
-        self._touching = ca.rootfinder("grip", "newton", {"x": unknown, "p": x, "g": balance})
+        self._touching = ca.rootfinder(
+            "grip",
+            "newton",
+            {"x": unknown, "p": x, "g": balance},
+            {"show_eval_warnings": False},
+        )
         self._point = ca.Function("point", [q], [_nearest(ends, ca.DM(center))])
         # The touching finger moves little with T. From far away, a root may be beyond the ball.
         self._start = np.append(self._held.angles(self._states(self._warm)), 0.0)

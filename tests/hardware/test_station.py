@@ -85,10 +85,18 @@ def test_a_scenario_that_is_wrong_is_refused_by_one_sentence(scenario, wrong, ri
 
 
 def test_inputs_that_do_not_fit_are_refused(scenario):
-    with pytest.raises(LimbError, match=r"no input thum\.duty; it has finger\.duty, thumb\.duty"):
-        drive(Station(scenario), {"thum.duty": [0.0, 0.0]}, 1.0)
+    with pytest.raises(LimbError, match=r"no input thum\.duty; it has finger\.duty, th"):
+        drive(Station(scenario), {"thum.duty": "a"}, 1.0)
     with pytest.raises(LimbError, match=r"thumb\.duty has 2 numbers, and what it is given 3"):
-        drive(Station(scenario), {"thumb.duty": [0.0, 0.0, 0.0]}, 1.0)
+        drive(Station(scenario), DUTY | {"thumb.duty": [0.0, 0.0, 0.0]}, 1.0)
+    with pytest.raises(LimbError, match=r"thumb\.duty is missing"):
+        drive(Station(scenario), {"finger.duty": [0.0, 0.0]}, 1.0)
+    with pytest.raises(LimbError, match="duty reaches from 0 to"):
+        drive(Station(scenario), DUTY | {"thumb.duty": [0.0, 1.2]}, 1.0)
+    used = Station(scenario)
+    drive(used, DUTY, 0.1)
+    with pytest.raises(LimbError, match="part of a diagram already"):
+        drive(used, DUTY, 0.1)
     with pytest.raises(LimbError, match="finger has no port"):
         Station(scenario, "board")
 
