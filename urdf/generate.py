@@ -43,8 +43,8 @@ def limb_urdf(
     mass, and before centred joints ``root_s``, half a piece of segment s. Wires are
     visuals named ``wire_`` and their own name, such as ``wire_left`` (-E2 side)
     and ``wire_right`` (+E2 side): a wire that contracts bends the limb towards
-    its own side. URDF has no
-    joint springs; the manipulator adds them.
+    its own side. Links collide, as boxes of silicone, but not with each other. The frame
+    ``tip`` is where the last link ends. URDF has no joint springs; `urdf.limb_sdf` has them.
 
     Args:
         segments: base first, such as `limb_systems.SegmentParameters`: number of ``links``;
@@ -72,6 +72,8 @@ def limb_element(
                 _add_mass(link, negligible_mass)
     if payload:
         _add_payload(robot, "", parent, origin, payload)
+    of_links = [link for link in robot.findall("link") if link.find("collision") is not None]
+    _filter_collisions(robot, [link.attrib["name"] for link in of_links])
     place = {"xyz": _text(origin, 0.0, 0.0), "rpy": _text(0.0, 0.0, 0.0)}
     ElementTree.SubElement(robot, "frame", {"name": "tip", "link": parent, **place})
     return robot
@@ -112,11 +114,8 @@ def robot_urdf(robot: Any) -> str:
         if robot.ground:
             radius = _text(robot.feet.radius)
             _collision(foot, "sphere", _of_ground(robot.ground), radius=radius)
-    if robot.ground:  # the robot's parts go through each other
-        group = ElementTree.SubElement(element, "drake:collision_filter_group", name="robot")
-        for link in ("body", *(f"{limb.name}_foot" for limb in robot.limbs)):
-            ElementTree.SubElement(group, "drake:member", link=link)
-        ElementTree.SubElement(group, "drake:ignored_collision_filter_group", name="robot")
+    if robot.ground:
+        _filter_collisions(element, ["body", *(f"{limb.name}_foot" for limb in robot.limbs)])
     return document(element)
 
 
@@ -208,6 +207,14 @@ def _collision(link, shape: str, contact: dict[str, float | None], x: float = 0.
     for name, value in contact.items():
         given = {} if value is None else {"value": _text(value)}
         ElementTree.SubElement(properties, f"drake:{name}", given)
+
+
+def _filter_collisions(robot, links: Sequence[str]) -> None:
+    """Links that go through each other."""
+    group = ElementTree.SubElement(robot, "drake:collision_filter_group", name="own_links")
+    for link in links:
+        ElementTree.SubElement(group, "drake:member", link=link)
+    ElementTree.SubElement(group, "drake:ignored_collision_filter_group", name="own_links")
 
 
 def _add_link(robot, name: str, segment, share: float, collides: bool) -> None:

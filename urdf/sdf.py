@@ -41,6 +41,10 @@ def limb_sdf(
     for frame in robot.findall("frame"):
         placed = {"name": frame.attrib["name"], "attached_to": frame.attrib["link"]}
         SubElement(SubElement(model, "frame", placed), "pose").text = _pose(frame)
+    for group in robot.findall("drake:collision_filter_group"):
+        element = SubElement(model, group.tag, name=group.attrib["name"])
+        for part in group:
+            SubElement(element, part.tag).text = part.get("link") or part.get("name")
     return document(sdf)
 
 
