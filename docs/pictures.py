@@ -154,7 +154,7 @@ def make_gripper(_: Path) -> None:
     root = station.CreateDefaultContext()
     scene, positions = (s.GetMyMutableContextFromRoot(root) for s in (scene_graph, plant))
     shots = []
-    for time in (11.0, 15.0, 22.0, 33.0):
+    for time in (11.0, 15.0, 18.0, 28.0):
         k = np.searchsorted(seen["time"], time)
         for name, signal in seen.items():
             model, _, what = name.partition(".")

@@ -16,8 +16,8 @@ from limb_systems.views.panels import Curve, Panel
 from limb_systems.views.plots import draw, save_figure
 from planners import Task, grip, plan, references
 
-FOLDER, HOLDS, OPENS, END = Path(__file__).with_name("gripper"), 22.0, 29.0, 40.0  # s
-LIFT = [0.0, 17.0, 20.0, 25.0, 28.0, END], [[0.0, 0.0, 0.05, 0.05, 0.0, 0.0]]  # s, m
+FOLDER, HOLDS, OPENS, END = Path(__file__).with_name("gripper"), 18.0, 23.0, 30.0  # s
+LIFT = [0.0, 15.0, 17.0, 20.0, 22.0, END], [[0.0, 0.0, 0.05, 0.05, 0.0, 0.0]]  # s, m
 finger = LimbParameters.load(FOLDER / "finger.yaml")
 held = grip(finger, center=[0.085, 0.035], radius=0.02, force=0.1)  # m, from the base, and N
 bends = np.array([[0.0, 0.0, held.bend_angle, held.bend_angle, 0.0, 0.0]])

@@ -47,7 +47,7 @@ COMMANDS = {
     "sweep": ("emulated", "plan and drive many emulated limbs, motions, tasks and controllers"),
     "show": ("results", "say what files are, and what made them"),
     "compare": ("results", "say how plans, recordings or limbs differ"),
-    "export": ("results", "write the duty of plans for programs of your own"),
+    "export": ("results", "write plans and limbs for programs of your own"),
     "runs": ("results", "show the results in a folder on a page, compare them, replay plans"),
 }
 

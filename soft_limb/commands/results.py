@@ -2,11 +2,14 @@
 
 import argparse
 import asyncio
+import functools
 import json
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+from limb_systems import LimbParameters
 from limb_systems.errors import LimbError
 from limb_systems.files.runner import write_c_header, write_rows
 from limb_systems.output import OutputError, check_outputs, write_atomically
@@ -16,9 +19,20 @@ from soft_limb.commands.options import Command, Option, print_summary, print_tab
 from soft_limb.live.page import LOOPBACK, host_and_port, open_in_browser
 from soft_limb.results.comparison import compare, comparison_page
 from soft_limb.results.overview import ListedFile, Overview, overview_page
-from soft_limb.results.reading import TRAJECTORY, read_result
+from soft_limb.results.reading import LIMB, TRAJECTORY, read_result
+from urdf import limb_sdf, limb_urdf
 
-_ROWS = {"csv": (".csv", write_rows), "c-header": (".h", write_c_header)}
+
+def _write_model(write: Callable[..., str], limb: LimbParameters, path: Path) -> None:
+    write_atomically(path, write(limb.segments, path.stem, payload=limb.payload))
+
+
+_FORMATS: dict[str, tuple[str, str, Callable]] = {  # suffix, what is written so, and how
+    "csv": (".csv", TRAJECTORY, write_rows),
+    "c-header": (".h", TRAJECTORY, write_c_header),
+    "sdf": (".sdf", LIMB, functools.partial(_write_model, limb_sdf)),
+    "urdf": (".urdf", LIMB, functools.partial(_write_model, limb_urdf)),
+}
 
 
 def _show(options: argparse.Namespace) -> int:
@@ -54,26 +68,25 @@ def _compare(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> int:
     one = len(options.files) == 1
-    by_suffix = {suffix: name for name, (suffix, _) in _ROWS.items()}
+    by_suffix = {suffix: name for name, (suffix, *_) in _FORMATS.items()}
     name = options.format or (by_suffix.get(options.output.suffix) if one else "csv")
     if name is None:
         raise OutputError(
             f"{options.output} is of no known format; its name must end with "
             f"{' or '.join(by_suffix)}, or --format tell which."
         )
-    suffix, write = _ROWS[name]
+    suffix, kind, write = _FORMATS[name]
     outputs = [
         options.output if one else options.output / f"{path.stem}{suffix}" for path in options.files
     ]
     check_outputs(outputs, inputs=options.files, force=options.force)
     results = [read_result(path) for path in options.files]
     for result in results:
-        if result.kind != TRAJECTORY:
-            raise LimbError(
-                f"{result.path} is a {result.kind}; only a {TRAJECTORY} becomes {name}."
-            )
+        if result.kind != kind:
+            raise LimbError(f"{result.path} is a {result.kind}; only a {kind} becomes {name}.")
+    how = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
     for result, path in zip(results, outputs, strict=True):
-        write(result.value, path, options.rate, options.duty_max)
+        write(result.value, path, *how)
     print_summary(options, Summary([]), outputs)
     return 0
 
@@ -151,15 +164,23 @@ COMMANDS = {
     "export": Command(
         _export,
         "Writes the duty of trajectories as CSV or as a C header, for a program of your own that "
-        "holds each row for a period: a row is the plan's mean duty over the period.",
+        "holds each row for a period: a row is the plan's mean duty over the period. Writes limbs "
+        "as SDFormat, with their springs, or as URDF, without.",
         "force",
         [
-            Option("files", nargs="+", metavar="FILE", type=Path, help="trajectories (.csv)"),
+            Option(
+                "files",
+                nargs="+",
+                metavar="FILE",
+                type=Path,
+                help="trajectories (.csv) or limbs (.yaml)",
+            ),
             shared("output", help="file to write; of several files the folder"),
             Option(
                 "--format",
-                choices=list(_ROWS),
-                help="by default what the output's name ends with, .csv or .h; csv in a folder",
+                choices=list(_FORMATS),
+                help="by default what the output's name ends with: .csv, .h, .sdf or .urdf; csv "
+                "in a folder",
             ),
             Option(
                 "--rate",
@@ -176,6 +197,9 @@ COMMANDS = {
             ),
         ],
         stopped=STOPPED,
-        examples=["soft-limb export out/plan.csv -o out/plan.h --duty-max 255"],
+        examples=[
+            "soft-limb export out/plan.csv -o out/plan.h --duty-max 255",
+            "soft-limb export out/limb.yaml -o out/limb.sdf",
+        ],
     ),
 }

@@ -128,7 +128,12 @@ def test_what_does_not_fit_a_limb_is_refused():
     text = limb_urdf(parameters.segments)
     (limp,) = Parser(plant).AddModelsFromString(text, "urdf")
     finger = add_limb(plant, parameters, "finger")
+    (free,) = Parser(plant, "free").AddModelsFromString(limb_sdf(parameters.segments), "sdf")
     plant.Finalize()
+    with pytest.raises(
+        LimbError, match=r"base of the limb 'free::limb' is free; weld the frame base"
+    ):
+        add_limb_actuation(builder, plant, free, parameters)
     with pytest.raises(LimbError, match=r"'limb' has no springs or no actuators.*add_springs"):
         add_limb_actuation(builder, plant, limp, parameters)
     parameters.segments[0].stiffness *= 1.5

@@ -7,9 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
 from scipy.interpolate import make_interp_spline
 
-from limb_systems import Limb, PlanCheck, Provenance, Trajectory, simulate
+from limb_systems import (
+    Limb,
+    LimbParameters,
+    PlanCheck,
+    Provenance,
+    Trajectory,
+    add_limb_actuation,
+    simulate,
+)
 from soft_limb.command import main
 
 
@@ -105,6 +116,20 @@ int main(void) {{
         assert first == f"left right 12.5 {top} {size}"
         written = rows(export(tmp_path, f"{name}.csv", *options))[:, 1:]
         assert np.loadtxt(printed) == pytest.approx(written, abs=1e-7 * (top == 1))
+
+
+def test_a_limb_becomes_a_model_with_its_springs(tmp_path):
+    limb = LimbParameters(payload=0.004)
+    limb.segments[0].stiffness = 0.2
+    limb.save(tmp_path / "finger.yaml")
+    assert main(["export", str(tmp_path / "finger.yaml"), "-o", str(tmp_path / "finger.sdf")]) == 0
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(1e-3))
+    (finger,) = Parser(plant).AddModels(tmp_path / "finger.sdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    plant.Finalize()
+    assert plant.GetModelInstanceName(finger) == "finger"
+    add_limb_actuation(builder, plant, finger, tmp_path / "finger.yaml")  # which compares them
 
 
 def test_only_plans_that_may_drive_a_limb_are_made_into_rows(plan, path, tmp_path, capsys):
