@@ -29,7 +29,13 @@ from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 import urdf
 from hardware.emulation.twin import LimbTwin
 from hardware.robot.serial_limb import SerialLimb
-from limb_systems import LimbError, LimbParameters, Trajectory, add_limb_actuation
+from limb_systems import (
+    LimbError,
+    LimbParameters,
+    Trajectory,
+    WireColors,
+    add_limb_actuation,
+)
 from limb_systems.input import read_text
 from limb_systems.model.contact import ContactForces
 from limb_systems.schema import shown
@@ -149,7 +155,8 @@ class Station(Diagram):
             scenario: what there is, or its YAML file.
             limbs: "simulated", "emulated" or "board". Emulated limbs, `LimbTwin`, and those on
                 boards, `SerialLimb`, are there alone, without the plant.
-            meshcat: where what is simulated is shown; nowhere if None.
+            meshcat: where what is simulated is shown, with wires in the colour of their heat;
+                nowhere if None.
 
         Raises:
             LimbError: one sentence, if a model, a description or a board does not fit.
@@ -173,7 +180,7 @@ class Station(Diagram):
         if limbs == SIMULATED:
             _add_plant(builder, scenario, drivers, folder)
             if meshcat:
-                ApplyVisualizationConfig(VisualizationConfig(), builder, meshcat=meshcat)
+                _show(builder, list(of_limbs), meshcat)
         else:
             with contextlib.ExitStack() as opened:  # closed again if one does not answer
                 for name, driver in of_limbs.items():
@@ -360,6 +367,15 @@ def _add_plant(
         if name not in drivers and plant.num_actuated_dofs(model):
             builder.ExportInput(plant.get_actuation_input_port(model), f"{name}.actuation")
             builder.ExportInput(plant.get_desired_state_input_port(model), f"{name}.desired_state")
+
+
+def _show(builder: DiagramBuilder, limbs: list[str], meshcat: Meshcat) -> None:
+    """Shows what is simulated, with wires in the colour of their heat."""
+    ApplyVisualizationConfig(VisualizationConfig(), builder, meshcat=meshcat)
+    for name in limbs:
+        wires = builder.GetSubsystemByName(f"{name}_actuation")
+        colors = builder.AddSystem(WireColors(wires.parameters, meshcat, name))
+        builder.Connect(wires.GetOutputPort("wire_temperature"), colors.get_input_port())
 
 
 def _warn_of_gravity(

@@ -71,6 +71,7 @@ from limb_systems.simulation import simulate
 from limb_systems.views.limb_view import wire_color
 from limb_systems.views.limb_visualizer import LimbVisualizer
 from limb_systems.views.replay_page import write_meshcat_replay
+from limb_systems.views.wire_colors import WireColors
 
 __all__ = [
     "ActiveConstraint",
@@ -116,6 +117,7 @@ __all__ = [
     "TorqueMap",
     "Trajectory",
     "TwoMassLaw",
+    "WireColors",
     "WireLaw",
     "WireParameters",
     "Wires",

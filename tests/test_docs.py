@@ -47,6 +47,7 @@ from limb_systems import (
     SegmentParameters,
     TemperatureLimits,
     TipTangentSensor,
+    WireColors,
     WireParameters,
 )
 from limb_systems.files.csv_format import FORMAT_VERSION
@@ -289,6 +290,7 @@ def systems(monkeypatch, fig5_plan, gait, station):
         Feed(None, Limb()),
         Journal(os.devnull, Limb(), 20.0),
         LimbActuation(),
+        WireColors(nominal, Meshcat()),
         station,
     ]
     return {class_name(system): system for system in made}

@@ -80,6 +80,12 @@ def wire_color(parameters: LimbParameters, temperature: ArrayLike) -> np.ndarray
     return np.stack([np.interp(values, stops, c) for c in WIRE_COLORS.T], axis=-1)
 
 
+def linear_wire_color(parameters: LimbParameters, temperature: np.ndarray) -> np.ndarray:
+    """`wire_color` as linear RGB (..., 3), which Meshcat's materials use."""
+    color = wire_color(parameters, temperature)
+    return np.where(color > 0.04045, ((color + 0.055) / 1.055) ** 2.4, color / 12.92)
+
+
 @dataclasses.dataclass(frozen=True)
 class Ghost:
     """A translucent limb without wires, which shows how the limb should bend.
@@ -300,21 +306,11 @@ class LimbView:
                 path = f"{self._root}duty/{name}/fill"
                 meshcat.SetProperty(path, "scale", [1.0, float(value), 1.0], time)
 
-    def colors(self, temperature: np.ndarray) -> np.ndarray:
-        """Linear RGB of the wires, which Meshcat's materials use.
-
-        Args:
-            temperature: °C (W, ...).
-
-        Returns:
-            (W, ..., 3)
-        """
-        color = wire_color(self._parameters, temperature)
-        return np.where(color > 0.04045, ((color + 0.055) / 1.055) ** 2.4, color / 12.92)
-
     def show_heat(self, meshcat: Meshcat, temperature: np.ndarray) -> None:
         """Colour the wires by their temperatures (W), °C."""
-        for paths, color in zip(self.wire_paths, self.colors(temperature), strict=True):
+        for paths, color in zip(
+            self.wire_paths, linear_wire_color(self._parameters, temperature), strict=True
+        ):
             for path in paths:
                 meshcat.SetProperty(path, "color", [*color.tolist(), 1.0])
 

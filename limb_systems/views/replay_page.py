@@ -31,6 +31,7 @@ from limb_systems.views.limb_view import (
     ghost_of_reference,
     ghosts_of_plan,
     joint_angle_trajectory,
+    linear_wire_color,
 )
 from limb_systems.views.panels import body_axes
 from limb_systems.views.template import template
@@ -128,7 +129,7 @@ def replay_page(
     meshcat.StartRecording(rate)
     animation = meshcat.get_mutable_recording()
     animation.set_repetitions(1_000_000)
-    colors = view.colors(heat)
+    colors = linear_wire_color(parameters, heat)
     for frame in range(len(times)):
         time = (frame + 1e-6) / rate  # Drake rounds down
         placed = None if pose is None else pose[:, frame]

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat
 
 from hardware import LimbTwin, Station, drive, emulated_port
-from limb_systems import Limb, LimbError, LimbParameters, simulate
+from limb_systems import Limb, LimbError, LimbParameters, WireColors, simulate
 from urdf import limb_sdf
 
 SCENARIO = """
@@ -17,6 +18,7 @@ model_drivers:
   finger: !LimbDriver {limb: finger.yaml, seed: 3}
   thumb: !LimbDriver {limb: thumb.yaml, seed: 4}
 """
+SIDES = ("left", "right")
 DUTY = {"finger.duty": [0.0, 0.4], "thumb.duty": [0.3, 0.0]}
 
 
@@ -42,6 +44,27 @@ def test_simulated_limbs_bend_as_each_alone(scenario):
             np.testing.assert_allclose(found, getattr(alone, signal), atol=tolerance)
         np.testing.assert_array_equal(seen[f"{name}.contact_force"], 0.0)
     assert np.abs(seen["finger.bend_angle"]).max() > 0.1
+
+
+def test_the_wires_that_meshcat_shows_have_the_colour_of_their_heat(scenario):
+    colored, meshcat = {}, Meshcat()
+    station = Station(scenario, meshcat=meshcat)
+    station.ForcedPublish(station.CreateDefaultContext())  # what is shown is there from now on
+
+    class Told:
+        def SetProperty(self, path, name, value):
+            colored[path] = name, value
+
+    limb = LimbParameters()
+    colors = WireColors(limb, Told(), "finger")
+    context = colors.CreateDefaultContext()
+    colors.get_input_port().FixValue(context, [limb.ambient_temperature, 80.0])
+    colors.ForcedPublish(context)
+    shown = [path for path in colored if meshcat.HasPath(path)]
+    assert len(shown) == 2 * 4  # wires on the finger's four links
+    (_, cold), (name, hot) = (colored[f"illustration/finger/link_2/finger/wire_{w}"] for w in SIDES)
+    assert (name, hot[3]) == ("color", 1.0)
+    assert hot[0] > 2 * cold[0]  # red
 
 
 def test_emulated_limbs_are_those_of_their_seeds(scenario):

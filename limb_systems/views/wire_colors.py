@@ -1,0 +1,58 @@
+"""Wires in the colour of their heat, of a limb on anybody's plant in Meshcat."""
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import LeafSystem
+
+from limb_systems.model.ownership import weak_method
+from limb_systems.model.parameters import LimbParameters
+from limb_systems.views.limb_view import linear_wire_color
+from limb_systems.views.limb_visualizer import PUBLISH_PERIOD
+
+
+class WireColors(LeafSystem):
+    """Colours the wires of a limb that Drake's MeshcatVisualizer shows.
+
+    - input 0 ``wire_temperature``: T (W), °C
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(
+        self,
+        parameters: LimbParameters,
+        meshcat: Meshcat,
+        limb: str = "limb",
+        *,
+        prefix: str = "illustration",
+    ):
+        """
+        Args:
+            parameters: description of the limb.
+            meshcat: scene in which the limb is shown.
+            limb: name of the limb's model instance.
+            prefix: path of the visualizer in the scene, by default that of
+                `AddDefaultVisualization`.
+        """
+        super().__init__()
+        self._parameters, self._meshcat = parameters, meshcat
+        self._paths: list[list[str]] = []
+        path, first = limb.replace("::", "/"), 1
+        for number, segment in enumerate(parameters.segments, 1):
+            links = [f"link_{link}" for link in range(first, first + segment.links)]
+            links += [f"root_{number}"] if segment.centred_joints else []
+            self._paths += [
+                [f"{prefix}/{path}/{link}/{path}/wire_{wire.name}" for link in links]
+                for wire in segment.wires
+            ]
+            first += segment.links
+        self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
+        self.DeclarePeriodicPublishEvent(PUBLISH_PERIOD, 0.0, weak_method(self._publish))
+        self.DeclareForcedPublishEvent(weak_method(self._publish))
+        self.set_name(f"{limb}_wire_colors")
+
+    def _publish(self, context) -> None:
+        colors = linear_wire_color(self._parameters, self.get_input_port().Eval(context))
+        for paths, color in zip(self._paths, colors, strict=True):
+            for path in paths:
+                self._meshcat.SetProperty(path, "color", np.append(color, 1.0).tolist())
