@@ -109,9 +109,8 @@ class _Finger:
             {"show_eval_warnings": False},
         )
         self._point = ca.Function("point", [q], [_nearest(ends, ca.DM(center))])
-        # The touching finger moves little with T. From far away, a root may be beyond the ball.
+        # From far away, a root may be beyond the ball; the touching finger moves little with T.
         self._start = np.append(self._held.angles(self._states(self._warm)), 0.0)
-        self._start = np.append(*self._pressing(self._warm))
 
     def grip(self, force: float) -> Grip:
         most = self._force(self._hottest)
