@@ -107,7 +107,8 @@ class PlanCheck:
         if not self.largest_difference_deg <= self.tolerance_deg:
             return (
                 f"simulating the planned duty ends up to {self.largest_difference_deg:.3f}° away "
-                f"from the plan, more than {self.tolerance_deg:g}°; use more knots per second."
+                f"from the plan, more than {self.tolerance_deg:g}°; use more knots per "
+                "second, or more cycles of a gait."
             )
         return None
 

@@ -13,9 +13,9 @@ from planners.transcription.quasi_static import readings_along
 SHORTEST_WARM_UP, LONGEST_WARM_UP = 1.0, 300.0  # s
 NEAR = 0.1  # °C
 LONGER = 1.25  # times, the next warm-up that is tried
-# By which heat may bend the limbs otherwise than in the gait, in the last cycle. In the first cycle
-# from cold it bends those of wires with memory by up to 5° otherwise, in the second by 2°.
-TOLERANCE_DEG = 5.0
+# By which heat may bend the limbs otherwise than in the gait, after the first cycles. From cold it
+# bends those of wires with memory by up to 6° otherwise, and by less from cycle to cycle.
+TOLERANCE_DEG, SETTLING = 5.0, 4
 
 
 def walk(
@@ -39,7 +39,8 @@ def walk(
     Returns:
         A trajectory for `replay`, with knots at 20 Hz. Its check says how the gait was found; it
         is empty if the gait was never checked. The difference in the check is the largest one, in
-        the last cycle, between the bends that the two heats would hold without a ground.
+        the last cycle of four or more, between the bends that the two heats would hold without a
+        ground.
 
     Raises:
         LimbError: if the gait failed its check, if a wire begins above T_max, or if the wires
@@ -80,7 +81,9 @@ def walk(
     angles = np.where(walks, course(np.where(walks, in_cycle, 0.0)), held + offset)
     rates = np.gradient(angles, PERIOD, axis=1)
     check = PlanCheck()
-    if not gait.check.is_missing:
+    if not gait.check.is_missing and cycles < SETTLING:  # whose heat would come to the gait's
+        check = walk(gait, SETTLING, heat=heat, bend=bend).check
+    elif not gait.check.is_missing:
         last = since >= (cycles - 1) * gait.period
         in_gait = HeldAngles(gait.parameters).angles(planned[last]).T
         apart = bend_angle(gait.parameters, held[:, last] - in_gait)
