@@ -28,6 +28,7 @@ from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 import urdf
 from hardware.emulation.twin import LimbTwin
+from hardware.replay import check_replayable
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
     LimbError,
@@ -177,19 +178,19 @@ class Station(Diagram):
         self.real_time, self.scenario = limbs == BOARD, scenario
         self._is_simulated, self._names = limbs == SIMULATED, list(of_limbs)
         builder = DiagramBuilder()
-        if limbs == SIMULATED:
-            _add_plant(builder, scenario, drivers, folder)
-            if meshcat:
-                _show(builder, list(of_limbs), meshcat)
-        else:
-            with contextlib.ExitStack() as opened:  # closed again if one does not answer
-                for name, driver in of_limbs.items():
-                    limb = builder.AddNamedSystem(name, _limb_alone(name, driver, limbs))
-                    if limbs == BOARD:
-                        opened.callback(limb.close)
-                    _export(builder, limb, name)
-                opened.pop_all()
-        builder.BuildInto(self)
+        with contextlib.ExitStack() as opened:  # closed again if one does not answer
+            if limbs == SIMULATED:
+                _add_plant(builder, scenario, drivers, folder)
+                if meshcat:
+                    _show(builder, list(of_limbs), meshcat)
+            for name, driver in of_limbs.items() if limbs != SIMULATED else ():
+                limb = _limb_alone(name, driver, limbs)
+                if limbs == BOARD:
+                    opened.callback(limb.close)
+                builder.AddNamedSystem(name, limb)
+                _export(builder, limb, name)
+            builder.BuildInto(self)
+            opened.pop_all()
         self.set_name("station")
 
     # A reference to a part would keep the station alive, see limb_systems.model.ownership.
@@ -238,12 +239,14 @@ def drive(
         "time" (K,), s, and the samples (size, K) of all output ports by name.
 
     Raises:
-        StationError: if the station has no such port, an input has another size, or a limb no duty.
+        StationError: if the station has no such port, an input has another size, or a limb no duty,
+            one that ends before the duration, or one beyond its ``total_duty``.
+        ReplayError: if a plan must not be replayed on its limb, as `hardware.replay` says.
         LimbError: if duty leaves [0, 1], or the simulation or a board fails.
     """
-    check_positive("duration", duration, " s")
-    check_positive("sample_rate", sample_rate)
     with station:
+        check_positive("duration", duration, " s")
+        check_positive("sample_rate", sample_rate)
         builder = DiagramBuilder()
         builder.AddSystem(station)
         names = [station.get_input_port(i).get_name() for i in range(station.num_input_ports())]
@@ -253,9 +256,22 @@ def drive(
             )
         if missing := [n for n in names if n.endswith(".duty") and n not in inputs]:
             raise StationError(f"{', '.join(missing)} is missing; each limb needs its duty.")
-        for name, signal in inputs.items():
+        limbs = station.limbs
+        for name, given in inputs.items():
             port = station.GetInputPort(name)
-            source = builder.AddSystem(_source(name, signal, port.size(), duration))
+            signal = _signal(name, given, duration)
+            with_rates = name.endswith(".desired_state") and 2 * signal.rows() == port.size()
+            if not with_rates and signal.rows() != port.size():
+                raise StationError(
+                    f"The input {name} has {port.size()} numbers, and what it is given "
+                    f"{signal.rows()}."
+                )
+            if name.endswith(".duty"):
+                limb = limbs[name.removesuffix(".duty")]
+                if isinstance(given, Trajectory):
+                    check_replayable(given, limb)
+                _check_duty(name, signal, duration, limb.parameters.total_duty)
+            source = builder.AddSystem(TrajectorySource(signal, int(with_rates)))
             builder.Connect(source.get_output_port(), port)
         outputs = map(station.get_output_port, range(station.num_output_ports()))
         sinks = {
@@ -278,27 +294,38 @@ def _simulator(station: Station, diagram: Diagram) -> Simulator:
     return make_simulator(diagram, min(filter(None, accuracies), default=None))
 
 
-def _source(name: str, signal: Any, size: int, duration: float) -> System:
-    """The source of an input of a size."""
-    if isinstance(signal, Trajectory):
-        signal = signal.since_start().duty_trajectory()
-    if not isinstance(signal, trajectories.Trajectory):
-        try:
-            values = np.atleast_1d(np.asarray(signal, float))
-        except (TypeError, ValueError) as error:
-            raise StationError(
-                f"The input {name} is {shown(signal)}; it must be a plan, a trajectory or numbers."
-            ) from error
-        held = np.column_stack([values, values])
-        signal = trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], held)
-    with_rates = name.endswith(".desired_state") and 2 * signal.rows() == size
-    if not with_rates and signal.rows() != size:
+def _signal(name: str, given: Any, duration: float) -> trajectories.Trajectory:
+    """What an input is given, as a trajectory."""
+    if isinstance(given, Trajectory):
+        return given.since_start().duty_trajectory()
+    if isinstance(given, trajectories.Trajectory):
+        return given
+    try:
+        values = np.atleast_1d(np.asarray(given, float))
+    except (TypeError, ValueError) as error:
         raise StationError(
-            f"The input {name} has {size} numbers, and what it is given {signal.rows()}."
+            f"The input {name} is {shown(given)}; it must be a plan, a trajectory or numbers."
+        ) from error
+    held = np.column_stack([values, values])
+    return trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], held)
+
+
+def _check_duty(
+    name: str, signal: trajectories.Trajectory, duration: float, total_duty: float
+) -> None:
+    """Raises LimbError if a limb must not have a duty; its last value would go on after its end."""
+    if signal.end_time() < duration - 1e-6:
+        raise StationError(
+            f"The input {name} ends at {signal.end_time():g} s, before the {duration:g} s of the "
+            "run; give a longer one, or run for less."
         )
-    if name.endswith(".duty"):
-        check_duty(signal, np.linspace(0.0, duration, 1000))
-    return TrajectorySource(signal, int(with_rates))
+    times = np.linspace(0.0, duration, 1000)
+    check_duty(signal, times)
+    if (most := signal.vector_values(times).sum(axis=0).max()) > total_duty + 1e-3:
+        raise StationError(
+            f"The duties of {name} add up to {most:.2f}, but the limb's total_duty is "
+            f"{total_duty:g}; raise it if the supply and the limb are made for that."
+        )
 
 
 def ApplyDriverConfig(

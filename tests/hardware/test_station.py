@@ -1,11 +1,14 @@
 """Stations by scenarios: simulated, emulated and on a board, and scenarios that are wrong."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat
+from pydrake.trajectories import PiecewisePolynomial
 
-from hardware import LimbTwin, Station, drive, emulated_port
-from limb_systems import Limb, LimbError, LimbParameters, WireColors, simulate
+from hardware import LimbTwin, ReplayError, Station, drive, emulated_port
+from limb_systems import Limb, LimbError, LimbParameters, PlanCheck, WireColors, simulate
 from urdf import limb_sdf
 
 SCENARIO = """
@@ -116,12 +119,24 @@ def test_inputs_that_do_not_fit_are_refused(scenario):
         drive(Station(scenario), {"finger.duty": [0.0, 0.0]}, 1.0)
     with pytest.raises(LimbError, match="duty reaches from 0 to"):
         drive(Station(scenario), DUTY | {"thumb.duty": [0.0, 1.2]}, 1.0)
+    with pytest.raises(LimbError, match=r"thumb\.duty add up to 1\.60, but .* total_duty is 1\.5"):
+        drive(Station(scenario), DUTY | {"thumb.duty": [0.8, 0.8]}, 1.0)
+    short = PiecewisePolynomial.ZeroOrderHold([0.0, 0.5], [[0.1, 0.1], [0.0, 0.0]])
+    with pytest.raises(LimbError, match=r"thumb\.duty ends at 0\.5 s, before the 1 s of the run"):
+        drive(Station(scenario), DUTY | {"thumb.duty": short}, 1.0)
     used = Station(scenario)
     drive(used, DUTY, 0.1)
     with pytest.raises(LimbError, match="part of a diagram already"):
         drive(used, DUTY, 0.1)
     with pytest.raises(LimbError, match="finger has no port"):
         Station(scenario, "board")
+
+
+def test_plans_are_driven_where_replay_takes_them(scenario, fig5_plan):
+    """Another number of wires, no check, and a board with another limb are its refusals."""
+    unchecked = dataclasses.replace(fig5_plan, check=PlanCheck())
+    with pytest.raises(ReplayError, match="was never checked"):
+        drive(Station(scenario, "emulated"), DUTY | {"thumb.duty": unchecked}, 1.0)
 
 
 def test_gravity_of_another_direction_than_planned_for_is_warned_of(scenario):
