@@ -116,6 +116,7 @@ class HorizonPlanner:
         planned: Trajectory | None = None,
     ):
         self._reference, self._planned = reference, planned
+        self._planned_duty = planned.duty_trajectory() if planned else None
         nearest = nearest_plan(planned) if planned else None
         self._planned_temperature = nearest and nearest[1]
         self._limits = parameters.temperature_limits
@@ -154,8 +155,8 @@ class HorizonPlanner:
         warm_up_time = self._limits.warm_up_time - time
         self._program.aim(reference.T - bend_offset, heat, warm_up_time, warmest)
         duties = [] if previous is None else [previous.duty_at(times[:-1])]
-        if self._planned is not None:
-            duties.append(self._duty_of(self._planned, times))
+        if self._planned_duty is not None:
+            duties.append(self._in_steps(self._planned_duty, times))
         duties = duties or [np.zeros((len(times) - 1, self._model.num_wires))]
 
         def cheapest(duties):
@@ -192,7 +193,7 @@ class HorizonPlanner:
         heat = trajectory.state[2 * trajectory.parameters.num_joints :]
         return HorizonPlan(
             time=self._times,
-            duty=self._duty_of(trajectory, self._times),
+            duty=self._in_steps(trajectory.duty_trajectory(), self._times),
             heat=np.column_stack([np.interp(knots, trajectory.time, row) for row in heat]),
             bend_angle=trajectory.bend_angle_at(knots).T,
             cost=np.nan,
@@ -207,10 +208,10 @@ class HorizonPlanner:
         rows = self._planned_temperature
         return WARMER + held + np.column_stack([np.interp(times, at, row) for row in rows])
 
-    def _duty_of(self, plan: Trajectory, times: np.ndarray) -> np.ndarray:
-        """Duty (K, W) of a plan in the steps of a horizon with knots at some times (K + 1,), s."""
-        middles = np.minimum(times[:-1] + 0.5 * self._model.period, plan.duration)
-        return plan.duty_trajectory().vector_values(middles).T
+    def _in_steps(self, duty: trajectories.Trajectory, times: np.ndarray) -> np.ndarray:
+        """Duty of a plan in the steps (K, W) between knots at some times (K + 1,), s."""
+        middles = np.minimum(times[:-1] + 0.5 * self._model.period, duty.end_time())
+        return duty.vector_values(middles).T
 
 
 class HorizonProgram(QuasiStaticProgram):

@@ -38,13 +38,14 @@ from limb_systems import (
     add_limb_actuation,
 )
 from limb_systems.input import read_text
-from limb_systems.model.contact import ContactForces
+from limb_systems.model.contact import NEAR_RIGID_THRESHOLD, TIME_STEP, ContactForces
 from limb_systems.schema import shown
 from limb_systems.simulation import (
     advance,
     build,
     check_duty,
     check_positive,
+    config_of_steps,
     make_simulator,
 )
 
@@ -78,15 +79,12 @@ class LimbDriver:
 
 
 def _plant_config() -> MultibodyPlantConfig:
-    """Contact as of a robot's plant, see `limb_systems.model.robot.add_contact_plant`."""
+    """Contact as of robots."""
     return MultibodyPlantConfig(
-        time_step=1e-3, discrete_contact_approximation="sap", sap_near_rigid_threshold=0.0
+        time_step=TIME_STEP,
+        discrete_contact_approximation="sap",
+        sap_near_rigid_threshold=NEAR_RIGID_THRESHOLD,
     )
-
-
-def _simulator_config() -> SimulatorConfig:
-    """Heat in the steps of the mechanics, which for wires is as good as any method."""
-    return SimulatorConfig(integration_scheme="explicit_euler", use_error_control=False)
 
 
 @dataclasses.dataclass
@@ -105,7 +103,7 @@ class Scenario:
         default_factory=dict
     )
     plant_config: MultibodyPlantConfig = dataclasses.field(default_factory=_plant_config)
-    simulator_config: SimulatorConfig = dataclasses.field(default_factory=_simulator_config)
+    simulator_config: SimulatorConfig = dataclasses.field(default_factory=config_of_steps)
 
     @classmethod
     def load(cls, path: str | Path) -> "Scenario":

@@ -195,16 +195,19 @@ def build(builder: DiagramBuilder) -> Diagram:
         ) from error
 
 
-def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulator:
-    """Drake's Simulator with the integrator that a limb needs.
+def config_of_steps() -> SimulatorConfig:
+    """Configuration for mechanics in steps, whose length is the plant's.
 
-    If the accuracy is None, the mechanics is in steps, whose length is the plant's, and heat is by
-    Euler's method in them, which for the wires is as good as any.
+    Heat is by Euler's method in them, which for the wires is as good as any.
     """
+    return SimulatorConfig(integration_scheme="explicit_euler", max_step_size=MAX_STEP_SIZE)
+
+
+def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulator:
+    """Drake's Simulator with the integrator that a limb needs; `config_of_steps` if it is None."""
     simulator = Simulator(system)
     if accuracy is None:
-        config = SimulatorConfig(integration_scheme="explicit_euler", max_step_size=MAX_STEP_SIZE)
-        ApplySimulatorConfig(config, simulator)
+        ApplySimulatorConfig(config_of_steps(), simulator)
         return simulator
     ApplySimulatorConfig(
         SimulatorConfig(

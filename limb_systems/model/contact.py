@@ -10,6 +10,13 @@ from pydrake.systems.framework import LeafSystem
 
 from limb_systems.model.ownership import weak_method
 
+# s, of the mechanics where there is contact. Feet that stick creep by 0.4 mm/s for each N along the
+# ground, as SAP rounds Coulomb's law off; with half the step it is half as much.
+TIME_STEP = 1e-3
+# Drake's default softens contact at the end of chains of light links: the crawler's feet sank
+# in twice as far as their stiffness says.
+NEAR_RIGID_THRESHOLD = 0.0
+
 
 class ContactForces(LeafSystem):
     """Forces on groups of bodies from whatever touches them, points and surfaces.

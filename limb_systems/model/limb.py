@@ -265,12 +265,12 @@ def _check_model(
             f"The limb {name!r} has no springs or no actuators, as URDF has none; call add_springs "
             "before the plant is finalized, or parse its SDFormat."
         )
-    stiffness = [springs[joint.index()].default_stiffness() for joint in joints]
     if plant.num_velocities(limb) != len(joints):
         raise ParameterError(
             f"The base of the limb {name!r} is free; weld the frame base to what holds it, such as "
             "the world, before the plant is finalized."
         )
+    stiffness = [springs[joint.index()].default_stiffness() for joint in joints]
     mass = sum(plant.get_body(body).default_mass() for body in plant.GetBodyIndices(limb))
     names = [f"stiffness of {joint.name()}" for joint in joints]
     for what, unit, found, described in (

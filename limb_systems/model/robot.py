@@ -29,7 +29,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import MatrixGain, PortSwitch
 
-from limb_systems.model.contact import ContactForces
+from limb_systems.model.contact import NEAR_RIGID_THRESHOLD, TIME_STEP, ContactForces
 from limb_systems.model.limb import add_joint_springs, check_step
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
@@ -39,9 +39,6 @@ from limb_systems.model.wire_blocks import VectorFunction, add_wires
 from urdf import robot_urdf
 from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 
-# s, of the mechanics where there is contact. Feet that stick creep by 0.4 mm/s for each N along the
-# ground, as SAP rounds Coulomb's law off; with half the step it is half as much.
-TIME_STEP = 1e-3
 GROUND = 200.0, 200.0, 1.0  # m, of a box about the origin, of whose half space Drake warns
 PLANE = RotationMatrix(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]))  # x, z, -y
 
@@ -115,9 +112,7 @@ def add_contact_plant(builder: DiagramBuilder, time_step: float = TIME_STEP) -> 
     """Adds an empty discrete plant with SAP contact, and its SceneGraph, to a diagram."""
     plant, _ = AddMultibodyPlantSceneGraph(builder, time_step)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
-    # Drake's default softens contact at the end of chains of light links: the crawler's feet sank
-    # in twice as far as their stiffness says.
-    plant.set_sap_near_rigid_threshold(0.0)
+    plant.set_sap_near_rigid_threshold(NEAR_RIGID_THRESHOLD)
     return plant
 
 

@@ -86,6 +86,19 @@ def linear_wire_color(parameters: LimbParameters, temperature: np.ndarray) -> np
     return np.where(color > 0.04045, ((color + 0.055) / 1.055) ** 2.4, color / 12.92)
 
 
+def color_wires(
+    meshcat: Meshcat,
+    paths: Sequence[Sequence[str]],
+    parameters: LimbParameters,
+    temperature: np.ndarray,
+) -> None:
+    """Colours what is at the paths of each wire (W) by its temperature (W), °C."""
+    colors = linear_wire_color(parameters, temperature)
+    for of_wire, color in zip(paths, colors, strict=True):
+        for path in of_wire:
+            meshcat.SetProperty(path, "color", [*color.tolist(), 1.0])
+
+
 @dataclasses.dataclass(frozen=True)
 class Ghost:
     """A translucent limb without wires, which shows how the limb should bend.
@@ -308,11 +321,7 @@ class LimbView:
 
     def show_heat(self, meshcat: Meshcat, temperature: np.ndarray) -> None:
         """Colour the wires by their temperatures (W), °C."""
-        for paths, color in zip(
-            self.wire_paths, linear_wire_color(self._parameters, temperature), strict=True
-        ):
-            for path in paths:
-                meshcat.SetProperty(path, "color", [*color.tolist(), 1.0])
+        color_wires(meshcat, self.wire_paths, self._parameters, temperature)
 
     def set_scene(
         self,

@@ -1,12 +1,11 @@
 """Wires in the colour of their heat, of a limb on anybody's plant in Meshcat."""
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import LeafSystem
 
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.views.limb_view import linear_wire_color
+from limb_systems.views.limb_view import color_wires
 from limb_systems.views.limb_visualizer import PUBLISH_PERIOD
 
 
@@ -52,7 +51,5 @@ class WireColors(LeafSystem):
         self.set_name(f"{limb}_wire_colors")
 
     def _publish(self, context) -> None:
-        colors = linear_wire_color(self._parameters, self.get_input_port().Eval(context))
-        for paths, color in zip(self._paths, colors, strict=True):
-            for path in paths:
-                self._meshcat.SetProperty(path, "color", np.append(color, 1.0).tolist())
+        temperature = self.get_input_port().Eval(context)
+        color_wires(self._meshcat, self._paths, self._parameters, temperature)
