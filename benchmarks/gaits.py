@@ -35,19 +35,19 @@ from limb_systems import (
 )
 from limb_systems.model.robot_parameters import RobotLimb, walking_limb
 from planners import plan_gait
-from planners.gait.planar_robot import PlanarRobot
 from planners.gait.schedules import schedule_of, schedule_text, sensible_schedules
 from planners.gait.standing import GROUND_STIFFNESS
+from planners.gait.walker import Walker
 
 HEADER = "case | mm/s | stride, mm | period, s | iterations | s | violation | simulated"
 
 
 def violation(gait: Gait) -> float:
     """The largest violation of what a gait has to hold, scaled."""
-    planar, wires = PlanarRobot(gait.robot), Wires(gait.parameters)
+    planar, wires = Walker(gait.robot), Wires(gait.parameters)
     assert gait.robot.ground is not None
     mu = gait.robot.ground.friction
-    load = np.hypot(*planar.weight)
+    load = np.linalg.norm(planar.weight)
     y, steps = np.vstack([gait.body_pose, gait.joint_angles]).T, np.diff(gait.time)
     forces = gait.contact_force.T.reshape(len(y), -1, 2)
     by_feet = planar.feet_jacobian(y)
@@ -195,7 +195,7 @@ def lifting(simulate: bool) -> None:
             schedule = schedule_of(text, len(robot.limbs))
             gait = row(f"{name}, mu {friction}", robot, simulate, schedule=schedule)
             if gait:
-                planar = PlanarRobot(robot)
+                planar = Walker(robot)
                 feet = planar.feet(np.vstack([gait.body_pose, gait.joint_angles]).T)[..., 1]
                 lifted = 1e3 * (feet - planar.radius).max(axis=0)
                 print(f"    feet lifted by {lifted.min():.1f} to {lifted.max():.1f} mm")

@@ -1,7 +1,7 @@
 """What a robot's strides tell: friction of the ground, and stiffness, torque and heat of limbs.
 
 The duty of a recording and the wires' laws give their heat, whose rates are fitted to the readings.
-While a foot slides, its friction is known but for μ, and the balance of forces of `Standing`
+While a foot slides, its friction is known but for μ, and the balance of forces of `Balance`
 determines all angles: the bends that are then measured tell μ and, of each limb, its stiffness
 and the torques of its wires. Nobody needs to see the body.
 """
@@ -17,9 +17,9 @@ from calibration.estimate import Estimate
 from calibration.remarks import CalibrationError
 from limb_systems import Gait, Layout, Recording, RobotParameters, Wires
 from limb_systems.model.kinematics import joint_angles_from_bend_angle
-from planners.gait.planar_robot import POSE, PlanarRobot
 from planners.gait.program import SLIDES
-from planners.gait.standing import Standing
+from planners.gait.standing import balance_of
+from planners.gait.walker import Walker
 from planners.transcription.quasi_static import readings_along
 
 SPACING = 0.25  # s, between the moments whose balance counts
@@ -169,7 +169,8 @@ def _sliding(
     gait: Gait, recording: Recording, start: float, cycles: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moments at which feet slide as planned (M,), s, and the contact of each foot (M, F)."""
-    planar, together = PlanarRobot(gait.robot), gait.robot.together
+    walker, together = Walker(gait.robot), gait.robot.together
+    B = walker.pose_size
     times = start + np.arange(0.0, cycles * gait.period, SPACING)
     times = times[times < recording.time[-1]]
     starts = [phase.start for phase in gait.phases]
@@ -182,10 +183,10 @@ def _sliding(
         """Speed of each foot (M, F), m/s, beside the mean of those that stick."""
         shown = np.array([np.interp(at, clock, bend) for bend in np.gradient(bends, clock, axis=1)])
         held = np.array([np.interp(at, clock, bend) for bend in bends])
-        y = np.zeros((len(at), POSE + together.num_joints))
-        y[:, POSE:] = joint_angles_from_bend_angle(together, held).T
+        y = np.zeros((len(at), B + together.num_joints))
+        y[:, B:] = joint_angles_from_bend_angle(together, held).T
         rates = joint_angles_from_bend_angle(together, shown).T
-        own = np.einsum("kfd,kd->kf", planar.feet_jacobian(y)[:, :, 0, POSE:], rates)
+        own = np.einsum("kfd,kd->kf", walker.feet_jacobian(y)[:, :, 0, B:], rates)
         return own - (own * sticks).sum(axis=1, keepdims=True) / np.maximum(
             1, sticks.sum(axis=1, keepdims=True)
         )
@@ -211,21 +212,21 @@ class _Balance:
     def __init__(
         self, robot: RobotParameters, states: np.ndarray, contacts: np.ndarray, *, exact: bool
     ):
-        self.planar, self._wires = PlanarRobot(robot), Wires(robot.together)
+        self._walker, self._wires = Walker(robot), Wires(robot.together)
         assert robot.ground is not None
         self._mu, self._robot = robot.ground.friction, robot
         self._layout, self._exact = Layout(robot.together), exact
         self._slides = np.vectorize(lambda foot: SLIDES.get(foot, 0.0))(contacts)
-        self._standing = Standing(self.planar, self._wires, np.ones((*contacts.shape, 2)))
-        M, d, F = len(states), len(self.planar.stiffness), self.planar.num_feet
+        self._balance = balance_of(self._walker, self._wires)
+        M, d, F = len(states), len(self._walker.stiffness), self._walker.num_feet
         self._d, self._F = d, F
-        load = float(np.hypot(*self.planar.weight)) / F
+        load = float(np.linalg.norm(self._walker.weight)) / F
         self._points = np.hstack(
             [
-                np.tile(self.planar.rest, (M, 1)),
+                np.tile(self._walker.rest, (M, 1)),
                 states,
                 np.tile([0.0, load] * F, (M, 1)),
-                np.tile(self.planar.feet(self.planar.rest)[:, 0], (M, 1)),
+                np.tile(self._walker.feet(self._walker.rest)[:, 0], (M, 1)),
             ]
         )
         self._unknown = np.r_[:d, d + states.shape[1] + np.arange(2 * F)]
@@ -245,8 +246,8 @@ class _Balance:
             if largest.max() < 1e-9:
                 break
         missed, slopes, by_multiples = self._equations(logarithms)
-        moved = -np.linalg.solve(slopes, by_multiples)[:, POSE : self._d]
-        q = self._points[:, POSE : self._d]
+        moved = -np.linalg.solve(slopes, by_multiples)[:, self._walker.pose_size : self._d]
+        q = self._points[:, self._walker.pose_size : self._d]
         shown = self._shown(q)
         by = [(self._shown(q + 1e-6 * step) - shown) / 1e-6 for step in np.moveaxis(moved, -1, 0)]
         return shown, np.stack(by, axis=-1)
@@ -258,29 +259,28 @@ class _Balance:
 
     def _equations(self, logarithms: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What is not zero yet (M, U), and derivatives by the unknown [y, λ] and the multiples."""
-        d, F, points = self._d, self._F, self._points
-        values, slopes = self._standing.values(points), self._standing.derivatives(points)
-        missed = values[:, : d + 2 * F].copy()
-        by_unknown = slopes[:, : d + 2 * F, self._unknown].copy()
-        missed[:, d + F :] -= self.planar.radius
+        d, F, B, points = self._d, self._F, self._walker.pose_size, self._points
+        missed, slopes = self._balance.first(points)
+        by_unknown = slopes[:, :, self._unknown]
+        missed[:, d + F :] -= self._walker.radius
         by_multiples = np.zeros((*missed.shape, len(logarithms)))
-        q, states = points[:, POSE:d], self._standing.split(points)[1]
+        q, states = points[:, B:d], self._balance.split(points)[1]
         torques = self._wires.forces(states, q) - self._wires.forces(self._cold, q)
-        springs = self.planar.stiffness[POSE:] * (q - self.planar.rest[POSE:])
+        springs = self._walker.stiffness[B:] * (q - self._walker.rest[B:])
         for limb, joints in enumerate(self._robot.joints_of):
-            rows = slice(POSE + joints.start, POSE + joints.stop)
+            rows = slice(B + joints.start, B + joints.stop)
             stiffer, stronger = np.exp(logarithms[1 + 2 * limb : 3 + 2 * limb])
             missed[:, rows] += (stiffer - 1) * springs[:, joints]
             missed[:, rows] -= (stronger - 1) * torques[:, joints]
             diagonal = np.arange(rows.start, rows.stop)
-            by_unknown[:, diagonal, diagonal] += (stiffer - 1) * self.planar.stiffness[rows]
+            by_unknown[:, diagonal, diagonal] += (stiffer - 1) * self._walker.stiffness[rows]
             by_multiples[:, rows, 1 + 2 * limb] = stiffer * springs[:, joints]
             by_multiples[:, rows, 2 + 2 * limb] = -stronger * torques[:, joints]
-        forces = self._standing.split(points)[2]
+        forces = self._balance.split(points)[2]
         mu = self._mu * np.exp(logarithms[0])
         for foot in range(F):
             slides, own = self._slides[:, foot], np.flatnonzero(self._slides[:, foot])
-            row, scale = d + foot, self.planar.size / self._load
+            row, scale = d + foot, self._walker.size / self._load
             missed[own, row] = scale * (
                 forces[own, foot, 0] + slides[own] * mu * forces[own, foot, 1]
             )

@@ -34,7 +34,7 @@ def main(options):
     for name, controller in ways.items():
         recording = replay(trajectory, Robot(robot), controller=controller)
         recording.save(options.out / f"walk_{name}.csv")
-        strides = 1e3 * strides_of(recording, gait.period, options.cycles, start)
+        strides = 1e3 * gait.stride * strides_of(recording, gait, options.cycles, start)[0]
         print(f"{name:<12}strides of {', '.join(f'{stride:.1f}' for stride in strides)} mm")
         save_figure(plot_motion(recording), options.out / f"walk_{name}.png")
         write_meshcat_replay(options.out / f"walk_{name}.html", recording)

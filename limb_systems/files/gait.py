@@ -9,13 +9,16 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
 from limb_systems.files.samples import Planned, apart, signal, without_rounding
+from limb_systems.model.robot import body_positions
 from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.provenance import Provenance
 from limb_systems.summary import Entry, Summary
 
-CONTACTS = ("stick", "slide_forward", "slide_backward", "swing")
+CONTACTS = ("stick", "slide_forward", "slide_backward", "slide", "swing")
 VIOLATION_TOLERANCE = 1e-6
 STRIDE_TOLERANCE = 0.05  # share of the planned stride by which each simulated one may differ
+
+ASIDE_TOLERANCE = 0.1  # share of the planned stride, aside of it
 
 
 @dataclasses.dataclass
@@ -35,13 +38,17 @@ class GaitVariation:
     """A gait's duty on another robot or ground, in simulation.
 
     - ``what``: what was changed, such as "friction x 0.7".
-    - ``strides``: each stride as a share of the planned one.
+    - ``strides``: each stride as a share of the planned one; a turn counts as the way of a point
+      that is a limb's length away.
+    - ``aside``: what was made aside of what was planned in each cycle, turn included, as a share of
+      the planned stride; empty in the plane.
     - ``highest_temperature``: largest T of any wire, °C.
     - ``fall``: how it fell; empty if it did not.
     """
 
     what: str = ""
     strides: list[float] = dataclasses.field(default_factory=list)
+    aside: list[float] = dataclasses.field(default_factory=list)
     highest_temperature: float = math.nan
     fall: str = ""
 
@@ -97,6 +104,11 @@ class GaitCheck:
                 f"in simulation a stride is {worst:.1%} of the planned one, which misses it by "
                 f"more than {self.tolerance:.0%}."
             )
+        if (aside := max(self.simulation.aside, default=0.0)) > ASIDE_TOLERANCE:
+            return (
+                f"in simulation it goes or turns aside by {aside:.1%} of the planned stride, more "
+                f"than {ASIDE_TOLERANCE:.0%}."
+            )
         return None
 
 
@@ -105,15 +117,17 @@ class Gait(Planned):
     """One cycle of a robot with L limbs, F bends, n joints and W wires in all.
 
     The robot is in balance at each of the K knots. The last knot is the first one again, a
-    stride further: heat, states of wires, angles and forces are equal. Duty is held from each
-    knot to the next.
+    stride further, and turned: heat, states of wires, angles and forces are equal. Duty is held
+    from each knot to the next.
 
     - ``time``: time of the knots (K,), s, from 0 to the period.
     - ``duty``: D (W, K), in [0, 1], from each knot on.
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s, of the limbs' joints.
     - ``wire_temperature``, ``measured_temperature``: T, V (W, K), °C.
-    - ``body_pose``: x, z, m, and θ, rad, from +x towards +z (3, K).
-    - ``contact_force``: force from the ground on each foot along x and z (2L, K), N.
+    - ``body_pose``: x, z, m, and θ, rad, from +x towards +z (3, K); in space x, y, z, m, and roll,
+      pitch and yaw, rad (6, K).
+    - ``contact_force``: force from the ground on each foot along x and z (2L, K), N; in space along
+      x, y and z (3L, K).
     - ``robot``: the robot; ``parameters`` are all its limbs together.
     - ``phases``: what the feet do, `GaitPhase`.
     - ``check``: how it was found and checked.
@@ -161,9 +175,19 @@ class Gait(Planned):
                 )
 
     @property
+    def in_space(self) -> bool:
+        """Whether the body moves in space, and not in the vertical plane alone."""
+        return len(self.body_pose) == 6
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Travel of the body in a cycle, as `travels` has it (1,) or (3,)."""
+        return travels(self.body_pose[:, [0, -1]])[:, 0]
+
+    @property
     def stride(self) -> float:
         """Travel of the body in a cycle, m."""
-        return float(self.body_pose[0, -1] - self.body_pose[0, 0])
+        return float(np.linalg.norm(self.displacement[:2]))
 
     @property
     def period(self) -> float:
@@ -174,6 +198,31 @@ class Gait(Planned):
     def speed(self) -> float:
         """Stride by period, m/s."""
         return self.stride / self.period
+
+    @property
+    def turn(self) -> float:
+        """Turn of the body to the left in a cycle, rad; 0 in the plane."""
+        return float(self.displacement[2]) if self.in_space else 0.0
+
+    @property
+    def on_the_spot(self) -> bool:
+        """Whether it turns, and goes nowhere."""
+        return self.stride < 1e-6
+
+    @property
+    def reach(self) -> float:
+        """Travel in a cycle, m; a turn on the spot counts by the way at a limb's length."""
+        if not self.on_the_spot:
+            return self.stride
+        lengths = [sum(s.length for s in limb.parameters.segments) for limb in self.robot.limbs]
+        return max(lengths) * abs(self.turn)
+
+    @property
+    def merit(self) -> float:
+        """What its objective makes large: `reach` by time, m/s, or by full duty of a wire, m/s."""
+        if self.check.objective != "energy":
+            return self.reach / self.period
+        return self.reach / float(np.diff(self.time) @ self.duty[:, :-1].sum(axis=0))
 
     @property
     def schedule(self) -> list[list[str]]:
@@ -195,7 +244,7 @@ class Gait(Planned):
         """State of a `Robot` at rest at the first knot, for `simulate`."""
         pose, angles = self.body_pose[:, 0], self.joint_angles[:, 0]
         rates = np.zeros(len(pose) + len(angles))
-        return np.concatenate([pose, angles, rates, self.initial_heat])
+        return np.concatenate([body_positions(pose), angles, rates, self.initial_heat])
 
     def duty_trajectory(self, cycles: int = 1) -> PiecewisePolynomial:
         """Duty over some cycles from time 0, for a `TrajectorySource`."""
@@ -206,13 +255,22 @@ class Gait(Planned):
 
     def repeated(self, cycles: int) -> "Gait":
         """Some cycles, one after the other, as one."""
-        further = np.arange(cycles)
 
         def tiled(signal: np.ndarray) -> np.ndarray:
             return np.hstack([*[signal[:, :-1]] * cycles, signal[:, -1:]])
 
-        pose = tiled(self.body_pose)
-        pose[0] += self.stride * np.append(np.repeat(further, len(self.time) - 1), cycles - 1)
+        forces = self.contact_force.reshape(len(self.robot.limbs), -1, len(self.time))
+        poses, turned, start = [], [], self.body_pose[:, 0]
+        for _ in range(cycles):
+            pose = self.moved(start)
+            yaw = pose[-1, 0] - self.body_pose[-1, 0] if len(pose) == 6 else 0.0
+            poses.append(pose)
+            turned.append(along_heading(forces.swapaxes(0, 1), -yaw).swapaxes(0, 1))
+            start = pose[:, -1]
+        pose, force = (
+            np.concatenate([*(part[..., :-1] for part in parts), parts[-1][..., -1:]], axis=-1)
+            for parts in (poses, turned)
+        )
         others = self.other_wire_state
         return dataclasses.replace(
             self,
@@ -222,25 +280,63 @@ class Gait(Planned):
             wire_temperature=tiled(self.wire_temperature),
             measured_temperature=tiled(self.measured_temperature),
             body_pose=pose,
-            contact_force=tiled(self.contact_force),
+            contact_force=force.reshape(len(self.contact_force), -1),
             other_wire_state=None if others is None else tiled(others),
             phases=[
                 GaitPhase(phase.start + cycle * self.period, phase.contacts)
-                for cycle in further.tolist()
+                for cycle in range(cycles)
                 for phase in self.phases
             ],
         )
 
+    def moved(self, start: np.ndarray) -> np.ndarray:
+        """The body's pose (3 or 6, K) in a cycle that begins at a pose, of which travel counts."""
+        pose = self.body_pose.copy()
+        if len(pose) == 3:
+            pose[0] += start[0] - pose[0, 0]
+            return pose
+        turn = start[5] - pose[5, 0]
+        pose[:2] = along_heading(pose[:2] - pose[:2, :1], -turn) + start[:2, None]
+        pose[5] += turn
+        return pose
+
     def summary(self) -> Summary:
-        """Stride, period, speed, largest temperature, and whether it passed its check."""
+        """Stride, turn, period, speed, largest temperature, and whether it passed its check."""
         judged = "checked" if self.passed else "failed its check"
         heat, speed = float(self.wire_temperature.max()), 1e3 * self.speed
+        turn, rate = np.rad2deg(self.turn), np.rad2deg(self.turn / self.period)
+        goes = [Entry("stride", self.stride, "m", f"stride {1e3 * self.stride:.1f} mm")]
+        paces = [Entry("speed", self.speed, "m/s", f"{speed:.2f} mm/s")]
+        if abs(turn) > 1e-6:
+            goes.append(Entry("turn", self.turn, "rad", f"turn {turn:.1f}°"))
+            paces.append(Entry("turn_rate", self.turn / self.period, "rad/s", f"{rate:.2f} °/s"))
+        if self.on_the_spot:
+            del goes[0], paces[0]
         return Summary(
             [
-                Entry("stride", self.stride, "m", f"stride {1e3 * self.stride:.1f} mm"),
+                *goes,
                 Entry("period", self.period, "s", f"period {self.period:.1f} s"),
-                Entry("speed", self.speed, "m/s", f"{speed:.2f} mm/s"),
+                *paces,
                 Entry("heat", heat, "°C", f"up to {heat:.0f} °C"),
                 Entry("check", "not checked" if self.check.is_missing else judged),
             ]
         )
+
+
+def along_heading(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
+    """Vectors of the world, x and y first (2 or more, ...), in axes turned by a yaw, rad."""
+    x, y, *others = vectors
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x, *others])
+
+
+def travels(poses: np.ndarray) -> np.ndarray:
+    """Travel of a body between poses (3 or 6, K), in the heading at the beginning of each.
+
+    Returns:
+        Along x (1, K - 1), m; in space along x and y, m, and turned, rad (3, K - 1).
+    """
+    if len(poses) == 3:
+        return np.diff(poses[:1])
+    yaw = np.unwrap(poses[5])
+    return np.vstack([along_heading(np.diff(poses[:2]), yaw[:-1]), np.diff(yaw)])

@@ -219,15 +219,20 @@ def set_positions(
     """
     positions = plant.GetDefaultPositions()
     if body_pose is not None:
-        pose = np.asarray(body_pose, float)
-        if robot.body.mount == "free":
-            rotation = RollPitchYaw(pose[3:]).ToQuaternion()
-            pose = np.concatenate([rotation.wxyz(), pose[:3]])
+        pose = body_positions(body_pose)
         positions[: len(pose)] = pose
     angles = np.asarray(joint_angles, float)
     for joint, angle in zip(limb_joints(plant, robot), angles, strict=True):
         positions[joint.position_start()] = angle
     plant.SetPositions(context, positions)
+
+
+def body_positions(body_pose: ArrayLike) -> np.ndarray:
+    """Positions of a body in its plant, from its pose as the port ``body_pose`` of `Robot`."""
+    pose = np.asarray(body_pose, float)
+    if len(pose) == 3:
+        return pose
+    return np.concatenate([RollPitchYaw(pose[3:]).ToQuaternion().wxyz(), pose[:3]])
 
 
 def export_limbs(

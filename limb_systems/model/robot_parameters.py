@@ -119,6 +119,27 @@ def walking_limb() -> LimbParameters:
     return LimbParameters(segments=[segment])
 
 
+def walking_limb_in_space() -> LimbParameters:
+    """As `walking_limb`, with a square section, three links that bend about two axes, and wires."""
+    limb = LimbParameters.in_space(wires=3, links=3)
+    segment, straight = limb.segments[0], walking_limb().segments[0]
+    segment.length, segment.mass = straight.length, straight.mass
+    segment.stiffness = straight.stiffness
+    return limb
+
+
+# Places of limbs about the middle of a body in space, m.
+_IN_SPACE = {
+    3: {"rear": (-0.03, 0.0), "left": (0.015, 0.026), "right": (0.015, -0.026)},
+    4: {
+        "rear_left": (-0.03, 0.015),
+        "front_left": (0.03, 0.015),
+        "rear_right": (-0.03, -0.015),
+        "front_right": (0.03, -0.015),
+    },
+}
+
+
 def _rear_and_front() -> list[RobotLimb]:
     return [
         RobotLimb(name, position=[x, 0.0, 0.0], parameters=walking_limb())
@@ -150,6 +171,27 @@ class RobotParameters(Described):
     ground: GroundParameters | None = dataclasses.field(default_factory=GroundParameters)
     gravity: list[float] = quantity((0.0, 0.0, -9.81), "m/s²", -100.0, 100.0)
     total_duty: float = quantity(1.5, "of full duty", 0.01, 100.0)
+
+    @classmethod
+    def in_space(cls, limbs: int = 4) -> "RobotParameters":
+        """A robot of three or four limbs that bend about two axes, on a body that moves in space.
+
+        Raises:
+            ParameterError: for another number of limbs.
+        """
+        if limbs not in _IN_SPACE:
+            raise ParameterError(
+                f"limbs is {limbs}; a robot in space has three or four by default, and any number "
+                "in a description of yours."
+            )
+        hips = [
+            RobotLimb(name, position=[x, y, 0.0], parameters=walking_limb_in_space())
+            for name, (x, y) in _IN_SPACE[limbs].items()
+        ]
+        body = BodyParameters(mount="free")
+        if limbs == 3:
+            body.width = body.length
+        return cls(body=body, limbs=hips, total_duty=3.0)
 
     @classmethod
     def of_limb(cls, limb: LimbParameters) -> "RobotParameters":

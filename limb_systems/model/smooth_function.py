@@ -60,8 +60,13 @@ _OF_NUMBERS: dict[str, Any] = {
 }
 
 
+# Instructions from which on CasADi evaluates an expression itself: numpy takes longer for each, and
+# Python to compile them.
+LONG = 12000
+
+
 class Compiled:
-    """Numpy code of symbolic expressions.
+    """Numpy code of symbolic expressions, or CasADi's own of long ones, of floats alone.
 
     Args:
         inputs: columns of symbols.
@@ -72,8 +77,14 @@ class Compiled:
     """
 
     def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]):
-        function = ca.Function("function", list(inputs), ca.cse(list(outputs)))
+        outputs = ca.cse(list(outputs))
+        function = ca.Function("function", list(inputs), outputs)
         self._sizes = [output.nnz() for output in outputs]
+        self._is_long = function.n_instructions() > LONG
+        if self._is_long:
+            dense = [output.nz[:] for output in outputs]
+            self._machine = ca.Function("function", list(inputs), dense)
+            return
         code = compile(_source(function), "<symbolic function>", "exec")
         self._of_numbers, self._of_arrays = (
             _defined(code, names) for names in (_OF_NUMBERS, _OF_ARRAYS)
@@ -90,6 +101,10 @@ class Compiled:
             The nonzeros of each expression (Z, ...).
         """
         shape, dtype = inputs[0].shape[1:], np.result_type(*inputs)
+        if self._is_long and 0 not in shape:
+            flat = [values.reshape(len(values), -1) for values in inputs]
+            found = self._machine.call(flat)
+            return [values.full().reshape(-1, *shape) for values in found]
         if not shape and dtype.kind == "f":
             lists = [[0.0] * size for size in self._sizes]
             try:
@@ -98,6 +113,8 @@ class Compiled:
             except (ArithmeticError, ValueError):
                 pass  # inf and nan, as for arrays
         results = [np.empty((size, *shape), dtype) for size in self._sizes]
+        if self._is_long:
+            return results  # of no points
         with np.errstate(all="ignore"):
             self._of_arrays(*inputs, *results)
         if dtype.hasobject:  # constants among the values, too, become one of Drake's scalars

@@ -19,6 +19,7 @@ from limb_systems import (
     RobotParameters,
     simulate,
 )
+from limb_systems.files.gait import travels
 from limb_systems.model.parameters import ParameterError
 from limb_systems.model.robot import TIME_STEP
 from limb_systems.progress import Progress
@@ -27,6 +28,7 @@ from limb_systems.simulation import PERIOD, SimulationError
 # Strides of most gaits agree to 0.03% from the second on. Robots whose strides do not agree to
 # SETTLED do not repeat themselves, and are simulated for longer.
 CYCLES, LONGER, SETTLED = 3, 8, 2e-3
+SETTLED_IN_SPACE = 0.02  # where loads, and with them strides, hang on micrometres
 SPREAD_CYCLES = 2  # of other robots
 SPREAD_STEP = 4e-3  # s, of their mechanics: strides are 1% shorter, in a quarter of the time
 FRICTION = (0.7, 1.3)  # times the friction of the ground
@@ -126,23 +128,41 @@ def simulate_gait(
     assert recording.wire_temperature is not None
     fall, time = fall_of(recording, gait)
     completed = min(cycles, int(time / gait.period + 1e-6))
-    strides = strides_of(recording, gait.period, completed) / gait.stride
+    strides, aside = strides_of(recording, gait, completed)
     changes = np.abs(np.diff(strides[1:])).max(initial=0.0)  # the first one is still settling
-    if not fall and cycles < longer and changes > SETTLED:
+    settled = SETTLED_IN_SPACE if gait.in_space else SETTLED
+    if not fall and cycles < longer and changes > settled:
         return simulate_gait(gait, what, robot, longer, step)
     return GaitVariation(
         what,
         strides=strides.tolist(),
+        aside=aside.tolist() if gait.in_space else [],
         highest_temperature=float(recording.wire_temperature.max()),
         fall=fall,
     )
 
 
-def strides_of(recording: Recording, period: float, cycles: int, start: float = 0.0) -> np.ndarray:
-    """Return the travel of the body in each cycle (cycles,), m, from a start, s, on."""
+def strides_of(
+    recording: Recording, gait: Gait, cycles: int, start: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the travel of the body in each cycle (cycles,), as shares of the planned stride.
+
+    Args:
+        start: when the first cycle begins, s.
+
+    Returns:
+        What it went along what was planned, turn included, and what aside of it.
+    """
     assert recording.body_pose is not None
-    ends = start + period * np.arange(cycles + 1)
-    return np.diff(np.interp(ends, recording.time, recording.body_pose[0]))
+    ends = start + gait.period * np.arange(cycles + 1)
+    pose = np.unwrap(recording.body_pose, axis=1, period=2 * np.pi)
+    made = travels(np.array([np.interp(ends, recording.time, row) for row in pose]))
+    size = max(sum(s.length for s in limb.parameters.segments) for limb in gait.robot.limbs)
+    scales = np.array([1.0, 1.0, size])[: len(made)]
+    planned, made = gait.displacement * scales, made.T * scales
+    along = made @ planned / (planned @ planned)
+    aside = np.linalg.norm(made - along[:, None] * planned, axis=1)
+    return along, aside / np.linalg.norm(planned)
 
 
 def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:
@@ -153,17 +173,23 @@ def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, 
     checked where the forces are known. The first cycle of the gait begins at ``start``, s.
     """
     assert recording.body_pose is not None
-    body, pose, times = gait.robot.body, recording.body_pose, recording.time
-    sine, cosine = np.abs(np.sin(pose[2])), np.cos(pose[2])
-    lowest = pose[1] - 0.5 * (body.length * sine + body.height * np.abs(cosine))
+    body, times = gait.robot.body, recording.time
+    height, upright = _height_and_upright(recording.body_pose)
+    sizes = np.array([body.length, body.width, body.height])
+    lowest = height - 0.5 * sizes @ np.abs(upright)
     falls = [
-        (np.abs(pose[2]) > MOST_TILT, f"its body tilts by more than {np.rad2deg(MOST_TILT):.0f}°"),
+        (
+            upright[2] < np.cos(MOST_TILT),
+            f"its body tilts by more than {np.rad2deg(MOST_TILT):.0f}°",
+        ),
         (lowest < LOWEST, "its body comes to the ground"),
     ]
     phases = np.searchsorted([p.start for p in gait.phases], (times - start) % gait.period, "right")
-    weight = gait.contact_force[1::2].sum(axis=0).mean()
+    size = gait.robot.force_size
+    weight = gait.contact_force[size - 1 :: size].sum(axis=0).mean()
     forces = recording.contact_force
-    seen = [] if forces is None else list(zip(gait.robot.limbs, forces[1::2], strict=True))
+    loads = forces[size - 1 :: size] if forces is not None else ()
+    seen = list(zip(gait.robot.limbs, loads, strict=False))  # where forces are known
     for limb, (named, force) in enumerate(seen):
         swings = np.array([phase.contacts[limb] == "swing" for phase in gait.phases])[phases - 1]
         idle = (force < NO_LOAD * weight) & ~swings & (times >= start)
@@ -177,6 +203,15 @@ def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, 
         return "", float(times[-1])
     index, words = min(first)
     return f"{words} after {times[index] - start:.1f} s", float(times[index])
+
+
+def _height_and_upright(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Height of the body (K,), m, and how much its x, y and z point up (3, K), of its poses."""
+    if len(pose) == 3:
+        return pose[1], np.stack([np.sin(pose[2]), 0 * pose[2], np.cos(pose[2])])
+    roll, pitch = pose[3:5]
+    across = np.cos(pitch) * np.stack([np.sin(roll), np.cos(roll)])
+    return pose[2], np.vstack([-np.sin(pitch), across])
 
 
 def _simulate_all(gait: Gait, jobs: list) -> list[GaitVariation]:

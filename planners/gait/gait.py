@@ -1,7 +1,8 @@
-"""Gaits of planar robots: `plan_gait`."""
+"""Gaits of robots, in the vertical plane and in space: `plan_gait`."""
 
 import contextlib
 import copy
+import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,16 +13,16 @@ from pydrake.solvers import IpoptSolver, SolverOptions
 
 from limb_systems import Gait, GaitCheck, RobotParameters
 from planners.gait.check import check_gait
-from planners.gait.planar_robot import POSE, check_walker
+from planners.gait.course import Course, check_course
 from planners.gait.program import (
     LEAST_LOAD,
-    LEAST_STRIDE,
     STICKING_SHARE,
     GaitProgram,
     usual_steadiness,
 )
 from planners.gait.schedules import check_schedule, sensible_schedules
-from planners.gait.standing import LEAST_PIVOT, Standing
+from planners.gait.standing import LEAST_PIVOT, Stability, balance_of
+from planners.gait.walker import check_walker
 from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.solving import PlanningError
 
@@ -42,6 +43,7 @@ MOST_ITERATIONS = 200  # of each attempt; gaits need 25 to 60, with memory of wi
 LESS_FRICTION, MORE_HEAT = 0.25, 100.0
 RELAXED_TIME = 10.0  # s of processor time, of each relaxed request
 LEAST_STANCE = 0.1  # of limbs' length, from foot to foot where the robot stands
+TURNS = 0.25, 0.5  # of the turn asked for, by which a gait ahead becomes one along an arc
 TOO_SOFT = (
     "the limbs are too soft for the weight on them, so that it would tip over; make them stiffer, "
     "shorter or lighter"
@@ -51,6 +53,9 @@ TOO_SOFT = (
 def plan_gait(
     robot: RobotParameters | str | Path | None = None,
     *,
+    turn: float = 0.0,
+    stride: float | None = None,
+    speed: float | None = None,
     schedule: Sequence[Sequence[str]] | None = None,
     objective: Literal["speed", "energy"] = "speed",
     temperature_margin: float = 0.0,
@@ -65,24 +70,29 @@ def plan_gait(
     """The fastest periodic motion of a robot, or the one that heats least per distance.
 
     The check simulates it with contact, and on other grounds and with other parameters, which
-    takes ten seconds on two cores. Where no gait is as steady as asked for, the gait is less
-    steady; where the robot does not walk as planned, it is steadier. The gait's check has a remark
-    that says so.
+    takes ten seconds on two cores. In a plane, where no gait is as steady as asked for, the gait is
+    less steady; where the robot does not walk as planned, it is steadier. The gait's check has a
+    remark that says so.
 
     Args:
         robot: description of the robot, or the path of its YAML file; the crawler if None.
-        schedule: what each foot does in each phase (P, F), of `CONTACTS`; the first of
-            `sensible_schedules` if None.
+        turn: turn of the body to the left in a cycle, rad; as far as it can if infinite. To the
+            right it is negative.
+        stride: travel in a cycle, m; 0 on the spot. If None, the one that is fastest, or none if
+            the turn is infinite.
+        speed: speed that it has, at the least heat, m/s; the fastest if None.
+        schedule: what each foot does in each phase (P, F), of `CONTACTS`. If None, in a plane the
+            first of `sensible_schedules`, and in space the first that walks as planned.
         objective: "speed" for the largest stride by period, "energy" for the least duty, summed
             over time and wires, by stride.
         temperature_margin: how far T stays below T_max, °C.
-        steadiness: least stiffness against pitch, as a multiple of weight times limb length. Less
-            is faster, but more of the robots that are not quite as described fall. If None, 25,
-            or 12.5 if all limbs are calibrated.
+        steadiness: least stiffness against pitch in a plane, as a multiple of weight times limb
+            length. Less is faster, but more of the robots that are not quite as described fall. If
+            None, 25, or 12.5 if all limbs are calibrated.
         sticking_share: share of μ that feet that stick may use, at most 1. More is faster, but
             the robot stands still if friction differs more from foot to foot.
         intervals: number of intervals between knots, shared by the phases.
-        near: a gait of a robot that differs little, of this schedule, to start from.
+        near: a gait of a robot or a course that differs little, of this schedule, to start from.
         check, spread: whether to check it by `check_gait`, and with its spread.
         explain: whether to find out, in up to a minute, why there is no gait, if there is none.
 
@@ -93,35 +103,86 @@ def plan_gait(
     """
     robot = RobotParameters.of(robot)
     check_walker(robot)
+    course = Course(turn, stride, speed)
+    check_course(robot, course)
+    in_space = robot.body.mount == "free"
+    schedules = [schedule] if schedule else sensible_schedules(robot)[: None if in_space else 1]
     steadiness = usual_steadiness(robot) if steadiness is None else steadiness
-    schedule = schedule or sensible_schedules(len(robot.limbs))[0]
-    check_schedule(schedule, len(robot.limbs))
-    check_request(
-        robot, schedule, objective, temperature_margin, steadiness, sticking_share, intervals
-    )
-    shares = np.diff(np.linspace(0, intervals, len(schedule) + 1).round().astype(int))
-    program = partial(
-        GaitProgram,
-        robot,
-        schedule,
-        shares.tolist(),
-        objective=objective,
-        temperature_margin=temperature_margin,
-        sticking_share=sticking_share,
-    )
+    for number, each in enumerate(schedules, 1):
+        check_schedule(each, robot)
+        check_request(
+            robot, each, objective, temperature_margin, steadiness, sticking_share, intervals
+        )
+        program = partial(
+            GaitProgram,
+            robot,
+            each,
+            np.diff(np.linspace(0, intervals, len(each) + 1).round().astype(int)).tolist(),
+            objective="speed" if speed is None else "energy",
+            temperature_margin=temperature_margin,
+            sticking_share=sticking_share,
+        )
+        is_last = number == len(schedules)
+        try:
+            gait = _along(program, course, steadiness, near, explain=explain and is_last)
+            return _walking(gait, program, course, spread) if check else gait
+        except PlanningError:
+            if is_last:
+                raise
+    raise AssertionError("there is always a schedule")
+
+
+def _along(
+    program: Callable[..., GaitProgram],
+    course: Course,
+    steadiness: float,
+    near: Gait | None,
+    explain: bool,
+) -> Gait:
+    """The gait of a course, not checked.
+
+    Args:
+        program: program of the gait, by further arguments.
+        near: a gait to start from, if any.
+
+    Raises:
+        PlanningError: if there is none.
+    """
     try:
-        gait = _steady(program, steadiness, near)
+        if course.speed is not None:
+            fastest = dataclasses.replace(course, speed=None)
+            near = _along(partial(program, objective="speed"), fastest, steadiness, near, explain)
+            if near.speed < course.speed:
+                raise PlanningError(
+                    f"{1e3 * course.speed:.3g} mm/s cannot be had: the fastest gait of this "
+                    f"schedule goes {1e3 * near.speed:.3g} mm/s"
+                )
+        elif course.turn and near is None and not course.on_the_spot:
+            ahead = dataclasses.replace(course, turn=0.0)
+            near = _along(program, ahead, steadiness, None, explain=False)
+            for share in TURNS:
+                part = dataclasses.replace(course, turn=share * course.turn)
+                near = _solved(program(steadiness=steadiness, course=part), near)
+        return _steady(partial(program, course=course), steadiness, near)
     except PlanningError as error:
         reason = "its program has no solution"
         if explain:
-            reason = _reason(partial(program, steadiness=LESS_STEADY[0] * steadiness))
+            relaxed = partial(program, steadiness=LESS_STEADY[0] * steadiness, course=course)
+            reason = _reason(relaxed)
         raise PlanningError(f"There is no gait: {reason} ({error}).") from error
-    if not check:
-        return gait
+
+
+def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, spread: bool) -> Gait:
+    """The gait with its check, or in a plane one that is steadier and walks as planned.
+
+    Raises:
+        PlanningError: if none does.
+    """
     gait, planned = check_gait(gait, spread=spread), gait
-    for factor in () if gait.passed else STEADIER:
+    for factor in () if gait.passed or gait.in_space else STEADIER:
         try:
-            steadier = _solved(program(steadiness=factor * planned.check.steadiness), planned)
+            steadiness = factor * planned.check.steadiness
+            steadier = _solved(program(steadiness=steadiness, course=course), planned)
         except PlanningError:
             break
         steadier.check.remark = (
@@ -154,9 +215,12 @@ def _steady(
     if near:
         with contextlib.suppress(PlanningError):
             return _solved(program(steadiness=steadiness), near)
+    asked = program(steadiness=steadiness)
     try:
-        return _solved(program(steadiness=steadiness))
+        return _solved(asked)
     except PlanningError:
+        if asked.in_space:
+            raise
         gait = _solved(program(steadiness=LESS_STEADY[0] * steadiness))
     for share in LESS_STEADY[1:]:
         try:
@@ -240,6 +304,7 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
         if result.is_success():
             x = result.get_x_val()
             if program.sliding not in program.blocks and not program.slides_evenly(x):
+                assert program.sliding is not None
                 program.blocks.append(program.sliding)
                 attempts = [(FROM_UNEVEN, lambda _, x=x: x)]
                 continue
@@ -250,7 +315,7 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
                 iterations=iterations,
                 solve_time=solve_time,
                 violation=program.violation(x),
-                steadiness=program.steadiness,
+                steadiness=np.nan if program.in_space else program.steadiness,
                 sticking_share=program.sticking_share,
             )
             return program.gait(x, found)
@@ -293,6 +358,7 @@ def _for_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
         program.temperature_margin,
         program.sticking_share,
         steadiness=program.steadiness,
+        course=program.course,
     )
 
 
@@ -301,10 +367,11 @@ def _from_gait(program: GaitProgram, gait: Gait, states: np.ndarray | None = Non
     N = program.wires.num_states
     x = np.zeros(program.prog.num_vars())
     x[program.y] = np.vstack([gait.body_pose, gait.joint_angles]).T[:-1]
-    x[program.forces], x[program.duty] = gait.contact_force.T[:-1], gait.duty.T[:-1]
+    x[program.forces.reshape(len(program.y), -1)] = gait.contact_force.T[:-1]
+    x[program.duty] = gait.duty.T[:-1]
     x[program.heat[:, :N]] = (gait.wire_states.T if states is None else states)[:-1]
     x[program.heat[:, N:]] = gait.measured_temperature.T[:-1]
-    return program.complete(x, gait.stride, np.diff(gait.time))
+    return program.complete(x, np.diff(gait.time), gait.displacement)
 
 
 def _reason(program: Callable[..., GaitProgram]) -> str:
@@ -314,22 +381,24 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
         program: program of the gait, by further arguments.
     """
     asked = program()
-    F, robot = asked.planar.num_feet, asked.robot
-    standing = Standing(asked.planar, asked.wires, np.ones((F, 2)))
-    still = standing_still(asked)[asked.points[0]]
-    places = asked.planar.feet(standing.split(still)[0])[:, 0]
-    if np.ptp(places) < LEAST_STANCE * asked.planar.size:
+    walker, robot = asked.walker, asked.robot
+    point = standing_still(asked)[asked.points[0]]
+    y, _, forces = asked.balance.split(point)
+    places = walker.feet(y)[:, 0]
+    if np.ptp(places) < LEAST_STANCE * walker.size:
         return (
             f"all feet are within {1e3 * np.ptp(places):.1f} mm of each other along x, so that "
             "the body tips over; set the limbs apart"
         )
-    if standing.split(still)[2][:, 1].min() < LEAST_LOAD * asked.load:
+    if forces[:, -1].min() < LEAST_LOAD * asked.load:
         return (
             "there is no load transfer, as a foot carries nothing where the robot stands; set the "
             "limbs so that its weight is between the feet"
         )
-    if (standing.values(still)[-(2 * F + POSE) : -F] < LEAST_PIVOT).any():
-        return TOO_SOFT
+    if not asked.in_space:
+        still = Stability(walker, asked.wires, np.ones((walker.num_feet, 2))).values(point)
+        if (still[: -walker.num_feet] < LEAST_PIVOT).any():
+            return TOO_SOFT
     margin = asked.temperature_margin
     slippery = copy.deepcopy(robot)
     assert slippery.ground is not None
@@ -372,32 +441,33 @@ def standing_still(program: GaitProgram) -> np.ndarray:
     Raises:
         PlanningError: if the robot does not come to rest.
     """
-    wires, planar, load = program.wires, program.planar, program.load
-    d, F, W = len(planar.stiffness), planar.num_feet, wires.num_wires
+    wires, walker, load = program.wires, program.walker, program.load
+    d, F, W = len(walker.stiffness), walker.num_feet, wires.num_wires
     ambient = program.robot.together.ambient_temperature
     states = wires.settled_states(np.full(W, ambient + START_WARMTH))
-    standing = Standing(planar, wires, np.ones((F, 2)))
-    standing_forces, travel = np.tile([0.0, load / F], F), planar.feet(planar.rest)[:, 0]
-    point = np.concatenate([planar.rest, states, standing_forces, travel])
-    point[1] = planar.radius - planar.feet(planar.rest)[:, 1].mean()
-    targets = np.append(np.zeros(d + F), np.full(F, planar.radius))
-    unknown = np.r_[:d, d + len(states) + np.arange(2 * F)]
+    balance, up = balance_of(walker, wires), np.eye(walker.num_tangents + 1)[-1]
+    forces, feet = np.tile(load / F * up, F), walker.feet(walker.rest)
+    point = np.concatenate([walker.rest, states, forces, feet[:, :-1].ravel()])
+    point[walker.height] = walker.radius - feet[:, -1].mean()
+    targets = np.zeros(balance.num_values)
+    targets[-F:] = walker.radius
+    unknown = np.r_[:d, d + len(states) + np.arange(len(forces))]
     for _ in range(50):
-        missed = targets - standing.values(point)[: d + 2 * F]
+        values, slopes = balance.first(point)
         # More than two straight limbs share the load in many ways; one of them is taken.
-        step = np.linalg.lstsq(standing.derivatives(point)[: d + 2 * F, unknown], missed)[0]
+        step = np.linalg.lstsq(slopes[:, unknown], targets - values)[0]
         largest = np.abs(step[:d]).max()
         point[unknown] += step / max(1.0, largest / 0.2)
         if largest < 1e-10:
             break
     else:
         raise PlanningError("The robot does not stand on its straight limbs; are they too soft?")
-    y, _, forces = standing.split(point)
-    y[0] = 0.0
+    y, _, forces = balance.split(point)
+    y[: walker.num_tangents] = 0.0
     x = np.zeros(program.prog.num_vars())
-    x[program.y], x[program.forces] = y, forces.ravel()
+    x[program.y], x[program.forces] = y, forces
     x[program.heat] = np.append(states, states[:W])
     cooling, heating = (wires.rates(states, np.full(W, D))[:W] for D in (0.0, 1.0))
     x[program.duty] = cooling / (cooling - heating)
     typical = [program.prog.GetVariableScaling()[int(step)] for step in program.time_steps]
-    return program.complete(x, LEAST_STRIDE, np.array(typical))
+    return program.complete(x, np.array(typical))

@@ -6,11 +6,14 @@ feet, of which the first slides forward, then both stick while the body shifts, 
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from limb_systems import RobotParameters
 from limb_systems.files.gait import CONTACTS
 from limb_systems.schema import shown
 from planners.transcription.solving import PlanningError
 
-LETTERS = dict(zip("sfbl", CONTACTS, strict=True))  # stick, forward, backward, lifted
+LETTERS = dict(zip("sfbdl", CONTACTS, strict=True))  # forward, backward, dragged, lifted
 
 Schedule = list[list[str]]
 
@@ -26,7 +29,7 @@ def schedule_of(text: str, num_feet: int) -> Schedule:
         raise PlanningError(
             f"The schedule is {shown(text)}; it must have phases of {num_feet} letters, one for "
             "each foot, with spaces between: s if it sticks, f or b if it slides forward or "
-            "backward, l if it is lifted."
+            "backward in a plane, d if it is dragged along in space, l if it is lifted."
         )
     return [[LETTERS[letter] for letter in phase] for phase in phases]
 
@@ -37,18 +40,29 @@ def schedule_text(schedule: Sequence[Sequence[str]]) -> str:
     return " ".join("".join(letters[contact] for contact in phase) for phase in schedule)
 
 
-def check_schedule(schedule: Sequence[Sequence[str]], num_feet: int) -> None:
+def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) -> None:
     """Checks whether there can be a gait of a schedule.
 
     Raises:
         PlanningError: if it has other feet or contacts, or nothing holds the body at some time.
     """
+    num_feet, in_space = len(robot.limbs), robot.body.mount == "free"
     for phase in schedule:
         if len(phase) != num_feet or set(phase) - {*CONTACTS}:
             raise PlanningError(
                 f"The schedule has the phase {shown(list(phase))}; each phase must have one of "
                 f"{', '.join(CONTACTS)} for each of {num_feet} feet."
             )
+    other = {"slide_forward", "slide_backward"} if in_space else {"slide"}
+    if other & {contact for phase in schedule for contact in phase}:
+        raise PlanningError(
+            f"The schedule {schedule_text(schedule)!r} has feet that slide forward or backward, "
+            "but the body moves in space; let them be dragged (d), where the planner finds along "
+            "what."
+            if in_space
+            else f"The schedule {schedule_text(schedule)!r} has feet that are dragged (d), but the "
+            "body moves in a plane; let them slide forward (f) or backward (b)."
+        )
     for foot, contacts in enumerate(zip(*schedule, strict=True)):
         if set(contacts) == {"stick"}:
             raise PlanningError(
@@ -67,14 +81,22 @@ def check_schedule(schedule: Sequence[Sequence[str]], num_feet: int) -> None:
             )
 
 
-def sensible_schedules(num_feet: int) -> list[Schedule]:
-    """Schedules forward that are worth trying, the crawl of `plan_gait` first.
+def sensible_schedules(robot: RobotParameters) -> list[Schedule]:
+    """Schedules that are worth trying, the best first.
 
-    Feet move one after the other, from the rear or from the front; they slide, or are lifted if
-    three or more can stand on the others. Of four or more, every other one may move at a time.
-    Between their moves all stick, while the body shifts: where one foot begins to slide as another
-    ceases to, friction holds neither, and no such gait walked as planned.
+    In a plane feet move forward one after the other, from the rear or from the front; they slide,
+    or are lifted if three or more can stand on the others. Of four or more, every other one may
+    move at a time. Between their moves all stick, while the body shifts: where one foot begins to
+    slide as another ceases to, friction holds neither, and no such gait walked as planned.
+
+    In space feet are dragged. Four or more go one after the other along each side, from the rear,
+    without rests, as two or more others hold the body; or across it. Feet across each other, or on
+    one side, go together with rests. Three feet need rests. A cycle may begin at either side: a
+    robot turns to the left by one as well as it turns to the right by the other.
     """
+    num_feet = len(robot.limbs)
+    if robot.body.mount == "free":
+        return _schedules_in_space(robot)
     wave = [[foot] for foot in range(num_feet)]
     orders = [wave] if num_feet < 3 else [wave, wave[::-1]]
     if num_feet > 3:
@@ -86,10 +108,26 @@ def sensible_schedules(num_feet: int) -> list[Schedule]:
     ]
 
 
-def _schedule(order: list[list[int]], contact: str, num_feet: int) -> Schedule:
-    """Groups of feet that move in an order, all sticking between."""
+def _schedules_in_space(robot: RobotParameters) -> list[Schedule]:
+    F, places = len(robot.limbs), np.array([limb.position[:2] for limb in robot.limbs])
+    sides = [np.flatnonzero(side).tolist() for side in (places[:, 1] > 0, places[:, 1] <= 0)]
+    left, right = (sorted(side, key=lambda foot: places[foot, 0]) for side in sides)
+    around = [*left, *right[::-1]]
+    across = [foot for pair in zip(left, right[::-1], strict=False) for foot in pair]
+    across += [foot for foot in around if foot not in across]
+    waves = [[*left, *right], [*right, *left], across, across[::-1]]
+    schedules = [_schedule([[foot] for foot in wave], "slide", F, rests=F < 4) for wave in waves]
+    if F > 3:
+        opposite = [around[::2], around[1::2]]
+        groups = opposite, opposite[::-1], [left, right]
+        schedules += [_schedule(each, "slide", F) for each in groups]
+    return [each for number, each in enumerate(schedules) if each not in schedules[:number]]
+
+
+def _schedule(order: list[list[int]], contact: str, num_feet: int, rests: bool = True) -> Schedule:
+    """Groups of feet that move in an order, with all sticking between them if there are rests."""
     phases = []
     for moving in order:
         phases.append([contact if foot in moving else "stick" for foot in range(num_feet)])
-        phases.append(["stick"] * num_feet)
+        phases += [["stick"] * num_feet] * rests
     return phases

@@ -1,8 +1,8 @@
 """A robot that stands: balance of forces, and stability by the pivots of its stiffness.
 
-A point p = [y, x, λ, s] has the configuration y of `PlanarRobot`, the states x of the wires, the
-forces λ of the ground on each foot (tangential, normal), N, and the travel s of each foot, m. The
-Lagrangian is
+A point p = [y, x, λ, s] has the configuration y of `Walker`, the states x of the wires, the
+forces λ of the ground on each foot (tangential, normal), N, and the travel s of each foot, m, by
+foot. The Lagrangian is
 
     L(p) = V(y) - λ · feet(y),    ∂L/∂y = [0, f(x, q)] at rest
 
@@ -28,7 +28,7 @@ import numpy as np
 
 from limb_systems import Wires
 from limb_systems.model.smooth_function import SmoothFunction, stated_once
-from planners.gait.planar_robot import POSE, PlanarRobot
+from planners.gait.walker import Walker
 from urdf.generate import CONTACT_STIFFNESS
 
 # ρ, N/m, of a foot and the ground in series: a hundred times what limbs are, so that more of it
@@ -43,56 +43,101 @@ MOST_LOAD_STIFFNESS = 1000.0  # N/m: ground that is higher by 0.1 mm adds a load
 LEAST_PIVOT = float(np.arcsinh(1.0))  # of `Standing.values`
 
 
-class Standing:
-    """Balance, feet and pivots of a robot at points p (..., P), with exact derivatives.
+class Balance(SmoothFunction):
+    """Balance and feet of a robot at points p (..., P).
 
-    Values are the d forces of the balance, N and N·m; the travel of each foot less s, m, and its
-    height above where its load presses the ground to, z + f_n / ρ, m; and asinh of the pivots over
-    the least ones: of the last joint of each limb, whose sign is the first to change, and of the
-    body in x, z and θ; and of the load by each height of the ground over the most. They are
-    (..., m), with m = d + 2F + F + 3 + F. The class is a
+    Values are the d forces of the balance, N and N·m; the travel of the point of contact of each
+    foot less s, m (τF); and the height of each foot above where its load presses the ground to,
+    z + f_n / ρ, m (F), or z if the ground is rigid.
+
+    Args:
+        walker: mechanics of the robot.
+        wires: wires of all its limbs.
+        ground_gives: whether loads press feet into the ground.
+    """
+
+    def __init__(self, walker: Walker, wires: Wires, ground_gives: bool = True):
+        self._walker, self._num_states = walker, wires.num_states
+        y, feet = walker.configuration, walker.symbolic_feet
+        x, travel = ca.SX.sym("x", wires.num_states), ca.SX.sym("s", feet[:-1, :].numel())
+        forces = ca.SX.sym("f", *feet.shape)
+        lagrangian = walker.symbolic_potential - ca.dot(forces, feet)
+        balance = ca.gradient(lagrangian, y) - _torques(walker, wires, x)
+        heights = feet[-1, :].T + ground_gives * forces[-1, :].T / GROUND_STIFFNESS
+        values = ca.vertcat(balance, ca.vec(feet[:-1, :]) - travel, heights)
+        super().__init__(values, ca.vertcat(y, x, ca.vec(forces), travel))
+
+    def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """y (..., d), x (..., N) and λ (..., F, τ + 1) of points."""
+        return split(self._walker, self._num_states, points)
+
+
+def split(
+    walker: Walker, num_states: int, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """y (..., d), x (..., N) and λ (..., F, τ + 1) of points p."""
+    shape = walker.num_feet, walker.num_tangents + 1
+    sizes = [len(walker.stiffness), num_states, shape[0] * shape[1]]
+    y, x, forces, _ = np.split(points, np.cumsum(sizes), axis=-1)
+    return y, x, forces.reshape(*forces.shape[:-1], *shape)
+
+
+def balance_of(walker: Walker, wires: Wires, ground_gives: bool = True) -> Balance:
+    """The `Balance` of a robot, stated once."""
+    key = Balance, walker.key, ground_gives
+    return stated_once(key, lambda: Balance(walker, wires, ground_gives))
+
+
+def _torques(walker: Walker, wires: Wires, states: ca.SX) -> ca.SX:
+    """The generalized forces [0, f(x, q)] (d,) of the wires, N·m, by (4)."""
+    B = walker.pose_size
+    return ca.vertcat(ca.SX(B, 1), wires.symbolic_force(states, walker.configuration[B:]))
+
+
+class Stability:
+    """Pivots of the stiffness of a robot in the plane at points p (..., P), with derivatives.
+
+    Values are asinh of the pivots over the least ones: of the last joint of each limb, whose sign
+    is the first to change, and of the body in x, z and θ; and of the load by each height of the
+    ground over the most. They are (..., m), with m = F + 3 + F. The class is a
     `planners.transcription.function_block.PointFunction`.
 
     Args:
-        robot: mechanics of the robot.
+        walker: mechanics of the robot, on a planar body.
         wires: wires of all its limbs.
         held: 1 where the ground holds a foot in (x, z), otherwise 0 (K, F, 2); any
             number of points before the last axis of p then has to be K.
-        ground_gives: whether loads press feet into the ground; else heights are z.
     """
 
-    def __init__(
-        self, robot: PlanarRobot, wires: Wires, held: np.ndarray, ground_gives: bool = True
-    ):
-        d, N, F = len(robot.stiffness), wires.num_states, robot.num_feet
-        self._d, self._N, self._F = d, N, F
-        self._gives = np.array([float(ground_gives)])
-        self.num_values = d + 4 * F + POSE
+    def __init__(self, walker: Walker, wires: Wires, held: np.ndarray):
+        d, B, F = len(walker.stiffness), walker.pose_size, walker.num_feet
+        self._d, self._F = d, F
         self._held = held.reshape(*held.shape[:-2], 2 * F)
-        of_joints = LEAST_JOINT_STIFFNESS * robot.stiffness[POSE:][robot.last_joints]
+        of_joints = LEAST_JOINT_STIFFNESS * walker.stiffness[B:][walker.last_joints]
         self._least = np.concatenate([of_joints, LEAST_STIFFNESS, np.full(F, MOST_LOAD_STIFFNESS)])
         # Joints first, then the body, then each height of the ground; the pivots that count, by how
         # many coordinates are eliminated, and by their own.
-        self._order = np.append(np.arange(POSE, d), np.arange(POSE))
-        kept = [*robot.last_joints, *range(d - POSE, d)]
+        self._order = np.append(np.arange(B, d), np.arange(B))
+        kept = [*walker.last_joints, *range(d - B, d)]
         self._pivots = [*zip(kept, self._order[kept], strict=True), *((d, d + f) for f in range(F))]
+        self.num_values = len(self._pivots)
 
-        functions = stated_once((Standing, robot.key), lambda: self._stated(robot, wires))
-        self._of_point, self._energy, self._stiffness, self.gain = functions
+        functions = stated_once((Stability, walker.key), lambda: self._stated(walker, wires))
+        self._energy, self._stiffness, self.gain = functions
         self.slope_places, self.curvature_places = self._places()
 
-    def _stated(self, robot: PlanarRobot, wires: Wires) -> tuple[SmoothFunction, ...]:
-        """Balance and feet of a point; Φ; the stiffness, column by column; Φ of `FrictionGain`."""
-        d, N, F = self._d, self._N, self._F
-        y, feet = robot.configuration, ca.vec(robot.symbolic_feet)
-        x, forces, travel = ca.SX.sym("x", N), ca.SX.sym("f", 2 * F), ca.SX.sym("s", F)
+    def _stated(self, walker: Walker, wires: Wires) -> tuple[SmoothFunction, ...]:
+        """Φ; the stiffness, column by column; and Φ of `FrictionGain`."""
+        d, F = self._d, self._F
+        y, feet = walker.configuration, ca.vec(walker.symbolic_feet)
+        x, forces, travel = (
+            ca.SX.sym("x", wires.num_states),
+            ca.SX.sym("f", 2 * F),
+            ca.SX.sym("s", F),
+        )
         v, on_ground = ca.SX.sym("v", d + F), ca.SX.sym("held", 2 * F)
-        lagrangian = robot.symbolic_potential - ca.dot(forces, feet)
-        torques = ca.vertcat(ca.SX(POSE, 1), wires.symbolic_force(x, y[POSE:]))
-        balance = ca.gradient(lagrangian, y) - torques
-        s, z = robot.symbolic_feet[0, :].T, robot.symbolic_feet[1, :].T
-        gives = ca.SX.sym("gives")
-        heights = z + gives * forces[1::2] / GROUND_STIFFNESS
+        lagrangian = walker.symbolic_potential - ca.dot(forces, feet)
+        balance = ca.gradient(lagrangian, y) - _torques(walker, wires, x)
         point = ca.vertcat(y, x, forces, travel)
         raised = ca.vec(ca.horzcat(ca.SX(F, 1), v[d:]).T)
         turned = ca.jtimes(feet, y, v[:d])
@@ -104,23 +149,15 @@ class Standing:
         coupled = ca.dot(w, own) + GROUND_STIFFNESS * ca.dot(on_ground * turned, pushed)
         gain = ca.dot(drag[::2], pushed[::2]) + ca.dot(drag[1::2], turned[1::2]) - coupled
         return (
-            SmoothFunction(ca.vertcat(balance, s - travel, heights), point, gives),
             SmoothFunction(energy, ca.vertcat(point, v), on_ground),
             SmoothFunction(ca.vec(ca.hessian(energy, v)[0] / 2), point, on_ground),
             SmoothFunction(gain, ca.vertcat(point, v[:d], w), ca.vertcat(on_ground, drag)),
         )
 
-    def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """y (..., d), x (..., N) and λ (..., F, 2) of points."""
-        y, x, forces, _ = np.split(points, np.cumsum([self._d, self._N, 2 * self._F]), axis=-1)
-        return y, x, forces.reshape(*forces.shape[:-1], self._F, 2)
-
     def values(self, points: np.ndarray) -> np.ndarray:
-        """Balance, feet and pivots (..., m)."""
+        """The pivots' asinh (..., m)."""
         pivots = np.moveaxis(self._eliminated(points)[0], 0, -1)
-        return np.concatenate(
-            [self._of_point.values(points, self._gives), np.arcsinh(pivots / self._least)], axis=-1
-        )
+        return np.arcsinh(pivots / self._least)
 
     def stiffness(self, points: np.ndarray) -> np.ndarray:
         """∂²L/∂y² - ∂f/∂q + ρ JᵀJ (..., d, d)."""
@@ -131,23 +168,22 @@ class Standing:
         size = self._d + self._F
         return self._stiffness.values(points, self._held).reshape(*points.shape[:-1], size, size)
 
-    def derivatives(self, points: np.ndarray) -> np.ndarray:
-        """Derivatives of `values` by the points (..., m, P)."""
-        _, of_point = self._of_point.first(points, self._gives)
+    def slopes(self, points: np.ndarray) -> np.ndarray:
+        """Derivatives at the ``slope_places`` (..., Z)."""
         pivots, motions, _ = self._eliminated(points)
-        of_pivots = np.moveaxis(self._pivot_slopes(points, pivots, motions), 0, -2)
-        return np.concatenate([of_point, of_pivots], axis=-2)
+        slopes = np.moveaxis(self._pivot_slopes(points, pivots, motions), 0, -2)
+        return slopes[..., *self.slope_places]
 
-    def second(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Second derivatives of weights · `values` by the points (..., P, P)."""
-        P, first_pivot = points.shape[-1], self.num_values - len(self._pivots)
-        result = self._of_point.second(points, weights[..., :first_pivot], self._gives)
+    def curvatures(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · `values` at the ``curvature_places`` (..., Z)."""
+        P = points.shape[-1]
+        result = np.zeros((*points.shape, P))
         pivots, motions, stiffness = self._eliminated(points)
         slopes = self._pivot_slopes(points, pivots, motions)
         one = np.ones((*pivots.shape, 1))
         curved = self._energy.second(self._with(points, motions), one, self._held)
         sizes = np.hypot(pivots, self._of_pivots(self._least, pivots))
-        on_pivots = np.moveaxis(weights[..., first_pivot:], -1, 0) / sizes
+        on_pivots = np.moveaxis(weights, -1, 0) / sizes
         for (number, _), pivot, slope, both, weight in zip(
             self._pivots, pivots, slopes, curved, on_pivots, strict=True
         ):
@@ -157,28 +193,16 @@ class Standing:
             both = both[..., :P, :P] - 2 * change.swapaxes(-1, -2) @ np.linalg.solve(kept, change)
             both -= pivot[..., None, None] * slope[..., :, None] * slope[..., None, :]
             result += weight[..., None, None] * both
-        return result
-
-    def slopes(self, points: np.ndarray) -> np.ndarray:
-        """`derivatives` at the ``slope_places`` (..., Z)."""
-        return self.derivatives(points)[..., *self.slope_places]
-
-    def curvatures(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """`second` at the ``curvature_places`` (..., Z)."""
-        return self.second(points, weights)[..., *self.curvature_places]
+        return result[..., *self.curvature_places]
 
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
         """Where first and second derivatives may not be zero."""
-        of_energy = self._energy
-        P, m = of_energy.num_variables - self._d - self._F, self.num_values
-        slopes, curved = np.zeros((m, P), bool), np.zeros((P, P), bool)
-        slopes[tuple(self._of_point.slope_places)] = True
-        counts = np.unique(of_energy.slope_places[1])
+        P = self._energy.num_variables - self._d - self._F
+        counts = np.unique(self._energy.slope_places[1])
         counts = counts[counts < P]
-        slopes[m - len(self._pivots) :, counts] = True
-        curved[np.ix_(counts, counts)] = True
-        curved[tuple(self._of_point.curvature_places)] = True
-        return np.array(slopes.nonzero()), np.array(np.tril(curved | curved.T).nonzero())
+        rows = np.repeat(np.arange(self.num_values), len(counts))
+        lower = np.array(np.tril_indices(len(counts)))
+        return np.array([rows, np.tile(counts, self.num_values)]), counts[lower]
 
     def _pivot_slopes(
         self, points: np.ndarray, pivots: np.ndarray, motions: np.ndarray
@@ -213,11 +237,11 @@ class Standing:
 
 
 class FrictionGain:
-    """What friction on a foot that slides does to itself, at points p (..., P) of `Standing`.
+    """What friction on a foot that slides does to itself, at points p (..., P) of `Stability`.
 
     If friction drags a foot back by 1 N, the load on it changes, and so the friction, by g N. Where
     g reaches 1, the foot jams, or jumps, however stable the robot is without friction. With the
-    stiffness H of `Standing`, and the directions t and n in which the foot slides and is held, it
+    stiffness H of `Stability`, and the directions t and n in which the foot slides and is held, it
     is g = μ ρ nᵀH⁻¹t. This is the stationary value over motions v and w of
 
         Φ(p, v, w) = μ tᵀw + ρ nᵀv - vᵀH w,
@@ -226,7 +250,7 @@ class FrictionGain:
     `planners.transcription.function_block.PointFunction` of one value.
 
     Args:
-        robot: mechanics of the robot.
+        walker: mechanics of the robot, on a planar body.
         wires: wires of all its limbs.
         held: 1 where the ground holds a foot in (x, z), otherwise 0 (K, F, 2).
         sliding: μ of the foot that is looked at, -μ if it slides backward, and 0 of the other feet
@@ -235,12 +259,13 @@ class FrictionGain:
 
     num_values = 1
 
-    def __init__(self, robot: PlanarRobot, wires: Wires, held: np.ndarray, sliding: np.ndarray):
-        self._robot, self._standing = robot, Standing(robot, wires, held)
-        self._gain, self._d = self._standing.gain, len(robot.stiffness)
+    def __init__(self, walker: Walker, wires: Wires, held: np.ndarray, sliding: np.ndarray):
+        self._walker, self._standing = walker, Stability(walker, wires, held)
+        self._gain, self._num_states = self._standing.gain, wires.num_states
+        self._d = len(walker.stiffness)
         self._drag = np.stack([sliding, GROUND_STIFFNESS * (sliding != 0)], axis=-1)
         both = np.stack([held, self._drag], axis=1)
-        self._parameters = both.reshape(len(held), 4 * robot.num_feet)
+        self._parameters = both.reshape(len(held), 4 * walker.num_feet)
         self._P = self._gain.num_variables - 2 * self._d
         counts = np.unique(self._gain.slope_places[1])
         self._counts = counts[counts < self._P]
@@ -266,8 +291,8 @@ class FrictionGain:
 
     def _with_motions(self, points: np.ndarray) -> np.ndarray:
         """Arguments [p, v, w] of Φ (..., P + 2d)."""
-        y, _, _ = self._standing.split(points)
+        y, _, _ = split(self._walker, self._num_states, points)
         stiffness = self._standing.stiffness(points)
-        directions = np.einsum("...fc,...fcd->...dc", self._drag, self._robot.feet_jacobian(y))
+        directions = np.einsum("...fc,...fcd->...dc", self._drag, self._walker.feet_jacobian(y))
         motions = np.linalg.solve(stiffness, directions)
         return np.concatenate([points, motions[..., 0], motions[..., 1]], axis=-1)

@@ -30,10 +30,11 @@ from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import motion_panels
 from planners import PlanningError, plan_gait
 from planners.gait.check import fall_of
+from planners.gait.course import Course, check_course
 from planners.gait.gait import check_request
-from planners.gait.planar_robot import check_walker
 from planners.gait.program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
 from planners.gait.schedules import Schedule, schedule_of, schedule_text, sensible_schedules
+from planners.gait.walker import check_walker
 from planners.gait.walking import walk
 from soft_limb.commands.options import (
     Command,
@@ -60,27 +61,45 @@ def _at_least_one(text: str) -> int:
     return int(text)
 
 
+def _turn(text: str) -> float:
+    """A turn in a cycle, rad, of text such as left, right or 10."""
+    sides = {"left": np.inf, "right": -np.inf}
+    try:
+        return sides[text] if text in sides else float(np.deg2rad(float(text)))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is neither left, nor right, nor a number of degrees"
+        ) from error
+
+
 def _gait(options: argparse.Namespace) -> int:
     outputs = checked_outputs(options, options.robot)
     robot = RobotParameters.of(options.robot)
     check_walker(robot)
-    num_feet = len(robot.limbs)
-    schedules = [schedule_of(text, num_feet) for text in options.schedule]
-    schedules = schedules or sensible_schedules(num_feet)
+    stride = None if options.stride is None else 1e-3 * options.stride
+    speed = None if options.speed is None else 1e-3 * options.speed
+    check_course(robot, Course(options.turn, stride, speed))
+    schedules = [schedule_of(text, len(robot.limbs)) for text in options.schedule]
+    schedules = schedules or sensible_schedules(robot)
     request = {
+        "turn": options.turn,
+        "stride": stride,
+        "speed": speed,
+    }
+    asked = {
         "objective": options.objective,
         "temperature_margin": options.margin,
         "steadiness": options.steadiness,
         "sticking_share": options.sticking,
     }
-    check_request(robot, schedules[0], **request)
+    check_request(robot, schedules[0], **asked)
     each = "five to twenty" if options.quick else "ten to sixty"
     say_duration(
         f"some seconds for each of {len(schedules)} schedules, and {each} seconds to check one",
     )
     gait, refused = _best_gait(
         schedules,
-        functools.partial(_planned, robot, explain=len(schedules) == 1, **request),
+        functools.partial(_planned, robot, explain=len(schedules) == 1, **request, **asked),
         spread=not options.quick,
     )
     if gait is None:
@@ -134,7 +153,7 @@ def _best_gait(
     taken, refused = None, []
     for trial in trials:
         if trial.gait and taken:
-            reason = f"{1e3 * trial.gait.speed:.2f} mm/s, and another is better"
+            reason = f"{1e3 * trial.gait.reach / trial.gait.period:.2f} mm/s, and another is better"
             trial = trial._replace(reason=reason)
         elif not trial.reason:
             trial = plan(trial.schedule, check=True, spread=spread)
@@ -147,7 +166,7 @@ def _best_gait(
 class _Trial(NamedTuple):
     """A schedule; its gait, if it was planned; or why there is none, or why it was not taken.
 
-    - ``merit``: speed, m/s, or distance for the heat of a cycle, m/s, which is to be large.
+    - ``merit``: `Gait.merit`, which is to be large.
     """
 
     schedule: Schedule
@@ -167,10 +186,7 @@ def _planned(
         gait = plan_gait(robot, schedule=schedule, objective=objective, check=check, **options)
     except PlanningError as error:
         return _Trial(schedule, reason=str(error))
-    if objective == "speed":
-        return _Trial(schedule, gait, merit=gait.speed)
-    heat = float(np.diff(gait.time) @ gait.duty[:, :-1].sum(axis=0))
-    return _Trial(schedule, gait, merit=gait.stride / heat)
+    return _Trial(schedule, gait, merit=gait.merit)
 
 
 def _walk(options: argparse.Namespace) -> int:
@@ -308,7 +324,28 @@ COMMANDS = {
                 default=[],
                 metavar="TEXT",
                 help="what each foot does in each phase, such as 'fs ss sf ss': s sticks, f or b "
-                "slides forward or backward, l is lifted; once for each schedule to try",
+                "slides forward or backward in a plane, d is dragged in space, l is lifted; once "
+                "for each schedule to try",
+            ),
+            Option(
+                "--turn",
+                type=_turn,
+                default=0.0,
+                metavar="DEGREES",
+                help="turn to the left in a cycle, °, negative to the right; or left or right, as "
+                "far as it can (default: none)",
+            ),
+            Option(
+                "--stride",
+                type=float,
+                metavar="MM",
+                help="travel in a cycle, mm, 0 to turn on the spot (default: the fastest)",
+            ),
+            Option(
+                "--speed",
+                type=float,
+                metavar="MM_S",
+                help="speed, mm/s, at the least heat (default: as fast as it can)",
             ),
             Option(
                 "--objective",

@@ -154,16 +154,19 @@ def walk_summary(gait: Gait, recording: Recording, cycles: int, start: float) ->
         return summary
     fall, end = fall_of(recording, gait, start)
     cycles = max(0, min(cycles, int((end - start) / gait.period + 1e-6)))
-    strides = strides_of(recording, gait.period, cycles, start)
-    shown = ", ".join(f"{1e3 * stride:.1f}" for stride in strides)
-    said = f"{shown} mm" if len(strides) else "none is whole"
-    said += f" in periods of {gait.period:.1f} s, {1e3 * gait.stride:.1f} mm planned"
+    planned, unit = (np.rad2deg(gait.turn), "°") if gait.on_the_spot else (1e3 * gait.stride, " mm")
+    shares = strides_of(recording, gait, cycles, start)[0]
+    strides = shares * (gait.turn if gait.on_the_spot else gait.stride)
+    shown = ", ".join(f"{share * planned:.1f}" for share in shares)
+    said = f"{shown}{unit}" if len(strides) else "none is whole"
+    said += f" in periods of {gait.period:.1f} s, {planned:.1f}{unit} planned"
     if fall:
-        x = np.interp([start, end], recording.time, recording.body_pose[0])
-        fall += f", having travelled {1e3 * np.diff(x)[0]:.1f} mm"
+        places = recording.body_pose[: 2 if gait.in_space else 1]
+        moved = [np.diff(np.interp([start, end], recording.time, row))[0] for row in places]
+        fall += f", having travelled {1e3 * np.linalg.norm(moved):.1f} mm"
     return summary + Summary(
         [
-            Entry("strides", strides.tolist(), "m", said),
+            Entry("strides", strides.tolist(), "rad" if gait.on_the_spot else "m", said),
             Entry("fall", fall),
         ]
     )

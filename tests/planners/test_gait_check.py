@@ -101,7 +101,7 @@ def test_a_walk_from_cold_comes_to_the_gait(checked):
     assert walked.duty.sum(axis=0).max() <= checked.robot.total_duty + 1e-3
     assert (walked.duty[:, -1] == 0).all()
     recording = simulate(Robot(checked.robot), walked)
-    strides = strides_of(recording, checked.period, 3, begin) / checked.stride
+    strides = strides_of(recording, checked, 3, begin)[0]
     assert strides[2] == pytest.approx(checked.check.simulation.strides[-1], abs=0.02)
     in_third = (recording.time - begin) - 2 * checked.period
     there = (in_third >= 0) & (in_third <= checked.period)

@@ -6,8 +6,8 @@ import pytest
 from limb_systems import Robot, RobotParameters, simulate
 from limb_systems.model.robot_parameters import RobotLimb, walking_limb
 from planners import plan_gait
-from planners.gait.planar_robot import PlanarRobot
 from planners.gait.schedules import schedule_of
+from planners.gait.walker import Walker
 
 COOLING = 4.0  # times the nominal, so that a phase is short
 
@@ -41,9 +41,9 @@ def test_diagonal_pairs_lift_their_feet_clear_of_the_ground_in_drake():
     # Before, it starts from rest; after, contact gives way, so that feet land a little early.
     within = (recording.time > 0.2 * swing) & (recording.time < 0.9 * swing)
     loads = recording.contact_force[1::2, within]
-    planar = PlanarRobot(robot)
+    planar = Walker(robot)
     assert np.all(loads[::2] == 0)
-    assert loads.sum(axis=0).mean() == pytest.approx(-planar.weight[1], rel=0.01)
+    assert loads.sum(axis=0).mean() == pytest.approx(-planar.weight[2], rel=0.01)
     joints = recording.joint_state[: robot.together.num_joints]
     feet = planar.feet(np.vstack([recording.body_pose, joints])[:, within].T)
     lifted = feet[:, ::2, 1] - planar.radius

@@ -1,7 +1,8 @@
-"""Potential and feet of a planar robot, in symbols of its configuration.
+"""Potential and feet of a robot that walks, in symbols of its configuration.
 
-The configuration y = [x, z, θ, q] is of the body in the vertical plane, m and rad, and of the
-joints, rad. The limbs are `Chain`s whose bases the body carries.
+The configuration y = [pose, q] is of the body, m and rad, and of the joints, rad. The limbs are
+`Chain`s whose bases the body carries. A body that moves in the vertical plane has the pose x, z, θ;
+one that moves in space has x, y, z, roll, pitch, yaw.
 """
 
 from typing import Any
@@ -14,30 +15,30 @@ from limb_systems.model.kinematics import Chain, rest_joint_angles
 from limb_systems.model.smooth_function import SmoothFunction, stated_once
 from planners.transcription.solving import PlanningError
 
-POSE = 3  # x, z and θ of the body, before the joints
 
+class Walker:
+    """Potential and feet of a robot.
 
-class PlanarRobot:
-    """Potential and feet of a robot whose limbs move in the plane of its body.
-
-    For d coordinates y and F feet:
+    For d coordinates y, of which B are the body's pose, F feet, and τ directions along the ground,
+    x in a plane, x and y in space:
 
     - ``configuration``: the symbols y (d,).
+    - ``pose_size``, ``num_feet``, ``num_tangents``: B, F and τ.
     - ``potential``: V of gravity and of the joints' springs, J, of y, as a `SmoothFunction`;
       ``symbolic_potential`` is its expression.
     - ``symbolic_feet``: travel s of the point of contact and height z of the centre of each foot
-      (2, F), m. A foot that rolls without slip has a constant s = x + r ψ, with x of its centre and
-      ψ of its link.
+      (τ + 1, F), m. The travel of a foot that rolls without slip is constant.
     - ``stiffness``: k of the joints' springs, zero for the body (d,), N·m/rad.
     - ``rest``: y at which springs are relaxed (d,), rad.
-    - ``weight``: weight of the whole robot along the world's (x, z), N.
+    - ``weight``: weight of the whole robot, N, along the world's axes (3,).
+    - ``height``: place of z among y.
     - ``last_joints``: the joint of each limb that carries its foot, among the joints (F,).
     - ``radius``: radius of the feet, m.
     - ``size``: the longest limb's length, m.
     - ``key``: the same for robots with the same description.
 
     Args:
-        robot: description of the robot, on a planar body.
+        robot: description of the robot.
 
     Raises:
         PlanningError: if nothing like it can walk.
@@ -46,23 +47,25 @@ class PlanarRobot:
     def __init__(self, robot: RobotParameters):
         check_walker(robot)
         laws = (type(wire.law) for wire in robot.together.wires)
-        self.key = PlanarRobot, repr(robot), *laws
+        self.key = Walker, repr(robot), *laws
         self.__dict__.update(stated_once(self.key, lambda: self._stated(robot)))
 
     def _stated(self, robot: RobotParameters) -> dict[str, Any]:
-        """The attributes of all `PlanarRobot`s of a description."""
-        layout = Layout(robot.together)
-        self.stiffness = np.append(np.zeros(POSE), layout.stiffness)
-        self.rest = np.append(np.zeros(POSE), rest_joint_angles(robot.together))
-        self.radius, self.num_feet = robot.feet.radius, len(robot.limbs)
+        """The attributes of all `Walker`s of a description."""
+        layout, B = Layout(robot.together), robot.pose_size
+        self.pose_size, self.num_tangents, self.num_feet = B, B // 3, len(robot.limbs)
+        self.height = self.num_tangents
+        self.stiffness = np.append(np.zeros(B), layout.stiffness)
+        self.rest = np.append(np.zeros(B), rest_joint_angles(robot.together))
+        self.radius = robot.feet.radius
         self.last_joints = [joints.stop - 1 for joints in robot.joints_of]
         y = self.configuration = ca.SX.sym("y", len(self.stiffness))
-        masses, places, feet, lengths = [robot.body.mass], [y[:2]], [], []
+        origin, frame = _pose(y[:B])
+        masses, places, feet, lengths = [robot.body.mass], [origin], [], []
         for limb, joints in zip(robot.limbs, robot.joints_of, strict=True):
             of_limb = Layout(limb.parameters)
-            q = y[POSE + joints.start : POSE + joints.stop]
-            chain, to_body = Chain(of_limb, q), ca.DM(limb.axes)
-            along, across = limb.axes[[0, 2], 0], limb.axes[[0, 2], 1]
+            chain = Chain(of_limb, y[B + joints.start : B + joints.stop])
+            base, to_world = origin + frame @ ca.DM(limb.position), frame @ ca.DM(limb.axes)
             last, end = of_limb.num_joints - 1, of_limb.end_offset[-1]
             bodies = [
                 *zip(of_limb.body_joints, of_limb.body_masses, of_limb.body_centres, strict=True),
@@ -71,47 +74,69 @@ class PlanarRobot:
             for joint, mass, centre in bodies:
                 place = ca.DM(centre) if joint < 0 else chain.position(int(joint), centre)
                 masses.append(mass)
-                places.append(self._in_world(limb.position, to_body @ place))
-            tip = self._in_world(limb.position, to_body @ chain.position(last, end))
-            sense = np.sign(along[0] * across[1] - along[1] * across[0])
-            turned = y[2] + sense * ca.sum(q)
-            feet.append(ca.vertcat(tip[0] + self.radius * turned, tip[1]))
-            lengths.append((of_limb.offsets[1:, 0].sum() + end[0]) * np.abs(along).max())
+                places.append(base + to_world @ place)
+            tip = base + to_world @ chain.position(last, end)
+            along = to_world @ chain.frames[last] @ ca.DM(end / np.linalg.norm(end))
+            travel = tip[: self.num_tangents] + self.radius * self._rolled(along)
+            feet.append(ca.vertcat(travel, tip[2]))
+            lengths.append(of_limb.offsets[1:, 0].sum() + end[0])
         self.size = float(max(lengths))
-        gravity = np.array([robot.world_gravity[0], robot.world_gravity[2]])
-        self.weight = sum(masses) * gravity
+        self.weight = sum(masses) * robot.world_gravity
         self.symbolic_feet = ca.horzcat(*feet)
         moment = sum(mass * place for mass, place in zip(masses, places, strict=True))
         springs = 0.5 * ca.dot(ca.DM(self.stiffness), (y - ca.DM(self.rest)) ** 2)
-        self.symbolic_potential = springs - ca.dot(ca.DM(gravity), moment)
+        self.symbolic_potential = springs - ca.dot(ca.DM(robot.world_gravity), moment)
         self.potential = SmoothFunction(self.symbolic_potential, y)
         self._feet = SmoothFunction(ca.vec(self.symbolic_feet), y)
         # A copy: the collector of Python 3.13 takes what only an object's own dictionary holds for
         # garbage as soon as the object itself is, whoever else has the dictionary.
         return dict(vars(self))
 
+    def _rolled(self, along: ca.SX) -> ca.SX:
+        """How far a foot of radius 1 rolls (τ,) from upright to where its limb's end points (3,).
+
+        It is the angle between the limb's end and the vertical. In space, where the ground sees the
+        sine of it, it is the series of arcsin, to 1e-3 up to 45°.
+        """
+        if self.num_tangents == 1:
+            return ca.atan2(along[0], -along[2])
+        squared = along[0] ** 2 + along[1] ** 2
+        powers = (1.0, 1 / 6, 3 / 40, 5 / 112, 35 / 1152)
+        share = sum(power * squared**number for number, power in enumerate(powers))
+        return share * along[:2]
+
     def feet(self, y: np.ndarray) -> np.ndarray:
-        """s and z of each foot (..., F, 2), m, of y (..., d)."""
-        return self._feet.values(y).reshape(*y.shape[:-1], self.num_feet, 2)
+        """s and z of each foot (..., F, τ + 1), m, of y (..., d)."""
+        return self._feet.values(y).reshape(*y.shape[:-1], self.num_feet, self.num_tangents + 1)
 
     def feet_jacobian(self, y: np.ndarray) -> np.ndarray:
-        """Derivatives of `feet` by y (..., F, 2, d)."""
+        """Derivatives of `feet` by y (..., F, τ + 1, d)."""
         slopes = self._feet.first(y)[1]
-        return slopes.reshape(*y.shape[:-1], self.num_feet, 2, y.shape[-1])
+        return slopes.reshape(*y.shape[:-1], self.num_feet, self.num_tangents + 1, y.shape[-1])
 
-    def _in_world(self, base: list[float], place: ca.SX | ca.DM) -> ca.SX:
-        """(x, z) of a place (3,) from a limb's base (3,), in the body's frame."""
-        y, (a, _, b) = self.configuration, ca.vertsplit(ca.DM(base) + place)
-        cosine, sine = ca.cos(y[2]), ca.sin(y[2])
-        return ca.vertcat(y[0] + a * cosine - b * sine, y[1] + a * sine + b * cosine)
+
+def _pose(pose: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Place (3,), m, and frame (3, 3) of a body with a pose in the plane or in space."""
+    if pose.numel() == 3:
+        x, z, pitch = pose[0], pose[1], -pose[2]
+        return ca.vertcat(x, 0, z), _turn(1, pitch)
+    roll, pitch, yaw = ca.vertsplit(pose[3:])
+    return pose[:3], _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
+
+
+def _turn(axis: int, angle: ca.SX) -> ca.SX:
+    """The rotation (3, 3) about an axis of the world."""
+    turned, (a, b) = ca.SX.eye(3), ((axis + 1) % 3, (axis + 2) % 3)
+    turned[a, a] = turned[b, b] = ca.cos(angle)
+    turned[b, a], turned[a, b] = ca.sin(angle), -ca.sin(angle)
+    return turned
 
 
 def check_walker(robot: RobotParameters) -> None:
     """Raises PlanningError if a robot cannot walk, whatever it does."""
-    if robot.body.mount != "planar":
+    if robot.body.mount == "welded":
         raise PlanningError(
-            f"The body is {robot.body.mount}, but gaits are planned in the vertical plane; set "
-            "body.mount to planar."
+            "The body is welded, so that it cannot walk; set body.mount to planar or free."
         )
     if robot.ground is None:
         raise PlanningError("The robot has no ground to walk on; give it one.")
