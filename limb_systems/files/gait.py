@@ -40,17 +40,17 @@ class GaitVariation:
     - ``what``: what was changed, such as "friction x 0.7".
     - ``strides``: each stride as a share of the planned one; a turn counts as the way of a point
       that is a limb's length away.
-    - ``aside``: what was made aside of what was planned in each cycle, turn included, as a share of
-      the planned stride; empty in the plane.
     - ``highest_temperature``: largest T of any wire, °C.
     - ``fall``: how it fell; empty if it did not.
+    - ``aside``: what was made aside of what was planned in each cycle, turn included, as a share of
+      the planned stride; empty in the plane.
     """
 
     what: str = ""
     strides: list[float] = dataclasses.field(default_factory=list)
-    aside: list[float] = dataclasses.field(default_factory=list)
     highest_temperature: float = math.nan
     fall: str = ""
+    aside: list[float] = dataclasses.field(default_factory=list)
 
 
 @dataclasses.dataclass
