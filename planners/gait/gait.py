@@ -27,18 +27,24 @@ from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.solving import PlanningError
 
 INTERVALS, MOST_INTERVALS = 24, 240
-START_WARMTH = 40.0  # °C above ambient, of the wires of a robot that stands
+# °C above ambient, of the wires of a robot that stands; in space also these, as in the middle of a
+# wire's transformation programs may fail that have a solution.
+START_WARMTH, OTHER_WARMTHS = 40.0, (55.0, 30.0)
 # Shares of the steadiness asked for, up which gaits are planned from each other where none can be
 # as steady; and times it, where the robot does not walk as planned: on rough ground, friction of a
 # foot that slides lets the body sway more and more, though it is stable at rest.
 LESS_STEADY, STEADIER = (0.125, 0.25, 0.5, 1.0), (2.0, 4.0)
+# In space, shares of friction that feet that stick may use, in place of what was asked for.
+LESS_FRICTION_USED = 0.75, 0.6
 # Barriers of IPOPT from a gait of a program that differs little, and from one whose feet slide
 # unevenly.
 FROM_GAIT = {"mu_strategy": "monotone", "mu_init": 1e-4}
 FROM_UNEVEN = {"mu_strategy": "monotone", "mu_init": 1e-3}
 START_CYCLES = 6  # after which heat and memory of wires nearly repeat
 LONGEST_SOLVE = 60.0  # s of processor time, of each attempt; gaits take a few
-MOST_ITERATIONS = 200  # of each attempt; gaits need 25 to 60, with memory of wires 60 to 110
+# Iterations of each attempt; gaits need 25 to 60, with memory of wires 60 to 110; in space up to 90
+# and 240.
+MOST_ITERATIONS, MOST_ITERATIONS_IN_SPACE = 200, 400
 # By what requests are relaxed to tell why there is no gait.
 LESS_FRICTION, MORE_HEAT = 0.25, 100.0
 RELAXED_TIME = 10.0  # s of processor time, of each relaxed request
@@ -173,23 +179,30 @@ def _along(
 
 
 def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, spread: bool) -> Gait:
-    """The gait with its check, or in a plane one that is steadier and walks as planned.
+    """The gait with its check, or one that is steadier and walks as planned.
+
+    In space, where steadiness is not bounded, it is one whose feet that stick use less of friction.
 
     Raises:
         PlanningError: if none does.
     """
+    first = gait.check
     gait, planned = check_gait(gait, spread=spread), gait
-    for factor in () if gait.passed or gait.in_space else STEADIER:
+    remedies: list[tuple[dict[str, float], str]] = [
+        ({"steadiness": factor * first.steadiness}, f"steadier than the {first.steadiness:g}")
+        for factor in STEADIER
+    ]
+    if gait.in_space:
+        asked = f"with less of friction used than the {first.sticking_share:g}"
+        shares = [share * first.sticking_share for share in LESS_FRICTION_USED]
+        remedies = [({"sticking_share": share}, asked) for share in shares]
+    for changes, what in () if gait.passed else remedies:
         try:
-            steadiness = factor * planned.check.steadiness
-            steadier = _solved(program(steadiness=steadiness, course=course), planned)
+            other = _solved(program(course=course, **changes), planned)
         except PlanningError:
             break
-        steadier.check.remark = (
-            f"steadier than the {planned.check.steadiness:g} planned first, with which "
-            f"{gait.check.failure()}"
-        )
-        gait = check_gait(steadier, spread=spread)
+        other.check.remark = f"{what} planned first, with which {gait.check.failure()}"
+        gait = check_gait(other, spread=spread)
         if gait.passed:
             break
     if gait.passed:
@@ -283,6 +296,9 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
     # An adaptive barrier needs fewer iterations, but with feet that swing it rarely converges.
     barriers = ["adaptive", "monotone"][:: -1 if (program.contacts == "swing").any() else 1]
     attempts = [({"mu_strategy": barrier}, standing_still) for barrier in barriers]
+    if program.in_space:
+        others = [partial(standing_still, warmth=warmth) for warmth in OTHER_WARMTHS]
+        attempts[1:1] = [({"mu_strategy": barriers[0]}, begin) for begin in others]
     if near or is_hard:
         begin = partial(_from_gait, gait=near) if near else _easier
         attempts = [(FROM_GAIT, begin)]
@@ -292,8 +308,8 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
         barrier, begin = attempts.pop(0)
         start = begin(program)
         options = SolverOptions()
-        limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_iter": MOST_ITERATIONS}
-        limits["max_cpu_time"] = longest
+        limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_cpu_time": longest}
+        limits["max_iter"] = MOST_ITERATIONS_IN_SPACE if program.in_space else MOST_ITERATIONS
         for name, value in (barrier | limits).items():
             options.SetOption(IpoptSolver.id(), name, value)
         solver = ExactHessianIpoptSolver(blocks=program.blocks)
@@ -435,8 +451,11 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
     return "no single limit of friction, stability or heat keeps it from one; try another schedule"
 
 
-def standing_still(program: GaitProgram) -> np.ndarray:
+def standing_still(program: GaitProgram, warmth: float = START_WARMTH) -> np.ndarray:
     """All decision variables of a robot that stands on straight limbs, all wires equally warm.
+
+    Args:
+        warmth: how far the wires are above ambient, °C.
 
     Raises:
         PlanningError: if the robot does not come to rest.
@@ -444,7 +463,7 @@ def standing_still(program: GaitProgram) -> np.ndarray:
     wires, walker, load = program.wires, program.walker, program.load
     d, F, W = len(walker.stiffness), walker.num_feet, wires.num_wires
     ambient = program.robot.together.ambient_temperature
-    states = wires.settled_states(np.full(W, ambient + START_WARMTH))
+    states = wires.settled_states(np.full(W, ambient + warmth))
     balance, up = balance_of(walker, wires), np.eye(walker.num_tangents + 1)[-1]
     forces, feet = np.tile(load / F * up, F), walker.feet(walker.rest)
     point = np.concatenate([walker.rest, states, forces, feet[:, :-1].ravel()])
