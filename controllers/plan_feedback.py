@@ -14,9 +14,10 @@ from limb_systems import Layout, LimbParameters, Trajectory
 from limb_systems.simulation import PERIOD
 
 PROPORTIONAL = 2.5  # 1/s
-COMMON_MODE = 0.5  # 1/s
+FORESEEN = 10  # ticks of the plan's coming duty, after which the bend is to be that of the plan
+COMMON_MODE = 5.0  # 1/s
 # °C, that a wire of a limb that is calibrated, or is not, may be warmer than planned within these s
-WARMER, WARMER_UNCALIBRATED, AHEAD = 4.0, 20.0, 2.0
+WARMER, WARMER_UNCALIBRATED, AHEAD = 6.0, 20.0, 2.0
 LUKEWARM = 10.0  # °C above T_warm, that it may have in any case
 # Deviations that cost alike; (15) has no weight on temperature, but feedback runs out of heat.
 BEND = np.deg2rad(0.5)  # rad
@@ -28,19 +29,25 @@ class PlanFeedback(PlanController):
     """Proportional feedback of the estimated bend about a plan, with an estimated disturbance.
 
     The `Estimator` says how the wires bend the limb, φ(x), and by how much it is bent
-    otherwise, p, which takes the place of an integral and cannot wind up. What is wanted of
-    the wires in addition to the plan's duty is the bend rate
+    otherwise, p, which takes the place of an integral and cannot wind up. The model under the
+    coming 0.5 s of the plan's duty leads from x to x⁺. What is wanted of the wires in addition
+    to the plan's duty is the bend rate
 
-        w = k_p (φ* - p - φ(x))
+        w = k_p (φ*⁺ - p - φ(x⁺))
 
-    which the wires share: D = D* + λ g, with g the bend rate that full duty makes there. As the
-    antagonists can always push, what runs out is heat. Where the wires of a segment are
+    which the wires share: D = D* + λ g, with g the bend rate that full duty makes there. A wire
+    that the plan heats for the next reversal bends nothing at first, within the play of its
+    hysteresis. What the limb misses now takes no duty from it if the reversal makes up for it.
+
+    As the antagonists can always push, what runs out is heat. Where the wires of a segment are
     warmer than in the plan on average, the plan's duty is reduced, so that they cool:
 
         D* - k_c max(0, mean T - mean T*) / a2
 
+    The bend rate that the plan's duty makes is wanted all the same, of the wires together.
+
     No duty is beyond what `TemperatureLimiter` allows, and no wire is heated to more than
-    4 °C beyond the most that it has in the next 2 s of the plan, and what holds p (20 °C if
+    6 °C beyond the most that it has in the next 2 s of the plan, and what holds p (20 °C if
     the limb is not calibrated): a bend that needs more is left, as heat would stay for long
     after it. Up to 10 °C above T_warm there is no such limit, as wires cool from there soon.
 
@@ -85,18 +92,21 @@ class PlanFeedback(PlanController):
 
     def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, model = self._plan.index(time), self._estimator.model
-        planned_bend, planned_duty = self._planned(k, state)
-        missed = planned_bend - self._estimator.bend_angle(estimate)
+        bends, duties = self._planned(time + PERIOD * np.arange(FORESEEN), state)
+        foreseen = model.rollout(estimate.heat, duties)[-1]
+        missed = bends[-1] - model.bend_angle(foreseen) - estimate.offset
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
-        base = planned_duty - COMMON_MODE * np.maximum(warmer, 0.0) / model.heating_rates
-        return base, self._proportional * missed
+        base = duties[0] - COMMON_MODE * np.maximum(warmer, 0.0) / model.heating_rates
+        base = np.clip(base, 0.0, caps)
+        return base, self._proportional * missed + self._gains_at(time) @ (duties[0] - base)
 
     def _gains_at(self, time: float) -> np.ndarray:
         return self._planned_gains[self._plan.index(time)]
 
-    def _planned(self, k: int, state) -> tuple[np.ndarray, np.ndarray]:
-        """φ* (F,) and D* (W,) of a period; ``state`` as of `_wanted`."""
-        return self._plan.bend_angle[k], self._plan.duty[k]
+    def _planned(self, times: np.ndarray, state) -> tuple[np.ndarray, np.ndarray]:
+        """φ* (K, F), rad, and D* (K, W) of the periods at times, s; ``state`` as of `_wanted`."""
+        periods = [self._plan.index(time) for time in times]
+        return self._plan.bend_angle[periods], self._plan.duty[periods]
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
         held = self._estimator.model.temperature_to_hold(estimate.offset)

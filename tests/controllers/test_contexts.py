@@ -17,7 +17,7 @@ CONTROLLERS = {
     "PlanFeedback": PlanFeedback,
     "PlanRegulator": PlanRegulator,
     "RecedingHorizon": RecedingHorizon,
-    "supervised": lambda plan: supervised(PlanFeedback(plan), plan.parameters, limit=45.0),
+    "supervised": lambda plan: supervised(PlanFeedback(plan), plan.parameters, limit=60.0),
 }
 
 
