@@ -170,7 +170,8 @@ def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, 
 
     A robot has fallen when its body tilts by more than 60° or touches the ground. It has fallen,
     too, when a foot that does not swing in the gait carries nothing for half a period; this is
-    checked where the forces are known. The first cycle of the gait begins at ``start``, s.
+    checked where the forces are known, and not of four or more feet in space, of which any three
+    can stand. The first cycle of the gait begins at ``start``, s.
     """
     assert recording.body_pose is not None
     body, times = gait.robot.body, recording.time
@@ -188,8 +189,8 @@ def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, 
     size = gait.robot.force_size
     weight = gait.contact_force[size - 1 :: size].sum(axis=0).mean()
     forces = recording.contact_force
-    loads = forces[size - 1 :: size] if forces is not None else ()
-    seen = list(zip(gait.robot.limbs, loads, strict=False))  # where forces are known
+    loads = () if forces is None or _spare_feet(gait) else forces[size - 1 :: size]
+    seen = list(zip(gait.robot.limbs, loads, strict=False))
     for limb, (named, force) in enumerate(seen):
         swings = np.array([phase.contacts[limb] == "swing" for phase in gait.phases])[phases - 1]
         idle = (force < NO_LOAD * weight) & ~swings & (times >= start)
@@ -203,6 +204,11 @@ def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, 
         return "", float(times[-1])
     index, words = min(first)
     return f"{words} after {times[index] - start:.1f} s", float(times[index])
+
+
+def _spare_feet(gait: Gait) -> bool:
+    """Whether the robot may stand on fewer feet than it has: on three in space."""
+    return gait.in_space and len(gait.robot.limbs) > 3
 
 
 def _height_and_upright(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
