@@ -21,8 +21,8 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
 
     A foot swings where it carries less than 2% of what all feet carry. Else it slides where its
     point at the ground is faster than 0.2 mm/s, and 0.84 mm/s for each N along the ground; or it
-    sticks. It slides forward if it goes towards +x. Friction is not asked, since that of the ground
-    may be another than described.
+    sticks. In the plane it slides forward if it goes towards +x, and else backward. Friction is not
+    asked, since that of the ground may be another than described.
 
     Raises:
         LimbError: if the recording has no joint angles, no pose of the body or no contact forces,
@@ -41,6 +41,8 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
     along, load = np.linalg.norm(of_feet[:, :-1], axis=1), of_feet[:, -1]
     swings = load <= LIFTED * load.sum(axis=0)
     slides = np.where(velocity[:, 0] > 0, "slide_forward", "slide_backward")
+    if robot.body.mount != "planar":
+        slides = np.full(slides.shape, "slide")
     contacts = np.where(swings, "swing", np.where(speed > SLOWEST + CREEP * along, slides, "stick"))
     starts = zip(recording.time[:-1].tolist(), contacts.T.tolist(), strict=True)
     return [

@@ -33,6 +33,7 @@ CONTACTS = {
     "stick": ("sticks", "#5b6b8c", 18.0),
     "slide_forward": ("slides forward", "#2f9e6e", 18.0),
     "slide_backward": ("slides backward", "#d83a4e", 18.0),
+    "slide": ("is dragged", "#8a63d2", 18.0),
     "swing": ("swings", "#b0b6c0", 3.0),
 }
 _DASHES = {"x": "dashed", "y": "dotted", "z": "solid"}
@@ -360,7 +361,7 @@ def foot_fall_panel(robot: RobotParameters, phases: Sequence[GaitPhase], end: fl
         if x:
             curves.append(Curve(name, np.array(x), np.array(y), color, width=width))
     feet = len(robot.limbs)
-    ticks = {number: limb.name for number, limb in enumerate(robot.limbs)}
+    ticks = {number: limb.name.replace("_", " ") for number, limb in enumerate(robot.limbs)}
     return Panel("foot", curves, 90 + 32 * feet, y_range=(-0.6, feet - 0.4), y_ticks=ticks)
 
 
