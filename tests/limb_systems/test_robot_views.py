@@ -26,6 +26,7 @@ from limb_systems import (
     wire_color,
     write_meshcat_replay,
 )
+from limb_systems.foot_fall import foot_fall
 from limb_systems.model.robot_parameters import walking_limb
 from limb_systems.views.panels import CONTACTS, foot_fall_panel, motion_panels
 from limb_systems.views.plots import draw
@@ -215,6 +216,27 @@ def gait_in_space() -> Gait:
         phases=[GaitPhase(start, done) for start, done in contacts.items()],
         check=GaitCheck(),
     )
+
+
+@pytest.mark.parametrize("noise", [0.0, 2e-4])
+@pytest.mark.parametrize("robot", [RobotParameters(), in_space()])
+def test_feet_slide_and_then_stick_also_where_a_camera_has_noise(robot, noise):
+    time, rng = np.arange(121) / 10, np.random.default_rng(7)
+    pose, feet = np.zeros((robot.pose_size, 121)), len(robot.limbs)
+    pose[0], pose[robot.pose_size // 3] = 0.008 * np.minimum(time, 6.0), 0.06
+    pose[:2] += noise * rng.normal(size=(2, 121))
+    forces = np.zeros((feet, robot.force_size, 121))
+    forces[:, -1] = 0.2
+    recording = recording_of(robot, pose, np.zeros((5 * feet, 121)), forces.reshape(-1, 121))
+    phases = foot_fall(recording)
+    starts, ends = [phase.start for phase in phases], [*(p.start for p in phases[1:]), 12.0]
+    lasts = dict.fromkeys(("slide", "slide_forward", "slide_backward", "stick"), 0.0)
+    for phase, start, end in zip(phases, starts, ends, strict=True):
+        for contact in phase.contacts:
+            lasts[contact] += (end - start) / feet
+    slides = "slide_forward" if robot.body.mount == "planar" else "slide"
+    assert lasts[slides] == pytest.approx(6.0, abs=1e-6 if noise == 0 else 0.5)
+    assert lasts["stick"] == pytest.approx(6.0, abs=1e-6 if noise == 0 else 0.5)
 
 
 def test_a_gait_in_space_is_drawn_where_drake_has_it():
