@@ -306,16 +306,19 @@ def robot_panels(motion: Recording | Gait) -> list[Panel]:
         panels.append(foot_fall_panel(robot, foot_fall(motion), time[-1]))
     if pose is not None:
         in_space = robot.pose_size == 6
+        floats = (
+            in_space and robot.ground is None
+        )  # else z tells little, and x and y less beside it
         for group in ("mm", "°"):
             drawn = [
                 (name, scale * row)
                 for (name, unit, scale), row in zip(body_axes(robot), pose, strict=True)
-                if unit == group and (in_space or name != "z")
+                if unit == group and (floats or name != "z")
             ]
             colors = wire_colors(3) if in_space else [ROLLOUT_COLOR]
             curves = [
                 Curve(name, time, row, color)
-                for (name, row), color in zip(drawn, colors, strict=True)
+                for (name, row), color in zip(drawn, colors, strict=False)
             ]
             names = ", ".join(name for name, _ in drawn)
             panels.append(Panel(f"body {names} ({group})", curves, 190))
@@ -323,7 +326,7 @@ def robot_panels(motion: Recording | Gait) -> list[Panel]:
         of_feet = forces.reshape(len(robot.limbs), -1, len(time))
         axes = "xz" if robot.force_size == 2 else "xyz"
         curves = [
-            Curve(f"{limb.name}, {axis}", time, force, color, _DASHES[axis])
+            Curve(f"{limb.name.replace('_', ' ')}, {axis}", time, force, color, _DASHES[axis])
             for limb, color, of_foot in zip(
                 robot.limbs, wire_colors(len(robot.limbs)), of_feet, strict=True
             )

@@ -57,10 +57,11 @@ def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | N
     from limb_systems.views.walk import draw_walk
 
     check, what = gait.check, "The robot at six moments, its feet and its wires' heat"
+    height = 34 + max(0, len(gait.parameters.wire_names) - 4)  # of a replay and its caption, rem
     parts: list[page.Part] = [
         page.verdict(gait_verdict(gait)),
         page.picture(draw_walk(gait), what),
-        page.section("Replay", page.frame(replay_page(gait), "the robot in 3D")),
+        page.section("Replay", page.frame(replay_page(gait), "the robot in 3D", height)),
     ]
     if not check.is_missing:
         nominal = dataclasses.replace(check.simulation, what="as planned")
