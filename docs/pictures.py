@@ -8,6 +8,7 @@ drawn by hand.
 
 import argparse
 import contextlib
+import dataclasses
 import os
 import runpy
 import shutil
@@ -51,12 +52,15 @@ from limb_systems import (
     Limb,
     LimbParameters,
     Recording,
+    Robot,
     RobotParameters,
     Trajectory,
+    simulate,
     tip_position,
     wire_color,
 )
 from limb_systems.model.kinematics import Chain, link_positions
+from limb_systems.model.robot import body_positions
 from limb_systems.tracking import reference_distances
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
@@ -66,9 +70,10 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.limb_view import ghost_of_reference, joint_angle_trajectory
 from limb_systems.views.plots import save_figure
-from limb_systems.views.walk import draw_walk
+from limb_systems.views.walk import animate_walk, draw_walk
 from planners import Task, plan, plan_gait, references
 from planners.diagnostics import plot_diagnostics
+from planners.gait.walking import walk
 from soft_limb.command import main as main_command
 from soft_limb.live.page import LivePage
 from urdf import limb_urdf
@@ -116,6 +121,30 @@ def copy_evaluation(evaluation: Path) -> None:
 
 def make_walk(_: Path) -> None:
     save_figure(draw_walk(plan_gait(RobotParameters(), spread=False)), FOLDER / "walk.png")
+
+
+def make_walk_in_space(_: Path) -> None:
+    """A robot of four limbs that walks ahead, heats its wires for a turn, and turns on the spot."""
+    robot = RobotParameters.in_space()
+    ahead, around = (plan_gait(robot, turn=turn, spread=False) for turn in (0.0, np.inf))
+    save_figure(draw_walk(ahead), FOLDER / "robot_in_space.png")
+    duty, start = ahead.duty_trajectory(3), ahead.initial_state
+    first = simulate(Robot(robot), duty, initial_state=start)
+    pose, heat = first.body_pose[:, -1], ahead.initial_heat
+    angles, states = first.joint_state[: robot.together.num_joints, -1], first.wire_temperature
+    rates = np.zeros(len(pose) + len(angles))
+    ends = states[:, -1], first.measured_temperature[:, -1]
+    start = np.concatenate([body_positions(pose), angles, rates, *ends])
+    turn = walk(around, 3, heat=heat, bend=first.bend_angle[:, -1])
+    second = simulate(Robot(robot), turn, initial_state=start)
+    drawn = ("body_pose", "joint_state", "contact_force", "wire_temperature")
+    signals = {
+        name: np.hstack([getattr(first, name), getattr(second, name)[:, 1:]])
+        for name in (*drawn, "measured_temperature", "bend_angle", "duty")
+    }
+    time = np.append(first.time, first.time[-1] + second.time[1:])
+    both = dataclasses.replace(first, time=time, **signals)
+    animate_walk(both, FOLDER / "walk_in_space.gif", pace=6.0)
 
 
 def make_space(evaluation: Path) -> None:
@@ -592,6 +621,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "runs": photograph_runs,
     "live": photograph_live_page,
     "walk": make_walk,
+    "walk_in_space": make_walk_in_space,
     "gripper": make_gripper,
     "space": make_space,
 }

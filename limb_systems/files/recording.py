@@ -142,7 +142,7 @@ class Recording(Samples):
             raise LimbError(sentence)
 
     def summary(self) -> Summary:
-        """Source, duration, samples, range of the bend angle, largest temperature; its trouble."""
+        """Source, duration, samples, range of bends, travel, largest temperature; its trouble."""
         count, missing = len(self.time), self.missing
         entries = [Entry("source", self.source), Entry("kind", self.kind)]
         if count:
@@ -151,8 +151,13 @@ class Recording(Samples):
         if not np.isnan(self.bend_angle).all():
             entries.append(self._bend_entry())
         if self.body_pose is not None and count:
-            travel = float(self.body_pose[0, -1] - self.body_pose[0, 0])
+            moved = self.body_pose[:, -1] - self.body_pose[:, 0]
+            in_space = len(moved) == 6
+            travel = float(np.linalg.norm(moved[:2]) if in_space else moved[0])
             entries.append(Entry("travel", travel, "m", f"travel {1e3 * travel:.1f} mm"))
+            if in_space:
+                turn = float(np.diff(np.unwrap(self.body_pose[5])[[0, -1]])[0])
+                entries.append(Entry("turn", turn, "rad", f"turn {np.rad2deg(turn):.1f}°"))
         if self.has_thermocouple.any():
             heat = float(np.nanmax(self.measured_temperature))
             entries.append(Entry("heat", heat, "°C", f"up to {heat:.0f} °C"))

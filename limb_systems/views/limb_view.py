@@ -393,10 +393,10 @@ class LimbView:
         diagram = builder.Build()
         diagram.ForcedPublish(diagram.CreateDefaultContext())
         # From the tip on, each link of clear silicone hides what of the next is within it.
-        order = 0.0
+        order, model = 0.0, "robot" if self._robot else "limb"
         for name in () if self._layout.is_planar else ("silicone", "joint"):
             for body, _, _ in reversed(self._pieces):
-                path, order = f"{self._limb}/{body}/limb/{name}/<object>", order + 1.0
+                path, order = f"{self._limb}/{body}/{model}/{name}/<object>", order + 1.0
                 meshcat.SetProperty(path, "renderOrder", order)
                 meshcat.SetProperty(path, "material.side", 0.0)  # front only
 

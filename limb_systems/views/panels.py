@@ -33,6 +33,7 @@ CONTACTS = {
     "stick": ("sticks", "#5b6b8c", 18.0),
     "slide_forward": ("slides forward", "#2f9e6e", 18.0),
     "slide_backward": ("slides backward", "#d83a4e", 18.0),
+    "slide": ("is dragged", "#8a63d2", 18.0),
     "swing": ("swings", "#b0b6c0", 3.0),
 }
 _DASHES = {"x": "dashed", "y": "dotted", "z": "solid"}
@@ -305,16 +306,19 @@ def robot_panels(motion: Recording | Gait) -> list[Panel]:
         panels.append(foot_fall_panel(robot, foot_fall(motion), time[-1]))
     if pose is not None:
         in_space = robot.pose_size == 6
+        floats = (
+            in_space and robot.ground is None
+        )  # else z tells little, and x and y less beside it
         for group in ("mm", "°"):
             drawn = [
                 (name, scale * row)
                 for (name, unit, scale), row in zip(body_axes(robot), pose, strict=True)
-                if unit == group and (in_space or name != "z")
+                if unit == group and (floats or name != "z")
             ]
             colors = wire_colors(3) if in_space else [ROLLOUT_COLOR]
             curves = [
                 Curve(name, time, row, color)
-                for (name, row), color in zip(drawn, colors, strict=True)
+                for (name, row), color in zip(drawn, colors, strict=False)
             ]
             names = ", ".join(name for name, _ in drawn)
             panels.append(Panel(f"body {names} ({group})", curves, 190))
@@ -322,7 +326,7 @@ def robot_panels(motion: Recording | Gait) -> list[Panel]:
         of_feet = forces.reshape(len(robot.limbs), -1, len(time))
         axes = "xz" if robot.force_size == 2 else "xyz"
         curves = [
-            Curve(f"{limb.name}, {axis}", time, force, color, _DASHES[axis])
+            Curve(f"{limb.name.replace('_', ' ')}, {axis}", time, force, color, _DASHES[axis])
             for limb, color, of_foot in zip(
                 robot.limbs, wire_colors(len(robot.limbs)), of_feet, strict=True
             )
@@ -360,7 +364,7 @@ def foot_fall_panel(robot: RobotParameters, phases: Sequence[GaitPhase], end: fl
         if x:
             curves.append(Curve(name, np.array(x), np.array(y), color, width=width))
     feet = len(robot.limbs)
-    ticks = {number: limb.name for number, limb in enumerate(robot.limbs)}
+    ticks = {number: limb.name.replace("_", " ") for number, limb in enumerate(robot.limbs)}
     return Panel("foot", curves, 90 + 32 * feet, y_range=(-0.6, feet - 0.4), y_ticks=ticks)
 
 

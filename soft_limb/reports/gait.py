@@ -14,18 +14,30 @@ from soft_limb.results.summaries import gait_summary
 
 
 def gait_verdict(gait: Gait) -> str:
-    """How far and how fast a gait goes, and whether it was checked."""
+    """How far and how fast a gait goes and turns, and whether it was checked."""
+    turn, what = np.rad2deg(gait.turn), _made(gait)
+    goes = [] if gait.on_the_spot else [f"{what} of {1e3 * gait.stride:.1f} mm"]
+    paces = [] if gait.on_the_spot else [f"{1e3 * gait.speed:.2f} mm/s"]
+    if abs(turn) > 1e-6:
+        side = "left" if turn > 0 else "right"
+        goes.append(f"turns of {abs(turn):.1f}° to the {side}")
+        paces.append(f"{abs(turn) / gait.period:.2f} °/s")
     said = (
-        f"Strides of {1e3 * gait.stride:.1f} mm in {gait.period:.1f} s, {1e3 * gait.speed:.2f} "
-        f"mm/s, with wires up to {gait.wire_temperature.max():.0f} °C."
+        f"{' and '.join(goes)} in {gait.period:.1f} s, {' and '.join(paces)}, with wires up to "
+        f"{gait.wire_temperature.max():.0f} °C."
     )
+    said = said[0].upper() + said[1:]
     if failure := gait.check.failure():
         return f"{said} Not to be used: {failure}"
-    strides, spread = gait.check.simulation.strides, gait.check.spread
+    simulation, spread = gait.check.simulation, gait.check.spread
+    shares = simulation.strides
     said += (
-        f" Checked: simulated with contact over {len(strides)} cycles, strides are "
-        f"{min(strides):.1%} to {max(strides):.1%} of the planned one."
+        f" Checked: simulated with contact over {len(shares)} cycles, {what} are "
+        f"{min(shares):.1%} to {max(shares):.1%} of the planned one"
     )
+    if simulation.aside:
+        said += f", and the robot goes or turns aside by at most {max(simulation.aside):.1%} of it"
+    said += "."
     if fallen := sum(bool(variation.fall) for variation in spread):
         said += (
             f" With other friction or parameters {fallen} of {len(spread)} fall; a gait of more "
@@ -44,22 +56,27 @@ def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | N
     # Matplotlib takes as long to import as all the rest.
     from limb_systems.views.walk import draw_walk
 
-    check, what = gait.check, "The robot's side at six moments, its feet and its wires' heat"
+    check, what = gait.check, "The robot at six moments, its feet and its wires' heat"
+    height = 34 + max(0, len(gait.parameters.wire_names) - 4)  # of a replay and its caption, rem
     parts: list[page.Part] = [
         page.verdict(gait_verdict(gait)),
         page.picture(draw_walk(gait), what),
-        page.section("Replay", page.frame(replay_page(gait), "the robot in 3D")),
+        page.section("Replay", page.frame(replay_page(gait), "the robot in 3D", height)),
     ]
     if not check.is_missing:
         nominal = dataclasses.replace(check.simulation, what="as planned")
+        one = _made(gait).removesuffix("s")
+        names = ["robot or ground", f"mean {one}, %", "least, %", "most, %"]
+        names += ["aside, %"] * gait.in_space + ["T, °C", "fall"]
+        aside = ", the most that the robot goes or turns aside of it" * gait.in_space
         parts.append(
             page.section(
                 "Check",
                 page.table(
-                    ["robot or ground", "mean stride, %", "least, %", "most, %", "T, °C", "fall"],
-                    [_row(variation) for variation in [nominal, *check.spread]],
-                    "Strides in simulation with contact as shares of the planned one, the highest "
-                    "temperature of any wire, and how it fell, if it did.",
+                    names,
+                    [_row(variation, gait.in_space) for variation in [nominal, *check.spread]],
+                    f"{one.capitalize()}s in simulation with contact as shares of the planned one"
+                    f"{aside}, the highest temperature of any wire, and how it fell, if it did.",
                 ),
             )
         )
@@ -72,13 +89,20 @@ def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | N
     page.write_page(path, "Gait of a robot", parts, gait.provenance, data)
 
 
-def _row(variation: GaitVariation) -> list[str]:
+def _made(gait: Gait) -> str:
+    """What a gait makes in its cycles: strides, or turns on the spot."""
+    return "turns" if gait.on_the_spot else "strides"
+
+
+def _row(variation: GaitVariation, in_space: bool) -> list[str]:
     strides = 100 * np.array(variation.strides)
-    shares = [strides.mean(), strides.min(), strides.max()] if len(strides) else []
+    shares = [strides.mean(), strides.min(), strides.max()] if len(strides) else [np.nan] * 3
+    if in_space:
+        shares.append(100 * max(variation.aside, default=np.nan))
     heat = variation.highest_temperature
     return [
         variation.what,
-        *([f"{share:.1f}" for share in shares] or [""] * 3),
+        *(f"{share:.1f}" if np.isfinite(share) else "" for share in shares),
         f"{heat:.0f}" if np.isfinite(heat) else "",
         variation.fall,
     ]

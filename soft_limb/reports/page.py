@@ -102,7 +102,7 @@ paragraph = functools.partial(part, "paragraph")  # a text
 verdict = functools.partial(part, "verdict")  # a text: what came of it, with which a report begins
 items = functools.partial(part, "items")  # texts, as a list
 preformatted = functools.partial(part, "preformatted")  # a text whose lines and spaces count
-frame = functools.partial(part, "frame")  # HTML of a page within the page, and a description
+frame = functools.partial(part, "frame")  # a page's HTML, a description, and a height in rem
 
 
 def limb(parameters: LimbParameters) -> Markup:

@@ -1,16 +1,24 @@
 """Robots are shown where Drake's plant has them, and their feet do what is said of them."""
 
+import itertools
 import re
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.patches import Circle, Polygon
+from PIL import Image
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from limb_systems import (
     BodyParameters,
+    Gait,
+    GaitCheck,
+    GaitPhase,
     GroundParameters,
+    LimbError,
     Recording,
     Robot,
     RobotLimb,
@@ -18,10 +26,11 @@ from limb_systems import (
     wire_color,
     write_meshcat_replay,
 )
+from limb_systems.foot_fall import foot_fall
 from limb_systems.model.robot_parameters import walking_limb
-from limb_systems.views.panels import foot_fall_panel, motion_panels
+from limb_systems.views.panels import CONTACTS, foot_fall_panel, motion_panels
 from limb_systems.views.plots import draw
-from limb_systems.views.walk import FRAMES, draw_walk
+from limb_systems.views.walk import FRAMES, animate_walk, draw_walk
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -69,7 +78,7 @@ def in_space() -> RobotParameters:
     return RobotParameters(body=BodyParameters(mount="free"), limbs=limbs)
 
 
-def drake_poses(recording: Recording, sample: int) -> dict[str, RigidTransform]:
+def drake_poses(recording: Recording | Gait, sample: int) -> dict[str, RigidTransform]:
     """Poses of all bodies in the world, by the joints of the simulated plant."""
     robot = recording.robot
     system = Robot(robot)
@@ -86,11 +95,15 @@ def drake_poses(recording: Recording, sample: int) -> dict[str, RigidTransform]:
     for limb in robot.limbs:
         for number in range(1, limb.parameters.num_joints + 1):
             plant.GetJointByName(f"{limb.name}_joint_{number}").set_angle(context, next(angles))
-    names = [
-        "body",
-        *(f"{limb.name}_{part}" for limb in robot.limbs for part in ("base", "link_5")),
+    bodies = [
+        plant.GetBodyByName(name)
+        for name in ["body"]
+        + [
+            f"{limb.name}_{part}"
+            for limb in robot.limbs
+            for part in ("base", "link_1", f"link_{limb.parameters.segments[0].links}", "foot")
+        ]
     ]
-    bodies = [plant.GetBodyByName(name) for name in names]
     return {body.name(): plant.EvalBodyPoseInWorld(context, body) for body in bodies}
 
 
@@ -181,3 +194,105 @@ def test_a_gait_is_drawn_as_it_is(gait):
     assert (long.stride, long.period) == pytest.approx((0.09, 45.0))
     assert len(long.phases) == 3 * len(gait.phases)
     assert (np.diff(long.body_pose[0]) > 0).all()
+
+
+def gait_in_space() -> Gait:
+    """A gait of three limbs that is made up: its poses are random, and two feet are dragged."""
+    robot, rng = RobotParameters.in_space(3), np.random.default_rng(5)
+    wave = rng.normal(0, 0.1, (6 + 18 + 9, 7))
+    wave[:, -1] = wave[:, 0]
+    pose, angles, heat = np.split(wave, [6, 24])
+    pose[:3] = [np.linspace(0, 0.03, 7), np.linspace(0, 0.02, 7), 0.06 + 0 * pose[2]]
+    contacts = {0.0: ["slide", "stick", "swing"], 6.0: ["stick", "slide", "stick"]}
+    return Gait(
+        time=np.linspace(0.0, 12.0, 7),
+        duty=np.full((9, 7), 0.1),
+        joint_state=np.vstack([angles, 0 * angles]),
+        wire_temperature=60 + 100 * heat,
+        measured_temperature=60 + 100 * heat,
+        body_pose=pose,
+        contact_force=np.ones((9, 7)),
+        robot=robot,
+        phases=[GaitPhase(start, done) for start, done in contacts.items()],
+        check=GaitCheck(),
+    )
+
+
+@pytest.mark.parametrize("noise", [0.0, 2e-4])
+@pytest.mark.parametrize("robot", [RobotParameters(), in_space()])
+def test_feet_slide_and_then_stick_also_where_a_camera_has_noise(robot, noise):
+    time, rng = np.arange(121) / 10, np.random.default_rng(7)
+    pose, feet = np.zeros((robot.pose_size, 121)), len(robot.limbs)
+    pose[0], pose[robot.pose_size // 3] = 0.008 * np.minimum(time, 6.0), 0.06
+    pose[:2] += noise * rng.normal(size=(2, 121))
+    forces = np.zeros((feet, robot.force_size, 121))
+    forces[:, -1] = 0.2
+    recording = recording_of(robot, pose, np.zeros((5 * feet, 121)), forces.reshape(-1, 121))
+    phases = foot_fall(recording)
+    starts, ends = [phase.start for phase in phases], [*(p.start for p in phases[1:]), 12.0]
+    lasts = dict.fromkeys(("slide", "slide_forward", "slide_backward", "stick"), 0.0)
+    for phase, start, end in zip(phases, starts, ends, strict=True):
+        for contact in phase.contacts:
+            lasts[contact] += (end - start) / feet
+    slides = "slide_forward" if robot.body.mount == "planar" else "slide"
+    assert lasts[slides] == pytest.approx(6.0, abs=1e-6 if noise == 0 else 0.5)
+    assert lasts["stick"] == pytest.approx(6.0, abs=1e-6 if noise == 0 else 0.5)
+
+
+def test_a_gait_in_space_is_drawn_where_drake_has_it():
+    gait, (azimuth, elevation) = gait_in_space(), np.radians([40.0, 30.0])
+    to_eye = np.array([np.sin(azimuth), -np.cos(azimuth), np.tan(elevation)])
+    right = np.cross([0.0, 0.0, 1.0], to_eye)
+    up = np.cross(to_eye, right)
+    picture = 1e3 * np.array([right / np.linalg.norm(right), up / np.linalg.norm(up)])
+
+    def seen(points: np.ndarray) -> set[tuple]:
+        """Points of the world (..., 3), m, as they are in the picture, mm."""
+        return rounded(points @ picture.T)
+
+    def rounded(points) -> set[tuple]:
+        return set(map(tuple, np.reshape(points, (-1, 2)).round(6)))
+
+    moments = draw_walk(gait).axes[:FRAMES]
+    first, turned, last = (drake_poses(gait, sample) for sample in (0, 3, 6))
+    (segment,), half = gait.robot.limbs[0].parameters.segments, [0.035, 0.035, 0.005]
+    for axis, poses in ((moments[0], first), (moments[-1], last)):
+        limbs = [
+            [poses[f"{limb.name}_{part}"] for part in ("link_1", "link_3", "foot")]
+            for limb in gait.robot.limbs
+        ]
+        circles = [patch.center for patch in axis.patches if isinstance(patch, Circle)]
+        assert rounded(circles) == seen(np.array([foot.translation() for _, _, foot in limbs]))
+        colors = wire_color(gait.parameters, gait.wire_temperature[:, 0])  # as at the last knot
+        ends = [
+            picture @ end
+            for base, tip, foot in limbs
+            for offset in ([0.0, wire.e2, wire.e3] for wire in segment.wires)
+            for end in (base @ offset, foot.translation() + tip.rotation() @ offset)
+        ]
+        wires = [line for line in axis.lines if line.get_linewidth() > 2]
+        of_color = {tuple(line.get_color()): line.get_xydata()[[0, -1]] for line in wires}
+        drawn = [of_color[tuple(color)] for color in colors]
+        np.testing.assert_allclose(np.vstack(drawn), ends, atol=1e-6)
+        # Three faces of the body are seen, which have all of its corners but the farthest.
+        signs = np.array(list(itertools.product([-1.0, 1.0], repeat=3)))
+        corners = (poses["body"] @ (signs * half).T).T
+        patches = [patch for patch in axis.patches if isinstance(patch, Polygon)]
+        faces = [patch.get_xy()[:4] for patch in patches if patch.get_linewidth() == 0]
+        near = np.delete(corners, np.argmin(corners @ to_eye), axis=0)
+        assert rounded(faces) == seen(near)
+    # The foot that is dragged in the first phase goes to where it is at the end of that phase.
+    name, violet = f"{gait.robot.limbs[0].name}_foot", to_rgba(CONTACTS["slide"][1])
+    (arrow,) = (p.get_xy() for p in moments[0].patches if p.get_facecolor() == violet)
+    way = (turned[name].translation() - first[name].translation())[:2]
+    tip = arrow[3] - picture @ first[name].translation()
+    np.testing.assert_allclose(tip, 0.021 * picture[:, :2] @ way / np.linalg.norm(way), atol=1e-6)
+
+
+def test_a_loop_shows_a_walk_faster_than_it_is(tmp_path):
+    animate_walk(gait_in_space(), tmp_path / "walk.gif", cycles=2, pace=8.0)
+    with Image.open(tmp_path / "walk.gif") as loop:
+        assert loop.n_frames == 24 / 8.0 * 10
+        assert loop.info["duration"] == 100
+    with pytest.raises(LimbError, match=r"must end with \.gif"):
+        animate_walk(gait_in_space(), tmp_path / "walk.png")

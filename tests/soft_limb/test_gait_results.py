@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from limb_systems import GaitVariation, Recording, RobotParameters
+from limb_systems import Gait, GaitCheck, GaitPhase, GaitVariation, Recording, RobotParameters
 from soft_limb.command import main
 from soft_limb.reports.gait import gait_report, gait_verdict
 
@@ -83,3 +83,42 @@ def test_a_gait_s_page_has_its_verdict_its_check_and_the_robot_in_3d(folder, gai
     assert 'href="gait.csv"' in page
     gait.check = dataclasses.replace(gait.check, violation=1e-3)
     assert "Not to be used: its constraints are violated" in gait_verdict(gait)
+
+
+def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(tmp_path, capsys):
+    robot, knots = RobotParameters.in_space(3), np.linspace(0.0, 1.0, 5)
+    heat, pose = np.full((9, 5), 60.0), np.zeros((6, 5))
+    pose[2], pose[5] = 0.061, np.deg2rad(-20.0) * knots
+    gait = Gait(
+        time=8.0 * knots,
+        duty=np.zeros((9, 5)),
+        joint_state=np.zeros((36, 5)),
+        wire_temperature=heat,
+        measured_temperature=heat,
+        body_pose=pose,
+        contact_force=np.ones((9, 5)),
+        robot=robot,
+        phases=[GaitPhase(0.0, ["stick", "slide", "stick"])],
+        check=GaitCheck(violation=0.0, simulation=GaitVariation("", [0.98], 61.0, "", [0.03])),
+    )
+    gait_report(gait, tmp_path / "gait.html")
+    page = html.unescape((tmp_path / "gait.html").read_text(encoding="utf-8"))
+    assert "Turns of 20.0° to the right in 8.0 s, 2.50 °/s, with wires up to 60 °C." in page
+    assert "turns are 98.0% to 98.0% of the planned one" in page
+    heads, cells = (re.findall(rf"<{tag}[^>]*>([^<]*)</{tag}>", page) for tag in ("th", "td"))
+    shown = dict(zip(heads, cells[cells.index("as planned") :], strict=False))
+    assert (shown["mean turn, %"], shown["aside, %"], shown["T, °C"]) == ("98.0", "3.0", "61")
+    Recording(
+        time=gait.time,
+        duty=gait.duty,
+        measured_temperature=heat,
+        bend_angle=np.zeros((6, 5)),
+        parameters=gait.parameters,
+        source="model",
+        sample_rate=0.5,
+        robot=robot,
+        body_pose=pose + np.array([[0.003], [0.004], [0], [0], [0], [0]]) * knots,
+    ).save(tmp_path / "walk.csv")
+    shown = said(["show", str(tmp_path / "walk.csv")], capsys)
+    assert "travel 5.0 mm" in shown
+    assert "turn -20.0°" in shown
