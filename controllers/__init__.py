@@ -7,6 +7,7 @@ from controllers.plan_feedback import PlanFeedback, PlanRegulator
 from controllers.receding_horizon import RecedingHorizon
 from controllers.reduced_model import ReducedModel
 from controllers.temperature_supervisor import TemperatureSupervisor, supervised
+from controllers.wayfinder import Wayfinder
 
 __all__ = [
     "GaitFeedback",
@@ -17,5 +18,6 @@ __all__ = [
     "RecedingHorizon",
     "ReducedModel",
     "TemperatureSupervisor",
+    "Wayfinder",
     "supervised",
 ]

@@ -3,6 +3,7 @@
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from planners import references
 from planners.gait.check import check_gait
+from planners.gait.courses import plan_gaits
 from planners.gait.gait import plan_gait
 from planners.gait.walking import walk
 from planners.grip import Grip, grip
@@ -28,6 +29,7 @@ __all__ = [
     "nearest_bend_angle",
     "plan",
     "plan_gait",
+    "plan_gaits",
     "references",
     "walk",
 ]

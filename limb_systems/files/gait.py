@@ -289,6 +289,22 @@ class Gait(Planned):
             ],
         )
 
+    def progress(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What cycles made of the planned stride, from poses of the body (3 or 6, K) between them.
+
+        Turns count by the way of a point that is a limb's length away.
+
+        Returns:
+            What they made along what was planned, and aside of it (K - 1,), as shares of it.
+        """
+        lengths = [sum(s.length for s in limb.parameters.segments) for limb in self.robot.limbs]
+        planned = self.displacement
+        scales = np.array([1.0, 1.0, max(lengths)])[: len(planned)]
+        planned, made = planned * scales, travels(poses).T * scales
+        along = made @ planned / (planned @ planned)
+        aside = np.linalg.norm(made - along[:, None] * planned, axis=1)
+        return along, aside / np.linalg.norm(planned)
+
     def moved(self, start: np.ndarray) -> np.ndarray:
         """The body's pose (3 or 6, K) in a cycle that begins at a pose, of which travel counts."""
         pose = self.body_pose.copy()

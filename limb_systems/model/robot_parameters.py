@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import itertools
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -128,16 +129,24 @@ def walking_limb_in_space() -> LimbParameters:
     return limb
 
 
-# Places of limbs about the middle of a body in space, m.
-_IN_SPACE = {
-    3: {"rear": (-0.03, 0.0), "left": (0.015, 0.026), "right": (0.015, -0.026)},
-    4: {
-        "rear_left": (-0.03, 0.015),
-        "front_left": (0.03, 0.015),
-        "rear_right": (-0.03, -0.015),
-        "front_right": (0.03, -0.015),
-    },
-}
+def _in_space(limbs: int) -> list[RobotLimb]:
+    """Three limbs on a circle of 4 cm, each bent outward by its first wire; or four at corners."""
+    if limbs == 3:
+        turns = {"rear": np.pi, "left": np.pi / 3, "right": -np.pi / 3}
+        outward = {
+            name: [round(float(part), 9) for part in (np.cos(turn), np.sin(turn), 0.0)]
+            for name, turn in turns.items()
+        }
+        places = {name: [0.04 * part for part in axis] for name, axis in outward.items()}
+    else:
+        corners = itertools.product(("left", "right"), ("rear", "front"))
+        sides = {"rear": -0.03, "front": 0.03, "left": 0.015, "right": -0.015}
+        places = {f"{end}_{side}": [sides[end], sides[side], 0.0] for side, end in corners}
+        outward = {name: [1.0, 0.0, 0.0] for name in places}
+    return [
+        RobotLimb(name, position=places[name], e2=outward[name], parameters=walking_limb_in_space())
+        for name in places
+    ]
 
 
 def _rear_and_front() -> list[RobotLimb]:
@@ -179,19 +188,15 @@ class RobotParameters(Described):
         Raises:
             ParameterError: for another number of limbs.
         """
-        if limbs not in _IN_SPACE:
+        if limbs not in (3, 4):
             raise ParameterError(
                 f"limbs is {limbs}; a robot in space has three or four by default, and any number "
                 "in a description of yours."
             )
-        hips = [
-            RobotLimb(name, position=[x, y, 0.0], parameters=walking_limb_in_space())
-            for name, (x, y) in _IN_SPACE[limbs].items()
-        ]
         body = BodyParameters(mount="free")
         if limbs == 3:
-            body.width = body.length
-        return cls(body=body, limbs=hips, total_duty=3.0)
+            body.length = body.width = 0.09
+        return cls(body=body, limbs=_in_space(limbs), total_duty=3.0)
 
     @classmethod
     def of_limb(cls, limb: LimbParameters) -> "RobotParameters":

@@ -19,7 +19,6 @@ from limb_systems import (
     RobotParameters,
     simulate,
 )
-from limb_systems.files.gait import travels
 from limb_systems.model.parameters import ParameterError
 from limb_systems.model.robot import TIME_STEP
 from limb_systems.progress import Progress
@@ -155,14 +154,8 @@ def strides_of(
     """
     assert recording.body_pose is not None
     ends = start + gait.period * np.arange(cycles + 1)
-    pose = np.unwrap(recording.body_pose, axis=1, period=2 * np.pi)
-    made = travels(np.array([np.interp(ends, recording.time, row) for row in pose]))
-    size = max(sum(s.length for s in limb.parameters.segments) for limb in gait.robot.limbs)
-    scales = np.array([1.0, 1.0, size])[: len(made)]
-    planned, made = gait.displacement * scales, made.T * scales
-    along = made @ planned / (planned @ planned)
-    aside = np.linalg.norm(made - along[:, None] * planned, axis=1)
-    return along, aside / np.linalg.norm(planned)
+    pose = np.unwrap(recording.body_pose, axis=1)
+    return gait.progress(np.array([np.interp(ends, recording.time, row) for row in pose]))
 
 
 def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:

@@ -69,6 +69,7 @@ def plan_gait(
     sticking_share: float = STICKING_SHARE,
     intervals: int = INTERVALS,
     near: Gait | None = None,
+    begins_as: Gait | None = None,
     check: bool = True,
     spread: bool = True,
     explain: bool = True,
@@ -99,6 +100,8 @@ def plan_gait(
             the robot stands still if friction differs more from foot to foot.
         intervals: number of intervals between knots, shared by the phases.
         near: a gait of a robot or a course that differs little, of this schedule, to start from.
+        begins_as: a gait of this robot, with whose heat it begins, so that one may follow the
+            other; with its own if None.
         check, spread: whether to check it by `check_gait`, and with its spread.
         explain: whether to find out, in up to a minute, why there is no gait, if there is none.
 
@@ -127,6 +130,7 @@ def plan_gait(
             objective="speed" if speed is None else "energy",
             temperature_margin=temperature_margin,
             sticking_share=sticking_share,
+            begins_as=begins_as,
         )
         is_last = number == len(schedules)
         try:
@@ -207,9 +211,10 @@ def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, sp
             break
     if gait.passed:
         return gait
+    goes = f"{np.rad2deg(gait.turn):.1f}°" if gait.on_the_spot else f"{1e3 * gait.stride:.1f} mm"
     raise PlanningError(
-        f"Gaits were planned, the last of them of {1e3 * gait.stride:.1f} mm in "
-        f"{gait.period:.1f} s, but they are refused: {gait.check.failure()}"
+        f"Gaits were planned, the last of them of {goes} in {gait.period:.1f} s, but they are "
+        f"refused: {gait.check.failure()}"
     )
 
 

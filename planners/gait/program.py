@@ -90,7 +90,8 @@ class GaitProgram:
     - ``merit``: index of the objective: speed, m/s, or heating per distance, s of full duty of one
       wire per m. A turn on the spot counts by the way of a point that is a limb's length away.
     - ``phase_of``: phase of each interval (K,).
-    - ``temperature_margin``, ``sticking_share``, ``steadiness``, ``course``: as given.
+    - ``temperature_margin``, ``sticking_share``, ``steadiness``, ``course``,
+      ``begins_as``: as given.
 
     Args:
         robot: description of the robot, on a body that is not welded.
@@ -103,6 +104,7 @@ class GaitProgram:
         steadiness: the least stiffness against pitch in a plane, the last pivot of `Stability`, as
             a multiple of weight times limb length; no pivot is bounded if it is -inf.
         course: where it goes; ahead, as fast as it can, if None.
+        begins_as: a gait of the same robot, with whose heat it begins; with its own if None.
     """
 
     def __init__(
@@ -116,6 +118,7 @@ class GaitProgram:
         clearance: float = CLEARANCE,
         steadiness: float = STEADINESS,
         course: Course | None = None,
+        begins_as: Gait | None = None,
     ):
         assert robot.ground is not None, "a gait needs a ground"
         self.robot, self.schedule, self.objective = robot, schedule, objective
@@ -132,6 +135,10 @@ class GaitProgram:
         self._add_variables()
         self._add_bounds()
         self._add_course()
+        self.begins_as = begins_as
+        if begins_as:
+            states = begins_as.wire_states[:, 0]
+            self._bound(self.heat[0, : len(states)], states, states)
         self._add_contacts(clearance)
         # Feet that swing come down on loads that pivots do not know to micrometres.
         self.lifts = bool((self.contacts == "swing").any())

@@ -13,7 +13,8 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from calibration.strides import StridesFit, fit_strides
-from controllers import GaitFeedback, PlanFeedback
+from controllers import GaitFeedback, PlanFeedback, Wayfinder
+from controllers.wayfinder import NEAR
 from hardware import RobotTwin, SerialLimb
 from limb_systems import (
     Gait,
@@ -31,6 +32,7 @@ from limb_systems.views.panels import motion_panels
 from planners import PlanningError, plan_gait
 from planners.gait.check import fall_of
 from planners.gait.course import Course, check_course
+from planners.gait.courses import AHEAD, load_gaits, plan_gaits, save_gaits
 from planners.gait.gait import check_request
 from planners.gait.program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
 from planners.gait.schedules import Schedule, schedule_of, schedule_text, sensible_schedules
@@ -125,6 +127,16 @@ def _gait(options: argparse.Namespace) -> int:
     return 0
 
 
+def _gaits(options: argparse.Namespace) -> int:
+    gaits = plan_gaits(
+        options.robot, temperature_margin=options.margin, sticking_share=options.sticking
+    )
+    files = save_gaits(gaits, options.output, force=options.force)
+    entries = [Entry(name, sentence=repr(gait)) for name, gait in gaits.items()]
+    print_summary(options, Summary(entries), files)
+    return 0
+
+
 def _best_gait(
     schedules: Sequence[Schedule], plan: Callable[..., "_Trial"], spread: bool
 ) -> tuple[Gait | None, list[tuple[str, str]]]:
@@ -153,7 +165,7 @@ def _best_gait(
     taken, refused = None, []
     for trial in trials:
         if trial.gait and taken:
-            reason = f"{1e3 * trial.gait.reach / trial.gait.period:.2f} mm/s, and another is better"
+            reason = f"{_pace(trial.gait)}, and another is better"
             trial = trial._replace(reason=reason)
         elif not trial.reason:
             trial = plan(trial.schedule, check=True, spread=spread)
@@ -161,6 +173,12 @@ def _best_gait(
         if trial.reason:
             refused.append((schedule_text(trial.schedule), trial.reason))
     return taken, refused
+
+
+def _pace(gait: Gait) -> str:
+    if gait.on_the_spot:
+        return f"{np.rad2deg(gait.turn / gait.period):.2f} °/s"
+    return f"{1e3 * gait.speed:.2f} mm/s"
 
 
 class _Trial(NamedTuple):
@@ -189,7 +207,50 @@ def _planned(
     return _Trial(schedule, gait, merit=gait.merit)
 
 
+def _place(text: str) -> list[float]:
+    """A place x, y, m, and a heading, rad, if any, of text such as 0.5,0 or 0.5,0,90."""
+    try:
+        x, y, *heading = map(float, text.split(","))
+        if len(heading) > 1 or not np.isfinite([x, y, *heading]).all():
+            raise ValueError
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no place such as 0.5,0 (m), or 0.5,0,90 with a heading (°)"
+        ) from error
+    return [x, y, *np.deg2rad(heading)]
+
+
+def _go(options: argparse.Namespace) -> int:
+    """Walk to places, by gaits of a folder."""
+    outputs = checked_outputs(options)
+    gaits = load_gaits(options.gait)
+    ahead = gaits[AHEAD]
+    robot, controller = _robot(options, ahead), Wayfinder(gaits, options.to)
+    way = np.vstack([[0.0, 0.0], *(goal[:2] for goal in options.to)])
+    length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
+    # Turning takes cycles, too, and strides may be a third of those planned.
+    cycles = int(3 * length / ahead.stride) + 30 * len(options.to)
+    recording = record_replay(walk(ahead, cycles), robot, options.output, controller=controller)
+    save_panels(motion_panels(recording), options.plot)
+    pose = recording.body_pose
+    assert pose is not None, "a Wayfinder sees the body"
+    last = pose[:, np.isfinite(pose).all(axis=0)][:, -1]
+    missed = float(np.hypot(*(last[:2] - way[-1])))
+    fall = fall_of(recording, ahead)[0]
+    said = f"{1e3 * missed:.0f} mm from the last place, after {recording.time[-1]:.0f} s"
+    told = [Entry("missed", missed, "m", said), Entry("fall", fall)]
+    print_summary(options, recording.summary() + Summary(told), outputs)
+    return 1 if fall or missed > NEAR else 0
+
+
 def _walk(options: argparse.Namespace) -> int:
+    if options.to:
+        return _go(options)
+    if options.gait.is_dir():
+        raise LimbError(
+            f"{options.gait} is a folder of gaits, by which a robot walks to places; say where, "
+            "with --to X,Y."
+        )
     outputs = checked_outputs(options, options.gait)
     parts = [
         options.output.with_stem(f"{options.output.stem}_{what}") for what in ("first", "gait")
@@ -302,6 +363,22 @@ def _replanned(
     return planned, fit.heat_after(pause), Summary(entries)
 
 
+MARGIN = Option(
+    "--margin",
+    type=float,
+    default=5.0,
+    metavar="DEGREES",
+    help="how far wires stay below T_max, °C, which feedback needs (default %(default)g)",
+)
+STICKING = Option(
+    "--sticking",
+    type=float,
+    default=STICKING_SHARE,
+    metavar="SHARE",
+    help="share of the friction that feet that stick may use: more is faster, but the "
+    "robot stands still if friction differs from foot to foot (default %(default)g)",
+)
+
 COMMANDS = {
     "gait": Command(
         _gait,
@@ -354,14 +431,7 @@ COMMANDS = {
                 help="the fastest gait, or the one that heats least for its distance (default "
                 "%(default)s)",
             ),
-            Option(
-                "--margin",
-                type=float,
-                default=5.0,
-                metavar="DEGREES",
-                help="how far wires stay below T_max, °C, which feedback needs (default "
-                "%(default)g)",
-            ),
+            MARGIN,
             Option(
                 "--steadiness",
                 type=float,
@@ -370,14 +440,7 @@ COMMANDS = {
                 "less is faster, but more robots that are not quite as described fall (default "
                 f"{STEADINESS:g}, or {STEADINESS_CALIBRATED:g} if all limbs are calibrated)",
             ),
-            Option(
-                "--sticking",
-                type=float,
-                default=STICKING_SHARE,
-                metavar="SHARE",
-                help="share of the friction that feet that stick may use: more is faster, but the "
-                "robot stands still if friction differs from foot to foot (default %(default)g)",
-            ),
+            STICKING,
             Option(
                 "--quick",
                 action="store_true",
@@ -387,6 +450,21 @@ COMMANDS = {
         stopped="stopped; nothing was written",
         examples=["soft-limb gait -o out/gait.csv --schedule 'fs ss sf ss'"],
     ),
+    "gaits": Command(
+        _gaits,
+        "Plans the gaits by which a robot in space gets anywhere: ahead, along arcs to the left "
+        "and right, and on the spot, each checked by simulation, and writes them to a folder, "
+        "which soft-limb walk --to takes.",
+        "json force",
+        [
+            Option("robot", type=Path, help="robot parameters (.yaml), with a body that is free"),
+            shared("folder"),
+            MARGIN,
+            STICKING,
+        ],
+        stopped="stopped; nothing was written",
+        examples=["soft-limb gaits robot.yaml -o out/gaits/"],
+    ),
     "walk": Command(
         _walk,
         "Walks by a gait: warms the wires up, makes so many cycles, and stops. Without a port it "
@@ -394,7 +472,21 @@ COMMANDS = {
         "its body is seen by an emulated camera.",
         "output driven plot json force",
         [
-            Option("gait", type=Path, help="gait file (.csv), as soft-limb gait writes it"),
+            Option(
+                "gait",
+                type=Path,
+                help="gait file (.csv), as soft-limb gait writes it; with --to, the folder of "
+                "soft-limb gaits",
+            ),
+            Option(
+                "--to",
+                type=_place,
+                action="append",
+                default=[],
+                metavar="X,Y[,DEGREES]",
+                help="place to walk to, m from where the body begins, and the heading there, °; "
+                "once for each place, in their order",
+            ),
             Option(
                 "-n",
                 "--cycles",

@@ -1,0 +1,189 @@
+"""Feedback that walks a robot to places on the ground, gait by gait."""
+
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import EventStatus
+
+from controllers.estimator import StateEstimate
+from controllers.plan_feedback import PlanFeedback
+from limb_systems import Gait, LimbError, LimbParameters, Trajectory
+from limb_systems.files.gait import along_heading, travels
+from limb_systems.model.ownership import weak_method
+from limb_systems.simulation import PERIOD
+from planners.gait.walking import walk
+
+NEAR = 0.015  # m, of a place at which the robot is there
+FACING = np.deg2rad(8.0)  # of a heading that is asked for
+LEARNED = 0.3  # of what a cycle went otherwise than expected
+CYCLES_AHEAD = 2  # of which the best are looked for
+LEFT_OVER = 2.0  # s of the next cycle, that feedback foresees
+FALLEN = 1.0  # rad, of roll or pitch
+LONGEST = 3600.0  # s, of walks
+TIME, GAIT, GOAL, START = range(4)  # of the state, which ends with what cycles are expected to make
+
+
+class Wayfinder(PlanFeedback):
+    """`PlanFeedback` about a gait, which is chosen anew at the end of each cycle.
+
+    The gait is the first of those two cycles after which the robot is expected to be at its goal
+    soonest, by the time that turning and walking there take. What a cycle of a gait is expected to
+    make is what was planned at first, and then follows what is seen: friction and limbs are not
+    quite as described. A place is reached within 15 mm, a heading within 8°. After the last goal,
+    or if the robot falls, the simulation ends.
+
+    - inputs 0 and 1, output 0: those of `PlanController`
+    - input 2 ``body_pose``: x, y, z, m, and roll, pitch and yaw, rad; NaN where it is not seen
+    - output 1 ``course``: time in the plan, s; number of the gait; number of the goal; where the
+      cycle began, x, y, m, and yaw, rad; and what a cycle of each gait is expected to make, x, y,
+      m, and yaw, rad, in the heading at its beginning
+    - state, discrete, at 20 Hz: 0 and 1 of `PlanController`; 2: the course
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(
+        self,
+        gaits: Mapping[str, Gait],
+        goals: Sequence[Sequence[float]],
+        *,
+        parameters: LimbParameters | None = None,
+    ):
+        """
+        Args:
+            gaits: gaits of one robot in space, as of `plan_gaits`; the first begins from cold.
+            goals: places x, y, m, or x, y and yaw, m and rad, one after the other.
+            parameters: description of all limbs together; the gaits' if None.
+
+        Raises:
+            LimbError: if a gait failed its check or is of a robot in the plane, or there is no
+                goal.
+        """
+        self._gaits = list(gaits.values())
+        if not goals:
+            raise LimbError("There is no place to go to; give at least one goal.")
+        if not all(gait.in_space for gait in self._gaits):
+            raise LimbError("A robot in the vertical plane goes to no place; it walks ahead.")
+        self._goals = np.array([[*goal, np.nan][:3] for goal in goals])
+        trajectory, self._begins = joined(self._gaits)
+        super().__init__(trajectory, parameters=parameters)
+        self._periods = np.array([gait.period for gait in self._gaits])
+        made = np.array([gait.displacement for gait in self._gaits])
+        self._speed = (np.hypot(made[:, 0], made[:, 1]) / self._periods).max()
+        self._turn_rate = np.abs(made[:, 2] / self._periods).max()
+        self.DeclareVectorInputPort("body_pose", 6)
+        start = [0.0, 0.0, 0.0, *[np.nan] * 3, *made.ravel()]
+        self.DeclareStateOutputPort("course", self.DeclareDiscreteState(start))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
+        self.set_name("wayfinder")
+
+    def _time_in_plan(self, context) -> float:
+        return context.get_discrete_state(2).value()[TIME]
+
+    def _end_update(self, context, ahead: StateEstimate, state) -> None:
+        now = context.get_discrete_state(2).value().copy()
+        gait, before = int(now[GAIT]), now[TIME]
+        now[TIME] += PERIOD
+        begin = self._begins[0] if before < self._begins[1] else self._begins[1 + gait]
+        pose = self.get_input_port(2).Eval(context)[[0, 1, 5]]
+        if before < begin <= now[TIME] + 1e-9:
+            now[START : START + 3] = pose  # the warm-up is over
+        over = now[TIME] - begin - self._periods[gait]
+        if over > -1e-9:
+            self._choose(now, pose, over)
+        state.set_value(2, now)
+
+    def _choose(self, now: np.ndarray, pose: np.ndarray, over: float) -> None:
+        """Learn from the cycle that ended, and begin the next one, in the course."""
+        start, made = now[START : START + 3].copy(), now[START + 3 :].reshape(-1, 3)
+        is_first = (
+            now[TIME] < self._begins[1]
+        )  # from limbs that were cold, and not where gaits begin
+        if np.isfinite([*start, *pose]).all() and not is_first:
+            poses = np.zeros((6, 2))
+            poses[[0, 1, 5]] = np.transpose([start, pose])
+            gait = int(now[GAIT])
+            made[gait] += LEARNED * (travels(poses)[:, 0] - made[gait])
+        if np.isfinite(pose).all():
+            while now[GOAL] < len(self._goals) and self._time_to_go(pose, now[GOAL]) <= 0.0:
+                now[GOAL] += 1
+            if now[GOAL] < len(self._goals):
+                now[GAIT] = self._best(pose, made, now[GOAL])
+        now[START : START + 3] = pose
+        now[TIME] = self._begins[1 + int(now[GAIT])] + max(0.0, over)
+
+    def _best(self, pose: np.ndarray, made: np.ndarray, goal: float) -> int:
+        """The number of the gait to begin with."""
+        choices = list(itertools.product(range(len(made)), repeat=CYCLES_AHEAD))
+        times = []
+        for choice in choices:
+            after, taken = pose, 0.0
+            for gait in choice:
+                if self._time_to_go(after, goal) <= 0.0:
+                    break
+                place = after[:2] + along_heading(made[gait][:2], -after[2])
+                after = np.append(place, after[2] + made[gait][2])
+                taken += self._periods[gait]
+            times.append(taken + self._time_to_go(after, goal))
+        return choices[int(np.argmin(times))][0]
+
+    def _time_to_go(self, pose: np.ndarray, goal: float) -> float:
+        """Time that turning towards a goal, walking to it and facing as asked for take, s."""
+        x, y, heading = self._goals[int(goal)]
+        away = np.array([x, y]) - pose[:2]
+        distance = float(np.hypot(*away))
+        if distance <= NEAR:
+            missed = 0.0 if np.isnan(heading) else abs(_wrapped(heading - pose[2]))
+            return max(0.0, missed - FACING) / self._turn_rate
+        beside = abs(_wrapped(np.arctan2(away[1], away[0]) - pose[2]))
+        turn = max(0.0, beside - np.arcsin(min(1.0, NEAR / distance)))
+        return turn / self._turn_rate + (distance - NEAR) / self._speed + 1e-3
+
+    def _look(self, context) -> EventStatus:
+        roll, pitch = self.get_input_port(2).Eval(context)[3:5]
+        if max(abs(roll), abs(pitch)) > FALLEN:
+            return EventStatus.ReachedTermination(self, "the robot has fallen")
+        if context.get_discrete_state(2).value()[GOAL] >= len(self._goals):
+            return EventStatus.ReachedTermination(self, "the robot has arrived")
+        return EventStatus.DidNothing()
+
+
+def joined(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray]:
+    """The first gait from cold, and then a cycle of each, one after the other, as one plan.
+
+    Returns:
+        The plan, and when the first cycle and the cycle of each gait begin in it (1 + G,), s.
+    """
+    first = walk(gaits[0], 1)
+    parts, begins = [first], [first.duration - gaits[0].period]
+    for gait in gaits:
+        begins.append(sum(len(part.time) for part in parts) * PERIOD)
+        cycles = walk(gait, 2, heat=gait.initial_heat, bend=gait.bend_angle[:, 0])
+        last = int(np.ceil((gait.period + LEFT_OVER) / PERIOD))
+        parts.append(_until(cycles, min(last, len(cycles.time))))
+    signals: dict[str, Any] = {
+        name: np.hstack([getattr(part, name) for part in parts]) for name in _signals(first)
+    }
+    signals["time"] = PERIOD * np.arange(signals["duty"].shape[1])
+    return dataclasses.replace(first, **signals), np.array(begins)
+
+
+def _until(trajectory: Trajectory, knots: int) -> Trajectory:
+    """The first knots of a trajectory."""
+    signals: dict[str, Any] = {
+        name: getattr(trajectory, name)[..., :knots] for name in _signals(trajectory)
+    }
+    return dataclasses.replace(trajectory, **signals)
+
+
+def _signals(trajectory: Trajectory) -> list[str]:
+    names = [field.name for field in dataclasses.fields(trajectory)]
+    return [name for name in names if isinstance(getattr(trajectory, name), np.ndarray)]
+
+
+def _wrapped(angle: float) -> float:
+    """An angle within half a turn of zero, rad."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)

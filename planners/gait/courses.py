@@ -1,0 +1,114 @@
+"""The gaits by which a robot gets anywhere on the ground: `plan_gaits`."""
+
+import contextlib
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from limb_systems import Gait, LimbError, RobotParameters
+from limb_systems.output import check_outputs
+from limb_systems.progress import Progress
+from planners.gait.gait import plan_gait
+from planners.gait.schedules import sensible_schedules
+from planners.transcription.solving import PlanningError
+
+AHEAD, SIDES = "ahead", {"left": 1.0, "right": -1.0}
+ARC = 0.2  # rad, in a cycle
+# rad, in a cycle on the spot, the first with which the robot turns as planned; softer robots turn
+# by less, as legs that bend farther have more than one balance.
+ON_THE_SPOT = np.inf, 0.4, 0.25
+
+
+def plan_gaits(robot: RobotParameters | str | Path, **options: Any) -> dict[str, Gait]:
+    """Gaits ahead, along arcs to the left and right, and on the spot, which follow each other.
+
+    Those along arcs begin with the heat of the one ahead, where there are such gaits, so that a
+    robot changes between them at the end of a cycle. The others begin with heat of their own.
+
+    Args:
+        robot: description of a robot in space.
+        options: further arguments of `plan_gait`.
+
+    Returns:
+        Checked gaits by name: ahead, left, right, spot_left and spot_right, as far as there are.
+
+    Raises:
+        PlanningError: if none goes ahead, or none turns to each side.
+    """
+    robot = RobotParameters.of(robot)
+    if robot.body.mount != "free":
+        raise PlanningError(
+            f"The body is {robot.body.mount}, so that it cannot turn; set body.mount to free."
+        )
+    options = {"spread": False, "explain": False} | options
+    with Progress("planning", 1 + 2 * len(SIDES), "gaits") as progress:
+        ahead = plan_gait(robot, **options)
+        gaits = {AHEAD: ahead}
+        for number, (side, sign) in enumerate(SIDES.items()):
+            progress.update(1 + 2 * number, f"along an arc to the {side}")
+            if arc := _along_arc(robot, sign * ARC, ahead, options):
+                gaits[side] = arc
+            progress.update(2 + 2 * number, f"on the spot to the {side}")
+            if spot := _on_the_spot(robot, sign, options):
+                gaits[f"spot_{side}"] = spot
+            if not (arc or spot):
+                raise PlanningError(
+                    f"The robot goes ahead, but no gait was found that turns it to the {side}, "
+                    f"neither by {np.rad2deg(ARC):.0f}° along an arc nor on the spot."
+                )
+    return gaits
+
+
+def _along_arc(
+    robot: RobotParameters, turn: float, ahead: Gait, options: dict[str, Any]
+) -> Gait | None:
+    """The gait that begins with the heat of the one ahead, or else with its own."""
+    request = options | {"schedule": ahead.schedule, "near": ahead}
+    for first in (ahead, None):
+        with contextlib.suppress(PlanningError):
+            return plan_gait(robot, turn=turn, begins_as=first, **request)
+    return None
+
+
+def _on_the_spot(robot: RobotParameters, sign: float, options: dict[str, Any]) -> Gait | None:
+    """The gait with the largest turn, of the first two schedules."""
+    for turn, schedule in itertools.product(ON_THE_SPOT, sensible_schedules(robot)[:2]):
+        with contextlib.suppress(PlanningError):
+            request = options | {"schedule": schedule}
+            return plan_gait(robot, turn=sign * turn, stride=0.0, **request)
+    return None
+
+
+def save_gaits(gaits: Mapping[str, Gait], folder: Path, *, force: bool = False) -> list[Path]:
+    """Save gaits as files of a folder, by their names, and return these."""
+    files = [folder / f"{name}.csv" for name in gaits]
+    check_outputs(files, force=force)
+    folder.mkdir(parents=True, exist_ok=True)
+    for gait, file in zip(gaits.values(), files, strict=True):
+        gait.save(file)
+    return files
+
+
+def load_gaits(folder: Path) -> dict[str, Gait]:
+    """The gaits of a folder, by the names of their files, the one ahead first.
+
+    Raises:
+        LimbError: if none is named ahead, or they are of different robots.
+    """
+    files = sorted(folder.glob("*.csv"), key=lambda file: (file.stem != AHEAD, file.stem))
+    if not files or files[0].stem != AHEAD:
+        raise LimbError(
+            f"{folder} has no gait named {AHEAD}.csv; soft-limb gaits ROBOT -o {folder} writes "
+            "one, and others that turn."
+        )
+    gaits = {file.stem: Gait.load(file) for file in files}
+    for name, gait in gaits.items():
+        if gait.robot != gaits[AHEAD].robot:
+            raise LimbError(
+                f"{folder / name}.csv is the gait of another robot than {AHEAD}.csv; plan all "
+                "gaits of the folder for one robot."
+            )
+    return gaits
