@@ -43,6 +43,7 @@ COMMANDS = {
     "recover": ("hardware", "finish the recording of a program that was killed"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
     "gait": ("gaits", "plan how a robot of several limbs walks"),
+    "gaits": ("gaits", "plan the gaits by which a robot in space gets anywhere"),
     "walk": ("gaits", "walk by a gait: a robot, or an emulated one, from cold wires"),
     "sweep": ("emulated", "plan and drive many emulated limbs, motions, tasks and controllers"),
     "show": ("results", "say what files are, and what made them"),

@@ -29,6 +29,7 @@ from controllers import (
     PlanRegulator,
     RecedingHorizon,
     TemperatureSupervisor,
+    Wayfinder,
 )
 from hardware import LimbTwin, RobotTwin, SensedLimb, SerialLimb, Station
 from hardware.live.feed import Feed
@@ -52,6 +53,7 @@ from limb_systems import (
 )
 from limb_systems.files.csv_format import FORMAT_VERSION
 from limb_systems.files.samples import column_names
+from planners import plan_gait
 from soft_limb.command import COMMANDS, main
 from soft_limb.commands.options import SHARED
 
@@ -282,6 +284,7 @@ def systems(monkeypatch, fig5_plan, gait, station):
         LimbObserver(nominal),
         PlanFeedback(fig5_plan),
         GaitFeedback(gait, 1),
+        Wayfinder({"ahead": plan_gait(RobotParameters.in_space(3), check=False)}, [(0.1, 0.0)]),
         PlanRegulator(fig5_plan),
         RecedingHorizon(fig5_plan),
         TemperatureSupervisor(nominal),
