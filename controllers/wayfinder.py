@@ -19,17 +19,17 @@ from planners.gait.walking import walk
 NEAR = 0.015  # m, of a place at which the robot is there
 FACING = np.deg2rad(8.0)  # of a heading that is asked for
 LEARNED = 0.3  # of what a cycle went otherwise than expected
-CYCLES_AHEAD = 2  # of which the best are looked for
+CYCLES_AHEAD = 3  # of which the best are looked for
 LEFT_OVER = 2.0  # s of the next cycle, that feedback foresees
 FALLEN = 1.0  # rad, of roll or pitch
-LONGEST = 3600.0  # s, of walks
+SLOWEST_TURN = 1e-6  # rad/s, of robots that turn to one side alone
 TIME, GAIT, GOAL, START = range(4)  # of the state, which ends with what cycles are expected to make
 
 
 class Wayfinder(PlanFeedback):
     """`PlanFeedback` about a gait, which is chosen anew at the end of each cycle.
 
-    The gait is the first of those two cycles after which the robot is expected to be at its goal
+    The gait is the first of those three cycles after which the robot is expected to be at its goal
     soonest, by the time that turning and walking there take. What a cycle of a gait is expected to
     make is what was planned at first, and then follows what is seen: friction and limbs are not
     quite as described. A place is reached within 15 mm, a heading within 8°. After the last goal,
@@ -73,7 +73,8 @@ class Wayfinder(PlanFeedback):
         self._periods = np.array([gait.period for gait in self._gaits])
         made = np.array([gait.displacement for gait in self._gaits])
         self._speed = (np.hypot(made[:, 0], made[:, 1]) / self._periods).max()
-        self._turn_rate = np.abs(made[:, 2] / self._periods).max()
+        rates = made[:, 2] / self._periods
+        self._turn_rates = max(rates.max(), SLOWEST_TURN), max(-rates.min(), SLOWEST_TURN)
         self.DeclareVectorInputPort("body_pose", 6)
         start = [0.0, 0.0, 0.0, *[np.nan] * 3, *made.ravel()]
         self.DeclareStateOutputPort("course", self.DeclareDiscreteState(start))
@@ -136,11 +137,18 @@ class Wayfinder(PlanFeedback):
         away = np.array([x, y]) - pose[:2]
         distance = float(np.hypot(*away))
         if distance <= NEAR:
-            missed = 0.0 if np.isnan(heading) else abs(_wrapped(heading - pose[2]))
-            return max(0.0, missed - FACING) / self._turn_rate
-        beside = abs(_wrapped(np.arctan2(away[1], away[0]) - pose[2]))
-        turn = max(0.0, beside - np.arcsin(min(1.0, NEAR / distance)))
-        return turn / self._turn_rate + (distance - NEAR) / self._speed + 1e-3
+            missed = 0.0 if np.isnan(heading) else heading - pose[2]
+            return self._time_to_turn(missed, FACING)
+        beside = np.arctan2(away[1], away[0]) - pose[2]
+        turning = self._time_to_turn(beside, np.arcsin(min(1.0, NEAR / distance)))
+        return turning + (distance - NEAR) / self._speed + 1e-3
+
+    def _time_to_turn(self, angle: float, tolerance: float) -> float:
+        """Time that turning by an angle takes, rad, to the side that is sooner there, s."""
+        angle = _wrapped(angle)
+        left = max(0.0, abs(angle) - tolerance) * np.sign(angle)
+        ways = left % (2 * np.pi), -left % (2 * np.pi)
+        return float(min(way / rate for way, rate in zip(ways, self._turn_rates, strict=True)))
 
     def _look(self, context) -> EventStatus:
         roll, pitch = self.get_input_port(2).Eval(context)[3:5]

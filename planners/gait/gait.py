@@ -225,15 +225,17 @@ def _steady(
 
     Args:
         program: program of the gait, by further arguments.
-        near: a gait to start from; if it leads to none, the robot stands at the start.
+        near: a gait to start from; if it leads to none in a plane, the robot stands at the start.
 
     Raises:
         PlanningError: with the solver's status, if there is no gait of any share.
     """
+    asked = program(steadiness=steadiness)
+    if near and asked.in_space:
+        return _solved(asked, near)
     if near:
         with contextlib.suppress(PlanningError):
-            return _solved(program(steadiness=steadiness), near)
-    asked = program(steadiness=steadiness)
+            return _solved(asked, near)
     try:
         return _solved(asked)
     except PlanningError:

@@ -1,0 +1,140 @@
+"""Gaits in space: mechanics against Drake's plant, walks with contact, requests, and the way."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlant
+
+from controllers import Wayfinder
+from limb_systems import Gait, RobotParameters, add_robot
+from limb_systems.model.robot import set_positions
+from planners import PlanningError, plan_gait
+from planners.gait.check import simulate_gait
+from planners.gait.schedules import schedule_of
+from planners.gait.walker import Walker
+
+THREE = RobotParameters.in_space(3)
+
+
+@pytest.fixture(scope="module")
+def gaits() -> dict[str, Gait]:
+    ahead = plan_gait(THREE, check=False)
+    asked = {"near": ahead, "schedule": ahead.schedule, "check": False, "explain": False}
+    left = plan_gait(THREE, turn=0.2, begins_as=ahead, **asked)
+    right = plan_gait(THREE, turn=-0.2, **asked)
+    spot = plan_gait(THREE, turn=-0.4, stride=0.0, schedule=ahead.schedule, check=False)
+    return {"ahead": ahead, "left": left, "right": right, "spot": spot}
+
+
+def test_potential_and_feet_are_those_of_drakes_plant():
+    robot = RobotParameters.in_space(4)
+    robot.limbs[1].e1, robot.limbs[1].e2 = [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]
+    plant, walker = MultibodyPlant(1e-3), Walker(robot)
+    robot.ground = None
+    add_robot(plant, robot)
+    plant.Finalize()
+    context, rng, offset = plant.CreateDefaultContext(), np.random.default_rng(4), None
+    for y in rng.normal(0.0, 0.3, (5, len(walker.stiffness))):
+        set_positions(plant, context, robot, y[:6], y[6:])
+        missed = walker.potential.values(y)[0] - plant.CalcPotentialEnergy(context)
+        offset = missed if offset is None else offset
+        assert missed == pytest.approx(offset, abs=1e-12)
+        for limb, foot in zip(robot.limbs, walker.feet(y), strict=True):
+            place = plant.GetFrameByName(f"{limb.name}_foot").CalcPoseInWorld(context)
+            assert foot[2] == pytest.approx(place.translation()[2], abs=1e-12)
+            # The travel is the centre's and what the foot rolls: the angle of the limb's end from
+            # the vertical, towards where it leans.
+            end = place.rotation().matrix()[:, 0]
+            lean = np.arccos(-end[2]) * end[:2] / np.linalg.norm(end[:2])
+            rolled = (foot[:2] - place.translation()[:2]) / robot.feet.radius
+            if end[2] < -np.cos(np.pi / 4):  # up to 45°
+                np.testing.assert_allclose(rolled, lean, atol=1.5e-3)
+
+
+def test_a_gait_turns_with_its_contact_forces_and_feet(gaits):
+    """The last knot is the first one, moved and turned; feet that stick do not move."""
+    gait, walker = gaits["spot"], Walker(THREE)
+    assert gait.turn == pytest.approx(-0.4)
+    assert gait.stride == pytest.approx(0.0, abs=1e-9)
+    y = np.vstack([gait.body_pose, gait.joint_angles])
+    feet = walker.feet(y.T)[..., :2]
+    turned = RollPitchYaw(0, 0, gait.turn).ToRotationMatrix().matrix()[:2, :2]
+    np.testing.assert_allclose(feet[-1], feet[0] @ turned.T, atol=1e-7)
+    forces = gait.contact_force.T.reshape(len(y.T), -1, 3)
+    starts = [phase.start for phase in gait.phases]
+    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
+    mu = THREE.ground.friction
+    for k, phase in enumerate(phases):
+        for foot, contact in enumerate(gait.phases[phase].contacts):
+            slip = feet[k + 1, foot] - feet[k, foot]
+            if contact == "stick":
+                assert np.linalg.norm(slip) < 1e-7
+            elif np.linalg.norm(slip) > 1e-5:
+                against = -mu * forces[k, foot, 2] * slip / np.linalg.norm(slip)
+                np.testing.assert_allclose(forces[k, foot, :2], against, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ahead", "left", "spot"])
+def test_three_limbs_walk_as_planned_in_drake(gaits, name):
+    gait = gaits[name]
+    made = simulate_gait(gait, "", THREE, 1)
+    assert not made.fall
+    assert made.strides == pytest.approx([1.0], abs=0.05)
+    assert max(made.aside) < 0.1
+
+
+def test_a_gait_along_an_arc_begins_with_the_heat_of_the_one_ahead(gaits):
+    first, then = (gaits[name].wire_temperature[:, 0] for name in ("ahead", "left"))
+    np.testing.assert_allclose(then, first, atol=1e-9)
+
+
+def test_cycles_one_after_the_other_are_moved_and_turned(gaits):
+    twice = gaits["left"].repeated(2)
+    one, two = gaits["left"].displacement, twice.displacement
+    turned = RollPitchYaw(0, 0, one[2]).ToRotationMatrix().matrix()[:2, :2]
+    np.testing.assert_allclose(two[:2], one[:2] + turned @ one[:2], atol=1e-12)
+    assert two[2] == pytest.approx(2 * one[2])
+    loads = twice.contact_force[2::3]
+    np.testing.assert_allclose(loads[:, 0], loads[:, -1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("robot", "request_", "said"),
+    [
+        (RobotParameters(), {"turn": 0.1}, "vertical plane, in which it cannot turn"),
+        (THREE, {"stride": 0.0}, "must turn"),
+        (THREE, {"stride": 0.2}, "A stride of 200 mm cannot be had"),
+        (THREE, {"turn": 1.5}, "which turns the body by"),
+        (THREE, {"turn": math.inf, "speed": 1e-3}, "no speed"),
+        (THREE, {"schedule": schedule_of("fss sss sfs sss ssf sss", 3)}, "let them be dragged"),
+        (THREE, {"speed": 0.1, "schedule": schedule_of("dss sss sds sss ssd sss", 3)}, "fastest"),
+    ],
+)
+def test_what_cannot_be_had_is_said_in_a_sentence(robot, request_, said):
+    with pytest.raises(PlanningError, match=said):
+        plan_gait(robot, check=False, explain=False, **request_)
+
+
+def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
+    """Kinematics alone: each cycle makes 0.7 of the way, and turns aside by 3°."""
+    goals = [(0.15, 0.0), (0.15, 0.1, math.pi / 2), (0.0, 0.0)]
+    finder = Wayfinder(gaits, goals)
+    course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
+    pose, visited = np.zeros(3), []
+    course[0], course[3:6] = finder._begins[1] + 1.0, pose
+    for _ in range(80):
+        x, y, turn = list(gaits.values())[int(course[1])].displacement * [0.7, 0.7, 0.8]
+        cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+        pose += np.array([cosine * x - sine * y, sine * x + cosine * y, turn + np.deg2rad(3.0)])
+        before = int(course[2])
+        finder._choose(course, pose, 0.0)
+        visited += [pose.copy()] * (int(course[2]) - before)
+        if course[2] == len(goals):
+            break
+    assert len(visited) == 3
+    for place, (x, y, *heading) in zip(visited, goals, strict=True):
+        assert np.hypot(place[0] - x, place[1] - y) <= 0.015
+        if heading:
+            assert abs(place[2] - heading[0]) <= np.deg2rad(8.0)
