@@ -72,6 +72,7 @@ tables: evaluation
 	$(BIN)/python benchmarks/laws.py > build/evaluation/laws.txt
 	$(BIN)/python benchmarks/board_faults.py faults --limbs 2 > build/evaluation/board_faults.txt
 	$(BIN)/python benchmarks/grips.py > build/evaluation/grips.txt
+	$(BIN)/python benchmarks/gaits_in_space.py > build/evaluation/gaits_in_space.txt
 	$(BIN)/python docs/tables.py build/evaluation
 
 # For the tests that look at pages; a Chromium that is installed already will do.
