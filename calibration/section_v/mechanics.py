@@ -18,6 +18,7 @@ from limb_systems import (
     Limb,
     LimbError,
     LimbParameters,
+    LinearLaw,
     Recording,
     TipTangentSensor,
     Wires,
@@ -528,6 +529,8 @@ def _fit_recording(parameters, recording: Recording):
     def ring_down(damping: float, released: float) -> DampedSinusoid:
         limb = copy.deepcopy(parameters)
         limb.gravity, limb.segments[0].damping = list(gravity), float(damping)
+        for wire in limb.wires:  # they stay cold, and laws with memory take four times as long
+            wire.law = LinearLaw()
         room = np.full(len(limb.wires), limb.ambient_temperature)
         angles = rest_joint_angles(limb)
         angles = angles + joint_angles_from_bend_angle(limb, released * towards)
