@@ -96,8 +96,13 @@ def load_gaits(folder: Path) -> dict[str, Gait]:
     """The gaits of a folder, by the names of their files, the one ahead first.
 
     Raises:
-        LimbError: if none is named ahead, or they are of different robots.
+        LimbError: if it is a file, none is named ahead, or they are of different robots.
     """
+    if folder.is_file():
+        raise LimbError(
+            f"{folder} is a file; places are walked to by the folder of gaits that soft-limb gaits "
+            "writes."
+        )
     files = sorted(folder.glob("*.csv"), key=lambda file: (file.stem != AHEAD, file.stem))
     if not files or files[0].stem != AHEAD:
         raise LimbError(

@@ -40,7 +40,7 @@ GROUND_STIFFNESS = CONTACT_STIFFNESS / 2
 LEAST_STIFFNESS = np.array([10.0, 10.0, 0.1])
 LEAST_JOINT_STIFFNESS = 0.05  # of a joint's spring: limbs buckle at 0
 MOST_LOAD_STIFFNESS = 1000.0  # N/m: ground that is higher by 0.1 mm adds a load of at most 0.1 N
-LEAST_PIVOT = float(np.arcsinh(1.0))  # of `Standing.values`
+LEAST_PIVOT = float(np.arcsinh(1.0))  # of `Stability.values`
 
 
 class Balance(SmoothFunction):

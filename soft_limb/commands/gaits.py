@@ -35,7 +35,13 @@ from planners.gait.course import Course, check_course
 from planners.gait.courses import AHEAD, load_gaits, plan_gaits, save_gaits
 from planners.gait.gait import check_request
 from planners.gait.program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
-from planners.gait.schedules import Schedule, schedule_of, schedule_text, sensible_schedules
+from planners.gait.schedules import (
+    Schedule,
+    check_schedule,
+    schedule_of,
+    schedule_text,
+    sensible_schedules,
+)
 from planners.gait.walker import check_walker
 from planners.gait.walking import walk
 from soft_limb.commands.options import (
@@ -82,6 +88,8 @@ def _gait(options: argparse.Namespace) -> int:
     speed = None if options.speed is None else 1e-3 * options.speed
     check_course(robot, Course(options.turn, stride, speed))
     schedules = [schedule_of(text, len(robot.limbs)) for text in options.schedule]
+    for schedule in schedules:
+        check_schedule(schedule, robot)
     schedules = schedules or sensible_schedules(robot)
     request = {
         "turn": options.turn,
