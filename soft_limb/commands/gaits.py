@@ -271,6 +271,8 @@ def _walk(options: argparse.Namespace) -> int:
             "gait, which checks it by simulation."
         )
     robot = _robot(options, gait)
+    if options.replan and gait.in_space:
+        raise LimbError("--replan fits strides in the plane, but this gait is in space.")
     if options.replan:
         fit = _first_strides(options, gait, robot, parts[0])
         gait, heat, told = _replanned(gait, fit, options)

@@ -76,7 +76,14 @@ def test_a_gait_turns_with_its_contact_forces_and_feet(gaits):
                 np.testing.assert_allclose(forces[k, foot, :2], against, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["ahead", "left", "spot"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("ahead", marks=pytest.mark.whole),
+        "left",
+        pytest.param("spot", marks=pytest.mark.whole),
+    ],
+)
 def test_three_limbs_walk_as_planned_in_drake(gaits, name):
     gait = gaits[name]
     made = simulate_gait(gait, "", THREE, 1)
