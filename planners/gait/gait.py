@@ -127,7 +127,7 @@ def plan_gait(
             robot,
             each,
             np.diff(np.linspace(0, intervals, len(each) + 1).round().astype(int)).tolist(),
-            objective="speed" if speed is None else "energy",
+            objective=objective if speed is None else "energy",
             temperature_margin=temperature_margin,
             sticking_share=sticking_share,
             begins_as=begins_as,

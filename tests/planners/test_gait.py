@@ -348,3 +348,14 @@ def test_speed_is_in_proportion_to_cooling():
         strides.append(gait.stride)
     np.testing.assert_allclose(periods, periods[0], rtol=1e-3)
     np.testing.assert_allclose(strides, strides[0], rtol=1e-3)
+
+
+def test_the_objective_is_what_is_asked_for():
+    """Heat by distance is least where it is asked for, and speed where that is, or nothing."""
+    fast, frugal = (plan_gait(objective=o, intervals=8, check=False) for o in ("speed", "energy"))
+
+    def distance_by_heat(gait: Gait) -> float:
+        return gait.stride / float(np.diff(gait.time) @ gait.duty[:, :-1].sum(axis=0))
+
+    assert fast.speed > 1.5 * frugal.speed
+    assert distance_by_heat(frugal) > 1.2 * distance_by_heat(fast)
