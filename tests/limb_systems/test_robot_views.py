@@ -255,7 +255,8 @@ def test_a_gait_in_space_is_drawn_where_drake_has_it():
 
     moments = draw_walk(gait).axes[:FRAMES]
     first, turned, last = (drake_poses(gait, sample) for sample in (0, 3, 6))
-    (segment,), half = gait.robot.limbs[0].parameters.segments, [0.035, 0.035, 0.005]
+    (segment,), body = gait.robot.limbs[0].parameters.segments, gait.robot.body
+    half = 0.5 * np.array([body.length, body.width, body.height])
     for axis, poses in ((moments[0], first), (moments[-1], last)):
         limbs = [
             [poses[f"{limb.name}_{part}"] for part in ("link_1", "link_3", "foot")]
