@@ -17,7 +17,7 @@ from limb_systems.simulation import PERIOD
 from planners.gait.walking import walk
 
 NEAR = 0.015  # m, of a place at which the robot is there
-FACING = np.deg2rad(8.0)  # of a heading that is asked for
+FACING = np.deg2rad(8.0)  # rad, of a heading that is asked for
 LEARNED = 0.3  # of what a cycle went otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
 LEFT_OVER = 2.0  # s of the next cycle, that feedback foresees
@@ -100,9 +100,8 @@ class Wayfinder(PlanFeedback):
     def _choose(self, now: np.ndarray, pose: np.ndarray, over: float) -> None:
         """Learn from the cycle that ended, and begin the next one, in the course."""
         start, made = now[START : START + 3].copy(), now[START + 3 :].reshape(-1, 3)
-        is_first = (
-            now[TIME] < self._begins[1]
-        )  # from limbs that were cold, and not where gaits begin
+        # The first cycle is of limbs that were cold, and not where gaits begin.
+        is_first = now[TIME] < self._begins[1]
         if np.isfinite([*start, *pose]).all() and not is_first:
             poses = np.zeros((6, 2))
             poses[[0, 1, 5]] = np.transpose([start, pose])

@@ -210,12 +210,16 @@ class Gait(Planned):
         return self.stride < 1e-6
 
     @property
+    def _arm(self) -> float:
+        """The longest limb's length, m, at which turns count as ways."""
+        return max(sum(s.length for s in limb.parameters.segments) for limb in self.robot.limbs)
+
+    @property
     def reach(self) -> float:
         """Travel in a cycle, m; a turn on the spot counts by the way at a limb's length."""
         if not self.on_the_spot:
             return self.stride
-        lengths = [sum(s.length for s in limb.parameters.segments) for limb in self.robot.limbs]
-        return max(lengths) * abs(self.turn)
+        return self._arm * abs(self.turn)
 
     @property
     def merit(self) -> float:
@@ -297,9 +301,8 @@ class Gait(Planned):
         Returns:
             What they made along what was planned, and aside of it (K - 1,), as shares of it.
         """
-        lengths = [sum(s.length for s in limb.parameters.segments) for limb in self.robot.limbs]
         planned = self.displacement
-        scales = np.array([1.0, 1.0, max(lengths)])[: len(planned)]
+        scales = np.array([1.0, 1.0, self._arm])[: len(planned)]
         planned, made = planned * scales, travels(poses).T * scales
         along = made @ planned / (planned @ planned)
         aside = np.linalg.norm(made - along[:, None] * planned, axis=1)

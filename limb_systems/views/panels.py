@@ -306,9 +306,8 @@ def robot_panels(motion: Recording | Gait) -> list[Panel]:
         panels.append(foot_fall_panel(robot, foot_fall(motion), time[-1]))
     if pose is not None:
         in_space = robot.pose_size == 6
-        floats = (
-            in_space and robot.ground is None
-        )  # else z tells little, and x and y less beside it
+        # On a ground z tells little, and x and y less beside it.
+        floats = in_space and robot.ground is None
         for group in ("mm", "°"):
             drawn = [
                 (name, scale * row)

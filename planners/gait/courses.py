@@ -82,6 +82,11 @@ def _on_the_spot(robot: RobotParameters, sign: float, options: dict[str, Any]) -
     return None
 
 
+def gait_files(folder: Path) -> list[Path]:
+    """The files of a folder that gaits of a robot may be written to."""
+    return [folder / f"{name}.csv" for name in (AHEAD, *SIDES, *(f"spot_{s}" for s in SIDES))]
+
+
 def save_gaits(gaits: Mapping[str, Gait], folder: Path, *, force: bool = False) -> list[Path]:
     """Save gaits as files of a folder, by their names, and return these."""
     files = [folder / f"{name}.csv" for name in gaits]

@@ -32,7 +32,7 @@ from limb_systems.views.panels import motion_panels
 from planners import PlanningError, plan_gait
 from planners.gait.check import fall_of
 from planners.gait.course import Course, check_course
-from planners.gait.courses import AHEAD, load_gaits, plan_gaits, save_gaits
+from planners.gait.courses import AHEAD, gait_files, load_gaits, plan_gaits, save_gaits
 from planners.gait.gait import check_request
 from planners.gait.program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
 from planners.gait.schedules import (
@@ -136,6 +136,8 @@ def _gait(options: argparse.Namespace) -> int:
 
 
 def _gaits(options: argparse.Namespace) -> int:
+    # Before they are planned, which takes minutes.
+    check_outputs(gait_files(options.output), inputs=[options.robot], force=options.force)
     gaits = plan_gaits(
         options.robot, temperature_margin=options.margin, sticking_share=options.sticking
     )
@@ -230,6 +232,8 @@ def _place(text: str) -> list[float]:
 
 def _go(options: argparse.Namespace) -> int:
     """Walk to places, by gaits of a folder."""
+    if options.replan or options.controller:
+        raise LimbError("--to chooses gaits stride by stride; leave out --replan and --controller.")
     outputs = checked_outputs(options)
     gaits = load_gaits(options.gait)
     ahead = gaits[AHEAD]
