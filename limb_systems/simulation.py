@@ -41,9 +41,10 @@ class SimulationError(LimbError):
 INTEGRATION_SCHEME = "radau3"
 MAX_STEP_SIZE = 0.1  # s
 # With nonlinear torque, Newton's method leaves errors that do not decrease with the step, and the
-# error control holds on to steps of 1e-5 s. Steps of this size times the cube root of the accuracy
-# are as small as those of the paper's wires after a jump of duty.
-MIN_STEP_SIZE = 0.015
+# error control holds on to steps of 1e-5 s; so steps are at least of this size times the cube root
+# of the accuracy. From steps seven times as large on, where a stiff limb is released from a right
+# angle, the method finds no solution, and Drake tries the smallest step for ever.
+MIN_STEP_SIZE = 0.002
 PERIOD = 0.05  # s, of samples and commands of a robot, and so of what observes and controls one
 ENDED = SimulatorStatus.ReturnReason.kReachedTerminationCondition  # by a system of the diagram
 
