@@ -2,6 +2,7 @@
 
 from controllers.estimator import LimbObserver
 from controllers.gait_feedback import GaitFeedback
+from controllers.heat_feedback import HeatFeedback
 from controllers.learner import Learner
 from controllers.plan_feedback import PlanFeedback, PlanRegulator
 from controllers.receding_horizon import RecedingHorizon
@@ -11,6 +12,7 @@ from controllers.wayfinder import Wayfinder
 
 __all__ = [
     "GaitFeedback",
+    "HeatFeedback",
     "Learner",
     "LimbObserver",
     "PlanFeedback",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from controllers.estimator import StateEstimate
 from controllers.plan_feedback import PlanFeedback
-from limb_systems import Gait, LimbParameters
+from limb_systems import Gait, LimbError, LimbParameters
 from limb_systems.simulation import PERIOD
 from planners.gait.walking import walk
 
@@ -25,8 +25,8 @@ class GaitFeedback(PlanFeedback):
 
     Within a cycle the bends of the limbs, F in all, are held to φ̄ + a (φ* - φ̄), with φ̄ the mean of
     each planned bend over the cycle, at a clock that runs c times slower than the plan's. At its
-    end, where the body has travelled S, and not S* as planned, turns included, and the bends had
-    on average the share r of the ranges that were asked for,
+    end, where the body has travelled S, and not S* as planned, and the bends had on average the
+    share r of the ranges that were asked for,
 
         a ← a (S* / S)^0.5,   c ← c / r
 
@@ -36,9 +36,9 @@ class GaitFeedback(PlanFeedback):
     beginning or end the body is not seen.
 
     - inputs 0 and 1, output 0: those of `PlanController`
-    - input 2 ``body_pose``: as of `Robot`; NaN where the body is not seen
-    - output 1 ``correction``: time in the walk, s, a, c, the pose where the cycle began (3 or 6),
-      and the least and the largest bends in it so far (2F), rad
+    - input 2 ``body_pose``: x, z, m, and θ, rad, of the body; NaN where it is not seen
+    - output 1 ``correction``: time in the walk, s, a, c, where the cycle began, m, and the least
+      and the largest bends in it so far (2F), rad
     - state, discrete, at 20 Hz: 0 and 1 of `PlanController`; 2: the correction
     """
 
@@ -61,11 +61,16 @@ class GaitFeedback(PlanFeedback):
                 made; the gait's if None.
 
         Raises:
-            LimbError: if the gait failed its check.
+            LimbError: if the gait failed its check, or the body does not move in a plane.
         """
+        if gait.in_space:
+            raise LimbError(
+                "Gait feedback is for robots in the vertical plane; in space, use heat feedback "
+                "(HeatFeedback, --controller heat-feedback)."
+            )
         trajectory = walk(gait, cycles, heat=heat, bend=bend)
         super().__init__(trajectory, parameters=parameters, known_start=heat is not None)
-        self._period, self._progress, self._pose = gait.period, gait.progress, len(gait.body_pose)
+        self._period, self._stride = gait.period, gait.stride
         self._begin = PERIOD * np.floor((trajectory.duration - cycles * gait.period) / PERIOD + 0.5)
         bends = self._plan.bend_angle[round(self._begin / PERIOD) : -1]
         self._mean_bend, self._range = bends.mean(axis=0), np.ptp(bends, axis=0)
@@ -73,9 +78,9 @@ class GaitFeedback(PlanFeedback):
         none, full = (model.step(self._plan.heat, duty + D) - self._plan.heat for D in (0.0, 1.0))
         W = model.num_wires
         self._holding = np.clip(none / (none - full), 0.0, 1.0)[:, :W]
-        self.DeclareVectorInputPort("body_pose", self._pose)
+        self.DeclareVectorInputPort("body_pose", 3)
         F = model.num_bends
-        start = [0.0, 1.0, 1.0, *[np.nan] * self._pose, *[np.inf] * F, *[-np.inf] * F]
+        start = [0.0, 1.0, 1.0, np.nan, *[np.inf] * F, *[-np.inf] * F]
         self.DeclareStateOutputPort("correction", self.DeclareDiscreteState(start))
         self.set_name("gait_feedback")
 
@@ -92,19 +97,18 @@ class GaitFeedback(PlanFeedback):
 
     def _end_update(self, context, ahead: StateEstimate, state) -> None:
         now = context.get_discrete_state(2).value().copy()
-        bend, pose = (self.get_input_port(index).Eval(context) for index in (1, 2))
-        start = now[START : START + self._pose]
-        least, largest = np.split(now[START + self._pose :], 2)
+        bend, x = self.get_input_port(1).Eval(context), self.get_input_port(2).Eval(context)[0]
+        least, largest = np.split(now[START + 1 :], 2)
         least[:], largest[:] = np.fmin(least, bend), np.fmax(largest, bend)
         before = np.floor((now[TIME] - self._begin) / self._period + 1e-9)
         now[TIME] += PERIOD / now[DURATION]
         if np.floor((now[TIME] - self._begin) / self._period + 1e-9) > before:
             if before >= SETTLING and np.isfinite([*least, *largest]).all():
                 reached = np.mean((largest - least) / (now[AMPLITUDE] * self._range))
-                travelled = self._progress(np.transpose([start, pose]))[0][0]
+                travelled = (x - now[START]) / self._stride
                 if np.isfinite(travelled):
                     step = np.clip(travelled, 0.3, 3.0) ** -GAIN
                     now[AMPLITUDE] = np.clip(now[AMPLITUDE] * step, *AMPLITUDES)
                 now[DURATION] = np.clip(now[DURATION] / reached, *DURATIONS)
-            start[:], least[:], largest[:] = pose, np.inf, -np.inf
+            now[START], least[:], largest[:] = x, np.inf, -np.inf
         state.set_value(2, now)

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import EventStatus
 
 from controllers.estimator import StateEstimate
-from controllers.plan_feedback import PlanFeedback
+from controllers.heat_feedback import HeatFeedback
 from limb_systems import Gait, LimbError, LimbParameters, Trajectory
 from limb_systems.files.gait import along_heading, travels
 from limb_systems.model.ownership import weak_method
@@ -18,28 +18,29 @@ from planners.gait.walking import walk
 
 NEAR = 0.015  # m, of a place at which the robot is there
 FACING = np.deg2rad(8.0)  # rad, of a heading that is asked for
-LEARNED = 0.3  # of what a cycle went otherwise than expected
+LEARNED = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
 LEFT_OVER = 2.0  # s of the next cycle, that feedback foresees
 FALLEN = 1.0  # rad, of roll or pitch
 SLOWEST_TURN = 1e-6  # rad/s, of robots that turn to one side alone
-TIME, GAIT, GOAL, START = range(4)  # of the state, which ends with what cycles are expected to make
+TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state, which ends with what is expected
 
 
-class Wayfinder(PlanFeedback):
-    """`PlanFeedback` about a gait, which is chosen anew at the end of each cycle.
+class Wayfinder(HeatFeedback):
+    """`HeatFeedback` about a gait, which is chosen anew at the end of each cycle.
 
     The gait is the first of those three cycles after which the robot is expected to be at its goal
     soonest, by the time that turning and walking there take. What a cycle of a gait is expected to
-    make is what was planned at first, and then follows what is seen: friction and limbs are not
-    quite as described. A place is reached within 15 mm, a heading within 8°. After the last goal,
-    or if the robot falls, the simulation ends.
+    make after one of another gait, whose heat it begins with, is what was planned at first, and
+    then follows what is seen: friction and limbs are not quite as described. A place is reached
+    within 15 mm, a heading within 8°. After the last goal, or if the robot falls, the simulation
+    ends.
 
     - inputs 0 and 1, output 0: those of `PlanController`
     - input 2 ``body_pose``: x, y, z, m, and roll, pitch and yaw, rad; NaN where it is not seen
-    - output 1 ``course``: time in the plan, s; number of the gait; number of the goal; where the
-      cycle began, x, y, m, and yaw, rad; and what a cycle of each gait is expected to make, x, y,
-      m, and yaw, rad, in the heading at its beginning
+    - output 1 ``course``: time in the plan, s; numbers of the gait before, of the gait, and of the
+      goal; where the cycle began, x, y, m, and yaw, rad; and what a cycle is expected to make, x,
+      y, m, and yaw, rad, in the heading at its beginning, after each gait of each gait
     - state, discrete, at 20 Hz: 0 and 1 of `PlanController`; 2: the course
     """
 
@@ -76,7 +77,7 @@ class Wayfinder(PlanFeedback):
         rates = made[:, 2] / self._periods
         self._turn_rates = max(rates.max(), SLOWEST_TURN), max(-rates.min(), SLOWEST_TURN)
         self.DeclareVectorInputPort("body_pose", 6)
-        start = [0.0, 0.0, 0.0, *[np.nan] * 3, *made.ravel()]
+        start = [0.0, 0.0, 0.0, 0.0, *[np.nan] * 3, *np.tile(made, (len(made), 1)).ravel()]
         self.DeclareStateOutputPort("course", self.DeclareDiscreteState(start))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
         self.set_name("wayfinder")
@@ -99,33 +100,35 @@ class Wayfinder(PlanFeedback):
 
     def _choose(self, now: np.ndarray, pose: np.ndarray, over: float) -> None:
         """Learn from the cycle that ended, and begin the next one, in the course."""
-        start, made = now[START : START + 3].copy(), now[START + 3 :].reshape(-1, 3)
+        G, start = len(self._gaits), now[START : START + 3].copy()
+        made = now[START + 3 :].reshape(G, G, 3)  # after each gait, of each gait
+        before, gait = map(int, now[[BEFORE, GAIT]])
         # The first cycle is of limbs that were cold, and not where gaits begin.
         is_first = now[TIME] < self._begins[1]
         if np.isfinite([*start, *pose]).all() and not is_first:
             poses = np.zeros((6, 2))
             poses[[0, 1, 5]] = np.transpose([start, pose])
-            gait = int(now[GAIT])
-            made[gait] += LEARNED * (travels(poses)[:, 0] - made[gait])
+            made[before, gait] += LEARNED * (travels(poses)[:, 0] - made[before, gait])
         if np.isfinite(pose).all():
             while now[GOAL] < len(self._goals) and self._time_to_go(pose, now[GOAL]) <= 0.0:
                 now[GOAL] += 1
             if now[GOAL] < len(self._goals):
-                now[GAIT] = self._best(pose, made, now[GOAL])
-        now[START : START + 3] = pose
+                now[GAIT] = self._best(pose, made, gait, now[GOAL])
+        now[BEFORE], now[START : START + 3] = gait, pose
         now[TIME] = self._begins[1 + int(now[GAIT])] + max(0.0, over)
 
-    def _best(self, pose: np.ndarray, made: np.ndarray, goal: float) -> int:
-        """The number of the gait to begin with."""
+    def _best(self, pose: np.ndarray, made: np.ndarray, now: int, goal: float) -> int:
+        """The number of the gait to go on with, after a cycle of the gait now."""
         choices = list(itertools.product(range(len(made)), repeat=CYCLES_AHEAD))
         times = []
         for choice in choices:
             after, taken = pose, 0.0
-            for gait in choice:
+            for before, gait in itertools.pairwise((now, *choice)):
                 if self._time_to_go(after, goal) <= 0.0:
                     break
-                place = after[:2] + along_heading(made[gait][:2], -after[2])
-                after = np.append(place, after[2] + made[gait][2])
+                x_y, turn = made[before, gait][:2], made[before, gait][2]
+                place = after[:2] + along_heading(x_y, -after[2])
+                after = np.append(place, after[2] + turn)
                 taken += self._periods[gait]
             times.append(taken + self._time_to_go(after, goal))
         return choices[int(np.argmin(times))][0]

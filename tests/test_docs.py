@@ -24,6 +24,7 @@ import hardware.robot.serial_limb
 from calibration import BendAngleController, EquilibriumSchedule, LimitedDuty, excitations
 from controllers import (
     GaitFeedback,
+    HeatFeedback,
     LimbObserver,
     PlanFeedback,
     PlanRegulator,
@@ -284,6 +285,7 @@ def systems(monkeypatch, fig5_plan, gait, station):
         LimbObserver(nominal),
         PlanFeedback(fig5_plan),
         GaitFeedback(gait, 1),
+        HeatFeedback(fig5_plan),
         Wayfinder({"ahead": plan_gait(RobotParameters.in_space(3), check=False)}, [(0.1, 0.0)]),
         PlanRegulator(fig5_plan),
         RecedingHorizon(fig5_plan),

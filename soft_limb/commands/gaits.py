@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from calibration.strides import StridesFit, fit_strides
-from controllers import GaitFeedback, PlanFeedback, Wayfinder
+from controllers import GaitFeedback, HeatFeedback, PlanFeedback, Wayfinder
 from controllers.wayfinder import NEAR
 from hardware import RobotTwin, SerialLimb
 from limb_systems import (
@@ -58,7 +58,7 @@ from soft_limb.results.summaries import gait_summary, walk_summary
 from soft_limb.runs.jobs import local_executor, run_each
 from soft_limb.runs.rollout import OPEN, record_replay
 
-STRIDES, BENDS = "gait-feedback", "plan-feedback"
+STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
 FIRST_STRIDES = 2  # after which the gait is planned again
 STANDING = 10.0  # s, that an emulated robot stands with its wires off while that is done
 
@@ -318,12 +318,15 @@ def _drive(
 ) -> tuple[Trajectory, Recording]:
     """Walks some cycles from a heat and bends; returns the walk as planned and as recorded."""
     trajectory = walk(gait, cycles, heat=heat, bend=bend)
-    name = options.controller or (BENDS if options.port else STRIDES)
+    on_a_plane = BENDS if options.port else STRIDES
+    name = options.controller or (HEAT if gait.in_space else on_a_plane)
     controller: LeafSystem | None = None
     if name == STRIDES:
         controller = GaitFeedback(gait, cycles, heat=heat, bend=bend)
     elif name == BENDS:
         controller = PlanFeedback(trajectory, known_start=heat is not None)
+    elif name == HEAT:
+        controller = HeatFeedback(trajectory)
     return trajectory, record_replay(trajectory, robot, output, controller=controller)
 
 
@@ -517,10 +520,11 @@ COMMANDS = {
             ),
             Option(
                 "--controller",
-                choices=[STRIDES, BENDS, OPEN],
+                choices=[STRIDES, BENDS, HEAT, OPEN],
                 help=f"{STRIDES}: hold the bends, and correct their amplitude and duration by each "
-                f"stride; {BENDS}: hold them; {OPEN}: the gait's duty (default {STRIDES}, or "
-                f"{BENDS} on a port, where no camera sees the body)",
+                f"stride; {BENDS}: hold the bends; {HEAT}: hold the temperatures; {OPEN}: the "
+                f"gait's duty (default in space {HEAT}; in a plane {STRIDES}, or {BENDS} on a "
+                "port, where no camera sees the body)",
             ),
         ],
         examples=["soft-limb walk out/gait.csv -n 4 -o out/walk.csv"],

@@ -7,8 +7,8 @@ import pytest
 from pydrake.math import RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 
-from controllers import Wayfinder
-from limb_systems import Gait, RobotParameters, add_robot
+from controllers import GaitFeedback, Wayfinder
+from limb_systems import Gait, LimbError, RobotParameters, add_robot
 from limb_systems.model.robot import set_positions
 from planners import PlanningError, plan_gait
 from planners.gait.check import simulate_gait
@@ -124,21 +124,26 @@ def test_what_cannot_be_had_is_said_in_a_sentence(robot, request_, said):
         plan_gait(robot, check=False, explain=False, **request_)
 
 
+def test_gait_feedback_is_refused_in_space(gaits):
+    with pytest.raises(LimbError, match="use heat feedback"):
+        GaitFeedback(gaits["ahead"], 1)
+
+
 def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
     """Kinematics alone: each cycle makes 0.7 of the way, and turns aside by 3°."""
     goals = [(0.15, 0.0), (0.15, 0.1, math.pi / 2), (0.0, 0.0)]
     finder = Wayfinder(gaits, goals)
     course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
     pose, visited = np.zeros(3), []
-    course[0], course[3:6] = finder._begins[1] + 1.0, pose
+    course[0], course[4:7] = finder._begins[1] + 1.0, pose
     for _ in range(80):
-        x, y, turn = list(gaits.values())[int(course[1])].displacement * [0.7, 0.7, 0.8]
+        x, y, turn = list(gaits.values())[int(course[2])].displacement * [0.7, 0.7, 0.8]
         cosine, sine = np.cos(pose[2]), np.sin(pose[2])
         pose += np.array([cosine * x - sine * y, sine * x + cosine * y, turn + np.deg2rad(3.0)])
-        before = int(course[2])
+        before = int(course[3])
         finder._choose(course, pose, 0.0)
-        visited += [pose.copy()] * (int(course[2]) - before)
-        if course[2] == len(goals):
+        visited += [pose.copy()] * (int(course[3]) - before)
+        if course[3] == len(goals):
             break
     assert len(visited) == 3
     for place, (x, y, *heading) in zip(visited, goals, strict=True):
