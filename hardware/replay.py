@@ -35,6 +35,7 @@ from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD, record
 
+LAST = 0.2  # s, since a reading at which a limb has cut out
 AMBIENT_TOLERANCE = 10.0  # °C, by which a wire may differ from where the plan starts
 
 
@@ -285,8 +286,11 @@ def _run(
             remark=_remark(limb) if limb.real_time else None,
             provenance=provenance,
         )
-        if may_cut_out and recording.time[-1] < duration - 0.5 / sample_rate:
-            hottest = int(np.argmax(recording.measured_temperature[:, -1]))
+        end = recording.time[-1]
+        last = recording.measured_temperature[:, recording.time >= end - LAST].max(axis=1)
+        ended_early = end < duration - 0.5 / sample_rate  # by a controller, if not by a cut-out
+        if may_cut_out and ended_early and last.max() >= guard.TEMPERATURE_LIMIT:
+            hottest = int(np.argmax(last))
             recording.interrupted = (
                 f"the {limb.parameters.wire_names[hottest]} wire was measured at "
                 f"{guard.TEMPERATURE_LIMIT:g} °C or more, the limit at which a board switches off"
