@@ -10,7 +10,7 @@ from pydrake.systems.framework import EventStatus
 
 from controllers.estimator import StateEstimate
 from controllers.heat_feedback import HeatFeedback
-from limb_systems import Gait, LimbError, LimbParameters, Trajectory
+from limb_systems import Gait, GaitCheck, LimbError, LimbParameters, Trajectory
 from limb_systems.files.gait import along_heading, travels
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
@@ -20,7 +20,7 @@ NEAR = 0.015  # m, of a place at which the robot is there
 FACING = np.deg2rad(8.0)  # rad, of a heading that is asked for
 LEARNED = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
-LEFT_OVER = 2.0  # s of the next cycle, that feedback foresees
+LEFT_OVER = 2.0  # s of the next cycle, with which the parts of the plan end
 FALLEN = 1.0  # rad, of roll or pitch
 SLOWEST_TURN = 1e-6  # rad/s, of robots that turn to one side alone
 TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state, which ends with what is expected
@@ -31,10 +31,10 @@ class Wayfinder(HeatFeedback):
 
     The gait is the first of those three cycles after which the robot is expected to be at its goal
     soonest, by the time that turning and walking there take. What a cycle of a gait is expected to
-    make after one of another gait, whose heat it begins with, is what was planned at first, and
-    then follows what is seen: friction and limbs are not quite as described. A place is reached
-    within 15 mm, a heading within 8°. After the last goal, or if the robot falls, the simulation
-    ends.
+    make after one of each other is what was planned at first, and then follows what is seen:
+    friction and limbs are not quite as described. Where a gait begins with other heat than the one
+    before ended with, the robot stands until its wires have it. A place is reached within 15 mm, a
+    heading within 8°. After the last goal, or if the robot falls, the simulation ends.
 
     - inputs 0 and 1, output 0: those of `PlanController`
     - input 2 ``body_pose``: x, y, z, m, and roll, pitch and yaw, rad; NaN where it is not seen
@@ -68,16 +68,18 @@ class Wayfinder(HeatFeedback):
             raise LimbError("There is no place to go to; give at least one goal.")
         if not all(gait.in_space for gait in self._gaits):
             raise LimbError("A robot in the vertical plane goes to no place; it walks ahead.")
+        for name, gait in gaits.items():
+            if not gait.check.is_missing and (failure := gait.check.failure()):
+                raise LimbError(f"The gait {name!r} failed its check and is not walked: {failure}")
         self._goals = np.array([[*goal, np.nan][:3] for goal in goals])
-        trajectory, self._begins = joined(self._gaits)
+        trajectory, self._begins, self._lasts = joined(self._gaits)
         super().__init__(trajectory, parameters=parameters)
-        self._periods = np.array([gait.period for gait in self._gaits])
         made = np.array([gait.displacement for gait in self._gaits])
-        self._speed = (np.hypot(made[:, 0], made[:, 1]) / self._periods).max()
-        rates = made[:, 2] / self._periods
+        self._speed = max(gait.speed for gait in self._gaits)
+        rates = np.array([gait.turn / gait.period for gait in self._gaits])
         self._turn_rates = max(rates.max(), SLOWEST_TURN), max(-rates.min(), SLOWEST_TURN)
         self.DeclareVectorInputPort("body_pose", 6)
-        start = [0.0, 0.0, 0.0, 0.0, *[np.nan] * 3, *np.tile(made, (len(made), 1)).ravel()]
+        start = [0.0, len(made), 0.0, 0.0, *[np.nan] * 3, *np.tile(made, (len(made), 1)).ravel()]
         self.DeclareStateOutputPort("course", self.DeclareDiscreteState(start))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
         self.set_name("wayfinder")
@@ -87,15 +89,11 @@ class Wayfinder(HeatFeedback):
 
     def _end_update(self, context, ahead: StateEstimate, state) -> None:
         now = context.get_discrete_state(2).value().copy()
-        gait, before = int(now[GAIT]), now[TIME]
         now[TIME] += PERIOD
-        begin = self._begins[0] if before < self._begins[1] else self._begins[1 + gait]
-        pose = self.get_input_port(2).Eval(context)[[0, 1, 5]]
-        if before < begin <= now[TIME] + 1e-9:
-            now[START : START + 3] = pose  # the warm-up is over
-        over = now[TIME] - begin - self._periods[gait]
+        part = tuple(now[[BEFORE, GAIT]].astype(int))
+        over = now[TIME] - self._begins[part] - self._lasts[part]
         if over > -1e-9:
-            self._choose(now, pose, over)
+            self._choose(now, self.get_input_port(2).Eval(context)[[0, 1, 5]], over)
         state.set_value(2, now)
 
     def _choose(self, now: np.ndarray, pose: np.ndarray, over: float) -> None:
@@ -103,9 +101,7 @@ class Wayfinder(HeatFeedback):
         G, start = len(self._gaits), now[START : START + 3].copy()
         made = now[START + 3 :].reshape(G, G, 3)  # after each gait, of each gait
         before, gait = map(int, now[[BEFORE, GAIT]])
-        # The first cycle is of limbs that were cold, and not where gaits begin.
-        is_first = now[TIME] < self._begins[1]
-        if np.isfinite([*start, *pose]).all() and not is_first:
+        if before < G and np.isfinite([*start, *pose]).all():  # the first one began from cold
             poses = np.zeros((6, 2))
             poses[[0, 1, 5]] = np.transpose([start, pose])
             made[before, gait] += LEARNED * (travels(poses)[:, 0] - made[before, gait])
@@ -115,7 +111,7 @@ class Wayfinder(HeatFeedback):
             if now[GOAL] < len(self._goals):
                 now[GAIT] = self._best(pose, made, gait, now[GOAL])
         now[BEFORE], now[START : START + 3] = gait, pose
-        now[TIME] = self._begins[1 + int(now[GAIT])] + max(0.0, over)
+        now[TIME] = self._begins[gait, int(now[GAIT])] + max(0.0, over)
 
     def _best(self, pose: np.ndarray, made: np.ndarray, now: int, goal: float) -> int:
         """The number of the gait to go on with, after a cycle of the gait now."""
@@ -129,7 +125,7 @@ class Wayfinder(HeatFeedback):
                 x_y, turn = made[before, gait][:2], made[before, gait][2]
                 place = after[:2] + along_heading(x_y, -after[2])
                 after = np.append(place, after[2] + turn)
-                taken += self._periods[gait]
+                taken += self._lasts[before, gait]
             times.append(taken + self._time_to_go(after, goal))
         return choices[int(np.argmin(times))][0]
 
@@ -161,24 +157,33 @@ class Wayfinder(HeatFeedback):
         return EventStatus.DidNothing()
 
 
-def joined(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray]:
-    """The first gait from cold, and then a cycle of each, one after the other, as one plan.
+def joined(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarray]:
+    """Cycles of each gait after each, and of the first one from cold, as one plan.
 
     Returns:
-        The plan, and when the first cycle and the cycle of each gait begin in it (1 + G,), s.
+        The plan, and when each part begins in it, and how long it lasts (1 + G, G), s, in the rows
+        of the gaits before, the last of which is none: only the first gait begins from cold.
     """
-    first = walk(gaits[0], 1)
-    parts, begins = [first], [first.duration - gaits[0].period]
-    for gait in gaits:
-        begins.append(sum(len(part.time) for part in parts) * PERIOD)
-        cycles = walk(gait, 2, heat=gait.initial_heat, bend=gait.bend_angle[:, 0])
-        last = int(np.ceil((gait.period + LEFT_OVER) / PERIOD))
+    G = len(gaits)
+    begins, lasts = np.full((1 + G, G), np.nan), np.full((1 + G, G), np.nan)
+    parts: list[Trajectory] = []
+    for before, gait in [(G, 0), *itertools.product(range(G), repeat=2)]:
+        # A check of each part, by its bends, would take long, and no one asks for it.
+        unchecked, start = dataclasses.replace(gaits[gait], check=GaitCheck()), {}
+        if before < G:
+            first = gaits[before]
+            start = {"heat": first.initial_heat, "bend": first.bend_angle[:, 0]}
+        cycles, period = walk(unchecked, 2, **start), gaits[gait].period
+        warm_up = PERIOD * np.floor((cycles.duration - 2 * period) / PERIOD + 1e-6)
+        begins[before, gait] = PERIOD * sum(len(part.time) for part in parts)
+        lasts[before, gait] = warm_up + period
+        last = int(np.ceil((warm_up + period + LEFT_OVER) / PERIOD))
         parts.append(_until(cycles, min(last, len(cycles.time))))
     signals: dict[str, Any] = {
-        name: np.hstack([getattr(part, name) for part in parts]) for name in _signals(first)
+        name: np.hstack([getattr(part, name) for part in parts]) for name in _signals(parts[0])
     }
     signals["time"] = PERIOD * np.arange(signals["duty"].shape[1])
-    return dataclasses.replace(first, **signals), np.array(begins)
+    return dataclasses.replace(parts[0], **signals), begins, lasts
 
 
 def _until(trajectory: Trajectory, knots: int) -> Trajectory:

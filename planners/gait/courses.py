@@ -1,8 +1,11 @@
 """The gaits by which a robot gets anywhere on the ground: `plan_gaits`."""
 
 import contextlib
+import functools
 import itertools
+import operator
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +22,12 @@ AHEAD, SIDES = "ahead", {"left": 1.0, "right": -1.0}
 ARC = 0.2  # rad, in a cycle
 # rad, in a cycle on the spot, the first with which the robot turns as planned; softer robots turn
 # by less, as legs that bend farther have more than one balance.
-ON_THE_SPOT = np.inf, 0.4, 0.25
+ON_THE_SPOT = 0.3, 0.2
 
 
-def plan_gaits(robot: RobotParameters | str | Path, **options: Any) -> dict[str, Gait]:
+def plan_gaits(
+    robot: RobotParameters | str | Path, *, executor: Executor | None = None, **options: Any
+) -> dict[str, Gait]:
     """Gaits ahead, along arcs to the left and right, and on the spot, which follow each other.
 
     Those along arcs begin with the heat of the one ahead, where there are such gaits, so that a
@@ -30,6 +35,7 @@ def plan_gaits(robot: RobotParameters | str | Path, **options: Any) -> dict[str,
 
     Args:
         robot: description of a robot in space.
+        executor: plans the gaits that turn, one beside the other; one after the other if None.
         options: further arguments of `plan_gait`.
 
     Returns:
@@ -46,30 +52,34 @@ def plan_gaits(robot: RobotParameters | str | Path, **options: Any) -> dict[str,
     options = {"spread": False, "explain": False} | options
     with Progress("planning", 1 + 2 * len(SIDES), "gaits") as progress:
         ahead = plan_gait(robot, **options)
-        gaits = {AHEAD: ahead}
-        for number, (side, sign) in enumerate(SIDES.items()):
-            progress.update(1 + 2 * number, f"along an arc to the {side}")
-            if arc := _along_arc(robot, sign * ARC, ahead, options):
-                gaits[side] = arc
-            progress.update(2 + 2 * number, f"on the spot to the {side}")
-            if spot := _on_the_spot(robot, sign, options):
-                gaits[f"spot_{side}"] = spot
-            if not (arc or spot):
-                raise PlanningError(
-                    f"The robot goes ahead, but no gait was found that turns it to the {side}, "
-                    f"neither by {np.rad2deg(ARC):.0f}° along an arc nor on the spot."
-                )
+        progress.update(1, "that turn")
+        signs = SIDES.values()
+        arcs = [functools.partial(_along_arc, robot, sign, ahead, options) for sign in signs]
+        spots = [functools.partial(_on_the_spot, robot, sign, options) for sign in signs]
+        names = [*SIDES, *(f"spot_{side}" for side in SIDES)]
+        gaits, each = {AHEAD: ahead}, executor.map if executor else map
+        planned = each(operator.call, [*arcs, *spots])
+        for number, (name, gait) in enumerate(zip(names, planned, strict=True)):
+            progress.update(2 + number)
+            if gait:
+                gaits[name] = gait
+    for side in SIDES:
+        if not {side, f"spot_{side}"} & {*gaits}:
+            raise PlanningError(
+                f"The robot goes ahead, but no gait was found that turns it to the {side}, "
+                f"neither by {np.rad2deg(ARC):.0f}° along an arc nor on the spot."
+            )
     return gaits
 
 
 def _along_arc(
-    robot: RobotParameters, turn: float, ahead: Gait, options: dict[str, Any]
+    robot: RobotParameters, sign: float, ahead: Gait, options: dict[str, Any]
 ) -> Gait | None:
     """The gait that begins with the heat of the one ahead, or else with its own."""
     request = options | {"schedule": ahead.schedule, "near": ahead}
     for first in (ahead, None):
         with contextlib.suppress(PlanningError):
-            return plan_gait(robot, turn=turn, begins_as=first, **request)
+            return plan_gait(robot, turn=sign * ARC, begins_as=first, **request)
     return None
 
 

@@ -12,6 +12,7 @@ from planners.transcription.quasi_static import readings_along
 
 SHORTEST_WARM_UP, LONGEST_WARM_UP = 1.0, 300.0  # s
 NEAR = 0.1  # °C
+TOO_WARM = 3.0  # °C, by which wires may be that are off: to cool to less takes longer than it gains
 LONGER = 1.25  # times, the next warm-up that is tried
 # By which heat may bend the limbs otherwise than in the gait, after the first cycles. From cold it
 # bends those of wires with memory by up to 6° otherwise, and by less from cycle to cycle.
@@ -24,7 +25,8 @@ def walk(
     """A warm-up, some cycles of a gait, and all wires off: a trajectory of all limbs together.
 
     In the warm-up, each wire has the constant duty that brings it to its temperature at the gait's
-    first knot; it is as short as duty and its total allow. There is none for wires that have the
+    first knot, or to 3 °C above it if it has to cool without duty; it is as short as duty and its
+    total allow. There is none for wires that have the
     gait's first temperatures. The heat follows from the wires' laws under the trajectory's duty.
     The joint angles are the gait's, in which the robot is in balance with the gait's heat. In the
     warm-up they go there from the angles at the start, as the heat moves limbs without a ground.
@@ -121,9 +123,13 @@ def _warm_up(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.nda
         times = np.linspace(0.0, duration, 11)
         level = np.full(W, 0.5)
         cooled = wires.under_duty(start, np.zeros((11, W)), times)[-1, :W]
-        for _ in range(10):  # T rises with duty, in proportion where heat is linear
+        tries = 10 if (cooled - target).max() < TOO_WARM + NEAR else 0
+        for _ in range(tries):  # T rises with duty, in proportion where heat is linear
             reached = wires.under_duty(start, np.tile(level, (11, 1)), times)[-1, :W]
-            if np.abs(reached - target).max() < NEAR and level.sum() <= gait.robot.total_duty:
+            missed = reached - target
+            off = (level == 0.0) & (missed > 0.0)
+            missed[off] = np.maximum(missed[off] - TOO_WARM, 0.0)
+            if np.abs(missed).max() < NEAR and level.sum() <= gait.robot.total_duty:
                 return duration, level
             rise = np.maximum(reached - cooled, NEAR)
             level = np.clip(np.maximum(level, 0.01) * (target - cooled) / rise, 0.0, 1.0)
