@@ -18,6 +18,9 @@ FORESEEN = 10  # ticks of the plan's coming duty, after which the bend is to be 
 COMMON_MODE = 5.0  # 1/s
 # °C, that a wire of a limb that is calibrated, or is not, may be warmer than planned within these s
 WARMER, WARMER_UNCALIBRATED, AHEAD = 6.0, 20.0, 2.0
+# °C below T_max, from where on a limb that is not calibrated is not heated beyond the plan: its
+# wires may be as much warmer than estimated.
+UNCALIBRATED_MARGIN = 10.0
 LUKEWARM = 10.0  # °C above T_warm, that it may have in any case
 # Deviations that cost alike; (15) has no weight on temperature, but feedback runs out of heat.
 BEND = np.deg2rad(0.5)  # rad
@@ -48,8 +51,9 @@ class PlanFeedback(PlanController):
 
     No duty is beyond what `TemperatureLimiter` allows, and no wire is heated to more than
     6 °C beyond the most that it has in the next 2 s of the plan, and what holds p (20 °C if
-    the limb is not calibrated): a bend that needs more is left, as heat would stay for long
-    after it. Up to 10 °C above T_warm there is no such limit, as wires cool from there soon.
+    the limb is not calibrated, but then at most to 10 °C below T_max, or as the plan): a bend
+    that needs more is left, as heat would stay for long after it. Up to 10 °C above T_warm there
+    is no such limit, as wires cool from there soon.
 
     Ports and state are those of `PlanController`.
     """
@@ -87,7 +91,7 @@ class PlanFeedback(PlanController):
         ahead = round(AHEAD / PERIOD)
         later = np.pad(planned, ((0, ahead), (0, 0)), mode="edge")
         self._highest = sliding_window_view(later, ahead + 1, axis=0).max(axis=-1)
-        self._highest += WARMER if parameters.calibration else WARMER_UNCALIBRATED
+        self._warmer = WARMER if parameters.calibration else WARMER_UNCALIBRATED
         self.set_name("plan_feedback")
 
     def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
@@ -110,8 +114,11 @@ class PlanFeedback(PlanController):
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
         held = self._estimator.model.temperature_to_hold(estimate.offset)
-        lukewarm = self._parameters.temperature_limits.warm + LUKEWARM
-        return np.maximum(self._highest[self._plan.index(time)] + held, lukewarm)
+        limits, planned = self._parameters.temperature_limits, self._highest[self._plan.index(time)]
+        warmer = np.maximum(planned + self._warmer + held, limits.warm + LUKEWARM)
+        if not self._parameters.calibration:
+            warmer = np.minimum(warmer, limits.maximum - UNCALIBRATED_MARGIN)
+        return np.maximum(warmer, planned)
 
     def _mean(self, temperature: np.ndarray) -> np.ndarray:
         """The mean over the wires of each wire's segment (..., W) of T (..., W), °C."""
