@@ -34,7 +34,10 @@ def draw_way(recording: Recording, goals: Sequence[Sequence[float]], near: float
     seen = np.isfinite(pose).all(axis=0)
     time, (x, y) = recording.time[seen], 1e3 * pose[:2, seen]
     yaw = np.unwrap(pose[5, seen])
-    figure = Figure(figsize=(WIDTH, 0.75 * WIDTH), layout="constrained")
+    places = 1e3 * np.array([goal[:2] for goal in goals])
+    wide, high = np.ptp(np.vstack([np.transpose([x, y]), places]), axis=0) + 2e3 * robot.body.length
+    height = float(np.clip(WIDTH * high / wide, 0.25 * WIDTH, WIDTH))
+    figure = Figure(figsize=(WIDTH, height + 1.0), layout="constrained")
     axis = figure.subplots()
     shades = ScalarMappable(Normalize(time[0], time[-1]), SHADES)
     half = 500 * np.array([robot.body.length, robot.body.width])
@@ -44,19 +47,19 @@ def draw_way(recording: Recording, goals: Sequence[Sequence[float]], near: float
         corners = np.add(along_heading(outline.T, -yaw[k]).T, [x[k], y[k]])
         color = shades.to_rgba(time[k])
         axis.add_patch(Polygon(corners, facecolor=(*color[:3], 0.12), edgecolor=color, lw=0.8))
-    axis.plot(x, y, color=NEUTRAL_COLOR, linewidth=1.2)
-    for number, (to_x, to_y, *heading) in enumerate(goals, 1):
-        place = 1e3 * to_x, 1e3 * to_y
+    axis.plot(x, y, color=NEUTRAL_COLOR, linewidth=0.7)
+    for number, (place, (_, _, *heading)) in enumerate(zip(places, goals, strict=True), 1):
         axis.add_patch(Circle(place, 1e3 * near, color=PLAN_COLOR, fill=False, lw=1.5))
-        axis.annotate(str(number), place, ha="center", va="center", color=PLAN_COLOR)
+        axis.text(place[0], place[1], str(number), ha="center", va="center", color=PLAN_COLOR)
         if heading:
             far = 1.2 * half[0]
             ahead = place[0] + far * np.cos(heading[0]), place[1] + far * np.sin(heading[0])
-            axis.annotate("", ahead, place, arrowprops={"arrowstyle": "->", "color": PLAN_COLOR})
+            arrow = {"arrowstyle": "->", "color": PLAN_COLOR}
+            axis.annotate("", ahead, tuple(place), arrowprops=arrow)
     axis.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
     axis.margins(0.05)
     axis.autoscale_view()
     axis.grid(color="#e9ecf0")
     axis.set_axisbelow(True)
-    figure.colorbar(shades, ax=axis, label="time (s)", pad=0.01)
+    figure.colorbar(shades, ax=axis, label="time (s)", location="bottom", aspect=40)
     return figure
