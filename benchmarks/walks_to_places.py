@@ -2,10 +2,10 @@
 
 The gaits are those of a robot of three limbs, or of a folder. The robots that walk are drawn
 around it: friction by up to 30% less or more, and k, β, a1 and a2 of each limb 10% larger or
-smaller. `Wayfinder` knows the robot as planned, and sees its body. The mechanics have steps of 4 ms,
-with which strides are 1% shorter. Shown are the friction, how long
-it took, how far from each place the robot was when it counted it as reached, or at its end,
-the hottest wire, and what it took to compute.
+smaller. `Wayfinder` knows the robot as planned, and sees its body. The mechanics have steps of
+4 ms, with which strides are 1% shorter. Shown are the friction, how long it took, how far from each
+place the robot was when it counted it as reached, or at its end, the hottest wire, and what it took
+to compute.
 
     python benchmarks/walks_to_places.py [--gaits FOLDER] [--draws 20] [--first 0] [--jobs 2]
 """

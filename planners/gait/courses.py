@@ -40,6 +40,7 @@ def plan_gaits(
 
     Returns:
         Checked gaits by name: ahead, left, right, spot_left and spot_right, as far as there are.
+        Those that turn do not fall where friction or limbs are others, either.
 
     Raises:
         PlanningError: if none goes ahead, or none turns to each side.
@@ -49,9 +50,9 @@ def plan_gaits(
         raise PlanningError(
             f"The body is {robot.body.mount}, so that it cannot turn; set body.mount to free."
         )
-    options = {"spread": False, "explain": False} | options
+    options = {"explain": False} | options
     with Progress("planning", 1 + 2 * len(SIDES), "gaits") as progress:
-        ahead = plan_gait(robot, **options)
+        ahead = plan_gait(robot, **options | {"spread": False})
         progress.update(1, "that turn")
         signs = SIDES.values()
         arcs = [functools.partial(_along_arc, robot, sign, ahead, options) for sign in signs]
@@ -79,17 +80,26 @@ def _along_arc(
     request = options | {"schedule": ahead.schedule, "near": ahead}
     for first in (ahead, None):
         with contextlib.suppress(PlanningError):
-            return plan_gait(robot, turn=sign * ARC, begins_as=first, **request)
+            gait = plan_gait(robot, turn=sign * ARC, begins_as=first, **request)
+            if _never_falls(gait):
+                return gait
     return None
 
 
 def _on_the_spot(robot: RobotParameters, sign: float, options: dict[str, Any]) -> Gait | None:
-    """The gait with the largest turn, of the first two schedules."""
+    """The gait with the largest turn, of the first two schedules, that never falls."""
     for turn, schedule in itertools.product(ON_THE_SPOT, sensible_schedules(robot)[:2]):
         with contextlib.suppress(PlanningError):
             request = options | {"schedule": schedule}
-            return plan_gait(robot, turn=sign * turn, stride=0.0, **request)
+            gait = plan_gait(robot, turn=sign * turn, stride=0.0, **request)
+            if _never_falls(gait):
+                return gait
     return None
+
+
+def _never_falls(gait: Gait) -> bool:
+    """Whether it falls on no ground and with no parameters that its check tries."""
+    return not any(variation.fall for variation in gait.check.spread)
 
 
 def gait_files(folder: Path) -> list[Path]:

@@ -116,6 +116,7 @@ def _schedules_in_space(robot: RobotParameters) -> list[Schedule]:
     across = [foot for pair in zip(left, right[::-1], strict=False) for foot in pair]
     across += [foot for foot in around if foot not in across]
     waves = [[*left, *right], [*right, *left], across, across[::-1]]
+    waves = waves[::2] if F == 3 else waves  # the others are these, begun at another foot
     schedules = [_schedule([[foot] for foot in wave], "slide", F, rests=F < 4) for wave in waves]
     if F > 3:
         opposite = [around[::2], around[1::2]]

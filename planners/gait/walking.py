@@ -12,7 +12,8 @@ from planners.transcription.quasi_static import readings_along
 
 SHORTEST_WARM_UP, LONGEST_WARM_UP = 1.0, 300.0  # s
 NEAR = 0.1  # °C
-TOO_WARM = 3.0  # °C, by which wires may be that are off: to cool to less takes longer than it gains
+STEP = 0.25  # s, of a warm-up that begins warm
+TOO_WARM = 3.0  # °C, of wires at its end: to cool by as much takes longer than it gains
 LONGER = 1.25  # times, the next warm-up that is tried
 # By which heat may bend the limbs otherwise than in the gait, after the first cycles. From cold it
 # bends those of wires with memory by up to 6° otherwise, and by less from cycle to cycle.
@@ -24,12 +25,13 @@ def walk(
 ) -> Trajectory:
     """A warm-up, some cycles of a gait, and all wires off: a trajectory of all limbs together.
 
-    In the warm-up, each wire has the constant duty that brings it to its temperature at the gait's
-    first knot, or to 3 °C above it if it has to cool without duty; it is as short as duty and its
-    total allow. There is none for wires that have the
-    gait's first temperatures. The heat follows from the wires' laws under the trajectory's duty.
-    The joint angles are the gait's, in which the robot is in balance with the gait's heat. In the
-    warm-up they go there from the angles at the start, as the heat moves limbs without a ground.
+    The warm-up is as short as duty and its total allow, and brings each wire to its temperature at
+    the gait's first knot: cold wires by a constant duty; warm ones all along a line, so that limbs
+    that stand go from one posture to the other, and to 3 °C above it if a wire has to cool. There
+    is none for wires that have the gait's first temperatures. The heat follows from the wires' laws
+    under the trajectory's duty. The joint angles are the gait's, in which the robot is in balance
+    with the gait's heat. In the warm-up they go there from the angles at the start, as the heat
+    moves limbs without a ground.
 
     Args:
         gait: a gait; one that was checked must have passed.
@@ -59,12 +61,14 @@ def walk(
             f"A wire begins the walk at {hottest:.0f} °C, above its limit of {limits.maximum:g} "
             "°C; let it cool first."
         )
-    warm_up, level = _warm_up(gait, wires, start[:-W])
+    warm_up, levels = (
+        _from_cold(gait, wires, start[:-W]) if heat is None else _along(gait, wires, start[:-W])
+    )
     knots = np.arange(np.ceil((warm_up + cycles * gait.period) / PERIOD - 1e-6) + 1)
     times = PERIOD * knots
     # Each knot has the mean duty of the period about it, so that the heat is the same.
     edges = np.append(times - PERIOD / 2, times[-1] + PERIOD / 2).clip(min=0.0)
-    duty = np.diff(_duty_time(gait, cycles, warm_up, level, edges), axis=0)
+    duty = np.diff(_duty_time(gait, cycles, warm_up, levels, edges), axis=0)
     duty /= np.diff(edges)[:, None]
     duty[-1] = 0.0
     since = times - warm_up
@@ -113,41 +117,69 @@ def walk(
     )
 
 
-def _warm_up(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
-    """The shortest warm-up with constant duty, s, and its duty (W,), from states (N,)."""
+def _from_cold(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
+    """The shortest warm-up with constant duty, s, and its duty (1, W), from states (N,)."""
     target, duration, W = gait.wire_temperature[:, 0], SHORTEST_WARM_UP, wires.num_wires
-    if np.abs(start[:W] - target).max() < NEAR:
-        return 0.0, np.zeros(W)
     while duration < LONGEST_WARM_UP:
         duration = PERIOD * np.ceil(duration / PERIOD)
         times = np.linspace(0.0, duration, 11)
         level = np.full(W, 0.5)
         cooled = wires.under_duty(start, np.zeros((11, W)), times)[-1, :W]
-        tries = 10 if (cooled - target).max() < TOO_WARM + NEAR else 0
-        for _ in range(tries):  # T rises with duty, in proportion where heat is linear
+        for _ in range(10):  # T rises with duty, in proportion where heat is linear
             reached = wires.under_duty(start, np.tile(level, (11, 1)), times)[-1, :W]
-            missed = reached - target
-            off = (level == 0.0) & (missed > 0.0)
-            missed[off] = np.maximum(missed[off] - TOO_WARM, 0.0)
-            if np.abs(missed).max() < NEAR and level.sum() <= gait.robot.total_duty:
-                return duration, level
+            if np.abs(reached - target).max() < NEAR and level.sum() <= gait.robot.total_duty:
+                return duration, level[None]
             rise = np.maximum(reached - cooled, NEAR)
             level = np.clip(np.maximum(level, 0.01) * (target - cooled) / rise, 0.0, 1.0)
         duration *= LONGER
-    raise LimbError(
+    raise _never_reached()
+
+
+def _along(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
+    """The shortest warm-up on the line between temperatures, s, and its duty (K, W)."""
+    W, total, states = wires.num_wires, gait.robot.total_duty, start
+    levels: list[np.ndarray] = []
+    first, target = start[:W], gait.wire_temperature[:, 0]
+    way, share = target - first, 0.0  # the share of the way, that the wires have gone
+    if np.abs(way).max() < NEAR:
+        return 0.0, np.zeros((0, W))
+    while share < 1.0:
+        if STEP * len(levels) > LONGEST_WARM_UP:
+            raise _never_reached()
+        none, full = (wires.rates(states, np.full(W, duty))[:W] for duty in (0.0, 1.0))
+        # Rates of temperature are D of the way from none to full; those of cooling wires are none.
+        behind = (first + share * way - states[:W]) / STEP
+        fastest = np.where(way > 0, full, none) / np.where(way == 0, np.nan, way)
+        by_pace, at_rest = way / (full - none), (behind - none) / (full - none)
+        by_total = (total - at_rest.sum()) / by_pace.sum() if by_pace.sum() > 0 else np.inf
+        pace = max(0.0, min(np.nanmin(fastest), by_total, (1.0 - share) / STEP))
+        left = (1.0 - share) * way
+        if (left >= -TOO_WARM).all() and (left <= full * STEP).all():
+            pace = (1.0 - share) / STEP  # as far as wires that are off cool in the last step
+        share += pace * STEP
+        level = np.clip(by_pace * pace + at_rest, 0.0, 1.0)
+        level *= min(1.0, total / max(level.sum(), NEAR))
+        states = wires.under_duty(states, np.tile(level, (2, 1)), np.array([0.0, STEP]))[-1]
+        levels.append(level)
+    return STEP * len(levels), np.array(levels)
+
+
+def _never_reached() -> LimbError:
+    return LimbError(
         f"The wires do not reach the gait's first temperatures within {LONGEST_WARM_UP:g} s; has "
         "the air or the supply changed since it was planned?"
     )
 
 
 def _duty_time(
-    gait: Gait, cycles: int, warm_up: float, level: np.ndarray, times: np.ndarray
+    gait: Gait, cycles: int, warm_up: float, levels: np.ndarray, times: np.ndarray
 ) -> np.ndarray:
     """Duty summed over time since the start (K, W), s, of warm-up, cycles and wires off."""
-    lengths = [np.diff(gait.time)] * cycles
-    levels = [gait.duty[:, :-1].T] * cycles
-    steps = np.concatenate([[warm_up], *lengths])
-    sums = np.cumsum(steps[:, None] * np.vstack([level, *levels]), axis=0)
+    lengths = [np.full(len(levels), warm_up / max(1, len(levels)))]
+    lengths += [np.diff(gait.time)] * cycles
+    steps = np.concatenate(lengths)
+    levels = np.vstack([levels, *[gait.duty[:, :-1].T] * cycles])
+    sums = np.cumsum(steps[:, None] * levels, axis=0)
     knots = np.append(0.0, np.cumsum(steps))
     return np.transpose([np.interp(times, knots, np.append(0.0, of_wire)) for of_wire in sums.T])
 

@@ -8,12 +8,15 @@ from pydrake.math import RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 
 from controllers import GaitFeedback, Wayfinder
-from limb_systems import Gait, LimbError, RobotParameters, add_robot
+from limb_systems import Gait, LimbError, Recording, RobotParameters, add_robot
 from limb_systems.model.robot import set_positions
 from planners import PlanningError, plan_gait
 from planners.gait.check import simulate_gait
+from planners.gait.courses import save_gaits
 from planners.gait.schedules import schedule_of
 from planners.gait.walker import Walker
+from planners.gait.walking import walk
+from soft_limb.command import main
 
 THREE = RobotParameters.in_space(3)
 
@@ -80,8 +83,8 @@ def test_a_gait_turns_with_its_contact_forces_and_feet(gaits):
     "name",
     [
         pytest.param("ahead", marks=pytest.mark.whole),
-        "left",
-        pytest.param("spot", marks=pytest.mark.whole),
+        pytest.param("left", marks=pytest.mark.whole),
+        "spot",
     ],
 )
 def test_three_limbs_walk_as_planned_in_drake(gaits, name):
@@ -95,6 +98,19 @@ def test_three_limbs_walk_as_planned_in_drake(gaits, name):
 def test_a_gait_along_an_arc_begins_with_the_heat_of_the_one_ahead(gaits):
     first, then = (gaits[name].wire_temperature[:, 0] for name in ("ahead", "left"))
     np.testing.assert_allclose(then, first, atol=1e-9)
+
+
+def test_wires_go_from_heat_to_heat_along_a_line(gaits):
+    """So that the limbs of a robot that stands go from one posture to the other."""
+    before, gait = gaits["ahead"], gaits["spot"]
+    walked = walk(gait, 1, heat=before.initial_heat, bend=before.bend_angle[:, 0])
+    temperature = walked.wire_temperature[:, walked.time <= walked.duration - gait.period].T
+    start, end = (each.wire_temperature[:, 0] for each in (before, gait))
+    share = (temperature - start) @ (end - start) / ((end - start) @ (end - start))
+    np.testing.assert_allclose(temperature, start + np.outer(share, end - start), atol=1.5)
+    assert (np.diff(share) > 0.0).all()
+    assert (temperature[-1] - end < 3.5).all()
+    assert np.abs(temperature[-1] - end)[end > start].max() < 0.5
 
 
 def test_cycles_one_after_the_other_are_moved_and_turned(gaits):
@@ -122,6 +138,19 @@ def test_cycles_one_after_the_other_are_moved_and_turned(gaits):
 def test_what_cannot_be_had_is_said_in_a_sentence(robot, request_, said):
     with pytest.raises(PlanningError, match=said):
         plan_gait(robot, check=False, explain=False, **request_)
+
+
+def test_a_robot_walks_to_a_place_with_contact(tmp_path, capsys):
+    """By a folder of gaits and the command, from cold wires."""
+    folder, output, picture = (tmp_path / name for name in ("gaits", "walk.csv", "way.png"))
+    save_gaits({"ahead": plan_gait(THREE, temperature_margin=5.0, spread=False)}, folder)
+    words = ["walk", str(folder), "--model", "--to", "0.02,0", "-o", str(output)]
+    assert main([*words, "--plot", str(picture)]) == 0
+    assert "arrived     yes" in capsys.readouterr().out
+    recording = Recording.load(output)
+    assert np.hypot(*(recording.body_pose[:2, -1] - [0.02, 0.0])) < 0.015
+    assert recording.interrupted == ""
+    assert picture.stat().st_size > 10_000
 
 
 def test_gait_feedback_is_refused_in_space(gaits):
