@@ -30,7 +30,7 @@ class Wayfinder(HeatFeedback):
     """`HeatFeedback` about a gait, which is chosen anew at the end of each cycle.
 
     The gait is the first of those three cycles after which the robot is expected to be at its goal
-    soonest, by the time that turning and walking there take. What a cycle of a gait is expected to
+    soonest, by the time that turning and walking there, and turning there, take. What a cycle of a gait is expected to
     make after one of each other is what was planned at first, and then follows what is seen:
     friction and limbs are not quite as described. Where a gait begins with other heat than the one
     before ended with, the robot stands until its wires have it. A place is reached within 15 mm, a
@@ -133,13 +133,12 @@ class Wayfinder(HeatFeedback):
         """Time that turning towards a goal, walking to it and facing as asked for take, s."""
         x, y, heading = self._goals[int(goal)]
         away = np.array([x, y]) - pose[:2]
-        distance = float(np.hypot(*away))
-        if distance <= NEAR:
-            missed = 0.0 if np.isnan(heading) else heading - pose[2]
-            return self._time_to_turn(missed, FACING)
-        beside = np.arctan2(away[1], away[0]) - pose[2]
-        turning = self._time_to_turn(beside, np.arcsin(min(1.0, NEAR / distance)))
-        return turning + (distance - NEAR) / self._speed + 1e-3
+        distance, facing, going = float(np.hypot(*away)), pose[2], 0.0
+        if distance > NEAR:
+            facing = np.arctan2(away[1], away[0])
+            going = self._time_to_turn(facing - pose[2], np.arcsin(NEAR / distance))
+            going += (distance - NEAR) / self._speed + 1e-3
+        return going + (0.0 if np.isnan(heading) else self._time_to_turn(heading - facing, FACING))
 
     def _time_to_turn(self, angle: float, tolerance: float) -> float:
         """Time that turning by an angle takes, rad, to the side that is sooner there, s."""
