@@ -51,14 +51,16 @@ class PlanFeedback(PlanController):
 
     No duty is beyond what `TemperatureLimiter` allows, and no wire is heated to more than
     6 °C beyond the most that it has in the next 2 s of the plan, and what holds p (20 °C if
-    the limb is not calibrated, but then at most to 10 °C below T_max, or as the plan): a bend
-    that needs more is left, as heat would stay for long after it. Up to 10 °C above T_warm there
-    is no such limit, as wires cool from there soon.
+    the limb is not calibrated, but then at most to 10 °C below T_max, or to the highest of the
+    plan): a bend that needs more is left, as heat would stay for long after it. Up to 10 °C above
+    T_warm there is no such limit, as wires cool from there soon.
 
     Ports and state are those of `PlanController`.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
+
+    _margin = UNCALIBRATED_MARGIN
 
     def __init__(
         self,
@@ -117,8 +119,9 @@ class PlanFeedback(PlanController):
         limits, planned = self._parameters.temperature_limits, self._highest[self._plan.index(time)]
         warmer = np.maximum(planned + self._warmer + held, limits.warm + LUKEWARM)
         if not self._parameters.calibration:
-            warmer = np.minimum(warmer, limits.maximum - UNCALIBRATED_MARGIN)
-        return np.maximum(warmer, planned)
+            most = np.maximum(limits.maximum - self._margin, self._highest.max(axis=0))
+            warmer = np.minimum(warmer, most)
+        return warmer
 
     def _mean(self, temperature: np.ndarray) -> np.ndarray:
         """The mean over the wires of each wire's segment (..., W) of T (..., W), °C."""

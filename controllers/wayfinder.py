@@ -30,11 +30,12 @@ class Wayfinder(HeatFeedback):
     """`HeatFeedback` about a gait, which is chosen anew at the end of each cycle.
 
     The gait is the first of those three cycles after which the robot is expected to be at its goal
-    soonest, by the time that turning and walking there, and turning there, take. What a cycle of a gait is expected to
-    make after one of each other is what was planned at first, and then follows what is seen:
-    friction and limbs are not quite as described. Where a gait begins with other heat than the one
-    before ended with, the robot stands until its wires have it. A place is reached within 15 mm, a
-    heading within 8°. After the last goal, or if the robot falls, the simulation ends.
+    soonest, by the time that it takes to turn to it, walk there, and turn to the heading that is
+    asked for. What a cycle of a gait is expected to make after one of each gait is what was planned
+    at first, and then follows what is seen: friction and limbs are not quite as described. Where a
+    gait begins with other heat than the one before ended with, the robot stands until its wires
+    have it. A place is reached within 15 mm, a heading within 8°. After the last goal, or if the
+    robot falls, the simulation ends.
 
     - inputs 0 and 1, output 0: those of `PlanController`
     - input 2 ``body_pose``: x, y, z, m, and roll, pitch and yaw, rad; NaN where it is not seen
