@@ -20,7 +20,6 @@ NEAR = 0.015  # m, of a place at which the robot is there
 FACING = np.deg2rad(8.0)  # rad, of a heading that is asked for
 LEARNED = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
-LEFT_OVER = 2.0  # s of the next cycle, with which the parts of the plan end
 FALLEN = 1.0  # rad, of roll or pitch
 SLOWEST_TURN = 1e-6  # rad/s, of robots that turn to one side alone
 TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state, which ends with what is expected
@@ -177,8 +176,8 @@ def joined(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarray]:
         warm_up = PERIOD * np.floor((cycles.duration - 2 * period) / PERIOD + 1e-6)
         begins[before, gait] = PERIOD * sum(len(part.time) for part in parts)
         lasts[before, gait] = warm_up + period
-        last = int(np.ceil((warm_up + period + LEFT_OVER) / PERIOD))
-        parts.append(_until(cycles, min(last, len(cycles.time))))
+        # The period in which the cycle ends is its own, to its end.
+        parts.append(_until(cycles, int(np.ceil((warm_up + period) / PERIOD)) + 1))
     signals: dict[str, Any] = {
         name: np.hstack([getattr(part, name) for part in parts]) for name in _signals(parts[0])
     }
