@@ -21,7 +21,7 @@ FACING = np.deg2rad(8.0)  # rad, of a heading that is asked for
 LEARNED = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
 FALLEN = 1.0  # rad, of roll or pitch
-SLOWEST_TURN = 1e-6  # rad/s, of robots that turn to one side alone
+SLOWEST = 1e-6  # m/s and rad/s, of robots that turn to one side alone, or not at all
 TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state, which ends with what is expected
 
 
@@ -75,9 +75,6 @@ class Wayfinder(HeatFeedback):
         trajectory, self._begins, self._lasts = joined(self._gaits)
         super().__init__(trajectory, parameters=parameters)
         made = np.array([gait.displacement for gait in self._gaits])
-        self._speed = max(gait.speed for gait in self._gaits)
-        rates = np.array([gait.turn / gait.period for gait in self._gaits])
-        self._turn_rates = max(rates.max(), SLOWEST_TURN), max(-rates.min(), SLOWEST_TURN)
         self.DeclareVectorInputPort("body_pose", 6)
         start = [0.0, len(made), 0.0, 0.0, *[np.nan] * 3, *np.tile(made, (len(made), 1)).ravel()]
         self.DeclareStateOutputPort("course", self.DeclareDiscreteState(start))
@@ -106,7 +103,7 @@ class Wayfinder(HeatFeedback):
             poses[[0, 1, 5]] = np.transpose([start, pose])
             made[before, gait] += LEARNED * (travels(poses)[:, 0] - made[before, gait])
         if np.isfinite(pose).all():
-            while now[GOAL] < len(self._goals) and self._time_to_go(pose, now[GOAL]) <= 0.0:
+            while now[GOAL] < len(self._goals) and self._is_there(pose, now[GOAL]):
                 now[GOAL] += 1
             if now[GOAL] < len(self._goals):
                 now[GAIT] = self._best(pose, made, gait, now[GOAL])
@@ -115,37 +112,53 @@ class Wayfinder(HeatFeedback):
 
     def _best(self, pose: np.ndarray, made: np.ndarray, now: int, goal: float) -> int:
         """The number of the gait to go on with, after a cycle of the gait now."""
+        each = np.arange(len(made))
+        # By planned speeds a robot that is slower would seem to lose nothing while it stands.
+        rates = (made / self._lasts[:-1, :, None])[each, each]
+        speed, *turning = np.maximum([rates[:, 0], rates[:, 2], -rates[:, 2]], SLOWEST).max(axis=1)
         choices = list(itertools.product(range(len(made)), repeat=CYCLES_AHEAD))
         times = []
         for choice in choices:
             after, taken = pose, 0.0
             for before, gait in itertools.pairwise((now, *choice)):
-                if self._time_to_go(after, goal) <= 0.0:
+                if self._is_there(after, goal):
                     break
                 x_y, turn = made[before, gait][:2], made[before, gait][2]
                 place = after[:2] + along_heading(x_y, -after[2])
                 after = np.append(place, after[2] + turn)
                 taken += self._lasts[before, gait]
-            times.append(taken + self._time_to_go(after, goal))
+            times.append(taken + self._time_to_go(after, goal, speed, turning))
         return choices[int(np.argmin(times))][0]
 
-    def _time_to_go(self, pose: np.ndarray, goal: float) -> float:
-        """Time that turning towards a goal, walking to it and facing as asked for take, s."""
+    def _is_there(self, pose: np.ndarray, goal: float) -> bool:
+        """Whether a pose is at a goal, and faces as it asks for."""
+        x, y, heading = self._goals[int(goal)]
+        missed = _wrapped(heading - pose[2])
+        return bool(np.hypot(x - pose[0], y - pose[1]) <= NEAR and not abs(missed) > FACING)
+
+    def _time_to_go(
+        self, pose: np.ndarray, goal: float, speed: float, turning: Sequence[float]
+    ) -> float:
+        """Time that it takes to turn to a goal, walk to it and face as it asks for, s.
+
+        Args:
+            speed: speed ahead, m/s.
+            turning: rates of turning to the left and to the right, rad/s.
+        """
+
+        def time_to_turn(angle: float, tolerance: float) -> float:
+            angle = _wrapped(angle)
+            left = max(0.0, abs(angle) - tolerance) * np.sign(angle)
+            return min(left % (2 * np.pi) / turning[0], -left % (2 * np.pi) / turning[1])
+
         x, y, heading = self._goals[int(goal)]
         away = np.array([x, y]) - pose[:2]
-        distance, facing, going = float(np.hypot(*away)), pose[2], 0.0
+        distance, facing, time = float(np.hypot(*away)), pose[2], 0.0
         if distance > NEAR:
             facing = np.arctan2(away[1], away[0])
-            going = self._time_to_turn(facing - pose[2], np.arcsin(NEAR / distance))
-            going += (distance - NEAR) / self._speed + 1e-3
-        return going + (0.0 if np.isnan(heading) else self._time_to_turn(heading - facing, FACING))
-
-    def _time_to_turn(self, angle: float, tolerance: float) -> float:
-        """Time that turning by an angle takes, rad, to the side that is sooner there, s."""
-        angle = _wrapped(angle)
-        left = max(0.0, abs(angle) - tolerance) * np.sign(angle)
-        ways = left % (2 * np.pi), -left % (2 * np.pi)
-        return float(min(way / rate for way, rate in zip(ways, self._turn_rates, strict=True)))
+            time = time_to_turn(facing - pose[2], np.arcsin(NEAR / distance))
+            time += (distance - NEAR) / speed
+        return time + (0.0 if np.isnan(heading) else time_to_turn(heading - facing, FACING))
 
     def _look(self, context) -> EventStatus:
         roll, pitch = self.get_input_port(2).Eval(context)[3:5]
