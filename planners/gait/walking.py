@@ -158,7 +158,7 @@ def _along(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarr
             pace = (1.0 - share) / STEP  # as far as wires that are off cool in the last step
         share += pace * STEP
         level = np.clip(by_pace * pace + at_rest, 0.0, 1.0)
-        level *= min(1.0, total / max(level.sum(), NEAR))
+        level *= min(1.0, total / max(level.sum(), 1e-9))
         states = wires.under_duty(states, np.tile(level, (2, 1)), np.array([0.0, STEP]))[-1]
         levels.append(level)
     return STEP * len(levels), np.array(levels)
