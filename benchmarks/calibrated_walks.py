@@ -1,4 +1,4 @@
-"""How emulated robots walk that are calibrated by the commands: collect, fit, gait, walk.
+"""How emulated robots walk that are calibrated by the commands: collect, fit, gait(s), walk.
 
 The robots are crawlers, some of them unlike the default one: ``long`` has limbs of 8 cm and a
 light body, ``heavy`` a body of 30 g, feet of 2 g and weak wires, ``unlike`` limbs of other lengths
@@ -6,9 +6,13 @@ and stiffness up a slope of 2°. Shown are the planned speed and the mean speed 
 planned periods by feedback, open loop, and after the gait was planned anew, beside that of the plan
 that was walked; and falls.
 
-    python benchmarks/calibrated_walks.py [default:3 default:11 long:5 ...]
+``three`` is a robot in space of three limbs, which goes to (0.5, 0) m, turns there by 90°, and
+comes back. Shown are its speed ahead as planned, when and how near it came to the last place, and
+its hottest wire.
 
-Each robot takes four minutes. Its files are left in out/calibrated_walks/.
+    python benchmarks/calibrated_walks.py [default:3 default:11 long:5 three:2 ...]
+
+Each robot takes four minutes, or twenty in space. Its files are left in out/calibrated_walks/.
 """
 
 import argparse
@@ -19,10 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from limb_systems import Gait, RobotParameters
+from limb_systems import Gait, Recording, RobotParameters
 
 USUAL = ("default:3", "default:11", "default:12", "default:13", "default:14")
 UNLIKE = ("long:5", "heavy:6", "unlike:7")
+IN_SPACE = "three"
 FOLDER = Path("out/calibrated_walks")
 WAYS: dict[str, list[str]] = {
     "feedback": [],
@@ -32,6 +37,8 @@ WAYS: dict[str, list[str]] = {
 
 
 def described(name: str) -> RobotParameters:
+    if name == IN_SPACE:
+        return RobotParameters.in_space(3)
     robot = RobotParameters()
     assert robot.ground is not None
     rear, front = (limb.parameters.segments[0] for limb in robot.limbs)
@@ -67,6 +74,9 @@ def row(robot: str) -> None:
     described(name).save(folder / "robot.yaml")
     command(folder, "collect", "-l", "robot.yaml", "-o", "recordings", "--emulated", seed)
     command(folder, "fit", "recordings", "-o", "calibrated.yaml", "--json")
+    if name == IN_SPACE:
+        row_in_space(folder, robot)
+        return
     said = command(folder, "gait", "calibrated.yaml", "-o", "gait.csv", "--json")
     if "speed" not in said:
         print(f"| {robot} | {said['fall']} |", flush=True)
@@ -82,6 +92,23 @@ def row(robot: str) -> None:
         else:
             stride = np.mean(said["strides"])
             cells.append(f"{1e3 * stride / gait.period:.2f} mm/s, {stride / gait.stride:.0%}")
+    print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def row_in_space(folder: Path, robot: str) -> None:
+    said = command(folder, "gaits", "calibrated.yaml", "-o", "gaits", "--json")
+    if "fall" in said:
+        print(f"| {robot} | {said['fall']} |", flush=True)
+        return
+    ahead, places = Gait.load(folder / "gaits" / "ahead.csv"), ("--to", "0.5,0,90", "--to", "0,0")
+    pictured = "--plot", "way.png", "--json"
+    said = command(folder, "walk", "gaits", *places, "-o", "walk.csv", *pictured)
+    cells = [robot, f"{1e3 * ahead.speed:.2f} mm/s", said.get("fall") or "no fall"]
+    if "missed" in said:
+        cells.append(f"{said['duration']:.0f} s, {1e3 * said['missed']:.0f} mm")
+        hottest = Recording.load(folder / "walk.csv").wire_temperature
+        assert hottest is not None  # an emulated robot's
+        cells.append(f"{hottest.max():.1f} °C")
     print(f"| {' | '.join(cells)} |", flush=True)
 
 
