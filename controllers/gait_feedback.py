@@ -44,7 +44,7 @@ class GaitFeedback(PlanFeedback):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    _margin = 0.0  # °C: gaits are planned with one, and slower if feedback has another
+    _uncalibrated_margin = 0.0  # °C: gaits are planned with one, and slower if feedback has another
 
     def __init__(
         self,

@@ -14,15 +14,16 @@ class HeatFeedback(PlanController):
 
     Limbs that stand on the ground together bend as the ground lets them. Feedback of a bend that
     feet hold heats the wires of that limb against each other until the feet slip: on a robot of
-    three limbs under `PlanFeedback`, wires were 17 °C warmer than planned, and strides shrank to
-    half. With the heat, though, the wires' torques are those of the plan, whatever the feet do:
+    three limbs under `PlanFeedback`, wires were 17 °C warmer than planned, and the fifth stride was
+    a third of the first. With the heat of the plan, though, the wires' torques are those of the
+    plan, whatever the feet do:
 
         D = D* + k (T* - T) / a2
 
     Up to what the model does not say of the limbs, this makes what the plan makes in open loop,
     with a supply, air or wires that heat otherwise than described, and from cold wires.
 
-    No duty is beyond what `TemperatureLimiter` allows.
+    No duty is beyond what `TemperatureLimiter` allows, and there is none after the plan's end.
 
     Ports and state are those of `PlanController`.
     """
@@ -36,12 +37,14 @@ class HeatFeedback(PlanController):
             parameters: description of the limb, of which estimates are made; the plan's if None.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
-        self._plan = SampledPlan(trajectory, parameters)
+        self._plan, self._duration = SampledPlan(trajectory, parameters), trajectory.duration
         super().__init__(parameters, self._plan.duty[0])
         self.set_name("heat_feedback")
 
     def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, model = self._plan.index(time), self._estimator.model
+        if time > self._duration:
+            return np.zeros(model.num_wires), np.zeros(model.num_bends)
         colder = self._plan.temperature[k] - model.temperatures(estimate.heat)
         duty = self._plan.duty[k] + PROPORTIONAL * colder / model.heating_rates
         return duty, np.zeros(model.num_bends)

@@ -18,8 +18,8 @@ FORESEEN = 10  # ticks of the plan's coming duty, after which the bend is to be 
 COMMON_MODE = 5.0  # 1/s
 # °C, that a wire of a limb that is calibrated, or is not, may be warmer than planned within these s
 WARMER, WARMER_UNCALIBRATED, AHEAD = 6.0, 20.0, 2.0
-# °C below T_max, from where on a limb that is not calibrated is not heated beyond the plan: its
-# wires may be as much warmer than estimated.
+# °C below T_max, from where on a limb that is not calibrated is not heated beyond its plan's
+# highest: its wires may be as much warmer than estimated.
 UNCALIBRATED_MARGIN = 10.0
 LUKEWARM = 10.0  # °C above T_warm, that it may have in any case
 # Deviations that cost alike; (15) has no weight on temperature, but feedback runs out of heat.
@@ -60,7 +60,7 @@ class PlanFeedback(PlanController):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    _margin = UNCALIBRATED_MARGIN
+    _uncalibrated_margin = UNCALIBRATED_MARGIN
 
     def __init__(
         self,
@@ -119,7 +119,7 @@ class PlanFeedback(PlanController):
         limits, planned = self._parameters.temperature_limits, self._highest[self._plan.index(time)]
         warmer = np.maximum(planned + self._warmer + held, limits.warm + LUKEWARM)
         if not self._parameters.calibration:
-            most = np.maximum(limits.maximum - self._margin, self._highest.max(axis=0))
+            most = np.maximum(limits.maximum - self._uncalibrated_margin, self._highest.max(axis=0))
             warmer = np.minimum(warmer, most)
         return warmer
 

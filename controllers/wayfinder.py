@@ -14,13 +14,13 @@ from limb_systems import Gait, GaitCheck, LimbError, LimbParameters, Trajectory
 from limb_systems.files.gait import along_heading, travels
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
+from planners.gait.check import MOST_TILT
 from planners.gait.walking import walk
 
 NEAR = 0.015  # m, of a place at which the robot is there
 FACING = np.deg2rad(8.0)  # rad, of a heading that is asked for
 LEARNED = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
-FALLEN = 1.0  # rad, of roll or pitch
 SLOWEST = 1e-6  # m/s and rad/s, of robots that turn to one side alone, or not at all
 TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state, which ends with what is expected
 
@@ -162,7 +162,7 @@ class Wayfinder(HeatFeedback):
 
     def _look(self, context) -> EventStatus:
         roll, pitch = self.get_input_port(2).Eval(context)[3:5]
-        if max(abs(roll), abs(pitch)) > FALLEN:
+        if max(abs(roll), abs(pitch)) > MOST_TILT:
             return EventStatus.ReachedTermination(self, "the robot has fallen")
         if context.get_discrete_state(2).value()[GOAL] >= len(self._goals):
             return EventStatus.ReachedTermination(self, "the robot has arrived")

@@ -35,7 +35,7 @@ from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD, record
 
-LAST = 0.2  # s, since a reading at which a limb has cut out
+CUT_OUT_READ = 0.2  # s before the end, in which the reading at which a limb has cut out is
 AMBIENT_TOLERANCE = 10.0  # °C, by which a wire may differ from where the plan starts
 
 
@@ -287,7 +287,7 @@ def _run(
             provenance=provenance,
         )
         end = recording.time[-1]
-        last = recording.measured_temperature[:, recording.time >= end - LAST].max(axis=1)
+        last = recording.measured_temperature[:, recording.time >= end - CUT_OUT_READ].max(axis=1)
         ended_early = end < duration - 0.5 / sample_rate  # by a controller, if not by a cut-out
         if may_cut_out and ended_early and last.max() >= guard.TEMPERATURE_LIMIT:
             hottest = int(np.argmax(last))

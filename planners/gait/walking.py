@@ -62,7 +62,7 @@ def walk(
             "°C; let it cool first."
         )
     warm_up, levels = (
-        _from_cold(gait, wires, start[:-W]) if heat is None else _along(gait, wires, start[:-W])
+        _warm_up(gait, wires, start[:-W]) if heat is None else _change(gait, wires, start[:-W])
     )
     knots = np.arange(np.ceil((warm_up + cycles * gait.period) / PERIOD - 1e-6) + 1)
     times = PERIOD * knots
@@ -117,8 +117,8 @@ def walk(
     )
 
 
-def _from_cold(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
-    """The shortest warm-up with constant duty, s, and its duty (1, W), from states (N,)."""
+def _warm_up(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
+    """The shortest warm-up with constant duty, s, and its duty (1, W), from cold states (N,)."""
     target, duration, W = gait.wire_temperature[:, 0], SHORTEST_WARM_UP, wires.num_wires
     while duration < LONGEST_WARM_UP:
         duration = PERIOD * np.ceil(duration / PERIOD)
@@ -135,8 +135,8 @@ def _from_cold(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.n
     raise _never_reached()
 
 
-def _along(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
-    """The shortest warm-up on the line between temperatures, s, and its duty (K, W)."""
+def _change(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
+    """The shortest way along a line to the gait's T, s, and its duty (K, W), from states (N,)."""
     W, total, states = wires.num_wires, gait.robot.total_duty, start
     levels: list[np.ndarray] = []
     first, target = start[:W], gait.wire_temperature[:, 0]

@@ -25,6 +25,15 @@ def test_wires_that_heat_otherwise_than_described_have_the_heat_of_the_plan(fig5
     assert (held < 0.35 * open_loop).all()
 
 
+def test_there_is_no_duty_after_the_plan_s_end(short_plan, fed):
+    """Though wires that cool are colder than the plan left them."""
+    ticks = round(short_plan.duration / 0.05) + 20
+    inputs = {"measured_temperature": np.full((ticks, 2), 25.0), "bend_angle": np.zeros((ticks, 1))}
+    duty = fed(HeatFeedback(short_plan), inputs).duty
+    assert duty[-22].max() > 0.1
+    np.testing.assert_array_equal(duty[-18:], 0.0)
+
+
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.whole)])
 def test_a_robot_in_space_walks_from_cold_with_other_wires_and_friction(seed):
     """Friction 30% less, and wires of each limb that heat and pull by up to 10% otherwise."""
