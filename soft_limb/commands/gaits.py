@@ -241,6 +241,11 @@ def _go(options: argparse.Namespace) -> int:
     """Walk to places, by gaits of a folder."""
     if options.replan or options.controller:
         raise LimbError("--to chooses gaits stride by stride; leave out --replan and --controller.")
+    if options.port:
+        raise LimbError(
+            "--to needs a camera that sees the body, and there is none on a port; walk there by "
+            "one gait, without --to, or connect a Wayfinder and a camera in Python."
+        )
     outputs = checked_outputs(options)
     gaits = load_gaits(options.gait)
     ahead = gaits[AHEAD]
