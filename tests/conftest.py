@@ -8,6 +8,7 @@ takes time. No verdict depends on how fast the computer is.
 
 import os
 import shutil
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -49,6 +50,12 @@ LONG = (
     "tests/test_docs.py",
     "tests/hardware/",
 )
+
+
+def pytest_configure() -> None:
+    """Take the signals that tests send, which shells in the background and nohup leave ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 class Scheduling(LoadScopeScheduling):
