@@ -52,8 +52,10 @@ LONG = (
 )
 
 
-def pytest_configure() -> None:
+def pytest_configure(config) -> None:
     """Take the signals that tests send, which shells in the background and nohup leave ignored."""
+    if config.getoption("numprocesses", None):  # its workers run the tests
+        return
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
