@@ -14,8 +14,8 @@ class HeatFeedback(PlanController):
 
     Limbs that stand on the ground together bend as the ground lets them. Feedback of a bend that
     feet hold heats the wires of that limb against each other until the feet slip: on a robot of
-    three limbs under `PlanFeedback`, wires were 17 °C warmer than planned, and the fifth stride was
-    a third of the first. With the heat of the plan, though, the wires' torques are those of the
+    three limbs under `PlanFeedback`, wires were 12 °C warmer than planned, and the fifth stride was
+    two fifths of the first. With the heat of the plan, though, the wires' torques are those of the
     plan, whatever the feet do:
 
         D = D* + k (T* - T) / a2
