@@ -1,5 +1,22 @@
-"""The base of every error that a user of the package can cause."""
+"""The base of every error that a user of the package can cause, and where an error is from."""
+
+import contextlib
+from collections.abc import Iterator
 
 
 class LimbError(Exception):
     """One sentence that says what is wrong, where, and what to do."""
+
+
+@contextlib.contextmanager
+def raised_as(error_type: type[LimbError], place: str = "") -> Iterator[None]:
+    """A context whose errors are raised as errors of one type.
+
+    Args:
+        error_type: the type.
+        place: text before each sentence, such as a file and a colon.
+    """
+    try:
+        yield
+    except LimbError as error:
+        raise error_type(f"{place}{error}") from error

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from limb_systems.errors import LimbError
+from limb_systems.errors import LimbError, raised_as
 from limb_systems.input import LARGEST_TABLE, read_bytes
 
 FORMAT_VERSION = 3
@@ -141,10 +141,8 @@ def read_table(
         FileFormatError: one sentence that says what is wrong and where.
     """
     data = read_bytes(path, kind, LARGEST_TABLE, FileFormatError)
-    try:
+    with raised_as(FileFormatError, f"{path}: "):
         return parse_table(data, kind, unfinished=unfinished, readings=readings)
-    except FileFormatError as error:
-        raise FileFormatError(f"{path}: {error}") from error
 
 
 def parse_table(

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from limb_systems.errors import LimbError
+from limb_systems.errors import LimbError, raised_as
 from limb_systems.files.csv_format import (
     FileFormatError,
     Table,
@@ -187,10 +187,8 @@ class Samples(Summarized):
             FileFormatError: one sentence that says what is wrong and where.
         """
         table = read_table(path, cls.KIND, unfinished=unfinished, readings=cls.MEASURED)
-        try:
+        with raised_as(FileFormatError, f"{path}: "):
             return cls._from_table(table)
-        except LimbError as error:
-            raise FileFormatError(f"{path}: {error}") from error
 
     @classmethod
     def from_text(cls, text: str) -> Self:

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from limb_systems.files.csv_format import FileFormatError, TableText
+from limb_systems.errors import raised_as
+from limb_systems.files.csv_format import TableText
 from limb_systems.output import OutputError
 
 MOST_WAITING = 1000  # rows: 50 s of a robot's samples
@@ -94,10 +95,8 @@ class TableWriter:
                 f"The disk is stalled: {MOST_WAITING} rows wait to be written to {self.path}."
             )
         row = {n: np.array([v]) for n, v in zip(self._names, values, strict=True)}
-        try:
+        with raised_as(OutputError, f"{self.path}: "):
             self._rows.put(self._text.rows(row))
-        except FileFormatError as error:
-            raise OutputError(f"{self.path}: {error}") from error
 
     def finish(self, interrupted: str = "") -> None:
         """Writes the end and gives the file its name; after that, nothing.

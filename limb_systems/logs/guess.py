@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from limb_systems.errors import raised_as
 from limb_systems.logs.columns import (
     ANGLE,
     BEND,
@@ -80,10 +81,8 @@ def limbs_in_log(path: str | Path, table: LogTable | None = None) -> list[LimbIn
         LogError: if it is no table of text with rows of numbers, or lacks columns of its format.
     """
     table = table or read_table(path)
-    try:
+    with raised_as(LogError, f"{path}: "):
         limbs = known_format(table)
-    except LogError as error:
-        raise LogError(f"{path}: {error}") from error
     if limbs:
         return limbs
     limb = _Guess(table).limb()

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from limb_systems.errors import LimbError
+from limb_systems.errors import raised_as
 from limb_systems.input import read_text
 from limb_systems.logs.table import DELIMITERS, LogError, LogTable
 from limb_systems.output import write_atomically
@@ -203,7 +203,5 @@ class LogMapping(Strict):
             LogError: with one sentence naming the file and the field.
         """
         text = read_text(path, "mapping", LogError)
-        try:
+        with raised_as(LogError, f"{path}: "):
             return load_typed(cls, text)
-        except LimbError as error:
-            raise LogError(f"{path}: {error}") from error

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from limb_systems.errors import raised_as
 from limb_systems.logs.evidence import held
 from limb_systems.logs.mapping import (
     BEND_ANGLE,
@@ -63,12 +64,10 @@ def read_log(
     if question := mapping.question:
         raise LogError(f"{path}: {question}")
     table = table or read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
-    try:
+    with raised_as(LogError, f"{path}: "):
         if is_reversed(stamps(table, mapping.time)):
             table = table.oldest_first()
         return _parts(table, mapping, described(mapping, parameters), Path(path).name)
-    except LogError as error:
-        raise LogError(f"{path}: {error}") from error
 
 
 def described(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:

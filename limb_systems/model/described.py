@@ -8,10 +8,10 @@ import warnings
 from pathlib import Path
 from typing import Self
 
-from limb_systems.errors import LimbError
+from limb_systems.errors import LimbError, raised_as
 from limb_systems.input import read_text
 from limb_systems.output import write_atomically
-from limb_systems.schema import SchemaError, Strict, dump_typed, load_typed
+from limb_systems.schema import Strict, dump_typed, load_typed
 
 HEAVIEST = 20.0  # density over that of water; iridium has 22
 
@@ -54,10 +54,8 @@ class Described(Strict):
                 f"{path} is a {ours[1]}; what describes a limb is a YAML file, such as soft-limb "
                 "fit or LimbParameters.save writes."
             )
-        try:
+        with raised_as(ParameterError, f"{path}: "):
             parameters = cls.from_yaml(text)
-        except ParameterError as error:
-            raise ParameterError(f"{path}: {error}") from error
         for oddity in parameters.oddities():
             warnings.warn(f"{path}: {oddity}", stacklevel=2)
         return parameters
@@ -69,10 +67,8 @@ class Described(Strict):
         Raises:
             ParameterError: with one sentence naming the field.
         """
-        try:
+        with raised_as(ParameterError):
             parameters = load_typed(cls, text)
-        except SchemaError as error:
-            raise ParameterError(str(error)) from error
         parameters.validate()
         return parameters
 

@@ -11,20 +11,14 @@ import math
 
 import numpy as np
 
+from limb_systems.errors import raised_as
 from limb_systems.model.bend_sensor import BendSensor, TipTangentSensor
 from limb_systems.model.described import Described, ParameterError, check_density, check_name
 from limb_systems.model.heat_bounds import BOUNDED, HeatBounds
 from limb_systems.model.segment_chain import SegmentChain
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.provenance import Provenance
-from limb_systems.schema import (
-    SchemaError,
-    Strict,
-    Tagged,
-    quantity,
-    rare,
-    validate,
-)
+from limb_systems.schema import Strict, Tagged, quantity, rare, validate
 
 FORMAT = 2  # of the YAML file
 MOST_SEGMENTS, MOST_JOINTS = 50, 500
@@ -387,10 +381,8 @@ class LimbParameters(Described):
                 f"gravity is {self.gravity!r}; it must be a list of three numbers from -100 to "
                 "100 m/s², along E1, E2 and E3."
             )
-        try:
+        with raised_as(ParameterError):
             validate(self)
-        except SchemaError as error:
-            raise ParameterError(str(error)) from error
         if self.num_joints > MOST_JOINTS:
             raise ParameterError(
                 f"the limb has {self.num_joints} joints in all; at most {MOST_JOINTS} can be "

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
 
+from limb_systems.errors import raised_as
 from limb_systems.model.described import Described, ParameterError, check_density, check_name
 from limb_systems.model.layout import slices
 from limb_systems.model.parameters import (
@@ -20,7 +21,7 @@ from limb_systems.model.parameters import (
     SegmentParameters,
     SerialBoard,
 )
-from limb_systems.schema import SchemaError, Strict, quantity, validate
+from limb_systems.schema import Strict, quantity, validate
 
 FORMAT = 1  # of the YAML file
 MOUNTS = ("welded", "planar", "free")
@@ -241,10 +242,8 @@ class RobotParameters(Described):
 
     def validate(self) -> None:
         """Raise ParameterError for the first field that is out of its range."""
-        try:
+        with raised_as(ParameterError):
             validate(self)
-        except SchemaError as error:
-            raise ParameterError(str(error)) from error
         body = self.body
         if body.mount not in MOUNTS:
             raise ParameterError(
@@ -274,10 +273,8 @@ class RobotParameters(Described):
         for index, limb in enumerate(self.limbs):
             where = f"limbs[{index}]"
             check_name(names, index, where, "limb", taken="body")
-            try:
+            with raised_as(ParameterError, f"{where}.parameters."):
                 limb.parameters.validate()
-            except ParameterError as error:
-                raise ParameterError(f"{where}.parameters.{error}") from error
             self._validate_place(limb, where)
             first = self.limbs[0].parameters
             for field in ("ambient_temperature", "temperature_limits"):
