@@ -27,6 +27,8 @@ class Layout:
       towards E3 (F,).
     - ``link_of_joint``: (n,); ``links`` are numbered through all segments.
     - ``last_joints``: last joint of each link (L,), whose frame is the link's.
+    - ``pieces``: bodies of each segment, base first (S): their names in the models of `urdf`, and
+      their lengths, m.
 
     Mechanics, in the frames of the straight limb, which are parallel to its base's:
 
@@ -74,6 +76,7 @@ class Layout:
         self.stiffness, self.damping = np.zeros((2, self.num_joints))
         self.offsets = np.zeros((self.num_joints, 3))
         self.end_offset = np.zeros((len(segments), 3))
+        self.pieces: list[list[tuple[str, float]]] = []
         links: list[int] = []
         last_joints: list[int] = []
         bodies: list[tuple[int, float, float]] = []
@@ -97,18 +100,21 @@ class Layout:
                 self.bend_joints.append(of_kind[kind])
                 self.bend_suffixes.append(suffix if segment.axes == 1 else f"{suffix}_{kind}")
             piece, mass = segment.length / segment.links, segment.mass / segment.links
+            pieces: list[tuple[str, float]] = []
             if chain.first_length:
-                sizes.append((chain.first_length * piece, segment.thickness, segment.width))
+                pieces.append((f"root_{number + 1}", chain.first_length * piece))
                 bodies.append((joints.start - 1, chain.first_length * mass, end + 0.25 * piece))
             self.offsets[joints, 0] = piece * chain.offsets
             self.offsets[joints.start, 0] += end
             for first, last, share in zip(
                 chain.first_joints, chain.last_joints, chain.lengths, strict=True
             ):
-                sizes.append((share * piece, segment.thickness, segment.width))
+                pieces.append((f"link_{len(last_joints) + 1}", share * piece))
                 bodies.append((joints.start + last, share * mass, 0.5 * share * piece))
                 links += [len(last_joints)] * int(last - first + 1)
                 last_joints.append(joints.start + int(last))
+            self.pieces.append(pieces)
+            sizes += [(length, segment.thickness, segment.width) for _, length in pieces]
             end = chain.lengths[-1] * piece
             self.end_offset[number, 0] = end
         if parameters.payload:

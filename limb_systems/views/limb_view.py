@@ -86,6 +86,21 @@ def linear_wire_color(parameters: LimbParameters, temperature: np.ndarray) -> np
     return np.where(color > 0.04045, ((color + 0.055) / 1.055) ** 2.4, color / 12.92)
 
 
+def wire_paths(limb: LimbParameters, bodies: str, model: str) -> list[list[str]]:
+    """The Meshcat paths of each wire (W), one on each body of its segment.
+
+    Args:
+        limb: description of the limb.
+        bodies: beginning of the paths of the limb's bodies.
+        model: name of the model that the bodies are of.
+    """
+    return [
+        [f"{bodies}{body}/{model}/wire_{wire.name}" for body, _ in pieces]
+        for segment, pieces in zip(limb.segments, Layout(limb).pieces, strict=True)
+        for wire in segment.wires
+    ]
+
+
 def color_wires(
     meshcat: Meshcat,
     paths: Sequence[Sequence[str]],
@@ -213,25 +228,15 @@ class LimbView:
         model = "robot" if robot else "limb"
         self._limb = f"{root}visualizer/{model}"
         self._pieces: list[tuple[str, SegmentParameters, float]] = []  # bodies and their lengths
-        self.wire_paths: list[list[str]] = []  # of each wire's pieces, one on each of its bodies
+        self.wire_paths: list[list[str]] = []
         others: list[str] = []
         limbs = {"": limb}
         if robot:
             others, limbs = ["body"], {f"{one.name}_": one.parameters for one in robot.limbs}
         for prefix, one in limbs.items():
-            numbers = itertools.count(1)
-            for index, (segment, chain) in enumerate(
-                zip(one.segments, Layout(one).chains, strict=True), 1
-            ):
-                bodies = [f"{prefix}root_{index}"] if chain.first_length else []
-                shares = [chain.first_length] * len(bodies) + chain.lengths.tolist()
-                bodies += [f"{prefix}link_{i}" for i in itertools.islice(numbers, segment.links)]
-                for body, share in zip(bodies, shares, strict=True):
-                    self._pieces.append((body, segment, share * (segment.length / segment.links)))
-                self.wire_paths += [
-                    [f"{self._limb}/{body}/{model}/wire_{wire.name}" for body in bodies]
-                    for wire in segment.wires
-                ]
+            for segment, pieces in zip(one.segments, Layout(one).pieces, strict=True):
+                self._pieces += [(f"{prefix}{body}", segment, length) for body, length in pieces]
+            self.wire_paths += wire_paths(one, f"{self._limb}/{prefix}", model)
             others += [f"{prefix}payload"] * bool(one.payload)
             others += [f"{prefix}base", f"{prefix}foot"] if robot else []
         names = [name for name, _, _ in self._pieces] + others

@@ -260,19 +260,15 @@ class _LimbScene:
     def __init__(self, walk: _Walk, limb: RobotLimb):
         bodies: list[str] = []
         self._pieces: list[slice] = []  # ends of the pieces of each segment
-        layout, first = Layout(limb.parameters), 1
-        segments = limb.parameters.segments
-        for number, (segment, chain) in enumerate(zip(segments, layout.chains, strict=True), 1):
-            begin = len(bodies)
-            bodies += [f"root_{number}"] if chain.first_length else []
-            bodies += [f"link_{link}" for link in range(first, first + segment.links)]
-            first += segment.links
-            self._pieces.append(slice(begin, len(bodies) + 1))
+        layout = Layout(limb.parameters)
+        for pieces in layout.pieces:
+            self._pieces.append(slice(len(bodies), len(bodies) + len(pieces) + 1))
+            bodies += [body for body, _ in pieces]
         places, turns = zip(*(walk.pose(f"{limb.name}_{body}") for body in bodies), strict=True)
         self.middle = np.vstack([*places, walk.pose(f"{limb.name}_foot")[0]]) @ walk.view.T
         seen = walk.view @ np.array(turns)
         self.axes = np.concatenate([seen[:1], (seen[1:] + seen[:-1]) / 2, seen[-1:]])
-        self._segments, self._wires_of = segments, layout.wires_of
+        self._segments, self._wires_of = limb.parameters.segments, layout.wires_of
         self.hip = np.array(limb.position)
 
     def beside(self, e2: np.ndarray | float, e3: np.ndarray | float) -> np.ndarray:

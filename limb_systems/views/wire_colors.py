@@ -5,7 +5,7 @@ from pydrake.systems.framework import LeafSystem
 
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.views.limb_view import color_wires
+from limb_systems.views.limb_view import color_wires, wire_paths
 from limb_systems.views.limb_visualizer import PUBLISH_PERIOD
 
 
@@ -35,16 +35,8 @@ class WireColors(LeafSystem):
         """
         super().__init__()
         self._parameters, self._meshcat = parameters, meshcat
-        self._paths: list[list[str]] = []
-        path, first = limb.replace("::", "/"), 1
-        for number, segment in enumerate(parameters.segments, 1):
-            links = [f"link_{link}" for link in range(first, first + segment.links)]
-            links += [f"root_{number}"] if segment.centred_joints else []
-            self._paths += [
-                [f"{prefix}/{path}/{link}/{path}/wire_{wire.name}" for link in links]
-                for wire in segment.wires
-            ]
-            first += segment.links
+        path = limb.replace("::", "/")
+        self._paths = wire_paths(parameters, f"{prefix}/{path}/", path)
         self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
         self.DeclarePeriodicPublishEvent(PUBLISH_PERIOD, 0.0, weak_method(self._publish))
         self.DeclareForcedPublishEvent(weak_method(self._publish))
