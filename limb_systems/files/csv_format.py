@@ -21,13 +21,12 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from limb_systems.errors import LimbError, raised_as
-from limb_systems.input import LARGEST_TABLE, read_bytes
+from limb_systems.errors import LimbError
+from limb_systems.input import LARGEST_TABLE
 
 FORMAT_VERSION = 3
 KILLED = "the program that recorded it was killed"
@@ -35,7 +34,6 @@ MAKERS = {
     "recording": "collect, replay and teach write recordings, and Recording.save, of other data",
     "trajectory": "soft-limb plan makes a trajectory of a reference",
     "gait": "soft-limb gait writes gaits",
-    "learning": "soft-limb learn writes what was learned",
 }
 _INTERRUPTED = "# interrupted: "
 _ROW = re.compile(r"[-+0-9.eE,naif]*")  # what `float` takes beyond these are no numbers to others
@@ -126,10 +124,10 @@ def format_rows(columns: Mapping[str, np.ndarray]) -> str:
     return "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
 
 
-def read_table(
-    path: str | Path, kind: str, *, unfinished: bool = False, readings: tuple[str, ...] = ()
+def parse_table(
+    data: bytes, kind: str, *, unfinished: bool = False, readings: tuple[str, ...] = ()
 ) -> Table:
-    """Reads the file of a table.
+    """The table in the text of a file.
 
     Args:
         unfinished: whether the end line may be missing, because the program
@@ -140,15 +138,6 @@ def read_table(
     Raises:
         FileFormatError: one sentence that says what is wrong and where.
     """
-    data = read_bytes(path, kind, LARGEST_TABLE, FileFormatError)
-    with raised_as(FileFormatError, f"{path}: "):
-        return parse_table(data, kind, unfinished=unfinished, readings=readings)
-
-
-def parse_table(
-    data: bytes, kind: str, *, unfinished: bool = False, readings: tuple[str, ...] = ()
-) -> Table:
-    """The table in the text of a file; arguments and errors as for `read_table`."""
     try:
         text = data.decode().replace("\r\n", "\n")  # as some ways of copying text leave it
     except UnicodeDecodeError as error:

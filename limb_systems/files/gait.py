@@ -234,11 +234,6 @@ class Gait(Planned):
         return [phase.contacts for phase in self.phases]
 
     @property
-    def passed(self) -> bool:
-        """Whether it was simulated with contact, and went as planned."""
-        return self.check.failure() is None
-
-    @property
     def initial_heat(self) -> np.ndarray:
         """[x, V] of the wires at the first knot (N + W,)."""
         return np.append(self.wire_states[:, 0], self.measured_temperature[:, 0])
@@ -275,17 +270,14 @@ class Gait(Planned):
             np.concatenate([*(part[..., :-1] for part in parts), parts[-1][..., -1:]], axis=-1)
             for parts in (poses, turned)
         )
-        others = self.other_wire_state
+        repeating = ["duty", "joint_state", "wire_temperature", "measured_temperature"]
+        repeating += ["other_wire_state"] if self.other_wire_state is not None else []
         return dataclasses.replace(
             self,
             time=np.array(self.duty_trajectory(cycles).get_segment_times()),
-            duty=tiled(self.duty),
-            joint_state=tiled(self.joint_state),
-            wire_temperature=tiled(self.wire_temperature),
-            measured_temperature=tiled(self.measured_temperature),
             body_pose=pose,
             contact_force=force.reshape(len(self.contact_force), -1),
-            other_wire_state=None if others is None else tiled(others),
+            **{name: tiled(getattr(self, name)) for name in repeating},
             phases=[
                 GaitPhase(phase.start + cycle * self.period, phase.contacts)
                 for cycle in range(cycles)
@@ -321,7 +313,6 @@ class Gait(Planned):
 
     def summary(self) -> Summary:
         """Stride, turn, period, speed, largest temperature, and whether it passed its check."""
-        judged = "checked" if self.passed else "failed its check"
         heat, speed = float(self.wire_temperature.max()), 1e3 * self.speed
         turn, rate = np.rad2deg(self.turn), np.rad2deg(self.turn / self.period)
         goes = [Entry("stride", self.stride, "m", f"stride {1e3 * self.stride:.1f} mm")]
@@ -337,7 +328,7 @@ class Gait(Planned):
                 Entry("period", self.period, "s", f"period {self.period:.1f} s"),
                 *paces,
                 Entry("heat", heat, "°C", f"up to {heat:.0f} °C"),
-                Entry("check", "not checked" if self.check.is_missing else judged),
+                self._check_entry,
             ]
         )
 

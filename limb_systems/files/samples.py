@@ -13,13 +13,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from limb_systems.errors import LimbError, raised_as
-from limb_systems.files.csv_format import (
-    FileFormatError,
-    Table,
-    TableText,
-    parse_table,
-    read_table,
-)
+from limb_systems.files.csv_format import FileFormatError, Table, TableText, parse_table
+from limb_systems.input import LARGEST_TABLE, read_bytes
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
@@ -186,8 +181,9 @@ class Samples(Summarized):
         Raises:
             FileFormatError: one sentence that says what is wrong and where.
         """
-        table = read_table(path, cls.KIND, unfinished=unfinished, readings=cls.MEASURED)
+        data = read_bytes(path, cls.KIND, LARGEST_TABLE, FileFormatError)
         with raised_as(FileFormatError, f"{path}: "):
+            table = parse_table(data, cls.KIND, unfinished=unfinished, readings=cls.MEASURED)
             return cls._from_table(table)
 
     @classmethod
@@ -314,6 +310,7 @@ class Samples(Summarized):
 class Planned(Samples):
     """The base of what is planned, whose joints are known and whose bends follow from them."""
 
+    check: Any  # with ``failure`` and ``is_missing``
     joint_state: np.ndarray
     wire_temperature: np.ndarray
     other_wire_state: np.ndarray | None
@@ -332,6 +329,17 @@ class Planned(Samples):
     def bend_angle(self) -> np.ndarray:  # type: ignore[override]
         """φ* at the knots (F, K), rad, by forward kinematics."""
         return bend_angle(self.parameters, self.joint_angles)
+
+    @property
+    def passed(self) -> bool:
+        """Whether it was checked by simulating it, and went as planned."""
+        return self.check.failure() is None
+
+    @property
+    def _check_entry(self) -> Entry:
+        """Whether it passed its check."""
+        judged = "checked" if self.passed else "failed its check"
+        return Entry("check", "not checked" if self.check.is_missing else judged)
 
     @property
     def wire_states(self) -> np.ndarray:

@@ -40,7 +40,7 @@ class TableWriter:
 
     The table ``name.csv`` is in ``name.unfinished.csv`` until `finish` gives it its
     name, or in ``name.unfinished_2.csv`` and so on if that is taken: a file that is
-    there is never opened. `read_table` reads unfinished ones when asked to.
+    there is never opened. `Recording.load` reads unfinished ones when asked to.
 
     The thread gives each row to the operating system at once, so that the death of this
     program costs no row. It forces rows to the disk about once a second and at the end; a

@@ -159,13 +159,12 @@ class Trajectory(Planned):
 
     def summary(self) -> Summary:
         """Duration, knots, range of the bend angle, and whether it passed its check."""
-        judged = "failed its check" if self.check.failure() else "checked"
         return Summary(
             [
                 Entry("duration", self.duration, "s"),
                 Entry("samples", len(self.time), "", f"{len(self.time)} knots"),
                 self._bend_entry(),
-                Entry("check", "not checked" if self.check.is_missing else judged),
+                self._check_entry,
             ]
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from limb_systems.files import table_writer
-from limb_systems.files.csv_format import KILLED, FileFormatError, read_table
+from limb_systems.files.csv_format import KILLED, FileFormatError, parse_table
 from limb_systems.files.table_writer import TableWriter, is_unfinished
 from limb_systems.output import OutputError
 
@@ -38,6 +38,10 @@ def append(writer, num_rows, after_each=lambda: None):
         after_each()
 
 
+def read(path, **options):
+    return parse_table(path.read_bytes(), "recording", **options)
+
+
 def assert_rows(table, num_rows):
     np.testing.assert_array_equal(table.columns["time_s"], np.arange(num_rows))
     np.testing.assert_array_equal(table.columns["bend_angle_deg"], 0.1 * np.arange(num_rows))
@@ -51,7 +55,7 @@ def test_a_file_has_its_name_when_it_is_finished_and_not_before(path, unfinished
     writer.finish()
     writer.finish()
     assert list(path.parent.iterdir()) == [path]
-    table = read_table(path, "recording")
+    table = read(path)
     assert_rows(table, 3)
     assert table.interrupted == ""
 
@@ -64,9 +68,9 @@ def test_no_file_is_ever_written_over(path, unfinished):
     assert all(map(is_unfinished, (unfinished, second.path, third.path)))
     assert not is_unfinished(path)
     second.finish()
-    assert_rows(read_table(path, "recording"), 1)
+    assert_rows(read(path), 1)
     third.finish()
-    assert_rows(read_table(path, "recording"), 2)
+    assert_rows(read(path), 2)
     assert unfinished.read_text() == "left"
 
 
@@ -79,7 +83,7 @@ def test_what_was_interrupted_says_so_and_keeps_the_old_file(path, unfinished):
         writer.abandon("The cable\nwas \x1b[31mcut.")
     writer.abandon("again")
     assert path.read_text() == "old"
-    table = read_table(unfinished, "recording")
+    table = read(unfinished)
     assert_rows(table, 2)
     assert table.interrupted == "The cable was ?[31mcut."
     numbers = np.loadtxt(unfinished, delimiter=",", comments=("#", "time_s"))
@@ -92,7 +96,7 @@ def test_why_it_was_interrupted_is_under_the_checksum(path):
     for change in (b"# interrupted: by mind\n", b""):
         path.write_bytes(data.replace(b"# interrupted: by hand\n", change))
         with pytest.raises(FileFormatError, match="checksum"):
-            read_table(path, "recording")
+            read(path)
 
 
 def test_a_file_cut_anywhere_is_read_to_its_last_whole_row(path):
@@ -103,9 +107,9 @@ def test_a_file_cut_anywhere_is_read_to_its_last_whole_row(path):
         whole = data[:size].count(b"\n", data.index(b"time_s"))  # lines: names, rows, the remark
         if whole == 0:
             with pytest.raises(FileFormatError, match="no line of column names"):
-                read_table(path, "recording", unfinished=True)
+                read(path, unfinished=True)
             continue
-        table = read_table(path, "recording", unfinished=True)
+        table = read(path, unfinished=True)
         assert_rows(table, min(whole - 1, 3))
         assert table.interrupted == (KILLED if whole < 5 else "by hand")
 
@@ -152,7 +156,7 @@ def test_the_end_waits_for_a_stalled_disk_but_not_for_ever(path, unfinished, sta
     assert not path.exists()
     stalled.go.set()
     writer._thread.join(600.0)
-    assert_rows(read_table(path, "recording"), 3)  # the disk came back
+    assert_rows(read(path), 3)  # the disk came back
 
 
 def test_a_full_disk_is_named(path, monkeypatch):
@@ -207,7 +211,7 @@ def test_what_is_removed_is_written_again(monkeypatch, tmp_path):
         append(writer, 5)
         writer.finish()
         assert list(path.parent.iterdir()) == [path]
-        assert_rows(read_table(path, "recording"), 5)
+        assert_rows(read(path), 5)
 
 
 def test_where_it_cannot_be_written_again_it_is_kept_elsewhere(tmp_path, monkeypatch):
@@ -226,7 +230,7 @@ def test_where_it_cannot_be_written_again_it_is_kept_elsewhere(tmp_path, monkeyp
         append(writer, 5)
     with pytest.warns(UserWarning, match=f"what was recorded is in {kept}"):
         writer.abandon("the folder has gone")
-    assert_rows(read_table(kept, "recording", unfinished=True), 4)
+    assert_rows(read(kept, unfinished=True), 4)
 
 
 def wait_until_written(writer):
