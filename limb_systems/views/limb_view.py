@@ -52,8 +52,8 @@ WIRE_COLORS = np.array(
     [[0.30, 0.42, 0.60], [0.50, 0.32, 0.50], [0.86, 0.20, 0.16], [1.00, 0.54, 0.05]]
 )
 _TRACK_COLOR, _OUTLINE_COLOR = (0.93, 0.94, 0.95), (0.45, 0.47, 0.5)
-# The camera's azimuth and elevation, of limbs in a plane and in space, and of robots.
-_IN_PLANE, _IN_SPACE, _BESIDE = np.radians([[0.0, 65.0], [45.0, 25.0], [0.0, 15.0]])
+# The camera's azimuth and elevation, of limbs in a plane and in space, and of robots, °.
+_IN_PLANE, _IN_SPACE, _BESIDE = (0.0, 65.0), (45.0, 25.0), (0.0, 15.0)
 _GROUND_COLOR, _MARK_COLOR = (0.97, 0.98, 0.96), (0.62, 0.64, 0.66)
 MARK, _FIFTH = 0.01, 5  # m, from mark to mark on the ground; each so many, one is wider
 _IN_SIGHT = 4.0  # lengths of a robot to go, to which the camera shows all of the way
@@ -78,6 +78,18 @@ def wire_color(parameters: LimbParameters, temperature: ArrayLike) -> np.ndarray
     span = parameters.ambient_temperature, parameters.temperature_limits.maximum
     stops, values = np.linspace(*span, len(WIRE_COLORS)), np.asarray(temperature, float)
     return np.stack([np.interp(values, stops, c) for c in WIRE_COLORS.T], axis=-1)
+
+
+def seen_from(azimuth: float, elevation: float) -> np.ndarray:
+    """The axes to the right, up, and towards an eye: a row for each, in the world (3, 3).
+
+    Args:
+        azimuth: of the eye about +z from where it looks along +y, °.
+        elevation: of the eye above the horizon, °.
+    """
+    sine, cosine = np.sin(np.radians(elevation)), np.cos(np.radians(elevation))
+    raised = np.array([[1, 0, 0], [0, sine, cosine], [0, -cosine, sine]])
+    return raised @ RotationMatrix.MakeZRotation(-np.radians(azimuth)).matrix()
 
 
 def linear_wire_color(parameters: LimbParameters, temperature: np.ndarray) -> np.ndarray:
@@ -245,10 +257,7 @@ class LimbView:
         # The length of the bars is 3 units.
         self._unit = 0.1 * max(sum(s.length for s in one.segments) for one in limbs.values())
         planar = self._layout.is_planar
-        azimuth, elevation = _BESIDE if robot else _IN_PLANE if planar else _IN_SPACE
-        sine, cosine = np.sin(elevation), np.cos(elevation)
-        to_camera = np.array([[1, 0, 0], [0, sine, cosine], [0, -cosine, sine]])
-        self._to_camera = to_camera @ RotationMatrix.MakeZRotation(-azimuth).matrix()
+        self._to_camera = seen_from(*(_BESIDE if robot else _IN_PLANE if planar else _IN_SPACE))
         # The bars are in the plane of the bends, or of a robot's walk, or face the camera.
         facing = PLANE.matrix() if robot else np.eye(3) if planar else self._to_camera.T
         self._facing = RigidTransform(RotationMatrix(facing), np.zeros(3))

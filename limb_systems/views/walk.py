@@ -26,7 +26,7 @@ from limb_systems.model.robot import make_robot, set_positions
 from limb_systems.model.robot_parameters import RobotLimb, RobotParameters
 from limb_systems.output import OutputError
 from limb_systems.views.colors import NEUTRAL_COLOR, wire_colors
-from limb_systems.views.limb_view import wire_color
+from limb_systems.views.limb_view import seen_from, wire_color
 from limb_systems.views.panels import CONTACTS, foot_fall_panel
 from limb_systems.views.plots import WIDTH, Figure, draw_panel, dress
 
@@ -43,25 +43,9 @@ _ARROWS = {"stick": "▲", "slide_forward": "▶", "slide_backward": "◀", "sli
 _ARROW = np.array([[4, 1], [13, 1], [13, 4], [21, 0], [13, -4], [13, -1], [4, -1]])
 _BEHIND = 0.35  # opacity of wires behind the axis of their limb
 
-# Rows of what is to the right, up, and towards the eye. The eye is at the right side of a robot
-# in the plane; of a robot in space it is in front, above and to the right.
-_BESIDE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-_AZIMUTH, _ELEVATION = np.radians([40.0, 30.0])
-_OBLIQUE = np.array(
-    [
-        [np.cos(_AZIMUTH), np.sin(_AZIMUTH), 0.0],
-        [
-            -np.sin(_AZIMUTH) * np.sin(_ELEVATION),
-            np.cos(_AZIMUTH) * np.sin(_ELEVATION),
-            np.cos(_ELEVATION),
-        ],
-        [
-            np.sin(_AZIMUTH) * np.cos(_ELEVATION),
-            -np.cos(_AZIMUTH) * np.cos(_ELEVATION),
-            np.sin(_ELEVATION),
-        ],
-    ]
-)
+# Azimuth and elevation of the eye, °. It is at the right side of a robot in the plane; of a robot
+# in space it is in front, above and to the right.
+_BESIDE, _OBLIQUE = (0.0, 0.0), (40.0, 30.0)
 
 
 def draw_walk(gait: Gait, title: str = "") -> Figure:
@@ -217,7 +201,7 @@ class _Walk:
         self._plant = make_robot(self._builder, robot)
         self._context = self._plant.CreateDefaultContext()
         slope = robot.ground.slope if robot.ground else 0.0
-        view = _BESIDE if robot.body.mount == "planar" else _OBLIQUE
+        view = seen_from(*(_BESIDE if robot.body.mount == "planar" else _OBLIQUE))
         self.view = 1e3 * view @ RotationMatrix.MakeYRotation(-slope).matrix()
 
     def at(self, time: float) -> "_Scene":
