@@ -63,14 +63,11 @@ def temperature_margin(parameters: LimbParameters) -> float:
     return min(margin, LARGEST_MARGIN)
 
 
-def band(trajectory: Trajectory, seed: int = 0) -> Band | None:
+def band(trajectory: Trajectory) -> Band | None:
     """The band about a plan, from the covariance of its limb's calibration.
 
     What the form of the law leaves is in it as well: the errors with which the
     calibration predicted motions that it was not fitted to.
-
-    Args:
-        seed: seed of the limbs that are drawn.
 
     Returns:
         None if the limb is not calibrated by prediction, or has several bends.
@@ -82,7 +79,7 @@ def band(trajectory: Trajectory, seed: int = 0) -> Band | None:
     num_steps = max(1, int(np.ceil(plan.duration / STEP)))
     ends = np.linspace(0.0, plan.duration, num_steps + 1)
     duty = plan.duty_trajectory().vector_values((ends[:-1] + ends[1:]) / 2).T
-    limbs = [parameters, *draw_ensemble(parameters, MEMBERS, seed)]
+    limbs = [parameters, *draw_ensemble(parameters, MEMBERS)]
     law, ambient, rubber = stacked(limbs)
     states, readings = split_state(parameters, plan.state[:, 0])[2:]
     num_wires = len(parameters.wires)

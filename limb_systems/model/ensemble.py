@@ -22,15 +22,15 @@ from limb_systems.model.rubber import ramp
 from limb_systems.model.wire_law import WireLaw, runge_kutta
 
 
-def draw_ensemble(parameters: LimbParameters, count: int, seed: int = 0) -> list[LimbParameters]:
+def draw_ensemble(parameters: LimbParameters, count: int) -> list[LimbParameters]:
     """Limbs with parameters around the calibrated ones, as likely as their covariance says.
 
-    Quantities that cannot change their sign are drawn in their logarithms.
+    Quantities that cannot change their sign are drawn in their logarithms. The limbs are the same
+    in each call.
 
     Args:
         parameters: with a `CalibrationRecord`, of one segment.
         count: number of limbs.
-        seed: seed of the draws.
 
     Raises:
         ParameterError: if the limb is not calibrated, or the record names what it has not.
@@ -46,7 +46,7 @@ def draw_ensemble(parameters: LimbParameters, count: int, seed: int = 0) -> list
     signed = (ranges[:, 0] > 0) | (ranges[:, 1] < 0)
     scale = np.where(signed, values, 1.0)
     roots, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     normal = generator.standard_normal((count, len(values)))
     steps = (normal * np.sqrt(np.maximum(roots, 0.0))) @ axes.T
     drawn = np.where(signed, values * np.exp(np.clip(steps, -3.0, 3.0)), values + steps)

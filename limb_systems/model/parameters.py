@@ -269,8 +269,7 @@ class EmulatedLimb(BoardIdentity):
     @property
     def serial_number(self) -> str:
         """Serial number of the emulated board that the limb is on: eight letters and digits."""
-        special = self.description or self.absent or self.extra or self.disturbances or self.limb
-        if not special and self.physics == "lumped" and self.seed < 10_000:
+        if self == EmulatedLimb(self.seed) and self.seed < 10_000:
             return f"twin{self.seed:04d}"
         return f"t{hashlib.sha256(self.identity.encode()).hexdigest()[:7]}"
 
@@ -466,7 +465,7 @@ def _oddities(segment: SegmentParameters, where: str) -> list[str]:
                     f"{extent:g} m across."
                 )
     if segment.axes == 2:
-        angles = np.sort([np.arctan2(wire.e3, wire.e2) for wire in segment.wires])
+        angles = np.sort([wire.angle for wire in segment.wires])
         gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
         if gaps.max() > np.pi - 1e-9:
             middle = np.rad2deg(angles[gaps.argmax()] + gaps.max() / 2)

@@ -53,8 +53,7 @@ class JouleHeating(AffineSystem):
         wires = _affine(parameters, "rates_are_affine", "heat")
         A, B, _ = wires.affine_rates()
         N, W = B.shape
-        offset = wires.rates(np.zeros(N), np.zeros(W))
-        super().__init__(A=A, B=B, f0=offset, C=np.eye(N), D=np.zeros((N, W)), y0=np.zeros(N))
+        super().__init__(A=A, B=B, f0=wires.rates(np.zeros(N), np.zeros(W)), C=np.eye(N))
         self.configure_default_state(wires.cold_states)
         self.set_name("joule_heating")
 
@@ -87,8 +86,6 @@ class ThermocoupleLag(AffineSystem):
             B=slopes[:, :N],
             f0=wires.reading_rates(np.zeros(W), np.zeros(N)),
             C=np.eye(W),
-            D=np.zeros((W, N)),
-            y0=np.zeros(W),
         )
         self.configure_default_state(np.full(W, parameters.ambient_temperature))
         self.set_name("thermocouple_lag")
@@ -118,14 +115,7 @@ class TorqueMap(AffineSystem):
         wires, n = _affine(parameters, "torque_is_affine", "torque"), parameters.num_joints
         nothing, straight = np.zeros(wires.num_states), np.zeros(n)
         _, slopes = wires.force.first(np.concatenate([nothing, straight]))
-        super().__init__(
-            A=np.zeros((0, 0)),
-            B=np.zeros((0, wires.num_states)),
-            f0=np.zeros(0),
-            C=np.zeros((n, 0)),
-            D=slopes[:, : wires.num_states],
-            y0=wires.forces(nothing, straight),
-        )
+        super().__init__(D=slopes[:, : wires.num_states], y0=wires.forces(nothing, straight))
         self.set_name("torque_map")
 
 

@@ -215,10 +215,7 @@ def _places_in_words(parameters: LimbParameters) -> str:
     """Where each wire is as one looks down on the limb, E2 being up, or at its tip in space."""
     if not Layout(parameters).is_planar:
         places = dict.fromkeys(
-            ", ".join(
-                f"{wire.name} {np.rad2deg(np.arctan2(wire.e3, wire.e2)):.0f}°"
-                for wire in segment.wires
-            )
+            ", ".join(f"{wire.name} {np.rad2deg(wire.angle):.0f}°" for wire in segment.wires)
             for segment in parameters.segments
         )
         return f"wires from +E2 towards +E3, which is up: {'; '.join(places)}"
