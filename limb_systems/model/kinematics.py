@@ -7,8 +7,6 @@ frame of its base: φ = atan2(t·E2, t·E1) in a plane, and in space the two ang
 `limb_systems.model.segment_chain.angles_of`.
 """
 
-from collections.abc import Sequence
-
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
@@ -92,13 +90,6 @@ class Chain:
             moment += moments[joint]
             torques.append(ca.dot(self._axes[joint], moment))
         return ca.vertcat(*reversed(torques))
-
-
-def weight_of_angles(layout: Layout, gravity: Sequence[float]) -> SmoothFunction:
-    """The torques that hold a chain against gravity (3,), m/s², (n,), N·m, of θ (n,), rad."""
-    angles, still = ca.SX.sym("q", layout.num_joints), ca.SX(layout.num_joints, 1)
-    weight = Chain(layout, angles).inverse_dynamics(still, still, ca.DM(gravity))
-    return SmoothFunction(weight, angles)
 
 
 def tip_of_angles(layout: Layout) -> SmoothFunction:

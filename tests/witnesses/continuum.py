@@ -30,7 +30,9 @@ Sources, beside those of `specimen`:
 """
 
 import dataclasses
+from collections.abc import Sequence
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
@@ -47,10 +49,11 @@ from hardware.emulation.sensors import (
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import Layout, LimbError
+from limb_systems.model import kinematics
 from limb_systems.model.bend_sensor import rolled
-from limb_systems.model.kinematics import weight_of_angles
 from limb_systems.model.ownership import declare_part, weak_method
 from limb_systems.model.parameters import SegmentParameters
+from limb_systems.model.smooth_function import SmoothFunction
 from limb_systems.simulation import PERIOD as SIMULATION_PERIOD
 
 JOINTS = 8  # of the chain for each axis, whatever the links of the description
@@ -341,6 +344,13 @@ def bend_gradient(segment: SegmentParameters, axis: int = 0) -> np.ndarray:
     return segment.bend_sensor.exact_bends(chain, angles)[axis] / step
 
 
+def _weight_of_angles(layout: Layout, gravity: Sequence[float]) -> SmoothFunction:
+    """The torques that hold a chain against gravity (3,), m/s², (n,), N·m, of θ (n,), rad."""
+    angles, still = ca.SX.sym("q", layout.num_joints), ca.SX(layout.num_joints, 1)
+    chain = kinematics.Chain(layout, angles)
+    return SmoothFunction(chain.inverse_dynamics(still, still, ca.DM(gravity)), angles)
+
+
 class Preisach:
     """The Preisach operator: relays that switch up and down at temperatures of their own.
 
@@ -593,7 +603,7 @@ class ContinuumLimb(LeafSystem):
         limb = dataclasses.replace(specimen.description, segments=[fine(segment)])
         self._layout, self._sensor = Layout(limb), segment.bend_sensor
         self._weighs = bool(np.cross(limb.gravity, self._layout.axes).any())
-        self._weight = weight_of_angles(self._layout, limb.gravity)
+        self._weight = _weight_of_angles(self._layout, limb.gravity)
         self._twists = np.flatnonzero(~self._layout.shape.any(axis=1))
         self._torsional = segment.torsional_ratio * self._chains[0].stiffness[: len(self._twists)]
         step = period / SUBSTEPS
