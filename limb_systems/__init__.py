@@ -69,9 +69,8 @@ from limb_systems.model.wires import Wires
 from limb_systems.provenance import Provenance
 from limb_systems.simulation import simulate
 from limb_systems.views.limb_view import wire_color
-from limb_systems.views.limb_visualizer import LimbVisualizer
+from limb_systems.views.limb_visualizer import LimbVisualizer, WireColors
 from limb_systems.views.replay_page import write_meshcat_replay
-from limb_systems.views.wire_colors import WireColors
 
 __all__ = [
     "ActiveConstraint",

@@ -1,4 +1,4 @@
-"""The limb or the robot in 3D, live during a simulation."""
+"""The limb or the robot in 3D, or its wires in a scene of one's own, live during a simulation."""
 
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
@@ -8,7 +8,7 @@ from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.robot_parameters import RobotParameters
-from limb_systems.views.limb_view import LimbView, ghosts_of_plan
+from limb_systems.views.limb_view import LimbView, color_wires, ghosts_of_plan, wire_paths
 
 PUBLISH_PERIOD = 1 / 32  # s, of a live view
 
@@ -92,3 +92,41 @@ class LimbVisualizer(LeafSystem):
             pose = self.get_input_port(3).Eval(context)
         self._view.show(self._meshcat, angles, shown, context.get_time(), pose)
         self._view.show_heat(self._meshcat, temperature.Eval(context))
+
+
+class WireColors(LeafSystem):
+    """Colours the wires of a limb that Drake's MeshcatVisualizer shows.
+
+    - input 0 ``wire_temperature``: T (W), °C
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(
+        self,
+        parameters: LimbParameters,
+        meshcat: Meshcat,
+        limb: str = "limb",
+        *,
+        prefix: str = "illustration",
+    ):
+        """
+        Args:
+            parameters: description of the limb.
+            meshcat: scene in which the limb is shown.
+            limb: name of the limb's model instance.
+            prefix: path of the visualizer in the scene, by default that of
+                `AddDefaultVisualization`.
+        """
+        super().__init__()
+        self._parameters, self._meshcat = parameters, meshcat
+        path = limb.replace("::", "/")
+        self._paths = wire_paths(parameters, f"{prefix}/{path}/", path)
+        self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
+        self.DeclarePeriodicPublishEvent(PUBLISH_PERIOD, 0.0, weak_method(self._publish))
+        self.DeclareForcedPublishEvent(weak_method(self._publish))
+        self.set_name(f"{limb}_wire_colors")
+
+    def _publish(self, context) -> None:
+        temperature = self.get_input_port().Eval(context)
+        color_wires(self._meshcat, self._paths, self._parameters, temperature)
