@@ -52,22 +52,17 @@ def pairing(heats: np.ndarray, readings: np.ndarray) -> list[tuple[int | None, f
         for each wire the index of its reading and their correlation; None for wires without heat,
         or if there are too few readings.
     """
+    # Takes as long to import as all the rest, and few programs read logs.
+    from scipy.optimize import linear_sum_assignment
+
     heated = [i for i, heat in enumerate(heats) if np.ptp(heat) > 0]
-    agreement = np.array([[correlation(heats[i], r) for r in readings] for i in heated])
     found: list[tuple[int | None, float]] = [(None, 0.0)] * len(heats)
     if not heated or not len(readings):
         return found
-    number = min(len(heated), len(readings))
-    best: tuple[tuple[int, ...], ...] = ()
-    total = -np.inf
-    for wires in itertools.combinations(range(len(heated)), number):
-        for chosen in itertools.permutations(range(len(readings)), number):
-            score = float(agreement[list(wires), list(chosen)].sum())
-            if score > total:
-                best, total = (wires, chosen), score
-    for wire, reading in zip(*best, strict=True):
+    agreement = np.array([[correlation(heats[i], r) for r in readings] for i in heated])
+    for wire, reading in zip(*linear_sum_assignment(agreement, maximize=True), strict=True):
         if agreement[wire, reading] > SHOWN:
-            found[heated[wire]] = reading, float(agreement[wire, reading])
+            found[heated[wire]] = int(reading), float(agreement[wire, reading])
     return found
 
 
