@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
@@ -270,14 +270,15 @@ class Gait(Planned):
             np.concatenate([*(part[..., :-1] for part in parts), parts[-1][..., -1:]], axis=-1)
             for parts in (poses, turned)
         )
-        repeating = ["duty", "joint_state", "wire_temperature", "measured_temperature"]
-        repeating += ["other_wire_state"] if self.other_wire_state is not None else []
+        names = ["duty", "joint_state", "wire_temperature", "measured_temperature"]
+        names += ["other_wire_state"] if self.other_wire_state is not None else []
+        repeating: dict[str, Any] = {name: tiled(getattr(self, name)) for name in names}
         return dataclasses.replace(
             self,
             time=np.array(self.duty_trajectory(cycles).get_segment_times()),
             body_pose=pose,
             contact_force=force.reshape(len(self.contact_force), -1),
-            **{name: tiled(getattr(self, name)) for name in repeating},
+            **repeating,
             phases=[
                 GaitPhase(phase.start + cycle * self.period, phase.contacts)
                 for cycle in range(cycles)

@@ -6,7 +6,7 @@ them; times are (K,). Recordings and trajectories are made of these.
 
 import copy
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -127,7 +127,7 @@ class Samples(Summarized):
 
     @classmethod
     def columns_of(
-        cls, parameters: LimbParameters, robot: RobotParameters | None = None
+        cls, parameters: LimbParameters, robot: RobotParameters | None
     ) -> dict[str, list[str]]:
         """`column_names` of the signals that these samples have."""
         signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}
@@ -142,33 +142,6 @@ class Samples(Summarized):
             if value is not None:
                 columns.update(zip(group, np.atleast_2d(value), strict=True))
         return columns
-
-    @classmethod
-    def signals_of(
-        cls,
-        columns: Mapping[str, np.ndarray],
-        parameters: LimbParameters,
-        robot: RobotParameters | None = None,
-    ) -> dict[str, np.ndarray]:
-        """The signals (size, K) that a file's columns make up; those in `TIMES` are (K,).
-
-        Raises:
-            FileFormatError: if a column is missing or belongs to no signal.
-        """
-        groups = cls.columns_of(parameters, robot)
-        known = {column for group in groups.values() for column in group}
-        for column in columns:
-            if column not in known:
-                raise FileFormatError(f"the column {column} does not belong here.")
-        signals = {}
-        for name, group in groups.items():
-            missing = [column for column in group if column not in columns]
-            if not missing:
-                signal = np.array([columns[column] for column in group])
-                signals[name] = signal[0] if name in TIMES else signal
-            elif name not in cls.optional() or len(missing) < len(group):
-                raise FileFormatError(f"the column {missing[0]} is missing.")
-        return signals
 
     @classmethod
     def load(cls, path: str | Path, *, unfinished: bool = False) -> Self:
@@ -238,10 +211,19 @@ class Samples(Summarized):
         if described is None:
             raise FileFormatError("parameters is missing.")
         described.validate()
-        parameters = robot.together if robot else described
-        found = cls.signals_of(table.columns, parameters, robot) | {
-            "interrupted": table.interrupted
-        }
+        groups = cls.columns_of(robot.together if robot else described, robot)
+        known = {column for group in groups.values() for column in group}
+        for column in table.columns:
+            if column not in known:
+                raise FileFormatError(f"the column {column} does not belong here.")
+        found: dict[str, Any] = {"interrupted": table.interrupted}
+        for name, group in groups.items():
+            missing = [column for column in group if column not in table.columns]
+            if not missing:
+                rows = np.array([table.columns[column] for column in group])
+                found[name] = rows[0] if name in TIMES else rows
+            elif name not in cls.optional() or len(missing) < len(group):
+                raise FileFormatError(f"the column {missing[0]} is missing.")
         names = {field.name for field in dataclasses.fields(cls)}  # bends may follow from joints
         return cls(**header, **{name: value for name, value in found.items() if name in names})
 
