@@ -243,16 +243,22 @@ def export_limbs(
 ) -> None:
     """Exports the duty of all limbs and of each, and each limb's temperatures and bends.
 
+    Without duty of single limbs, which is decided once, no step of a simulation calls Python.
+
     Args:
         builder, robot: diagram and description of the robot.
         ports: ``measured_temperature`` and ``bend_angle`` of all limbs.
         duty: input port of the duty of all limbs.
     """
-    of_limbs = builder.AddSystem(DutyOfLimbs(robot))
-    builder.Connect(of_limbs.get_output_port(), duty)
-    for index in range(of_limbs.num_input_ports()):
-        port = of_limbs.get_input_port(index)
+    joined = builder.AddSystem(_JoinedDuty(robot))
+    switch = builder.AddSystem(PortSwitch(duty.size()))
+    for index in range(joined.num_input_ports()):
+        port = joined.get_input_port(index)
         builder.ExportInput(port, port.get_name())
+    builder.ConnectInput("duty", switch.DeclareInputPort("duty"))
+    builder.Connect(joined.GetOutputPort("joined"), switch.DeclareInputPort("joined"))
+    builder.Connect(joined.GetOutputPort("chosen"), switch.get_port_selector_input_port())
+    builder.Connect(switch.get_output_port(), duty)
     parts_of = {"measured_temperature": robot.wires_of, "bend_angle": robot.bends_of}
     for number, limb in enumerate(robot.limbs):
         for signal, parts in parts_of.items():
@@ -289,44 +295,15 @@ def export_contact_force(
         builder.ExportOutput(forces.get_output_port(), "contact_force")
 
 
-class DutyOfLimbs(Diagram):
+class _JoinedDuty(LeafSystem):
     """Duty of all wires, given for all or limb by limb.
-
-    Without duty of single limbs, which is decided once, no step of a simulation calls Python.
 
     - input 0 ``duty``: D (W)
     - inputs 1 to L, ``rear.duty`` and so on: D of each limb's wires, in place of its part of
       ``duty`` if it is connected
-    - output 0 ``all_duty``: D (W)
+    - output 0 ``joined``: D (W)
+    - output 1 ``chosen``: the port of a switch that has it, 1 if that is ``duty`` alone, else 2
     """
-
-    __slots__ = ()  # see limb_systems.model.ownership
-
-    def __init__(self, robot: RobotParameters):
-        """
-        Args:
-            robot: description of the robot.
-        """
-        super().__init__()
-        builder = DiagramBuilder()
-        joined = builder.AddSystem(_JoinedDuty(robot))
-        switch = builder.AddSystem(PortSwitch(joined.get_output_port(0).size()))
-        chosen = switch.get_port_selector_input_port()
-        builder.Connect(joined.get_output_port(1), chosen)
-        of_all = switch.DeclareInputPort("duty")
-        builder.Connect(joined.get_output_port(0), switch.DeclareInputPort("joined"))
-        for index in range(joined.num_input_ports()):
-            builder.ExportInput(
-                joined.get_input_port(index), joined.get_input_port(index).get_name()
-            )
-        builder.ConnectInput("duty", of_all)
-        builder.ExportOutput(switch.get_output_port(), "all_duty")
-        builder.BuildInto(self)
-        self.set_name("duty_of_limbs")
-
-
-class _JoinedDuty(LeafSystem):
-    """Duty of all wires, and which port of a switch of `DutyOfLimbs` has it."""
 
     __slots__ = ()  # see limb_systems.model.ownership
 

@@ -13,7 +13,6 @@ from limb_systems import (
     RobotParameters,
     simulate,
 )
-from limb_systems.model.robot import DutyOfLimbs
 from limb_systems.simulation import make_simulator
 
 COLD = np.zeros(4)
@@ -40,19 +39,25 @@ def test_a_welded_limb_is_todays_limb(tmp_path):
 
 
 def test_the_duty_of_a_limb_takes_the_place_of_its_part_of_all_duty():
-    duty = DutyOfLimbs(RobotParameters())
-    context = duty.CreateDefaultContext()
+    robot = Robot()
+    heating = robot.GetSubsystemByName("joule_heating")
+
+    def assert_duty(context, expected):
+        duty = heating.get_input_port().Eval(heating.GetMyContextFromRoot(context))
+        np.testing.assert_array_equal(duty, expected)
+
+    context = robot.CreateDefaultContext()
     for port, given, expected in (
         ("duty", [0.1, 0.2, 0.3, 0.4], [0.1, 0.2, 0.3, 0.4]),
         ("rear.duty", [0.5, 0.6], [0.5, 0.6, 0.3, 0.4]),
         ("duty", [0.0, 0.0, 0.7, 0.8], [0.5, 0.6, 0.7, 0.8]),
     ):
-        duty.GetInputPort(port).FixValue(context, given)
-        np.testing.assert_array_equal(duty.get_output_port().Eval(context), expected)
-    context = duty.CreateDefaultContext()
+        robot.GetInputPort(port).FixValue(context, given)
+        assert_duty(context, expected)
+    context = robot.CreateDefaultContext()
     for port in ("rear.duty", "front.duty"):
-        duty.GetInputPort(port).FixValue(context, [0.5, 0.6])
-    np.testing.assert_array_equal(duty.get_output_port().Eval(context), [0.5, 0.6, 0.5, 0.6])
+        robot.GetInputPort(port).FixValue(context, [0.5, 0.6])
+    assert_duty(context, [0.5, 0.6, 0.5, 0.6])
 
 
 def test_a_simulation_takes_the_steps_of_the_mechanics():
