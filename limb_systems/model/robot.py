@@ -146,7 +146,10 @@ def add_plant(
         N·m.
     """
     plant = make_robot(builder, robot, time_step)
-    select, spread = map(builder.AddSystem, map(MatrixGain, _joint_maps(plant, robot)))
+    joints = limb_joints(plant, robot)
+    selector = plant.MakeStateSelectorMatrix([joint.index() for joint in joints])
+    spreader = selector[len(joints) :, plant.num_positions() :].T
+    select, spread = map(builder.AddSystem, map(MatrixGain, (selector, spreader)))
     builder.Connect(plant.get_state_output_port(), select.get_input_port())
     builder.Connect(spread.get_output_port(), plant.get_applied_generalized_force_input_port())
     return plant, select.get_output_port(), spread.get_input_port()
@@ -332,18 +335,6 @@ class _JoinedDuty(LeafSystem):
             if given:
                 duty[wires] = port.Eval(context)
         output.SetFromVector(duty)
-
-
-def _joint_maps(plant: MultibodyPlant, robot: RobotParameters) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices from the plant's state to [θ, θ̇], and from torques of the joints to its forces."""
-    joints, positions = limb_joints(plant, robot), plant.num_positions()
-    n, size = len(joints), plant.num_multibody_states()
-    select, spread = np.zeros((2 * n, size)), np.zeros((plant.num_velocities(), n))
-    for number, joint in enumerate(joints):
-        select[number, joint.position_start()] = 1.0
-        select[n + number, positions + joint.velocity_start()] = 1.0
-        spread[joint.velocity_start(), number] = 1.0
-    return select, spread
 
 
 def _pose_in_space(state: np.ndarray) -> np.ndarray:
