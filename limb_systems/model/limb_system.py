@@ -99,26 +99,20 @@ def behind(part: System, controller: System, name: str) -> Diagram:
         controller: with the output ``duty``; it becomes part of the diagram.
         name: name of the diagram.
     """
-    builder, connected = DiagramBuilder(), set()
+    builder, exported = DiagramBuilder(), set()
     for system in (part, controller):
         builder.AddSystem(system)
-    for source, sink in ((part, controller), (controller, part)):
-        for index in range(source.num_output_ports()):
-            port = source.get_output_port(index)
-            if sink.HasInputPort(port.get_name()):
-                builder.Connect(port, sink.GetInputPort(port.get_name()))
-                connected.add((sink, port.get_name()))
-    exported = set()
-    for system in (part, controller):
-        for index in range(system.num_input_ports()):
-            port = system.get_input_port(index)
-            if (system, port.get_name()) in connected:
-                continue
-            if port.get_name() in exported:
-                builder.ConnectInput(port.get_name(), port)
+    for sink, source in ((part, controller), (controller, part)):
+        for index in range(sink.num_input_ports()):
+            port = sink.get_input_port(index)
+            name_of_port = port.get_name()
+            if source.HasOutputPort(name_of_port):
+                builder.Connect(source.GetOutputPort(name_of_port), port)
+            elif name_of_port in exported:
+                builder.ConnectInput(name_of_port, port)
             else:
-                builder.ExportInput(port, port.get_name())
-            exported.add(port.get_name())
+                builder.ExportInput(port, name_of_port)
+                exported.add(name_of_port)
     last = part if part.HasOutputPort("duty") else controller
     builder.ExportOutput(last.GetOutputPort("duty"), "duty")
     diagram = builder.Build()
