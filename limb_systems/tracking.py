@@ -96,7 +96,7 @@ def reference_distances(
         times = np.linspace(0.0, plan.duration, int(np.ceil(plan.duration / PERIOD)) + 1)
         samples = [(times, plan.bend_angle_at(times))]
     times = np.concatenate([times for times, _ in samples])
-    wanted = _between_knots(plan, plan.reference, times)
+    wanted = plan.interpolated(plan.reference, times)
 
     def distance(bend: np.ndarray) -> float:
         return float(Layout(plan.parameters).distances(wanted - bend).mean())
@@ -104,7 +104,7 @@ def reference_distances(
     return ReferenceDistances(
         done=distance(np.hstack([bend for _, bend in samples])) if recordings else None,
         planned=distance(plan.bend_angle_at(times)),
-        nearest=None if nearest is None else distance(_between_knots(plan, nearest, times)),
+        nearest=None if nearest is None else distance(plan.interpolated(nearest, times)),
     )
 
 
@@ -132,8 +132,3 @@ def _samples(
     if not sum(times.size for times, _ in samples):
         raise LimbError("There are no recorded samples during the plan to compare it with.")
     return samples
-
-
-def _between_knots(plan: Trajectory, angles: ArrayLike, times: np.ndarray) -> np.ndarray:
-    """Angles at the knots (F, K) at other times (M,), (F, M)."""
-    return np.array([np.interp(times, plan.time, row) for row in np.asarray(angles)])

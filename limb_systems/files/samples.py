@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from limb_systems.errors import LimbError, raised_as
 from limb_systems.files.csv_format import FileFormatError, Table, TableText, parse_table
@@ -282,6 +283,12 @@ class Samples(Summarized):
                     f"it must stay from {low:g} to {high:g}{unit}."
                 )
         return ""
+
+    def interpolated(self, signal: ArrayLike, times: np.ndarray | float) -> np.ndarray:
+        """A signal (rows, K) at other times (M,), (rows, M), without samples that are missing."""
+        rows = np.asarray(signal, float)
+        there = ~np.isnan(rows).any(axis=0)
+        return np.array([np.interp(times, self.time[there], row[there]) for row in rows])
 
     def _bend_entry(self) -> Entry:
         """The range of the bend angles."""

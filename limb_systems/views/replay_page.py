@@ -107,14 +107,14 @@ def replay_page(
     temperature, measured = motion.wire_temperature, motion.wire_temperature is None
     if temperature is None:
         temperature = motion.measured_temperature
-    heat = _interpolated(motion, temperature, times)
+    heat = motion.interpolated(temperature, times)
     duty = (
         motion.duty_trajectory().vector_values(times)
         if isinstance(motion, Gait)
-        else _interpolated(motion, motion.duty, times)
+        else motion.interpolated(motion.duty, times)
     )
     pose = getattr(motion, "body_pose", None)
-    pose = None if pose is None else _interpolated(motion, pose, times)
+    pose = None if pose is None else motion.interpolated(pose, times)
     ghosts = _ghosts_beside(motion, plan)
     angles = joint_angle_trajectory(motion).vector_values(times)
     ghostly = [ghost.joint_angles.vector_values(times - start) for ghost in ghosts]
@@ -177,14 +177,6 @@ def replay_page(
     )
     page = page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>")
     return page.replace("</body>", f"{caption}</body>")
-
-
-def _interpolated(
-    motion: Recording | Trajectory | Gait, signal: np.ndarray, times: np.ndarray
-) -> np.ndarray:
-    """A signal (rows, K) of a motion at other times (F,), without samples that are missing."""
-    there = ~np.isnan(signal).any(axis=0)
-    return np.array([np.interp(times, motion.time[there], row[there]) for row in signal])
 
 
 def _ghosts_beside(motion: Recording | Trajectory | Gait, plan: Trajectory | None) -> list[Ghost]:

@@ -192,7 +192,7 @@ class _Walk:
             raise LimbError(
                 "A walk is drawn from a body's pose and joint angles, which this recording lacks."
             )
-        self.robot, self.time = robot, motion.time
+        self.robot, self.time, self._motion = robot, motion.time, motion
         heat = motion.wire_temperature
         self._heat = motion.measured_temperature if heat is None else heat
         self._pose, self._angles = np.unwrap(pose), state[: len(state) // 2]
@@ -213,7 +213,7 @@ class _Walk:
             first, last = (self._feet(end) for end in (phase.start, ends[number]))
             dragged = last - first
         self._go_to(time)
-        return _Scene(self, phase.contacts, dragged, self._interpolated(self._heat, time))
+        return _Scene(self, phase.contacts, dragged, self._motion.interpolated(self._heat, time))
 
     def pose(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """The place (3,), m, and the axes (3, 3) of a body where the robot is now."""
@@ -226,11 +226,9 @@ class _Walk:
         return np.array([self.pose(f"{limb.name}_foot")[0] for limb in self.robot.limbs])
 
     def _go_to(self, time: float) -> None:
-        pose, angles = (self._interpolated(signal, time) for signal in (self._pose, self._angles))
+        at = self._motion.interpolated
+        pose, angles = at(self._pose, time), at(self._angles, time)
         set_positions(self._plant, self._context, self.robot, pose, angles)
-
-    def _interpolated(self, signal: np.ndarray, time: float) -> np.ndarray:
-        return np.array([np.interp(time, self.time, row) for row in signal])
 
 
 class _LimbScene:

@@ -31,9 +31,7 @@ def draw_way(recording: Recording, goals: Sequence[Sequence[float]], near: float
     robot, pose = recording.robot, recording.body_pose
     if robot is None or pose is None or len(pose) != 6:
         raise LimbError("A way is drawn of a robot in space whose body is seen.")
-    seen = np.isfinite(pose).all(axis=0)
-    time, (x, y) = recording.time[seen], 1e3 * pose[:2, seen]
-    yaw = np.unwrap(pose[5, seen])
+    time, (x, y), yaw = recording.time, 1e3 * pose[:2], np.unwrap(pose[5])
     places = 1e3 * np.array([goal[:2] for goal in goals])
     wide, high = np.ptp(np.vstack([np.transpose([x, y]), places]), axis=0) + 2e3 * robot.body.length
     height = float(np.clip(WIDTH * high / wide, 0.25 * WIDTH, WIDTH))
