@@ -59,14 +59,12 @@ class HeatBounds(Strict):
 
     def around_any(self) -> "HeatBounds":
         """Return these bounds, widened until they hold for all wires of published recordings."""
-        return HeatBounds(
-            **{
-                name: (max if name in ("fastest_cooling", "most_heating") else min)(value, any_wire)
-                for (name, value), any_wire in zip(
-                    dataclasses.asdict(self).items(), dataclasses.astuple(ANY_WIRE), strict=True
-                )
-            }
-        )
+        upper = [high for _, high in BOUNDED]
+        widened = {
+            name: (max if name in upper else min)(value, getattr(ANY_WIRE, name))
+            for name, value in dataclasses.asdict(self).items()
+        }
+        return HeatBounds(**widened)
 
 
 # -a1 from 0.03 to 0.09 1/s, a2 from 10 to 65 °C/s, a lag of up to 9 s. Any wider, and a board that

@@ -1,6 +1,5 @@
 """A robot that walks, as a picture of some moments of a cycle and its heat, or as a short loop."""
 
-import dataclasses
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +22,7 @@ from limb_systems.foot_fall import foot_fall
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.robot import make_robot, set_positions
-from limb_systems.model.robot_parameters import RobotLimb, RobotParameters
+from limb_systems.model.robot_parameters import RobotLimb
 from limb_systems.output import OutputError
 from limb_systems.views.colors import NEUTRAL_COLOR, wire_colors
 from limb_systems.views.limb_view import seen_from, wire_color
@@ -63,7 +62,7 @@ def draw_walk(gait: Gait, title: str = "") -> Figure:
     walk = _Walk(gait.repeated(2))  # the last moment is of the second cycle
     times = np.linspace(0.0, gait.period, FRAMES)
     scenes = [walk.at(time) for time in times]
-    stage = _Stage.of(walk, scenes)
+    stage = _Stage(walk, scenes)
     rows = FRAMES // _ROW
     width = 1.35 * WIDTH
     most_wires = max(len(limb.parameters.wire_names) for limb in robot.limbs)
@@ -117,7 +116,7 @@ def animate_walk(
     start, end = walk.time[[0, -1]]
     times = np.arange(start, end, pace / FRAMES_PER_SECOND)
     scenes = [walk.at(time) for time in times]
-    stage = _Stage.of(walk, scenes)
+    stage = _Stage(walk, scenes)
     width, below = 0.7 * WIDTH, 0.6  # inches; below is the scale of heat
     height = width * stage.height / stage.width
     figure = Figure(figsize=(width, height + below), dpi=PIXELS_PER_INCH)
@@ -386,48 +385,26 @@ class _Scene:
                 axis.add_patch(Polygon(limb.middle[-1, :2] + _ARROW @ ground.T, **style))
 
 
-@dataclasses.dataclass
 class _Stage:
-    """The ground that robots are drawn on, and the stretch of it that is seen.
+    """The ground that robots are drawn on, and the stretch of it on which all scenes are seen.
 
-    - ``view``: as of `_Walk`.
-    - ``robot``: the robot.
-    - ``low``, ``high``: ends of the picture (2,), mm.
-    - ``ground``: low and high ends of the ground along x and y (2, 2), mm.
+    - ``width``, ``height``: size of what is seen, mm.
     """
 
-    view: np.ndarray
-    robot: RobotParameters
-    low: np.ndarray
-    high: np.ndarray
-    ground: np.ndarray
-
-    @classmethod
-    def of(cls, walk: _Walk, scenes: list[_Scene]) -> "_Stage":
-        """A stage on which all scenes of a walk are seen."""
+    def __init__(self, walk: _Walk, scenes: list[_Scene]):
+        self._view, self._is_planar = walk.view, walk.robot.body.mount == "planar"
         points = np.vstack([scene.outline for scene in scenes])
-        if walk.robot.body.mount == "planar":
-            low = np.subtract(points.min(axis=0), (6, 17))
-            high = np.add(points.max(axis=0), (6, 1))
-            ground = np.column_stack([[low[0], high[0]], [0.0, 0.0]])
-            return cls(walk.view, walk.robot, low, high, ground)
-        reach = np.vstack([scene.reach for scene in scenes])[:, :2]
-        ground = np.array([reach.min(axis=0) - (5, 10), reach.max(axis=0) + 5]) / _MARK
-        ground = _MARK * np.array([np.floor(ground[0]), np.ceil(ground[1])])
-        corners = np.array([[x, y] for x in ground[:, 0] for y in ground[:, 1]])
-        points = np.vstack([points, corners @ walk.view[:2, :2].T / 1e3])
-        low, high = np.subtract(points.min(axis=0), (9, 10)), np.add(points.max(axis=0), (2, 5))
-        return cls(walk.view, walk.robot, low, high, ground)
-
-    @property
-    def width(self) -> float:
-        """Width of what is seen, mm."""
-        return float(self.high[0] - self.low[0])
-
-    @property
-    def height(self) -> float:
-        """Height of what is seen, mm."""
-        return float(self.high[1] - self.low[1])
+        before, beyond = [6, 17], [6, 1]  # mm, to the left and below, to the right and above
+        if not self._is_planar:
+            reach = np.vstack([scene.reach for scene in scenes])[:, :2]
+            ground = np.array([reach.min(axis=0) - (5, 10), reach.max(axis=0) + 5]) / _MARK
+            # Low and high ends of the ground along x and y (2, 2), mm.
+            self._ground = _MARK * np.array([np.floor(ground[0]), np.ceil(ground[1])])
+            corners = np.array(list(itertools.product(*self._ground.T)))
+            points = np.vstack([points, corners @ walk.view[:2, :2].T / 1e3])
+            before, beyond = [9, 10], [2, 5]
+        self._low, self._high = points.min(axis=0) - before, points.max(axis=0) + beyond
+        self.width, self.height = (self._high - self._low).tolist()
 
     def draw(
         self, axis: Axes, scene: _Scene, first: _Scene | None = None, large: float = 1.0
@@ -440,7 +417,7 @@ class _Stage:
             first: the scene from which to draw where the body was at first, if any.
             large: factor of the size of marks and of the width of wires.
         """
-        if self.robot.body.mount == "planar":
+        if self._is_planar:
             self._draw_line(axis)
         else:
             self._draw_grid(axis)
@@ -448,14 +425,14 @@ class _Stage:
             there = Polygon(first.body, fill=False, edgecolor=_EDGE, linestyle="--", lw=0.7)
             axis.add_patch(there)
         scene.draw(axis, large)
-        axis.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]))
+        axis.set(xlim=(self._low[0], self._high[0]), ylim=(self._low[1], self._high[1]))
         axis.set_aspect("equal")
         axis.set_axis_off()
 
     def _draw_line(self, axis: Axes) -> None:
         """The ground from its side, with marks below it."""
-        along, up = self.view[:2, 0] / 1e3, self.view[:2, 2] / 1e3
-        left, right = self.ground[:, 0]
+        along, up = self._view[:2, 0] / 1e3, self._view[:2, 2] / 1e3
+        left, right = self._low[0], self._high[0]
         axis.plot(*np.outer(along, [left, right]), color=_GROUND, linewidth=1.0)
         for mark in _marks(left, right):
             at = mark * along
@@ -464,14 +441,14 @@ class _Stage:
 
     def _draw_grid(self, axis: Axes) -> None:
         """The ground from above, with lines along x and y, and labels beside its near edge."""
-        plane = self.view[:2, :2] / 1e3
+        plane = self._view[:2, :2] / 1e3
         for direction in range(2):
-            for mark in _marks(*self.ground[:, direction]):
-                ends = np.insert(self.ground[:, [1 - direction]], direction, mark, axis=1)
+            for mark in _marks(*self._ground[:, direction]):
+                ends = np.insert(self._ground[:, [1 - direction]], direction, mark, axis=1)
                 color = _GRIDS[int(mark % (_FIFTH * _MARK) == 0)]
                 axis.plot(*(plane @ ends.T), color=color, linewidth=0.8, zorder=0.5)
-        for mark in _marks(*self.ground[:, 0]):
-            _label(axis, mark, plane @ [mark, self.ground[0, 1]] - [0.0, 2.0])
+        for mark in _marks(*self._ground[:, 0]):
+            _label(axis, mark, plane @ [mark, self._ground[0, 1]] - [0.0, 2.0])
 
 
 def _marks(low: float, high: float) -> np.ndarray:
