@@ -24,7 +24,6 @@ from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters, ParameterError
 from limb_systems.model.wire_blocks import add_wires
 from limb_systems.model.wire_law import LinearLaw
-from limb_systems.model.wires import num_wire_states
 from urdf import limb_sdf
 
 # kg, far below the rounding error of a limb's mass. Drake 1.58 divides by the mass of each body
@@ -355,10 +354,8 @@ def split_state(
     parameters: LimbParameters, state: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """θ (n), θ̇ (n), x (N) and V (W) of a state of `Limb`, each (.., K); x begins with T (W)."""
-    n, num_states = parameters.num_joints, num_wire_states(parameters)
-    angles, rates, wire, measured = np.split(
-        np.asarray(state, float), np.cumsum([n, n, num_states])
-    )
+    n, num_wires = parameters.num_joints, len(parameters.wires)
+    angles, rates, wire, measured = np.split(np.asarray(state, float), [n, 2 * n, -num_wires])
     return angles, rates, wire, measured
 
 

@@ -40,7 +40,7 @@ class NonlinearRubber:
     def __init__(self, parameters: LimbParameters):
         layout = Layout(parameters)
         num_joints, num_wires = layout.num_joints, layout.num_wires
-        num_shifts = num_rest_shifts(parameters)
+        num_shifts = sum(s.axes for s in parameters.segments if s.rest_memory is not None)
         self.state_names: list[str] = []
         self.remembers = num_shifts > 0
         self._rest = rest_joint_angles(parameters)
@@ -99,8 +99,3 @@ class NonlinearRubber:
 def ramp(bend_rate: Any) -> Any:
     """p of a rate, rad/s: about the rate itself if it is positive, about 0 if it is negative."""
     return bend_rate * 0.5 * (1.0 + np.tanh(bend_rate / (2.0 * RAMP_RATE)))
-
-
-def num_rest_shifts(parameters: LimbParameters) -> int:
-    """Return R, the number of bends with a memory of their rest angle."""
-    return sum(s.axes for s in parameters.segments if s.rest_memory is not None)

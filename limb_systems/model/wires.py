@@ -8,7 +8,7 @@ import numpy as np
 
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.rubber import REST_SCALE, NonlinearRubber, num_rest_shifts
+from limb_systems.model.rubber import REST_SCALE, NonlinearRubber
 from limb_systems.model.smooth_function import SmoothFunction, stated_once
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, runge_kutta
 
@@ -247,8 +247,7 @@ class Wires:
 
 def num_wire_states(parameters: LimbParameters) -> int:
     """N, the number of states of all wires' laws and of the rubber, without the readings."""
-    own = sum(len(wire.law.states) for wire in parameters.wires)
-    return own + num_rest_shifts(parameters)
+    return Wires(parameters).num_states
 
 
 def _joined(one: np.ndarray, other: np.ndarray) -> np.ndarray:
