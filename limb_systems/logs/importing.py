@@ -2,7 +2,6 @@
 
 import copy
 import dataclasses
-import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -77,42 +76,40 @@ def import_logs(
         LogError: if a log is no table of text with rows of numbers, unless it is left out beside
             another one; if it is not as the given mapping says.
     """
-    table = read_table(paths[0]) if len(paths) == 1 and not mapping else None  # not many at once
-    found: dict[Path, list[LimbInLog]] = {}
-    for number, path in enumerate(paths, 1):
+    files = list(dict.fromkeys(map(Path, paths)))
+    table = read_table(files[0]) if len(files) == 1 and not mapping else None  # not many at once
+    found: list[tuple[Path, LimbInLog]] = []
+    for path in files:
         try:
-            found[Path(path)] = (
-                [LimbInLog("", mapping, [], [])] if mapping else limbs_in_log(path, table)
-            )
+            read = [LimbInLog("", mapping, [], [])] if mapping else limbs_in_log(path, table)
+            found += [(path, limb) for limb in read]
         except LogError as problem:
-            if unread is None or (number == len(paths) and not found):
+            if unread is None or (path == files[-1] and not found):
                 raise
             unread.append(str(problem))
+    limbs = [limb for _, limb in found]
     if table:
-        read = itertools.chain(*found.values())
-        table = table.only(set().union(*(limb.mapping.columns for limb in read)))
+        table = table.only(set().union(*(limb.mapping.columns for limb in limbs)))
     shown: dict[tuple, LimbInLog] = {}
-    for limb in itertools.chain(*found.values()):
-        if limb.heated and not mapping:
+    for limb in limbs:
+        if limb.heated:
             shown[_columns(limb)] = _joined(limb, shown.get(_columns(limb)))
     for key, known in shown.items():  # the base points to one direction in all of them
-        same = [known, *(one for one in itertools.chain(*found.values()) if _columns(one) == key)]
+        same = [known, *(limb for limb in limbs if _columns(limb) == key)]
         zero = float(np.median([one.mapping.bend.zero for one in same]))
         for one in same:
             one.mapping.bend.zero = zero
     imported = []
-    for path, limbs in found.items():
-        for limb in limbs:
-            if other := shown.get(_columns(limb)):
-                limb = _joined(limb, other)
-            try:
-                parts, remarks = read_log(path, limb.mapping, parameters, table)
-                recordings, error = [Recording(**part) for part in parts], ""
-            except LogError as problem:
-                if mapping:
-                    raise
-                recordings, remarks, error = [], [], str(problem)
-            imported.append(ImportedLog(path, limb, recordings, remarks, error))
+    for path, limb in found:
+        limb = _joined(limb, shown.get(_columns(limb)))
+        try:
+            parts, remarks = read_log(path, limb.mapping, parameters, table)
+            recordings, error = [Recording(**part) for part in parts], ""
+        except LogError as problem:
+            if mapping:
+                raise
+            recordings, remarks, error = [], [], str(problem)
+        imported.append(ImportedLog(path, limb, recordings, remarks, error))
     return imported
 
 
