@@ -194,10 +194,9 @@ class _Guess:
     def _shares(self) -> np.ndarray:
         """Duty of each wire (W, K), in [0, 1]."""
         full = self.full or max((float(np.abs(d.shown).max()) for d in self.duties), default=1.0)
-        shares = np.zeros((len(self.duties), len(self.times)))
-        for share, duty, sign in zip(shares, self.duties, self.signs, strict=True):
-            share[:] = np.clip(sign * held(duty.values) / full, 0.0, 1.0)
-        return shares
+        signed = zip(self.signs, self.duties, strict=True)
+        shares = [np.clip(sign * held(duty.values) / full, 0.0, 1.0) for sign, duty in signed]
+        return np.array(shares).reshape(-1, len(self.times))
 
     def _wires(self, temperatures: list[Column]) -> tuple[list[WireColumns], list[float]]:
         """The wires with their thermocouples, and how well these follow their wires' heat."""

@@ -229,11 +229,10 @@ class LimbView:
         robot: RobotParameters | None = None
         if isinstance(limb, RobotParameters):
             robot, limb = None if limb.is_limb else limb, limb.together
-        parameters, self._robot = limb, robot
         if robot and ghosts:
             raise LimbError("A robot is shown without a plan beside it; leave the plan out.")
-        self._parameters, self._ghosts, self._root = parameters, ghosts, root
-        self._layout, self._follows = Layout(parameters), True
+        self._parameters, self._robot, self._ghosts, self._root = limb, robot, ghosts, root
+        self._layout, self._follows = Layout(limb), True
         self._builder = DiagramBuilder()  # it keeps the plant
         self._plant, _ = self._add_plant(self._builder)
         self._context = self._plant.CreateDefaultContext()
