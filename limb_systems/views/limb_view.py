@@ -84,8 +84,8 @@ def seen_from(azimuth: float, elevation: float) -> np.ndarray:
     """The axes to the right, up, and towards an eye: a row for each, in the world (3, 3).
 
     Args:
-        azimuth: of the eye about +z from where it looks along +y, °.
-        elevation: of the eye above the horizon, °.
+        azimuth: angle of the eye about +z from where it looks along +y, °.
+        elevation: angle of the eye above the horizon, °.
     """
     sine, cosine = np.sin(np.radians(elevation)), np.cos(np.radians(elevation))
     raised = np.array([[1, 0, 0], [0, sine, cosine], [0, -cosine, sine]])
