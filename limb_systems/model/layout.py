@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.segment_chain import TURNS
 
 
 class Layout:
@@ -86,18 +85,14 @@ class Layout:
             zip(segments, self.chains, self.segment_suffixes, strict=True)
         ):
             joints, wires = self.joints_of[number], self.wires_of[number]
-            kinds_of_joints = np.array(chain.kinds)
-            of_kind = {
-                kind: joints.start + np.flatnonzero(kinds_of_joints == kind) for kind in TURNS
-            }
-            for kind, ratio in segment.joint_ratios.items():
-                self.stiffness[of_kind[kind]] = ratio * segment.stiffness
-                self.damping[of_kind[kind]] = ratio * segment.damping
+            ratios = np.array([segment.joint_ratios[kind] for kind in chain.kinds])
+            self.stiffness[joints] = ratios * segment.stiffness
+            self.damping[joints] = ratios * segment.damping
             for axis, kind in enumerate(["e2", "e3"][: segment.axes]):
-                self.shape[of_kind[kind], len(self.bend_joints)] = chain.equal_angle
-                for wire, parts in zip(range(wires.start, wires.stop), segment.wires, strict=True):
-                    self.levers[of_kind[kind], wire] = parts.lever[axis]
-                self.bend_joints.append(of_kind[kind])
+                bending = joints.start + np.flatnonzero(np.array(chain.kinds) == kind)
+                self.shape[bending, len(self.bend_joints)] = chain.equal_angle
+                self.levers[bending, wires] = [wire.lever[axis] for wire in segment.wires]
+                self.bend_joints.append(bending)
                 self.bend_suffixes.append(suffix if segment.axes == 1 else f"{suffix}_{kind}")
             piece, mass = segment.length / segment.links, segment.mass / segment.links
             pieces: list[tuple[str, float]] = []
