@@ -41,13 +41,73 @@ def static_equilibrium(
             f"wire_temperature is {wire.tolist()}; it must be {ambient.size} finite numbers, "
             "one for each wire."
         )
-    balance = _Balance(parameters)
-    straight = np.zeros(parameters.num_joints)
-    angles, by_point = balance.settled(balance.wires.settled_states(wire), straight)
-    return angles, np.linalg.inv(by_point[:, : len(angles)])
+    return _Balance(parameters).at_rest(wire)
 
 
-class HeldAngles:
+class _Balance:
+    """Forces on the joints of a limb at rest."""
+
+    def __init__(self, parameters: LimbParameters):
+        self.wires, n = Wires(parameters), parameters.num_joints
+        q, x, still = ca.SX.sym("q", n), ca.SX.sym("x", self.wires.num_states), ca.SX(n, 1)
+        residual = equation_of_motion(parameters, self.wires, q, still, still, x)
+        self._residual = SmoothFunction(residual, ca.vertcat(q, x))  # of [θ, x]
+        self._chords = SmoothFunction(Chain(Layout(parameters), q).bends(), q)  # φ (F,) of θ
+
+    def at_rest(self, temperature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """θ (n,), rad, where wires have settled at T (W,), °C, and ∂θ/∂f (n, n), rad/(N·m)."""
+        straight = np.zeros(self._chords.num_variables)
+        angles, by_point = self._solved(self.wires.settled_states(temperature), straight)
+        return angles, np.linalg.inv(by_point[:, : len(angles)])
+
+    def _solved(self, states: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """θ (..., n) at rest at states (..., N), and the residual's derivatives by [θ, x] there.
+
+        Newton's method may miss the rest of a limb that is heavy for its springs. Steps that
+        go downhill do not, but may end with a limb that hangs from a fold.
+
+        Args:
+            start: angles to start from (..., n).
+
+        Raises:
+            LimbError: if there is no stable equilibrium, or gravity folds a segment.
+        """
+        try:
+            return self._newton(states, start)
+        except (LimbError, np.linalg.LinAlgError):
+            angles, by_point = self._newton(states, start, downhill=True)
+        folded = (np.abs(self._chords.values(angles)) > FOLDED).any(axis=-1)
+        if folded.any():
+            raise LimbError(f"Gravity folds the limb{_where(folded)}; is it too soft?")
+        return angles, by_point
+
+    def _newton(
+        self, states: np.ndarray, start: np.ndarray, downhill: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        angles, n = start, start.shape[-1]
+        for _ in range(NEWTON_STEPS):
+            residual, by_point = self._residual.first(np.concatenate([angles, states], axis=-1))
+            step = _step(by_point[..., :n], -residual, downhill)
+            largest = np.abs(step).max(axis=-1, keepdims=True)
+            # No step is so long that a joint turns over, nor, downhill, that the slope turns.
+            angles = angles + step / np.maximum(1.0, largest / (0.2 if downhill else 1.0))
+            if (largest < CONVERGED).all():
+                break
+        else:
+            raise LimbError(
+                f"There is no static equilibrium that Newton's method finds"
+                f"{_where(largest[..., 0] >= CONVERGED)}; is the limb too soft?"
+            )
+        unstable = np.linalg.eigvalsh(by_point[..., :n])[..., 0] <= 0
+        if unstable.any():
+            raise LimbError(
+                f"The limb's equilibrium{_where(unstable)} is unstable: gravity folds it; is it "
+                "too soft?"
+            )
+        return angles, by_point
+
+
+class HeldAngles(_Balance):
     """Joint angles θ and bends φ(θ) that wires hold at rest, where (2) has no motion.
 
     The equilibrium is exact. Where gravity and forces are no functions of θ, θ is linear in f.
@@ -69,9 +129,8 @@ class HeldAngles:
     """
 
     def __init__(self, parameters: LimbParameters, of_equal_angles: bool = False):
-        self._balance = _Balance(parameters)
-        self.wires = self._balance.wires
-        self.bends_of_angles = self._balance.bends
+        super().__init__(parameters)
+        self.bends_of_angles = self._chords
         if of_equal_angles:
             shape, q = Layout(parameters).shape, ca.SX.sym("q", parameters.num_joints)
             self.bends_of_angles = SmoothFunction(ca.DM(np.linalg.pinv(shape)) @ q, q)
@@ -79,7 +138,8 @@ class HeldAngles:
         self.num_values = F
         self.slope_places = np.indices((F, N)).reshape(2, -1)
         self.curvature_places = np.array(np.tril_indices(N))
-        self.rest_angles, self.compliance = static_equilibrium(parameters)
+        ambient = np.full(self.wires.num_wires, parameters.ambient_temperature)
+        self.rest_angles, self.compliance = self.at_rest(ambient)
         self._cold = self.wires.forces(self.wires.cold_states, self.rest_angles)
         self._kept: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
@@ -112,7 +172,7 @@ class HeldAngles:
         n = angles.shape[-1]
         by_angle = self.bends_of_angles.first(angles)[1].swapaxes(-1, -2)
         adjoint = (compliance @ (by_angle @ weights[..., None]))[..., 0]
-        residual = self._balance.residual.second(np.concatenate([angles, states], -1), -adjoint)
+        residual = self._residual.second(np.concatenate([angles, states], -1), -adjoint)
         along = slopes.swapaxes(-1, -2)
         by_angles = residual[..., :n, :n] + self.bends_of_angles.second(angles, weights)
         mixed = along @ residual[..., :n, n:]
@@ -131,7 +191,7 @@ class HeldAngles:
         if self._kept is None or not np.array_equal(self._kept[0], states):
             at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
             moved = (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
-            angles, by_point = self._balance.settled(states, at_rest + moved)
+            angles, by_point = self._solved(states, at_rest + moved)
             stiffness, by_state = np.split(by_point, [angles.shape[-1]], axis=-1)
             compliance = np.linalg.inv(stiffness)
             self._kept = states.copy(), (angles, compliance, -compliance @ by_state)
@@ -156,68 +216,6 @@ def mean_bend_by_temperature(
     layout = Layout(parameters)
     own = [wires[layout.wires_of[segment]].sum(axis=0) for segment in layout.bend_segment]
     return slopes * own
-
-
-class _Balance:
-    """Forces on the joints of a limb at rest.
-
-    - ``wires``: the limb's `Wires`.
-    - ``residual``: (2) without motion (n,), N·m, of [θ, x], as a `SmoothFunction`.
-    - ``bends``: φ (F,) of θ, as a `SmoothFunction`.
-    """
-
-    def __init__(self, parameters: LimbParameters):
-        self.wires, n = Wires(parameters), parameters.num_joints
-        q, x, still = ca.SX.sym("q", n), ca.SX.sym("x", self.wires.num_states), ca.SX(n, 1)
-        residual = equation_of_motion(parameters, self.wires, q, still, still, x)
-        self.residual = SmoothFunction(residual, ca.vertcat(q, x))
-        self.bends = SmoothFunction(Chain(Layout(parameters), q).bends(), q)
-
-    def settled(self, states: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """θ (..., n) at rest at states (..., N), and the residual's derivatives by [θ, x] there.
-
-        Newton's method may miss the rest of a limb that is heavy for its springs. Steps that
-        go downhill do not, but may end with a limb that hangs from a fold.
-
-        Args:
-            start: angles to start from (..., n).
-
-        Raises:
-            LimbError: if there is no stable equilibrium, or gravity folds a segment.
-        """
-        try:
-            return self._newton(states, start)
-        except (LimbError, np.linalg.LinAlgError):
-            angles, by_point = self._newton(states, start, downhill=True)
-        folded = (np.abs(self.bends.values(angles)) > FOLDED).any(axis=-1)
-        if folded.any():
-            raise LimbError(f"Gravity folds the limb{_where(folded)}; is it too soft?")
-        return angles, by_point
-
-    def _newton(
-        self, states: np.ndarray, start: np.ndarray, downhill: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
-        angles, n = start, start.shape[-1]
-        for _ in range(NEWTON_STEPS):
-            residual, by_point = self.residual.first(np.concatenate([angles, states], axis=-1))
-            step = _step(by_point[..., :n], -residual, downhill)
-            largest = np.abs(step).max(axis=-1, keepdims=True)
-            # No step is so long that a joint turns over, nor, downhill, that the slope turns.
-            angles = angles + step / np.maximum(1.0, largest / (0.2 if downhill else 1.0))
-            if (largest < CONVERGED).all():
-                break
-        else:
-            raise LimbError(
-                f"There is no static equilibrium that Newton's method finds"
-                f"{_where(largest[..., 0] >= CONVERGED)}; is the limb too soft?"
-            )
-        unstable = np.linalg.eigvalsh(by_point[..., :n])[..., 0] <= 0
-        if unstable.any():
-            raise LimbError(
-                f"The limb's equilibrium{_where(unstable)} is unstable: gravity folds it; is it "
-                "too soft?"
-            )
-        return angles, by_point
 
 
 def _step(stiffness: np.ndarray, forces: np.ndarray, downhill: bool) -> np.ndarray:
