@@ -293,7 +293,7 @@ class OpenLoop:
 
 def with_fields(law: type[WireLaw], fields: Mapping[str, np.ndarray]) -> WireLaw:
     """A law of a class with arrays for fields, for calculations alone."""
-    together = copy.copy(law())
+    together = law()
     for name, values in fields.items():
         setattr(together, name, values)
     return together
@@ -322,8 +322,8 @@ def _of_sets(array: np.ndarray, which: np.ndarray) -> np.ndarray:
 
 
 def _with_arrays(law: WireLaw, change: Callable[[np.ndarray], np.ndarray]) -> WireLaw:
-    arrays = {name: value for name, value in vars(law).items() if isinstance(value, np.ndarray)}
-    return with_fields(type(law), {**vars(law), **{n: change(a) for n, a in arrays.items()}})
+    arrays = {n: change(value) for n, value in vars(law).items() if isinstance(value, np.ndarray)}
+    return with_fields(type(law), {**vars(law), **arrays})
 
 
 def _full(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
