@@ -63,15 +63,13 @@ class Summary:
         """The statements in one line, without names and details."""
         return ", ".join(filter(None, (entry.text for entry in self.entries)))
 
-    def lines(self, width: int = 12) -> list[str]:
-        """A line for each statement, its name in a column of some characters or more."""
-        texts = self.texts()
-        width = max([width, *(len(name) + 1 for name in texts)])
-        margin = "\n" + " " * width  # of further lines of a text
-        return [name.ljust(width) + text.replace("\n", margin) for name, text in texts.items()]
-
     def __str__(self) -> str:
-        return "\n".join(self.lines())
+        """A line for each statement, its name in a column of 12 characters or more."""
+        texts = self.texts()
+        width = max([12, *(len(name) + 1 for name in texts)])
+        margin = "\n" + " " * width  # of further lines of a text
+        told = (name.ljust(width) + text.replace("\n", margin) for name, text in texts.items())
+        return "\n".join(told)
 
     def to_json(self) -> dict[str, Any]:
         """The values by their names."""
