@@ -547,13 +547,10 @@ def _unit_of_time(column: Column, shown: np.ndarray) -> str:
     said = [unit for unit, words in names.items() if set(column.words) & set(words.split())]
     if said:
         return next((unit for unit in said if can_be(unit, spare=10.0)), OPEN)
-    likely = ("s", "ms", "us", "ns", "min", "d")
-    return next((unit for unit in likely if can_be(unit) and _usual(usual, unit)), "")
-
-
-def _usual(step: float, unit: str) -> bool:
-    """Whether a step is of 0.4 to 200 Hz, so that ms are not taken for s."""
-    return 0.4 < 1 / (step * SECONDS[unit]) < 201
+    units = ("s", "ms", "us", "ns", "min", "d")
+    # Of 0.4 to 200 Hz, so that ms are not taken for s.
+    likely = [unit for unit in units if 0.4 < 1 / (usual * SECONDS[unit]) < 201]
+    return next(filter(can_be, likely), "")
 
 
 def _unit(column: Column) -> str:

@@ -381,13 +381,10 @@ def _names(names: list[str], row: list[str], delimiter: str) -> list[str]:
     if len(names) == len(row) - 1:
         if not row[-1]:
             return [*names, ""]  # rows end with a delimiter
-        if delimiter == "space" or not _is_decimal(row[0]):
+        is_number = re.fullmatch(r"[-+]?\d*[.,]?\d+", row[0])
+        if delimiter == "space" or not is_number:
             return ["", *names]  # a date before the time, or the name of the row
     return names
-
-
-def _is_decimal(cell: str) -> bool:
-    return bool(re.fullmatch(r"[-+]?\d*[.,]?\d+", cell))
 
 
 def _unique(names: list[str]) -> list[str]:

@@ -140,16 +140,12 @@ def _source(function: ca.Function) -> str:
             names = [f"w{place}" for place in inputs]
             lines.append(f" w{outputs[0]} = {_CODES[operation].format(*names)}")
         else:
+            codes = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
             raise LimbError(
-                f"A law of a wire uses {_name_of(operation)}, which is not smooth; write it with "
-                "powers, exp, log, tanh and the like."
+                f"A law of a wire uses {codes[operation].removeprefix('OP_').lower()}, which is "
+                "not smooth; write it with powers, exp, log, tanh and the like."
             )
     return "\n".join([*lines, " return"])
-
-
-def _name_of(operation: int) -> str:
-    names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == operation]
-    return names[0].removeprefix("OP_").lower()
 
 
 def _defined(code: Any, names: dict[str, Any]) -> Callable[..., None]:

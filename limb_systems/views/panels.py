@@ -153,7 +153,8 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
         trajectory: the plan.
         recordings: rollouts of this plan, all with the same sample rate.
     """
-    trajectory, how = trajectory.since_start(), how_recorded(recordings)
+    trajectory = trajectory.since_start()
+    how = " and ".join(dict.fromkeys(recording.how for recording in recordings))
     last_duty = trajectory.time[-2]
     names = {
         "bend_angle": f"{how}{' rollouts' * (len(recordings) > 1)} φ",
@@ -413,11 +414,6 @@ def repetition_panels(
         ]
         panels.append(SIGNALS["bend_angle"].panel(curves, suffix))
     return panels
-
-
-def how_recorded(recordings: Sequence[Recording]) -> str:
-    """How recordings were made, in a word or two for labels."""
-    return " and ".join(dict.fromkeys(recording.how for recording in recordings))
 
 
 def mean_and_band(
