@@ -253,9 +253,8 @@ def _check_model(
     """The joints of a limb; raises ParameterError if it is not as described."""
     joints, layout = _checked_joints(plant, limb, parameters), Layout(parameters)
     name = plant.GetModelInstanceName(limb)
-    elements = map(
-        plant.get_force_element, map(ForceElementIndex, range(plant.num_force_elements()))
-    )
+    indices = map(ForceElementIndex, range(plant.num_force_elements()))
+    elements = map(plant.get_force_element, indices)
     springs = {e.joint().index(): e for e in elements if isinstance(e, RevoluteSpring)}
     if plant.num_actuated_dofs(limb) != len(joints) or not all(
         joint.index() in springs for joint in joints

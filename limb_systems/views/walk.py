@@ -346,7 +346,7 @@ class _Scene:
         for face in seen:
             corners = center + (np.insert(turn, face, sides[face], axis=1) * half) @ turned.T
             self._faces.append((_FACES[face], (corners @ walk.view.T)[:, :2]))
-        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+        signs = list(itertools.product([-1, 1], repeat=3))
         corners = center + (signs * half) @ turned.T
         points = (corners @ walk.view.T)[:, :2]
         self.body = points[ConvexHull(points).vertices]
