@@ -89,13 +89,13 @@ def run_each(
     Raises:
         Exception: as `run_all` does.
     """
-    for _, result in run_all((_one_call(function, each) for each in arguments), executor):
-        yield result
-
-
-def _one_call(function: Callable[[Any], Any], argument: Any) -> Evaluation:
-    (result,) = yield [functools.partial(function, argument)]
-    return result
+    futures = [executor.submit(function, argument) for argument in arguments]
+    try:
+        for future in concurrent.futures.as_completed(futures):
+            yield future.result()
+    finally:
+        for future in futures:
+            future.cancel()
 
 
 @contextlib.contextmanager
