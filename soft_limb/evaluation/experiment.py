@@ -157,9 +157,6 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         number = MOTIONS.index(motion)
         calls.append(functools.partial(roll_out, rested, trajectory, way, COUNTS[way], number))
     fig5 = {
-        loop: p for (motion, loop, model), p in plans.items() if (motion, model) == (VALIDATION, "")
-    }
-    fig5 = {
         loop: trajectory
         for (motion, loop, model), trajectory in plans.items()
         if motion == VALIDATION and not model
