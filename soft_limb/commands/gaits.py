@@ -3,11 +3,10 @@
 import argparse
 import functools
 import os
-import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -49,6 +48,7 @@ from soft_limb.commands.options import (
     Command,
     Option,
     checked_outputs,
+    count,
     print_summary,
     print_table,
     save_panels,
@@ -63,12 +63,7 @@ STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
 TURNING = 4  # gaits that turn, of those by which a robot gets anywhere
 FIRST_STRIDES = 2  # after which the gait is planned again
 STANDING = 10.0  # s, that an emulated robot stands with its wires off while that is done
-
-
-def _at_least_one(text: str) -> int:
-    if not re.fullmatch(r"[1-9]\d{0,3}", text):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of cycles from 1 to 9999")
-    return int(text)
+_Trial = tuple[Schedule, Gait | None, str]  # with its gait, or why it has none, if it was planned
 
 
 def _turn(text: str) -> float:
@@ -155,7 +150,7 @@ def _gaits(options: argparse.Namespace) -> int:
 
 
 def _best_gait(
-    schedules: Sequence[Schedule], plan: Callable[..., "_Trial"], spread: bool
+    schedules: Sequence[Schedule], plan: Callable[..., _Trial], spread: bool
 ) -> tuple[Gait | None, list[tuple[str, str]]]:
     """Plan a gait of each schedule, and check them, the best first, until one walks as planned.
 
@@ -166,7 +161,7 @@ def _best_gait(
     Returns:
         The gait that was taken, if any; and each other schedule with why it was not.
     """
-    trials = [_Trial(schedule) for schedule in schedules]
+    trials: list[_Trial] = [(schedule, None, "") for schedule in schedules]
     if len(schedules) > 1:
         with (
             local_executor(min(os.cpu_count() or 1, len(schedules))) as executor,
@@ -175,20 +170,18 @@ def _best_gait(
             trials = []
             for trial in run_each(plan, schedules, executor):
                 trials.append(trial)
-                done = [trial.schedule for trial in trials]
+                done = [schedule for schedule, *_ in trials]
                 left = [schedule_text(each) for each in schedules if each not in done]
                 progress.update(len(trials), f"trying {left[0]}" if left else "")
-    trials.sort(key=lambda trial: -trial.merit)
+        trials.sort(key=lambda trial: -trial[1].merit if trial[1] else np.inf)
     taken, refused = None, []
-    for trial in trials:
-        if trial.gait and taken:
-            reason = f"{_pace(trial.gait)}, and another is better"
-            trial = trial._replace(reason=reason)
-        elif not trial.reason:
-            trial = plan(trial.schedule, check=True, spread=spread)
-            taken = trial.gait
-        if trial.reason:
-            refused.append((schedule_text(trial.schedule), trial.reason))
+    for schedule, gait, reason in trials:
+        if gait and taken:
+            reason = f"{_pace(gait)}, and another is better"
+        elif not reason:
+            _, taken, reason = plan(schedule, check=True, spread=spread)
+        if reason:
+            refused.append((schedule_text(schedule), reason))
     return taken, refused
 
 
@@ -198,30 +191,13 @@ def _pace(gait: Gait) -> str:
     return f"{1e3 * gait.speed:.2f} mm/s"
 
 
-class _Trial(NamedTuple):
-    """A schedule; its gait, if it was planned; or why there is none, or why it was not taken.
-
-    - ``merit``: `Gait.merit`, which is to be large.
-    """
-
-    schedule: Schedule
-    gait: Gait | None = None
-    reason: str = ""
-    merit: float = -np.inf
-
-
 def _planned(
-    robot: RobotParameters,
-    schedule: Schedule,
-    objective: Literal["speed", "energy"],
-    check: bool = False,
-    **options: Any,
+    robot: RobotParameters, schedule: Schedule, check: bool = False, **options: Any
 ) -> _Trial:
     try:
-        gait = plan_gait(robot, schedule=schedule, objective=objective, check=check, **options)
+        return schedule, plan_gait(robot, schedule=schedule, check=check, **options), ""
     except PlanningError as error:
-        return _Trial(schedule, reason=str(error))
-    return _Trial(schedule, gait, merit=gait.merit)
+        return schedule, None, str(error)
 
 
 def _place(text: str) -> list[float]:
@@ -532,7 +508,7 @@ COMMANDS = {
             Option(
                 "-n",
                 "--cycles",
-                type=_at_least_one,
+                type=count,
                 default=8,
                 help="number of cycles (default %(default)s)",
             ),

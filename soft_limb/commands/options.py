@@ -205,6 +205,13 @@ SHARED["driven"] = [  # the limb that a plan drives
 ]
 
 
+def count(text: str) -> int:
+    """A count as an option gives it; as a type of `argparse`."""
+    if not re.fullmatch(r"[1-9]\d{0,3}", text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 to 9999")
+    return int(text)
+
+
 def text_board(options: argparse.Namespace) -> TextBoard | None:
     """The description of a board that a command was given, if any.
 
