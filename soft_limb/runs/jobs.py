@@ -4,6 +4,7 @@ import concurrent.futures
 import contextlib
 import functools
 import importlib
+import itertools
 import multiprocessing
 import os
 import sys
@@ -53,10 +54,8 @@ def run_all(
 
     try:
         while True:
-            while at_once is None or len(running) < at_once:
-                number, evaluation = next(waiting, (0, None))
-                if evaluation is None:
-                    break
+            free = None if at_once is None else at_once - len(running)
+            for number, evaluation in itertools.islice(waiting, free):
                 proceed(number, evaluation, None)
             if not running:
                 return
