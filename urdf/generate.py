@@ -100,7 +100,7 @@ def robot_urdf(robot: Any) -> str:
         prefix = f"{limb.name}_"
         parent, origin = _add_chain(element, limb.parameters.segments, prefix)
         mount = f"{prefix}mount", "fixed", "body", f"{prefix}base"
-        _add_joint(element, *mount, limb.position, rpy=_text(*limb.rpy))
+        _add_joint(element, *mount, limb.position, limb.rpy)
         if limb.parameters.payload:
             _add_payload(element, prefix, parent, origin, limb.parameters.payload)
         names, ball = (f"{prefix}foot", f"{prefix}ankle"), _sphere(robot.feet.radius)
@@ -210,13 +210,14 @@ def _add_inertial(link, mass: float, moments=(0.0, 0.0, 0.0), center=None) -> No
 
 
 def _add_joint(
-    robot, name: str, kind: str, parent: str, child: str, position: Sequence[float], **rpy: str
+    robot, name: str, kind: str, parent: str, child: str, position: Sequence[float], rpy=None
 ) -> Element:
-    """A joint of a kind of URDF, at a position in its parent, m, not turned unless it says how."""
+    """A joint of a kind of URDF, at a position in its parent, m, and turned there, rad."""
     joint = SubElement(robot, "joint", name=name, type=kind)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
-    SubElement(joint, "origin", xyz=_text(*position), **rpy)
+    turned = {} if rpy is None else {"rpy": _text(*rpy)}
+    SubElement(joint, "origin", {"xyz": _text(*position), **turned})
     return joint
 
 

@@ -156,11 +156,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         trajectory = plans[motion, OPEN_LOOP if way == OPEN_LOOP else FEEDBACK, model]
         number = MOTIONS.index(motion)
         calls.append(functools.partial(roll_out, rested, trajectory, way, COUNTS[way], number))
-    fig5 = {
-        loop: trajectory
-        for (motion, loop, model), trajectory in plans.items()
-        if motion == VALIDATION and not model
-    }
+    fig5 = {loop: plans[VALIDATION, loop, ""] for loop in (OPEN_LOOP, FEEDBACK)}
     disturbances = DISTURBANCES if settings.disturb else ()
     calls += [functools.partial(roll_out_disturbed, rested, fig5, each) for each in disturbances]
     (firsts, split), *driven = yield calls
