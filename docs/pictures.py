@@ -8,7 +8,6 @@ drawn by hand.
 
 import argparse
 import contextlib
-import dataclasses
 import os
 import runpy
 import shutil
@@ -61,7 +60,6 @@ from limb_systems import (
     wire_color,
 )
 from limb_systems.model.kinematics import Chain, link_positions
-from limb_systems.model.robot import body_positions
 from limb_systems.tracking import reference_distances
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
@@ -129,23 +127,12 @@ def make_walk_in_space(_: Path) -> None:
     robot = RobotParameters.in_space()
     ahead, around = (plan_gait(robot, turn=turn, spread=False) for turn in (0.0, np.inf))
     save_figure(draw_walk(ahead), FOLDER / "robot_in_space.png")
-    duty, start = ahead.duty_trajectory(3), ahead.initial_state
-    first = simulate(Robot(robot), duty, initial_state=start)
-    pose, heat = first.body_pose[:, -1], ahead.initial_heat
-    angles, states = first.joint_state[: robot.together.num_joints, -1], first.wire_temperature
-    rates = np.zeros(len(pose) + len(angles))
-    ends = states[:, -1], first.measured_temperature[:, -1]
-    start = np.concatenate([body_positions(pose), angles, rates, *ends])
-    turn = walk(around, 3, heat=heat, bend=first.bend_angle[:, -1])
-    second = simulate(Robot(robot), turn, initial_state=start)
-    drawn = ("body_pose", "joint_state", "contact_force", "wire_temperature")
-    signals = {
-        name: np.hstack([getattr(first, name), getattr(second, name)[:, 1:]])
-        for name in (*drawn, "measured_temperature", "bend_angle", "duty")
-    }
-    time = np.append(first.time, first.time[-1] + second.time[1:])
-    both = dataclasses.replace(first, time=time, **signals)
-    animate_walk(both, FOLDER / "walk_in_space.gif", pace=6.0)
+    duty = ahead.duty_trajectory(3)
+    turn = walk(around, 3, heat=ahead.initial_heat, bend=ahead.bend_angle[:, 0]).duty_trajectory()
+    turn.shiftRight(duty.end_time())
+    duty.ConcatenateInTime(turn)
+    motion = simulate(Robot(robot), duty, initial_state=ahead.initial_state)
+    animate_walk(motion, FOLDER / "walk_in_space.gif", pace=6.0)
 
 
 def make_space(evaluation: Path) -> None:
