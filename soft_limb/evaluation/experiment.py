@@ -187,9 +187,8 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
 
 def record(settings: Settings) -> tuple[Specimen, dict[str, list[Recording]]]:
     """Return a new limb, and its recordings for calibration."""
-    specimen = LimbTwin(seed=settings.seed, extra=settings.extra, physics=settings.physics).specimen
-    twin = LimbTwin(specimen=specimen)
-    return specimen, collect_from_twin(twin, seed=settings.seed, num_angles=NUM_ANGLES)
+    twin = LimbTwin(seed=settings.seed, extra=settings.extra, physics=settings.physics)
+    return twin.specimen, collect_from_twin(twin, seed=settings.seed, num_angles=NUM_ANGLES)
 
 
 def fit(
