@@ -22,7 +22,6 @@ from limb_systems import (
     Recording,
     Robot,
     RobotParameters,
-    Trajectory,
 )
 from limb_systems.output import check_outputs
 from limb_systems.progress import Progress
@@ -288,9 +287,8 @@ def _walk(options: argparse.Namespace) -> int:
         bend = fit.bend
         gait.save(parts[1])
         outputs += parts
-    trajectory, recording = _drive(options, gait, options.cycles, robot, options.output, heat, bend)
+    recording, start = _drive(options, gait, options.cycles, robot, options.output, heat, bend)
     save_panels(motion_panels(recording), options.plot)
-    start = trajectory.duration - options.cycles * gait.period
     print_summary(options, told + walk_summary(gait, recording, options.cycles, start), outputs)
     return 1 if recording.interrupted else 0
 
@@ -316,8 +314,8 @@ def _drive(
     output: Path,
     heat: np.ndarray | None = None,
     bend: np.ndarray | None = None,
-) -> tuple[Trajectory, Recording]:
-    """Walks some cycles from a heat and bends; returns the walk as planned and as recorded."""
+) -> tuple[Recording, float]:
+    """Walks some cycles from a heat and bends; returns the walk, and when the first begins, s."""
     trajectory = walk(gait, cycles, heat=heat, bend=bend)
     on_a_plane = BENDS if options.port else STRIDES
     name = options.controller or (HEAT if gait.in_space else on_a_plane)
@@ -328,7 +326,8 @@ def _drive(
         controller = PlanFeedback(trajectory, known_start=heat is not None)
     elif name == HEAT:
         controller = HeatFeedback(trajectory)
-    return trajectory, record_replay(trajectory, robot, output, controller=controller)
+    recording = record_replay(trajectory, robot, output, controller=controller)
+    return recording, trajectory.duration - cycles * gait.period
 
 
 def _first_strides(
@@ -339,8 +338,7 @@ def _first_strides(
     Raises:
         LimbError: if the robot falls, or its strides tell nothing.
     """
-    trajectory, recording = _drive(options, gait, FIRST_STRIDES, robot, output)
-    start = trajectory.duration - FIRST_STRIDES * gait.period
+    recording, start = _drive(options, gait, FIRST_STRIDES, robot, output)
     fall = fall_of(recording, gait, start)[0] if recording.body_pose is not None else ""
     if fall or recording.interrupted:
         raise LimbError(
