@@ -15,8 +15,8 @@ from planners.checks import far_from_reference
 from planners.gait.check import fall_of, strides_of
 
 # Of a `PlanCheck`, numbers and texts that JSON has under their own names.
-_OF_CHECK = ("solver", "status", "iterations", "refinements", "cost", "guess_cost")
-_OF_CHECK += ("largest_defect", "largest_difference_deg", "tolerance_deg")
+_OF_CHECK = ["solver", "status", "iterations", "refinements", "cost", "guess_cost"]
+_OF_CHECK += ["largest_defect", "largest_difference_deg", "tolerance_deg"]
 
 
 def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
