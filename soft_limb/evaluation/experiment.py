@@ -169,9 +169,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         taught,
         ways={
             motion: {
-                way: ways[motion, way, ""]
-                for way in (OPEN_LOOP, *CLOSED_LOOP)
-                if (motion, way, "") in ways
+                way: ways[motion, way, ""] for way in (OPEN_LOOP, *settings.closed_loop(motion))
             }
             for motion in MOTIONS
         },
