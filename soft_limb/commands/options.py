@@ -206,7 +206,7 @@ SHARED["driven"] = [  # the limb that a plan drives
 
 
 def count(text: str) -> int:
-    """A count as an option gives it; as a type of `argparse`."""
+    """Return a count from 1 to 9999; the type of an option."""
     if not re.fullmatch(r"[1-9]\d{0,3}", text):
         raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 to 9999")
     return int(text)
