@@ -162,7 +162,9 @@ class BoardInfo:
 
 
 class Closed:
-    """A connection that is closed at the end of its context."""
+    """What is closed at the end of its context: a connection, or a system that has one."""
+
+    __slots__ = ()  # for Drake's systems, see limb_systems.model.ownership
 
     def __enter__(self) -> Self:
         return self
