@@ -8,7 +8,6 @@ drawn by hand.
 
 import argparse
 import contextlib
-import dataclasses
 import os
 import runpy
 import shutil
@@ -26,7 +25,8 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
+from matplotlib.patches import Arc, Polygon, Rectangle
+from matplotlib.transforms import Affine2D, Transform
 from pydrake.geometry import (
     ClippingRange,
     ColorRenderCamera,
@@ -60,7 +60,6 @@ from limb_systems import (
     wire_color,
 )
 from limb_systems.model.kinematics import Chain, link_positions
-from limb_systems.model.robot import body_positions
 from limb_systems.tracking import reference_distances
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
@@ -128,23 +127,12 @@ def make_walk_in_space(_: Path) -> None:
     robot = RobotParameters.in_space()
     ahead, around = (plan_gait(robot, turn=turn, spread=False) for turn in (0.0, np.inf))
     save_figure(draw_walk(ahead), FOLDER / "robot_in_space.png")
-    duty, start = ahead.duty_trajectory(3), ahead.initial_state
-    first = simulate(Robot(robot), duty, initial_state=start)
-    pose, heat = first.body_pose[:, -1], ahead.initial_heat
-    angles, states = first.joint_state[: robot.together.num_joints, -1], first.wire_temperature
-    rates = np.zeros(len(pose) + len(angles))
-    ends = states[:, -1], first.measured_temperature[:, -1]
-    start = np.concatenate([body_positions(pose), angles, rates, *ends])
-    turn = walk(around, 3, heat=heat, bend=first.bend_angle[:, -1])
-    second = simulate(Robot(robot), turn, initial_state=start)
-    drawn = ("body_pose", "joint_state", "contact_force", "wire_temperature")
-    signals = {
-        name: np.hstack([getattr(first, name), getattr(second, name)[:, 1:]])
-        for name in (*drawn, "measured_temperature", "bend_angle", "duty")
-    }
-    time = np.append(first.time, first.time[-1] + second.time[1:])
-    both = dataclasses.replace(first, time=time, **signals)
-    animate_walk(both, FOLDER / "walk_in_space.gif", pace=6.0)
+    duty = ahead.duty_trajectory(3)
+    turn = walk(around, 3, heat=ahead.initial_heat, bend=ahead.bend_angle[:, 0]).duty_trajectory()
+    turn.shiftRight(duty.end_time())
+    duty.ConcatenateInTime(turn)
+    motion = simulate(Robot(robot), duty, initial_state=ahead.initial_state)
+    animate_walk(motion, FOLDER / "walk_in_space.gif", pace=6.0)
 
 
 def make_space(evaluation: Path) -> None:
@@ -403,42 +391,29 @@ def draw_links(parameters: LimbParameters) -> Figure:
     theta = np.deg2rad(14.0)
     figure = Figure(figsize=(8, 6), layout="constrained")
     axis = figure.subplots()
-    position, angle, bends = np.zeros(2), 0.0, []
+    colors = dict(zip(("wire_left", "wire_right"), LEFT_RIGHT_COLORS, strict=True))
+    frame = Affine2D()  # of a link, mm
     joints = robot.findall("joint")
     for number, joint in enumerate(joints, 1):
         link = robot.find(f"link[@name='{joint.find('child').get('link')}']")
-        step = 1000 * _numbers(joint.find("origin"), "xyz")[:2]
-        position = position + _turned(step, angle)
-        angle += theta
+        frame = Affine2D().rotate(theta).translate(*_millimetres(joint.find("origin"))) + frame
         for visual in link.findall("visual"):
-            name, shape = visual.get("name"), visual.find("geometry")[0]
-            if name == "joint":
-                continue
-            center = 1000 * _numbers(visual.find("origin"), "xyz")[:2]
-            if shape.tag == "box":
-                size, color = 1000 * _numbers(shape, "size")[:2], "#e6e9f0"
-            else:
-                size = 1000 * np.array([float(shape.get("length")), 2 * float(shape.get("radius"))])
-                color = LEFT_RIGHT_COLORS[name == "wire_right"]
-            corners = [center + size / 2 * s for s in ([-1, -1], [1, -1], [1, 1], [-1, 1])]
-            outline = [position + _turned(corner, angle) for corner in corners]
-            axis.add_patch(Polygon(outline, facecolor=color, edgecolor="0.55", linewidth=0.6))
-        axis.plot(*position, "o", color="black", markersize=6, zorder=3)
-        axis.annotate(
-            f"joint_{number}", position + _turned(np.array([4.0, -10.5]), angle), ha="center"
-        )
-        mass = position + _turned(1000 * _numbers(link.find("inertial/origin"), "xyz")[:2], angle)
-        axis.plot(*mass, "x", color="0.25", markersize=7, zorder=3)
-        axis.annotate(f"$r_{number}$", mass + _turned(np.array([0.0, 6.5]), angle), ha="center")
-        bends.append(position)
+            if (name := visual.get("name")) != "joint":
+                outline = _outline(visual, frame + axis.transData)
+                color = colors.get(name, "#e6e9f0")
+                outline.set(facecolor=color, edgecolor="0.55", linewidth=0.6)
+                axis.add_patch(outline)
+        axis.plot(*frame.transform([0, 0]), "o", color="black", markersize=6, zorder=3)
+        axis.annotate(f"joint_{number}", frame.transform([4, -10.5]), ha="center")
+        mass = _millimetres(link.find("inertial/origin"))
+        axis.plot(*frame.transform(mass), "x", color="0.25", markersize=7, zorder=3)
+        axis.annotate(f"$r_{number}$", frame.transform(np.add(mass, [0, 6.5])), ha="center")
     length = 1000 * parameters.segments[0].length / parameters.segments[0].links
-    tip = position + _turned(np.array([length, 0.0]), angle)
+    tip, beyond = frame.transform([[length, 0], [length + 22, 0]])
+    bracket = _outline(robot.find("link[@name='base']/visual"), axis.transData)
+    bracket.set(facecolor="0.3", linewidth=0)
+    axis.add_patch(bracket)
 
-    base = robot.find("link[@name='base']/visual")
-    center = 1000 * _numbers(base.find("origin"), "xyz")[:2]
-    size = 1000 * _numbers(base.find("geometry/box"), "size")[:2]
-    corners = [center + size / 2 * s for s in np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])]
-    axis.add_patch(Polygon(corners, facecolor="0.3"))
     arrow = {"arrowstyle": "-|>", "linewidth": 1.8, "color": "#1f4fd8"}
     for label, end, shift in (("E1", (32, 0), (3, -2)), ("E2", (0, 32), (-2, 3))):
         axis.annotate("", end, (0, 0), arrowprops=arrow)
@@ -446,23 +421,35 @@ def draw_links(parameters: LimbParameters) -> Figure:
     axis.plot([0, 100], [0, 0], ":", color="0.5", linewidth=1)
     axis.plot(*np.transpose([[0, 0], tip]), "--", color="#c2268f", linewidth=1.4)
     axis.plot(*tip, "o", color="#c2268f", markersize=6)
-    axis.annotate("tip t", tip + np.array([2.0, 2.0]), color="#c2268f", fontsize=13)
-    phi = np.arctan2(tip[1], tip[0])
-    arc = np.linspace(0, phi, 50)
-    axis.plot(62 * np.cos(arc), 62 * np.sin(arc), color="#c2268f", linewidth=1.4)
+    axis.annotate("tip t", np.add(tip, [2, 2]), color="#c2268f", fontsize=13)
+    phi, alpha = np.arctan2(tip[1], tip[0]), len(joints) * theta
+    axis.add_patch(Arc((0, 0), 124, 124, theta2=np.rad2deg(phi), color="#c2268f", linewidth=1.4))
     axis.annotate("φ", (66 * np.cos(phi / 3), 66 * np.sin(phi / 3)), color="#c2268f", fontsize=15)
-    tangent = tip + _turned(np.array([22.0, 0.0]), angle)
-    axis.plot(*np.transpose([tip, tangent]), color="0.35", linewidth=1.2)
+    axis.plot(*np.transpose([tip, beyond]), color="0.35", linewidth=1.2)
     axis.plot([tip[0], tip[0] + 22], [tip[1], tip[1]], ":", color="0.5", linewidth=1)
-    arc = np.linspace(0, angle, 50)
-    axis.plot(tip[0] + 14 * np.cos(arc), tip[1] + 14 * np.sin(arc), color="0.35", linewidth=1.2)
-    axis.annotate("α", tip + np.array([15.0, 8.0]), fontsize=15, color="0.35")
-    for side, x in (("left", 0.60), ("right", 0.80)):
-        color = LEFT_RIGHT_COLORS[side == "right"]
-        axis.text(x, 0.02, f"wire_{side}", color=color, transform=axis.transAxes, fontsize=13)
+    axis.add_patch(Arc(tip, 28, 28, theta2=np.rad2deg(alpha), color="0.35", linewidth=1.2))
+    axis.annotate("α", np.add(tip, [15, 8]), fontsize=15, color="0.35")
+    for (wire, color), x in zip(colors.items(), (0.60, 0.80), strict=True):
+        axis.text(x, 0.02, wire, color=color, transform=axis.transAxes, fontsize=13)
     axis.set(xlim=(-14, 106), xlabel="along E1 (mm)", ylabel="along E2 (mm)", aspect="equal")
     axis.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def _outline(visual, transform: Transform) -> Rectangle:
+    """The outline of a link's box, or of a cylinder along the link, seen along E3."""
+    shape = visual.find("geometry")[0]
+    if shape.tag == "box":
+        size = _millimetres(shape, "size")
+    else:
+        size = 1000 * np.array([float(shape.get("length")), 2 * float(shape.get("radius"))])
+    corner = _millimetres(visual.find("origin")) - size / 2
+    return Rectangle(corner, *size, transform=transform)
+
+
+def _millimetres(element, attribute: str = "xyz") -> np.ndarray:
+    """The first two of an attribute's lengths, along E1 and E2."""
+    return 1000 * np.array(element.get(attribute).split()[:2], float)
 
 
 # From where limbs in space are seen: to the right, up, and to the eye, in the limb's frame.
@@ -602,15 +589,6 @@ def browser_page(width: int, height: int):
         browser = playwright.chromium.launch(executable_path=installed, args=arguments)
         yield browser.new_page(viewport={"width": width, "height": height})
         browser.close()
-
-
-def _numbers(element, attribute: str) -> np.ndarray:
-    return np.array(element.get(attribute).split(), float)
-
-
-def _turned(vector: np.ndarray, angle: float) -> np.ndarray:
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return np.array([[cosine, -sine], [sine, cosine]]) @ vector
 
 
 PICTURES: dict[str, Callable[[Path], None]] = {

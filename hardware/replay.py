@@ -1,6 +1,5 @@
 """Replays a planned trajectory, or records a limb that is moved by hand."""
 
-import contextlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from pydrake.systems.primitives import (
 
 from hardware.firmware import guard
 from hardware.live.feed import LiveView, shown
-from hardware.robot.journal import journaled
+from hardware.robot.journal import closing, journaled
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
     EmulatedLimb,
@@ -88,7 +87,7 @@ def replay(
             out of range.
         LimbError: if the duty was out of range; if the limb is no `LimbSystem`.
     """
-    with _closing(limb):
+    with closing(check_limb(limb)):
         check_replayable(trajectory, limb, unchecked=unchecked)
         if controller is None:
             controller = TrajectorySource(trajectory.since_start().duty_trajectory())
@@ -119,17 +118,11 @@ def watch(
         HardwareError: if the robot fails on the way.
         OutputError: as for `replay`.
     """
-    with _closing(limb):
+    with closing(check_limb(limb)):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
         return _run(
             limb, off, duration, sample_rate, journal, live, until=until, ended_by_hand=True
         )
-
-
-def _closing(limb: LimbSystem):
-    """Closes a robot at the end, also after an error."""
-    check_limb(limb)
-    return contextlib.closing(limb) if limb.real_time else contextlib.nullcontext()
 
 
 def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: bool = False) -> None:

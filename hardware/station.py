@@ -29,6 +29,7 @@ from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 import urdf
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import check_replayable
+from hardware.robot.link import Closed
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
     LimbError,
@@ -121,7 +122,7 @@ class Scenario:
             raise StationError(f"{path}: {' '.join(str(error).split())}.") from error
 
 
-class Station(Diagram):
+class Station(Diagram, Closed):
     """The limbs of a scenario, and with simulated limbs all else that is in it.
 
     For each limb, by its name:
@@ -209,12 +210,6 @@ class Station(Diagram):
         with contextlib.ExitStack() as every:  # whatever one of them raises
             for limb in self.limbs.values() if self.real_time else ():
                 every.callback(limb.close)
-
-    def __enter__(self) -> "Station":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def drive(

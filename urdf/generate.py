@@ -1,8 +1,10 @@
 """Writes the URDF of a limb or a robot; ``limb_5.urdf`` is that of the nominal limb."""
 
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from typing import Any
+from xml.etree.ElementTree import Element, SubElement
 
 SILICONE_COLOR, CLEAR_SILICONE_COLOR = "0.89 0.91 0.94 1", "0.80 0.85 0.92 0.3"
 WIRE_COLOR = "0.45 0.45 0.5 1"
@@ -21,9 +23,7 @@ SILICONE = {
     "relaxation_time": 0.01,
 }
 STEEL = 33e3  # kg/m³, 4π/3 times that of steel: a payload is drawn as a ball of it
-PI_2 = 1.5707963267948966
-
-
+Shape = tuple[str, dict[str, str]]  # an element of URDF's, and its sizes, m
 AXES = {"e2": "0 0 1", "e3": "0 -1 0", "twist": "1 0 0"}  # about which joints turn
 
 
@@ -62,20 +62,20 @@ def limb_urdf(
 
 def limb_element(
     segments: Sequence[Any], name: str, payload: float, negligible_mass: float
-) -> ElementTree.Element:
+) -> Element:
     """The root of `limb_urdf`, with its arguments."""
     robot = _root(name)
     parent, origin = _add_chain(robot, segments, collides=True)
     if negligible_mass:
         for link in robot.findall("link"):
             if link.find("inertial") is None:
-                _add_mass(link, negligible_mass)
+                _add_inertial(link, negligible_mass)
     if payload:
         _add_payload(robot, "", parent, origin, payload)
     of_links = [link for link in robot.findall("link") if link.find("collision") is not None]
     _filter_collisions(robot, [link.attrib["name"] for link in of_links])
     place = {"xyz": _text(origin, 0.0, 0.0), "rpy": _text(0.0, 0.0, 0.0)}
-    ElementTree.SubElement(robot, "frame", {"name": "tip", "link": parent, **place})
+    SubElement(robot, "frame", {"name": "tip", "link": parent, **place})
     return robot
 
 
@@ -90,40 +90,34 @@ def robot_urdf(robot: Any) -> str:
         robot: such as `limb_systems.RobotParameters`.
     """
     element = _root("robot")
-    parts, size = robot.body, (robot.body.length, robot.body.width, robot.body.height)
-    body = ElementTree.SubElement(element, "link", name="body")
-    inertial = ElementTree.SubElement(body, "inertial")
-    ElementTree.SubElement(inertial, "mass", value=_text(parts.mass))
-    _inertia(inertial, *parts.moments)
-    _box(body, "body", size, (0.0, 0.0), BODY_COLOR)
+    body, box = robot.body, _box(robot.body.length, robot.body.width, robot.body.height)
+    link = SubElement(element, "link", name="body")
+    _add_inertial(link, body.mass, body.moments)
+    _add_visual(link, "body", BODY_COLOR, box)
     if robot.ground:
-        _collision(body, "box", _of_ground(robot.ground), size=_text(*size))
+        _add_collision(link, box, _of_ground(robot.ground))
     for limb in robot.limbs:
-        parent, origin = _add_chain(element, limb.parameters.segments, f"{limb.name}_")
-        mount = ElementTree.SubElement(element, "joint", name=f"{limb.name}_mount", type="fixed")
-        ElementTree.SubElement(mount, "parent", link="body")
-        ElementTree.SubElement(mount, "child", link=f"{limb.name}_base")
-        place = {"xyz": _text(*limb.position), "rpy": _text(*limb.rpy)}
-        ElementTree.SubElement(mount, "origin", place)
-        end = parent, origin
+        prefix = f"{limb.name}_"
+        parent, origin = _add_chain(element, limb.parameters.segments, prefix)
+        mount = f"{prefix}mount", "fixed", "body", f"{prefix}base"
+        _add_joint(element, *mount, limb.position, limb.rpy)
         if limb.parameters.payload:
-            _add_payload(element, f"{limb.name}_", *end, limb.parameters.payload)
-        names = f"{limb.name}_foot", f"{limb.name}_ankle"
-        foot = _add_point(element, *names, *end, robot.feet.mass)
-        _sphere(foot, "foot", robot.feet.radius, BRACKET_COLOR)
+            _add_payload(element, prefix, parent, origin, limb.parameters.payload)
+        names, ball = (f"{prefix}foot", f"{prefix}ankle"), _sphere(robot.feet.radius)
+        foot = _add_point(element, *names, parent, origin, robot.feet.mass)
+        _add_visual(foot, "foot", BRACKET_COLOR, ball)
         if robot.ground:
-            radius = _text(robot.feet.radius)
-            _collision(foot, "sphere", _of_ground(robot.ground), radius=radius)
+            _add_collision(foot, ball, _of_ground(robot.ground))
     if robot.ground:
         _filter_collisions(element, ["body", *(f"{limb.name}_foot" for limb in robot.limbs)])
     return document(element)
 
 
-def _root(name: str) -> ElementTree.Element:
-    return ElementTree.Element("robot", {"name": name, "xmlns:drake": "http://drake.mit.edu"})
+def _root(name: str) -> Element:
+    return Element("robot", {"name": name, "xmlns:drake": "http://drake.mit.edu"})
 
 
-def document(robot: ElementTree.Element) -> str:
+def document(robot: Element) -> str:
     """Text of an XML document."""
     ElementTree.indent(robot)
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
@@ -143,10 +137,10 @@ def _add_chain(
     robot, segments: Sequence[Any], prefix: str = "", collides: bool = False
 ) -> tuple[str, float]:
     """The base and the links of a limb; the last link, and how far along it the limb ends, m."""
-    base = ElementTree.SubElement(robot, "link", name=f"{prefix}base")
-    first = segments[0]
-    bracket = (0.6 * first.thickness, 1.6 * first.thickness, 1.2 * first.width)
-    _box(base, "bracket", bracket, (-0.5 * bracket[0], 0.0), BRACKET_COLOR)
+    base = SubElement(robot, "link", name=f"{prefix}base")
+    thickness, width = segments[0].thickness, segments[0].width
+    bracket = (0.6 * thickness, 1.6 * thickness, 1.2 * width)
+    _add_visual(base, "bracket", BRACKET_COLOR, _box(*bracket), (-0.5 * bracket[0], 0.0, 0.0))
 
     parent, origin = f"{prefix}base", 0.0
     number = joint_number = 0
@@ -155,104 +149,79 @@ def _add_chain(
         if first:
             root = f"{prefix}root_{segment_number}"
             _add_link(robot, root, segment, first, collides)
-            _add_joint(robot, f"{prefix}mount_{segment_number}", "fixed", parent, root, origin)
+            mount = f"{prefix}mount_{segment_number}", "fixed", parent, root
+            _add_joint(robot, *mount, (origin, 0.0, 0.0))
             parent, origin = root, first * piece
         for index, kinds in enumerate(segment.joints):
             number += 1
+            share = 1.0 - first if index == segment.links - 1 else 1.0
             for kind in kinds:
                 joint_number += 1
-                name = f"link_{number}" if kind == kinds[-1] else f"cross_{joint_number}"
-                child = f"{prefix}{name}"
-                if kind != kinds[-1]:
-                    ElementTree.SubElement(robot, "link", name=child)
+                if kind == kinds[-1]:
+                    child = f"{prefix}link_{number}"
+                    _add_link(robot, child, segment, share, collides)
                 else:
-                    last = index == segment.links - 1
-                    _add_link(robot, child, segment, 1.0 - first if last else 1.0, collides)
-                name = f"{prefix}joint_{joint_number}"
-                joint = _add_joint(robot, name, "continuous", parent, child, origin)
-                ElementTree.SubElement(joint, "axis", xyz=AXES[kind])
+                    child = f"{prefix}cross_{joint_number}"
+                    SubElement(robot, "link", name=child)
+                turns = f"{prefix}joint_{joint_number}", "continuous", parent, child
+                joint = _add_joint(robot, *turns, (origin, 0.0, 0.0))
+                SubElement(joint, "axis", xyz=AXES[kind])
                 damping = segment.joint_ratios[kind] * segment.damping
-                ElementTree.SubElement(joint, "dynamics", damping=_text(damping))
+                SubElement(joint, "dynamics", damping=_text(damping))
                 parent, origin = child, 0.0
-            origin = (1.0 - first if index == segment.links - 1 else 1.0) * piece
+            origin = share * piece
     return parent, origin
+
+
+def _add_link(robot, name: str, segment, share: float, collides: bool) -> None:
+    """A link that is a share of a piece of its segment: a homogeneous box."""
+    link = SubElement(robot, "link", name=name)
+    length, mass = share * (segment.length / segment.links), share * (segment.mass / segment.links)
+    middle = (0.5 * length, 0.0, 0.0)
+    x2, y2, z2 = length**2, segment.thickness**2, segment.width**2
+    moments = mass * (y2 + z2) / 12, mass * (x2 + z2) / 12, mass * (x2 + y2) / 12
+    _add_inertial(link, mass, moments, middle)
+    _add_link_visuals(link, length, segment)
+    if collides:
+        _add_collision(link, _box(length, segment.thickness, segment.width), SILICONE, middle)
 
 
 def _add_payload(robot, prefix: str, parent: str, origin: float, mass: float) -> None:
     load = _add_point(robot, f"{prefix}payload", f"{prefix}load", parent, origin, mass)
-    _sphere(load, "load", (mass / STEEL) ** (1 / 3), BRACKET_COLOR)
+    _add_visual(load, "load", BRACKET_COLOR, _sphere((mass / STEEL) ** (1 / 3)))
 
 
-def _add_point(robot, name: str, joint: str, parent: str, origin: float, mass: float):
+def _add_point(robot, name: str, joint: str, parent: str, origin: float, mass: float) -> Element:
     """A link that is a point of some mass, kg, at a distance along its parent, m."""
-    link = ElementTree.SubElement(robot, "link", name=name)
-    _add_mass(link, mass)
-    _add_joint(robot, joint, "fixed", parent, name, origin)
+    link = SubElement(robot, "link", name=name)
+    _add_inertial(link, mass)
+    _add_joint(robot, joint, "fixed", parent, name, (origin, 0.0, 0.0))
     return link
 
 
-def _add_mass(link, mass: float) -> None:
-    """A point's mass, kg, at the link's origin."""
-    inertial = ElementTree.SubElement(link, "inertial")
-    ElementTree.SubElement(inertial, "mass", value=_text(mass))
-    _inertia(inertial, 0.0, 0.0, 0.0)
+def _add_inertial(link, mass: float, moments=(0.0, 0.0, 0.0), center=None) -> None:
+    """Mass, kg, moments of inertia (3), kg·m², and their centre, m; the link's origin if None."""
+    inertial = SubElement(link, "inertial")
+    if center:
+        SubElement(inertial, "origin", xyz=_text(*center))
+    SubElement(inertial, "mass", value=_text(mass))
+    values = dict(zip(("ixx", "iyy", "izz"), map(_text, moments), strict=True))
+    SubElement(inertial, "inertia", {**values, "ixy": "0", "ixz": "0", "iyz": "0"})
 
 
-def _collision(link, shape: str, contact: dict[str, float | None], x: float = 0.0, **size: str):
-    """A shape of a link that collides, at x, m, with the properties of its contact."""
-    collision = ElementTree.SubElement(link, "collision", name=shape)
-    ElementTree.SubElement(collision, "origin", xyz=_text(x, 0.0, 0.0), rpy=_text(0.0, 0.0, 0.0))
-    ElementTree.SubElement(ElementTree.SubElement(collision, "geometry"), shape, size)
-    properties = ElementTree.SubElement(collision, "drake:proximity_properties")
-    for name, value in contact.items():
-        given = {} if value is None else {"value": _text(value)}
-        ElementTree.SubElement(properties, f"drake:{name}", given)
-
-
-def _filter_collisions(robot, links: Sequence[str]) -> None:
-    """Links that go through each other."""
-    group = ElementTree.SubElement(robot, "drake:collision_filter_group", name="own_links")
-    for link in links:
-        ElementTree.SubElement(group, "drake:member", link=link)
-    ElementTree.SubElement(group, "drake:ignored_collision_filter_group", name="own_links")
-
-
-def _add_link(robot, name: str, segment, share: float, collides: bool) -> None:
-    """A link that is a share of a piece of its segment."""
-    link = ElementTree.SubElement(robot, "link", name=name)
-    length = share * (segment.length / segment.links)
-    _inertial(link, share * (segment.mass / segment.links), length, segment)
-    _link_visuals(link, length, segment)
-    if collides:
-        size = _text(length, segment.thickness, segment.width)
-        _collision(link, "box", SILICONE, 0.5 * length, size=size)
-
-
-def _add_joint(robot, name: str, kind: str, parent: str, child: str, origin: float):
-    """A joint of a kind of URDF, at a distance along its parent, m."""
-    joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=child)
-    ElementTree.SubElement(joint, "origin", xyz=_text(origin, 0.0, 0.0))
+def _add_joint(
+    robot, name: str, kind: str, parent: str, child: str, position: Sequence[float], rpy=None
+) -> Element:
+    """A joint of a kind of URDF, at a position in its parent, m, and turned there, rad."""
+    joint = SubElement(robot, "joint", name=name, type=kind)
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    turned = {} if rpy is None else {"rpy": _text(*rpy)}
+    SubElement(joint, "origin", {"xyz": _text(*position), **turned})
     return joint
 
 
-def _inertial(link, mass: float, length: float, segment) -> None:
-    """A homogeneous box: its mass, centre and moments of inertia."""
-    inertial = ElementTree.SubElement(link, "inertial")
-    ElementTree.SubElement(inertial, "origin", xyz=_text(0.5 * length, 0.0, 0.0))
-    ElementTree.SubElement(inertial, "mass", value=_text(mass))
-    x2, y2, z2 = length**2, segment.thickness**2, segment.width**2
-    _inertia(inertial, mass * (y2 + z2) / 12, mass * (x2 + z2) / 12, mass * (x2 + y2) / 12)
-
-
-def _inertia(inertial, ixx: float, iyy: float, izz: float) -> None:
-    moments = {"ixx": _text(ixx), "iyy": _text(iyy), "izz": _text(izz)}
-    products = {"ixy": "0", "ixz": "0", "iyz": "0"}
-    ElementTree.SubElement(inertial, "inertia", {**moments, **products})
-
-
-def _link_visuals(link, length: float, segment) -> None:
+def _add_link_visuals(link, length: float, segment) -> None:
     """The silicone, what closes its gap to the link before when bent, and the wires.
 
     A segment that bends in a plane is a box with discs, with its wires half sunk along the
@@ -262,49 +231,67 @@ def _link_visuals(link, length: float, segment) -> None:
     overlap from link to link.
     """
     thickness, width = segment.thickness, segment.width
-    in_space, middle = "e3" in segment.joints[0], (0.5 * length, 0.0)
+    in_space, middle, along = "e3" in segment.joints[0], 0.5 * length, math.pi / 2
     color = CLEAR_SILICONE_COLOR if in_space else SILICONE_COLOR
     if in_space and thickness == width:
-        _cylinder(link, "silicone", (0.5 * width, length), (*middle, 0.0), PI_2, color)
+        silicone = _cylinder(0.5 * width, length)
+        _add_visual(link, "silicone", color, silicone, (middle, 0.0, 0.0), along)
     else:
-        _box(link, "silicone", (length, thickness, width), middle, color)
-    if in_space:
-        _sphere(link, "joint", 0.495 * min(thickness, width), color)
-    else:
-        disc = (0.495 * thickness, 0.99 * width)
-        _cylinder(link, "joint", disc, (0.0, 0.0, 0.0), 0.0, color)
+        silicone = _box(length, thickness, width)
+        _add_visual(link, "silicone", color, silicone, (middle, 0.0, 0.0))
+    ball, disc = _sphere(0.495 * min(thickness, width)), _cylinder(0.495 * thickness, 0.99 * width)
+    _add_visual(link, "joint", color, ball if in_space else disc)
     radius = 0.12 * thickness
+    drawn = _cylinder(radius, length + 1.5 * radius)
     for wire in segment.wires:
         top_or_bottom = -0.5 * width if wire.e3 < 0 else 0.5 * width
-        center = (0.5 * length, wire.e2, wire.e3 if in_space else top_or_bottom)
-        size = (radius, length + 1.5 * radius)
-        _cylinder(link, f"wire_{wire.name}", size, center, PI_2, WIRE_COLOR)
+        center = (middle, wire.e2, wire.e3 if in_space else top_or_bottom)
+        _add_visual(link, f"wire_{wire.name}", WIRE_COLOR, drawn, center, along)
 
 
-def _box(link, name: str, size, center, color: str) -> None:
-    visual = _visual(link, name, (*center, 0.0), 0.0, color)
-    ElementTree.SubElement(visual.find("geometry"), "box", size=_text(*size))
+def _box(*size: float) -> Shape:
+    return "box", {"size": _text(*size)}
 
 
-def _cylinder(link, name: str, size, center, pitch: float, color: str) -> None:
-    radius, length = map(_text, size)
-    visual = _visual(link, name, center, pitch, color)
-    ElementTree.SubElement(visual.find("geometry"), "cylinder", radius=radius, length=length)
+def _cylinder(radius: float, length: float) -> Shape:
+    return "cylinder", {"radius": _text(radius), "length": _text(length)}
 
 
-def _sphere(link, name: str, radius: float, color: str) -> None:
-    visual = _visual(link, name, (0.0, 0.0, 0.0), 0.0, color)
-    ElementTree.SubElement(visual.find("geometry"), "sphere", radius=_text(radius))
+def _sphere(radius: float) -> Shape:
+    return "sphere", {"radius": _text(radius)}
 
 
-def _visual(link, name: str, center, pitch: float, color: str):
-    visual = ElementTree.SubElement(link, "visual", name=name)
-    ElementTree.SubElement(visual, "origin", xyz=_text(*center), rpy=_text(0.0, pitch, 0.0))
-    ElementTree.SubElement(visual, "geometry")
+def _add_visual(
+    link, name: str, color: str, shape: Shape, center=(0.0, 0.0, 0.0), pitch: float = 0.0
+) -> None:
+    visual = SubElement(link, "visual", name=name)
+    _add_shape(visual, shape, center, pitch)
     kind = f"clear_{name}" if color == CLEAR_SILICONE_COLOR else name
-    material = ElementTree.SubElement(visual, "material", name=kind)
-    ElementTree.SubElement(material, "color", rgba=color)
-    return visual
+    SubElement(SubElement(visual, "material", name=kind), "color", rgba=color)
+
+
+def _add_collision(link, shape: Shape, contact: dict, center=(0.0, 0.0, 0.0)) -> None:
+    """A shape of a link that collides, with the properties of its contact."""
+    collision = SubElement(link, "collision", name=shape[0])
+    _add_shape(collision, shape, center, 0.0)
+    properties = SubElement(collision, "drake:proximity_properties")
+    for name, value in contact.items():
+        given = {} if value is None else {"value": _text(value)}
+        SubElement(properties, f"drake:{name}", given)
+
+
+def _add_shape(owner, shape: Shape, center: Sequence[float], pitch: float) -> None:
+    """The shape of a visual or a collision, and where it is: m, and rad about y."""
+    SubElement(owner, "origin", xyz=_text(*center), rpy=_text(0.0, pitch, 0.0))
+    SubElement(SubElement(owner, "geometry"), *shape)
+
+
+def _filter_collisions(robot, links: Sequence[str]) -> None:
+    """Links that go through each other."""
+    group = SubElement(robot, "drake:collision_filter_group", name="own_links")
+    for link in links:
+        SubElement(group, "drake:member", link=link)
+    SubElement(group, "drake:ignored_collision_filter_group", name="own_links")
 
 
 def _text(*numbers: float) -> str:

@@ -136,14 +136,10 @@ def _defined(module) -> list[str]:
         if not name.startswith("_")
         and getattr(value, "__module__", None) == module.__name__
         and (inspect.isclass(value) or inspect.isfunction(value))
-        and name == _plain_name(value)
+        # Without the scalar type of Drake's templates, which is no name in Python.
+        and name == value.__name__.partition("_𝓣")[0]
         and inspect.getdoc(value)
     ]
-
-
-def _plain_name(value) -> str:
-    """Without the scalar type of Drake's templates, which is no name in Python."""
-    return value.__name__.partition("_𝓣")[0]
 
 
 def _directive(module, name: str) -> str:

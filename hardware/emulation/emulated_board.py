@@ -119,9 +119,8 @@ class EmulatedBoard:
         self._prefix = f"{limb}." if limb else ""
         self._wires: slice
         self.parameters, self._wires = self._running.part(limb)
-        self.channels, self.angles = (
-            len(self.reading(name)) for name in ("measured_temperature", "bend_angle")
-        )
+        self.channels = len(self.reading("measured_temperature"))
+        self.angles = len(self.reading("bend_angle"))
         if self.channels > MOST_CHANNELS or self.angles > MOST_ANGLES:
             raise LimbError(
                 f"An emulated board has at most {MOST_CHANNELS} channels and {MOST_ANGLES} bend "

@@ -97,7 +97,7 @@ class PseudoTerminal:
     def read(self) -> bytes:
         try:
             return os.read(self._master, 4096)
-        except (BlockingIOError, OSError):
+        except OSError:  # also if there is nothing to read
             return b""
 
     def write(self, data: bytes) -> None:
@@ -182,7 +182,7 @@ class Emulation:
         """
         try:
             self._obey(order.split())
-        except (KeyError, ValueError) as error:
+        except ValueError as error:
             raise LimbError(f"'{order}' is not understood; orders are: {ORDERS}") from error
         self._on_event(event="order", order=order.strip(), time=self._time())
 

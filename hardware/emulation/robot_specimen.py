@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hardware.emulation.specimen import Specimen
-from limb_systems import EmulatedLimb, NoBoard, RobotParameters
+from limb_systems import NoBoard, RobotParameters
 
 
 class RobotSpecimen(Specimen):
@@ -112,12 +112,3 @@ class LimbOfRobot(Specimen):
     def board(self) -> Any:
         """The identity of the limb, and of the board that drives it alone."""
         return self._board
-
-
-def specimen_of_limb(kind: type[Specimen], board: EmulatedLimb) -> Specimen:
-    """The limb with an identity, unused: one of a kind of specimens, or one of a robot.
-
-    Raises:
-        LimbError: if the identity is invalid.
-    """
-    return RobotSpecimen.of(board).limb(board.limb) if board.limb else kind.of(board)

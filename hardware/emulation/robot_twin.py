@@ -166,9 +166,7 @@ def _set_friction(scene_graph: SceneGraph, plant: MultibodyPlant, specimen: Robo
     for limb, friction in zip(specimen.robot.limbs, specimen.foot_friction, strict=True):
         (foot,) = plant.GetCollisionGeometriesForBody(plant.GetBodyByName(f"{limb.name}_foot"))
         described = scene_graph.model_inspector().GetProximityProperties(foot)
-        properties, own = (
-            ProximityProperties(described),
-            friction * ground / (2 * ground - friction),
-        )
+        properties = ProximityProperties(described)
+        own = friction * ground / (2 * ground - friction)
         properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(own, own))
         scene_graph.AssignRole(plant.get_source_id(), foot, properties, RoleAssign.kReplace)

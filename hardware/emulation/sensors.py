@@ -95,11 +95,11 @@ class SampledSensors(LeafSystem):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, sensors: Sequence[Sensor], noise: Noise | None = None, start: int = 0):
+    def __init__(self, sensors: Sequence[Sensor], noise: Noise, start: int = 0):
         """
         Args:
             sensors: one or more; those that are due at the same time draw in this order.
-            noise: numbers for noise and drift; those of the seed 0 if None.
+            noise: numbers for noise and drift.
             start: how many numbers of the noise were used before.
         """
         super().__init__()
@@ -112,7 +112,7 @@ class SampledSensors(LeafSystem):
             sensor.drift * np.sqrt(1 - memory**2)
             for sensor, memory in zip(self._sensors, self._memories, strict=True)
         ]
-        self._noise = noise or Noise(np.random.default_rng(0))
+        self._noise = noise
         ends = np.cumsum([sensor.size for sensor in sensors]).tolist()
         self._parts = [slice(e - s.size, e) for s, e in zip(sensors, ends, strict=True)]
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))

@@ -48,9 +48,8 @@ from limb_systems import (
 )
 from limb_systems.model.parameters import BoardIdentity, SegmentParameters
 
-EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor")
+EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor", "places")
 EXTRA_EFFECTS = ("memory", "bond")  # that a limb has on request only
-SPACE_EFFECTS = ("places",)  # of limbs that bend about two axes
 # What may change about a limb, with the values of no change.
 DISTURBANCES = {
     "ambient": 0.0,
@@ -184,7 +183,7 @@ class Specimen:
     kind: type[Any] = LimbParameters  # of description
     physics = "lumped"
     rest_period = 1.0
-    effects: tuple[str, ...] = EFFECTS + SPACE_EFFECTS
+    effects: tuple[str, ...] = EFFECTS
     extra_effects: tuple[str, ...] = EXTRA_EFFECTS
     build: Callable[..., None] | None = None
     wires: list[Any]
@@ -313,7 +312,8 @@ class Specimen:
                 - "rubber": it is linear, and rests at the described angle;
                 - "bend sensor": it reads α/2, or the chord's angle, exactly, except
                   for its steps;
-                - "places": wires run where they are described, and not some degrees beside;
+                - "places": wires of limbs that bend about two axes run where they are described,
+                  and not some degrees beside;
                 - "memory", "bond": what the limb may have beside these.
 
         Raises:

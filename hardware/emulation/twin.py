@@ -10,7 +10,7 @@ from pydrake import trajectories
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from hardware.emulation.lumped import add_physics
-from hardware.emulation.robot_specimen import specimen_of_limb
+from hardware.emulation.robot_specimen import RobotSpecimen
 from hardware.emulation.specimen import Specimen, emulated_limb
 from hardware.emulation.wires import LONGEST_STEP
 from limb_systems import Layout, LimbError, LimbParameters, make_manipulator
@@ -132,27 +132,22 @@ class LimbTwin(Diagram):
             raise LimbError("An emulated hand holds limbs of one segment; this limb has more.")
         self.source = f"emulated limb, {specimen.label}"
         builder = DiagramBuilder()
+        options: dict[str, Any] = {
+            "hand": hand,
+            "bend_rate": bend_rate,
+            "wire_period": wire_period,
+            "truth": truth,
+        }
         if specimen.build:
-            specimen.build(
-                builder, hand=hand, bend_rate=bend_rate, wire_period=wire_period, truth=truth
-            )
-            builder.BuildInto(self)
-            self.set_name("limb_twin")
-            return
-        manipulator = builder.AddSystem(make_manipulator(specimen.mechanics()))
-        angles = specimen.state.get("joints", specimen.rest_angles())[: layout.num_joints]
-        manipulator.SetDefaultPositions(angles)
-        _, duty = add_physics(
-            builder,
-            specimen,
-            manipulator.get_state_output_port(),
-            manipulator.get_applied_generalized_force_input_port(),
-            hand=hand,
-            bend_rate=bend_rate,
-            wire_period=wire_period,
-            truth=truth,
-        )
-        builder.ExportInput(duty, "duty")
+            specimen.build(builder, **options)
+        else:
+            manipulator = builder.AddSystem(make_manipulator(specimen.mechanics()))
+            angles = specimen.state.get("joints", specimen.rest_angles())[: layout.num_joints]
+            manipulator.SetDefaultPositions(angles)
+            force = manipulator.get_applied_generalized_force_input_port()
+            state = manipulator.get_state_output_port()
+            _, duty = add_physics(builder, specimen, state, force, **options)
+            builder.ExportInput(duty, "duty")
         builder.BuildInto(self)
         self.set_name("limb_twin")
 
@@ -170,9 +165,12 @@ class LimbTwin(Diagram):
             LimbError: if the identity is invalid, or the board's number does not
                 say which limb it is.
         """
-        if board := emulated_limb(parameters.board):
-            return cls(specimen=specimen_of_limb(specimens_of(board.physics), board))
-        return cls(parameters, seed=seed)
+        board = emulated_limb(parameters.board)
+        if not board:
+            return cls(parameters, seed=seed)
+        if board.limb:
+            return cls(specimen=RobotSpecimen.of(board).limb(board.limb))
+        return cls(specimen=specimens_of(board.physics).of(board))
 
     def again(
         self,

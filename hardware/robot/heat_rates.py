@@ -13,11 +13,9 @@ LAGS = 5.0  # time constants of the thermocouple, in which a wire may cool for t
 # Of the fit: heating, cooling, by how much faster it is read, as what is read would be almost
 # the same if these two rates were swapped, and the silicone's share, which the board has at
 # its largest.
-START, LOWEST, HIGHEST = (
-    (20.0, 0.06, 10.0, 0.25),
-    (0.5, 0.005, 1.2, 0.02),
-    (200.0, 0.5, 200.0, heat.SILICONE_SHARE),
-)
+START = 20.0, 0.06, 10.0, 0.25
+LOWEST = 0.5, 0.005, 1.2, 0.02
+HIGHEST = 200.0, 0.5, 200.0, heat.SILICONE_SHARE
 
 
 @dataclasses.dataclass

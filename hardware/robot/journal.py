@@ -89,6 +89,11 @@ class Journal(LeafSystem):
         self.writer.append([context.get_time(), *without_rounding(duty), *np.concatenate(others)])
 
 
+def closing(limb: Any) -> contextlib.AbstractContextManager:
+    """A context at whose end a robot is closed, also after an error; no other limb has to be."""
+    return contextlib.closing(limb) if limb.real_time else contextlib.nullcontext()
+
+
 @contextlib.contextmanager
 def journaled(
     builder: DiagramBuilder,
@@ -132,9 +137,8 @@ def journaled(
         kind=kind,
     )
     writer = journal.writer
-    robot: Any = limb
     try:
-        with contextlib.closing(robot) if limb.real_time else contextlib.nullcontext():
+        with closing(limb):
             builder.AddSystem(journal)
             ports = {"duty": duty, "reference": reference}
             for name in journal.signals:

@@ -162,7 +162,9 @@ class BoardInfo:
 
 
 class Closed:
-    """A connection that is closed at the end of its context."""
+    """What is closed at the end of its context: a connection, or a system that has one."""
+
+    __slots__ = ()  # for Drake's systems, see limb_systems.model.ownership
 
     def __enter__(self) -> Self:
         return self
@@ -332,7 +334,7 @@ class BoardLink(Closed):
         Raises:
             HardwareError: if it does not answer, or speaks another protocol.
         """
-        self._send_until(lambda: [protocol.encode(protocol.HELLO)], lambda: self._info, ANSWER_TIME)
+        self._send_until([protocol.encode(protocol.HELLO)], lambda: self._info, ANSWER_TIME)
         return self._answer(self._info, "a greeting")
 
     def sample(self, oldest: float = STALE) -> Sample:
@@ -398,7 +400,7 @@ class BoardLink(Closed):
         values = [dataclasses.astuple(bound) for bound in bounds]
         total = min(total_duty, len(values))  # they cannot have more
         frames = from_host.encode_arming(sample.challenge, values, total, self._pulls)
-        armed = self._send_until(lambda: frames, lambda: self._sample_now().armed, ARMING_TIME)
+        armed = self._send_until(frames, lambda: self._sample_now().armed, ARMING_TIME)
         if not armed:
             raise HardwareError(
                 f"The board on {self.port} does not let itself be armed: "
@@ -454,7 +456,7 @@ class BoardLink(Closed):
         if not sample.latched:
             return
         cleared = self._send_until(
-            lambda: [protocol.encode(protocol.CLEAR, sample.challenge)],
+            [protocol.encode(protocol.CLEAR, sample.challenge)],
             lambda: not self._sample_now().latched,
             ANSWER_TIME,
         )
@@ -475,13 +477,11 @@ class BoardLink(Closed):
         self._threads[0].join(1.0)
         self._cable.close()
 
-    def _send_until(
-        self, frames: Callable[[], Sequence[bytes]], done: Callable[[], Any], limit: float
-    ) -> bool:
+    def _send_until(self, frames: Sequence[bytes], done: Callable[[], Any], limit: float) -> bool:
         """Sends frames until something is so, because they may get lost; whether it is."""
         end = time.monotonic() + limit
         while time.monotonic() < end:
-            for number, frame in enumerate(frames()):
+            for number, frame in enumerate(frames):
                 time.sleep(FRAME_PAUSE if number else 0.0)
                 self._send(frame)
             if self._wait_for(done, 0.1):

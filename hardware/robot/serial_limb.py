@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from hardware.robot.link import STALE, HardwareError, check_fit
+from hardware.robot.link import STALE, Closed, HardwareError, check_fit
 from hardware.robot.several_boards import SeveralBoards
 from hardware.robot.text_board import TextBoard
 from hardware.robot.text_link import Ports, TextLink, open_link
@@ -21,7 +21,7 @@ DEADLINE = 5e-3  # s, by which it is late for the record
 LONGEST_GAP = 3.0  # s without samples, after which a limb without heat is not recorded on
 
 
-class SerialLimb(LeafSystem):
+class SerialLimb(LeafSystem, Closed):
     """The robot: a board with a limb's wires, their thermocouples and its bend sensors.
 
     Or several boards, each with a limb of a robot: they are armed before any of them heats,
@@ -132,12 +132,6 @@ class SerialLimb(LeafSystem):
     def text_board(self) -> TextBoard | None:
         """The description of its board, if that speaks text."""
         return self.link.board if isinstance(self.link, TextLink) else None
-
-    def __enter__(self) -> "SerialLimb":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
 
     def close(self) -> None:
         """Switches the wires off and closes the port."""

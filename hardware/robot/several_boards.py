@@ -40,8 +40,9 @@ def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParam
 class SeveralBoards(Closed):
     """Connections to several boards, one for each limb of a robot, with the methods of `BoardLink`.
 
-    None gets a duty other than zero unless all are armed, and all are switched off as soon as one
-    of them is, or its cable is gone. Use it as a context manager, or `close` it.
+    Each method takes what the method of `BoardLink` takes, and raises what it raises, for any of
+    the boards. None gets a duty other than zero unless all are armed, and all are switched off as
+    soon as one of them is, or its cable is gone. Use it as a context manager, or `close` it.
 
     - ``port``: ports, as text.
     - ``names``: names of the limbs, in the robot's order.
@@ -78,7 +79,6 @@ class SeveralBoards(Closed):
         """The boards as one, with all serial numbers and the lowest temperature limit.
 
         Raises:
-            HardwareError: as `BoardLink.info`.
             LimbError: if a board has not as many wires and bend angles as its limb.
         """
         infos = [link.info() for link in self._links]
@@ -96,12 +96,6 @@ class SeveralBoards(Closed):
         """The newest samples as one, whose ``parts`` they are; times are those of the first.
 
         It is armed if all are, and has the reason of the board that was the first to be off.
-
-        Args:
-            oldest: as for `BoardLink.sample`.
-
-        Raises:
-            HardwareError: as `BoardLink.sample`.
         """
         samples = [link.sample(oldest) for link in self._links]
         first_off = min(samples, key=_rank)
@@ -121,14 +115,8 @@ class SeveralBoards(Closed):
     def arm(self, bounds: Sequence[HeatBounds], total_duty: float = 1.5) -> None:
         """Arms all boards at once; those that are ready first are held at zero until all are.
 
-        Args:
-            bounds: bounds of all wires, as `LimbParameters.heat_bounds` has them.
-            total_duty: largest sum of all duties, which no single board can see; commands are
-                reduced to it.
-
-        Raises:
-            HardwareError: as `BoardLink.arm`, of any of them; all are off then.
-            KeyboardInterrupt: if a signal has ended the command that runs.
+        No single board sees the sum of all duties; commands are reduced to ``total_duty``. If a
+        board is not armed, all are off.
         """
         self._total = total_duty
         starts = [0, *self._ends]
@@ -147,12 +135,7 @@ class SeveralBoards(Closed):
                 link.when_off = self.disarm
 
     def command(self, duty: np.ndarray) -> None:
-        """Sends each board its part of a duty (W), in [0, 1]; it holds for 250 ms.
-
-        Raises:
-            HardwareError, KeyboardInterrupt: as `BoardLink.command`, of any of them; all are
-                off then.
-        """
+        """Sends each board its part of a duty (W), in [0, 1]; all are off if one fails."""
         duty = checked_duty(duty, self._ends[-1])
         duty = duty * min(1.0, self._total / max(duty.sum(), 1e-9))
         parts = zip(self._links, np.split(duty, self._ends[:-1]), strict=True)

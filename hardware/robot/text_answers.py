@@ -27,10 +27,7 @@ ECHO = 1.0  # s, within which a duty that was sent is answered with
 
 
 class AnswerCheck:
-    """Compares the answers of a text board with what was sent to it.
-
-    - ``waiting``: whether a wire, or a duty in the answers, has still to follow zero.
-    """
+    """Compares the answers of a text board with what was sent to it."""
 
     def __init__(self, board: TextBoard, wire_names: Sequence[str]):
         self._board, self._names = board, list(wire_names)

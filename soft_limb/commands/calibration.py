@@ -33,12 +33,13 @@ from soft_limb.commands.options import (
     Option,
     live_page,
     print_summary,
+    save_panels,
     shared,
     text_board,
 )
 from soft_limb.live.page import LivePage
 from soft_limb.reports.calibration import (
-    plot_validation,
+    validation_panels,
     write_report,
     write_validation_report,
 )
@@ -237,11 +238,7 @@ def _validate(options: argparse.Namespace) -> int:
     check_recording(recording)
     check_without_gaps(recording)
     validation = validate(limb, recording)
-    if options.plot:
-        # Matplotlib takes as long to import as all the rest.
-        from limb_systems.views.plots import save_figure
-
-        save_figure(plot_validation(validation), options.plot)
+    save_panels(validation_panels(validation), options.plot)
     if options.report:
         data = {"limb": options.limb, "recording": options.recording}
         write_validation_report(validation, options.report, data)

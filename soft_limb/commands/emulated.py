@@ -15,6 +15,7 @@ from soft_limb.commands.options import (
     Command,
     Option,
     checked_outputs,
+    count,
     print_summary,
     print_table,
     say_duration,
@@ -100,12 +101,6 @@ def _field(text: str) -> tuple[str, list[float]]:
     return field, numbers
 
 
-def _processes(text: str) -> int:
-    if not re.fullmatch(r"[1-9]\d{0,3}", text):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes")
-    return int(text)
-
-
 COMMANDS = {
     "demo": Command(
         _demo,
@@ -178,7 +173,7 @@ COMMANDS = {
             Option(
                 "-j",
                 "--jobs",
-                type=_processes,
+                type=count,
                 default=os.cpu_count() or 1,
                 help="processes (default %(default)s)",
             ),

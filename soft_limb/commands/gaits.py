@@ -3,11 +3,10 @@
 import argparse
 import functools
 import os
-import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -23,7 +22,6 @@ from limb_systems import (
     Recording,
     Robot,
     RobotParameters,
-    Trajectory,
 )
 from limb_systems.output import check_outputs
 from limb_systems.progress import Progress
@@ -49,6 +47,7 @@ from soft_limb.commands.options import (
     Command,
     Option,
     checked_outputs,
+    count,
     print_summary,
     print_table,
     save_panels,
@@ -63,12 +62,7 @@ STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
 TURNING = 4  # gaits that turn, of those by which a robot gets anywhere
 FIRST_STRIDES = 2  # after which the gait is planned again
 STANDING = 10.0  # s, that an emulated robot stands with its wires off while that is done
-
-
-def _at_least_one(text: str) -> int:
-    if not re.fullmatch(r"[1-9]\d{0,3}", text):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of cycles from 1 to 9999")
-    return int(text)
+_Trial = tuple[Schedule, Gait | None, str]  # with its gait, or why it has none, if it was planned
 
 
 def _turn(text: str) -> float:
@@ -155,7 +149,7 @@ def _gaits(options: argparse.Namespace) -> int:
 
 
 def _best_gait(
-    schedules: Sequence[Schedule], plan: Callable[..., "_Trial"], spread: bool
+    schedules: Sequence[Schedule], plan: Callable[..., _Trial], spread: bool
 ) -> tuple[Gait | None, list[tuple[str, str]]]:
     """Plan a gait of each schedule, and check them, the best first, until one walks as planned.
 
@@ -166,7 +160,7 @@ def _best_gait(
     Returns:
         The gait that was taken, if any; and each other schedule with why it was not.
     """
-    trials = [_Trial(schedule) for schedule in schedules]
+    trials: list[_Trial] = [(schedule, None, "") for schedule in schedules]
     if len(schedules) > 1:
         with (
             local_executor(min(os.cpu_count() or 1, len(schedules))) as executor,
@@ -175,20 +169,18 @@ def _best_gait(
             trials = []
             for trial in run_each(plan, schedules, executor):
                 trials.append(trial)
-                done = [trial.schedule for trial in trials]
+                done = [schedule for schedule, *_ in trials]
                 left = [schedule_text(each) for each in schedules if each not in done]
                 progress.update(len(trials), f"trying {left[0]}" if left else "")
-    trials.sort(key=lambda trial: -trial.merit)
+        trials.sort(key=lambda trial: -trial[1].merit if trial[1] else np.inf)
     taken, refused = None, []
-    for trial in trials:
-        if trial.gait and taken:
-            reason = f"{_pace(trial.gait)}, and another is better"
-            trial = trial._replace(reason=reason)
-        elif not trial.reason:
-            trial = plan(trial.schedule, check=True, spread=spread)
-            taken = trial.gait
-        if trial.reason:
-            refused.append((schedule_text(trial.schedule), trial.reason))
+    for schedule, gait, reason in trials:
+        if gait and taken:
+            reason = f"{_pace(gait)}, and another is better"
+        elif not reason:
+            _, taken, reason = plan(schedule, check=True, spread=spread)
+        if reason:
+            refused.append((schedule_text(schedule), reason))
     return taken, refused
 
 
@@ -198,30 +190,13 @@ def _pace(gait: Gait) -> str:
     return f"{1e3 * gait.speed:.2f} mm/s"
 
 
-class _Trial(NamedTuple):
-    """A schedule; its gait, if it was planned; or why there is none, or why it was not taken.
-
-    - ``merit``: `Gait.merit`, which is to be large.
-    """
-
-    schedule: Schedule
-    gait: Gait | None = None
-    reason: str = ""
-    merit: float = -np.inf
-
-
 def _planned(
-    robot: RobotParameters,
-    schedule: Schedule,
-    objective: Literal["speed", "energy"],
-    check: bool = False,
-    **options: Any,
+    robot: RobotParameters, schedule: Schedule, check: bool = False, **options: Any
 ) -> _Trial:
     try:
-        gait = plan_gait(robot, schedule=schedule, objective=objective, check=check, **options)
+        return schedule, plan_gait(robot, schedule=schedule, check=check, **options), ""
     except PlanningError as error:
-        return _Trial(schedule, reason=str(error))
-    return _Trial(schedule, gait, merit=gait.merit)
+        return schedule, None, str(error)
 
 
 def _place(text: str) -> list[float]:
@@ -312,9 +287,8 @@ def _walk(options: argparse.Namespace) -> int:
         bend = fit.bend
         gait.save(parts[1])
         outputs += parts
-    trajectory, recording = _drive(options, gait, options.cycles, robot, options.output, heat, bend)
+    recording, start = _drive(options, gait, options.cycles, robot, options.output, heat, bend)
     save_panels(motion_panels(recording), options.plot)
-    start = trajectory.duration - options.cycles * gait.period
     print_summary(options, told + walk_summary(gait, recording, options.cycles, start), outputs)
     return 1 if recording.interrupted else 0
 
@@ -340,8 +314,8 @@ def _drive(
     output: Path,
     heat: np.ndarray | None = None,
     bend: np.ndarray | None = None,
-) -> tuple[Trajectory, Recording]:
-    """Walks some cycles from a heat and bends; returns the walk as planned and as recorded."""
+) -> tuple[Recording, float]:
+    """Walks some cycles from a heat and bends; returns the walk, and when the first begins, s."""
     trajectory = walk(gait, cycles, heat=heat, bend=bend)
     on_a_plane = BENDS if options.port else STRIDES
     name = options.controller or (HEAT if gait.in_space else on_a_plane)
@@ -352,7 +326,8 @@ def _drive(
         controller = PlanFeedback(trajectory, known_start=heat is not None)
     elif name == HEAT:
         controller = HeatFeedback(trajectory)
-    return trajectory, record_replay(trajectory, robot, output, controller=controller)
+    recording = record_replay(trajectory, robot, output, controller=controller)
+    return recording, trajectory.duration - cycles * gait.period
 
 
 def _first_strides(
@@ -363,8 +338,7 @@ def _first_strides(
     Raises:
         LimbError: if the robot falls, or its strides tell nothing.
     """
-    trajectory, recording = _drive(options, gait, FIRST_STRIDES, robot, output)
-    start = trajectory.duration - FIRST_STRIDES * gait.period
+    recording, start = _drive(options, gait, FIRST_STRIDES, robot, output)
     fall = fall_of(recording, gait, start)[0] if recording.body_pose is not None else ""
     if fall or recording.interrupted:
         raise LimbError(
@@ -532,7 +506,7 @@ COMMANDS = {
             Option(
                 "-n",
                 "--cycles",
-                type=_at_least_one,
+                type=count,
                 default=8,
                 help="number of cycles (default %(default)s)",
             ),

@@ -85,14 +85,6 @@ TASK_HELP = (
     "weights and limits: a file (.yaml), 'paper' for the paper's, or 'closed-loop' for plans that "
     "feedback follows"
 )
-EMULATED = Option(
-    "--emulated",
-    type=int,
-    default=0,
-    metavar="SEED",
-    help="seed of the emulated limb (default %(default)s)",
-)
-OUTPUT = Option("-o", "--output", required=True, type=Path, help="recording to write (.csv)")
 
 
 class _AddPort(argparse.Action):
@@ -106,13 +98,6 @@ class _AddPort(argparse.Action):
         setattr(namespace, self.dest, value)
 
 
-PORT = Option(
-    "-p",
-    "--port",
-    action=_AddPort,
-    help=f"of the robot, {PORT_HELP}, or NAME=PORT for each limb that has a board of its own; an "
-    "emulated limb if left out",
-)
 SHARED: dict[str, Option | list[Option]] = {
     "trajectory": Option("trajectory", type=Path, help="trajectory file (.csv)"),
     "reference": Option(
@@ -134,21 +119,32 @@ SHARED: dict[str, Option | list[Option]] = {
         default=0.5,
         help="window for smoothing a recording's bend angle, s (default %(default)g)",
     ),
-    "output": OUTPUT,
-    "folder": Option(*OUTPUT.names, **OUTPUT.settings | {"help": "folder to write to"}),
+    "output": Option("-o", "--output", required=True, type=Path, help="recording to write (.csv)"),
     "plot": Option("--plot", type=Path, help="picture to write (.png, .pdf, .svg)"),
     "report": Option("--report", type=Path, help="page to write, with charts to look into (.html)"),
     "force": Option("--force", action="store_true", help="replace files that exist"),
     "json": Option("--json", action="store_true", help="print JSON"),
     "board": Option("port", help=f"of the board, {PORT_HELP}"),
-    "port": PORT,
+    "port": Option(
+        "-p",
+        "--port",
+        action=_AddPort,
+        help=f"of the robot, {PORT_HELP}, or NAME=PORT for each limb that has a board of its own; "
+        "an emulated limb if left out",
+    ),
     "text": Option(
         "--board",
         type=Path,
         metavar="FILE",
         help="description of the board on the port, if it speaks lines of text (.yaml)",
     ),
-    "emulated": EMULATED,
+    "emulated": Option(
+        "--emulated",
+        type=int,
+        default=0,
+        metavar="SEED",
+        help="seed of the emulated limb (default %(default)s)",
+    ),
     "extra": Option(
         "--extra",
         action="append",
@@ -162,21 +158,6 @@ SHARED: dict[str, Option | list[Option]] = {
         help="physics of the emulated limb (default %(default)s); --import names the module of "
         "any other",
     ),
-    "driven": [  # the limb that a plan drives
-        PORT,
-        Option(
-            *EMULATED.names,
-            type=int,
-            metavar="SEED",
-            help="seed of the emulated limb; if left out, the limb that the plan was calibrated "
-            "on, or else 0",
-        ),
-        Option(
-            "--model",
-            action="store_true",
-            help="no other limb than the plan's own model: what it would do if it were exact",
-        ),
-    ],
     "controller": Option(
         "--controller",
         choices=CONTROLLERS,
@@ -207,6 +188,28 @@ SHARED: dict[str, Option | list[Option]] = {
         f"(default {LOOPBACK}, and a free port)",
     ),
 }
+SHARED["folder"] = shared("output", help="folder to write to")
+SHARED["driven"] = [  # the limb that a plan drives
+    shared("port"),
+    shared(
+        "emulated",
+        default=None,
+        help="seed of the emulated limb; if left out, the limb that the plan was calibrated on, or "
+        "else 0",
+    ),
+    Option(
+        "--model",
+        action="store_true",
+        help="no other limb than the plan's own model: what it would do if it were exact",
+    ),
+]
+
+
+def count(text: str) -> int:
+    """Return a count from 1 to 9999; the type of an option."""
+    if not re.fullmatch(r"[1-9]\d{0,3}", text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 to 9999")
+    return int(text)
 
 
 def text_board(options: argparse.Namespace) -> TextBoard | None:

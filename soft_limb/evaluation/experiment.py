@@ -156,14 +156,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         trajectory = plans[motion, OPEN_LOOP if way == OPEN_LOOP else FEEDBACK, model]
         number = MOTIONS.index(motion)
         calls.append(functools.partial(roll_out, rested, trajectory, way, COUNTS[way], number))
-    fig5 = {
-        loop: p for (motion, loop, model), p in plans.items() if (motion, model) == (VALIDATION, "")
-    }
-    fig5 = {
-        loop: trajectory
-        for (motion, loop, model), trajectory in plans.items()
-        if motion == VALIDATION and not model
-    }
+    fig5 = {loop: plans[VALIDATION, loop, ""] for loop in (OPEN_LOOP, FEEDBACK)}
     disturbances = DISTURBANCES if settings.disturb else ()
     calls += [functools.partial(roll_out_disturbed, rested, fig5, each) for each in disturbances]
     (firsts, split), *driven = yield calls
@@ -176,9 +169,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         taught,
         ways={
             motion: {
-                way: ways[motion, way, ""]
-                for way in (OPEN_LOOP, *CLOSED_LOOP)
-                if (motion, way, "") in ways
+                way: ways[motion, way, ""] for way in (OPEN_LOOP, *settings.closed_loop(motion))
             }
             for motion in MOTIONS
         },
@@ -194,9 +185,8 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
 
 def record(settings: Settings) -> tuple[Specimen, dict[str, list[Recording]]]:
     """Return a new limb, and its recordings for calibration."""
-    specimen = LimbTwin(seed=settings.seed, extra=settings.extra, physics=settings.physics).specimen
-    twin = LimbTwin(specimen=specimen)
-    return specimen, collect_from_twin(twin, seed=settings.seed, num_angles=NUM_ANGLES)
+    twin = LimbTwin(seed=settings.seed, extra=settings.extra, physics=settings.physics)
+    return twin.specimen, collect_from_twin(twin, seed=settings.seed, num_angles=NUM_ANGLES)
 
 
 def fit(

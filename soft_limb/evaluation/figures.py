@@ -62,11 +62,9 @@ def ways_shown(experiment: Experiment) -> dict[str, Way]:
     """Return one rollout of each way in which the limb was driven along `RAMPS`.
 
     The ways are open loop before and after calibration, `follow`, and the best repetition of
-    learning. Without follow or learning there is nothing to show.
+    learning.
     """
     ways = experiment.ways[RAMPS]
-    if not {FOLLOW, LEARNING} <= ways.keys():
-        return {}
     shown = {f"{OPEN_LOOP}, not calibrated": experiment.compared[AS_DESCRIBED][RAMPS]}
     shown |= {name: ways[name] for name in (OPEN_LOOP, FOLLOW)}
     shown = {name: Way(way.trajectory, way.rollouts[:1]) for name, way in shown.items()}
@@ -142,10 +140,9 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str
         "Fig. 7: the limb's shape by its bend sensor, constant curvature (11), as it was taught "
         "and as it repeated it",
     )
-    if shown := ways_shown(experiment):
-        result["ways"] = (
-            plot_ways(shown),
-            "Ramps that the limb can follow: open loop before and after calibration, follow, and "
-            "the best repetition of learning",
-        )
+    result["ways"] = (
+        plot_ways(ways_shown(experiment)),
+        "Ramps that the limb can follow: open loop before and after calibration, follow, and the "
+        "best repetition of learning",
+    )
     return result

@@ -132,7 +132,7 @@ def _draw(
         executor.submit(save_picture, figure, folder / f"{name}.png")
         for name, (figure, _) in pictures.items()
     ]
-    way = shown.ways[RAMPS].get(FOLLOW, shown.ways[RAMPS][OPEN_LOOP])
+    way = shown.ways[RAMPS][FOLLOW]
     replay, title = folder / "replay.html", "Ramps, on an emulated limb"
     write_meshcat_replay(replay, way.rollouts[0], plan=way.trajectory, title=title)
     limb = folder / f"limb_{shown.specimen.seed}"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Diagram, LeafSystem, System
+from pydrake.systems.framework import LeafSystem, System
 
 from controllers import Learner, PlanFeedback, PlanRegulator, RecedingHorizon
 from hardware import LimbTwin, replay
@@ -31,7 +31,6 @@ CONTROLLERS = {  # by `FOLLOW` a limb is driven as `soft-limb follow` does
 CLOSED_LOOP = (*CONTROLLERS, LEARNING)
 PAUSE = 300.0  # s without heat, in which a limb rests
 
-
 # Of the limb, as of `Specimen.disturbed`.
 LIMB_DISTURBANCES: dict[str, dict[str, float]] = {
     "none": {},
@@ -47,7 +46,7 @@ LIMB_DISTURBANCES: dict[str, dict[str, float]] = {
     "twice the bend sensor's noise": {"noise": 2.0},
 }
 # Of the reading of the bend, as of `BendPath`; an absence is in mid motion.
-SENSOR_DISTURBANCES = {
+SENSOR_DISTURBANCES: dict[str, dict[str, Any]] = {
     "bend read 0.1 s later": {"delay": 0.1},
     "no bend for 2 s": {"absence": 2.0},
     "bend held for 2 s": {"absence": 2.0, "held": True},
@@ -109,10 +108,12 @@ def roll_out_disturbed(
     """
     limb = specimen.with_noise(0, 0).disturbed(**LIMB_DISTURBANCES.get(disturbance, {}))
     trajectory, ways = plans[FEEDBACK], {}
+    controller: System
     if disturbance in SENSOR_DISTURBANCES:
-        changes = SENSOR_DISTURBANCES[disturbance]
-        start = trajectory.duration / 2
-        controller = behind_bend_path(PlanFeedback(trajectory), start=start, **changes)
+        feedback, changes = PlanFeedback(trajectory), SENSOR_DISTURBANCES[disturbance]
+        size = feedback.GetInputPort("bend_angle").size()
+        path = BendPath(size, start=trajectory.duration / 2, **changes)
+        controller = behind(path, feedback, "behind_bend_path")
     elif disturbance in LIMB_DISTURBANCES:
         controller = PlanFeedback(trajectory)
         ways[OPEN_LOOP] = plans[OPEN_LOOP], None
@@ -196,14 +197,3 @@ class BendPath(LeafSystem):
         if self._is_absent(context):
             shown = last if self._held else np.full(self._size, np.nan)
         output.SetFromVector(shown)
-
-
-def behind_bend_path(controller: System, **changes: Any) -> Diagram:
-    """A controller with the same ports, which the bend reaches by a `BendPath`.
-
-    Args:
-        controller: with the input ``bend_angle`` and the output ``duty``.
-        changes: as for `BendPath`.
-    """
-    path = BendPath(controller.GetInputPort("bend_angle").size(), **changes)
-    return behind(path, controller, "behind_bend_path")

@@ -81,50 +81,31 @@ def write_report(
         to_do.append(f"next recording: {calibration.next_recording}")
     if to_do:
         parts.append(page.section("What to do next", page.items(to_do)))
-    if calibration.validation:
-        parts.append(
-            _section(
-                "Validation, Sec. V-D and Fig. 4",
-                f"The duty of a recording that was not used in any fit, simulated open loop. "
-                f"{validation_summary(calibration.validation).line()}.",
-                validation_panels(calibration.validation),
-            )
+    if validation := calibration.validation:
+        said = (
+            "The duty of a recording that was not used in any fit, simulated open loop. "
+            f"{validation_summary(validation).line()}."
         )
-    parts.append(
-        page.section(
-            "Parameters",
-            page.paragraph(f"From recordings of: {', '.join(sources)}."),
-            parameter_table(calibration),
-            *([page.paragraph(f"As described: {', '.join(kept)}.")] if kept else []),
-        )
-    )
+        shown = validation_panels(validation)
+        parts.append(_section("Validation, Sec. V-D and Fig. 4", said, shown))
+    parameters = [
+        page.paragraph(f"From recordings of: {', '.join(sources)}."),
+        parameter_table(calibration),
+        *([page.paragraph(f"As described: {', '.join(kept)}.")] if kept else []),
+    ]
+    parts.append(page.section("Parameters", *parameters))
     if calibration.prediction:
         parts += _prediction(calibration.prediction, calibration.parameters.wire_names)
-    if calibration.stiffness:
-        parts.append(
-            _section(
-                "Spring constant, Sec. V-A",
-                f"The correction factor of (9) is {calibration.stiffness.factor_in_words}.",
-                stiffness_panels(calibration.stiffness),
-            )
-        )
-    if calibration.damping:
-        parts.append(
-            _section(
-                "Damping, Sec. V-B and Algorithm 1",
-                _compare_decay(calibration.damping),
-                damping_panels(calibration.damping),
-            )
-        )
+    if stiffness := calibration.stiffness:
+        said = f"The correction factor of (9) is {stiffness.factor_in_words}."
+        parts.append(_section("Spring constant, Sec. V-A", said, stiffness_panels(stiffness)))
+    if damping := calibration.damping:
+        said, title = _compare_decay(damping), "Damping, Sec. V-B and Algorithm 1"
+        parts.append(_section(title, said, damping_panels(damping)))
     colors = wire_colors(len(calibration.heat))
     for heat, force, color in zip(calibration.heat, calibration.force, colors, strict=True):
-        parts.append(
-            _section(
-                f"The {heat.wire} wire, Sec. V-C",
-                _heat_in_words(heat),
-                wire_panels(heat, force, color),
-            )
-        )
+        said, title = _heat_in_words(heat), f"The {heat.wire} wire, Sec. V-C"
+        parts.append(_section(title, said, wire_panels(heat, force, color)))
     record = calibration.parameters.calibration
     made = record.provenance if record else None
     page.write_page(path, "Calibration of a limb", parts, made, data)
@@ -160,14 +141,11 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
     parts: list[page.Part] = [page.section("Laws of the wires", table)]
     for number, predicted in enumerate(prediction.fit.predicted, 1):
         title = f"Recording {number} of {len(prediction.fit.predicted)} as fitted"
-        parts.append(
-            _section(
-                title,
-                f"{predicted.run.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°, "
-                f"V within {predicted.temperature_error:.1f} °C on average.",
-                predicted_panels(predicted, wire_names),
-            )
+        said = (
+            f"{predicted.run.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°, "
+            f"V within {predicted.temperature_error:.1f} °C on average."
         )
+        parts.append(_section(title, said, predicted_panels(predicted, wire_names)))
     return parts
 
 

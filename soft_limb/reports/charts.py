@@ -129,13 +129,12 @@ def draw(
         axis.minor_tick_line_color = None
     if panel.from_zero:
         plot.y_range.start = 0.0
+    for axis, ticks in ((plot.xaxis, panel.x_ticks), (plot.yaxis, panel.y_ticks)):
+        if ticks is not None:
+            axis.ticker = list(ticks)
+            axis.major_label_overrides = dict(ticks)
     if panel.x_ticks is not None:
-        plot.xaxis.ticker = list(panel.x_ticks)
-        plot.xaxis.major_label_overrides = dict(panel.x_ticks)
         plot.x_range.range_padding = 0.1
-    if panel.y_ticks is not None:
-        plot.yaxis.ticker = list(panel.y_ticks)
-        plot.yaxis.major_label_overrides = dict(panel.y_ticks)
     return plot
 
 

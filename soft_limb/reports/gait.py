@@ -69,17 +69,12 @@ def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | N
         names = ["robot or ground", f"mean {one}, %", "least, %", "most, %"]
         names += ["aside, %"] * gait.in_space + ["T, °C", "fall"]
         aside = ", the most that the robot goes or turns aside of it" * gait.in_space
-        parts.append(
-            page.section(
-                "Check",
-                page.table(
-                    names,
-                    [_row(variation, gait.in_space) for variation in [nominal, *check.spread]],
-                    f"{one.capitalize()}s in simulation with contact as shares of the planned one"
-                    f"{aside}, the highest temperature of any wire, and how it fell, if it did.",
-                ),
-            )
+        rows = [_row(variation, gait.in_space) for variation in [nominal, *check.spread]]
+        caption = (
+            f"{one.capitalize()}s in simulation with contact as shares of the planned one{aside}, "
+            "the highest temperature of any wire, and how it fell, if it did."
         )
+        parts.append(page.section("Check", page.table(names, rows, caption)))
     cycle = page.chart(motion_panels(gait), "Feet, body, forces, bends and heat")
     parts += [
         page.section("The cycle", cycle),

@@ -59,17 +59,16 @@ def write_plan_report(
     page.write_page(path, "Plan of a limb's motion", parts, trajectory.provenance, data)
 
 
-def rollout_verdict(rollout: Rollout) -> str:
+def rollout_verdict(rollout: Rollout, summary: Summary) -> str:
     """What ended a run, how near the limb came to its reference, and what is to be doubted."""
-    recording, texts = rollout.recording, rollout.summary().texts()
-    said = [f"{texts['reference']}."]
-    said[0] = said[0][0].upper() + said[0][1:]
+    recording, near = rollout.recording, summary.texts()["reference"]
+    said = []
     if recording.interrupted:
-        said.insert(
-            0,
+        said.append(
             f"Interrupted at {recording.time[-1]:.1f} s of {rollout.trajectory.duration:.1f} s: "
-            f"{recording.interrupted.rstrip('.')}.",
+            f"{recording.interrupted.rstrip('.')}."
         )
+    said.append(f"{near[0].upper()}{near[1:]}.")
     if far := far_from_reference(rollout.trajectory):
         said.append(far)
     if recording.doubt:
@@ -89,7 +88,7 @@ def write_rollout_report(
     """
     panels = tracking_panels(rollout.trajectory, [rollout.recording])
     parts: list[page.Part] = [
-        page.verdict(rollout_verdict(rollout)),
+        page.verdict(rollout_verdict(rollout, summary)),
         page.chart(panels, "Bend angle, temperatures and duty of the plan and the recording"),
         page.section("Facts", page.facts(summary)),
     ]

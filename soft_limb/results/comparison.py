@@ -55,13 +55,11 @@ class Change:
         first, *others = self.values
         # A seed is a name rather than a size.
         known = self.name.split(".")[-1] != "seed" and _is_size(first) and first != 0
-        return [
-            None,
-            *(
-                float((value - first) / abs(first)) if known and _is_size(value) else None
-                for value in others
-            ),
-        ]
+
+        def difference(value: Any) -> float | None:
+            return float((value - first) / abs(first)) if known and _is_size(value) else None
+
+        return [None, *map(difference, others)]
 
 
 @dataclasses.dataclass(frozen=True)

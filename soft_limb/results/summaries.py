@@ -14,6 +14,10 @@ from planners import nearest_bend_angle
 from planners.checks import far_from_reference
 from planners.gait.check import fall_of, strides_of
 
+# Of a `PlanCheck`, numbers and texts that JSON has under their own names.
+_OF_CHECK = ["solver", "status", "iterations", "refinements", "cost", "guess_cost"]
+_OF_CHECK += ["largest_defect", "largest_difference_deg", "tolerance_deg"]
+
 
 def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
     """How a plan was found and checked, how far it is from its reference, and what limits it.
@@ -59,17 +63,9 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
     values = {
         "duration_s": trajectory.duration,
         "knots": knots,
-        "solver": check.solver,
-        "status": check.status,
-        "iterations": check.iterations,
-        "refinements": check.refinements,
+        **{name: getattr(check, name) for name in _OF_CHECK},
         "solve_time_s": check.solve_time,
         "total_time_s": check.total_time,
-        "cost": check.cost,
-        "guess_cost": check.guess_cost,
-        "largest_defect": check.largest_defect,
-        "largest_difference_deg": check.largest_difference_deg,
-        "tolerance_deg": check.tolerance_deg,
         "reference_missed_mean_deg": float(missed),
         "reference_missed_largest_deg": float(most),
         "nearest_distance_deg": nearest,
@@ -176,7 +172,7 @@ def distances_summary(distances: ReferenceDistances) -> Summary:
     """Mean distances from the reference: of the limb, of its plan and of the best plan."""
     done = _degrees(distances.done)
     of_plan = _beside("" if done is None else f"{done:.2f}°", distances)
-    return Summary([of_plan[0], Entry("reference_distance_deg", done, "°", None), *of_plan[1:]])
+    return Summary([*of_plan, Entry("reference_distance_deg", done, "°", None)])
 
 
 def _beside(done: str, distances: ReferenceDistances) -> list[Entry]:

@@ -4,6 +4,7 @@ import concurrent.futures
 import contextlib
 import functools
 import importlib
+import itertools
 import multiprocessing
 import os
 import sys
@@ -15,7 +16,7 @@ from hardware.emulation.twin import SPECIMENS
 from limb_systems.errors import LimbError
 
 # Yields calls that do not need each other, gets their results, and returns its own.
-Evaluation = Generator[list[Callable[[], Any]], list[Any], Any]
+Evaluation = Generator[list[Callable[[], Any]], Any, Any]
 
 
 def run_all(
@@ -46,39 +47,34 @@ def run_all(
     waiting = enumerate(evaluations)
     # By the number of an evaluation: itself, and what its calls return.
     running: dict[int, tuple[Evaluation, list[concurrent.futures.Future]]] = {}
+    pending: set[concurrent.futures.Future] = set()
 
-    def proceed(number: int, evaluation: Evaluation, results: list[Any] | None) -> Any:
-        calls = next(evaluation) if results is None else evaluation.send(results)
-        running[number] = evaluation, [executor.submit(call) for call in calls]
+    def proceed(number: int, evaluation: Evaluation, results: list[Any] | None = None) -> None:
+        futures = [executor.submit(call) for call in evaluation.send(results)]
+        running[number] = evaluation, futures
+        pending.update(futures)
 
     try:
         while True:
-            while at_once is None or len(running) < at_once:
-                number, evaluation = next(waiting, (0, None))
-                if evaluation is None:
-                    break
-                proceed(number, evaluation, None)
+            free = None if at_once is None else at_once - len(running)
+            for number, evaluation in itertools.islice(waiting, free):
+                proceed(number, evaluation)
             if not running:
                 return
-            pending = [f for _, futures in running.values() for f in futures if not f.done()]
-            done = [f for _, futures in running.values() for f in futures if f not in pending]
-            if pending and not any(future.exception() for future in done):
-                concurrent.futures.wait(pending, return_when=concurrent.futures.FIRST_COMPLETED)
+            first = concurrent.futures.FIRST_COMPLETED
+            done, pending = concurrent.futures.wait(pending, return_when=first)
+            for future in done:
+                future.result()  # raises what the call has raised, before others end
             for number, (evaluation, futures) in list(running.items()):
-                for future in futures:
-                    if future.done():
-                        future.result()  # raises what the call has raised, before others end
-                if not all(future.done() for future in futures):
-                    continue
-                del running[number]
-                try:
-                    proceed(number, evaluation, [future.result() for future in futures])
-                except StopIteration as end:
-                    yield number, end.value
+                if pending.isdisjoint(futures):
+                    del running[number]
+                    try:
+                        proceed(number, evaluation, [future.result() for future in futures])
+                    except StopIteration as end:
+                        yield number, end.value
     finally:
-        for _, futures in running.values():
-            for future in futures:
-                future.cancel()
+        for future in pending:
+            future.cancel()
 
 
 def run_each(
@@ -89,13 +85,13 @@ def run_each(
     Raises:
         Exception: as `run_all` does.
     """
-    for _, result in run_all((_one_call(function, each) for each in arguments), executor):
-        yield result
-
-
-def _one_call(function: Callable[[Any], Any], argument: Any) -> Evaluation:
-    (result,) = yield [functools.partial(function, argument)]
-    return result
+    futures = [executor.submit(function, argument) for argument in arguments]
+    try:
+        for future in concurrent.futures.as_completed(futures):
+            yield future.result()
+    finally:
+        for future in futures:
+            future.cancel()
 
 
 @contextlib.contextmanager

@@ -13,9 +13,9 @@ from limb_systems.summary import Summary
 from planners import Task, plan, references
 from soft_limb.live.page import LivePage
 from soft_limb.reports.plan import write_rollout_report
+from soft_limb.results.folder import glance
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out
 
-RECORDED = b"# limb recording"  # beginning of a recording's file
 FOLLOWED = ("plan.csv", "recording.csv", "tracking.png", "report.html")  # of `teach_and_go`
 NAMED = {
     "ramps": references.ramps,
@@ -72,13 +72,9 @@ def reference_from_file(name: str, smoothing_time: float) -> trajectories.Trajec
     """A reference by what a command calls it; see `plan_from_files`."""
     if name in NAMED:
         return NAMED[name]()
-    path = Path(name)
-    if path.is_file():
-        with path.open("rb") as file:
-            recorded = file.read(len(RECORDED)) == RECORDED
-        if recorded:
-            return references.from_recording(Recording.load(path), smoothing_time)
-    return references.load(path)
+    if glance(Path(name)) == "recording":
+        return references.from_recording(Recording.load(name), smoothing_time)
+    return references.load(name)
 
 
 def teach_and_go(

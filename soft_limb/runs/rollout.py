@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import System
 
 from controllers import PlanFeedback, PlanRegulator, RecedingHorizon
 from controllers.estimator import Estimator
@@ -176,12 +176,10 @@ def roll_out(
     Raises:
         ReplayError, HardwareError, OutputError, LimbError: as `replay` does.
     """
-    driver, counts = controller_of(controller, trajectory, real_time=real_time), None
+    driver = controller_of(controller, trajectory, real_time=real_time)
     limb = make_limb()
-    if driver:
-        limb.source += f", driven by {type(driver).__name__}"
-        if driver.HasOutputPort("replans"):
-            driver, counts = _counted(driver)
+    if kind := CONTROLLERS[controller]:
+        limb.source += f", driven by {kind.__name__}"
     recording = record_replay(trajectory, limb, output, controller=driver, live=live)
     robot = limb if isinstance(limb, SerialLimb) else None
     return Rollout(
@@ -190,7 +188,7 @@ def roll_out(
         recording,
         np.array(robot.timing_errors) if robot else None,
         robot.link.lost_samples if robot else None,
-        counts.value if counts else None,
+        driver.counts if isinstance(driver, _CountingHorizon) else None,
         limb,
     )
 
@@ -216,9 +214,9 @@ def record_replay(
 def controller_of(name: str, trajectory: Trajectory, *, real_time: bool = False) -> System | None:
     """A controller by its key in `CONTROLLERS`; None for open loop."""
     kind = CONTROLLERS[name]
-    if kind is None:
-        return None
-    return kind(trajectory, real_time=real_time) if kind is RecedingHorizon else kind(trajectory)
+    if kind is RecedingHorizon:
+        return _CountingHorizon(trajectory, real_time)
+    return kind(trajectory) if kind else None
 
 
 def reduced_time(recording: Recording) -> float:
@@ -229,33 +227,18 @@ def reduced_time(recording: Recording) -> float:
     return float(np.sum(reduced) / recording.sample_rate)
 
 
-def _counted(controller: System) -> tuple[System, "_Last"]:
-    """A `RecedingHorizon` with its ports, and what it has counted at the end of a simulation."""
-    builder = DiagramBuilder()
-    builder.AddSystem(controller)
-    for index in range(controller.num_input_ports()):
-        port = controller.get_input_port(index)
-        builder.ExportInput(port, port.get_name())
-    builder.ExportOutput(controller.GetOutputPort("duty"), "duty")
-    counts = controller.GetOutputPort("replans")
-    last = builder.AddSystem(_Last(counts.size()))
-    builder.Connect(counts, last.get_input_port())
-    return builder.Build(), last
+class _CountingHorizon(RecedingHorizon):
+    """A `RecedingHorizon` that remembers what it counted, after a simulation and its Context.
 
-
-class _Last(LeafSystem):
-    """Remembers what came in last, after a simulation and its Context.
-
-    - input 0 ``value``: (size)
+    - ``counts``: what its output ``replans`` was last (3,).
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, size: int):
-        super().__init__()
-        self.value = np.zeros(size)
-        self.DeclareVectorInputPort("value", size)
-        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
+    def __init__(self, trajectory: Trajectory, real_time: bool):
+        super().__init__(trajectory, real_time=real_time)
+        self.counts = np.zeros(3)
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._count))
 
-    def _look(self, context) -> None:
-        self.value = self.get_input_port().Eval(context).copy()
+    def _count(self, context) -> None:
+        self.counts = self.GetOutputPort("replans").Eval(context).copy()

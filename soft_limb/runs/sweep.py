@@ -255,13 +255,14 @@ def _rows(file: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """Return the whole rows of a file; none if there is no file."""
     if not file.exists():
         return []
-    header, *rows = csv.reader(io.StringIO(file.read_text(encoding="utf-8"))) or [[]]
-    if header != columns:
-        raise LimbError(
-            f"{file} is not the table of a sweep of these fields; give another name, or --force "
-            "to replace it."
-        )
-    return [dict(zip(columns, row, strict=True)) for row in rows if len(row) == len(columns)]
+    with file.open(newline="", encoding="utf-8") as table:
+        reader = csv.reader(table)
+        if next(reader, None) != columns:
+            raise LimbError(
+                f"{file} is not the table of a sweep of these fields; give another name, or "
+                "--force to replace it."
+            )
+        return [dict(zip(columns, row, strict=True)) for row in reader if len(row) == len(columns)]
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:
