@@ -28,7 +28,8 @@ PRIORS: dict[str, tuple[float, float, float]] = {
     "width": (9.0, 0.4, 0.15),
     # Parts of `CoupledLaw`. Latent heat: 6 to 20 J/g of NiTi wires and 0.5 to 0.9 J/(g K), of
     # which coils in silicone show a part. Direct losses: of leads, and free convection by the
-    # fourth root of the temperature difference.
+    # fourth root of the temperature difference. Stress: 7 to 14 MPa/°C of such wires. Creep:
+    # silicones relax by a tenth or two within some seconds, alike for all wires.
     "outer_warming": (0.005, 0.02, 0.002),
     "outer_cooling": (0.008, 0.6, 0.2),
     "direct_cooling": (0.01, 0.03, 0.003),
@@ -37,6 +38,9 @@ PRIORS: dict[str, tuple[float, float, float]] = {
     "latent_heat": (8.0, 6.0, 1.0),
     "backlash": (1.0, 1.5, 0.3),
     "play_share": (0.5, 0.5, 0.05),
+    "stress_shift": (6.0, 6.0, 1.0),
+    "creep_share": (0.1, 0.15, 0.003),
+    "creep_rate": (0.25, 0.7, 0.02),
     "rest_angle": (0.0, float(np.deg2rad(3.0)), 0.0),
     "rest_angle_e3": (0.0, float(np.deg2rad(3.0)), 0.0),
     "stiffness": (0.1246, 0.5, 0.0),

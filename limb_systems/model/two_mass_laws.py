@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.optimize import brentq
 
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw
 from limb_systems.schema import quantity
@@ -245,18 +246,24 @@ class _ThreeMassHeat(_TwoMassHeat):
 
 @dataclasses.dataclass
 class CoupledLaw(_ThreeMassHeat, HystereticLaw):
-    """Heat in three masses, which the transformation takes up; a memory that closes minor loops.
+    """Heat in three masses, coupled to a transformation under stress; rubber that creeps.
 
         Ṫ = a1 (T - S) - (h0 + h1 (T - T0)) (T - T0) + a2 D - L ż
         Ṡ = kS (T - S) - kA (S - R)
         Ṙ = kR (S - R) - kO (R - T0)
         V̇ = a3 (V - (1 - μ) T - μ S)
         z = (1 - m) ξ + m (F(P) - F(T0 - r)),  F(P) = s((P - (T_h + T_c) / 2) / w)
-        torque = M z
+        Ċ = kC (z - C)
+        torque = M ((1 - c) z + c C)
 
-    ξ is that of `HystereticLaw`, with the backlash b of B. P follows T in the same way, with the
-    backlash r = (T_h - T_c) / 2, as a play of the Prandtl-Ishlinskii model: minor loops close along
-    it, while those of Duhem's law creep. Wires are in between.
+    ξ is that of `HystereticLaw`, with the backlash b of B, at the temperature T - σ ξ: stress moves
+    its curves upwards in proportion to the pull (Clausius-Clapeyron). P follows this temperature in
+    the same way, with the backlash r = (T_h - T_c) / 2, as a play of the Prandtl-Ishlinskii model:
+    minor loops close along it, while those of Duhem's law creep. Wires are in between.
+
+    Rubber that bends at once and creeps on (a standard linear solid) holds a limb at rest as one
+    does whose spring is elastic, and whose torque comes late in part: C is that part. Loads other
+    than wires do not make it creep.
 
     - ``a1``, ``a2``, ``a3``, ``silicone_warming``, ``full_torque``, ``heating_middle``,
       ``cooling_middle``, ``width``: as in `HystereticLaw`.
@@ -269,12 +276,15 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
     - ``latent_heat``: L, of the whole transformation, as °C of the wire.
     - ``backlash``: b, °C.
     - ``play_share``: m.
+    - ``stress_shift``: σ, at full pull, °C.
+    - ``creep_share``, ``creep_rate``: c, share of the bend that comes late, and kC, 1/s.
     """
 
     states: ClassVar[dict[str, float]] = {
         **_ThreeMassHeat.states,
         **dict.fromkeys(["B", "P"], TEMPERATURE_SCALE),
         "xi": 0.5,
+        "C": 0.5,
     }
     memory: ClassVar[dict[str, tuple[float, float]]] = {
         **HystereticLaw.memory,
@@ -284,19 +294,24 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
     latent_heat: float = quantity(8.0, "°C", 0.0, 60.0)
     backlash: float = quantity(BACKLASH, "°C", 0.0, 20.0)
     play_share: float = quantity(0.5, "1", 0.0, 1.0)
+    stress_shift: float = quantity(0.0, "°C", 0.0, 40.0)
+    creep_share: float = quantity(0.0, "1", 0.0, 0.6)
+    creep_rate: float = quantity(0.2, "1/s", 0.02, 4.0)
 
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
         """See the class."""
-        T, *_, B, P, xi = x
-        rise, fall = self._play(T, B, self.backlash)
-        transforming = self._transforming(T, xi, rise, fall)
-        along = np.subtract(*self._play(T, P, self._half_loop))
+        T, *_, B, P, xi, C = x
+        free = T - self.stress_shift * xi  # of stress
+        rise, fall = self._play(free, B, self.backlash)
+        transforming = self._transforming(free, xi, rise, fall)
+        along = np.subtract(*self._play(free, P, self._half_loop))
         F = self._along(P)
         gained = F * (1.0 - F) / self.width * along
         gained = transforming + self.play_share * (gained - transforming)
         heated, *others = _ThreeMassHeat.rates(self, x[:3], D, T0)
         heated = heated - self.latent_heat * gained
-        return [heated, *others, rise - fall, along, transforming]
+        creeping = self.creep_rate * (self._transformed(P, xi, T0) - C)
+        return [heated, *others, rise - fall, along, transforming, creeping]
 
     @property
     def _half_loop(self) -> Any:
@@ -307,20 +322,33 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         """F(P)."""
         return _logistic((P - self._middle) / self.width)
 
-    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
-        """M z."""
-        *_, P, xi = x
+    def _transformed(self, P: Any, xi: Any, T0: Any) -> Any:
+        """z."""
         along = self._along(P) - self._along(T0 - self._half_loop)
-        return self.full_torque * (xi + self.play_share * (along - xi))
+        return xi + self.play_share * (along - xi)
+
+    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
+        """M ((1 - c) z + c C)."""
+        *_, P, xi, C = x
+        z = self._transformed(P, xi, T0)
+        return self.full_torque * (z + self.creep_share * (C - z))
 
     def cold_states(self, T0: float) -> Sequence[float]:
         """Nothing is transformed, and heat meets no backlash, so that plans see it act."""
-        return [T0, T0, T0, T0 - self.backlash, T0 - self._half_loop, 0.0]
+        return [T0, T0, T0, T0 - self.backlash, T0 - self._half_loop, 0.0, 0.0]
 
     def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
         """On the curve of heating, which starts at ambient temperature with z = 0."""
-        *_, xi = super().warm_states(T, T0)
-        return [T, T0, T0, T - self.backlash, T - self._half_loop, xi]
+
+        def on_curve(free: float) -> float:
+            return super(CoupledLaw, self).warm_states(free, T0)[-1]
+
+        def excess(free: float) -> float:
+            return free + self.stress_shift * on_curve(free) - T
+
+        free = brentq(excess, T - self.stress_shift - 1.0, T + 1.0) if self.stress_shift else T
+        P, xi = free - self._half_loop, on_curve(free)
+        return [T, T0, T0, free - self.backlash, P, xi, self._transformed(P, xi, T0)]
 
     def easier(self) -> WireLaw:
         """Return the law with paths that turn gradually."""
@@ -333,8 +361,14 @@ class _GradualCoupledLaw(CoupledLaw):
     turning: ClassVar[tuple[float, float]] = GRADUAL, GRADUAL
 
     def easier(self) -> WireLaw:
-        """Return the law without hysteresis and latent heat, whose curve is midway."""
-        return _WarmLaw(**_of(_ThreeMassHeat, self), **_midway(self))
+        """Return the law without hysteresis, latent heat and creep, whose curve is midway.
+
+        Stress moves the middle of a curve of T by σ / 2, and its slope there, 1 / (4 w), to
+        1 / (4 w + σ).
+        """
+        curve, shift = _midway(self), self.stress_shift
+        curve |= {"middle": curve["middle"] + shift / 2, "width": curve["width"] + shift / 4}
+        return _WarmLaw(**_of(_ThreeMassHeat, self), **curve)
 
 
 @dataclasses.dataclass

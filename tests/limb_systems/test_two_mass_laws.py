@@ -168,6 +168,41 @@ def test_what_transforms_takes_up_its_latent_heat():
     np.testing.assert_allclose(recording.wire_temperature[1], heated, atol=0.1)
 
 
+def test_rubber_that_creeps_is_a_standard_linear_solid():
+    """A spring k beside a spring m k with a dashpot, time τ, under the pull of a wire at rest.
+
+    It bends at once to 1 / (1 + m) of what it comes to, and on with the time (1 + m) τ.
+    """
+    m, tau = 0.25, 4.0
+    law = CoupledLaw(creep_share=m / (1 + m), creep_rate=1 / ((1 + m) * tau))
+    state, step = np.array(law.warm_states(70.0, ROOM)), 0.01
+    held, state[-1] = law.torque(state, ROOM, 0.0), 0.0
+    spring, dashpot = [], 0.0  # angles by k θ + m k (θ - q) = torque, q' = (θ - q) / τ
+    torques = []
+    for _ in range(1500):
+        angle = (held + m * dashpot) / (1 + m)
+        spring.append(angle)
+        torques.append(law.torque(state, ROOM, 0.0))
+        dashpot += step * (angle - dashpot) / tau
+        state[-1] += step * law.rates(state, 0.0, ROOM)[-1]
+    np.testing.assert_allclose(torques, spring, rtol=1e-9)
+    assert torques[0] == pytest.approx(0.8 * held)
+
+
+def test_stress_moves_the_curve_of_a_wire_by_its_pull():
+    """Half of it is transformed at T_h + σ / 2, where it is at T_h without stress."""
+    middles = []
+    for shift in (0.0, 10.0):
+        law = CoupledLaw(play_share=0.0, stress_shift=shift)
+        state = np.array(law.cold_states(ROOM))
+        while state[5] < 0.5:
+            state[0] += 0.01
+            state[3:] += 0.05 * np.array(law.rates(state, 0.0, ROOM)[3:])
+        middles.append(state[0])
+        assert law.warm_states(state[0], ROOM)[5] == pytest.approx(0.5, abs=0.02)
+    assert middles[1] - middles[0] == pytest.approx(5.0, abs=0.1)
+
+
 def test_the_share_stays_from_0_to_1_in_every_simulation():
     """From starts that are not consistent, as fits and estimators have them, under sudden duty."""
     for start in (-0.3, 1.4):
@@ -202,14 +237,16 @@ def test_the_share_stays_from_0_to_1_in_every_simulation():
 def test_the_limb_has_the_law_written_out(planar_chain):
     """Heat, reading and torque of another wire on either side, in one diagram."""
     for kind in LAWS:
-        left = kind()
+        parts = {"stress_shift": 6.0, "creep_share": 0.2} if kind is CoupledLaw else {}
+        left = kind(**parts)
         right = dataclasses.replace(left, a1=-0.1, a2=25.0, a3=-0.7)
         limb, generator = limb_with(left, right), np.random.default_rng(3)
         angles, rates = generator.uniform(-0.4, 0.4, 5), generator.uniform(-2, 2, 5)
         T, S, V = np.array([[70.0, 50.0], [35.0, 45.0], [60.0, 55.0]])
         R, B, P, xi = np.array([[30.0, 32.0], [68.5, 52.0], [65.5, 55.0], [0.3, 0.8]])
+        C = np.array([0.5, 0.2])
         D = np.array([0.4, 0.1])
-        others = {HystereticLaw: [S, B, xi], CoupledLaw: [S, R, B, P, xi]}.get(kind, [S])
+        others = {HystereticLaw: [S, B, xi], CoupledLaw: [S, R, B, P, xi, C]}.get(kind, [S])
         system = Limb(limb)
         context = system.CreateDefaultContext()
         context.SetContinuousState(np.concatenate([angles, rates, T, *others, V]))
@@ -221,19 +258,22 @@ def test_the_limb_has_the_law_written_out(planar_chain):
         shown, F = T, logistic((P - 62) / 9)
         if kind in (HystereticLaw, CoupledLaw):
             # Both are beyond the backlash of 1 °C, with a corner of 0.15 °C and a time of 0.3 s.
-            rise = 0.15 / 0.3 * np.log1p(np.exp((T - B - 1.0) / 0.15))
-            fall = 0.15 / 0.3 * np.log1p(np.exp((B - T - 1.0) / 0.15))
-            slope = rise * (1 - xi) * logistic((T - 66) / 9) - fall * xi * logistic((58 - T) / 9)
+            free = T - 6.0 * xi if kind is CoupledLaw else T
+            rise = 0.15 / 0.3 * np.log1p(np.exp((free - B - 1.0) / 0.15))
+            fall = 0.15 / 0.3 * np.log1p(np.exp((B - free - 1.0) / 0.15))
+            slope = rise * (1 - xi) * logistic((free - 66) / 9)
+            slope -= fall * xi * logistic((58 - free) / 9)
             path = [rise - fall, slope / 9]
         if kind is CoupledLaw:
-            risen = 0.15 / 0.3 * np.log1p(np.exp((T - P - 4.0) / 0.15))
-            fallen = 0.15 / 0.3 * np.log1p(np.exp((P - T - 4.0) / 0.15))
+            risen = 0.15 / 0.3 * np.log1p(np.exp((free - P - 4.0) / 0.15))
+            fallen = 0.15 / 0.3 * np.log1p(np.exp((P - free - 4.0) / 0.15))
             along = F * (1 - F) / 9 * (risen - fallen)
             lost = 0.01 * (T - 25) + 1e-4 * (T - 25) ** 2
             expected[0] = heating - lost - 8.0 * (0.5 * slope / 9 + 0.5 * along)
             expected[1] = 0.004 * (T - S) - 0.012 * (S - R)
             expected.append(0.005 * (S - R) - 0.008 * (R - 25))
-            path.insert(1, risen - fallen)
+            z = 0.5 * xi + 0.5 * (F - logistic((25 - 4 - 62) / 9))
+            path = [path[0], risen - fallen, path[1], 0.2 * (z - C)]
             shown = 0.9 * T + 0.1 * S
         expected += path if kind in (HystereticLaw, CoupledLaw) else []
         expected.append(np.array([1.0, 0.7]) * (shown - V))
@@ -243,7 +283,7 @@ def test_the_limb_has_the_law_written_out(planar_chain):
             ThresholdLaw: 4.9e-3 * (np.log1p(np.exp((T - 48) / 7)) - np.log1p(np.exp(-23 / 7))),
             SaturatingLaw: 0.035 * (logistic((T - 62) / 10) - logistic(-3.7)),
             HystereticLaw: 0.038 * xi,
-            CoupledLaw: 0.038 * (0.5 * xi + 0.5 * (F - logistic((25 - 4 - 62) / 9))),
+            CoupledLaw: 0.038 * (0.8 * z + 0.2 * C) if kind is CoupledLaw else None,
         }[kind]
         force = np.full(5, torque[1] - torque[0])
         expected = planar_chain(limb).acceleration(angles, rates, force)
