@@ -52,6 +52,7 @@ RECORDED = {
     "middle": (72.0, 98.0),
     "heating_middle": (76.0, 98.0),
 }
+PARTS = {"stress_shift": (0.0, 15.0), "creep_share": (0.0, 0.3)}  # that defaults do not have
 RECORDED_WIDTHS = {
     ThresholdLaw: (5.0, 8.0),
     SaturatingLaw: (13.0, 24.0),
@@ -71,6 +72,8 @@ def random_law(kind: type[WireLaw], recorded: bool, generator: np.random.Generat
             changed = generator.uniform(*RECORDED[name])
         elif recorded and name == "width":
             changed = generator.uniform(*RECORDED_WIDTHS[kind])
+        elif name in PARTS:
+            changed = generator.uniform(*PARTS[name])
         elif name in ("knee", "middle", "heating_middle"):
             changed = value + generator.uniform(-CHANGE, CHANGE)
         else:
