@@ -36,7 +36,7 @@ def main() -> None:
     ):
         parameters.gravity = gravity
         for wire in parameters.wires:
-            wire.law = CoupledLaw(stress_shift=6.0, creep_share=0.1)
+            wire.law = CoupledLaw(heating_drop=0.1, stress_shift=6.0, creep_share=0.1)
         trajectory = plan(parameters, reference, task=Task.closed_loop(parameters))
         recording = replay(trajectory, LimbTwin(parameters), controller=PlanFeedback(trajectory))
         for controller in (

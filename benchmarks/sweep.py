@@ -52,7 +52,11 @@ RECORDED = {
     "middle": (72.0, 98.0),
     "heating_middle": (76.0, 98.0),
 }
-PARTS = {"stress_shift": (0.0, 15.0), "creep_share": (0.0, 0.3)}  # that defaults do not have
+PARTS = {  # that defaults do not have
+    "heating_drop": (-0.2, 0.2),
+    "stress_shift": (0.0, 15.0),
+    "creep_share": (0.0, 0.3),
+}
 RECORDED_WIDTHS = {
     ThresholdLaw: (5.0, 8.0),
     SaturatingLaw: (13.0, 24.0),

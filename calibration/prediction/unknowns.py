@@ -28,13 +28,15 @@ PRIORS: dict[str, tuple[float, float, float]] = {
     "width": (9.0, 0.4, 0.15),
     # Parts of `CoupledLaw`. Latent heat: 6 to 20 J/g of NiTi wires and 0.5 to 0.9 J/(g K), of
     # which coils in silicone show a part. Direct losses: of leads, and free convection by the
-    # fourth root of the temperature difference. Stress: 7 to 14 MPa/°C of such wires. Creep:
-    # silicones relax by a tenth or two within some seconds, alike for all wires.
+    # fourth root of the temperature difference. Heating: resistance of austenite 10 to 20% below
+    # that of martensite, at constant current or voltage. Stress: 7 to 14 MPa/°C of such wires.
+    # Creep: silicones relax by a tenth or two within some seconds, alike for all wires.
     "outer_warming": (0.005, 0.02, 0.002),
     "outer_cooling": (0.008, 0.6, 0.2),
     "direct_cooling": (0.01, 0.03, 0.003),
     "convection": (1e-4, 3e-4, 3e-5),
     "silicone_share": (0.1, 0.15, 0.1),
+    "heating_drop": (0.0, 0.1, 0.02),
     "latent_heat": (8.0, 6.0, 1.0),
     "backlash": (1.0, 1.5, 0.3),
     "play_share": (0.5, 0.5, 0.05),

@@ -257,7 +257,7 @@ class _ThreeMassHeat(_TwoMassHeat):
 class CoupledLaw(_ThreeMassHeat, HystereticLaw):
     """Heat in three masses, coupled to a transformation under stress; rubber that creeps.
 
-        Ṫ = a1 (T - S) - (h0 + h1 (T - T0)) (T - T0) + a2 D - L ż
+        Ṫ = a1 (T - S) - (h0 + h1 (T - T0)) (T - T0) + a2 (1 - ρ ξ) D - L ż
         Ṡ = kS (T - S) - kA (S - R)
         Ṙ = kR (S - R) - kO (R - T0)
         V̇ = a3 (V - (1 - μ) T - μ S)
@@ -285,6 +285,7 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
     - ``direct_cooling``, ``convection``: h0, rate at which the wire cools to ambient by itself,
       1/s, and h1, its rise per degree, 1/(s·°C).
     - ``silicone_share``: μ, of the silicone's temperature in what the thermocouple shows.
+    - ``heating_drop``: ρ, share of the heating that is lost as the wire's resistance changes.
     - ``latent_heat``: L, of the whole transformation, as °C of the wire.
     - ``backlash``: b, °C.
     - ``play_share``: m.
@@ -304,6 +305,7 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
     }
     cubic: ClassVar[float] = 0.0173
 
+    heating_drop: float = quantity(0.0, "1", -0.3, 0.3)
     latent_heat: float = quantity(8.0, "°C", 0.0, 60.0)
     backlash: float = quantity(BACKLASH, "°C", 0.0, 20.0)
     play_share: float = quantity(0.5, "1", 0.0, 1.0)
@@ -321,7 +323,8 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         F, z = self._along(P), (P - self._middle) / self.width
         gained = F * (1.0 - F) * self._slope(z) / self.width * along
         gained = transforming + self.play_share * (gained - transforming)
-        heated, *others = _ThreeMassHeat.rates(self, x[:3], D, T0)
+        heating = (1.0 - self.heating_drop * xi) * D
+        heated, *others = _ThreeMassHeat.rates(self, x[:3], heating, T0)
         heated = heated - self.latent_heat * gained
         creeping = self.creep_rate * (self._transformed(P, xi, T0) - C)
         return [heated, *others, rise - fall, along, transforming, creeping]

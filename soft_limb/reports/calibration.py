@@ -48,6 +48,7 @@ _MEANING = {
     "direct_cooling": "h0, wire cooled by the room",
     "convection": "h1, more of that per degree",
     "silicone_share": "μ, of the silicone in the reading",
+    "heating_drop": "ρ, share of heating lost by transformation",
     "latent_heat": "L, as degrees of the wire",
     "backlash": "b, turned without transformation",
     "play_share": "m, of memory that closes minor loops",

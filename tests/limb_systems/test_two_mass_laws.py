@@ -252,7 +252,11 @@ def test_the_share_stays_from_0_to_1_in_every_simulation():
 def test_the_limb_has_the_law_written_out(planar_chain):
     """Heat, reading and torque of another wire on either side, in one diagram."""
     for kind in LAWS:
-        parts = {"stress_shift": 6.0, "creep_share": 0.2} if kind is CoupledLaw else {}
+        parts = (
+            {"stress_shift": 6.0, "creep_share": 0.2, "heating_drop": 0.1}
+            if kind is CoupledLaw
+            else {}
+        )
         left = kind(**parts)
         right = dataclasses.replace(left, a1=-0.1, a2=25.0, a3=-0.7)
         limb, generator = limb_with(left, right), np.random.default_rng(3)
@@ -288,6 +292,7 @@ def test_the_limb_has_the_law_written_out(planar_chain):
             F, u = normal((P - 62) / 9), (P - 62) / 9
             along = F * (1 - F) * (1 + 3 * 0.0173 * u**2) / 9 * (risen - fallen)
             lost = 0.01 * (T - 25) + 1e-4 * (T - 25) ** 2
+            heating -= 0.1 * xi * np.array([20.0, 25.0]) * D
             expected[0] = heating - lost - 8.0 * (0.5 * slope / 9 + 0.5 * along)
             expected[1] = 0.004 * (T - S) - 0.012 * (S - R)
             expected.append(0.005 * (S - R) - 0.008 * (R - 25))
