@@ -443,7 +443,7 @@ class _Problem:
         starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
         with np.errstate(all="ignore"):  # of values that nobody has
             readings = self._whitened(self._simulate(starts))
-        costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
+            costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
         return starts[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
