@@ -372,9 +372,13 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
 
 
 class _GradualCoupledLaw(CoupledLaw):
-    """The coupled law whose paths turn gradually, for the start of plans."""
+    """The coupled law whose paths turn gradually, for the start of plans.
+
+    Its curves are logistic: their longer tails show solvers that heat will help.
+    """
 
     turning: ClassVar[tuple[float, float]] = GRADUAL, GRADUAL
+    cubic: ClassVar[float] = 0.0
 
     def easier(self) -> WireLaw:
         """Return the law without hysteresis, latent heat and creep, whose curve is midway.
