@@ -158,7 +158,6 @@ class HystereticLaw(_TwoMassHeat):
     memory: ClassVar[dict[str, tuple[float, float]]] = {"B": (-np.inf, np.inf), "xi": (0.0, 1.0)}
     below: ClassVar[dict[str, str]] = {"cooling_middle": "heating_middle"}
     turning: ClassVar[tuple[float, float]] = SOFTNESS, FOLLOWING
-    cubic: ClassVar[float] = 0.0  # of z in the curves s(z + cubic z³)
 
     full_torque: float = quantity(0.038, "N·m", 1e-8, 100.0)
     heating_middle: float = quantity(66.0, "°C", -20.0, 300.0)
@@ -185,17 +184,9 @@ class HystereticLaw(_TwoMassHeat):
 
     def _transforming(self, T: Any, xi: Any, rise: Any, fall: Any) -> Any:
         """ξ̇, 1/s, where B rises or falls at these rates."""
-        z = np.array([T - self.heating_middle, self.cooling_middle - T]) / self.width
-        heating, cooling = _logistic(self._curve(z)) * self._slope(z)
+        beyond = np.array([T - self.heating_middle, self.cooling_middle - T])
+        heating, cooling = _logistic(beyond / self.width)
         return ((1.0 - xi) * heating * rise - xi * cooling * fall) / self.width
-
-    def _curve(self, z: Any) -> Any:
-        """What s is taken of, at z widths above the middle of a curve."""
-        return z * (1.0 + self.cubic * z * z)
-
-    def _slope(self, z: Any) -> Any:
-        """The derivative of `_curve`."""
-        return 1.0 + 3.0 * self.cubic * z * z
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
         """M ξ."""
@@ -211,7 +202,7 @@ class HystereticLaw(_TwoMassHeat):
 
     def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
         """On the curve of heating, which starts at ambient temperature with ξ = 0."""
-        ends = [1.0 + np.exp(self._curve((t - self.heating_middle) / self.width)) for t in (T0, T)]
+        ends = [1.0 + np.exp((t - self.heating_middle) / self.width) for t in (T0, T)]
         return [T, T0, T - BACKLASH, 1.0 - ends[0] / ends[1]]
 
 
@@ -261,17 +252,14 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         Ṡ = kS (T - S) - kA (S - R)
         Ṙ = kR (S - R) - kO (R - T0)
         V̇ = a3 (V - (1 - μ) T - μ S)
-        z = (1 - m) ξ + m (F(P) - F(T0 - r)),  F(P) = N((P - (T_h + T_c) / 2) / w)
+        z = (1 - m) ξ + m (F(P) - F(T0 - r)),  F(P) = s((P - (T_h + T_c) / 2) / w)
         Ċ = kC (z - C)
         torque = M ((1 - c) z + c C)
 
-    The curves are normal distributions N in place of the logistic s, whose tails are longer than
-    those of transformations: N(u) = s(u + 0.0173 u³), of standard deviation 1.6, by Page (1977).
-    ξ is that of `HystereticLaw` with these curves, with the backlash b of B, at the temperature
-    T - σ ξ: stress moves them upwards in proportion to the pull (Clausius-Clapeyron). P follows
-    this temperature in the same way, with the backlash r = (T_h - T_c) / 2, as a play of the
-    Prandtl-Ishlinskii model: minor loops close along it, while those of Duhem's law creep. Wires
-    are in between.
+    ξ is that of `HystereticLaw`, with the backlash b of B, at the temperature T - σ ξ: stress moves
+    its curves upwards in proportion to the pull (Clausius-Clapeyron). P follows this temperature in
+    the same way, with the backlash r = (T_h - T_c) / 2, as a play of the Prandtl-Ishlinskii model:
+    minor loops close along it, while those of Duhem's law creep. Wires are in between.
 
     Rubber that bends at once and creeps on (a standard linear solid) holds a limb at rest as one
     does whose spring is elastic, and whose torque comes late in part: C is that part. Loads other
@@ -303,7 +291,6 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         **HystereticLaw.memory,
         "P": (-np.inf, np.inf),
     }
-    cubic: ClassVar[float] = 0.0173
 
     heating_drop: float = quantity(0.0, "1", -0.3, 0.3)
     latent_heat: float = quantity(8.0, "°C", 0.0, 60.0)
@@ -320,8 +307,8 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         rise, fall = self._play(free, B, self.backlash)
         transforming = self._transforming(free, xi, rise, fall)
         along = np.subtract(*self._play(free, P, self._half_loop))
-        F, z = self._along(P), (P - self._middle) / self.width
-        gained = F * (1.0 - F) * self._slope(z) / self.width * along
+        F = self._along(P)
+        gained = F * (1.0 - F) / self.width * along
         gained = transforming + self.play_share * (gained - transforming)
         heating = (1.0 - self.heating_drop * xi) * D
         heated, *others = _ThreeMassHeat.rates(self, x[:3], heating, T0)
@@ -336,7 +323,7 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
 
     def _along(self, P: Any) -> Any:
         """F(P)."""
-        return _logistic(self._curve((P - self._middle) / self.width))
+        return _logistic((P - self._middle) / self.width)
 
     def _transformed(self, P: Any, xi: Any, T0: Any) -> Any:
         """z."""
@@ -372,13 +359,9 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
 
 
 class _GradualCoupledLaw(CoupledLaw):
-    """The coupled law whose paths turn gradually, for the start of plans.
-
-    Its curves are logistic: their longer tails show solvers that heat will help.
-    """
+    """The coupled law whose paths turn gradually, for the start of plans."""
 
     turning: ClassVar[tuple[float, float]] = GRADUAL, GRADUAL
-    cubic: ClassVar[float] = 0.0
 
     def easier(self) -> WireLaw:
         """Return the law without hysteresis, latent heat and creep, whose curve is midway.

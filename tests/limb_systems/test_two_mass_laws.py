@@ -5,7 +5,6 @@ import itertools
 
 import numpy as np
 import pytest
-import scipy.stats
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
@@ -38,11 +37,6 @@ def limb_with(left, right) -> LimbParameters:
 
 def logistic(z):
     return 1.0 / (1.0 + np.exp(-z))
-
-
-def normal(z):
-    """Page's approximation, with the slope of the logistic function in the middle."""
-    return logistic(z + 0.0173 * z**3)
 
 
 def test_heat_of_two_masses_is_the_matrix_exponential():
@@ -149,7 +143,7 @@ def test_minor_loops_of_plays_close_and_those_of_duhems_law_creep():
                 state[0] = start + along * (turn - start)
                 state[3:] += 0.05 * np.array(law.rates(state, 0.0, ROOM)[3:])
             torques.append(law.torque(state, ROOM, 0.0) / law.full_torque)
-        gained = normal((70 - 8 - 64) / 9) - normal((25 - 8 - 64) / 9)
+        gained = logistic((70 - 8 - 64) / 9) - logistic((25 - 8 - 64) / 9)
         creep[share] = torques[4] - torques[0]
         if share == 1.0:
             np.testing.assert_allclose(torques[::2], gained, atol=0.01)  # they lag by 0.3 s
@@ -193,15 +187,6 @@ def test_rubber_that_creeps_is_a_standard_linear_solid():
         state[-1] += step * law.rates(state, 0.0, ROOM)[-1]
     np.testing.assert_allclose(torques, spring, rtol=1e-9)
     assert torques[0] == pytest.approx(0.8 * held)
-
-
-def test_curves_of_the_coupled_law_are_normal_distributions():
-    """Heated from cold without stress; the path lags by its backlash, which costs nothing here."""
-    law = CoupledLaw(play_share=0.0, backlash=0.0)
-    temperature = np.linspace(30.0, 100.0, 50)
-    share = [law.warm_states(T, -50.0)[5] for T in temperature]
-    normal_share = scipy.stats.norm.cdf(temperature, 66.0, 1.5976 * law.width)
-    np.testing.assert_allclose(share, normal_share, atol=2e-4)
 
 
 def test_stress_moves_the_curve_of_a_wire_by_its_pull():
@@ -277,26 +262,24 @@ def test_the_limb_has_the_law_written_out(planar_chain):
         shown = T
         if kind in (HystereticLaw, CoupledLaw):
             # Both are beyond the backlash of 1 °C, with a corner of 0.15 °C and a time of 0.3 s.
-            free, curve, cubic = T, logistic, 0.0
-            if kind is CoupledLaw:
-                free, curve, cubic = T - 6.0 * xi, normal, 0.0173
+            free = T - 6.0 * xi if kind is CoupledLaw else T
             rise = 0.15 / 0.3 * np.log1p(np.exp((free - B - 1.0) / 0.15))
             fall = 0.15 / 0.3 * np.log1p(np.exp((B - free - 1.0) / 0.15))
             up, down = (free - 66) / 9, (58 - free) / 9
-            slope = rise * (1 - xi) * curve(up) * (1 + 3 * cubic * up**2)
-            slope -= fall * xi * curve(down) * (1 + 3 * cubic * down**2)
+            slope = rise * (1 - xi) * logistic(up)
+            slope -= fall * xi * logistic(down)
             path = [rise - fall, slope / 9]
         if kind is CoupledLaw:
             risen = 0.15 / 0.3 * np.log1p(np.exp((free - P - 4.0) / 0.15))
             fallen = 0.15 / 0.3 * np.log1p(np.exp((P - free - 4.0) / 0.15))
-            F, u = normal((P - 62) / 9), (P - 62) / 9
-            along = F * (1 - F) * (1 + 3 * 0.0173 * u**2) / 9 * (risen - fallen)
+            F = logistic((P - 62) / 9)
+            along = F * (1 - F) / 9 * (risen - fallen)
             lost = 0.01 * (T - 25) + 1e-4 * (T - 25) ** 2
             heating -= 0.1 * xi * np.array([20.0, 25.0]) * D
             expected[0] = heating - lost - 8.0 * (0.5 * slope / 9 + 0.5 * along)
             expected[1] = 0.004 * (T - S) - 0.012 * (S - R)
             expected.append(0.005 * (S - R) - 0.008 * (R - 25))
-            z = 0.5 * xi + 0.5 * (F - normal((25 - 4 - 62) / 9))
+            z = 0.5 * xi + 0.5 * (F - logistic((25 - 4 - 62) / 9))
             path = [path[0], risen - fallen, path[1], 0.2 * (z - C)]
             shown = 0.9 * T + 0.1 * S
         expected += path if kind in (HystereticLaw, CoupledLaw) else []
