@@ -99,7 +99,11 @@ def in_the_plane(law: CoupledLaw | None = None) -> RobotParameters:
     ("robot", "schedule", "course"),
     [
         (in_the_plane(), "fs ss sl ss sb ss", Course()),
-        (in_the_plane(CoupledLaw()), "fs ss sl ss sb ss", Course()),
+        (
+            in_the_plane(CoupledLaw(heating_drop=0.1, stress_shift=6.0, creep_share=0.1)),
+            "fs ss sl ss sb ss",
+            Course(),
+        ),
         (RobotParameters.in_space(3), "dss sss sls ssd", Course(turn=0.3)),
         (RobotParameters.in_space(3), "dss sss sls ssd", Course(turn=np.inf)),
     ],
