@@ -353,6 +353,10 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         P, xi = free - self._half_loop, on_curve(free)
         return [T, T0, T0, free - self.backlash, P, xi, self._transformed(P, xi, T0)]
 
+    def typical_rates(self) -> dict[str, float]:
+        """Rates as of `HystereticLaw`, with the heating of a wire that is half transformed."""
+        return {**super().typical_rates(), "heating": self.a2 * (1.0 - 0.5 * self.heating_drop)}
+
     def easier(self) -> WireLaw:
         """Return the law with paths that turn gradually."""
         return _GradualCoupledLaw(**vars(self))

@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from controllers.reduced_model import ReducedModel
 from limb_systems import (
     CoupledLaw,
+    HeatBounds,
     HystereticLaw,
     Limb,
     LimbParameters,
@@ -201,6 +202,14 @@ def test_stress_moves_the_curve_of_a_wire_by_its_pull():
         middles.append(state[0])
         assert law.warm_states(state[0], ROOM)[5] == pytest.approx(0.5, abs=0.02)
     assert middles[1] - middles[0] == pytest.approx(5.0, abs=0.1)
+
+
+@pytest.mark.parametrize("drop", [-0.25, 0.25])
+def test_bounds_of_a_board_hold_wires_of_both_phases(drop):
+    law = CoupledLaw(heating_drop=drop)
+    bounds, heating = HeatBounds.around(law), sorted([law.a2, law.a2 * (1 - drop)])
+    assert bounds.least_heating < heating[0]
+    assert heating[1] < bounds.most_heating
 
 
 def test_the_share_stays_from_0_to_1_in_every_simulation():
