@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -23,9 +22,6 @@ from limb_systems.views.colors import (
 from limb_systems.views.panels import SIGNALS, Curve, Panel
 from soft_limb.reports import page
 from soft_limb.results.summaries import ranked, validation_summary
-
-if TYPE_CHECKING:
-    from limb_systems.views.plots import Figure
 
 _MEANING = {
     "ambient_temperature": "T0",
@@ -67,14 +63,6 @@ _MEANING = {
 
 
 Samples = tuple[str, np.ndarray, np.ndarray, np.ndarray]  # name, times, φ (F, K) in rad, V (W, K)
-
-
-def plot_validation(validation: Validation) -> "Figure":
-    """Fig. 4 as a picture: the calibrated model against the limb, for the same duty."""
-    # Matplotlib takes as long to import as all the rest.
-    from limb_systems.views.plots import draw
-
-    return draw(validation_panels(validation))
 
 
 def write_report(
