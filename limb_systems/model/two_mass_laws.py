@@ -292,7 +292,7 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         "P": (-np.inf, np.inf),
     }
 
-    heating_drop: float = quantity(0.0, "1", -0.3, 0.3)
+    heating_drop: float = quantity(0.0, "1", -0.25, 0.25)
     latent_heat: float = quantity(8.0, "°C", 0.0, 60.0)
     backlash: float = quantity(BACKLASH, "°C", 0.0, 20.0)
     play_share: float = quantity(0.5, "1", 0.0, 1.0)
