@@ -202,6 +202,11 @@ def test_stress_moves_the_curve_of_a_wire_by_its_pull():
         middles.append(state[0])
         assert law.warm_states(state[0], ROOM)[5] == pytest.approx(0.5, abs=0.02)
     assert middles[1] - middles[0] == pytest.approx(5.0, abs=0.1)
+    # The law that plans start from has the same curve, midway between heating and cooling.
+    start = law.easier().easier()
+    cooler, warmer = (law.warm_states(middles[1] + step, ROOM)[5] for step in (-1.0, 1.0))
+    assert (warmer - cooler) / 2 == pytest.approx(1 / (4 * start.width), rel=0.02)
+    assert start.middle == 66.0 + 5.0 - 4.0
 
 
 @pytest.mark.parametrize("drop", [-0.25, 0.25])
