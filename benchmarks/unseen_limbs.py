@@ -32,7 +32,7 @@ import numpy as np
 from other_limbs import OTHER, OtherLimb
 
 from calibration import calibrate, collect_from_twin
-from hardware import LimbTwin, replay, watch
+from hardware import LimbTwin, present_readings, replay, watch
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbError, band
 from limb_systems.progress import Progress
@@ -66,8 +66,9 @@ def take(seed: int, physics: str, ways: list[str]) -> dict:
             runs.append(run)
             loop, kind = OPEN_LOOP if way == OPEN_LOOP else FEEDBACK, CONTROLLERS.get(way)
             try:
-                trajectory = plan_motion(parameters, motion, taught, loop)
-                rested, controller = limb.again(PAUSE, truth=True), kind and kind(trajectory)
+                rested = limb.again(PAUSE, truth=True)
+                trajectory = plan_motion(parameters, motion, taught, loop, present_readings(rested))
+                controller = kind and kind(trajectory)
                 made = Followed.of(
                     Way(trajectory, [replay(trajectory, rested, controller=controller)])
                 )

@@ -17,7 +17,7 @@ from limb_systems.model.kinematics import rest_joint_angles
 
 # Mean |φ - φ_sim| as a fraction of the range of φ in the recording it is validated with.
 GOOD_ERROR = 0.1  # 6° of 60°: the paper's robot is 3.4° to 5.3° from its plans in Table I
-WARM_START, WARMTHS = 20.0, (0.0, 0.25, 0.5, 0.75, 1.0)  # s, and shares of settled silicone
+WARM_START, WARMTHS = 20.0, (0.0, 0.25, 0.5, 0.75, 1.0)  # s, and shares of rested silicone
 LEAD_TIME = 1.0  # s, whose readings show how fast V changes at the start
 WORST_ERROR = 0.25  # that of a limb which stays in the middle of a range that φ fills evenly
 
@@ -133,7 +133,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
 def _warm_starts(
     parameters: LimbParameters, recording: Recording, first: np.ndarray
 ) -> list[np.ndarray]:
-    """States that wires may have when they read V (W,), °C: with silicone from cold to settled.
+    """States that wires may have when they read V (W,), °C, and silicone is cold to as warm.
 
     T is ahead of V by the lag, as the first readings change. Only one of cold wires, and of
     wires without silicone.
@@ -148,12 +148,12 @@ def _warm_starts(
             readings = recording.measured_temperature[index, shown]
             if len(readings) > 2:
                 heat[index] += np.polyfit(recording.time[shown], readings, 1)[0] / rate
-    settled, cold = wires.settled_states(heat), wires.cold_states
-    silicone = np.zeros(len(settled), bool)
+    rested, cold = wires.rested_states(heat), wires.cold_states
+    silicone = np.zeros(len(rested), bool)
     of_laws = slice(wires.num_wires, sum(len(wire.law.states) for wire in parameters.wires))
     silicone[of_laws] = wires.settles[of_laws]
     shares = WARMTHS if warm.any() and silicone.any() else WARMTHS[-1:]
-    return [np.where(silicone, cold + share * (settled - cold), settled) for share in shares]
+    return [np.where(silicone, cold + share * (rested - cold), rested) for share in shares]
 
 
 def validation_of(judged: Sequence[Predicted], parameters: LimbParameters) -> Validation:

@@ -113,13 +113,10 @@ class DutyCorrection:
     def start(self, readings: np.ndarray | None = None) -> np.ndarray:
         """Return the heat (H,) at the start of the plan, or with other readings (W,), °C."""
         plan, model = self.plan, self.model
-        states = plan.state[2 * plan.parameters.num_joints :, 0].copy()
-        if readings is not None:
-            W = model.num_wires
-            warmer = readings - states[-W:]
-            states[:W] += warmer
-            states[-W:] += warmer
-        return states
+        heat = plan.state[2 * plan.parameters.num_joints :, 0]
+        if readings is None:
+            return heat
+        return heat + model.rested(readings) - model.rested(model.readings(heat))
 
     def rollout(self, start: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Heat at the nodes (M + 1, H) under duty (L, W) of the model's steps."""

@@ -164,7 +164,7 @@ class Estimator:
         self.nothing = np.full_like(packed(self._like), np.nan)
 
     def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
-        """Return the estimate for a limb at rest whose wires have had their temperature for long.
+        """Return the estimate for a limb at rest, whose silicone is as warm as its wires.
 
         What the bend is off then is taken for the sensor's drift and the rest angle's error, as
         far as both are known to be so large; no reading tells them from a payload. If it is off
@@ -176,9 +176,9 @@ class Estimator:
         """
         W, F = self.model.num_wires, self.model.num_bends
         known = np.where(np.isfinite(readings), readings, self.model.cold[-W:])
-        heat = self.model.heated(known)
+        heat = self.model.rested(known)
         initial = self._initial.copy()
-        initial[self._others] = (self.model.heated(known + SILICONE) - heat)[self._others]
+        initial[self._others] = (self.model.rested(known + SILICONE) - heat)[self._others]
         lasting = initial[-2 * F : -F]
         lasting[:] = self._rest_error
         held, C = self._sensing(heat)

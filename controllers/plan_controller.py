@@ -128,7 +128,7 @@ class SampledPlan:
         self.temperature = self.heat[:, : len(plan.duty)]
         if parameters != plan.parameters:
             model = ReducedModel(parameters)
-            self.heat = model.rollout(model.heated(plan.measured_temperature[:, 0]), self.duty[:-1])
+            self.heat = model.rollout(model.rested(plan.measured_temperature[:, 0]), self.duty[:-1])
 
     def index(self, time: float) -> int:
         """Number of the period that begins at a time, s; the last one after the end."""

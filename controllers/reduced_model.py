@@ -97,6 +97,10 @@ class ReducedModel:
         """The heat (H,) of cold wires that were heated to T (W,), °C, until they settled."""
         return np.concatenate([self._wires.settled_states(temperature), temperature])
 
+    def rested(self, temperature: np.ndarray) -> np.ndarray:
+        """The heat (H,) of wires without duty that are read at V (W,), °C, as their silicone is."""
+        return np.concatenate([self._wires.rested_states(temperature), temperature])
+
     def step(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """The heat (..., H) a period later, under duty (..., W), by the midpoint method."""
         return self._step.values(np.concatenate([heat, duty], axis=-1))

@@ -5,7 +5,7 @@ from hardware.emulation.emulator import emulated_port
 from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.sensors import SensedLimb
 from hardware.emulation.twin import LimbTwin
-from hardware.replay import ReplayError, replay, watch
+from hardware.replay import ReplayError, present_readings, replay, watch
 from hardware.robot.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.robot.serial_limb import SerialLimb
 from hardware.robot.text_board import AnswerLine, DutyLine, TextBoard
@@ -30,6 +30,7 @@ __all__ = [
     "TextBoard",
     "drive",
     "emulated_port",
+    "present_readings",
     "replay",
     "watch",
 ]

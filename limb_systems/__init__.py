@@ -56,6 +56,7 @@ from limb_systems.model.robot_parameters import (
     RobotLimb,
     RobotParameters,
 )
+from limb_systems.model.statics import resting_state
 from limb_systems.model.two_mass_laws import (
     CoupledLaw,
     HystereticLaw,
@@ -130,6 +131,7 @@ __all__ = [
     "from_paper_state",
     "joint_angles_from_bend_angle",
     "make_manipulator",
+    "resting_state",
     "simulate",
     "split_state",
     "tip_position",

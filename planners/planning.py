@@ -75,8 +75,8 @@ def plan(
         task: weights and limits; `Task()` if None.
         knot_rate: knots per second to begin with, Hz. The duration of the
             reference is rounded to whole intervals.
-        initial_state: x_init, a state of `Limb`; by default at rest in
-            static equilibrium with wires at ambient temperature.
+        initial_state: x_init, a state of `Limb`, such as `resting_state` of what is read; by
+            default at rest in static equilibrium with wires at ambient temperature.
         tolerance_deg: largest difference between the bend angle of the plan and an accurate
             simulation of its duty, degrees. If None, it is 0.1 for a planar limb, and 1 for a
             limb in space, because plans in space leave out the inertia of the chain.
@@ -395,9 +395,7 @@ def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarra
 
 
 def _initial_state(held: HeldAngles, initial_state) -> np.ndarray:
-    cold = held.wires.cold_states
-    still, readings = np.zeros_like(held.rest_angles), cold[: held.wires.num_wires]
-    rest = np.concatenate([held.rest_angles, still, cold, readings])
+    rest = held.resting_state(held.wires.cold_states[: held.wires.num_wires])
     if initial_state is None:
         return rest
     state = np.asarray(initial_state, float)

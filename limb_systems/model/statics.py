@@ -44,6 +44,29 @@ def static_equilibrium(
     return _Balance(parameters).at_rest(wire)
 
 
+def resting_state(parameters: LimbParameters, readings: ArrayLike) -> np.ndarray:
+    """The state [θ, θ̇, x, V] of a `Limb` at rest, some minutes after its last heat.
+
+    Its silicone is as warm as its wires: it cools so slowly that they follow it.
+
+    Args:
+        readings: V (W,), °C, one number for all wires, or NaN where there is no thermocouple,
+            which stands for ambient temperature.
+
+    Raises:
+        LimbError: if there is not a reading for each wire, or one is infinite.
+    """
+    V = np.asarray(readings, float)
+    count, ambient = len(parameters.wires), parameters.ambient_temperature
+    if V.shape not in ((), (1,), (count,)) or np.isinf(V).any():
+        raise LimbError(
+            f"The readings at the start are {V.tolist()}; give °C, one number or one for each of "
+            f"{count} wires."
+        )
+    V = np.broadcast_to(np.where(np.isnan(V), ambient, V), count)
+    return HeldAngles(parameters).resting_state(V)
+
+
 class _Balance:
     """Forces on the joints of a limb at rest."""
 
@@ -142,6 +165,12 @@ class HeldAngles(_Balance):
         self.rest_angles, self.compliance = self.at_rest(ambient)
         self._cold = self.wires.forces(self.wires.cold_states, self.rest_angles)
         self._kept: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+
+    def resting_state(self, readings: np.ndarray) -> np.ndarray:
+        """[θ, θ̇, x, V] where wires rest that are read at V (W,), °C; see `resting_state`."""
+        states = self.wires.rested_states(readings)
+        angles = self.angles(states)
+        return np.concatenate([angles, np.zeros_like(angles), states, readings])
 
     def angles(self, states: np.ndarray) -> np.ndarray:
         """θ (..., n), rad, at states x (..., N) of the wires."""

@@ -223,10 +223,8 @@ class Wires:
         The ``memory`` of a law is as its `warm_states` say. The memory of the rubber is as if all
         wires were heated at once.
         """
-        W, N, T0 = self.num_wires, self._first_shift, self._ambient
-        states, duty = self.cold_states.copy(), np.zeros(W)
-        for law, columns, T in zip(self._laws, self._columns, temperature, strict=True):
-            states[columns] = law.warm_states(T, T0)
+        W, N = self.num_wires, self._first_shift
+        states, duty = self._warm_states(temperature), np.zeros(W)
         for _ in range(20 if N > W else 0):
             # The duty that holds T, then the other states while it does.
             slopes = self.heat.first(np.concatenate([states, temperature, duty]))[1]
@@ -237,11 +235,35 @@ class Wires:
             rates, settles = rates[W:N], self.settles[W:N]
             by_others = by_others[np.ix_(settles, settles)]
             states[W:N][settles] -= np.linalg.lstsq(by_others, rates[settles], rcond=1e-9)[0]
+        return self._with_settled_rubber(states)
+
+    def rested_states(self, temperature: np.ndarray) -> np.ndarray:
+        """The states (N,) of wires without heat, whose silicone has cooled to T (W,), °C, as well.
+
+        The slowest heat is that of the silicone, which wires and thermocouples follow.
+        """
+        states = self._warm_states(temperature)
+        for law, columns, T in zip(self._laws, self._columns, temperature, strict=True):
+            for column, state in zip(columns, law.states, strict=True):
+                if law.is_temperature(state) and state not in law.memory:
+                    states[column] = T
+        return self._with_settled_rubber(states)
+
+    def _warm_states(self, temperature: np.ndarray) -> np.ndarray:
+        """The states (N,) by the laws' `warm_states`."""
+        states = self.cold_states.copy()
+        for law, columns, T in zip(self._laws, self._columns, temperature, strict=True):
+            states[columns] = law.warm_states(T, self._ambient)
+        return states
+
+    def _with_settled_rubber(self, states: np.ndarray) -> np.ndarray:
+        """The states (N,) with the memory of the rubber as it settles under the wires' torques."""
+        T0 = self._ambient
         gained = [
             law.torque(states[columns], T0, 0.0) - law.torque(law.cold_states(T0), T0, 0.0)
             for law, columns in zip(self._laws, self._columns, strict=True)
         ]
-        states[N:] = self._rubber.settled(np.array(gained, float))
+        states[self._first_shift :] = self._rubber.settled(np.array(gained, float))
         return states
 
 

@@ -31,7 +31,6 @@ from hardware.robot import board_check
 from hardware.robot.arm_check import CUT_OFF, check_supply, check_wires
 from hardware.robot.link import SerialPort, check_fit
 from hardware.robot.text_board import TextBoard
-from hardware.robot.text_link import open_link
 from limb_systems import (
     Layout,
     Limb,
@@ -297,9 +296,6 @@ def _follow(options: argparse.Namespace) -> int:
     limb = LimbParameters.of(options.limb)
     task = options.task and task_named(options.task, limb)
     board = text_board(options)
-    if options.port:
-        with open_link(options.port, limb, board) as link:  # before the plan is made in vain
-            link.sample()
     with live_page(options) as live:
         rollout, summary = teach_and_go(
             options.reference,
@@ -501,8 +497,9 @@ COMMANDS = {
     ),
     "follow": Command(
         _follow,
-        "Teach and go: plans what was taught, with margins for feedback, and drives a limb as near "
-        "to it as it can, or by another controller along the plan; a robot in real time. The "
+        "Teach and go: plans what was taught from where the limb is read to be, with margins for "
+        "feedback, and drives it as near to that as it can, or by another controller along the "
+        "plan; a robot in real time. The "
         "folder has plan.csv, recording.csv, tracking.png and report.html.",
         "reference folder limb driven text smooth knot-rate live cool address json force",
         [

@@ -19,6 +19,16 @@ from soft_limb.results.summaries import plan_summary
 from soft_limb.runs.planning import plan_from_files, task_named
 
 
+def _temperatures(text: str) -> list[float]:
+    """Temperatures, °C, between commas."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not temperatures in °C, such as 31.5 or 31.5,30.2"
+        ) from None
+
+
 def _plan(options: argparse.Namespace) -> int:
     outputs = checked_outputs(options, options.reference, options.limb, options.task)
     limb = LimbParameters.of(options.limb)
@@ -27,6 +37,7 @@ def _plan(options: argparse.Namespace) -> int:
         limb,
         options.smooth,
         options.tip,
+        options.start,
         task=options.task and task_named(options.task, limb),
         knot_rate=options.knot_rate,
         max_knots=options.max_knots,
@@ -75,6 +86,13 @@ COMMANDS = {
                 action="store_true",
                 help="the reference is a path of the tip: a CSV of time in s and the tip's place "
                 "beside the axis in mm, along E2, and E3 if the limb bends in space",
+            ),
+            Option(
+                "--start",
+                type=_temperatures,
+                metavar="V[,V]",
+                help="what the wires of a resting limb are read at where the plan begins, °C: one "
+                "number, or one for each wire; ambient temperature if left out",
             ),
             Option(
                 "--diagnostics",

@@ -12,9 +12,9 @@ import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import Calibration, calibrate, collect_from_twin
-from hardware import LimbTwin, watch
+from hardware import LimbTwin, present_readings, watch
 from hardware.emulation.specimen import Specimen
-from limb_systems import LimbParameters, Recording, Trajectory
+from limb_systems import LimbParameters, Recording, Trajectory, resting_state
 from planners import Task, plan, references
 from soft_limb.evaluation.error_split import Split, error_split
 from soft_limb.evaluation.ways import (
@@ -131,12 +131,13 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         functools.partial(fit, recordings, settings.compare),
         functools.partial(teach, specimen),
     ]
+    start = present_readings(LimbTwin(specimen=rested))
     # Motion, loop that the plan is made for, and name of the model, empty for the calibrated one.
     wanted = [(motion, OPEN_LOOP, model) for motion in MOTIONS for model in models]
     wanted += [(motion, FEEDBACK, "") for motion in MOTIONS]
     tell(f"planning motions: {len(wanted)}")
     found = yield [
-        functools.partial(plan_motion, models[model], motion, taught, loop)
+        functools.partial(plan_motion, models[model], motion, taught, loop, start)
         for motion, loop, model in wanted
     ]
     plans = dict(zip(wanted, found, strict=True))
@@ -227,12 +228,16 @@ def open_loop(
 
 
 def plan_motion(
-    limb: LimbParameters, motion: str, taught: dict[str, Recording], loop: str
+    limb: LimbParameters,
+    motion: str,
+    taught: dict[str, Recording],
+    loop: str,
+    start: np.ndarray,
 ) -> Trajectory:
-    """Plan one of `MOTIONS`, drawn or as it was taught, to be driven in a loop."""
+    """Plan one of `MOTIONS`, drawn or as it was taught, to be driven in a loop from readings on."""
     if motion in taught:
         reference = references.from_recording(taught[motion], SMOOTHING_TIME)
     else:
         reference = DRAWN[motion]()
     task = Task.paper() if loop == OPEN_LOOP else Task.closed_loop(limb)
-    return plan(limb, reference, task=task)
+    return plan(limb, reference, task=task, initial_state=resting_state(limb, start))

@@ -60,7 +60,7 @@ def write_report(
         f"Rollouts of each plan: {rollouts} in open loop, at most two with each controller, and "
         "one with the receding horizon. The first rollout of each plan and way begins where the "
         f"limb was left by the recordings, the hand and {PAUSE:g} s without heat; the others begin "
-        "where the first one left it.",
+        "where the first one left it. Plans begin with what is read before the first one.",
         "Closed loop and learning follow plans with a margin of temperature and duty. Open loop "
         "follows the paper's plans.",
         "Bands in the figures are mean ± 1.96 standard deviations of the rollouts.",

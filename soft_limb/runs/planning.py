@@ -1,13 +1,18 @@
 """Plans whose inputs are files, and limbs that are driven along them at once."""
 
+import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake import trajectories
 
-from limb_systems import LimbParameters, LimbSystem, Recording, Trajectory
+from hardware import present_readings
+from hardware.robot.journal import closing
+from limb_systems import LimbParameters, LimbSystem, Recording, Trajectory, resting_state
+from limb_systems.model.limb_system import check_limb
 from limb_systems.signals import ended_at_once
 from limb_systems.summary import Summary
 from planners import Task, plan, references
@@ -30,6 +35,7 @@ def plan_from_files(
     limb: LimbParameters | Path | None = None,
     smoothing_time: float = 0.5,
     tip: bool = False,
+    start: ArrayLike | None = None,
     **settings: Any,
 ) -> Trajectory:
     """Plans for a command, which a signal then ends at once.
@@ -39,6 +45,8 @@ def plan_from_files(
         limb: parameters, or their path; None for the nominal limb.
         smoothing_time: window over which a recording's bend angle is smoothed, s.
         tip: whether the reference is a path of the tip, a CSV of time and mm.
+        start: readings V of the resting limb that begins, °C, as for `resting_state`; ambient
+            temperature if None.
         settings: further arguments of `planners.plan`.
 
     Raises:
@@ -50,6 +58,8 @@ def plan_from_files(
         course = references.load_tip_path(reference, parameters)
     else:
         course = reference_from_file(reference, smoothing_time)
+    if start is not None:
+        settings["initial_state"] = resting_state(parameters, start)
     with ended_at_once():
         return plan(parameters, course, **settings)
 
@@ -90,14 +100,15 @@ def teach_and_go(
     real_time: bool = False,
     live: LivePage | None = None,
 ) -> tuple[Rollout, Summary]:
-    """Plan for feedback, and drive a limb along the plan.
+    """Plan for feedback from where a limb is, and drive it along the plan.
 
     The folder gets the files `FOLLOWED`.
     If the limb fails, the plan is there, and of a robot an unfinished recording.
 
     Args:
         reference, limb, smoothing_time: as for `plan_from_files`.
-        make_limb: function that gives the limb for the parameters of the plan.
+        make_limb: function that gives the limb for the parameters of the plan; it is called
+            before the plan as well, to read the limb.
         task, knot_rate: as for `planners.plan`; no task stands for `Task.closed_loop`.
         controller, real_time, live: as for `roll_out`.
 
@@ -110,10 +121,14 @@ def teach_and_go(
     say = live.say if live else lambda _: None
     say(f"Planning {reference}")
     parameters = LimbParameters.of(limb)
+    rested = check_limb(make_limb(copy.deepcopy(parameters)))
+    with closing(rested):
+        start = present_readings(rested)
     trajectory = plan_from_files(
         reference,
         parameters,
         smoothing_time,
+        start=start,
         task=task or Task.closed_loop(parameters),
         knot_rate=knot_rate,
     )

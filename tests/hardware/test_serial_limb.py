@@ -153,6 +153,9 @@ def test_plans_for_another_limb_or_temperature_are_refused(emulator, short_plan)
     other.parameters.board = EmulatedLimb(0)
     with SerialLimb(emulator.port, other.parameters) as robot:
         check_replayable(other, robot)
+        warm = dataclasses.replace(other, measured_temperature=other.measured_temperature + 5.0)
+        with pytest.warns(UserWarning, match=r"starts at 30\.0 °C; .* soft-limb plan --start 2"):
+            check_replayable(warm, robot)
     hot = dataclasses.replace(
         short_plan, measured_temperature=short_plan.measured_temperature + 30.0
     )

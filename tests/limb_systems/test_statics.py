@@ -1,18 +1,23 @@
 """Static equilibria against hand-written statics, beam theory and the paper's numbers."""
 
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
 from pydrake.multibody.tree import MultibodyForces
+from scipy.integrate import solve_ivp
 
 from limb_systems import (
+    CoupledLaw,
     Limb,
     LimbError,
     LimbParameters,
     SegmentParameters,
+    Wires,
     bend_angle,
     joint_angles_from_bend_angle,
+    resting_state,
     simulate,
     wires_around,
 )
@@ -47,6 +52,36 @@ def test_forces_balance_at_equilibrium_and_energy_is_lowest(planar_chain):
 
         for shift in np.random.default_rng(links).normal(0, 0.05, (50, links)):
             assert potential(angles + shift) > potential(angles)
+
+
+def test_a_limb_that_has_rested_is_foreseen_from_its_readings_alone():
+    """It is heated for a minute, rests for four, as silicone cools slowly, and is heated again."""
+    limb = LimbParameters()
+    for wire in limb.wires:
+        wire.law = CoupledLaw(outer_cooling=0.003)
+    wires, n = Wires(limb), limb.num_joints
+
+    def heated(heat, duty, duration):
+        """[x, V] each second (N + W, K)."""
+        span, times = (0.0, duration), np.arange(duration + 1.0)
+        rates = partial(wires.heat_rates, duty=np.array(duty))
+        return solve_ivp(
+            lambda _, heat: rates(heat), span, heat, "LSODA", t_eval=times, max_step=1.0
+        ).y
+
+    hot = heated(resting_state(limb, 25.0)[2 * n :], [0.3, 0.2], 60.0)[:, -1]
+    rested = heated(hot, [0.0, 0.0], 240.0)[:, -1]
+    assert (rested[-2:] > 27.0).all()  # in a room of 25 °C
+    readings = heated(rested, [0.25, 0.05], 30.0)[-2:]
+
+    def missed(start):
+        foreseen = heated(resting_state(limb, start)[2 * n :], [0.25, 0.05], 30.0)[-2:]
+        return np.abs(foreseen - readings).mean()
+
+    assert missed(rested[-2:]) < 0.2 * missed(25.0)
+    np.testing.assert_array_equal(resting_state(limb, [np.nan, 31.0])[-2:], [25.0, 31.0])
+    with pytest.raises(LimbError, match="give °C, one number or one for each of 2 wires"):
+        resting_state(limb, [30.0, 31.0, 32.0])
 
 
 def test_compliance_is_the_derivative_by_the_torque_of_each_joint():

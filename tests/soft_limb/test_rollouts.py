@@ -77,6 +77,8 @@ def test_what_was_taught_is_followed(tmp_path, capsys):
     recording = Recording.load(folder / "recording.csv")
     assert said["controller"] == "receding-horizon"
     assert planned.duty.max() == pytest.approx(0.6)  # at the margin of a plan for feedback
+    read = recording.measured_temperature[:, 0]  # where the plan begins
+    assert planned.measured_temperature[:, 0] == pytest.approx(read, abs=1e-6)
     wanted = np.interp(recording.time, [0.0, 0.5, 4.0], [0.0, 25.0, 25.0])
     missed = np.abs(wanted - np.rad2deg(recording.bend_angle[0])).mean()
     assert said["reference_distance_deg"] == pytest.approx(missed, rel=1e-6)

@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from hardware.firmware import guard
-from hardware.replay import AMBIENT_TOLERANCE
+from hardware.replay import START_TOLERANCE
 from hardware.robot.journal import journaled
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
 from limb_systems.model.limb_system import check_limb
@@ -174,7 +174,7 @@ class Driver:
         if heard.duty is not None and self.age <= LATEST:
             return "the plan was not started: somebody commands the duty"
         away = np.abs(measured - self._plan.measured_temperature[:, 0]).max()
-        if not away <= AMBIENT_TOLERANCE:
+        if not away <= START_TOLERANCE:
             return (
                 f"the plan was not started: a wire's reading is {away:.0f} °C from where it starts"
             )
