@@ -89,13 +89,13 @@ class GaitFeedback(PlanFeedback):
     def _time_in_plan(self, context) -> float:
         return context.get_discrete_state(2).value()[TIME]
 
-    def _planned(self, times: np.ndarray, state) -> tuple[np.ndarray, np.ndarray]:
+    def _planned(self, times: np.ndarray, state) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         _, amplitude, duration, *_ = state.value(2)
         times = times[0] + (times - times[0]) / duration
-        bend, duty = super()._planned(times, state)
-        bend = self._mean_bend + amplitude * (bend - self._mean_bend)
+        *bends, duty = super()._planned(times, state)
+        bend, reference = (self._mean_bend + amplitude * (x - self._mean_bend) for x in bends)
         holding = self._holding[[self._plan.index(time) for time in times]]
-        return bend, np.clip(holding + (duty - holding) / duration, 0.0, 1.0)
+        return bend, reference, np.clip(holding + (duty - holding) / duration, 0.0, 1.0)
 
     def _end_update(self, context, ahead: StateEstimate, state) -> None:
         now = context.get_discrete_state(2).value().copy()

@@ -107,7 +107,7 @@ class SampledPlan:
     """A plan at the controllers' period.
 
     - ``duty``: mean duty over each period (K, W).
-    - ``bend_angle``: φ* at the ends of the periods (K, F), rad.
+    - ``bend_angle``, ``reference``: φ* and φ_ref at the ends of the periods (K, F), rad.
     - ``temperature``: T* at their beginnings (K, W), °C.
     - ``heat``: [x, V] at their beginnings (K, H).
 
@@ -123,6 +123,7 @@ class SampledPlan:
         middle, end = (np.minimum(times + ahead, plan.duration) for ahead in (PERIOD / 2, PERIOD))
         self.duty = np.clip(plan.duty_trajectory().vector_values(middle).T, 0.0, 1.0)
         self.bend_angle = plan.bend_angle_at(end).T
+        self.reference = plan.interpolated(plan.reference, end).T
         states = plan.state_trajectory().vector_values(np.minimum(times, plan.duration))
         self.heat = np.vstack(split_state(plan.parameters, states)[2:]).T
         self.temperature = self.heat[:, : len(plan.duty)]

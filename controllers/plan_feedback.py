@@ -36,11 +36,13 @@ class PlanFeedback(PlanController):
     coming 0.5 s of the plan's duty leads from x to x⁺. What is wanted of the wires in addition
     to the plan's duty is the bend rate
 
-        w = k_p (φ*⁺ - p - φ(x⁺))
+        w = k_p (clip(φ⁺, φ*⁺, φ_ref⁺) - φ⁺),  φ⁺ = φ(x⁺) + p
 
-    which the wires share: D = D* + λ g, with g the bend rate that full duty makes there. A wire
-    that the plan heats for the next reversal bends nothing at first, within the play of its
-    hysteresis. What the limb misses now takes no duty from it if the reversal makes up for it.
+    with φ⁺ clipped to what lies between plan and reference: a limb that is nearer to the reference
+    than planned is left there. The wires share w: D = D* + λ g, with g the bend rate that full duty
+    makes there. A wire that the plan heats for the next reversal bends nothing at first, within the
+    play of its hysteresis. What the limb misses now takes no duty from it if the reversal makes up
+    for it.
 
     As the antagonists can always push, what runs out is heat. Where the wires of a segment are
     warmer than in the plan on average, the plan's duty is reduced, so that they cool:
@@ -98,9 +100,10 @@ class PlanFeedback(PlanController):
 
     def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, model = self._plan.index(time), self._estimator.model
-        bends, duties = self._planned(time + PERIOD * np.arange(FORESEEN), state)
-        foreseen = model.rollout(estimate.heat, duties)[-1]
-        missed = bends[-1] - model.bend_angle(foreseen) - estimate.offset
+        bends, reference, duties = self._planned(time + PERIOD * np.arange(FORESEEN), state)
+        heat = model.rollout(estimate.heat, duties)[-1]
+        foreseen = model.bend_angle(heat) + estimate.offset
+        missed = np.clip(foreseen, *np.sort([bends[-1], reference[-1]], axis=0)) - foreseen
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
         base = duties[0] - COMMON_MODE * np.maximum(warmer, 0.0) / model.heating_rates
         base = np.clip(base, 0.0, caps)
@@ -109,10 +112,14 @@ class PlanFeedback(PlanController):
     def _gains_at(self, time: float) -> np.ndarray:
         return self._planned_gains[self._plan.index(time)]
 
-    def _planned(self, times: np.ndarray, state) -> tuple[np.ndarray, np.ndarray]:
-        """φ* (K, F), rad, and D* (K, W) of the periods at times, s; ``state`` as of `_wanted`."""
-        periods = [self._plan.index(time) for time in times]
-        return self._plan.bend_angle[periods], self._plan.duty[periods]
+    def _planned(self, times: np.ndarray, state) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """φ* and φ_ref (K, F), rad, and D* (K, W) of the periods at times, s.
+
+        Args:
+            state: as of `_wanted`.
+        """
+        plan, periods = self._plan, [self._plan.index(time) for time in times]
+        return plan.bend_angle[periods], plan.reference[periods], plan.duty[periods]
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
         held = self._estimator.model.temperature_to_hold(estimate.offset)

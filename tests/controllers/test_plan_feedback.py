@@ -92,7 +92,7 @@ def heavier(parameters):
     return other
 
 
-def test_what_a_payload_bends_is_made_up_for(short_plan):
+def test_what_a_payload_bends_is_made_up_for_but_towards_the_reference(short_plan):
     limb = heavier(short_plan.parameters)
     alone = simulate(Limb(limb), short_plan)
     late = alone.time > 3.4
@@ -108,6 +108,9 @@ def test_what_a_payload_bends_is_made_up_for(short_plan):
         assert missed(held) < 0.25 * missed(alone)
         assert held.duty.max() <= 1.0
         assert held.duty.min() >= 0.0
+    asked = dataclasses.replace(short_plan, reference=short_plan.bend_angle - np.deg2rad(10.0))
+    left = replay(asked, Limb(limb), controller=PlanFeedback(asked))
+    np.testing.assert_allclose(left.bend_angle, alone.bend_angle, atol=np.deg2rad(0.05))
 
 
 def under(fed, controller, limb, ticks=200, readings=None, bend=None):
