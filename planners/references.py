@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import Layout, LimbError, LimbParameters, Recording
+from limb_systems.errors import raised_as
 from limb_systems.input import LARGEST_TABLE, read_text
 from limb_systems.model.kinematics import tip_of_angles
 
@@ -113,8 +114,7 @@ def _bridged(recording: Recording) -> np.ndarray:
         "row; the reference is linear there.",
         stacklevel=3,
     )
-    bends = recording.bend_angle[:, there]
-    return np.array([np.interp(recording.time, times, bend) for bend in bends])
+    return recording.interpolated(recording.bend_angle, recording.time)
 
 
 def load(path: str | Path) -> PiecewisePolynomial:
@@ -162,11 +162,9 @@ def _load(
     text = read_text(path, "reference", LimbError, LARGEST_TABLE)
     if foreign := _foreign(text):
         raise LimbError(f"{path} {foreign}.")
-    try:
+    with raised_as(LimbError, f"{path}: "):
         table = _table(text)
         return table, reference_of(table)
-    except LimbError as error:
-        raise LimbError(f"{path}: {error}") from error
 
 
 def _foreign(text: str) -> str | None:
