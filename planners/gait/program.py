@@ -29,6 +29,8 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram
 
 from limb_systems import Gait, GaitCheck, GaitPhase, Provenance, RobotParameters, Wires
+from limb_systems.files.gait import along_heading
+from limb_systems.model.segment_chain import rotation
 from limb_systems.model.smooth_function import SmoothFunction
 from planners.gait.course import LEAST_TURN, MOST_TURN, Course
 from planners.gait.standing import (
@@ -418,7 +420,8 @@ class GaitProgram:
             end = np.array([stride, stride * np.tan(turn / 2), turn])[: len(self.end)]
         x[self.end], x[self.time_steps] = end, steps
         travel = self.walker.feet(x[self.y])[..., :-1]
-        last = end[:τ] + travel[0] @ _rotation(end[τ:]).T
+        carried = along_heading(travel[0].T, -end[2]).T if self.in_space else travel[0]
+        last = end[:τ] + carried
         x[self.travel] = np.concatenate([travel, last[None]])
         intervals, feet = self.slides.nonzero()
         slid = x[self.travel[intervals + 1, feet]] - x[self.travel[intervals, feet]]
@@ -427,7 +430,7 @@ class GaitProgram:
             foot = feet[of_slide][0]
             way = slid[of_slide].sum(axis=0)
             if np.linalg.norm(way) < LEAST_SLIP:
-                way = end[:τ] + travel[0, foot] @ _rotation(end[τ:]).T - travel[0, foot]
+                way = last[foot] - travel[0, foot]
             x[self.direction[number]] = way / np.linalg.norm(way)
         along = x[self.direction[self._slide_numbers]]
         x[self.advance] = (along * slid).sum(axis=1).clip(min=0.0)
@@ -496,15 +499,4 @@ class GaitProgram:
 
 def _turned(vector: ca.SX, yaw: ca.SX) -> ca.SX:
     """A vector along the ground (τ,), turned; in a plane there is no yaw (0,)."""
-    if not yaw.numel():
-        return vector
-    cosine, sine = ca.cos(yaw), ca.sin(yaw)
-    return ca.vertcat(cosine * vector[0] - sine * vector[1], sine * vector[0] + cosine * vector[1])
-
-
-def _rotation(yaw: np.ndarray) -> np.ndarray:
-    """The rotation (τ, τ) by a yaw (1,), or by none (0,) in a plane."""
-    if not len(yaw):
-        return np.eye(1)
-    cosine, sine = np.cos(yaw[0]), np.sin(yaw[0])
-    return np.array([[cosine, -sine], [sine, cosine]])
+    return rotation(2, yaw)[:2, :2] @ vector if yaw.numel() else vector

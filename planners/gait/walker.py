@@ -12,6 +12,7 @@ import numpy as np
 
 from limb_systems import Layout, RobotParameters
 from limb_systems.model.kinematics import Chain, rest_joint_angles
+from limb_systems.model.segment_chain import rotation
 from limb_systems.model.smooth_function import SmoothFunction, stated_once
 from planners.transcription.solving import PlanningError
 
@@ -119,17 +120,9 @@ def _pose(pose: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Place (3,), m, and frame (3, 3) of a body with a pose in the plane or in space."""
     if pose.numel() == 3:
         x, z, pitch = pose[0], pose[1], -pose[2]
-        return ca.vertcat(x, 0, z), _turn(1, pitch)
+        return ca.vertcat(x, 0, z), rotation(1, pitch)
     roll, pitch, yaw = ca.vertsplit(pose[3:])
-    return pose[:3], _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
-
-
-def _turn(axis: int, angle: ca.SX) -> ca.SX:
-    """The rotation (3, 3) about an axis of the world."""
-    turned, (a, b) = ca.SX.eye(3), ((axis + 1) % 3, (axis + 2) % 3)
-    turned[a, a] = turned[b, b] = ca.cos(angle)
-    turned[b, a], turned[a, b] = ca.sin(angle), -ca.sin(angle)
-    return turned
+    return pose[:3], rotation(2, yaw) @ rotation(1, pitch) @ rotation(0, roll)
 
 
 def check_walker(robot: RobotParameters) -> None:
