@@ -493,7 +493,6 @@ def standing_still(program: GaitProgram, warmth: float = START_WARMTH) -> np.nda
     x = np.zeros(program.prog.num_vars())
     x[program.y], x[program.forces] = y, forces
     x[program.heat] = np.append(states, states[:W])
-    cooling, heating = (wires.rates(states, np.full(W, D))[:W] for D in (0.0, 1.0))
-    x[program.duty] = cooling / (cooling - heating)
+    x[program.duty] = wires.holding_duty(states)
     typical = [program.prog.GetVariableScaling()[int(step)] for step in program.time_steps]
     return program.complete(x, np.array(typical))

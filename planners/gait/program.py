@@ -442,7 +442,7 @@ class GaitProgram:
     def gait(self, x: np.ndarray, check: GaitCheck) -> Gait:
         """The gait that all decision variables describe."""
         around = np.arange(len(self.y) + 1) % len(self.y)
-        steps, N, W = x[self.time_steps], self.wires.num_states, self.wires.num_wires
+        steps, N = x[self.time_steps], self.wires.num_states
         time = np.append(0.0, np.cumsum(steps))
         y, heat = x[self.y[around]].T, x[self.heat[around]].T
         y[self._travels, -1] = x[self.end]
@@ -454,9 +454,8 @@ class GaitProgram:
             time=time,
             duty=np.clip(x[self.duty[around]].T, 0.0, 1.0),
             joint_state=np.vstack([y[B:], rates]),
-            wire_temperature=heat[:W],
+            **self.wires.signals(heat[:N]),
             measured_temperature=heat[N:],
-            other_wire_state=heat[W:N] if N > W else None,
             body_pose=y[:B],
             contact_force=x[self.forces[around]].reshape(len(around), -1).T,
             robot=self.robot,

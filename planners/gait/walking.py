@@ -102,17 +102,15 @@ def walk(
             largest_difference_deg=float(np.rad2deg(np.abs(apart).max())),
             tolerance_deg=TOLERANCE_DEG,
         )
-    states, readings = along[:, :-W].T, along[:, -W:].T
     return Trajectory(
         time=times,
         reference=bend_angle(gait.parameters, angles),
         duty=duty.T,
         joint_state=np.vstack([angles, rates]),
-        wire_temperature=states[:W],
-        measured_temperature=readings,
+        **wires.signals(along[:, :-W].T),
+        measured_temperature=along[:, -W:].T,
         parameters=gait.parameters,
         check=check,
-        other_wire_state=states[W:] if len(states) > W else None,
         provenance=Provenance.now(gait.parameters),
     )
 

@@ -428,16 +428,14 @@ class TrajectoryProgram(PlanProgram):
         x[self.states], x[self.duty] = states.T, duty.T
         return x
 
-    def signals(self, x: np.ndarray) -> dict[str, np.ndarray]:
+    def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:
         """The signals of a `Trajectory`, from all decision variables."""
-        angles, rates, wire, measured = split_state(self.parameters, x[self.states].T)
-        num_wires = self.wires.num_wires
+        angles, rates, states, measured = split_state(self.parameters, x[self.states].T)
         return {
             "duty": x[self.duty].T,
             "joint_state": np.vstack([angles, rates]),
-            "wire_temperature": wire[:num_wires],
+            **self.wires.signals(states),
             "measured_temperature": measured,
-            "other_wire_state": wire[num_wires:] if len(wire) > num_wires else None,
         }
 
     def defects_of(self, x: np.ndarray) -> np.ndarray:
