@@ -18,6 +18,7 @@ from calibration.recordings.repair import filled
 from calibration.remarks import CalibrationError
 from limb_systems import Gait, Layout, Recording, RobotParameters, Wires
 from limb_systems.model.kinematics import joint_angles_from_bend_angle
+from planners.gait.check import scale_limb
 from planners.gait.program import SLIDES
 from planners.gait.standing import balance_of
 from planners.gait.walker import Walker
@@ -318,11 +319,6 @@ def _changed(robot: RobotParameters, multiples: dict[str, float]) -> RobotParame
     assert robot.ground is not None
     robot.ground.friction *= multiples["friction"]
     for limb in robot.limbs:
-        for segment in limb.parameters.segments:
-            segment.stiffness *= multiples[f"{limb.name}.stiffness"]
-            for wire in segment.wires:
-                for field in TORQUES:
-                    if hasattr(wire.law, field):
-                        value = getattr(wire.law, field) * multiples[f"{limb.name}.torque"]
-                        setattr(wire.law, field, value)
+        torques = dict.fromkeys(TORQUES, multiples[f"{limb.name}.torque"])
+        scale_limb(limb.parameters, multiples[f"{limb.name}.stiffness"], torques)
     return robot
