@@ -218,9 +218,7 @@ def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, sp
     )
 
 
-def _steady(
-    program: Callable[..., GaitProgram], steadiness: float, near: Gait | None = None
-) -> Gait:
+def _steady(program: Callable[..., GaitProgram], steadiness: float, near: Gait | None) -> Gait:
     """The gait of a steadiness, or of the next lower share of it that there is.
 
     Args:

@@ -102,7 +102,6 @@ class GaitProgram:
         objective: "speed" or "energy".
         temperature_margin: how far T stays below T_max, °C.
         sticking_share: share of μ that feet that stick may use.
-        clearance: height of feet that swing, m.
         steadiness: the least stiffness against pitch in a plane, the last pivot of `Stability`, as
             a multiple of weight times limb length; no pivot is bounded if it is -inf.
         course: where it goes; ahead, as fast as it can, if None.
@@ -117,7 +116,6 @@ class GaitProgram:
         objective: Literal["speed", "energy"] = "speed",
         temperature_margin: float = 0.0,
         sticking_share: float = STICKING_SHARE,
-        clearance: float = CLEARANCE,
         steadiness: float = STEADINESS,
         course: Course | None = None,
         begins_as: Gait | None = None,
@@ -141,14 +139,14 @@ class GaitProgram:
         if begins_as:
             states = begins_as.wire_states[:, 0]
             self._bound(self.heat[0, : len(states)], states, states)
-        self._add_contacts(clearance)
+        self._add_contacts()
         # Feet that swing come down on loads that pivots do not know to micrometres.
         self.lifts = bool((self.contacts == "swing").any())
         self.balance = balance_of(
             self.walker, self.wires, ground_gives=self.in_space or not self.lifts
         )
         self.blocks: list[ConstraintBlock] = [
-            self._balance_block(clearance),
+            self._balance_block(),
             *([] if self.in_space else [self._stability_block()]),
             self._heat_block(),
             self._merit_block(),
@@ -249,13 +247,13 @@ class GaitProgram:
             row = np.array([[-np.sin(half), np.cos(half)]])
             self._add_linear(row, 0.0, 0.0, [stride, aside], 1.0 / LENGTH_SCALE)
 
-    def _add_contacts(self, clearance: float) -> None:
+    def _add_contacts(self) -> None:
         """All that is linear of what feet do; in a plane it is all but the end of the travel."""
         K, F = self.contacts.shape
         mu, to_load, to_travel = self._friction, F / self.load, 1.0 / LENGTH_SCALE
         # The foot of a limb of length L that bends evenly is on the arc z = 2 x² / 3 L. From knot
         # to knot it would dip below the ground if it went further than this.
-        furthest = np.sqrt(1.5 * self.walker.size * clearance) * to_travel
+        furthest = np.sqrt(1.5 * self.walker.size * CLEARANCE) * to_travel
         for k in range(K):
             for foot in range(F):
                 force, contact = self.forces[k, foot], self.contacts[k, foot]
@@ -330,7 +328,7 @@ class GaitProgram:
         """Where a foot swings before or after a knot (K, F)."""
         return (self.contacts == "swing") | (self.before == "swing")
 
-    def _balance_block(self, clearance: float) -> ConstraintBlock:
+    def _balance_block(self) -> ConstraintBlock:
         """`Balance` at all knots: at rest, with the feet's travel, on the ground."""
         walker, load = self.walker, self.load
         d, F, τ = len(walker.stiffness), walker.num_feet, walker.num_tangents
@@ -338,7 +336,7 @@ class GaitProgram:
         scales = np.concatenate([forces, moments, np.full((τ + 1) * F, LENGTH_SCALE)])
         lower, upper = np.zeros((2, len(self.y), len(scales)))
         off_ground = (self.contacts == "swing") & (self.before == "swing")
-        lower[:, -F:] = walker.radius + clearance * off_ground
+        lower[:, -F:] = walker.radius + CLEARANCE * off_ground
         upper[:, -F:] = np.where(off_ground, np.inf, walker.radius)
         return FunctionBlock(self.balance, self.points, scales=scales, bounds=(lower, upper))
 

@@ -419,12 +419,10 @@ class TrajectoryProgram(PlanProgram):
         self.cheap_blocks = None if is_free else [self.defects.with_curvature_of_heat()]
         return [self.defects]
 
-    def variables(
-        self, states: np.ndarray, duty: np.ndarray, times: np.ndarray | None = None
-    ) -> np.ndarray:
-        """All decision variables, from states (2n + M, K), duty (W, K) and knots (K,)."""
+    def variables(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """All decision variables, from states (2n + M, K) and duty (W, K)."""
         x = np.zeros(self.prog.num_vars())
-        x[self.time_steps] = np.diff(self.times if times is None else times)
+        x[self.time_steps] = np.diff(self.times)
         x[self.states], x[self.duty] = states.T, duty.T
         return x
 
