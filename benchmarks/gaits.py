@@ -46,7 +46,6 @@ HEADER = "case | mm/s | stride, mm | period, s | iterations | s | violation | si
 def violation(gait: Gait) -> float:
     """The largest violation of what a gait has to hold, scaled."""
     planar, wires = Walker(gait.robot), Wires(gait.parameters)
-    assert gait.robot.ground is not None
     mu = gait.robot.ground.friction
     load = np.linalg.norm(planar.weight)
     y, steps = np.vstack([gait.body_pose, gait.joint_angles]).T, np.diff(gait.time)
@@ -95,7 +94,6 @@ def row(case: str, robot: RobotParameters, simulate: bool, **request) -> Gait | 
 def crawler(friction: float = 0.3, slope_deg: float = 0.0) -> RobotParameters:
     """The crawler on a ground."""
     robot = RobotParameters()
-    assert robot.ground is not None
     robot.ground.friction, robot.ground.slope = friction, float(np.deg2rad(slope_deg))
     return robot
 
@@ -188,7 +186,6 @@ def lifting(simulate: bool) -> None:
     ):
         for friction in (0.3, 0.6, 1.0):
             robot = make()
-            assert robot.ground is not None
             robot.ground.friction = friction
             schedule = schedule_of(text, len(robot.limbs))
             gait = row(f"{name}, mu {friction}", robot, simulate, schedule=schedule)
@@ -217,7 +214,6 @@ def more_feet(simulate: bool) -> None:
         ("pairs", pairs, 0.3),
     ):
         robot = make()
-        assert robot.ground is not None
         robot.ground.friction = friction
         for schedule in sensible_schedules(robot):
             case = f"{name}, mu {friction}, {schedule_text(schedule)}"

@@ -37,7 +37,6 @@ WAYS = ("open loop", "bends held", "GaitFeedback", "supervised")
 def with_foot_friction(robot: RobotParameters, shares: list[float]) -> Robot:
     """A robot with its own share of the ground's friction under each foot."""
     system, specimen = Robot(robot), RobotSpecimen(robot, 0).without("body", "ground")
-    assert robot.ground is not None
     specimen.foot_friction = (robot.ground.friction * np.array(shares)).tolist()
     plant, scene_graph = map(system.GetSubsystemByName, ("plant", "scene_graph"))
     _set_friction(scene_graph, plant, specimen)
@@ -86,8 +85,6 @@ def run(job: tuple[Gait, str, RobotParameters, list[float], str, int]) -> str:
     times, in_walk, amplitude, slowness = np.array(course).T
     begin = PERIOD * np.floor((walked.duration - cycles * gait.period) / PERIOD + 0.5)
     ends = np.interp(begin + gait.period * np.arange(cycles + 1), in_walk, times)
-    assert recording.wire_temperature is not None
-    assert recording.body_pose is not None
     fall, until = fall_of(recording, gait, begin)
     x = np.interp(ends[ends <= until + 1.0], recording.time, recording.body_pose[0])
     strides = " ".join(f"{share:.3f}" for share in np.diff(x) / gait.stride)
@@ -118,7 +115,6 @@ def main() -> None:
     robots = [("as planned", gait.robot, [1.0, 1.0])]
     for factor in (0.7, 1.3):
         other = copy.deepcopy(gait.robot)
-        assert other.ground is not None
         other.ground.friction *= factor
         robots.append((f"friction x {factor}", other, [1.0, 1.0]))
     for limb, shares in zip(gait.robot.limbs, ([0.67, 1.0], [1.0, 0.67]), strict=True):
