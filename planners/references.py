@@ -328,7 +328,7 @@ def from_tip_path(
     place = " and ".join(f"{1e3 * value:.1f} mm" for value in wanted[:, worst])
     raise LimbError(
         f"The tip does not reach {place} beside the axis, where the path is at {times[worst]:g} s; "
-        f"this limb is {1e3 * sum(s.length for s in parameters.segments):g} mm long."
+        f"this limb is {1e3 * parameters.length:g} mm long."
     )
 
 

@@ -259,7 +259,7 @@ class LimbView:
         self._body = len(self._pieces)  # place of a robot's body among the bodies
         self._bodies = [self._plant.GetBodyByName(name) for name in names]
         # The length of the bars is 3 units.
-        self._unit = 0.1 * max(sum(s.length for s in one.segments) for one in limbs.values())
+        self._unit = 0.1 * max(one.length for one in limbs.values())
         planar = self._layout.is_planar
         self._to_camera = seen_from(*(_BESIDE if robot else _IN_PLANE if planar else _IN_SPACE))
         # The bars are in the plane of the bends, or of a robot's walk, or face the camera.

@@ -147,13 +147,11 @@ def check_walker(robot: RobotParameters) -> None:
             f"The ground slopes by {np.rad2deg(robot.ground.slope):.3g}°, where a robot slides "
             f"down with a friction of {robot.ground.friction:g} whatever it does."
         )
-    lowest = -robot.body.height / 2
     for limb in robot.limbs:
-        length = sum(segment.length for segment in limb.parameters.segments)
-        tip = limb.position[2] + limb.axes[2, 0] * length
-        if tip >= lowest:
+        above = limb.straight_height + robot.body.height / 2  # of the body's bottom
+        if above >= 0:
             raise PlanningError(
-                f"The foot of limb {limb.name} is {1e3 * (tip - lowest):.0f} mm above the bottom "
+                f"The foot of limb {limb.name} is {1e3 * above:.0f} mm above the bottom "
                 "of the body where the limb is straight, so that the body would be on the ground; "
                 "let e1 point down."
             )
