@@ -62,7 +62,7 @@ class Walker:
         self.last_joints = [joints.stop - 1 for joints in robot.joints_of]
         y = self.configuration = ca.SX.sym("y", len(self.stiffness))
         origin, frame = _pose(y[:B])
-        masses, places, feet, lengths = [robot.body.mass], [origin], [], []
+        masses, places, feet = [robot.body.mass], [origin], []
         for limb, joints in zip(robot.limbs, robot.joints_of, strict=True):
             of_limb = Layout(limb.parameters)
             chain = Chain(of_limb, y[B + joints.start : B + joints.stop])
@@ -80,8 +80,7 @@ class Walker:
             along = to_world @ chain.frames[last] @ ca.DM(end / np.linalg.norm(end))
             travel = tip[: self.num_tangents] + self.radius * self._rolled(along)
             feet.append(ca.vertcat(travel, tip[2]))
-            lengths.append(of_limb.offsets[1:, 0].sum() + end[0])
-        self.size = float(max(lengths))
+        self.size = max(limb.parameters.length for limb in robot.limbs)
         self.weight = sum(masses) * robot.world_gravity
         self.symbolic_feet = ca.horzcat(*feet)
         moment = sum(mass * place for mass, place in zip(masses, places, strict=True))
