@@ -87,7 +87,7 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
     if window > angles.shape[1]:
         raise LimbError(
             f"smoothing_time is {smoothing_time!r} s; it must be from 0 to the recording's "
-            f"{recording.time[-1] - recording.time[0]:g} s."
+            f"{recording.duration:g} s."
         )
     if window > 3:
         # Takes as long to import as all the rest, and few references are smoothed.

@@ -22,6 +22,7 @@ from calibration.recordings.repair import (
 )
 from calibration.remarks import CalibrationError
 from limb_systems import Recording
+from limb_systems.files.samples import stretches
 from limb_systems.logs.evidence import correlation
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
@@ -143,8 +144,7 @@ def _check_zeros(recording: Recording) -> None:
         # A limb that swings passes zero as fast as it passes other angles.
         steps = np.abs(np.diff(signal[signal != 0]))
         jump = max(jump, 2 * np.quantile(steps, 0.98) if len(steps) else 0.0)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], signal == 0, [0]])))
-        for start, end in edges.reshape(-1, 2):
+        for start, end in stretches(signal == 0):
             around = [*signal[start - 1 : start], *signal[end : end + 1]]
             if end - start > 1 and around and np.abs(around).max() > jump:
                 raise CalibrationError(
@@ -156,11 +156,10 @@ def _check_zeros(recording: Recording) -> None:
 
 def _check_duration(recording: Recording) -> None:
     """Whether wires heat and cool for long enough to be seen."""
-    duration = recording.time[-1] - recording.time[0]
-    if recording.duty.any() and duration < SHORTEST:
+    if recording.duty.any() and recording.duration < SHORTEST:
         raise CalibrationError(
-            f"wires are heated for {duration:.1f} s only; they take seconds to heat and to cool, "
-            f"so record {SHORTEST:.0f} s at least."
+            f"wires are heated for {recording.duration:.1f} s only; they take seconds to heat and "
+            f"to cool, so record {SHORTEST:.0f} s at least."
         )
 
 

@@ -175,8 +175,8 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
             "heat and readings, and have no gap whose duty is not known."
         )
     remarks = []
-    kept = sum(piece.time[-1] - piece.time[0] + 1.5 / recording.sample_rate for piece in pieces)
-    if (left_out := time[-1] - time[0] - kept) > 1.0:
+    kept = sum(piece.duration + 1.5 / recording.sample_rate for piece in pieces)
+    if (left_out := recording.duration - kept) > 1.0:
         said = f"Of {title_of(recording)}, {left_out:.0f} s are left out"
         gaps = " and ".join(f"{time[gap]:.1f} s" for gap in gaps_of(recording))
         said += f": what duty there was in the gap at {gaps} is not known" * bool(gaps)
@@ -256,5 +256,5 @@ def _tells(piece: Recording) -> bool:
     """Whether a piece shows heat, for long enough."""
     read = (~np.isnan(piece.measured_temperature)).sum(axis=1).max(initial=0)
     bends = (~np.isnan(piece.bend_angle)).sum()
-    long = piece.time[-1] - piece.time[0] >= SHORTEST
+    long = piece.duration >= SHORTEST
     return bool(piece.duty[:, 1:].any() and long and min(read, bends) >= FEWEST)

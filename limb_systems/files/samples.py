@@ -284,6 +284,11 @@ class Samples(Summarized):
                 )
         return ""
 
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.time[-1] - self.time[0])
+
     def interpolated(self, signal: ArrayLike, times: np.ndarray | float) -> np.ndarray:
         """A signal (rows, K) at other times (M,), (rows, M), without samples that are missing."""
         rows = np.asarray(signal, float)
@@ -335,6 +340,11 @@ class Planned(Samples):
         """x at the knots (N, K): T, then the other states of the wires' laws."""
         others = [] if self.other_wire_state is None else [self.other_wire_state]
         return np.vstack([self.wire_temperature, *others])
+
+
+def stretches(where: np.ndarray) -> np.ndarray:
+    """First samples of stretches in which all hold (S, 2), and the samples after their last."""
+    return np.flatnonzero(np.diff(np.r_[False, where, False])).reshape(-1, 2)
 
 
 def without_rounding(duty: np.ndarray) -> np.ndarray:
