@@ -11,7 +11,6 @@ last corrections of amplitude and duration, the highest temperature, and falls.
 """
 
 import argparse
-import copy
 import multiprocessing
 import os
 import time
@@ -27,7 +26,7 @@ from hardware.emulation.robot_twin import RobotSpecimen, _set_friction
 from limb_systems import Gait, Robot, RobotParameters
 from limb_systems.simulation import PERIOD, record
 from planners import plan_gait, walk
-from planners.gait.check import fall_of, with_other_parameters
+from planners.gait.check import fall_of, with_friction, with_other_parameters
 from planners.gait.program import STEADINESS, STICKING_SHARE
 
 MARGIN = 5.0  # °C
@@ -114,9 +113,7 @@ def main() -> None:
     )
     robots = [("as planned", gait.robot, [1.0, 1.0])]
     for factor in (0.7, 1.3):
-        other = copy.deepcopy(gait.robot)
-        other.ground.friction *= factor
-        robots.append((f"friction x {factor}", other, [1.0, 1.0]))
+        robots.append((f"friction x {factor}", with_friction(gait.robot, factor), [1.0, 1.0]))
     for limb, shares in zip(gait.robot.limbs, ([0.67, 1.0], [1.0, 0.67]), strict=True):
         robots.append((f"friction of the {limb.name} foot x 0.67", gait.robot, shares))
     rng = np.random.default_rng(options.seed)

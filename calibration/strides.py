@@ -18,7 +18,7 @@ from calibration.recordings.repair import filled
 from calibration.remarks import CalibrationError
 from limb_systems import Gait, Layout, Recording, RobotParameters, Wires
 from limb_systems.model.kinematics import joint_angles_from_bend_angle
-from planners.gait.check import scale_limb
+from planners.gait.check import scale_limb, with_friction
 from planners.gait.program import SLIDES
 from planners.gait.standing import balance_of
 from planners.gait.walker import Walker
@@ -211,8 +211,7 @@ class _Balance:
         self, robot: RobotParameters, states: np.ndarray, contacts: np.ndarray, *, exact: bool
     ):
         self._walker, self._wires = Walker(robot), Wires(robot.together)
-        assert robot.ground is not None
-        self._mu, self._robot = robot.ground.friction, robot
+        self._robot = robot
         self._layout, self._exact = Layout(robot.together), exact
         self._slides = np.vectorize(lambda foot: SLIDES.get(foot, 0.0))(contacts)
         self._balance = balance_of(self._walker, self._wires)
@@ -275,7 +274,7 @@ class _Balance:
             by_multiples[:, rows, 1 + 2 * limb] = stiffer * springs[:, joints]
             by_multiples[:, rows, 2 + 2 * limb] = -stronger * torques[:, joints]
         forces = self._balance.split(points)[2]
-        mu = self._mu * np.exp(logarithms[0])
+        mu = self._walker.friction * np.exp(logarithms[0])
         for foot in range(F):
             slides, own = self._slides[:, foot], np.flatnonzero(self._slides[:, foot])
             row, scale = d + foot, self._walker.size / self._load
@@ -315,9 +314,7 @@ def _most_probable(
 
 def _changed(robot: RobotParameters, multiples: dict[str, float]) -> RobotParameters:
     """A robot with friction, stiffness and torques that are multiples of before."""
-    robot = copy.deepcopy(robot)
-    assert robot.ground is not None
-    robot.ground.friction *= multiples["friction"]
+    robot = with_friction(robot, multiples["friction"])
     for limb in robot.limbs:
         torques = dict.fromkeys(TORQUES, multiples[f"{limb.name}.torque"])
         scale_limb(limb.parameters, multiples[f"{limb.name}.stiffness"], torques)

@@ -71,16 +71,19 @@ def check_gait(gait: Gait, cycles: int = CYCLES, spread: bool = True, seed: int 
 def variations(robot: RobotParameters, seed: int = 0) -> list[tuple[str, RobotParameters]]:
     """What is varied, and the robots, of `check_gait`."""
     rng = np.random.default_rng(seed)
-    varied = []
-    for factor in FRICTION:
-        other = copy.deepcopy(robot)
-        assert other.ground is not None  # of robots that walk
-        other.ground.friction *= factor
-        varied.append((f"friction x {factor:g}", other))
+    varied = [(f"friction x {factor:g}", with_friction(robot, factor)) for factor in FRICTION]
     for number in range(1, DRAWS + 1):
         other = with_other_parameters(robot, rng)
         varied.append((f"parameters +-{PARAMETERS:.0%}, draw {number}", other))
     return varied
+
+
+def with_friction(robot: RobotParameters, factor: float) -> RobotParameters:
+    """A robot on a ground with a multiple of the friction."""
+    robot = copy.deepcopy(robot)
+    assert robot.ground is not None  # of robots that walk
+    robot.ground.friction *= factor
+    return robot
 
 
 def with_other_parameters(robot: RobotParameters, rng: np.random.Generator) -> RobotParameters:

@@ -120,7 +120,6 @@ class GaitProgram:
         course: Course | None = None,
         begins_as: Gait | None = None,
     ):
-        assert robot.ground is not None, "a gait needs a ground"
         self.robot, self.schedule, self.objective = robot, schedule, objective
         self.temperature_margin, self.course = temperature_margin, course or Course()
         self.sticking_share, self.steadiness = sticking_share, steadiness
@@ -131,7 +130,6 @@ class GaitProgram:
         self.slides = self.contacts == "slide"
         self.in_space = self.walker.num_tangents == 2
         self.load = float(np.linalg.norm(self.walker.weight))
-        self._friction = robot.ground.friction
         self._add_variables()
         self._add_bounds()
         self._add_course()
@@ -250,7 +248,7 @@ class GaitProgram:
     def _add_contacts(self) -> None:
         """All that is linear of what feet do; in a plane it is all but the end of the travel."""
         K, F = self.contacts.shape
-        mu, to_load, to_travel = self._friction, F / self.load, 1.0 / LENGTH_SCALE
+        mu, to_load, to_travel = self.walker.friction, F / self.load, 1.0 / LENGTH_SCALE
         # The foot of a limb of length L that bends evenly is on the arc z = 2 x² / 3 L. From knot
         # to knot it would dip below the ground if it went further than this.
         furthest = np.sqrt(1.5 * self.walker.size * CLEARANCE) * to_travel
@@ -293,7 +291,7 @@ class GaitProgram:
         blocks: list[ConstraintBlock] = [FunctionBlock(goes_on, points, scales=LENGTH_SCALE)]
         if not self.in_space:
             return blocks
-        mu, unit = self._friction, self.load / F
+        mu, unit = self.walker.friction, self.load / F
         u, f, yaw, a = ca.SX.sym("u", 2), ca.SX.sym("f", 3), ca.SX.sym("yaw"), ca.SX.sym("a")
         sticks = self.forces[(self.contacts == "stick") & (self.before == "stick")]
         if np.isfinite(self.sticking_share) and len(sticks):
@@ -361,7 +359,7 @@ class GaitProgram:
         directions = np.vectorize(SLIDES.get)(contacts, 0.0)
         rows, feet = directions.nonzero()
         held = np.stack([contacts == "stick", contacts != "swing"], axis=-1).astype(float)
-        sliding = self._friction * directions[rows, feet, None] * np.eye(F)[feet]
+        sliding = self.walker.friction * directions[rows, feet, None] * np.eye(F)[feet]
         gain = FrictionGain(self.walker, self.wires, held[rows], sliding)
         lower, upper = np.full((len(rows), 1), -np.inf), np.full((len(rows), 1), MOST_GAIN)
         return FunctionBlock(gain, self.points[rows % K], bounds=(lower, upper))

@@ -35,6 +35,7 @@ class Walker:
     - ``height``: place of z among y.
     - ``last_joints``: the joint of each limb that carries its foot, among the joints (F,).
     - ``radius``: radius of the feet, m.
+    - ``friction``: μ of the ground.
     - ``size``: the longest limb's length, m.
     - ``key``: the same for robots with the same description.
 
@@ -59,6 +60,8 @@ class Walker:
         self.stiffness = np.append(np.zeros(B), layout.stiffness)
         self.rest = np.append(np.zeros(B), rest_joint_angles(robot.together))
         self.radius = robot.feet.radius
+        assert robot.ground is not None  # or it would not walk
+        self.friction = robot.ground.friction
         self.last_joints = [joints.stop - 1 for joints in robot.joints_of]
         y = self.configuration = ca.SX.sym("y", len(self.stiffness))
         origin, frame = _pose(y[:B])
