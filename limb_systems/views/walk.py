@@ -47,7 +47,7 @@ _BEHIND = 0.35  # opacity of wires behind the axis of their limb
 _BESIDE, _OBLIQUE = (0.0, 0.0), (40.0, 30.0)
 
 
-def draw_walk(gait: Gait, title: str = "") -> Figure:
+def draw_walk(gait: Gait) -> Figure:
     """Moments of a gait's cycle, what its feet do, and the temperatures of its wires.
 
     A robot in the plane is seen from its side, a robot in space from in front, above and its right.
@@ -87,8 +87,6 @@ def draw_walk(gait: Gait, title: str = "") -> Figure:
             axis.axvline(time, color=NEUTRAL_COLOR, linewidth=0.8, linestyle=":")
     shades = _shades(gait.parameters)
     figure.colorbar(shades, ax=heat, label="wires' colour (°C)", pad=0.01, aspect=12)
-    if title:
-        figure.suptitle(title, fontsize=11)
     return figure
 
 
