@@ -14,6 +14,7 @@ import numpy as np
 from calibration.recordings.kinds import title_of
 from calibration.remarks import CalibrationError, Remark
 from limb_systems import Recording
+from limb_systems.files.samples import doses
 
 SPIKE = 6.0  # robust standard deviations from the median of five samples, beyond which one counts
 STEEP = 1.5  # of the range of its neighbours, within which a sample is no spike
@@ -71,19 +72,16 @@ def at_sample_times(recording: Recording) -> Recording:
     taken, first = np.unique(np.round(recording.time - recording.sample_age, 6), return_index=True)
     end = max(taken[-1], recording.time[-1]) + 1.0  # the last duty lasts
     breaks = np.array([taken[0] - 1.0, *taken, end])
+    ends = np.append(recording.time[0] - 1 / recording.sample_rate, recording.time)
+    applied = recording.applied_duty[:, [*first, -1]]
 
     def when_taken(row: np.ndarray) -> np.ndarray:
         return np.where(np.isnan(row), np.nan, filled(recording.time, row[first], taken))
 
-    def means(duty: np.ndarray) -> np.ndarray:
-        since_start = np.append(0.0, np.cumsum(np.append(duty[first], duty[-1]) * np.diff(breaks)))
-        ends = np.append(recording.time[0] - 1 / recording.sample_rate, recording.time)
-        return np.diff(np.interp(ends, breaks, since_start)) / np.diff(ends)
-
     return _with_readings(
         recording,
         when_taken,
-        duty=np.clip([means(duty) for duty in recording.applied_duty], 0.0, 1.0),
+        duty=np.clip(doses(applied, breaks, ends) / np.diff(ends), 0.0, 1.0),
         sample_age=np.zeros_like(recording.time),
     )
 

@@ -347,6 +347,12 @@ def stretches(where: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(np.r_[False, where, False])).reshape(-1, 2)
 
 
+def doses(levels: np.ndarray, breaks: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Integrals (W, E) between times (E + 1,), of levels (W, K) held between breaks (K + 1,)."""
+    sums = np.cumsum(levels * np.diff(breaks), axis=1)
+    return np.diff([np.interp(ends, breaks, np.append(0.0, of_row)) for of_row in sums])
+
+
 def without_rounding(duty: np.ndarray) -> np.ndarray:
     """Duty within rounding of [0, 1] brought into it; more is a mistake, and left to be named."""
     clipped = np.clip(duty, 0.0, 1.0)
