@@ -283,7 +283,7 @@ def check_duty(duty: trajectories.Trajectory, times: np.ndarray) -> None:
 
 
 def sample_count(duration: float, rate: float) -> int:
-    """Number of samples at a rate, Hz, from 0 to a duration, s, which may be rounded down."""
+    """Return the number of samples from time 0 to a duration, s, at a rate, Hz."""
     return int(np.floor(duration * rate + 1e-6)) + 1
 
 

@@ -40,7 +40,7 @@ def at_start(recording: Recording) -> np.ndarray:
 
 
 def _first_second(recording: Recording) -> np.ndarray:
-    """Whether a sample is of the first second, or of the first three (K,)."""
+    """Whether each sample is within the first second, or among the first three (K,)."""
     since = recording.time - recording.time[0]
     return since <= max(START, 2.5 / recording.sample_rate)
 

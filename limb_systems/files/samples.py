@@ -343,12 +343,18 @@ class Planned(Samples):
 
 
 def stretches(where: np.ndarray) -> np.ndarray:
-    """First samples of stretches in which all hold (S, 2), and the samples after their last."""
+    """Return the first index of each stretch of True, and the index after its last (S, 2)."""
     return np.flatnonzero(np.diff(np.r_[False, where, False])).reshape(-1, 2)
 
 
 def doses(levels: np.ndarray, breaks: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Integrals (W, E) between times (E + 1,), of levels (W, K) held between breaks (K + 1,)."""
+    """Return integrals (W, E), from end to end (E + 1,), of levels (W, K) held from break to break.
+
+    Args:
+        levels: one value for each interval between breaks (W, K).
+        breaks: times between which levels hold (K + 1,), s.
+        ends: times between which to integrate (E + 1,), s.
+    """
     sums = np.cumsum(levels * np.diff(breaks), axis=1)
     return np.diff([np.interp(ends, breaks, np.append(0.0, of_row)) for of_row in sums])
 

@@ -153,7 +153,7 @@ class Wires:
         return self._rates.values(_joined(states, duty))
 
     def signals(self, states: np.ndarray) -> dict[str, Any]:
-        """The signals of a plan that are states x (N, K)."""
+        """Return the wires' states x (N, K) as signals of a `Trajectory` or a `Gait`."""
         T, others = np.split(states, [self.num_wires])
         return {"wire_temperature": T, "other_wire_state": others if len(others) else None}
 

@@ -79,7 +79,7 @@ def variations(robot: RobotParameters, seed: int = 0) -> list[tuple[str, RobotPa
 
 
 def with_friction(robot: RobotParameters, factor: float) -> RobotParameters:
-    """A robot on a ground with a multiple of the friction."""
+    """Return a copy of the robot with the ground's friction multiplied by a factor."""
     robot = copy.deepcopy(robot)
     assert robot.ground is not None  # of robots that walk
     robot.ground.friction *= factor
