@@ -54,6 +54,7 @@ from limb_systems import (
     Layout,
     LimbParameters,
     LimbSystem,
+    Recording,
     Trajectory,
     bend_angle_from_tip_tangent,
     simulate,
@@ -71,6 +72,8 @@ WARM_TIME = 10.0  # s of the duty before a fault comes
 LONGEST = 30.0  # s with the fault; by then the most that a wire can have was reached
 SIDES = ("left", "right")
 FROM_BEGINNING, WHEN_HOT = "from the beginning", "when hot"
+
+SLOW = references.from_samples([0.0, 15.0, 30.0, 60.0], np.deg2rad([0.0, 12.0, -12.0, 5.0]))
 
 # Orders of `Emulation.misbehave`, where {side} is the heated wire's.
 FAULTS = {
@@ -126,11 +129,14 @@ def prepare(board: SimulatedBoard, noise: int) -> None:
 def with_fitted_bounds(make: Callable[..., LimbSystem], seed: int) -> LimbParameters:
     """A limb's parameters with the bounds that its warm-up shows."""
     limb = make(seed=seed)
-    parameters = limb.parameters
-    fitted = fit_heat_bounds([collect_warm_up(limb)], parameters, WARM_UP_MARGIN)
-    for wire, bounds in zip(parameters.wires, fitted, strict=True):
+    set_bounds(limb.parameters, [collect_warm_up(limb)], WARM_UP_MARGIN)
+    return limb.parameters
+
+
+def set_bounds(limb: LimbParameters, recordings: list[Recording], margin: float) -> None:
+    """Gives wires the bounds that recordings show."""
+    for wire, bounds in zip(limb.wires, fit_heat_bounds(recordings, limb, margin), strict=True):
         wire.heat_bounds = bounds
-    return parameters
 
 
 def run_fault(
@@ -283,11 +289,19 @@ def run_ordinary(job: tuple[int, int]) -> dict:
             board.clear()
         return result
 
+    def outcome() -> dict:
+        return {
+            "job": job,
+            "hours": board.now / 3600,
+            "alarms": alarms,
+            "reduced": reduced,
+            "heated": heated,
+            "hottest": hottest,
+        }
+
     warm_up = drive("collect", collect_warm_up, parameters)
     assert warm_up
-    fitted = fit_heat_bounds([warm_up], parameters, WARM_UP_MARGIN)
-    for wire, bounds in zip(parameters.wires, fitted, strict=True):
-        wire.heat_bounds = bounds
+    set_bounds(parameters, [warm_up], WARM_UP_MARGIN)
     board.use(parameters)
     board.run(240.0)
     recordings = {}
@@ -303,12 +317,10 @@ def run_ordinary(job: tuple[int, int]) -> dict:
         ]
         board.run(240.0)
     if None in (group[0] for group in recordings.values()):
-        return {"job": job, "hours": board.now / 3600, "alarms": alarms, "reduced": reduced,
-                "heated": heated, "hottest": hottest}  # fmt: skip
+        return outcome()
     calibrated = calibrate(recordings, method="paper").parameters
     board.use(calibrated)
-    slow = references.from_samples([0.0, 15.0, 30.0, 60.0], np.deg2rad([0.0, 12.0, -12.0, 5.0]))
-    for reference in 2 * [references.step_and_decaying_sine(), slow]:
+    for reference in 2 * [references.step_and_decaying_sine(), SLOW]:
         trajectory = plan(calibrated, reference)
         drive("plan", lambda robot, t=trajectory: simulate(robot, t.duty_trajectory(), t.duration),
               calibrated)  # fmt: skip
@@ -316,8 +328,7 @@ def run_ordinary(job: tuple[int, int]) -> dict:
     board.run(300.0)  # teaching: by hand, with the wires off
     if board.newest.latched:
         alarms.append(f"teach: {REASONS[board.reason]}")
-    return {"job": job, "hours": board.now / 3600, "alarms": alarms, "reduced": reduced,
-            "heated": heated, "hottest": hottest}  # fmt: skip
+    return outcome()
 
 
 def print_ordinary(results: list[dict]) -> None:

@@ -40,7 +40,6 @@ def described(name: str) -> RobotParameters:
     if name == IN_SPACE:
         return RobotParameters.in_space(3)
     robot = RobotParameters()
-    assert robot.ground is not None
     rear, front = (limb.parameters.segments[0] for limb in robot.limbs)
     if name == "long":
         for limb, x in zip(robot.limbs, (-0.035, 0.035), strict=True):
@@ -107,7 +106,6 @@ def row_in_space(folder: Path, robot: str) -> None:
     if "missed" in said:
         cells.append(f"{said['duration']:.0f} s, {1e3 * said['missed']:.0f} mm")
         hottest = Recording.load(folder / "walk.csv").wire_temperature
-        assert hottest is not None  # an emulated robot's
         cells.append(f"{hottest.max():.1f} °C")
     print(f"| {' | '.join(cells)} |", flush=True)
 

@@ -116,7 +116,6 @@ def sensed(recording: Recording, offsets: np.ndarray, random: np.random.Generato
         random: of noise and drift.
     """
     sensor, count = recording.parameters.segments[0].bend_sensor, len(recording.time)
-    assert recording.joint_state is not None
     angle = sensor.apparent_bend_angle(recording.joint_state[: recording.parameters.num_joints])
     memory = np.exp(-1 / recording.sample_rate / BEND_DRIFT_TIME)
     drift = np.empty(count)

@@ -24,7 +24,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process for each core
 
 import numpy as np
-from board_faults import SIDES, STEP, SimulatedRobot, prepare
+from board_faults import SIDES, SLOW, STEP, SimulatedRobot, prepare, set_bounds
 from other_limbs import OtherLimb
 from simulated_board import SimulatedBoard
 
@@ -35,7 +35,7 @@ from calibration.collecting.collect import (
     for_first_contact,
 )
 from calibration.collecting.protocol import CONTACT_MARGIN, WARM_UP_MARGIN
-from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
+from calibration.heat_bounds import check_first_contact, heat_remarks
 from hardware import LimbTwin
 from hardware.robot.arm_check import check_wires
 from hardware.robot.link import Sample
@@ -154,9 +154,7 @@ def take(job: tuple[str, int, float]) -> dict:
                 return result
             result["remarks"] = heat_remarks(recordings, described)
         known = LimbParameters()
-        fitted = fit_heat_bounds(recordings, described, margin)
-        for wire, bounds in zip(known.wires, fitted, strict=True):
-            wire.heat_bounds = bounds
+        set_bounds(known, recordings, margin)
     held: dict = {}
     for number, kind in enumerate(("right", "left", "both")):
         held[kind] = [
@@ -171,8 +169,7 @@ def take(job: tuple[str, int, float]) -> dict:
     try:
         calibrated = calibrate(held, described, method="paper").parameters
         result["bounds"] = [str(wire.heat_bounds) for wire in calibrated.wires]
-        slow = references.from_samples([0.0, 15.0, 30.0, 60.0], np.deg2rad([0.0, 12.0, -12.0, 5.0]))
-        for reference in (references.step_and_decaying_sine(), slow):
+        for reference in (references.step_and_decaying_sine(), SLOW):
             trajectory = plan(calibrated, reference)
             drive(
                 "replay",

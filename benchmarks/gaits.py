@@ -35,6 +35,7 @@ from limb_systems import (
 )
 from limb_systems.model.robot_parameters import RobotLimb, walking_limb
 from planners import plan_gait
+from planners.gait.check import scale_limb
 from planners.gait.schedules import schedule_of, schedule_text, sensible_schedules
 from planners.gait.standing import GROUND_STIFFNESS
 from planners.gait.walker import Walker
@@ -45,7 +46,6 @@ HEADER = "case | mm/s | stride, mm | period, s | iterations | s | violation | si
 def violation(gait: Gait) -> float:
     """The largest violation of what a gait has to hold, scaled."""
     planar, wires = Walker(gait.robot), Wires(gait.parameters)
-    assert gait.robot.ground is not None
     mu = gait.robot.ground.friction
     load = np.linalg.norm(planar.weight)
     y, steps = np.vstack([gait.body_pose, gait.joint_angles]).T, np.diff(gait.time)
@@ -94,7 +94,6 @@ def row(case: str, robot: RobotParameters, simulate: bool, **request) -> Gait | 
 def crawler(friction: float = 0.3, slope_deg: float = 0.0) -> RobotParameters:
     """The crawler on a ground."""
     robot = RobotParameters()
-    assert robot.ground is not None
     robot.ground.friction, robot.ground.slope = friction, float(np.deg2rad(slope_deg))
     return robot
 
@@ -106,14 +105,11 @@ def random_walker(seed: int, alike: bool = True) -> RobotParameters:
     robot.body.mass = rng.uniform(0.010, 0.030)
     lengths, hips = rng.uniform([[0.05], [0.025]], [[0.07], [0.040]], (2, 2))
     for number, (limb, side) in enumerate(zip(robot.limbs, (-1.0, 1.0), strict=True)):
-        segment = limb.parameters.segments[0]
         own = 0 if alike else number
-        limb.position[0], segment.length = side * hips[own], lengths[own]
+        limb.position[0] = side * hips[own]
+        limb.parameters.segments[0].length = lengths[own]
         k, beta, a1, a2 = rng.uniform(0.8, 1.2, 4)
-        segment.stiffness *= k
-        for wire in segment.wires:
-            law = wire.law
-            law.beta, law.a1, law.a2 = beta * law.beta, a1 * law.a1, a2 * law.a2
+        scale_limb(limb.parameters, k, {"beta": beta, "a1": a1, "a2": a2})
     return robot
 
 
@@ -190,7 +186,6 @@ def lifting(simulate: bool) -> None:
     ):
         for friction in (0.3, 0.6, 1.0):
             robot = make()
-            assert robot.ground is not None
             robot.ground.friction = friction
             schedule = schedule_of(text, len(robot.limbs))
             gait = row(f"{name}, mu {friction}", robot, simulate, schedule=schedule)
@@ -219,9 +214,8 @@ def more_feet(simulate: bool) -> None:
         ("pairs", pairs, 0.3),
     ):
         robot = make()
-        assert robot.ground is not None
         robot.ground.friction = friction
-        for schedule in sensible_schedules(len(robot.limbs)):
+        for schedule in sensible_schedules(robot):
             case = f"{name}, mu {friction}, {schedule_text(schedule)}"
             row(case, robot, simulate, schedule=schedule, temperature_margin=5.0, explain=False)
 

@@ -13,10 +13,10 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: matrices are small
 
 import numpy as np
-from other_limbs import OTHER, OtherLimb
+from other_limbs import OTHER, limb_of
 
 from controllers import PlanFeedback
-from hardware import LimbTwin, replay
+from hardware import replay
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbParameters
 from planners import Task, plan, references
@@ -37,12 +37,11 @@ def main() -> None:
     for physics in (*SPECIMENS, OTHER):
         hottest, distances = [], []
         for seed in range(options.limbs):
-            limb = OtherLimb(seed) if physics == OTHER else LimbTwin(seed=seed, physics=physics)
-            rested = limb.again(REST, truth=True)
+            rested = limb_of(physics, seed).again(REST, truth=True)
             recording = replay(trajectory, rested, controller=PlanFeedback(trajectory))
             hottest.append(f"{recording.wire_temperature.max():.1f}")
-            planned = np.interp(recording.time, trajectory.time, trajectory.bend_angle[0])
-            apart = np.abs(recording.bend_angle[0] - planned)
+            planned = trajectory.interpolated(trajectory.bend_angle, recording.time)
+            apart = np.abs(recording.bend_angle - planned)
             distances.append(f"{np.rad2deg(apart.mean()):.1f}")
         print(f"{physics:<12}{' '.join(hottest):<32}{' '.join(distances)}", flush=True)
 

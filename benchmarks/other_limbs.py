@@ -18,6 +18,7 @@ import witness  # noqa: F401 (its physics)
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.trajectories import Trajectory
 
+from hardware import LimbTwin
 from hardware.emulation.sensors import Noise, SampledSensors, limb_sensors
 from limb_systems import LimbParameters, simulate
 from limb_systems.model.ownership import weak_method
@@ -111,6 +112,11 @@ class OtherLimb(Diagram):
 
     def without_cut_out(self, context) -> None:
         """Does nothing: it has none."""
+
+
+def limb_of(physics: str, seed: int) -> LimbTwin | OtherLimb:
+    """An emulated limb of a physics, `OTHER` among them."""
+    return OtherLimb(seed) if physics == OTHER else LimbTwin(seed=seed, physics=physics)
 
 
 def draw(seed: int) -> types.SimpleNamespace:

@@ -21,10 +21,10 @@ from collections import Counter
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process for each core
 
 import numpy as np
-from other_limbs import OTHER, OtherLimb
+from other_limbs import OTHER, limb_of
 
 from calibration import calibrate, collect_from_twin
-from hardware import LimbTwin, replay
+from hardware import replay
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbError
 from limb_systems.tracking import tracking_errors
@@ -39,7 +39,7 @@ OTHER_DAY = {"ambient": 3.0, "supply": 1.03}
 def take(limb: tuple[str, int]) -> list[dict]:
     """What is said of each plan of a limb, and what it missed by, degrees."""
     physics, seed = limb
-    twin = OtherLimb(seed) if physics == OTHER else LimbTwin(seed=seed, physics=physics)
+    twin = limb_of(physics, seed)
     kinds = collect_from_twin(twin, seed=seed, sag_trials=0, ring_downs=1, protocol="excitation")
     motions = {"Fig. 5": references.step_and_decaying_sine()}
     motions |= {name: hand_course(name) for name in HANDS}
@@ -52,7 +52,6 @@ def take(limb: tuple[str, int]) -> list[dict]:
             rows.append({**row, "said": str(error), "missed": {}})
             continue
         miss, missed = calibration.plan_miss, {}
-        assert miss is not None
         for name, reference in motions.items():
             try:
                 trajectory = plan(calibration.parameters, reference)
@@ -65,8 +64,7 @@ def take(limb: tuple[str, int]) -> list[dict]:
                     continue
                 if day == "other day":
                     specimen = specimen.disturbed(**OTHER_DAY)
-                kind = OtherLimb if physics == OTHER else LimbTwin
-                driven = replay(trajectory, kind(specimen=specimen).again(PAUSE))
+                driven = replay(trajectory, type(twin)(specimen=specimen).again(PAUSE))
                 error = tracking_errors(trajectory, [driven]).mean
                 missed[f"{name}, {day}"] = float(np.rad2deg(error))
         judged = float(np.rad2deg(calibration.prediction.best.bend_error))

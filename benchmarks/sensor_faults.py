@@ -39,15 +39,14 @@ class FaultySensors(LeafSystem):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, num_wires: int, num_segments: int, fault: SensorFault, seed: int = 0):
+    def __init__(self, num_wires: int, num_segments: int, fault: SensorFault):
         """
         Args:
             num_wires, num_segments: W and S.
             fault: of one of them.
-            seed: of its random numbers.
         """
         super().__init__()
-        self._fault, self._random = fault, np.random.default_rng(seed)
+        self._fault, self._random = fault, np.random.default_rng(0)
         state = self.DeclareDiscreteState(2)
         first = 0
         for name, size in (("measured_temperature", num_wires), ("bend_angle", num_segments)):

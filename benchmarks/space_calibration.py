@@ -55,7 +55,7 @@ def distance(limb: LimbTwin, calibrated: LimbParameters, reference: Trajectory) 
         print(error)
         return np.nan
     done = true_bend(replay(planned, limb))
-    wanted = [np.interp(done.time, planned.time, row) for row in planned.reference]
+    wanted = planned.interpolated(planned.reference, done.time)
     return float(np.rad2deg(np.linalg.norm(done.bend_angle - wanted, axis=0).mean()))
 
 

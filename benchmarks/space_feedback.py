@@ -48,7 +48,6 @@ def figures(course: Trajectory, limb: LimbParameters, read: Recording) -> list[f
     """Distances from the reference, the plan, and the plan as read, °; the highest V and T, °C."""
     duty = PiecewisePolynomial.ZeroOrderHold(read.time, read.duty)
     truth = simulate(Limb(limb), duty, read.time[-1], initial_state=course.state[:, 0])
-    assert truth.wire_temperature is not None
     missed = [tracking_errors(course, [one]).mean for one in (truth, read)]
     distances = np.rad2deg([reference_distances(course, [truth]).done, *missed])
     return [*distances, read.measured_temperature.max(), truth.wire_temperature.max()]

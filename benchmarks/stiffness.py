@@ -44,7 +44,6 @@ def slow_stiffness(specimen: Specimen) -> float:
         twin = LimbTwin(specimen=copy.deepcopy(specimen))
         twin = twin.again(20.0, gravity=limb.gravity, payload=limb.payload, truth=True)
         joints = simulate(twin, [0.0, 0.0], 1.0).joint_state
-        assert joints is not None
         sags.append(joints[: described.num_joints, -1].sum())
 
     def too_soft(k: float) -> float:

@@ -29,10 +29,10 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process for each core
 
 import numpy as np
-from other_limbs import OTHER, OtherLimb
+from other_limbs import OTHER, limb_of
 
 from calibration import calibrate, collect_from_twin
-from hardware import LimbTwin, present_readings, replay, watch
+from hardware import present_readings, replay, watch
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbError, band
 from limb_systems.progress import Progress
@@ -49,14 +49,12 @@ COLUMNS = ("true_reference", "planned", "nearest", "read", "true")  # means, °
 
 def take(seed: int, physics: str, ways: list[str]) -> dict:
     """A limb from its first recording to its last rollout; angles in degrees."""
-    limb = OtherLimb(seed) if physics == OTHER else LimbTwin(seed=seed, physics=physics)
+    limb = limb_of(physics, seed)
     told: list[str] = []
     few = EXCITATION if physics == OTHER else {}
     kinds = collect_from_twin(limb, seed=seed, num_angles=NUM_ANGLES, tell=told.append, **few)
     calibration = calibrate({kind: group for kind, group in kinds.items() if group})
     parameters, taught, runs = calibration.parameters, {}, []
-    assert parameters.calibration is not None
-    assert calibration.prediction is not None
     for name in HANDS:
         hand = hand_course(name)
         taught[name] = watch(limb.again(PAUSE, hand=hand), hand.end_time())

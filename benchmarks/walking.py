@@ -11,7 +11,6 @@ last corrections of amplitude and duration, the highest temperature, and falls.
 """
 
 import argparse
-import copy
 import multiprocessing
 import os
 import time
@@ -27,7 +26,7 @@ from hardware.emulation.robot_twin import RobotSpecimen, _set_friction
 from limb_systems import Gait, Robot, RobotParameters
 from limb_systems.simulation import PERIOD, record
 from planners import plan_gait, walk
-from planners.gait.check import fall_of, with_other_parameters
+from planners.gait.check import fall_of, with_friction, with_other_parameters
 from planners.gait.program import STEADINESS, STICKING_SHARE
 
 MARGIN = 5.0  # °C
@@ -37,7 +36,6 @@ WAYS = ("open loop", "bends held", "GaitFeedback", "supervised")
 def with_foot_friction(robot: RobotParameters, shares: list[float]) -> Robot:
     """A robot with its own share of the ground's friction under each foot."""
     system, specimen = Robot(robot), RobotSpecimen(robot, 0).without("body", "ground")
-    assert robot.ground is not None
     specimen.foot_friction = (robot.ground.friction * np.array(shares)).tolist()
     plant, scene_graph = map(system.GetSubsystemByName, ("plant", "scene_graph"))
     _set_friction(scene_graph, plant, specimen)
@@ -86,8 +84,6 @@ def run(job: tuple[Gait, str, RobotParameters, list[float], str, int]) -> str:
     times, in_walk, amplitude, slowness = np.array(course).T
     begin = PERIOD * np.floor((walked.duration - cycles * gait.period) / PERIOD + 0.5)
     ends = np.interp(begin + gait.period * np.arange(cycles + 1), in_walk, times)
-    assert recording.wire_temperature is not None
-    assert recording.body_pose is not None
     fall, until = fall_of(recording, gait, begin)
     x = np.interp(ends[ends <= until + 1.0], recording.time, recording.body_pose[0])
     strides = " ".join(f"{share:.3f}" for share in np.diff(x) / gait.stride)
@@ -117,10 +113,7 @@ def main() -> None:
     )
     robots = [("as planned", gait.robot, [1.0, 1.0])]
     for factor in (0.7, 1.3):
-        other = copy.deepcopy(gait.robot)
-        assert other.ground is not None
-        other.ground.friction *= factor
-        robots.append((f"friction x {factor}", other, [1.0, 1.0]))
+        robots.append((f"friction x {factor}", with_friction(gait.robot, factor), [1.0, 1.0]))
     for limb, shares in zip(gait.robot.limbs, ([0.67, 1.0], [1.0, 0.67]), strict=True):
         robots.append((f"friction of the {limb.name} foot x 0.67", gait.robot, shares))
     rng = np.random.default_rng(options.seed)

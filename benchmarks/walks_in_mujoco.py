@@ -253,7 +253,7 @@ def shares(moved: np.ndarray, planned: np.ndarray, robot: RobotParameters) -> tu
 
     A turn counts as the way of a point that is as far away as the longest limb is long.
     """
-    length = max(sum(s.length for s in limb.parameters.segments) for limb in robot.limbs)
+    length = max(limb.parameters.length for limb in robot.limbs)
     moved, planned = moved * [1.0, 1.0, length], planned * [1.0, 1.0, length]
     along = moved @ planned / (planned @ planned)
     return along, np.linalg.norm(moved - along * planned) / np.linalg.norm(planned)

@@ -14,9 +14,11 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
 
 from calibration.estimate import Estimate
+from calibration.recordings.repair import filled
 from calibration.remarks import CalibrationError
 from limb_systems import Gait, Layout, Recording, RobotParameters, Wires
 from limb_systems.model.kinematics import joint_angles_from_bend_angle
+from planners.gait.check import scale_limb, with_friction
 from planners.gait.program import SLIDES
 from planners.gait.standing import balance_of
 from planners.gait.walker import Walker
@@ -84,9 +86,8 @@ def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> 
             "No foot slides as planned in this recording, so that its strides tell nothing of the "
             "ground; does the robot stand on it, and are its wires heated?"
         )
-    states = np.array([np.interp(moments, recording.time, state) for state in states.T]).T
-    smooth = _smoothed(recording)
-    bends = np.array([np.interp(moments, recording.time, bend) for bend in smooth]).T
+    states, smooth = recording.interpolated(states.T, moments).T, _smoothed(recording)
+    bends = recording.interpolated(smooth, moments).T
     balance = _Balance(robot, states, contacts, exact=recording.applied_duty is None)
     names, expected = ["friction"], [FRICTION]
     for limb in robot.limbs:
@@ -158,11 +159,8 @@ def _multiple(logarithm: float, variance: float) -> Estimate:
 def _smoothed(recording: Recording) -> np.ndarray:
     """Measured bends (F, K), rad, without gaps, and with little noise."""
     size = max(1, round(SMOOTHING * recording.sample_rate))
-    bends = [
-        np.interp(recording.time, recording.time[~np.isnan(b)], b[~np.isnan(b)])
-        for b in recording.bend_angle
-    ]
-    return uniform_filter1d(np.array(bends), size, axis=1)
+    bends = np.array([filled(recording.time, bend) for bend in recording.bend_angle])
+    return uniform_filter1d(bends, size, axis=1)
 
 
 def _sliding(
@@ -179,10 +177,10 @@ def _sliding(
     signs = np.array([[SLIDES.get(foot, 0.0) for foot in feet] for feet in contacts])
     sticks = contacts == "stick"
 
-    def speeds(at: np.ndarray, clock: np.ndarray, bends: np.ndarray) -> np.ndarray:
+    def speeds(motion: Gait | Recording, bends: np.ndarray, at: np.ndarray) -> np.ndarray:
         """Speed of each foot (M, F), m/s, beside the mean of those that stick."""
-        shown = np.array([np.interp(at, clock, bend) for bend in np.gradient(bends, clock, axis=1)])
-        held = np.array([np.interp(at, clock, bend) for bend in bends])
+        shown = motion.interpolated(np.gradient(bends, motion.time, axis=1), at)
+        held = motion.interpolated(bends, at)
         y = np.zeros((len(at), B + together.num_joints))
         y[:, B:] = joint_angles_from_bend_angle(together, held).T
         rates = joint_angles_from_bend_angle(together, shown).T
@@ -191,8 +189,8 @@ def _sliding(
             1, sticks.sum(axis=1, keepdims=True)
         )
 
-    planned = speeds(in_cycle, gait.time, gait.bend_angle)
-    made = speeds(times, recording.time, _smoothed(recording))
+    planned = speeds(gait, gait.bend_angle, in_cycle)
+    made = speeds(recording, _smoothed(recording), times)
     mean = np.array([np.abs(planned[(signs == s).all(axis=1)]).mean(axis=0) for s in signs])
     slides = (signs * made > SLIDING * mean) | (signs == 0)
     at = slides.all(axis=1) & (signs != 0).any(axis=1) & ~(contacts == "swing").any(axis=1)
@@ -213,8 +211,7 @@ class _Balance:
         self, robot: RobotParameters, states: np.ndarray, contacts: np.ndarray, *, exact: bool
     ):
         self._walker, self._wires = Walker(robot), Wires(robot.together)
-        assert robot.ground is not None
-        self._mu, self._robot = robot.ground.friction, robot
+        self._robot = robot
         self._layout, self._exact = Layout(robot.together), exact
         self._slides = np.vectorize(lambda foot: SLIDES.get(foot, 0.0))(contacts)
         self._balance = balance_of(self._walker, self._wires)
@@ -277,7 +274,7 @@ class _Balance:
             by_multiples[:, rows, 1 + 2 * limb] = stiffer * springs[:, joints]
             by_multiples[:, rows, 2 + 2 * limb] = -stronger * torques[:, joints]
         forces = self._balance.split(points)[2]
-        mu = self._mu * np.exp(logarithms[0])
+        mu = self._walker.friction * np.exp(logarithms[0])
         for foot in range(F):
             slides, own = self._slides[:, foot], np.flatnonzero(self._slides[:, foot])
             row, scale = d + foot, self._walker.size / self._load
@@ -317,15 +314,8 @@ def _most_probable(
 
 def _changed(robot: RobotParameters, multiples: dict[str, float]) -> RobotParameters:
     """A robot with friction, stiffness and torques that are multiples of before."""
-    robot = copy.deepcopy(robot)
-    assert robot.ground is not None
-    robot.ground.friction *= multiples["friction"]
+    robot = with_friction(robot, multiples["friction"])
     for limb in robot.limbs:
-        for segment in limb.parameters.segments:
-            segment.stiffness *= multiples[f"{limb.name}.stiffness"]
-            for wire in segment.wires:
-                for field in TORQUES:
-                    if hasattr(wire.law, field):
-                        value = getattr(wire.law, field) * multiples[f"{limb.name}.torque"]
-                        setattr(wire.law, field, value)
+        torques = dict.fromkeys(TORQUES, multiples[f"{limb.name}.torque"])
+        scale_limb(limb.parameters, multiples[f"{limb.name}.stiffness"], torques)
     return robot

@@ -102,8 +102,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         simulation = run(wires, min(WARM_START, times[-1]))
         soon = times <= simulation.time[-1]
         measured = recording.measured_temperature[:, soon]
-        signals = simulation.measured_temperature
-        readings = [np.interp(times[soon], simulation.time, signal) for signal in signals]
+        readings = simulation.interpolated(simulation.measured_temperature, times[soon])
         return float(np.nanmean(np.abs(readings - measured)))
 
     starts = _warm_starts(parameters, recording, first)
@@ -114,15 +113,11 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         bend_sensor_of(recording, segment).apparent_bends(chain, simulation.joint_state[joints])
         for segment, (chain, joints) in enumerate(zip(layout.chains, layout.joints_of, strict=True))
     ]
-
-    def at_samples(signals: np.ndarray) -> np.ndarray:
-        return np.array([np.interp(times, simulation.time, signal) for signal in signals])
-
     simulated = Recording(
         time=recording.time,
         duty=recording.duty,
-        measured_temperature=at_samples(simulation.measured_temperature),
-        bend_angle=at_samples(np.concatenate(seen)),
+        measured_temperature=simulation.interpolated(simulation.measured_temperature, times),
+        bend_angle=simulation.interpolated(np.concatenate(seen), times),
         parameters=parameters,
         source="model",
         sample_rate=recording.sample_rate,

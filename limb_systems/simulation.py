@@ -86,7 +86,7 @@ def simulate(
     if accuracy is not None:
         check_positive("accuracy", accuracy)
     applied, duration = _duty_over_time(duty, duration, len(system.parameters.wires))
-    num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
+    num_samples = sample_count(duration, sample_rate)
     check_duty(applied, np.minimum(np.arange(num_samples) / sample_rate, duration))
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(applied))
@@ -157,7 +157,7 @@ def record(
     context = simulator.get_mutable_context()
     if initial_state is not None:
         _set_state(system, system.GetMyMutableContextFromRoot(context), initial_state)
-    num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
+    num_samples = sample_count(duration, sample_rate)
     # Drake's clock ticks at multiples of the period, which round their own way.
     end = max(duration, (num_samples - 1) * (1 / sample_rate))
     advance(simulator, end, until, remark, real_time or system.real_time)
@@ -280,6 +280,11 @@ def check_duty(duty: trajectories.Trajectory, times: np.ndarray) -> None:
         raise SimulationError(
             f"duty reaches from {values.min():g} to {values.max():g}; it must stay within 0 and 1."
         )
+
+
+def sample_count(duration: float, rate: float) -> int:
+    """Return the number of samples from time 0 to a duration, s, at a rate, Hz."""
+    return int(np.floor(duration * rate + 1e-6)) + 1
 
 
 def check_positive(name: str, value: Any, unit: str = "") -> None:

@@ -26,10 +26,11 @@ from limb_systems import (
     simulate,
     split_state,
 )
+from limb_systems.files.samples import stretches
 from limb_systems.model.limb import make_manipulator
 from limb_systems.model.statics import HeldAngles, static_equilibrium
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
-from limb_systems.simulation import SimulationError, failure_told, make_simulator
+from limb_systems.simulation import SimulationError, failure_told, make_simulator, sample_count
 from limb_systems.tracking import reference_distances
 from planners.task import Task
 from planners.transcription.program import reading_bounds
@@ -131,7 +132,7 @@ def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, 
     manipulator.SetPositionsAndVelocities(
         manipulator.GetMyMutableContextFromRoot(context), np.concatenate([angles, rates])
     )
-    num_samples = int(np.floor(duration * rate + 1e-6)) + 1
+    num_samples = sample_count(duration, rate)
     with failure_told(simulator, duration):
         simulator.AdvanceTo(max(duration, (num_samples - 1) / rate))
     log = sink.FindLog(context)
@@ -266,5 +267,5 @@ def active_constraints(
     return [
         ActiveConstraint(bound, float(trajectory.time[first]), float(trajectory.time[after - 1]))
         for bound, where in (*bounds, *added.items())
-        for first, after in np.flatnonzero(np.diff(np.r_[False, where, False])).reshape(-1, 2)
+        for first, after in stretches(where)
     ]

@@ -28,7 +28,7 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
     parameters, plan = trajectory.parameters, trajectory.since_start()
     num_knots = min(len(plan.time), int(np.ceil(plan.duration * KNOT_RATE)) + 1)
     times = np.linspace(0.0, plan.duration, max(2, num_knots))
-    reference = np.array([np.interp(times, plan.time, row) for row in plan.reference])
+    reference = plan.interpolated(plan.reference, times)
     warm_up = max(0.0, parameters.temperature_limits.warm_up_time - float(trajectory.time[0]))
     _, _, states, readings = split_state(parameters, plan.state[:, 0])
     try:

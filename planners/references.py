@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import Layout, LimbError, LimbParameters, Recording
+from limb_systems.errors import raised_as
 from limb_systems.input import LARGEST_TABLE, read_text
 from limb_systems.model.kinematics import tip_of_angles
 
@@ -86,7 +87,7 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
     if window > angles.shape[1]:
         raise LimbError(
             f"smoothing_time is {smoothing_time!r} s; it must be from 0 to the recording's "
-            f"{recording.time[-1] - recording.time[0]:g} s."
+            f"{recording.duration:g} s."
         )
     if window > 3:
         # Takes as long to import as all the rest, and few references are smoothed.
@@ -113,8 +114,7 @@ def _bridged(recording: Recording) -> np.ndarray:
         "row; the reference is linear there.",
         stacklevel=3,
     )
-    bends = recording.bend_angle[:, there]
-    return np.array([np.interp(recording.time, times, bend) for bend in bends])
+    return recording.interpolated(recording.bend_angle, recording.time)
 
 
 def load(path: str | Path) -> PiecewisePolynomial:
@@ -162,11 +162,9 @@ def _load(
     text = read_text(path, "reference", LimbError, LARGEST_TABLE)
     if foreign := _foreign(text):
         raise LimbError(f"{path} {foreign}.")
-    try:
+    with raised_as(LimbError, f"{path}: "):
         table = _table(text)
         return table, reference_of(table)
-    except LimbError as error:
-        raise LimbError(f"{path}: {error}") from error
 
 
 def _foreign(text: str) -> str | None:
@@ -330,7 +328,7 @@ def from_tip_path(
     place = " and ".join(f"{1e3 * value:.1f} mm" for value in wanted[:, worst])
     raise LimbError(
         f"The tip does not reach {place} beside the axis, where the path is at {times[worst]:g} s; "
-        f"this limb is {1e3 * sum(s.length for s in parameters.segments):g} mm long."
+        f"this limb is {1e3 * parameters.length:g} mm long."
     )
 
 

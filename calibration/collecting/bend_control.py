@@ -94,10 +94,9 @@ class BendAngleController(LeafSystem):
 
 def _held(wires: Wires, temperature: np.ndarray) -> tuple[float, float]:
     """Torque on the first joint, N·m, and duty of the last wire that hold wires at T (W,), °C."""
-    states, W = wires.settled_states(temperature), wires.num_wires
-    off, on = (wires.rates(states, np.full(W, level))[W - 1] for level in (0.0, 1.0))
+    states = wires.settled_states(temperature)
     torque = wires.forces(states, np.zeros(len(wires.levers)))[0]
-    return float(torque), float(-off / (on - off))
+    return float(torque), float(wires.holding_duty(states)[-1])
 
 
 class EquilibriumSchedule(LeafSystem):

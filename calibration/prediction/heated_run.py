@@ -8,6 +8,7 @@ from calibration.recordings.at_rest import START, before_heat, first_readings
 from calibration.recordings.kinds import bend_sensor_of, title_of
 from calibration.recordings.repair import at_sample_times, despiked
 from limb_systems import Recording
+from limb_systems.files.samples import doses
 
 STEP = 0.5  # s, of simulation and of averages; wires heat and cool within seconds
 
@@ -47,8 +48,7 @@ class HeatedRun:
         num_steps = max(1, int(np.ceil(times[-1] / STEP - 1e-6)))
         edges = STEP * np.arange(num_steps + 1)
         # The duty at a sample was in force since the sample before.
-        dose = np.cumsum(recording.duty[:, 1:] * np.diff(times), axis=1)
-        duty = [np.diff(np.interp(edges, times, np.append(0.0, d))) / STEP for d in dose]
+        duty = doses(recording.duty[:, 1:], times, edges) / STEP
         temperature = recording.measured_temperature
         shown = ~np.isnan([*bends, *temperature])
         every = np.vstack([shown.any(axis=0), shown])
@@ -68,7 +68,7 @@ class HeatedRun:
         slope = [_slope(times[s], v[s]) for v, s in zip(temperature, soon, strict=True)]
         return cls(
             source=title_of(recording),
-            duty=np.array(duty).T,
+            duty=duty.T,
             times=means(times, every[0], counts[0]),
             temperature=averaged[:, len(bends) :],
             bend=averaged[:, : len(bends)],

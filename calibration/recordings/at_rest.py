@@ -32,11 +32,17 @@ def at_start(recording: Recording) -> np.ndarray:
 
     Where none of these is read, the first that is counts.
     """
-    since, shown = recording.time - recording.time[0], ~np.isnan(recording.measured_temperature)
-    soon = before_heat(recording) & (since <= max(START, 2.5 / recording.sample_rate)) & shown
+    shown = ~np.isnan(recording.measured_temperature)
+    soon = before_heat(recording) & _first_second(recording) & shown
     late = np.flatnonzero(~soon.any(axis=1) & shown.any(axis=1))
     soon[late, np.argmax(shown[late], axis=1)] = True
     return soon
+
+
+def _first_second(recording: Recording) -> np.ndarray:
+    """Whether each sample is within the first second, or among the first three (K,)."""
+    since = recording.time - recording.time[0]
+    return since <= max(START, 2.5 / recording.sample_rate)
 
 
 def first_readings(recording: Recording) -> np.ndarray:
@@ -122,8 +128,7 @@ def rest_angle(recordings: Iterable[Recording], ambient: float) -> Estimate:
     starts = [
         recording.time > recording.time[-1] - LATE
         if not recording.duty.any()
-        else before_heat(recording).all(axis=0)
-        & (recording.time - recording.time[0] <= max(START, 2.5 / recording.sample_rate))
+        else before_heat(recording).all(axis=0) & _first_second(recording)
         for recording in level
     ]
     angles = _cold_angles(level, starts, ambient)

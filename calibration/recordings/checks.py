@@ -22,6 +22,8 @@ from calibration.recordings.repair import (
 )
 from calibration.remarks import CalibrationError
 from limb_systems import Recording
+from limb_systems.files.samples import stretches
+from limb_systems.logs.evidence import correlation
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
@@ -142,8 +144,7 @@ def _check_zeros(recording: Recording) -> None:
         # A limb that swings passes zero as fast as it passes other angles.
         steps = np.abs(np.diff(signal[signal != 0]))
         jump = max(jump, 2 * np.quantile(steps, 0.98) if len(steps) else 0.0)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], signal == 0, [0]])))
-        for start, end in edges.reshape(-1, 2):
+        for start, end in stretches(signal == 0):
             around = [*signal[start - 1 : start], *signal[end : end + 1]]
             if end - start > 1 and around and np.abs(around).max() > jump:
                 raise CalibrationError(
@@ -155,11 +156,10 @@ def _check_zeros(recording: Recording) -> None:
 
 def _check_duration(recording: Recording) -> None:
     """Whether wires heat and cool for long enough to be seen."""
-    duration = recording.time[-1] - recording.time[0]
-    if recording.duty.any() and duration < SHORTEST:
+    if recording.duty.any() and recording.duration < SHORTEST:
         raise CalibrationError(
-            f"wires are heated for {duration:.1f} s only; they take seconds to heat and to cool, "
-            f"so record {SHORTEST:.0f} s at least."
+            f"wires are heated for {recording.duration:.1f} s only; they take seconds to heat and "
+            f"to cool, so record {SHORTEST:.0f} s at least."
         )
 
 
@@ -260,11 +260,6 @@ def _heat(recording: Recording) -> np.ndarray:
     return lfilter([1 - memory], [1, -memory], recording.duty, axis=1)
 
 
-def _agreement(one: np.ndarray, other: np.ndarray) -> float:
-    """Correlation of two signals (K,); 0 if one of them does not move."""
-    return float(np.corrcoef(one, other)[0, 1]) if np.ptp(one) > 0 and np.ptp(other) > 0 else 0.0
-
-
 def _exchanged(recording: Recording) -> tuple[int, int] | None:
     """Two wires, if any, each of which is as warm as the duty of the other would have it."""
     heat, warmth = _heat(recording), recording.measured_temperature
@@ -300,8 +295,8 @@ def _check_wires(recording: Recording) -> None:
         if dose[index] < HEATED or not climb[index] < RISE:
             continue
         other = int(np.nanargmax(np.where(dose < HEATED, climb, -np.inf)))
-        follows = _agreement(heat[index], smooth[other]) > _agreement(heat[index], smooth[index])
-        if dose[other] < HEATED and climb[other] >= RISE and follows:
+        of_other, own = (correlation(heat[index], smooth[i]) for i in (other, index))
+        if dose[other] < HEATED and climb[other] >= RISE and of_other > own:
             hottest, coldest = np.argmax(smooth[other]), np.argmin(smooth[other])
             bent = signal[:, hottest] - signal[:, coldest]
             side, what = "", "thermocouples"
@@ -322,7 +317,7 @@ def _check_wires(recording: Recording) -> None:
     drive = levers.T @ smooth
     moves = np.ptp(signal, axis=1).max() > 2 * BENT and np.ptp(drive) > 0
     driving, bent = (rows - rows.mean(axis=1, keepdims=True) for rows in (drive, signal))
-    agreement = _agreement(driving.ravel(), bent.ravel()) if moves else 0.0
+    agreement = correlation(driving.ravel(), bent.ravel()) if moves else 0.0
     swapped = _exchanged(recording)
     if swapped and abs(agreement) > 0.5:
         pair, what = " and ".join(names[index] for index in swapped), "thermocouples"

@@ -14,6 +14,7 @@ import numpy as np
 from calibration.recordings.kinds import title_of
 from calibration.remarks import CalibrationError, Remark
 from limb_systems import Recording
+from limb_systems.files.samples import doses
 
 SPIKE = 6.0  # robust standard deviations from the median of five samples, beyond which one counts
 STEEP = 1.5  # of the range of its neighbours, within which a sample is no spike
@@ -71,19 +72,16 @@ def at_sample_times(recording: Recording) -> Recording:
     taken, first = np.unique(np.round(recording.time - recording.sample_age, 6), return_index=True)
     end = max(taken[-1], recording.time[-1]) + 1.0  # the last duty lasts
     breaks = np.array([taken[0] - 1.0, *taken, end])
+    ends = np.append(recording.time[0] - 1 / recording.sample_rate, recording.time)
+    applied = recording.applied_duty[:, [*first, -1]]
 
     def when_taken(row: np.ndarray) -> np.ndarray:
         return np.where(np.isnan(row), np.nan, filled(recording.time, row[first], taken))
 
-    def means(duty: np.ndarray) -> np.ndarray:
-        since_start = np.append(0.0, np.cumsum(np.append(duty[first], duty[-1]) * np.diff(breaks)))
-        ends = np.append(recording.time[0] - 1 / recording.sample_rate, recording.time)
-        return np.diff(np.interp(ends, breaks, since_start)) / np.diff(ends)
-
     return _with_readings(
         recording,
         when_taken,
-        duty=np.clip([means(duty) for duty in recording.applied_duty], 0.0, 1.0),
+        duty=np.clip(doses(applied, breaks, ends) / np.diff(ends), 0.0, 1.0),
         sample_age=np.zeros_like(recording.time),
     )
 
@@ -175,8 +173,8 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
             "heat and readings, and have no gap whose duty is not known."
         )
     remarks = []
-    kept = sum(piece.time[-1] - piece.time[0] + 1.5 / recording.sample_rate for piece in pieces)
-    if (left_out := time[-1] - time[0] - kept) > 1.0:
+    kept = sum(piece.duration + 1.5 / recording.sample_rate for piece in pieces)
+    if (left_out := recording.duration - kept) > 1.0:
         said = f"Of {title_of(recording)}, {left_out:.0f} s are left out"
         gaps = " and ".join(f"{time[gap]:.1f} s" for gap in gaps_of(recording))
         said += f": what duty there was in the gap at {gaps} is not known" * bool(gaps)
@@ -256,5 +254,5 @@ def _tells(piece: Recording) -> bool:
     """Whether a piece shows heat, for long enough."""
     read = (~np.isnan(piece.measured_temperature)).sum(axis=1).max(initial=0)
     bends = (~np.isnan(piece.bend_angle)).sum()
-    long = piece.time[-1] - piece.time[0] >= SHORTEST
+    long = piece.duration >= SHORTEST
     return bool(piece.duty[:, 1:].any() and long and min(read, bends) >= FEWEST)

@@ -13,6 +13,7 @@ from calibration.recordings.kinds import bend_sensor_of, only_segment
 from calibration.recordings.repair import at_sample_times, despiked, interpolated
 from calibration.remarks import CalibrationError, Remark, remarks_on_estimate, remarks_on_start
 from limb_systems import LimbParameters, LinearLaw, Recording, joint_angles_from_bend_angle
+from limb_systems.files.samples import stretches
 
 RATES = {"a1": "1/s", "a2": "°C/s", "a3": "1/s"}
 WINDOW = 2.0  # s, least duration of an equilibrium
@@ -458,7 +459,6 @@ def _equilibria(
     rest = (moving < STILL) & (heating < STEADY) & (heat.wire_temperature > warm)
     rest &= shown
     rest[:width] = rest[-width:] = False
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(int)))
-    starts, ends = edges[::2], edges[1::2]
+    starts, ends = stretches(rest).T
     long = ends - starts >= width
     return starts[long], ends[long]

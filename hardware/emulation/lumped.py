@@ -33,6 +33,7 @@ from hardware.emulation.wires import ShapeMemoryWires
 from hardware.firmware import guard
 from limb_systems import Layout, ThermocoupleLag
 from limb_systems.model.bend_sensor import rolled
+from limb_systems.model.layout import slices
 from limb_systems.model.ownership import weak_method
 
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
@@ -223,12 +224,8 @@ class _Memory(LeafSystem):
     def __init__(self, specimen: Specimen, sizes: dict[str, int]):
         super().__init__()
         self._specimen = specimen
-        ends = np.cumsum(list(sizes.values())).tolist()
-        self._parts = {
-            name: slice(end - size, end)
-            for (name, size), end in zip(sizes.items(), ends, strict=True)
-        }
-        self.DeclareVectorInputPort("state", ends[-1])
+        self._parts = dict(zip(sizes, slices([*sizes.values()]), strict=True))
+        self.DeclareVectorInputPort("state", sum(sizes.values()))
         self.DeclarePerStepPublishEvent(weak_method(self._remember))
         self.set_name("memory")
 

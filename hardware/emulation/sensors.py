@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from limb_systems import Layout, LimbParameters, LimbSystem
+from limb_systems.model.layout import slices
 from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.wire_blocks import VectorFunction
@@ -113,8 +114,8 @@ class SampledSensors(LeafSystem):
             for sensor, memory in zip(self._sensors, self._memories, strict=True)
         ]
         self._noise = noise
-        ends = np.cumsum([sensor.size for sensor in sensors]).tolist()
-        self._parts = [slice(e - s.size, e) for s, e in zip(sensors, ends, strict=True)]
+        self._parts = slices([sensor.size for sensor in sensors])
+        size = self._parts[-1].stop
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
         for index, sensor in enumerate(sensors):
             self.DeclareVectorInputPort(sensor.name, sensor.size)
@@ -123,10 +124,10 @@ class SampledSensors(LeafSystem):
             )
             reading = self.DeclareDiscreteState(sensor.size)
             self.DeclareStateOutputPort(sensor.name, reading)
-        self.DeclareDiscreteState(ends[-1])
+        self.DeclareDiscreteState(size)
         draws = self.DeclareDiscreteState([float(start)])
         self.DeclareVectorOutputPort(
-            "measurement", ends[-1], weak_method(self._calc), {self.xd_ticket()}
+            "measurement", size, weak_method(self._calc), {self.xd_ticket()}
         )
         self.DeclareStateOutputPort("draws", draws)
         self.set_name("sensors")

@@ -46,6 +46,7 @@ from limb_systems import (
     WireLaw,
     joint_angles_from_bend_angle,
 )
+from limb_systems.model.bend_sensor import rolled
 from limb_systems.model.parameters import BoardIdentity, SegmentParameters
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor", "places")
@@ -430,10 +431,8 @@ class Specimen:
 
     def places(self) -> np.ndarray:
         """Where the wires run in truth (W, 2), m along E2 and E3."""
-        e2, e3 = np.array([[wire.e2, wire.e3] for wire in self.description.wires]).T
-        misplaced = np.array([wire.misplaced for wire in self.wires])
-        cosine, sine = np.cos(misplaced), np.sin(misplaced)
-        return np.column_stack([cosine * e2 - sine * e3, sine * e2 + cosine * e3])
+        described = np.array([[wire.e2, wire.e3] for wire in self.description.wires])
+        return rolled(described.T, [-wire.misplaced for wire in self.wires]).T
 
     def mechanics(self) -> LimbParameters:
         """Parameters of the linear part: true k, σ, places of wires, ambient and lag.

@@ -212,7 +212,7 @@ class Gait(Planned):
     @property
     def _arm(self) -> float:
         """The longest limb's length, m, at which turns count as ways."""
-        return max(sum(s.length for s in limb.parameters.segments) for limb in self.robot.limbs)
+        return max(limb.parameters.length for limb in self.robot.limbs)
 
     @property
     def reach(self) -> float:

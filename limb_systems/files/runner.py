@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.files.samples import doses
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.output import write_atomically
 
@@ -37,12 +38,9 @@ def held_duty(plan: Trajectory, rate: float, duty_max: int = 1) -> np.ndarray:
     knots = plan.time - plan.time[0]
     ends = np.arange(math.ceil(plan.duration * rate - 1e-9) + 1) / rate
     times = np.union1d(knots, ends[ends < knots[-1]])
-    columns = []
-    for duty in plan.duty:
-        ramps = np.interp(times, knots, duty)
-        doses = np.append(0.0, np.cumsum(np.diff(times) * (ramps[1:] + ramps[:-1]) / 2))
-        columns.append(np.diff(np.interp(ends, times, doses)) * rate)
-    held = np.clip(columns, 0.0, 1.0)
+    ramps = np.array([np.interp(times, knots, duty) for duty in plan.duty])
+    means = doses((ramps[:, 1:] + ramps[:, :-1]) / 2, times, ends) * rate
+    held = np.clip(means, 0.0, 1.0)
     if duty_max > 1:
         sums = np.floor(np.cumsum(held, axis=1) * duty_max + 0.5)
         held = np.clip(np.diff(sums, axis=1, prepend=0.0), 0, duty_max)

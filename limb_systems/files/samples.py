@@ -284,6 +284,11 @@ class Samples(Summarized):
                 )
         return ""
 
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.time[-1] - self.time[0])
+
     def interpolated(self, signal: ArrayLike, times: np.ndarray | float) -> np.ndarray:
         """A signal (rows, K) at other times (M,), (rows, M), without samples that are missing."""
         rows = np.asarray(signal, float)
@@ -335,6 +340,23 @@ class Planned(Samples):
         """x at the knots (N, K): T, then the other states of the wires' laws."""
         others = [] if self.other_wire_state is None else [self.other_wire_state]
         return np.vstack([self.wire_temperature, *others])
+
+
+def stretches(where: np.ndarray) -> np.ndarray:
+    """Return the first index of each stretch of True, and the index after its last (S, 2)."""
+    return np.flatnonzero(np.diff(np.r_[False, where, False])).reshape(-1, 2)
+
+
+def doses(levels: np.ndarray, breaks: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return integrals (W, E), from end to end (E + 1,), of levels (W, K) held from break to break.
+
+    Args:
+        levels: one value for each interval between breaks (W, K).
+        breaks: times between which levels hold (K + 1,), s.
+        ends: times between which to integrate (E + 1,), s.
+    """
+    sums = np.cumsum(levels * np.diff(breaks), axis=1)
+    return np.diff([np.interp(ends, breaks, np.append(0.0, of_row)) for of_row in sums])
 
 
 def without_rounding(duty: np.ndarray) -> np.ndarray:

@@ -169,11 +169,6 @@ class Trajectory(Planned):
         )
 
     @property
-    def duration(self) -> float:
-        """Time from the first to the last knot, s."""
-        return float(self.time[-1] - self.time[0])
-
-    @property
     def state(self) -> np.ndarray:
         """[θ, θ̇, x, V] at the knots, a column for each: states of `Limb`."""
         return np.vstack([self.joint_state, self.wire_states, self.measured_temperature])

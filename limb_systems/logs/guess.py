@@ -186,14 +186,12 @@ class _Guess:
     def _cleaned(self, values: np.ndarray) -> np.ndarray:
         """The numbers of rows that are kept, nan where they are no reading or are absurd."""
         values = values if self.kept.all() else values[self.kept]
-        left_out = np.abs(values) > ABSURD
-        if self.missing:
-            left_out |= np.isin(values, self.missing)
+        left_out = (np.abs(values) > ABSURD) | np.isin(values, self.missing)
         return np.where(left_out, np.nan, values) if left_out.any() else values
 
     def _shares(self) -> np.ndarray:
         """Duty of each wire (W, K), in [0, 1]."""
-        full = self.full or max((float(np.abs(d.shown).max()) for d in self.duties), default=1.0)
+        full = self.full or self._most_duty
         signed = zip(self.signs, self.duties, strict=True)
         shares = [np.clip(sign * held(duty.values) / full, 0.0, 1.0) for sign, duty in signed]
         return np.array(shares).reshape(-1, len(self.times))
@@ -367,10 +365,9 @@ class _Guess:
 
     def _full(self) -> float:
         """The number of full duty; 0 if the names, the units and the numbers do not tell."""
-        values = np.abs(np.concatenate([duty.shown for duty in self.duties] or [np.zeros(1)]))
-        most = float(values.max())
-        if not most:
+        if not (most := self._most_duty):
             return 1.0
+        values = np.abs(np.concatenate([duty.shown for duty in self.duties]))
         words = {word for duty in self.duties for word in duty.words}
         quantities = {quantity for duty in self.duties for quantity in duty.quantities}
         written = (re.search(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", duty.name) for duty in self.duties)
@@ -397,12 +394,16 @@ class _Guess:
         )
         return 0.0
 
+    @property
+    def _most_duty(self) -> float:
+        """The largest number of duty, whatever its sign; 0 if there is none."""
+        return max((float(np.abs(duty.shown).max()) for duty in self.duties), default=0.0)
+
     def _names_of_duties(self) -> str:
         return " and ".join(dict.fromkeys(duty.name for duty in self.duties))
 
     def _said_of_full(self) -> str:
-        most = max((float(np.abs(duty.shown).max()) for duty in self.duties), default=0.0)
-        names = self._names_of_duties()
+        most, names = self._most_duty, self._names_of_duties()
         if most in (0.0, self.full) or "%" in {w for duty in self.duties for w in duty.words}:
             return f"full duty is {self.full:g} in {names}" if most else ""
         return f"the most in {names} is {most:g}: correct full if full duty is not {self.full:g}"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from limb_systems.errors import raised_as
+from limb_systems.files.samples import doses
 from limb_systems.logs.evidence import held
 from limb_systems.logs.mapping import (
     BEND_ANGLE,
@@ -417,14 +418,11 @@ def resampled(
     age = np.maximum(grid - times[row], 0.0)
     periods, seconds = STALE
     held = np.where(age <= max(periods / rate, seconds), readings[:, row], np.nan)
-    dose = np.column_stack([np.zeros(len(duty)), np.cumsum(duty[:, :-1] * np.diff(times), axis=1)])
 
     def means(ends: np.ndarray) -> np.ndarray:
         """Mean duty between times, and before the first of them that at the first row."""
-        heat = np.array([np.interp(ends, times, one) for one in dose])
-        return np.clip(
-            np.column_stack([duty[:, 0], np.diff(heat, axis=1) / np.diff(ends)]), 0.0, 1.0
-        )
+        later = doses(duty[:, :-1], times, ends) / np.diff(ends)
+        return np.clip(np.column_stack([duty[:, 0], later]), 0.0, 1.0)
 
     shown, index = np.unique(row, return_inverse=True)
     return {

@@ -408,6 +408,11 @@ class LimbParameters(Described):
             )
 
     @property
+    def length(self) -> float:
+        """Length of all segments, m."""
+        return sum(segment.length for segment in self.segments)
+
+    @property
     def num_joints(self) -> int:
         """Number of joints of all segments."""
         return sum(segment.links * len(segment.joints[0]) for segment in self.segments)

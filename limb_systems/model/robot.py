@@ -345,8 +345,4 @@ def _pose_in_space(state: np.ndarray) -> np.ndarray:
 
 def _standing_height(robot: RobotParameters) -> float:
     """Height of the body's origin, m, where the lowest foot of straight limbs is at the ground."""
-    tips = [
-        limb.position[2] + limb.axes[2, 0] * sum(s.length for s in limb.parameters.segments)
-        for limb in robot.limbs
-    ]
-    return robot.feet.radius - min(tips)
+    return robot.feet.radius - min(limb.straight_height for limb in robot.limbs)

@@ -86,6 +86,11 @@ class RobotLimb(Strict):
         return np.column_stack([e1, e2, np.cross(e1, e2)])
 
     @property
+    def straight_height(self) -> float:
+        """Height of the straight limb's tip over the body's origin, m."""
+        return self.position[2] + self.axes[2, 0] * self.parameters.length
+
+    @property
     def rpy(self) -> np.ndarray:
         """Roll, pitch and yaw of the limb's base in the body's frame (3,), rad, as in URDF."""
         return RollPitchYaw(RotationMatrix(self.axes)).vector()
@@ -290,7 +295,7 @@ class RobotParameters(Described):
                 f"The names of limbs make the names of wires {', '.join(wires)}, of which some "
                 "are the same; give the limbs other names."
             )
-        lengths = [sum(s.length for s in limb.parameters.segments) for limb in self.limbs]
+        lengths = [limb.parameters.length for limb in self.limbs]
         for index, (limb, length) in enumerate(zip(self.limbs, lengths, strict=True)):
             if (far := np.abs(limb.position).max()) > FARTHEST * (size + length):
                 raise ParameterError(

@@ -137,7 +137,7 @@ def placed(
         if run != about:
             run, straight, angle = about, frame, ca.SX(0.0)
         angle = angle + sense * angles[joint]
-        frame = straight @ _rotation(about, angle)
+        frame = straight @ rotation(about, angle)
         origins.append(origin)
         frames.append(frame)
     return turned, origins, frames
@@ -171,11 +171,11 @@ def angles_of(direction: ca.SX, planar: bool = False) -> ca.SX:
     return ca.if_else(near, ratio, ca.atan2(length, ahead) / length) * across
 
 
-def _rotation(about: int, angle: ca.SX) -> ca.SX:
-    """The rotation about E1, E2 or E3, number 0, 1 or 2 (3, 3)."""
+def rotation(about: int, angle: ca.SX) -> ca.SX:
+    """The rotation (3, 3) about an axis, number 0, 1 or 2."""
     one, other = (about + 1) % 3, (about + 2) % 3
-    rotation = ca.SX(3, 3)
-    rotation[about, about] = 1.0
-    rotation[one, one] = rotation[other, other] = ca.cos(angle)
-    rotation[other, one], rotation[one, other] = ca.sin(angle), -ca.sin(angle)
-    return rotation
+    turned = ca.SX(3, 3)
+    turned[about, about] = 1.0
+    turned[one, one] = turned[other, other] = ca.cos(angle)
+    turned[other, one], turned[one, other] = ca.sin(angle), -ca.sin(angle)
+    return turned

@@ -152,6 +152,17 @@ class Wires:
         """ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
         return self._rates.values(_joined(states, duty))
 
+    def signals(self, states: np.ndarray) -> dict[str, Any]:
+        """Return the wires' states x (N, K) as signals of a `Trajectory` or a `Gait`."""
+        T, others = np.split(states, [self.num_wires])
+        return {"wire_temperature": T, "other_wire_state": others if len(others) else None}
+
+    def holding_duty(self, states: np.ndarray) -> np.ndarray:
+        """D (W,) under which wires of the states (N,) stay at their temperatures."""
+        W = self.num_wires
+        off, on = (self.rates(states, np.full(W, level))[:W] for level in (0.0, 1.0))
+        return off / (off - on)
+
     def within(self, states: ca.SX) -> ca.SX:
         """States (N,) in symbols, kept in the ranges of the laws' ``memory``."""
         kept = ca.SX(states)

@@ -55,7 +55,7 @@ _TRACK_COLOR, _OUTLINE_COLOR = (0.93, 0.94, 0.95), (0.45, 0.47, 0.5)
 # The camera's azimuth and elevation, of limbs in a plane and in space, and of robots, °.
 _IN_PLANE, _IN_SPACE, _BESIDE = (0.0, 65.0), (45.0, 25.0), (0.0, 15.0)
 _GROUND_COLOR, _MARK_COLOR = (0.97, 0.98, 0.96), (0.62, 0.64, 0.66)
-MARK, _FIFTH = 0.01, 5  # m, from mark to mark on the ground; each so many, one is wider
+MARK, FIFTH = 0.01, 5  # m, from mark to mark on the ground; each so many, one is wider
 _IN_SIGHT = 4.0  # lengths of a robot to go, to which the camera shows all of the way
 _ALONG = RotationMatrix.MakeYRotation(np.pi / 2)  # a cylinder's axis along E1
 _FIELD_OF_VIEW = np.radians(25.0)  # from top to bottom; narrow, so that lengths compare
@@ -90,6 +90,11 @@ def seen_from(azimuth: float, elevation: float) -> np.ndarray:
     sine, cosine = np.sin(np.radians(elevation)), np.cos(np.radians(elevation))
     raised = np.array([[1, 0, 0], [0, sine, cosine], [0, -cosine, sine]])
     return raised @ RotationMatrix.MakeZRotation(-np.radians(azimuth)).matrix()
+
+
+def box_corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The corners (n, 2ⁿ) of a box from low to high (n,)."""
+    return np.array(list(itertools.product(*zip(low, high, strict=True)))).T
 
 
 def linear_wire_color(parameters: LimbParameters, temperature: np.ndarray) -> np.ndarray:
@@ -254,7 +259,7 @@ class LimbView:
         self._body = len(self._pieces)  # place of a robot's body among the bodies
         self._bodies = [self._plant.GetBodyByName(name) for name in names]
         # The length of the bars is 3 units.
-        self._unit = 0.1 * max(sum(s.length for s in one.segments) for one in limbs.values())
+        self._unit = 0.1 * max(one.length for one in limbs.values())
         planar = self._layout.is_planar
         self._to_camera = seen_from(*(_BESIDE if robot else _IN_PLANE if planar else _IN_SPACE))
         # The bars are in the plane of the bends, or of a robot's walk, or face the camera.
@@ -315,7 +320,7 @@ class LimbView:
         if self._robot:
             center = poses[self._body].translation()
             back = -center * [1.0, 1.0, 0.0] if self._follows else np.zeros(3)
-            step = _FIFTH * MARK  # the marks repeat
+            step = FIFTH * MARK  # the marks repeat
             for folder, moved in (("visualizer", back), ("ground", np.fmod(back, step))):
                 pose = self._base_pose @ RigidTransform(moved)
                 meshcat.SetTransform(f"{self._root}{folder}", pose, time)
@@ -379,7 +384,7 @@ class LimbView:
             low, high = self._robot_reach(joint_angles, body_pose)
             if self._robot.ground:
                 self._add_ground(meshcat, low, high)
-            corners = np.array(list(itertools.product(*zip(low, high, strict=True)))).T
+            corners = box_corners(low, high)
         else:
             corners = self._reach(joint_angles)
         limbs[self._root] = self._base_pose @ corners
@@ -425,15 +430,15 @@ class LimbView:
 
     def _add_ground(self, meshcat: Meshcat, low: np.ndarray, high: np.ndarray) -> None:
         """Put the ground below a box from low to high (3,), m, with a mark each 10 mm along x."""
-        step, path = _FIFTH * MARK, f"{self._root}ground"
+        step, path = FIFTH * MARK, f"{self._root}ground"
         first, last = np.floor(low[0] / step) - 1, np.ceil(high[0] / step) + 1
         middle, depth = (low[1] + high[1]) / 2, 1.5 * (high[1] - low[1])
         size = (last - first) * step, depth, MARK / 5
         center = [(first + last) / 2 * step, middle, -size[2] / 2]
         meshcat.SetObject(f"{path}/plane", Box(*size), Rgba(*_GROUND_COLOR))
         meshcat.SetTransform(f"{path}/plane", RigidTransform(center))
-        for number in range(round((last - first) * _FIFTH) + 1):
-            mark = Box(MARK * (0.05 if number % _FIFTH else 0.15), depth, 1e-5)
+        for number in range(round((last - first) * FIFTH) + 1):
+            mark = Box(MARK * (0.05 if number % FIFTH else 0.15), depth, 1e-5)
             meshcat.SetObject(f"{path}/mark_{number}", mark, Rgba(*_MARK_COLOR))
             at = [first * step + number * MARK, middle, 1e-5]
             meshcat.SetTransform(f"{path}/mark_{number}", RigidTransform(at))
@@ -561,4 +566,4 @@ class LimbView:
         low = np.minimum(ends.min(axis=(1, 2)) - margin, -bars)
         high = np.maximum(ends.max(axis=(1, 2)) + margin, bars)
         low[0] = min(low[0], self._bar_positions()[0] - 0.6 * unit)
-        return facing @ np.array(list(itertools.product(*zip(low, high, strict=True)))).T
+        return facing @ box_corners(low, high)

@@ -165,8 +165,7 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
     def rollouts(signal: str, row: int, wire: str, color: str) -> list[Curve]:
         if not recordings:
             return []
-        scale = np.rad2deg(1.0) if signal == "bend_angle" else 1.0
-        rows = [scale * getattr(recording, signal)[row] for recording in recordings]
+        rows = [_in_unit(signal, getattr(recording, signal)[row]) for recording in recordings]
         time, mean, half = mean_and_band(recordings, rows)
         shown = time < last_duty if signal == "duty" else slice(None)
         time, mean, half = time[shown], mean[shown], half[shown]
@@ -228,12 +227,12 @@ def measured_panels(
     ) -> list[Curve]:
         if plan is None:
             return []
-        scale = np.rad2deg(1.0) if signal == "bend_angle" else 1.0
         # The last duty has no time left to move the limb, so that it is arbitrary: not drawn.
         shown = slice(-1 if signal == "duty" else None)
-        values, band = scale * getattr(plan, signal)[row, shown], None
+        values, band = _in_unit(signal, getattr(plan, signal)[row, shown]), None
         if signal in bands:
-            band = scale * bands[signal][0, row, shown], scale * bands[signal][1, row, shown]
+            low, high = _in_unit(signal, bands[signal][:, row, shown])
+            band = low, high
         return [Curve(name, plan.time[shown], values, color, dash, width, band)]
 
     layout = Layout(parameters)
@@ -271,12 +270,16 @@ def measured_panels(
     return panels
 
 
+def _in_unit(signal: str, values: np.ndarray) -> np.ndarray:
+    """Values of a signal in the unit of its panel."""
+    return np.rad2deg(values) if signal == "bend_angle" else values
+
+
 def motion_panels(motion: Recording | Gait) -> list[Panel]:
     """Bend angles, temperatures and duty of a limb, or of each of a robot's, and `robot_panels`."""
 
     def curves(signal: str, row: int, wire: str, color: str) -> list[Curve]:
-        scale = np.rad2deg(1.0) if signal == "bend_angle" else 1.0
-        values = scale * getattr(motion, signal)[row]
+        values = _in_unit(signal, getattr(motion, signal)[row])
         steps = signal == "duty" and isinstance(motion, Gait)
         drawn = [Curve(f"{wire}{SIGNALS[signal].symbol}", motion.time, values, color, steps=steps)]
         if signal == "measured_temperature" and motion.wire_temperature is not None:

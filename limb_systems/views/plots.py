@@ -44,9 +44,9 @@ def plot_tracking(
     return draw(tracking_panels(trajectory, recordings), title)
 
 
-def plot_motion(motion: Recording | Gait, title: str = "") -> Figure:
+def plot_motion(motion: Recording | Gait) -> Figure:
     """A recording or a gait as a picture; see `limb_systems.views.panels.motion_panels`."""
-    return draw(motion_panels(motion), title)
+    return draw(motion_panels(motion))
 
 
 def plot_repetitions(

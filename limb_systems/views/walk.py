@@ -25,7 +25,7 @@ from limb_systems.model.robot import make_robot, set_positions
 from limb_systems.model.robot_parameters import RobotLimb
 from limb_systems.output import OutputError
 from limb_systems.views.colors import NEUTRAL_COLOR, wire_colors
-from limb_systems.views.limb_view import seen_from, wire_color
+from limb_systems.views.limb_view import FIFTH, MARK, box_corners, seen_from, wire_color
 from limb_systems.views.panels import CONTACTS, foot_fall_panel
 from limb_systems.views.plots import WIDTH, Figure, draw_panel, dress
 
@@ -35,7 +35,7 @@ _ROW = 3  # frames beside each other
 _SILICONE, _EDGE, _GROUND = "#e3e7ee", "#8a94a3", "#555555"
 _FACES = "#4c596b", "#5c6b80", "#8290a4"  # of the body, across its x, y and z
 _BODY = _FACES[1]
-_MARK, _FIFTH = 10.0, 5  # mm, from mark to mark on the ground; each so many, one is labelled
+_MARK = 1e3 * MARK  # mm, of which each `FIFTH` is labelled
 _GRIDS = "#e9ecf0", "#c9ced6"  # of marks, and of labelled marks
 _ARROWS = {"stick": "▲", "slide_forward": "▶", "slide_backward": "◀", "slide": "", "swing": ""}
 # mm from a foot, along the ground to where it is dragged, and across.
@@ -47,7 +47,7 @@ _BEHIND = 0.35  # opacity of wires behind the axis of their limb
 _BESIDE, _OBLIQUE = (0.0, 0.0), (40.0, 30.0)
 
 
-def draw_walk(gait: Gait, title: str = "") -> Figure:
+def draw_walk(gait: Gait) -> Figure:
     """Moments of a gait's cycle, what its feet do, and the temperatures of its wires.
 
     A robot in the plane is seen from its side, a robot in space from in front, above and its right.
@@ -87,8 +87,6 @@ def draw_walk(gait: Gait, title: str = "") -> Figure:
             axis.axvline(time, color=NEUTRAL_COLOR, linewidth=0.8, linestyle=":")
     shades = _shades(gait.parameters)
     figure.colorbar(shades, ax=heat, label="wires' colour (°C)", pad=0.01, aspect=12)
-    if title:
-        figure.suptitle(title, fontsize=11)
     return figure
 
 
@@ -151,10 +149,9 @@ class _LoopWriter(PillowWriter):
 
 def _shades(parameters: LimbParameters) -> ScalarMappable:
     """The colours of wires by their temperature, for a scale."""
-    limits = parameters.temperature_limits.maximum
-    values = np.linspace(parameters.ambient_temperature, limits, 100)
-    colors = ListedColormap(wire_color(parameters, values))
-    return ScalarMappable(Normalize(values[0], values[-1]), colors)
+    span = parameters.ambient_temperature, parameters.temperature_limits.maximum
+    colors = ListedColormap(wire_color(parameters, np.linspace(*span, 100)))
+    return ScalarMappable(Normalize(*span), colors)
 
 
 def _draw_heat(axis: Axes, gait: Gait) -> None:
@@ -346,8 +343,7 @@ class _Scene:
         for face in seen:
             corners = center + (np.insert(turn, face, sides[face], axis=1) * half) @ turned.T
             self._faces.append((_FACES[face], (corners @ walk.view.T)[:, :2]))
-        signs = list(itertools.product([-1, 1], repeat=3))
-        corners = center + (signs * half) @ turned.T
+        corners = center + box_corners(-half, half).T @ turned.T
         points = (corners @ walk.view.T)[:, :2]
         self.body = points[ConvexHull(points).vertices]
         self.limbs = [_LimbScene(walk, limb) for limb in walk.robot.limbs]
@@ -400,8 +396,8 @@ class _Stage:
             ground = np.array([reach.min(axis=0) - (5, 10), reach.max(axis=0) + 5]) / _MARK
             # Low and high ends of the ground along x and y (2, 2), mm.
             self._ground = _MARK * np.array([np.floor(ground[0]), np.ceil(ground[1])])
-            corners = np.array(list(itertools.product(*self._ground.T)))
-            points = np.vstack([points, corners @ walk.view[:2, :2].T / 1e3])
+            corners = walk.view[:2, :2] @ box_corners(*self._ground) / 1e3
+            points = np.vstack([points, corners.T])
             before, beyond = [9, 10], [2, 5]
         self._low, self._high = points.min(axis=0) - before, points.max(axis=0) + beyond
         self.width, self.height = (self._high - self._low).tolist()
@@ -445,7 +441,7 @@ class _Stage:
         for direction in range(2):
             for mark in _marks(*self._ground[:, direction]):
                 ends = np.insert(self._ground[:, [1 - direction]], direction, mark, axis=1)
-                color = _GRIDS[int(mark % (_FIFTH * _MARK) == 0)]
+                color = _GRIDS[int(mark % (FIFTH * _MARK) == 0)]
                 axis.plot(*(plane @ ends.T), color=color, linewidth=0.8, zorder=0.5)
         for mark in _marks(*self._ground[:, 0]):
             _label(axis, mark, plane @ [mark, self._ground[0, 1]] - [0.0, 2.0])
@@ -458,6 +454,6 @@ def _marks(low: float, high: float) -> np.ndarray:
 
 def _label(axis: Axes, mark: float, place: np.ndarray) -> None:
     """Write how far a mark is from 0, if it is one that is labelled, mm."""
-    if mark % (_FIFTH * _MARK) == 0:
+    if mark % (FIFTH * _MARK) == 0:
         text = f"{mark:g} mm" if mark else "0"
         axis.text(place[0], place[1], text, ha="center", va="top", fontsize=7)

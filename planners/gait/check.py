@@ -7,6 +7,7 @@ import os
 import pickle
 import subprocess
 import sys
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from limb_systems import (
     Gait,
     GaitVariation,
+    LimbParameters,
     Recording,
     Robot,
     RobotParameters,
@@ -33,7 +35,6 @@ SPREAD_STEP = 4e-3  # s, of their mechanics: strides are 1% shorter, in a quarte
 FRICTION = (0.7, 1.3)  # times the friction of the ground
 PARAMETERS = 0.1  # share by which parameters are others
 DRAWS = 4  # of other parameters
-VARIED = ("a1", "a2", "beta", "full_torque")  # of the wires' laws, as far as they have them
 MOST_TILT = np.deg2rad(60.0)
 NO_LOAD = 1e-3  # of the weight, on a foot that carries nothing
 LOWEST = 2e-3  # m, of a corner of a body that is on the ground
@@ -70,33 +71,38 @@ def check_gait(gait: Gait, cycles: int = CYCLES, spread: bool = True, seed: int 
 def variations(robot: RobotParameters, seed: int = 0) -> list[tuple[str, RobotParameters]]:
     """What is varied, and the robots, of `check_gait`."""
     rng = np.random.default_rng(seed)
-    varied = []
-    for factor in FRICTION:
-        other = copy.deepcopy(robot)
-        assert other.ground is not None  # of robots that walk
-        other.ground.friction *= factor
-        varied.append((f"friction x {factor:g}", other))
+    varied = [(f"friction x {factor:g}", with_friction(robot, factor)) for factor in FRICTION]
     for number in range(1, DRAWS + 1):
         other = with_other_parameters(robot, rng)
         varied.append((f"parameters +-{PARAMETERS:.0%}, draw {number}", other))
     return varied
 
 
-def with_other_parameters(
-    robot: RobotParameters, rng: np.random.Generator, share: float = PARAMETERS
-) -> RobotParameters:
-    """A robot with stiffness and wires' laws that are larger or smaller by a share, per limb."""
+def with_friction(robot: RobotParameters, factor: float) -> RobotParameters:
+    """Return a copy of the robot with the ground's friction multiplied by a factor."""
     robot = copy.deepcopy(robot)
-    for limb in robot.limbs:
-        factors = dict(zip(VARIED[:3], rng.choice([1 - share, 1 + share], 3), strict=True))
-        factors["full_torque"] = factors["beta"]
-        of_stiffness = rng.choice([1 - share, 1 + share])
-        for segment in limb.parameters.segments:
-            segment.stiffness *= of_stiffness
-            for wire, field in itertools.product(segment.wires, VARIED):
-                if hasattr(wire.law, field):
-                    setattr(wire.law, field, getattr(wire.law, field) * factors[field])
+    assert robot.ground is not None  # of robots that walk
+    robot.ground.friction *= factor
     return robot
+
+
+def with_other_parameters(robot: RobotParameters, rng: np.random.Generator) -> RobotParameters:
+    """A robot with stiffness and wires' laws that are 10% larger or smaller, per limb."""
+    robot, either = copy.deepcopy(robot), [1 - PARAMETERS, 1 + PARAMETERS]
+    for limb in robot.limbs:
+        a1, a2, beta = rng.choice(either, 3)
+        factors = {"a1": a1, "a2": a2, "beta": beta, "full_torque": beta}
+        scale_limb(limb.parameters, rng.choice(either), factors)
+    return robot
+
+
+def scale_limb(limb: LimbParameters, stiffness: float, of_laws: Mapping[str, float]) -> None:
+    """Multiply a limb's stiffness, and fields of its wires' laws as far as these have them."""
+    for segment in limb.segments:
+        segment.stiffness *= stiffness
+        for wire, (field, factor) in itertools.product(segment.wires, of_laws.items()):
+            if hasattr(wire.law, field):
+                setattr(wire.law, field, getattr(wire.law, field) * factor)
 
 
 def simulate_gait(

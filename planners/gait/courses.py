@@ -19,6 +19,7 @@ from planners.gait.schedules import sensible_schedules
 from planners.transcription.solving import PlanningError
 
 AHEAD, SIDES = "ahead", {"left": 1.0, "right": -1.0}
+TURNING = (*SIDES, *(f"spot_{side}" for side in SIDES))  # names of gaits
 ARC = 0.2  # rad, in a cycle
 # rad, in a cycle on the spot, the first with which the robot turns as planned; softer robots turn
 # by less, as legs that bend farther have more than one balance.
@@ -51,16 +52,15 @@ def plan_gaits(
             f"The body is {robot.body.mount}, so that it cannot turn; set body.mount to free."
         )
     options = {"explain": False} | options
-    with Progress("planning", 1 + 2 * len(SIDES), "gaits") as progress:
+    with Progress("planning", 1 + len(TURNING), "gaits") as progress:
         ahead = plan_gait(robot, **options | {"spread": False})
         progress.update(1, "that turn")
         signs = SIDES.values()
         arcs = [functools.partial(_along_arc, robot, sign, ahead, options) for sign in signs]
         spots = [functools.partial(_on_the_spot, robot, sign, options) for sign in signs]
-        names = [*SIDES, *(f"spot_{side}" for side in SIDES)]
         gaits, each = {AHEAD: ahead}, executor.map if executor else map
         planned = each(operator.call, [*arcs, *spots])
-        for number, (name, gait) in enumerate(zip(names, planned, strict=True)):
+        for number, (name, gait) in enumerate(zip(TURNING, planned, strict=True)):
             progress.update(2 + number)
             if gait:
                 gaits[name] = gait
@@ -104,7 +104,7 @@ def _never_falls(gait: Gait) -> bool:
 
 def gait_files(folder: Path) -> list[Path]:
     """The files of a folder that gaits of a robot may be written to."""
-    return [folder / f"{name}.csv" for name in (AHEAD, *SIDES, *(f"spot_{s}" for s in SIDES))]
+    return [folder / f"{name}.csv" for name in (AHEAD, *TURNING)]
 
 
 def save_gaits(gaits: Mapping[str, Gait], folder: Path, *, force: bool = False) -> list[Path]:

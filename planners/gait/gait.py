@@ -12,7 +12,7 @@ import numpy as np
 from pydrake.solvers import IpoptSolver, SolverOptions
 
 from limb_systems import Gait, GaitCheck, RobotParameters
-from planners.gait.check import check_gait
+from planners.gait.check import check_gait, with_friction
 from planners.gait.course import Course, check_course
 from planners.gait.program import (
     LEAST_LOAD,
@@ -218,9 +218,7 @@ def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, sp
     )
 
 
-def _steady(
-    program: Callable[..., GaitProgram], steadiness: float, near: Gait | None = None
-) -> Gait:
+def _steady(program: Callable[..., GaitProgram], steadiness: float, near: Gait | None) -> Gait:
     """The gait of a steadiness, or of the next lower share of it that there is.
 
     Args:
@@ -404,7 +402,7 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
         program: program of the gait, by further arguments.
     """
     asked = program()
-    walker, robot = asked.walker, asked.robot
+    walker = asked.walker
     point = standing_still(asked)[asked.points[0]]
     y, _, forces = asked.balance.split(point)
     places = walker.feet(y)[:, 0]
@@ -423,10 +421,7 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
         if (still[: -walker.num_feet] < LEAST_PIVOT).any():
             return TOO_SOFT
     margin = asked.temperature_margin
-    slippery = copy.deepcopy(robot)
-    assert slippery.ground is not None
-    mu = slippery.ground.friction
-    slippery.ground.friction *= LESS_FRICTION
+    slippery = _for_robot(asked, with_friction(asked.robot, LESS_FRICTION))
     too_cold = (
         program(temperature_margin=0.0),
         f"wires that stay {margin:g} °C below T_max are too cold, as there would be one without a "
@@ -435,9 +430,9 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
     for relaxed, reason in (
         *([too_cold] if margin else []),
         (
-            _for_robot(asked, slippery),
+            slippery,
             f"friction does not work one way, as the wires are too weak to slide a foot at mu = "
-            f"{mu:g}, though they could at {slippery.ground.friction:g}",
+            f"{walker.friction:g}, though they could at {slippery.walker.friction:g}",
         ),
         (
             program(sticking_share=np.inf),
@@ -493,7 +488,6 @@ def standing_still(program: GaitProgram, warmth: float = START_WARMTH) -> np.nda
     x = np.zeros(program.prog.num_vars())
     x[program.y], x[program.forces] = y, forces
     x[program.heat] = np.append(states, states[:W])
-    cooling, heating = (wires.rates(states, np.full(W, D))[:W] for D in (0.0, 1.0))
-    x[program.duty] = cooling / (cooling - heating)
+    x[program.duty] = wires.holding_duty(states)
     typical = [program.prog.GetVariableScaling()[int(step)] for step in program.time_steps]
     return program.complete(x, np.array(typical))

@@ -29,6 +29,8 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram
 
 from limb_systems import Gait, GaitCheck, GaitPhase, Provenance, RobotParameters, Wires
+from limb_systems.files.gait import along_heading
+from limb_systems.model.segment_chain import rotation
 from limb_systems.model.smooth_function import SmoothFunction
 from planners.gait.course import LEAST_TURN, MOST_TURN, Course
 from planners.gait.standing import (
@@ -100,7 +102,6 @@ class GaitProgram:
         objective: "speed" or "energy".
         temperature_margin: how far T stays below T_max, °C.
         sticking_share: share of μ that feet that stick may use.
-        clearance: height of feet that swing, m.
         steadiness: the least stiffness against pitch in a plane, the last pivot of `Stability`, as
             a multiple of weight times limb length; no pivot is bounded if it is -inf.
         course: where it goes; ahead, as fast as it can, if None.
@@ -115,12 +116,10 @@ class GaitProgram:
         objective: Literal["speed", "energy"] = "speed",
         temperature_margin: float = 0.0,
         sticking_share: float = STICKING_SHARE,
-        clearance: float = CLEARANCE,
         steadiness: float = STEADINESS,
         course: Course | None = None,
         begins_as: Gait | None = None,
     ):
-        assert robot.ground is not None, "a gait needs a ground"
         self.robot, self.schedule, self.objective = robot, schedule, objective
         self.temperature_margin, self.course = temperature_margin, course or Course()
         self.sticking_share, self.steadiness = sticking_share, steadiness
@@ -131,7 +130,6 @@ class GaitProgram:
         self.slides = self.contacts == "slide"
         self.in_space = self.walker.num_tangents == 2
         self.load = float(np.linalg.norm(self.walker.weight))
-        self._friction = robot.ground.friction
         self._add_variables()
         self._add_bounds()
         self._add_course()
@@ -139,14 +137,14 @@ class GaitProgram:
         if begins_as:
             states = begins_as.wire_states[:, 0]
             self._bound(self.heat[0, : len(states)], states, states)
-        self._add_contacts(clearance)
+        self._add_contacts()
         # Feet that swing come down on loads that pivots do not know to micrometres.
         self.lifts = bool((self.contacts == "swing").any())
         self.balance = balance_of(
             self.walker, self.wires, ground_gives=self.in_space or not self.lifts
         )
         self.blocks: list[ConstraintBlock] = [
-            self._balance_block(clearance),
+            self._balance_block(),
             *([] if self.in_space else [self._stability_block()]),
             self._heat_block(),
             self._merit_block(),
@@ -247,13 +245,13 @@ class GaitProgram:
             row = np.array([[-np.sin(half), np.cos(half)]])
             self._add_linear(row, 0.0, 0.0, [stride, aside], 1.0 / LENGTH_SCALE)
 
-    def _add_contacts(self, clearance: float) -> None:
+    def _add_contacts(self) -> None:
         """All that is linear of what feet do; in a plane it is all but the end of the travel."""
         K, F = self.contacts.shape
-        mu, to_load, to_travel = self._friction, F / self.load, 1.0 / LENGTH_SCALE
+        mu, to_load, to_travel = self.walker.friction, F / self.load, 1.0 / LENGTH_SCALE
         # The foot of a limb of length L that bends evenly is on the arc z = 2 x² / 3 L. From knot
         # to knot it would dip below the ground if it went further than this.
-        furthest = np.sqrt(1.5 * self.walker.size * clearance) * to_travel
+        furthest = np.sqrt(1.5 * self.walker.size * CLEARANCE) * to_travel
         for k in range(K):
             for foot in range(F):
                 force, contact = self.forces[k, foot], self.contacts[k, foot]
@@ -293,7 +291,7 @@ class GaitProgram:
         blocks: list[ConstraintBlock] = [FunctionBlock(goes_on, points, scales=LENGTH_SCALE)]
         if not self.in_space:
             return blocks
-        mu, unit = self._friction, self.load / F
+        mu, unit = self.walker.friction, self.load / F
         u, f, yaw, a = ca.SX.sym("u", 2), ca.SX.sym("f", 3), ca.SX.sym("yaw"), ca.SX.sym("a")
         sticks = self.forces[(self.contacts == "stick") & (self.before == "stick")]
         if np.isfinite(self.sticking_share) and len(sticks):
@@ -328,7 +326,7 @@ class GaitProgram:
         """Where a foot swings before or after a knot (K, F)."""
         return (self.contacts == "swing") | (self.before == "swing")
 
-    def _balance_block(self, clearance: float) -> ConstraintBlock:
+    def _balance_block(self) -> ConstraintBlock:
         """`Balance` at all knots: at rest, with the feet's travel, on the ground."""
         walker, load = self.walker, self.load
         d, F, τ = len(walker.stiffness), walker.num_feet, walker.num_tangents
@@ -336,7 +334,7 @@ class GaitProgram:
         scales = np.concatenate([forces, moments, np.full((τ + 1) * F, LENGTH_SCALE)])
         lower, upper = np.zeros((2, len(self.y), len(scales)))
         off_ground = (self.contacts == "swing") & (self.before == "swing")
-        lower[:, -F:] = walker.radius + clearance * off_ground
+        lower[:, -F:] = walker.radius + CLEARANCE * off_ground
         upper[:, -F:] = np.where(off_ground, np.inf, walker.radius)
         return FunctionBlock(self.balance, self.points, scales=scales, bounds=(lower, upper))
 
@@ -361,7 +359,7 @@ class GaitProgram:
         directions = np.vectorize(SLIDES.get)(contacts, 0.0)
         rows, feet = directions.nonzero()
         held = np.stack([contacts == "stick", contacts != "swing"], axis=-1).astype(float)
-        sliding = self._friction * directions[rows, feet, None] * np.eye(F)[feet]
+        sliding = self.walker.friction * directions[rows, feet, None] * np.eye(F)[feet]
         gain = FrictionGain(self.walker, self.wires, held[rows], sliding)
         lower, upper = np.full((len(rows), 1), -np.inf), np.full((len(rows), 1), MOST_GAIN)
         return FunctionBlock(gain, self.points[rows % K], bounds=(lower, upper))
@@ -418,7 +416,8 @@ class GaitProgram:
             end = np.array([stride, stride * np.tan(turn / 2), turn])[: len(self.end)]
         x[self.end], x[self.time_steps] = end, steps
         travel = self.walker.feet(x[self.y])[..., :-1]
-        last = end[:τ] + travel[0] @ _rotation(end[τ:]).T
+        carried = along_heading(travel[0].T, -end[2]).T if self.in_space else travel[0]
+        last = end[:τ] + carried
         x[self.travel] = np.concatenate([travel, last[None]])
         intervals, feet = self.slides.nonzero()
         slid = x[self.travel[intervals + 1, feet]] - x[self.travel[intervals, feet]]
@@ -427,7 +426,7 @@ class GaitProgram:
             foot = feet[of_slide][0]
             way = slid[of_slide].sum(axis=0)
             if np.linalg.norm(way) < LEAST_SLIP:
-                way = end[:τ] + travel[0, foot] @ _rotation(end[τ:]).T - travel[0, foot]
+                way = last[foot] - travel[0, foot]
             x[self.direction[number]] = way / np.linalg.norm(way)
         along = x[self.direction[self._slide_numbers]]
         x[self.advance] = (along * slid).sum(axis=1).clip(min=0.0)
@@ -439,7 +438,7 @@ class GaitProgram:
     def gait(self, x: np.ndarray, check: GaitCheck) -> Gait:
         """The gait that all decision variables describe."""
         around = np.arange(len(self.y) + 1) % len(self.y)
-        steps, N, W = x[self.time_steps], self.wires.num_states, self.wires.num_wires
+        steps, N = x[self.time_steps], self.wires.num_states
         time = np.append(0.0, np.cumsum(steps))
         y, heat = x[self.y[around]].T, x[self.heat[around]].T
         y[self._travels, -1] = x[self.end]
@@ -451,9 +450,8 @@ class GaitProgram:
             time=time,
             duty=np.clip(x[self.duty[around]].T, 0.0, 1.0),
             joint_state=np.vstack([y[B:], rates]),
-            wire_temperature=heat[:W],
+            **self.wires.signals(heat[:N]),
             measured_temperature=heat[N:],
-            other_wire_state=heat[W:N] if N > W else None,
             body_pose=y[:B],
             contact_force=x[self.forces[around]].reshape(len(around), -1).T,
             robot=self.robot,
@@ -496,15 +494,4 @@ class GaitProgram:
 
 def _turned(vector: ca.SX, yaw: ca.SX) -> ca.SX:
     """A vector along the ground (τ,), turned; in a plane there is no yaw (0,)."""
-    if not yaw.numel():
-        return vector
-    cosine, sine = ca.cos(yaw), ca.sin(yaw)
-    return ca.vertcat(cosine * vector[0] - sine * vector[1], sine * vector[0] + cosine * vector[1])
-
-
-def _rotation(yaw: np.ndarray) -> np.ndarray:
-    """The rotation (τ, τ) by a yaw (1,), or by none (0,) in a plane."""
-    if not len(yaw):
-        return np.eye(1)
-    cosine, sine = np.cos(yaw[0]), np.sin(yaw[0])
-    return np.array([[cosine, -sine], [sine, cosine]])
+    return rotation(2, yaw)[:2, :2] @ vector if yaw.numel() else vector

@@ -56,30 +56,22 @@ class Balance(SmoothFunction):
         ground_gives: whether loads press feet into the ground.
     """
 
-    def __init__(self, walker: Walker, wires: Wires, ground_gives: bool = True):
+    def __init__(self, walker: Walker, wires: Wires, ground_gives: bool):
         self._walker, self._num_states = walker, wires.num_states
         y, feet = walker.configuration, walker.symbolic_feet
         x, travel = ca.SX.sym("x", wires.num_states), ca.SX.sym("s", feet[:-1, :].numel())
         forces = ca.SX.sym("f", *feet.shape)
-        lagrangian = walker.symbolic_potential - ca.dot(forces, feet)
-        balance = ca.gradient(lagrangian, y) - _torques(walker, wires, x)
+        balance = _balance(walker, wires, x, forces)
         heights = feet[-1, :].T + ground_gives * forces[-1, :].T / GROUND_STIFFNESS
         values = ca.vertcat(balance, ca.vec(feet[:-1, :]) - travel, heights)
         super().__init__(values, ca.vertcat(y, x, ca.vec(forces), travel))
 
     def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """y (..., d), x (..., N) and λ (..., F, τ + 1) of points."""
-        return split(self._walker, self._num_states, points)
-
-
-def split(
-    walker: Walker, num_states: int, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """y (..., d), x (..., N) and λ (..., F, τ + 1) of points p."""
-    shape = walker.num_feet, walker.num_tangents + 1
-    sizes = [len(walker.stiffness), num_states, shape[0] * shape[1]]
-    y, x, forces, _ = np.split(points, np.cumsum(sizes), axis=-1)
-    return y, x, forces.reshape(*forces.shape[:-1], *shape)
+        shape = self._walker.num_feet, self._walker.num_tangents + 1
+        sizes = [len(self._walker.stiffness), self._num_states, shape[0] * shape[1]]
+        y, x, forces, _ = np.split(points, np.cumsum(sizes), axis=-1)
+        return y, x, forces.reshape(*forces.shape[:-1], *shape)
 
 
 def balance_of(walker: Walker, wires: Wires, ground_gives: bool = True) -> Balance:
@@ -88,10 +80,12 @@ def balance_of(walker: Walker, wires: Wires, ground_gives: bool = True) -> Balan
     return stated_once(key, lambda: Balance(walker, wires, ground_gives))
 
 
-def _torques(walker: Walker, wires: Wires, states: ca.SX) -> ca.SX:
-    """The generalized forces [0, f(x, q)] (d,) of the wires, N·m, by (4)."""
-    B = walker.pose_size
-    return ca.vertcat(ca.SX(B, 1), wires.symbolic_force(states, walker.configuration[B:]))
+def _balance(walker: Walker, wires: Wires, states: ca.SX, forces: ca.SX) -> ca.SX:
+    """∂L/∂y - [0, f(x, q)] (d,), N and N·m, under the ground's forces (τ + 1, F), by (4)."""
+    y, B = walker.configuration, walker.pose_size
+    lagrangian = walker.symbolic_potential - ca.dot(forces, walker.symbolic_feet)
+    torques = wires.symbolic_force(states, y[B:])
+    return ca.gradient(lagrangian, y) - ca.vertcat(ca.SX(B, 1), torques)
 
 
 class Stability:
@@ -130,15 +124,10 @@ class Stability:
         """Φ; the stiffness, column by column; and Φ of `FrictionGain`."""
         d, F = self._d, self._F
         y, feet = walker.configuration, ca.vec(walker.symbolic_feet)
-        x, forces, travel = (
-            ca.SX.sym("x", wires.num_states),
-            ca.SX.sym("f", 2 * F),
-            ca.SX.sym("s", F),
-        )
+        x, forces = ca.SX.sym("x", wires.num_states), ca.SX.sym("f", 2, F)
         v, on_ground = ca.SX.sym("v", d + F), ca.SX.sym("held", 2 * F)
-        lagrangian = walker.symbolic_potential - ca.dot(forces, feet)
-        balance = ca.gradient(lagrangian, y) - _torques(walker, wires, x)
-        point = ca.vertcat(y, x, forces, travel)
+        balance = _balance(walker, wires, x, forces)
+        point = ca.vertcat(y, x, ca.vec(forces), ca.SX.sym("s", F))
         raised = ca.vec(ca.horzcat(ca.SX(F, 1), v[d:]).T)
         turned = ca.jtimes(feet, y, v[:d])
         along = turned - raised
@@ -261,8 +250,7 @@ class FrictionGain:
 
     def __init__(self, walker: Walker, wires: Wires, held: np.ndarray, sliding: np.ndarray):
         self._walker, self._standing = walker, Stability(walker, wires, held)
-        self._gain, self._num_states = self._standing.gain, wires.num_states
-        self._d = len(walker.stiffness)
+        self._gain, self._d = self._standing.gain, len(walker.stiffness)
         self._drag = np.stack([sliding, GROUND_STIFFNESS * (sliding != 0)], axis=-1)
         both = np.stack([held, self._drag], axis=1)
         self._parameters = both.reshape(len(held), 4 * walker.num_feet)
@@ -291,8 +279,8 @@ class FrictionGain:
 
     def _with_motions(self, points: np.ndarray) -> np.ndarray:
         """Arguments [p, v, w] of Φ (..., P + 2d)."""
-        y, _, _ = split(self._walker, self._num_states, points)
         stiffness = self._standing.stiffness(points)
-        directions = np.einsum("...fc,...fcd->...dc", self._drag, self._walker.feet_jacobian(y))
+        by_feet = self._walker.feet_jacobian(points[..., : self._d])
+        directions = np.einsum("...fc,...fcd->...dc", self._drag, by_feet)
         motions = np.linalg.solve(stiffness, directions)
         return np.concatenate([points, motions[..., 0], motions[..., 1]], axis=-1)

@@ -12,6 +12,7 @@ import numpy as np
 
 from limb_systems import Layout, RobotParameters
 from limb_systems.model.kinematics import Chain, rest_joint_angles
+from limb_systems.model.segment_chain import rotation
 from limb_systems.model.smooth_function import SmoothFunction, stated_once
 from planners.transcription.solving import PlanningError
 
@@ -34,6 +35,7 @@ class Walker:
     - ``height``: place of z among y.
     - ``last_joints``: the joint of each limb that carries its foot, among the joints (F,).
     - ``radius``: radius of the feet, m.
+    - ``friction``: μ of the ground.
     - ``size``: the longest limb's length, m.
     - ``key``: the same for robots with the same description.
 
@@ -58,10 +60,12 @@ class Walker:
         self.stiffness = np.append(np.zeros(B), layout.stiffness)
         self.rest = np.append(np.zeros(B), rest_joint_angles(robot.together))
         self.radius = robot.feet.radius
+        assert robot.ground is not None  # or it would not walk
+        self.friction = robot.ground.friction
         self.last_joints = [joints.stop - 1 for joints in robot.joints_of]
         y = self.configuration = ca.SX.sym("y", len(self.stiffness))
         origin, frame = _pose(y[:B])
-        masses, places, feet, lengths = [robot.body.mass], [origin], [], []
+        masses, places, feet = [robot.body.mass], [origin], []
         for limb, joints in zip(robot.limbs, robot.joints_of, strict=True):
             of_limb = Layout(limb.parameters)
             chain = Chain(of_limb, y[B + joints.start : B + joints.stop])
@@ -79,8 +83,7 @@ class Walker:
             along = to_world @ chain.frames[last] @ ca.DM(end / np.linalg.norm(end))
             travel = tip[: self.num_tangents] + self.radius * self._rolled(along)
             feet.append(ca.vertcat(travel, tip[2]))
-            lengths.append(of_limb.offsets[1:, 0].sum() + end[0])
-        self.size = float(max(lengths))
+        self.size = max(limb.parameters.length for limb in robot.limbs)
         self.weight = sum(masses) * robot.world_gravity
         self.symbolic_feet = ca.horzcat(*feet)
         moment = sum(mass * place for mass, place in zip(masses, places, strict=True))
@@ -119,17 +122,9 @@ def _pose(pose: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Place (3,), m, and frame (3, 3) of a body with a pose in the plane or in space."""
     if pose.numel() == 3:
         x, z, pitch = pose[0], pose[1], -pose[2]
-        return ca.vertcat(x, 0, z), _turn(1, pitch)
+        return ca.vertcat(x, 0, z), rotation(1, pitch)
     roll, pitch, yaw = ca.vertsplit(pose[3:])
-    return pose[:3], _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
-
-
-def _turn(axis: int, angle: ca.SX) -> ca.SX:
-    """The rotation (3, 3) about an axis of the world."""
-    turned, (a, b) = ca.SX.eye(3), ((axis + 1) % 3, (axis + 2) % 3)
-    turned[a, a] = turned[b, b] = ca.cos(angle)
-    turned[b, a], turned[a, b] = ca.sin(angle), -ca.sin(angle)
-    return turned
+    return pose[:3], rotation(2, yaw) @ rotation(1, pitch) @ rotation(0, roll)
 
 
 def check_walker(robot: RobotParameters) -> None:
@@ -154,13 +149,11 @@ def check_walker(robot: RobotParameters) -> None:
             f"The ground slopes by {np.rad2deg(robot.ground.slope):.3g}°, where a robot slides "
             f"down with a friction of {robot.ground.friction:g} whatever it does."
         )
-    lowest = -robot.body.height / 2
     for limb in robot.limbs:
-        length = sum(segment.length for segment in limb.parameters.segments)
-        tip = limb.position[2] + limb.axes[2, 0] * length
-        if tip >= lowest:
+        above = limb.straight_height + robot.body.height / 2  # of the body's bottom
+        if above >= 0:
             raise PlanningError(
-                f"The foot of limb {limb.name} is {1e3 * (tip - lowest):.0f} mm above the bottom "
+                f"The foot of limb {limb.name} is {1e3 * above:.0f} mm above the bottom "
                 "of the body where the limb is straight, so that the body would be on the ground; "
                 "let e1 point down."
             )

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from limb_systems import Gait, LimbError, PlanCheck, Provenance, Trajectory, Wires, bend_angle
+from limb_systems.files.samples import doses
 from limb_systems.model.kinematics import joint_angles_from_bend_angle
 from limb_systems.model.statics import HeldAngles
 from limb_systems.simulation import PERIOD
@@ -68,8 +69,10 @@ def walk(
     times = PERIOD * knots
     # Each knot has the mean duty of the period about it, so that the heat is the same.
     edges = np.append(times - PERIOD / 2, times[-1] + PERIOD / 2).clip(min=0.0)
-    duty = np.diff(_duty_time(gait, cycles, warm_up, levels, edges), axis=0)
-    duty /= np.diff(edges)[:, None]
+    steps = np.full(len(levels), warm_up / max(1, len(levels)))
+    breaks = np.cumsum([0.0, *steps, *np.tile(np.diff(gait.time), cycles)])
+    levels = np.hstack([levels.T, np.tile(gait.duty[:, :-1], cycles)])
+    duty = (doses(levels, breaks, edges) / np.diff(edges)).T
     duty[-1] = 0.0
     since = times - warm_up
     walks, in_cycle = since >= 0, since % gait.period
@@ -102,17 +105,15 @@ def walk(
             largest_difference_deg=float(np.rad2deg(np.abs(apart).max())),
             tolerance_deg=TOLERANCE_DEG,
         )
-    states, readings = along[:, :-W].T, along[:, -W:].T
     return Trajectory(
         time=times,
         reference=bend_angle(gait.parameters, angles),
         duty=duty.T,
         joint_state=np.vstack([angles, rates]),
-        wire_temperature=states[:W],
-        measured_temperature=readings,
+        **wires.signals(along[:, :-W].T),
+        measured_temperature=along[:, -W:].T,
         parameters=gait.parameters,
         check=check,
-        other_wire_state=states[W:] if len(states) > W else None,
         provenance=Provenance.now(gait.parameters),
     )
 
@@ -169,19 +170,6 @@ def _never_reached() -> LimbError:
         f"The wires do not reach the gait's first temperatures within {LONGEST_WARM_UP:g} s; has "
         "the air or the supply changed since it was planned?"
     )
-
-
-def _duty_time(
-    gait: Gait, cycles: int, warm_up: float, levels: np.ndarray, times: np.ndarray
-) -> np.ndarray:
-    """Duty summed over time since the start (K, W), s, of warm-up, cycles and wires off."""
-    lengths = [np.full(len(levels), warm_up / max(1, len(levels)))]
-    lengths += [np.diff(gait.time)] * cycles
-    steps = np.concatenate(lengths)
-    levels = np.vstack([levels, *[gait.duty[:, :-1].T] * cycles])
-    sums = np.cumsum(steps[:, None] * levels, axis=0)
-    knots = np.append(0.0, np.cumsum(steps))
-    return np.transpose([np.interp(times, knots, np.append(0.0, of_wire)) for of_wire in sums.T])
 
 
 def _heat(wires: Wires, start: np.ndarray, duty: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -419,25 +419,21 @@ class TrajectoryProgram(PlanProgram):
         self.cheap_blocks = None if is_free else [self.defects.with_curvature_of_heat()]
         return [self.defects]
 
-    def variables(
-        self, states: np.ndarray, duty: np.ndarray, times: np.ndarray | None = None
-    ) -> np.ndarray:
-        """All decision variables, from states (2n + M, K), duty (W, K) and knots (K,)."""
+    def variables(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """All decision variables, from states (2n + M, K) and duty (W, K)."""
         x = np.zeros(self.prog.num_vars())
-        x[self.time_steps] = np.diff(self.times if times is None else times)
+        x[self.time_steps] = np.diff(self.times)
         x[self.states], x[self.duty] = states.T, duty.T
         return x
 
-    def signals(self, x: np.ndarray) -> dict[str, np.ndarray]:
+    def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:
         """The signals of a `Trajectory`, from all decision variables."""
-        angles, rates, wire, measured = split_state(self.parameters, x[self.states].T)
-        num_wires = self.wires.num_wires
+        angles, rates, states, measured = split_state(self.parameters, x[self.states].T)
         return {
             "duty": x[self.duty].T,
             "joint_state": np.vstack([angles, rates]),
-            "wire_temperature": wire[:num_wires],
+            **self.wires.signals(states),
             "measured_temperature": measured,
-            "other_wire_state": wire[num_wires:] if len(wire) > num_wires else None,
         }
 
     def defects_of(self, x: np.ndarray) -> np.ndarray:

@@ -268,10 +268,10 @@ class QuasiStaticProgram(PlanProgram):
         wires, N, start = self.wires, self.wires.num_states, self._initial_heat
         duty = self._duty_of_linear_wires()
         if duty is None:
-            limits, none = self.parameters.temperature_limits, np.zeros(wires.num_wires)
-            middle = wires.settled_states(none + 0.5 * (limits.warm + limits.maximum))
-            cooling, heating = (wires.rates(middle, D)[: len(none)] for D in (none, none + 1.0))
-            duty = np.tile(cooling / (cooling - heating), (len(self.times), 1))
+            limits = self.parameters.temperature_limits
+            middle = np.full(wires.num_wires, 0.5 * (limits.warm + limits.maximum))
+            held = wires.holding_duty(wires.settled_states(middle))
+            duty = np.tile(held, (len(self.times), 1))
         states = wires.under_duty(start[:N], duty, self.times)
         readings = readings_along(wires, states, start[N:], self.times)
         return self.variables(np.hstack([states, readings]).T, duty.T)
@@ -326,8 +326,7 @@ class QuasiStaticProgram(PlanProgram):
 
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:
         """The signals of a `Trajectory`, from all decision variables."""
-        N, W = self.wires.num_states, self.wires.num_wires
-        states, readings = np.split(x[self.heat].T, [N])
+        states, readings = np.split(x[self.heat].T, [self.wires.num_states])
         motion = held_motion(self.held, states.T, x[self.duty]).T
         angles, rates = np.split(motion, 2)
         lag = self._layout.damping / self._layout.stiffness
@@ -336,9 +335,8 @@ class QuasiStaticProgram(PlanProgram):
         return {
             "duty": x[self.duty].T,
             "joint_state": motion,
-            "wire_temperature": states[:W],
+            **self.wires.signals(states),
             "measured_temperature": readings,
-            "other_wire_state": states[W:] if N > W else None,
         }
 
     def largest_defect(self, x: np.ndarray) -> float:

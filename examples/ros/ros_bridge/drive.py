@@ -153,9 +153,9 @@ class Driver:
         plan, time = self._plan, self.plan_time
         return {
             "time_s": time,
-            **_named("reference_{}_rad", _between(plan, plan.reference, time)),
+            **_named("reference_{}_rad", plan.interpolated(plan.reference, time)),
             **_named("planned_{}_rad", plan.bend_angle_at([time])[:, 0]),
-            **_named("duty_{}", _between(plan, plan.duty, time), self._parameters.wire_names),
+            **_named("duty_{}", plan.interpolated(plan.duty, time), self._parameters.wire_names),
         }
 
     def _heed(self, heard: Heard, measured: np.ndarray, now: float) -> None:
@@ -187,7 +187,7 @@ class Driver:
             assert self._plan
             self.plan_time = now - self._start
             if self.plan_time < self._plan.duration:
-                return _between(self._plan, self._plan.duty, self.plan_time), ""
+                return self._plan.interpolated(self._plan.duty, self.plan_time), ""
             self.plan_time = None
         if self.age > OLDEST:
             return None, "" if np.isinf(self.age) else "the newest duty is too old"
@@ -198,11 +198,6 @@ class Driver:
             return None, f"a wire is at {highest:.1f} °C; temperature_limits.maximum is {limit:g}"
         is_alone = now - heard.other > SILENCE
         return np.array(heard.duty), "" if is_alone else "another writer of the duty is ignored"
-
-
-def _between(plan: Trajectory, rows: np.ndarray, time: float) -> np.ndarray:
-    """A signal of a plan at a time between its knots, linear as duty is."""
-    return np.array([np.interp(time, plan.time, row) for row in rows])
 
 
 def drive(
