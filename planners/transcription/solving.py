@@ -23,10 +23,11 @@ NEAR = {
     "compl_inf_tol": 1e-6,
     "bound_push": 1e-5,
     "bound_frac": 1e-5,
-    "max_iter": 40,
+    "max_iter": 400,
 }
 # Hysteresis and references far out of reach may need hundreds of iterations; each is cheap. With a
-# barrier that begins this small there are half as many as with IPOPT's own, 0.1.
+# barrier that begins this small there are half as many as with IPOPT's own, 0.1, and with the one
+# near the solution fewer again, if they suffice.
 PATIENT = {"mu_strategy": "monotone", "mu_init": 0.01, "max_iter": 600}
 # s of processor time, after which no attempt begins and IPOPT ends; plans take seconds.
 LONGEST_SOLVE = 300.0
