@@ -23,7 +23,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from controllers import PlanFeedback
 from hardware import HardwareError, SerialLimb, emulated_port, replay
-from hardware.live.feed import Feed
+from hardware.feed import Feed
 from hardware.robot.serial_limb import DEADLINE, LATEST
 from limb_systems import LimbParameters, Trajectory
 from planners import Task, plan, references

@@ -157,7 +157,7 @@ class _WireHeat:
     """
 
     def __init__(self, recording: Recording, wire: int):
-        applied = recording.duty if recording.applied_duty is None else recording.applied_duty
+        applied = recording.heating_duty
         readings = recording.measured_temperature[wire]
         start = readings[recording.time < recording.time[0] + heat.AVERAGING_TIME].mean()
         stride = max(1, round(heat.LONGEST_STEP * recording.sample_rate))

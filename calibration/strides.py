@@ -113,7 +113,7 @@ def _fit_heat(
     together = robot.together  # whose wires' laws are the robot's own
     laws, W = [wire.law for wire in together.wires], len(together.wires)
     given, rates = copy.deepcopy(laws), [r for r in HEAT_RATES if all(hasattr(w, r) for w in laws)]
-    duty = recording.duty if recording.applied_duty is None else recording.applied_duty
+    duty = recording.heating_duty
     duty, times = np.clip(duty, 0.0, 1.0).T, recording.time - recording.time[0]
     measured = recording.measured_temperature.T
     shown = ~np.isnan(measured)

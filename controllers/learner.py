@@ -25,6 +25,7 @@ from controllers.duty_correction import READING_MARGIN, DutyCorrection, Errors
 from controllers.estimator import DRIFT_TIME
 from limb_systems import Layout, LimbError, Provenance, Recording, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
+from limb_systems.errors import raised_as
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.input import LARGEST_TABLE, read_bytes
 from limb_systems.output import write_atomically
@@ -373,7 +374,7 @@ class Learner:
         interrupted = recording.interrupted
         if not interrupted and recording.time[-1] < self.nodes[-1] - spacing:
             interrupted = f"the recording ends at {recording.time[-1]:g} s"
-        duty = recording.duty if recording.applied_duty is None else recording.applied_duty
+        duty = recording.heating_duty
         seen = recording.usable
         time = recording.time[seen]
         bend, readings = (
@@ -543,10 +544,8 @@ class Learner:
                 "truncated or was changed after it was written."
             )
         state = json.loads(body)
-        try:
+        with raised_as(FileFormatError, f"{path}: "):  # such as a law whose module is not imported
             learner = cls(Trajectory.from_text(state["plan"]))
-        except LimbError as error:  # such as a law whose module was not imported
-            raise FileFormatError(f"{path}: {error}") from error
         for saved in state["repetitions"]:
             arrays = {name: np.array(v) for name, v in saved.items() if isinstance(v, list)}
             learner._learn(Repetition(**(saved | arrays)))

@@ -19,8 +19,8 @@ from pydrake.systems.primitives import (
     TrajectorySource,
 )
 
+from hardware.feed import LiveView, shown
 from hardware.firmware import guard
-from hardware.live.feed import LiveView, shown
 from hardware.robot.journal import closing, journaled
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (

@@ -9,6 +9,7 @@ import numpy as np
 
 from limb_systems import LimbError, LimbParameters
 from limb_systems.band import LARGEST_MARGIN, temperature_margin
+from limb_systems.errors import raised_as
 from limb_systems.input import read_text
 from limb_systems.schema import load_typed
 
@@ -153,10 +154,8 @@ class Task:
             TaskError: with one sentence naming the file and the field.
         """
         text = read_text(path, "task", TaskError)
-        try:
+        with raised_as(TaskError, f"{path}: "):
             return load_typed(cls, text)
-        except LimbError as error:
-            raise TaskError(f"{path}: {error}") from error
 
     @property
     def named_limits(self) -> str:

@@ -33,7 +33,7 @@ from controllers import (
     Wayfinder,
 )
 from hardware import LimbTwin, RobotTwin, SensedLimb, SerialLimb, Station
-from hardware.live.feed import Feed
+from hardware.feed import Feed
 from hardware.robot.journal import Journal
 from limb_systems import (
     CalibrationRecord,

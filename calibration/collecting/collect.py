@@ -11,7 +11,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
 from calibration.recordings.kinds import heated_wires, only_segment
-from hardware.live.feed import LiveView, shown
+from hardware.feed import LiveView, shown
 from hardware.robot.journal import journaled
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Recording
 from limb_systems.model.limb_system import check_limb

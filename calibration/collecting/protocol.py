@@ -43,7 +43,7 @@ from calibration.recordings.kinds import (
 )
 from calibration.section_v.mechanics import GRAVITY, sag_payload
 from hardware import LimbTwin, SerialLimb
-from hardware.live.feed import LiveView
+from hardware.feed import LiveView
 from limb_systems import HystereticLaw, LimbError, LimbParameters, Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.progress import Progress, part_of_work

@@ -105,6 +105,11 @@ class Recording(Samples):
             )
 
     @property
+    def heating_duty(self) -> np.ndarray:
+        """The duty that was applied, if it is known, else the one that was commanded (W, K)."""
+        return self.duty if self.applied_duty is None else self.applied_duty
+
+    @property
     def implausible(self) -> np.ndarray:
         """Whether V or φ is beyond -60 °C to 600 °C, or -π to π, at each sample (K,)."""
         return self._outside(self.MEASURED)

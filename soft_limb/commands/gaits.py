@@ -31,7 +31,7 @@ from limb_systems.views.panels import motion_panels
 from planners import PlanningError, plan_gait
 from planners.gait.check import fall_of
 from planners.gait.course import Course, check_course
-from planners.gait.courses import AHEAD, gait_files, load_gaits, plan_gaits, save_gaits
+from planners.gait.courses import AHEAD, TURNING, gait_files, load_gaits, plan_gaits, save_gaits
 from planners.gait.gait import check_request
 from planners.gait.program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
 from planners.gait.schedules import (
@@ -59,7 +59,6 @@ from soft_limb.runs.jobs import local_executor, run_each
 from soft_limb.runs.rollout import OPEN, record_replay
 
 STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
-TURNING = 4  # gaits that turn, of those by which a robot gets anywhere
 FIRST_STRIDES = 2  # after which the gait is planned again
 STANDING = 10.0  # s, that an emulated robot stands with its wires off while that is done
 _Trial = tuple[Schedule, Gait | None, str]  # with its gait, or why it has none, if it was planned
@@ -135,7 +134,7 @@ def _gaits(options: argparse.Namespace) -> int:
     # Before they are planned, which takes minutes.
     check_outputs(gait_files(options.output), inputs=[options.robot], force=options.force)
     robot = RobotParameters.of(options.robot)
-    with local_executor(min(os.cpu_count() or 1, TURNING)) as executor:
+    with local_executor(min(os.cpu_count() or 1, len(TURNING))) as executor:
         gaits = plan_gaits(
             robot,
             executor=executor,

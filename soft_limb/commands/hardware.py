@@ -26,7 +26,7 @@ from hardware.emulation.emulator import ORDERS, Emulation, emulate
 from hardware.emulation.sketches import KINDS, EmulatedSketch
 from hardware.emulation.sketches import ORDERS as SKETCH_ORDERS
 from hardware.emulation.specimen import emulated_limb
-from hardware.live.feed import Reading, RunHeader, board_reading
+from hardware.feed import Reading, RunHeader, board_reading
 from hardware.robot import board_check
 from hardware.robot.arm_check import CUT_OFF, check_supply, check_wires
 from hardware.robot.link import SerialPort, check_fit

@@ -14,7 +14,7 @@ import warnings
 import webbrowser
 from typing import IO
 
-from hardware.live.feed import Message, Reading, RunHeader
+from hardware.feed import Message, Reading, RunHeader
 from limb_systems import LimbError
 
 LOOPBACK = "127.0.0.1"

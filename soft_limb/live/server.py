@@ -13,7 +13,7 @@ from typing import Any
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from hardware.live.feed import Reading
+from hardware.feed import Reading
 from limb_systems import LimbError
 from soft_limb.live.page import open_in_browser
 from soft_limb.live.run import Run

@@ -10,7 +10,7 @@ from bokeh.embed import json_item
 from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, DataRange1d, Range1d
 
-from hardware.live.feed import Reading, RunHeader
+from hardware.feed import Reading, RunHeader
 from hardware.robot.serial_limb import DEADLINE
 from limb_systems.model.layout import Layout
 from limb_systems.views.colors import REFERENCE_COLOR

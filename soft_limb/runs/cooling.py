@@ -5,7 +5,7 @@ import signal
 import warnings
 
 from hardware.emulation.twin import LimbTwin
-from hardware.live.feed import LiveView, Reading, RunHeader
+from hardware.feed import LiveView, Reading, RunHeader
 from hardware.replay import watch
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import LimbError, LimbSystem, Recording

@@ -19,7 +19,7 @@ from pydrake.geometry import Meshcat, MeshcatParams
 
 from controllers import Learner
 from hardware import LimbTwin, SerialLimb, replay
-from hardware.live.feed import Message, Reading, RunHeader
+from hardware.feed import Message, Reading, RunHeader
 from limb_systems import (
     LimbError,
     LimbParameters,

@@ -1,1 +1,0 @@
-"""What a limb that runs tells whoever shows it."""
