@@ -6,6 +6,7 @@ well, and all others leave the processor to it: a host that comes too late is st
 takes time. No verdict depends on how fast the computer is.
 """
 
+import gc
 import os
 import shutil
 import signal
@@ -87,6 +88,12 @@ def pytest_collection_modifyitems(items):
         return not item.nodeid.startswith(REAL_TIME), next(places, len(LONG))
 
     items.sort(key=order)
+
+
+def pytest_collection_finish():
+    """What was imported stays, so that collections of garbage need not look at it again."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_runtest_setup(item):
