@@ -199,7 +199,6 @@ def test_validation_may_start_warm(true_limb):
     [
         (0.09, "Good enough to plan with: the model is 3.6° (9% of its range) from"),
         (0.11, "Use with care: the model is 4.4° (11% of its range) from"),
-        (0.24, "Use with care: the model is 9.6° (24% of its range) from"),
         (0.26, "Do not plan with this: the model is 10.4° (26% of its range) from"),
     ],
 )
@@ -255,7 +254,6 @@ def test_command_fits_a_folder_and_validates(
     assert main(["validate", str(limb), str(both), *pages]) == 0
     mean = float(re.search(r"mean ([\d.]+)°", capsys.readouterr().out)[1])
     assert f"mean {mean:.2f}°" in validated.read_text(encoding="utf-8")
-    look_at(validated)
     assert mean < 2.0
     assert plot.read_bytes().startswith(b"\x89PNG")
 

@@ -99,7 +99,7 @@ def test_energy_only_falls_without_heat():
         return drake + stiffening * (links**2).sum() / 4 - lost + creep
 
     twin = LimbTwin(specimen=specimen)
-    simulator = make_simulator(twin, 1e-6)
+    simulator = make_simulator(twin, 1e-5)
     twin.GetInputPort("duty").FixValue(simulator.get_mutable_context(), np.zeros(3))
     energies = []
     for time in np.arange(0.0, 0.4, 0.02):

@@ -51,14 +51,18 @@ def test_limbs_of_a_robot_are_fitted_one_by_one_and_put_back(tmp_path, capsys):
     robot = RobotParameters()
     robot.feet.mass = 0.002
     robot.limbs[1].parameters.payload = 0.001
-    for limb in robot.limbs:
-        shutil.copytree(LIMB, tmp_path / "rec" / limb.name)
+    few = [LIMB / f"{name}.csv" for name in ("sag_1", "ring_down", "right", "left")]
+    for name in ("rear", "front", "alone"):
+        (tmp_path / "rec" / name).mkdir(parents=True)
+        for path in few:
+            shutil.copy(path, tmp_path / "rec" / name)
+    shutil.move(tmp_path / "rec" / "alone", tmp_path / "one")
     robot.save(tmp_path / "rec" / "robot.yaml")
     words = ["fit", str(tmp_path / "rec"), "-o", str(tmp_path / "robot.yaml"), "--method", "paper"]
     assert main([*words, "--report", str(tmp_path / "fit.html"), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     fitted, alone = RobotParameters.load(tmp_path / "robot.yaml"), tmp_path / "limb.yaml"
-    assert main(["fit", str(LIMB), "-o", str(alone), "--method", "paper"]) == 0
+    assert main(["fit", str(tmp_path / "one"), "-o", str(alone), "--method", "paper"]) == 0
     expected = LimbParameters.load(alone)
     for limb in fitted.limbs:
         assert limb.parameters.segments == expected.segments
