@@ -9,7 +9,6 @@ import sys
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import collect_from_robot
@@ -40,24 +39,6 @@ def short_plan():
     parameters = LimbParameters()
     parameters.temperature_limits.warm_up_time = 100.0
     return plan(parameters, references.from_samples([0.0, 4.0], [0.0, 0.085]), knot_rate=10.0)
-
-
-def test_has_the_ports_of_the_limb(emulator):
-    with SerialLimb(emulator.port) as robot:
-        limb = Limb()
-        for name in ("measured_temperature", "bend_angle"):
-            assert robot.GetOutputPort(name).size() == limb.GetOutputPort(name).size()
-        assert robot.GetInputPort("duty").size() == 2
-        ports = [robot.get_output_port(i) for i in range(robot.num_output_ports())]
-        assert [(port.get_name(), port.size()) for port in ports[2:]] == [
-            ("sample_age", 1),
-            ("applied_duty", 2),
-            ("board_time", 1),
-            ("measurement", 3),
-        ]
-        assert robot.parameters.board == SerialBoard("twin0000")
-        builder = DiagramBuilder()
-        builder.AddSystem(robot)
 
 
 def test_a_robot_of_six_wires_has_its_ports_and_heats_on_one_board(virtual_time):

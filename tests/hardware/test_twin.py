@@ -26,28 +26,6 @@ from limb_systems import (
 from limb_systems.model.parameters import EmulatedLimb
 
 
-def port_sizes(system):
-    inputs = [system.get_input_port(i) for i in range(system.num_input_ports())]
-    outputs = [system.get_output_port(i) for i in range(system.num_output_ports())]
-    return (
-        {port.get_name(): port.size() for port in inputs},
-        {port.get_name(): port.size() for port in outputs},
-    )
-
-
-def test_has_the_ports_of_the_limb(two_segments):
-    for parameters in (LimbParameters(), two_segments):
-        limb_inputs, limb_outputs = port_sizes(Limb(parameters))
-        for twin in (LimbTwin(parameters), SensedLimb(Limb(parameters))):
-            twin_inputs, twin_outputs = port_sizes(twin)
-            assert twin_inputs == limb_inputs
-            sensed = {name: limb_outputs[name] for name in ("measured_temperature", "bend_angle")}
-            assert "measurement" in twin_outputs
-            assert twin_outputs.pop("applied_duty", None) in (None, twin_inputs["duty"])
-            assert twin_outputs.pop("cut_out", None) in (None, 1)
-            assert twin_outputs == sensed | {"measurement": sum(sensed.values())}
-
-
 def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):
     for wire in range(4):
         duty = 0.3 * np.eye(4)[wire]
