@@ -94,7 +94,7 @@ def test_c_header_has_the_numbers_of_the_rows(plan, tmp_path):
     compiler = shutil.which("cc") or shutil.which("gcc")
     if not compiler:
         pytest.skip("there is no C compiler here")
-    for name, top, size in (("plain", 1, 4), ("bytes", 255, 1), ("words", 1000, 2)):
+    for name, top, size in (("plain", 1, 4), ("words", 1000, 2)):
         options = ["--rate", "12.5", "--duty-max", str(top)]
         header = export(tmp_path, f"{name}.txt", "--format", "c-header", *options)
         (tmp_path / "main.c").write_text(

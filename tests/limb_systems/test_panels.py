@@ -107,14 +107,6 @@ def rollouts(model_recording) -> list[Recording]:
     ]
 
 
-def test_several_rollouts_are_their_mean_and_band_of_95_percent(model_recording, rollouts):
-    curve = by_name(tracking_panels(plan_like(model_recording), rollouts)[0])[
-        "simulated rollouts φ"
-    ]
-    np.testing.assert_allclose(curve.y, np.rad2deg(model_recording.bend_angle[0]), atol=1e-9)
-    np.testing.assert_allclose(curve.band, 1.96, atol=1e-9)  # s = 1°
-
-
 def test_pictures_and_charts_show_their_panels(model_recording, rollouts, tmp_path):
     panels = tracking_panels(plan_like(model_recording), rollouts)
     figure = plots.draw(panels, "three rollouts")
