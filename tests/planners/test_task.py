@@ -165,7 +165,10 @@ def test_plans_for_feedback_go_to_the_reference_of_limbs_that_are_calibrated(fig
     known = ["right.a1"], [-0.07], [1e-3], [[1e-6]]
     calibrated.calibration = CalibrationRecord(*known, bend_error=0.02, temperature_error=1.0)
     reference, missed = references.step_and_decaying_sine(), []
-    of_each = [plan(p, reference, task=Task.closed_loop(p)) for p in (calibrated, parameters)]
+    of_each = [
+        plan(p, reference, task=Task.closed_loop(p), knot_rate=5.0)
+        for p in (calibrated, parameters)
+    ]
     for course, limb in zip(
         (of_each[0], fig5_plan, of_each[1]), (calibrated, parameters, parameters), strict=True
     ):
