@@ -148,21 +148,18 @@ def test_stale_frames_do_not_heat_again():
 
 
 OFF, REVERSED, LESS = "has come off", "reversed", "reads 30% of the rise"
-COLDER, DRIFTS = "reads 19 °C too little", "drifts by -0.5 °C/s"
+COLDER = "reads 19 °C too little"
 # A fault of a thermocouple or of heat, when, duty, and seed of the limb; the reason, s until
 # the board is off, and how hot a wire truly gets, °C. No wire may pass 130 °C but by its MOSFET.
 THERMAL = [
-    (f"thermocouple {OFF}", FROM_BEGINNING, 0.1, 14, guard.NOT_WARMING, 6.0, (0.0, 65.0)),
     (f"thermocouple {OFF}", FROM_BEGINNING, 1.0, 14, guard.NOT_WARMING, 6.0, (0.0, 65.0)),
     (f"thermocouple {REVERSED}", FROM_BEGINNING, 0.5, 14, guard.NOT_WARMING, 4.5, (0.0, 65.0)),
     (f"thermocouple {LESS}", FROM_BEGINNING, 0.1, 14, guard.NOT_WARMING, 10.0, (0.0, 65.0)),
-    ("half of the heat arrives", FROM_BEGINNING, 0.5, 14, guard.NOT_WARMING, 12.0, (0.0, 65.0)),
     (f"thermocouple {COLDER}", WHEN_HOT, 0.3, 4, guard.TEMPERATURE_JUMP, 0.2, (0.0, HOTTEST)),
     ("MOSFET shorted", FROM_BEGINNING, 0.1, 6, guard.TOO_WARM, 5.0, (0.0, 90.0)),  # and then cools
     # What the board bears, on a limb whose left wire gets hotter than most.
     ("thermocouple reads 60% of the rise", FROM_BEGINNING, 0.5, 0, None, None, (90.0, HOTTEST)),
     ("thermocouple frozen", WHEN_HOT, 0.5, 0, None, None, (90.0, HOTTEST)),
-    (f"thermocouple {DRIFTS}", WHEN_HOT, 0.5, 0, None, None, (90.0, HOTTEST)),
     ("no fault, all wires hot", FROM_BEGINNING, 1.0, 0, guard.NONE, None, (95.0, HOTTEST)),
 ]
 

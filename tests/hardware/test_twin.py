@@ -69,19 +69,6 @@ def test_a_limb_that_was_hot_is_still_warm():
     assert simulate(LimbTwin(seed=2), [0.0, 0.0], 1.0).measured_temperature[1, 0] < room + 1.5
 
 
-def test_a_limb_bent_by_hand_is_held_and_rings_down():
-    hand = PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], [[0.0, 0.8, 0.8]])
-    recording = simulate(
-        LimbTwin(seed=1, hand=hand, bend_rate=100.0), [0.0, 0.0], 4.0, sample_rate=100.0
-    )
-    angle, time = recording.bend_angle[0], recording.time
-    assert angle[(time > 1.5) & (time < 2.0)].mean() == pytest.approx(0.8, rel=0.15)
-    ringing = angle[time > 2.02]
-    assert ringing.min() < -0.2  # it swings through
-    crossings = np.flatnonzero(np.diff(np.sign(ringing - ringing[-50:].mean())))
-    assert len(crossings) > 4
-
-
 def test_a_sagging_limb_shows_what_its_sensor_is_made_for():
     """By beam theory α/2 is two thirds of the chord's angle; rest and noise are alike."""
     for make in (LimbTwin, lambda limb: SensedLimb(Limb(limb))):
