@@ -26,6 +26,8 @@ from limb_systems import (
     GaitCheck,
     GaitPhase,
     LimbParameters,
+    PlanCheck,
+    Recording,
     RobotParameters,
     SegmentParameters,
     Trajectory,
@@ -106,6 +108,19 @@ def pytest_runtest_setup(item):
 def fig5_plan() -> Trajectory:
     """The paper's plan of its Fig. 5 reference for the nominal limb, 10 Hz knots over 60 s."""
     return plan(LimbParameters(), references.step_and_decaying_sine(), task=Task.paper())
+
+
+@pytest.fixture(scope="session")
+def plan_like() -> Callable[..., Trajectory]:
+    """Makes a trajectory that is no plan, but has the samples of a recording of a model."""
+    signals = ("time", "duty", "joint_state", "wire_temperature", "measured_temperature")
+
+    def make(recording: Recording, **others) -> Trajectory:
+        given = {name: getattr(recording, name) for name in (*signals, "parameters")}
+        usual = {"reference": recording.bend_angle, "check": PlanCheck()}
+        return Trajectory(**given | usual | others)
+
+    return make
 
 
 @pytest.fixture

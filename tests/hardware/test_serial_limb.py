@@ -359,9 +359,6 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     left.unlink()
     found = {path.stem: Recording.load(path) for path in tmp_path.iterdir()}
     assert sorted(found) == sorted({*asked})
-    for name, heated in (("sag_2", []), ("ring_down_1", []), ("left", [0]), ("both", [0, 1])):
-        assert np.flatnonzero(found[name].duty.max(axis=1)).tolist() == heated
-    assert found["both"].reference is not None
     assert not any(recording.interrupted for recording in found.values())
     assert found["sag_1"].parameters.gravity == [0.0, -9.81, 0.0]
     assert found["right"].parameters.gravity == [0.0, 0.0, 0.0]
