@@ -81,7 +81,13 @@ def later(run: PiecewisePolynomial) -> PiecewisePolynomial:
     return PiecewisePolynomial.ZeroOrderHold(times, np.transpose(levels))
 
 
-@pytest.mark.parametrize("names", [("linear", "conditioning", "ramps"), ("coupled", "ramps")])
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("linear", "conditioning", "ramps"),
+        pytest.param(("coupled", "ramps"), marks=pytest.mark.whole),
+    ],
+)
 def test_a_law_is_found_again_in_its_own_data(names):
     """By another integrator than Drake's, from other values; within their errors."""
     true, fit = limb_with(LAWS[names[0]]), fit_of(*names)

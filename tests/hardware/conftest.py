@@ -1,6 +1,6 @@
 """Emulated boards: along a clock that they share with the host, and in a process of their own.
 
-The process is shared by all tests, as it takes seconds to start, and as new for each.
+The process is shared by the tests of a file, as it takes seconds to start, and as new for each.
 """
 
 import json
@@ -259,7 +259,7 @@ def emulator(virtual_time):
     return VirtualBoard(virtual_time)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def _real_emulator(tmp_path_factory):
     emulator = Emulator(tmp_path_factory.mktemp("emulator"))
     yield emulator

@@ -17,9 +17,9 @@ def test_random_and_mutated_frames_change_nothing():
 def test_whatever_frames_and_sensors_say_no_wire_has_duty_that_it_must_not():
     """On boards with two wires, and with four that bend about two axes."""
     for board in (None, four_wires().board):
-        counts = fuzz.fuzz_guard(10_000, seed=2, paper=board)
-        assert counts["steps with duty"] > 500
-        assert counts["steps latched"] > 300
+        counts = fuzz.fuzz_guard(6_000, seed=2, paper=board)
+        assert counts["steps with duty"] > 250
+        assert counts["steps latched"] > 150
         assert counts["resets"] >= 1
 
 

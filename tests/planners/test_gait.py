@@ -213,7 +213,7 @@ def test_three_limbs_slide_one_by_one_as_planned_in_drake():
     assert made.strides == pytest.approx([1.0, 1.0], abs=0.05)
 
 
-@pytest.fixture(scope="module", params=[0.3, 0.6])
+@pytest.fixture(scope="module", params=[0.3, pytest.param(0.6, marks=pytest.mark.whole)])
 def gait(request) -> Gait:
     robot = RobotParameters()
     robot.ground.friction = request.param
@@ -328,6 +328,7 @@ def test_gait_repeats_with_its_heat_and_its_feet(gait):
     assert normal.min() >= 0.05 * 0.49
 
 
+@pytest.mark.whole
 def test_speed_is_in_proportion_to_cooling():
     """With a1, time stretches; where less duty will do, a2 does not count."""
     periods, strides = [], []

@@ -172,6 +172,7 @@ def test_gait_feedback_is_refused_in_space(gaits):
         GaitFeedback(gaits["ahead"], 1)
 
 
+@pytest.mark.whole
 def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
     """Kinematics alone: each cycle makes 0.7 of the way, and turns aside by 3°.
 
