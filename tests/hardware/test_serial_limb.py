@@ -330,9 +330,12 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
         assert not in_use  # nobody gets a hand on a limb that may be heated
         asked.append(what.split(":")[0])
 
+    limb = LimbParameters()
+    limb.segments[0].links, limb.segments[0].stiffness = 2, 0.0623  # which is simulated fast
+
     def collect():
         options = {"num_angles": 1, "longest": 20.0, "protocol": "paper"}
-        collect_from_robot(Closing, LimbParameters(), tmp_path, ask, **options)
+        collect_from_robot(Closing, limb, tmp_path, ask, **options)
 
     def stop(_, done, remark=""):
         if asked[-1] == "ring_down_1" and done >= 3.0:
