@@ -167,7 +167,7 @@ def hysteretic() -> LimbParameters:
 
 
 def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
-    for known in (hysteretic(), two_segments):
+    for known in (hysteretic(), two_segments, LimbParameters.in_space(links=2)):
         learner, plant = Learner(plan_of(known)), Plant(wrong(known))
         errors = []
         for _ in range(4):
