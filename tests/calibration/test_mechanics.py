@@ -235,6 +235,7 @@ def test_a_short_ring_down_is_found_in_noise_and_beside_hum():
         fit_damped_sinusoid(time, noisy, (60.0, 90.0))
 
 
+@pytest.mark.whole
 def test_an_emulated_short_limb_rings_as_its_stiffness_says():
     """It has rubber and wires beyond the model."""
     specimen = RobotSpecimen(RobotParameters(), 1).limb("rear")

@@ -81,10 +81,16 @@ def later(run: PiecewisePolynomial) -> PiecewisePolynomial:
     return PiecewisePolynomial.ZeroOrderHold(times, np.transpose(levels))
 
 
-@pytest.mark.parametrize("name", ["linear", "coupled"])
-def test_a_law_is_found_again_in_its_own_data(name):
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("linear", "conditioning", "ramps"),
+        pytest.param(("coupled", "ramps"), marks=pytest.mark.whole),
+    ],
+)
+def test_a_law_is_found_again_in_its_own_data(names):
     """By another integrator than Drake's, from other values; within their errors."""
-    true, fit = limb_with(LAWS[name]), fit_of(name, "conditioning", "ramps")
+    true, fit = limb_with(LAWS[names[0]]), fit_of(*names)
     found = LimbParameters(segments=[SegmentParameters(links=2)])
     fit.apply(found)
     for wire, fitted in zip(true.wires, found.wires, strict=True):

@@ -34,7 +34,8 @@ def test_there_is_no_duty_after_the_plan_s_end(short_plan, fed):
     np.testing.assert_array_equal(duty[-18:], 0.0)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.whole)])
+@pytest.mark.whole
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_robot_in_space_walks_from_cold_with_other_wires_and_friction(seed):
     """Friction 30% less, and wires of each limb that heat and pull by up to 10% otherwise."""
     gait = plan_gait(RobotParameters.in_space(3), temperature_margin=5.0, check=False)

@@ -112,6 +112,7 @@ def test_hysteresis_is_planned_from_a_plan_before():
     assert again.cost < 1.01 * anew.cost
 
 
+@pytest.mark.whole
 def test_a_wire_within_its_play_is_heated_as_in_the_plan_of_the_motion():
     """There the bend does not change with heat, so no slope leads on from a plan without duty."""
     parameters = small_limb(

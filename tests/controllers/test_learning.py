@@ -178,20 +178,6 @@ def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
         assert max(np.diff(errors)) < 0.0
 
 
-def test_it_comes_nearer_to_the_reference_than_its_plan():
-    """Which is 3° away from it on average; the limb is not as its model, either."""
-    known = hysteretic()
-    short = plan_of(known)
-    away = np.deg2rad(5.0) * np.sin(0.5 * short.time)
-    plan = dataclasses.replace(short, reference=short.reference + away)
-    learner, plant = Learner(plan), Plant(wrong(known))
-    for _ in range(5):
-        last = learner.update(plant.repeat(learner))
-    planned = np.rad2deg(np.abs(plan.reference - plan.bend_angle).mean())
-    assert planned > 2.0
-    assert np.rad2deg(last.reference_distance) < 0.5 * planned
-
-
 def test_the_mean_distance_counts_where_a_reference_is_out_of_reach(monkeypatch):
     """Squares would let a limb leave all of it for what is farthest away."""
     parameters = limb()

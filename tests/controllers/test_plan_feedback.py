@@ -43,7 +43,6 @@ def around_an_axis(wires):
     [
         np.array([[LEFT, RIGHT]]),
         np.array([[LEFT, RIGHT, 0.0, 0.0], [0.0, 0.0, 1.2 * LEFT, RIGHT]]),
-        around_an_axis(3),
         around_an_axis(7),
     ],
 )

@@ -15,7 +15,7 @@ import pyarrow.parquet
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from limb_systems import Limb, PlanCheck, Provenance, Recording, Trajectory, simulate
+from limb_systems import Limb, PlanCheck, Provenance, Recording, simulate
 from soft_limb.command import run_words
 
 pytestmark = pytest.mark.whole
@@ -67,17 +67,8 @@ def test_parquet_has_the_numbers_units_and_provenance(recording, path, table, ca
     assert Provenance(**frame.attrs["provenance"]) == recording.provenance
 
 
-def test_a_plan_without_a_check_becomes_parquet(recording, tmp_path):
-    plan = Trajectory(
-        time=recording.time,
-        reference=recording.bend_angle,
-        duty=recording.duty,
-        joint_state=recording.joint_state,
-        wire_temperature=recording.wire_temperature,
-        measured_temperature=recording.measured_temperature,
-        parameters=recording.parameters,
-        check=PlanCheck("IPOPT", "solved", cost=0.1 + 0.2),
-    )
+def test_a_plan_without_a_check_becomes_parquet(recording, tmp_path, plan_like):
+    plan = plan_like(recording, check=PlanCheck("IPOPT", "solved", cost=0.1 + 0.2))
     plan.save(tmp_path / "plan.csv")
     assert run(tmp_path / "plan.csv", "-o", tmp_path / "p.parquet") == 0
     attrs = pandas.read_parquet(tmp_path / "p.parquet").attrs

@@ -176,6 +176,7 @@ def test_supervised_controller(tmp_path):
         assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
 
 
+@pytest.mark.whole
 def test_two_segments(tmp_path):
     """Without gravity the springs of each segment hold the torque of its own wires (12)."""
     said = run([EXAMPLES / "two_segments.py", "-o", tmp_path], tmp_path)
@@ -211,6 +212,7 @@ def test_draw_in_space(tmp_path):
         assert b"</html>" in (tmp_path / f"drawing_{name}.html").read_bytes()
 
 
+@pytest.mark.whole
 def test_own_cost(tmp_path):
     """The mean of 3 s stays at the limit of the fuse in the windows that are said to be active."""
     said = run([EXAMPLES / "own_cost.py"], tmp_path)
@@ -232,6 +234,7 @@ def test_own_diagram(tmp_path):
     assert (tmp_path / "out" / "own_diagram.png").read_bytes().startswith(PNG)
 
 
+@pytest.mark.whole
 def test_gripper(tmp_path):
     """Contact, of which the plan knows the springs of the finger alone, confirms force and time."""
     said = run([EXAMPLES / "gripper.py"], tmp_path)

@@ -1,6 +1,6 @@
 """Emulated boards: along a clock that they share with the host, and in a process of their own.
 
-The process is shared by all tests, as it takes seconds to start, and as new for each.
+The process is shared by the tests of a file, as it takes seconds to start, and as new for each.
 """
 
 import json
@@ -28,6 +28,7 @@ LATE = (
     "no valid command came for 250 ms",
     "The simulation fell behind by",
     "Nothing new came from the board",
+    "is gone: Write timeout",
     r"come 0\.\d+ s late",
     "did not get a command within",
     "this program sent no duty for 250 ms",
@@ -258,7 +259,7 @@ def emulator(virtual_time):
     return VirtualBoard(virtual_time)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def _real_emulator(tmp_path_factory):
     emulator = Emulator(tmp_path_factory.mktemp("emulator"))
     yield emulator

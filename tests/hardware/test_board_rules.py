@@ -150,7 +150,7 @@ def test_boards_with_four_wires_keep_all_rules(two_segments):
         check_board(PaperCable(PaperRobot(limb=limb)))
 
 
-def test_each_firmware_on_the_emulated_board(program):
+def test_the_emulated_board_keeps_the_rules_of_heat_and_orders():
     cable = EmulatedCable()
     rules = [rule for rule in RULES if rule.name.startswith(ON_EMULATED)]
     assert broken(check_board(cable, ask=cable.ask, rules=rules)) == []

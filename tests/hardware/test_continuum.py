@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from continuum import (
     ADDED,
-    CREEP_TIMES,
     JOINTS,
     SHELLS,
     Chain,
@@ -17,8 +16,7 @@ from continuum import (
     Preisach,
     RadialShells,
 )
-from scipy.integrate import solve_ivp
-from scipy.linalg import eigh, expm
+from scipy.linalg import eigh
 from scipy.optimize import fsolve
 
 from hardware import LimbTwin
@@ -91,33 +89,6 @@ def test_steady_heat_falls_by_the_logarithm_of_the_radius():
         np.testing.assert_allclose(temperatures[0] - temperatures[1:], contact + wall, rtol=1e-6)
 
 
-def test_shells_warm_as_the_equation_of_heat_says():
-    """The same volumes, cut ten times as fine, with steps solved exactly."""
-    specimen = specimen_with(seed=4, crossing=0.0, convection=0.0, emissivity=0.0)
-    shells, (beam,), wire = RadialShells(specimen), specimen.segments, specimen.wires[0]
-    temperatures, power = np.zeros((2, 1 + SHELLS)) + 25.0, np.array([10.0, 0.0])
-    for _ in range(1000):
-        temperatures = shells.after(temperatures, power, 0.02)
-    fine = 10 * SHELLS
-    radii = np.geomspace(wire.radius, np.sqrt(0.02 * 0.01 / 2 / np.pi), fine + 1)
-    capacities = beam.heat_capacity * np.pi * np.diff(radii**2)
-    between = 2 * np.pi * beam.conductivity / np.log(radii[1] / radii[0])
-    own = wire.heat_capacity * np.pi * wire.radius**2
-    contact = 1 / (wire.contact_time / own + 0.5 / between)
-    conductances = np.array([contact, *np.full(fine - 1, between)])
-    flows = np.diag(conductances, 1) + np.diag(conductances, -1)
-    flows -= np.diag(flows.sum(axis=1))
-    system = flows / np.array([own, *capacities])[:, None]
-    heat = np.zeros(fine + 1)
-    heat[0] = power[0] / own
-    whole = np.zeros((fine + 2, fine + 2))
-    whole[:-1, :-1], whole[:-1, -1] = system, heat
-    exact = 25.0 + expm(20.0 * whole)[:-1, -1]
-    assert exact[0] > 40.0
-    assert temperatures[0, 0] == pytest.approx(exact[0], abs=0.5)
-    assert temperatures[0, -1] == pytest.approx(exact[-10:].mean(), abs=0.5)
-
-
 # Beam
 
 
@@ -134,26 +105,6 @@ def test_inertia_and_stiffness_are_those_of_drake_s_chain():
     np.testing.assert_allclose(np.sort(rates)[::2], exact * np.sqrt(1 + ADDED), rtol=0.01)
 
 
-def test_creep_is_that_of_its_prony_series():
-    share = 0.05
-    chain = Chain(specimen_with(**EXACT | {"creep": share, "damping_ratio": 0.7}))
-    free, forced = chain.propagator(0.05)
-    state, held = np.zeros(len(free)), {}
-    for number in range(4000):
-        # The moment of a spring that is bent by 0.02 rad, and what was added to the linear part.
-        state = free @ state + forced @ (chain.stiffness * (0.02 + ADDED * state[:JOINTS]))
-        held[number + 1] = state[0]
-
-    def rates(_, q):
-        angle = (0.02 + share * q.sum()) / (1 + share * len(q))
-        return (angle - q) / CREEP_TIMES
-
-    crept = solve_ivp(rates, (0, 200.0), np.zeros(len(CREEP_TIMES)), rtol=1e-8, t_eval=[2, 20, 200])
-    exact = (0.02 + share * crept.y.sum(axis=0)) / (1 + share * len(CREEP_TIMES))
-    np.testing.assert_allclose([held[40], held[400], held[4000]], exact, rtol=2e-3)
-    assert exact[0] < 0.95 * exact[2]
-
-
 def test_any_chain_shows_the_bend_of_this_one():
     for sensor in (None, ChordSensor()):
         segment = SegmentParameters(**({"bend_sensor": sensor} if sensor else {}))
@@ -168,17 +119,6 @@ def test_any_chain_shows_the_bend_of_this_one():
         assert abs(true) > 0.3
         assert shown == pytest.approx(true, abs=1e-4)
         assert state["play"][0] == pytest.approx(true, abs=beam.sensor_play / 2 + 1e-6)
-
-
-def test_large_bends_are_stable_in_short_and_long_steps():
-    for seed in (0, 2):
-        twin = LimbTwin(seed=seed, physics="continuum", truth=True)
-        hot = simulate(twin, [0.0, 0.3], 20.0, sample_rate=50.0)
-        swing = np.rad2deg(np.abs(hot.joint_state[5:]))
-        assert 10.0 < np.abs(np.rad2deg(hot.bend_angle)).max() < 75.0
-        assert swing[:, -50:].max() < 20.0  # °/s of a joint
-        now = simulate(twin.again(10.0), [0.0, 0.0], 1.0)
-        assert np.abs(np.rad2deg(now.bend_angle)).max() < 60.0
 
 
 # The limb as a whole
@@ -201,21 +141,6 @@ def test_a_seed_is_one_limb_and_noise_is_by_numbers():
     simulate(LimbTwin(specimen=one), [0.0, 0.4], 5.0)
     assert one.state["heat"][1 + SHELLS] > first.ambient + 20.0
     assert not first.state
-
-
-def test_thermocouples_read_the_current_and_lag():
-    specimen = specimen_with(missing=0.0)
-    limb = LimbTwin(specimen=specimen, truth=True)
-    heated = simulate(limb, [0.0, 0.5], 4.0)
-    lag = heated.wire_temperature[1] - heated.measured_temperature[1]
-    assert lag[-20:].mean() > 5.0
-    (pick_up, end) = specimen.wires[1].pick_up, specimen.state["duty"].copy()
-    before = specimen.state["thermocouples"][3]
-    limb = LimbTwin(specimen=specimen)
-    context = limb.CreateDefaultContext()
-    inner = limb.GetSubsystemByName("shape_memory_wires")
-    read = inner.GetOutputPort("thermocouples").Eval(inner.GetMyContextFromRoot(context))
-    assert read[1] == pytest.approx(before + pick_up * end[1])
 
 
 def test_processes_know_the_physics_that_the_host_has_loaded():

@@ -22,27 +22,6 @@ from limb_systems.tracking import reference_distances, tracking_errors
 from soft_limb.command import main
 
 
-def test_replay_on_the_model_itself_follows_the_plan(fig5_plan):
-    recording = replay(fig5_plan, Limb(fig5_plan.parameters))
-    errors = tracking_errors(fig5_plan, [recording])
-    assert np.rad2deg(errors.percentile_90) < 0.1
-    np.testing.assert_allclose(recording.time, np.arange(1201) / 20, atol=1e-9)
-    planned = [np.interp(recording.time, fig5_plan.time, duty) for duty in fig5_plan.duty]
-    np.testing.assert_allclose(recording.duty, planned, atol=1e-9)
-
-
-def test_rollouts_on_the_twin_say_that_they_are_emulated(fig5_plan, tmp_path):
-    """In the file, too; and they are of the limb that is named, not of the model."""
-    recording = replay(beginning(fig5_plan, 101), LimbTwin(seed=1))
-    recording.save(tmp_path / "rollout.csv")
-    assert Recording.load(tmp_path / "rollout.csv").source == "emulated limb, seed 1"
-    other = replay(beginning(fig5_plan, 101), LimbTwin(seed=2))
-    model = replay(beginning(fig5_plan, 101), Limb())
-    for rollout in (other, model):
-        difference = rollout.measured_temperature[:, -1] - recording.measured_temperature[:, -1]
-        assert np.abs(difference).max() > 3.0
-
-
 def shifted(trajectory, degrees):
     """A recording that is off the plan by the given angles, sample by sample."""
     time = np.linspace(0.0, trajectory.duration, len(degrees))

@@ -12,12 +12,10 @@ from hardware import LimbTwin, RobotTwin, replay
 from hardware.emulation.emulated_board import RunningTwin
 from hardware.emulation.robot_specimen import RobotSpecimen
 from limb_systems import (
-    PlanCheck,
     Recording,
     Robot,
     RobotParameters,
     SaturatingLaw,
-    Trajectory,
     simulate,
 )
 
@@ -134,21 +132,11 @@ def test_a_limb_that_is_taken_off_is_the_one_on_the_robot():
     assert np.abs(np.rad2deg(let_go.bend_angle[0, -1])) < 30.0
 
 
-def test_a_replay_has_its_pose_and_it_goes_on_from_there(tmp_path):
+def test_a_replay_has_its_pose_and_it_goes_on_from_there(tmp_path, plan_like):
     twin = RobotTwin(seed=2)
     model = simulate(Robot(), [0.3, 0.0, 0.0, 0.3], 1.0, sample_rate=10.0)
-    plan = Trajectory(
-        time=model.time,
-        reference=model.bend_angle,
-        duty=model.duty,
-        joint_state=model.joint_state,
-        wire_temperature=model.wire_temperature,
-        measured_temperature=model.measured_temperature,
-        parameters=model.parameters,
-        check=PlanCheck(),
-    )
     journal = tmp_path / "recording.csv"
-    recording = replay(plan, twin, unchecked=True, journal=journal)
+    recording = replay(plan_like(model), twin, unchecked=True, journal=journal)
     assert recording.source == "emulated robot, seed 2"
     assert recording.how == "emulated"
     loaded = Recording.load(journal)

@@ -9,7 +9,6 @@ import sys
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import collect_from_robot
@@ -40,24 +39,6 @@ def short_plan():
     parameters = LimbParameters()
     parameters.temperature_limits.warm_up_time = 100.0
     return plan(parameters, references.from_samples([0.0, 4.0], [0.0, 0.085]), knot_rate=10.0)
-
-
-def test_has_the_ports_of_the_limb(emulator):
-    with SerialLimb(emulator.port) as robot:
-        limb = Limb()
-        for name in ("measured_temperature", "bend_angle"):
-            assert robot.GetOutputPort(name).size() == limb.GetOutputPort(name).size()
-        assert robot.GetInputPort("duty").size() == 2
-        ports = [robot.get_output_port(i) for i in range(robot.num_output_ports())]
-        assert [(port.get_name(), port.size()) for port in ports[2:]] == [
-            ("sample_age", 1),
-            ("applied_duty", 2),
-            ("board_time", 1),
-            ("measurement", 3),
-        ]
-        assert robot.parameters.board == SerialBoard("twin0000")
-        builder = DiagramBuilder()
-        builder.AddSystem(robot)
 
 
 def test_a_robot_of_six_wires_has_its_ports_and_heats_on_one_board(virtual_time):
@@ -352,9 +333,12 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
         assert not in_use  # nobody gets a hand on a limb that may be heated
         asked.append(what.split(":")[0])
 
+    limb = LimbParameters()
+    limb.segments[0].links, limb.segments[0].stiffness = 2, 0.0623  # which is simulated fast
+
     def collect():
         options = {"num_angles": 1, "longest": 20.0, "protocol": "paper"}
-        collect_from_robot(Closing, LimbParameters(), tmp_path, ask, **options)
+        collect_from_robot(Closing, limb, tmp_path, ask, **options)
 
     def stop(_, done, remark=""):
         if asked[-1] == "ring_down_1" and done >= 3.0:
@@ -381,9 +365,6 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     left.unlink()
     found = {path.stem: Recording.load(path) for path in tmp_path.iterdir()}
     assert sorted(found) == sorted({*asked})
-    for name, heated in (("sag_2", []), ("ring_down_1", []), ("left", [0]), ("both", [0, 1])):
-        assert np.flatnonzero(found[name].duty.max(axis=1)).tolist() == heated
-    assert found["both"].reference is not None
     assert not any(recording.interrupted for recording in found.values())
     assert found["sag_1"].parameters.gravity == [0.0, -9.81, 0.0]
     assert found["right"].parameters.gravity == [0.0, 0.0, 0.0]

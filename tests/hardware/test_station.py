@@ -96,11 +96,9 @@ def test_limbs_on_boards_are_driven_in_real_time_and_switched_off(scenario):
     ("wrong", "right", "said"),
     [
         ("directives:", "directve:", r"scenario\.yaml: .*'directve'.* unknown"),
-        ("!LimbDriver", "!LimDriver", "'LimDriver' did not match"),
         ("limb_5.sdf", "limb_6.sdf", r"limb_6\.sdf"),
         ("  thumb:", "  tumb:", "model_drivers has tumb.*they add finger, thumb"),
         ("limb: thumb.yaml", "limb: finger.yaml", "'thumb' has 5 joints in the plant and 4"),
-        ("limb: thumb.yaml", "limb: no.yaml", r"no\.yaml"),
     ],
 )
 def test_a_scenario_that_is_wrong_is_refused_by_one_sentence(scenario, wrong, right, said):

@@ -272,7 +272,6 @@ def test_a_host_that_is_told_to_stop(sketches, short_plan, tmp_path, capsys):
     ("order", "message"),
     [
         ("say ?", r"No line that matches came from .* for 0.5 s; zero is sent\. Where zero"),
-        ("say [MPR]: 25 NaN 0 0", "The thermocouple of the left wire reads nan °C, outside of -60"),
         (
             "say [MPR]: 111 25 0 0",
             "The right wire is read at 111.0 °C, and temperature_limit is 110 °C",
@@ -306,7 +305,7 @@ def test_what_ends_heat(order, message, sketches):
 def test_a_sketch_that_takes_no_lines_any_more_ends_a_run(
     sketches, short_plan, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("hardware.robot.text_answers.STILL", 4.0)  # in place of 15 s
+    monkeypatch.setattr("hardware.robot.text_answers.STILL", 2.0)  # in place of 15 s
     sketch = sketches("brackets")
     tell = lambda: wait_for(lambda: sketch.duty()[1] > 0.2) and sketch.order("deafen")  # noqa: E731
     threading.Thread(target=tell).start()
@@ -342,9 +341,7 @@ STEPS = [0.0, 8.0, 20.0], [0.1, 0.25, 0.0]
 ANSWERS = [
     ("lumped", 0, STEPS, 60.0, None),
     ("continuum", 3, STEPS, 60.0, None),
-    ("lumped", 3, ([0.0, 2.0], [0.6, 0.0]), 12.0, None),  # cools from little
     ("continuum", 0, STEPS, 1.0, "does not cool although zero was sent for"),  # from then on deaf
-    ("lumped", 3, ([0.0, 1.0], [0.6, 0.0]), 0.9, "does not cool although zero was sent for"),
     ("lumped", 0, ([0.0, 10.0], [0.1, 0.0]), 9.0, "does not cool although zero was sent for 15 s"),
     ("lumped", 3, ([0.0], [0.4]), 0.0, "and by what was sent it must have"),
 ]
@@ -439,10 +436,8 @@ def test_more_duty_and_time_than_stated_are_refused(sketches, short_plan):
         (("most_duty: 0.6\n", ""), "board.yaml: most_duty is missing."),
         (("timeout: null", "timeout: 0.05"), "lines are 0.05 s apart: the sketch would switch off"),
         (("[left, right]", "[left, left]"), "channels names a wire twice: left, left"),
-        (("start_up: 0", "line: {end: LFCR}"), "line.end is 'LFCR'; it must be one of LF, CR,"),
         (("start_up: 0", "answer: {bend_of: chord}"), "either an order or a pattern"),
         (("start_up: 0", "line: {on_off: true}\nanswer: {order: [duty_left]}"), "line is on_o"),
-        (("start_up: 0", "answer: {order: [left, bent]}"), "names bent; it must name some of left"),
         (("[left, right]", "[left, top]"), "are for left, top, but the limb's wires are left, r"),
     ],
 )

@@ -26,28 +26,6 @@ from limb_systems import (
 from limb_systems.model.parameters import EmulatedLimb
 
 
-def port_sizes(system):
-    inputs = [system.get_input_port(i) for i in range(system.num_input_ports())]
-    outputs = [system.get_output_port(i) for i in range(system.num_output_ports())]
-    return (
-        {port.get_name(): port.size() for port in inputs},
-        {port.get_name(): port.size() for port in outputs},
-    )
-
-
-def test_has_the_ports_of_the_limb(two_segments):
-    for parameters in (LimbParameters(), two_segments):
-        limb_inputs, limb_outputs = port_sizes(Limb(parameters))
-        for twin in (LimbTwin(parameters), SensedLimb(Limb(parameters))):
-            twin_inputs, twin_outputs = port_sizes(twin)
-            assert twin_inputs == limb_inputs
-            sensed = {name: limb_outputs[name] for name in ("measured_temperature", "bend_angle")}
-            assert "measurement" in twin_outputs
-            assert twin_outputs.pop("applied_duty", None) in (None, twin_inputs["duty"])
-            assert twin_outputs.pop("cut_out", None) in (None, 1)
-            assert twin_outputs == sensed | {"measurement": sum(sensed.values())}
-
-
 def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):
     for wire in range(4):
         duty = 0.3 * np.eye(4)[wire]
@@ -89,19 +67,6 @@ def test_a_limb_that_was_hot_is_still_warm():
     assert room + 0.5 < later.measured_temperature[1].mean() < room + 10.0
     # Another limb of the same kind has not been heated.
     assert simulate(LimbTwin(seed=2), [0.0, 0.0], 1.0).measured_temperature[1, 0] < room + 1.5
-
-
-def test_a_limb_bent_by_hand_is_held_and_rings_down():
-    hand = PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], [[0.0, 0.8, 0.8]])
-    recording = simulate(
-        LimbTwin(seed=1, hand=hand, bend_rate=100.0), [0.0, 0.0], 4.0, sample_rate=100.0
-    )
-    angle, time = recording.bend_angle[0], recording.time
-    assert angle[(time > 1.5) & (time < 2.0)].mean() == pytest.approx(0.8, rel=0.15)
-    ringing = angle[time > 2.02]
-    assert ringing.min() < -0.2  # it swings through
-    crossings = np.flatnonzero(np.diff(np.sign(ringing - ringing[-50:].mean())))
-    assert len(crossings) > 4
 
 
 def test_a_sagging_limb_shows_what_its_sensor_is_made_for():

@@ -50,13 +50,12 @@ def test_what_two_axes_have_beside_is_drawn_as_stated():
     assert [wire.misplaced != 0.0 for wire in both.wires] == [False] * 2 + [True] * 3
 
 
-@pytest.mark.parametrize("misplaced", [0.0, 6.0])
-def test_a_wire_bends_the_limb_to_where_it_runs(misplaced):
+def test_a_wire_bends_the_limb_to_where_it_runs():
     specimen = Specimen(LimbParameters.in_space(), 3).without(*EFFECTS)
-    changed(specimen, {"misplaced": np.deg2rad(misplaced)}, {"stiffness_ratio": 1.0})
+    changed(specimen, {"misplaced": np.deg2rad(6.0)}, {"stiffness_ratio": 1.0})
     bent = simulate(LimbTwin(specimen=specimen), [0.0, 0.3, 0.0], 20.0).bend_angle[:, -1]
     assert np.rad2deg(np.hypot(*bent)) > 15.0
-    assert np.rad2deg(np.arctan2(bent[1], bent[0])) == pytest.approx(120 + misplaced, abs=0.6)
+    assert np.rad2deg(np.arctan2(bent[1], bent[0])) == pytest.approx(126.0, abs=0.6)
 
 
 def test_with_wires_at_e2_only_it_is_the_planar_limb():
@@ -99,7 +98,7 @@ def test_energy_only_falls_without_heat():
         return drake + stiffening * (links**2).sum() / 4 - lost + creep
 
     twin = LimbTwin(specimen=specimen)
-    simulator = make_simulator(twin, 1e-6)
+    simulator = make_simulator(twin, 1e-5)
     twin.GetInputPort("duty").FixValue(simulator.get_mutable_context(), np.zeros(3))
     energies = []
     for time in np.arange(0.0, 0.4, 0.02):
@@ -143,6 +142,7 @@ PLAIN = dict.fromkeys(
      "rest_offset_e3", "sensor_roll", "sensor_play"), 0.0)  # fmt: skip
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("limb", [LimbParameters(), LimbParameters.in_space()])
 def test_the_continuum_hangs_as_its_chain_does_at_rest(limb):
     """With weight and payload across a bent limb, where twist counts; found by Newton's method."""
@@ -160,6 +160,7 @@ def test_the_continuum_hangs_as_its_chain_does_at_rest(limb):
     np.testing.assert_allclose(np.rad2deg(specimen.state["play"]), np.rad2deg(bends), atol=0.05)
 
 
+@pytest.mark.whole
 def test_in_the_continuum_a_wire_bends_the_limb_to_where_it_runs():
     specimen = ContinuumSpecimen(LimbParameters.in_space(4), 3)
     beam = PLAIN | {"stiffness_ratio": 1.0, "sensor_shift": 0.0}

@@ -6,14 +6,6 @@ import casadi as ca
 import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
-from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import (
-    FixedOffsetFrame,
-    RevoluteJoint,
-    RotationalInertia,
-    SpatialInertia,
-)
 
 from limb_systems import (
     Layout,
@@ -115,8 +107,6 @@ def test_centred_joints_bend_alike_in_a_plane_however_they_are_calculated():
 
 # Chains with any offsets, against Drake's plant
 
-GRAVITY = np.array([-3.0, -7.0, 5.0])
-
 
 @pytest.fixture(params=[1, 2], ids=["one axis each", "two axes each"])
 def layout(request) -> SimpleNamespace:
@@ -136,77 +126,6 @@ def layout(request) -> SimpleNamespace:
         bends_of=[slice(0, count), slice(count, 2 * count)],
         bend_direction=np.tile(range(count), 2),
     )
-
-
-@pytest.fixture
-def angles() -> np.ndarray:
-    """(7, 9), rad, far from straight, and straight."""
-    return np.random.default_rng(28).uniform(-0.8, 0.8, (7, 9)) * np.r_[[1.0] * 6, 0.0][:, None]
-
-
-def plant_of(layout) -> MultibodyPlant:
-    """Drake's plant of the same arrays."""
-    plant = MultibodyPlant(time_step=0.0)
-    parent = plant.world_body()
-    arrays = layout.body_masses, layout.body_centres, layout.body_moments
-    bodies = dict(zip(layout.body_joints, zip(*arrays, strict=True), strict=True))
-    for joint, (axis, offset) in enumerate(zip(layout.axes, layout.offsets, strict=True)):
-        inertia = SpatialInertia.Zero()
-        if joint in bodies:
-            mass, centre, moments = bodies[joint]
-            inertia = SpatialInertia.MakeFromCentralInertia(
-                mass, centre, RotationalInertia(*moments)
-            )
-        body = plant.AddRigidBody(f"body_{joint}", inertia)
-        before = plant.AddFrame(
-            FixedOffsetFrame(f"before_{joint}", parent.body_frame(), RigidTransform(offset))
-        )
-        plant.AddJoint(RevoluteJoint(f"joint_{joint}", before, body.body_frame(), axis))
-        parent = body
-    plant.mutable_gravity_field().set_gravity_vector(GRAVITY)
-    plant.Finalize()
-    return plant
-
-
-def assert_close(actual, expected):
-    np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-
-
-def test_inverse_dynamics_are_those_of_drakes_plant(layout, angles):
-    plant, (q, v, a) = plant_of(layout), (ca.SX.sym(name, 9) for name in "qva")
-    torques = Chain(layout, q).inverse_dynamics(v, a, ca.DM(GRAVITY))
-    inverse_dynamics = SmoothFunction(torques, ca.vertcat(q, v, a))
-    context, rng = plant.CreateDefaultContext(), np.random.default_rng(29)
-    for positions in angles:
-        rates, accelerations = rng.normal(size=(2, 9)) * [[3.0], [50.0]]
-        plant.SetPositionsAndVelocities(context, np.append(positions, rates))
-        expected = plant.CalcMassMatrix(context) @ accelerations + plant.CalcBiasTerm(context)
-        expected -= plant.CalcGravityGeneralizedForces(context)
-        found = inverse_dynamics.values(np.concatenate([positions, rates, accelerations]))
-        assert_close(found, expected)
-
-
-def test_points_and_bends_are_those_of_drakes_plant(layout, angles):
-    """The chord of the second segment is turned back into the frame of its base."""
-    plant, q = plant_of(layout), ca.SX.sym("q", 9)
-    context, world = plant.CreateDefaultContext(), plant.world_frame()
-    ends = [plant.GetFrameByName(name) for name in ("body_3", "body_8")]
-    bends = SmoothFunction(Chain(layout, q).bends(), q).values(angles)
-    tip = SmoothFunction(Chain(layout, q).position(8, layout.end_offset[1]), q)
-    for point, positions in enumerate(angles):
-        plant.SetPositions(context, positions)
-        bases = world, ends[0]
-        starts = np.zeros(3), layout.end_offset[0]
-        for segment, (base, start, end) in enumerate(zip(bases, starts, ends, strict=True)):
-            offset = layout.end_offset[segment]
-            chord = plant.CalcPointsPositions(context, end, offset, base)[:, 0] - start
-            expected = np.arctan2(chord[1], chord[0])
-            if bends.shape[1] == 4:
-                across = np.hypot(*chord[1:])
-                expected = np.arctan2(across, chord[0]) * chord[1:] / across
-            assert_close(bends[point, layout.bends_of[segment]], expected)
-        place = plant.CalcPointsPositions(context, end, offset, world)[:, 0]
-        assert_close(tip.values(positions), place)
 
 
 def test_bends_are_smooth_where_the_chain_is_straight(layout):

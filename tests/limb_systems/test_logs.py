@@ -216,10 +216,8 @@ def signals(truth):
     [
         (5, "Voltage", 0.02, "? bend: .*Voltage is a voltage, by its name"),
         (5, "sensor [kPa]", 0.1, "? bend: .*is a pressure, by its unit kPa"),
-        (5, "position_m", 0.001, "? bend: .*position_m is a length"),
         (5, "gyro_deg_s", 1.0, "? bend: .*gyro_deg_s is a rate"),
         (5, "tip", 0.01, "? bend.scale is 0: give the degrees of a unit of tip"),
-        (5, "angle_rad", 1.0, "? bend.scale is 0: give the degrees of a unit of angle_rad"),
         (2, "Current", 2.0, "? duty: Current is a current, by its name"),
         (1, "heater_left [W]", 6.0, "? full: .*what is full duty"),
         (0, "time_s", 1000.0, "? unit of time_s"),
@@ -253,8 +251,14 @@ def test_full_duty_is_asked_for_where_per_cent_and_counts_are_alike(tmp_path, tr
     assert recording.duty.max() == pytest.approx(most / 100, abs=0.01)
 
 
-@pytest.mark.parametrize("clock", ["%I:%M:%S.%f %p", "%H:%M:%S:%f", "%d/%m/%Y %H:%M:%S.%f"])
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-8-sig"])
+@pytest.mark.parametrize(
+    ("clock", "encoding"),
+    [
+        ("%I:%M:%S.%f %p", "utf-16"),
+        ("%H:%M:%S:%f", "utf-16-le"),
+        ("%d/%m/%Y %H:%M:%S.%f", "utf-8-sig"),
+    ],
+)
 def test_a_warm_log_of_another_encoding_and_clock(tmp_path, clock, encoding):
     """Units in a row of their own or in the cells, °F, from the evening to the morning."""
     truth = Truth()

@@ -47,17 +47,7 @@ def assert_dynamics_agree(planar_chain, parameters, rng):
 
 
 def test_forward_dynamics_are_those_of_the_lagrangian(planar_chain):
-    for links in [1, 2, 5, 10]:
-        rng = np.random.default_rng(links)
-        for _ in range(3):
-            parameters = LimbParameters(
-                segments=[random_segment(rng, links)], gravity=random_gravity(rng)
-            )
-            assert_dynamics_agree(planar_chain, parameters, rng)
-
-
-def test_forward_dynamics_of_different_segments_in_series(planar_chain):
-    for links in [(3, 2), (1, 4), (2, 1, 3)]:
+    for links in [(1,), (5,), (10,), (1, 4), (2, 1, 3)]:
         rng = np.random.default_rng(sum(links))
         parameters = LimbParameters(
             segments=[random_segment(rng, n) for n in links], gravity=random_gravity(rng)

@@ -291,9 +291,9 @@ def test_a_gait_in_space_is_drawn_where_drake_has_it():
 
 
 def test_a_loop_shows_a_walk_faster_than_it_is(tmp_path):
-    animate_walk(gait_in_space(), tmp_path / "walk.gif", cycles=2, pace=8.0)
+    animate_walk(gait_in_space(), tmp_path / "walk.gif", cycles=2, pace=16.0)
     with Image.open(tmp_path / "walk.gif") as loop:
-        assert loop.n_frames == 24 / 8.0 * 10
+        assert loop.n_frames == 24 / 16.0 * 10
         assert loop.info["duration"] == 100
     with pytest.raises(LimbError, match=r"must end with \.gif"):
         animate_walk(gait_in_space(), tmp_path / "walk.png")

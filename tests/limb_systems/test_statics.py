@@ -224,24 +224,6 @@ def test_free_oscillation_has_the_first_mode_of_the_nominal_limb():
     assert damping_ratio == pytest.approx(0.12, abs=0.005)
 
 
-def correction_factor(links: int) -> float:
-    """λ of θ_i = λ φ b_i, eqn (9) with Σ (N - j + 1)², least squares at 10° of sag."""
-    low, high = 0.01, 1.0
-    for _ in range(40):
-        stiffness = np.sqrt(low * high)
-        parameters = cantilever(links=links, stiffness=stiffness)
-        low, high = (stiffness, high) if sag(parameters) < -np.radians(10) else (low, stiffness)
-    angles, _ = static_equilibrium(parameters)
-    weights = np.arange(links, 0, -1.0) ** 2
-    model = bend_angle(parameters, angles)[0] * weights / weights.sum()
-    return (model @ angles) / (model @ model)
-
-
-def test_correction_factor_of_the_sag_is_the_papers_for_five_links():
-    for links, expected in [(4, 1.20), (5, 1.22), (6, 1.23)]:
-        assert correction_factor(links) == pytest.approx(expected, abs=0.01)
-
-
 # No equilibrium
 
 

@@ -82,11 +82,3 @@ def test_torque_is_the_same_on_every_joint_and_right_minus_left():
     )
     expected = 5e-4 * (85.0 - 25.0) - 2e-4 * (60.0 - 25.0)  # (4) by hand: 0.023 N·m
     np.testing.assert_allclose(torque(parameters, [60.0, 85.0]), [expected] * 5, rtol=1e-12)
-
-
-def test_each_segment_is_bent_by_its_own_wires_only(uneven_limb):
-    excess = np.array([10.0, 20.0, 30.0, 40.0])
-    first = 6.0e-4 * 20 - 3.0e-4 * 10
-    second = 1.0e-4 * 40 - 2.0e-4 * 30
-    expected = [first] * 3 + [second] * 2
-    np.testing.assert_allclose(torque(uneven_limb, 22.0 + excess), expected, rtol=1e-12)

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from calibration import validate
-from hardware import ReplayError, replay
+from hardware import replay
 from limb_systems import (
     ActiveConstraint,
     Limb,
     LinearLaw,
-    PlanCheck,
-    Trajectory,
     bend_angle,
     simulate,
 )
@@ -62,14 +60,3 @@ def test_states_between_knots_have_the_slopes_of_the_dynamics(fig5_plan):
     middle = fig5_plan.time[3:5].mean()
     duty = fig5_plan.duty_trajectory().value(middle)[:, 0]  # linear between knots
     np.testing.assert_allclose(duty, fig5_plan.duty[:, 3:5].mean(axis=1), atol=1e-12)
-
-
-def test_a_plan_without_a_check_is_replayed_only_if_asked_for(fig5_plan, tmp_path):
-    own = dataclasses.replace(fig5_plan, check=PlanCheck(solver="my own"))
-    own.save(tmp_path / "plan.csv")
-    loaded = Trajectory.load(tmp_path / "plan.csv")
-    assert loaded.check.is_missing
-    with pytest.raises(ReplayError, match="never checked and is not replayed; plan it a"):
-        replay(loaded, Limb())
-    recording = replay(loaded, Limb(), unchecked=True)
-    assert np.rad2deg(tracking_errors(loaded, [recording]).mean) < 0.1

@@ -159,7 +159,7 @@ def test_what_transforms_takes_up_its_latent_heat():
     """Without losses, a wire gets as hot as its heat says, less that of the transformation."""
     law = CoupledLaw(a1=-1e-4, latent_heat=12.0, direct_cooling=0.0, convection=0.0)
     limb = limb_with(law, law)
-    recording = simulate(Limb(limb), [0.0, 0.25], 16.0, sample_rate=1.0, accuracy=1e-8)
+    recording = simulate(Limb(limb), [0.0, 0.25], 16.0, sample_rate=1.0, accuracy=1e-6)
     states = Wires(limb).under_duty(
         Wires(limb).cold_states, np.array([[0.0, 0.25]] * 17), recording.time, longest_step=0.02
     )

@@ -25,11 +25,10 @@ def limbs() -> dict[str, LimbParameters]:
     soft_tip.wire("left").law.beta, soft_tip.wire("right").law.a3 = 2e-4, -2.5
     return {
         "one link": LimbParameters(segments=[SegmentParameters(links=1)]),
-        "nominal": LimbParameters(),
         "two segments": LimbParameters(segments=[SegmentParameters(links=3), soft_tip]),
         "gravity": LimbParameters(gravity=[-4.0, -9.0, 1.0]),
         "hysteretic": limb_with(HystereticLaw(), HystereticLaw()),
-        **{name: make() for name, make in LIMBS.items()},
+        **{name: LIMBS[name]() for name in ("silicone", "mixed", "remembering", "soft")},
     }
 
 

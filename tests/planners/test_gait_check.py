@@ -16,12 +16,12 @@ from limb_systems import (
 from planners import check_gait, plan_gait, walk
 from planners.gait.check import fall_of, strides_of, variations
 
-QUICK = 2.0  # times, that wires heat and cool faster: cycles are so much shorter
+QUICK = 4.0  # times, that wires heat and cool faster: cycles are so much shorter
 
 
 @pytest.fixture(scope="module")
 def gait() -> Gait:
-    """A crawl of the nominal robot with quick wires, 28 mm in 7 s, not checked."""
+    """A crawl of the nominal robot with quick wires, 28 mm in 4 s, not checked."""
     robot = RobotParameters()
     for limb in robot.limbs:
         for wire in limb.parameters.wires:
@@ -102,7 +102,7 @@ def test_a_walk_from_cold_comes_to_the_gait(checked):
     assert (walked.duty[:, -1] == 0).all()
     recording = simulate(Robot(checked.robot), walked)
     strides = strides_of(recording, checked, 3, begin)[0]
-    assert strides[2] == pytest.approx(checked.check.simulation.strides[-1], abs=0.02)
+    assert strides[2] == pytest.approx(checked.check.simulation.strides[-1], abs=0.03)
     in_third = (recording.time - begin) - 2 * checked.period
     there = (in_third >= 0) & (in_third <= checked.period)
     planned = [np.interp(in_third[there], checked.time, T) for T in checked.wire_temperature]

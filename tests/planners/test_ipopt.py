@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from pydrake.solvers import (
     MathematicalProgram,
-    SnoptSolver,
 )
 
 from planners import ExactHessianIpoptSolver
@@ -92,20 +91,3 @@ def test_an_error_in_a_constraint_of_ones_own_is_raised_as_it_is():
     prog.AddConstraint(broken, [-1.0], [1.0], vars=x)
     with pytest.raises(ZeroDivisionError, match="of one's own"):
         ExactHessianIpoptSolver().Solve(prog, np.array([0.5, 0.5]))
-
-
-def test_agrees_with_snopt_on_a_random_nonlinear_program():
-    generator = np.random.default_rng(5)
-    prog = MathematicalProgram()
-    x = prog.NewContinuousVariables(6)
-    root = generator.normal(size=(6, 6))
-    prog.AddQuadraticCost(root @ root.T + np.eye(6), generator.normal(size=6), x)
-    prog.AddConstraint(x[0] * x[1] + np.sin(1.0) * x[2] ** 2 == 0.5)
-    prog.AddConstraint(x[3] ** 2 + x[4] * x[5] >= 1.0)
-    prog.AddBoundingBoxConstraint(-2.0, 2.0, x)
-    guess = np.full(6, 0.5)
-    solution = ExactHessianIpoptSolver().Solve(prog, guess)
-    reference = SnoptSolver().Solve(prog, guess, None)
-    assert solution.is_success()
-    assert reference.is_success()
-    assert solution.get_optimal_cost() == pytest.approx(reference.get_optimal_cost(), rel=1e-5)

@@ -249,18 +249,6 @@ def test_knots_are_added_where_the_limb_is_kicked():
     np.testing.assert_allclose(steps[(trajectory.time[:-1] > 2) & (trajectory.time[1:] < 4)], 0.1)
 
 
-def test_an_unreachable_reference_is_planned_as_well_as_the_limits_allow():
-    parameters = LimbParameters()
-    far = references.from_samples([0.0, 25.0, 25.01, 40.0], np.deg2rad([0.0, 0.0, 170.0, 170.0]))
-    trajectory = plan(parameters, far)
-    # (12): the right wire at T_max, the left one at T_warm.
-    limit = 3 * 4.7e-4 / 0.1246 * ((100 - 25) - (45 - 25))
-    held = (trajectory.time > 32.0) & (trajectory.time < 38.0)
-    np.testing.assert_allclose(trajectory.bend_angle[0, held], limit, rtol=0.01)
-    binding = {active.bound for active in trajectory.check.active_constraints}
-    assert {"wire right = T_max", "wire left = T_warm", "duty right = 1"} <= binding
-
-
 def test_a_plan_far_from_its_reference_says_how_far_where_and_why():
     far = references.from_samples([0.0, 22.0, 25.0, 32.0], np.deg2rad([0.0, 0.0, 90.0, 90.0]))
     with pytest.warns(UserWarning, match=r"^The plan is far from its reference: ") as warned:

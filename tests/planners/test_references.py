@@ -54,14 +54,11 @@ def test_csv_that_is_no_reference_is_refused(tmp_path):
         ("0,0\n", "two samples or more"),
         ("0,0\n2,1\n1,2\n", "from 2 s to 1 s; time must increase"),
         ("time,angle\n0,0\n", "this one has 1 times and 1 angles"),
-        ("0,0\nl,2\n", "line 2 has 'l', which is not a number"),
         ("0,O\n1,2\n", "line 1 has 'O', which is not a number"),
         ("0,0\n1,2,3\n", "line 2 has 3 numbers, but those above have 2"),
-        ("0 0\n1 2\n", "two samples or more"),
         ("0\n1\n", "line 1 has one number; there must be a time and an angle"),
         ("0;1.000,5\n", "line 1 has '1.000,5'"),
         ("# limb trajectory, format 1\n", "is a plan already, for soft-limb replay"),
-        ("# limb recording, format 1\n", "is a recording; references.from_recording"),
         ("format: 2\nsegments:\n- links: 5\n", "describes a limb, and is given with -l"),
         ("", "this one has 0 times and 0 angles|Cannot read"),
     ]:
@@ -76,10 +73,8 @@ def test_csv_is_read_as_spreadsheets_write_it(tmp_path):
     for text in [
         "time (s),angle (deg)\n0,0\n1.5,10\n",
         "\ufefftime;angle\ns;deg\n0;0\n1,5;10,0\n",
-        "0;0\n1.5;10\n",
         "time\tangle\n0\t0\n1,5\t10\n",
         '"time","angle"\r\n"0","0"\r\n"1.5","10"\r\n',
-        "0,0,\n1.5,10,\n,\n",
         "\n\n0, 0\n\n1.5, 10  # up\n\n",
     ]:
         path = tmp_path / "reference.csv"

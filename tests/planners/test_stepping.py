@@ -26,6 +26,7 @@ def stepper() -> RobotParameters:
     return RobotParameters(limbs=limbs)
 
 
+@pytest.mark.whole
 def test_diagonal_pairs_lift_their_feet_clear_of_the_ground_in_drake():
     robot = stepper()
     schedule = schedule_of("lsls ssss slsl ssss", 4)

@@ -217,11 +217,9 @@ def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path, monkeypatch, caps
     ("line", "said"),
     [
         ("walk empty.csv -o out.csv", "this is not a limb gait: .* soft-limb gait writes"),
-        ("plan empty.csv --tip -o out.csv", "A reference needs two samples or more"),
         ("plan taught.csv --smooth nan -o out.csv", "smoothing_time is nan s; it must be from 0"),
         ("plan mine.csv --knot-rate 1e308 -o out.csv", "ask for fewer knots per second"),
         ("teach --emulated 1 -t nan -o out.csv", "--time is nan s; it must be above 0 and at most"),
-        ("plan circle -o out.csv", "2 angles at each time; .* write axes: 2 into its segments"),
         ("plan path.csv --tip -o out.csv", "two coordinates of the tip, .* write axes: 2 into"),
     ],
 )

@@ -38,12 +38,6 @@ def test_evaluations_run_on_any_executor_a_few_at_once():
     assert all(values == [4 * start, 4 * start + 2] for start, values in rest.items())
 
 
-def test_the_demo_has_processes_of_its_own_that_keep_off_the_terminal():
-    with local_executor(1) as pool:
-        assert pool.submit(os.getpid).result() != os.getpid()
-        assert pool.submit(os.readlink, "/proc/self/fd/2").result() == os.devnull
-
-
 def test_a_call_that_fails_ends_the_run_and_cancels_what_has_not_begun(monkeypatch):
     ran, cancelled, all_cancelled = [], [], threading.Event()
     cancel = concurrent.futures.Future.cancel
@@ -92,8 +86,10 @@ def module_of_ones_own(tmp_path, monkeypatch):
     del sys.modules["limb_of_ones_own"]
 
 
-def test_processes_load_what_import_names(module_of_ones_own):
+def test_processes_load_what_import_names_and_keep_off_the_terminal(module_of_ones_own):
     with local_executor(1) as pool:
+        assert pool.submit(os.getpid).result() != os.getpid()
+        assert pool.submit(os.readlink, "/proc/self/fd/2").result() == os.devnull
         assert pool.submit(_loaded, module_of_ones_own).result()
 
 

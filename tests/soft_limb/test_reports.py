@@ -11,7 +11,6 @@ from limb_systems import (
     LimbParameters,
     PlanCheck,
     SegmentParameters,
-    Trajectory,
     WireParameters,
     simulate,
 )
@@ -21,7 +20,7 @@ from soft_limb.runs.rollout import Rollout
 
 
 @pytest.fixture(scope="module")
-def rollout() -> Rollout:
+def rollout(plan_like) -> Rollout:
     """A limb of two segments with three wires and one, 1° beside its plan, cut off on the way."""
     wires = [WireParameters(name, e2=e2) for name, e2 in (("a", -3e-3), ("b", 1e-3), ("c", 3e-3))]
     limb = LimbParameters(
@@ -31,16 +30,7 @@ def rollout() -> Rollout:
         ]
     )
     made = simulate(Limb(limb), [0.1, 0.0, 0.0, 0.2], 2.0)
-    plan = Trajectory(
-        time=made.time,
-        reference=made.bend_angle,
-        duty=made.duty,
-        joint_state=made.joint_state,
-        wire_temperature=made.wire_temperature,
-        measured_temperature=made.measured_temperature,
-        parameters=limb,
-        check=PlanCheck(bend_band_deg=0.7),
-    )
+    plan = plan_like(made, check=PlanCheck(bend_band_deg=0.7))
     read = made.measured_temperature[:, :21].copy()
     read[0, 4] = 700.0
     recording = dataclasses.replace(
