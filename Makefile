@@ -13,7 +13,8 @@ demo: $(VENV)/ready
 test: $(VENV)/ready lint
 	$(BIN)/python -m pytest
 
-# As well what takes long: the wheel, the demo, notebooks, a browser, MicroPython and C compilers.
+# As well what takes long: the wheel, the demo, notebooks, a browser, MicroPython, C compilers, and
+# long fits and walks.
 test-all: $(VENV)/ready lint
 	$(BIN)/python -m pytest -m ''
 
