@@ -137,6 +137,7 @@ def solve_quasi_static(
     task: Task,
     warm_up_time: float,
     measured_margin: ArrayLike = 0.0,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Heat and duty of the wires in the best quasi-static plan.
 
@@ -146,6 +147,8 @@ def solve_quasi_static(
         times, initial_heat, warm_up_time, measured_margin: as for `check_temperature_limits`.
         reference: φ_ref at the knots (F, K), rad.
         held: angles that the wires hold.
+        start: heat and duty, as they are returned, of a plan from which the solver starts; that of
+            wires that are about linear if None.
 
     Returns:
         [x, V] (N + W, K), which begins with T (W) in °C, and D (W, K).
@@ -169,7 +172,8 @@ def solve_quasi_static(
     )
     program = QuasiStaticProgram(parameters, times[some], held, task, measured_margin)
     program.update(reference[:, some], initial_heat, warm_up_time)
-    x = solve_program(program, program.guess()).x
+    guess = program.variables(*(part[:, some] for part in start)) if start else program.guess()
+    x = solve_program(program, guess).x
     heat, duty = x[program.heat], x[program.duty]
     course = PiecewisePolynomial.CubicHermite(times[some], heat.T, wires.heat_rates(heat, duty).T)
     duty = np.array([np.interp(times, times[some], of_wire) for of_wire in duty.T])
