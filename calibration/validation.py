@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.optimize import minimize_scalar
 
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.law_fit import Predicted
@@ -17,7 +18,7 @@ from limb_systems.model.kinematics import rest_joint_angles
 
 # Mean |φ - φ_sim| as a fraction of the range of φ in the recording it is validated with.
 GOOD_ERROR = 0.1  # 6° of 60°: the paper's robot is 3.4° to 5.3° from its plans in Table I
-WARM_START, WARMTHS = 20.0, (0.0, 0.25, 0.5, 0.75, 1.0)  # s, and shares of rested silicone
+WARM_START, WARMTH = 20.0, 0.03  # s, and share of the silicone's warmth, to which it is found
 LEAD_TIME = 1.0  # s, whose readings show how fast V changes at the start
 WORST_ERROR = 0.25  # that of a limb which stays in the middle of a range that φ fills evenly
 
@@ -105,8 +106,16 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         readings = simulation.interpolated(simulation.measured_temperature, times[soon])
         return float(np.nanmean(np.abs(readings - measured)))
 
-    starts = _warm_starts(parameters, recording, first)
-    simulation = run(min(starts, key=missed) if len(starts) > 1 else starts[0], times[-1])
+    cold, wires = _warm_starts(parameters, recording, first)
+    if (cold != wires).any():
+        search = minimize_scalar(
+            lambda share: missed(cold + share * (wires - cold)),
+            bounds=(0.0, 1.0),
+            method="bounded",
+            options={"xatol": WARMTH},
+        )
+        wires = cold + search.x * (wires - cold)
+    simulation = run(wires, times[-1])
     assert simulation.joint_state is not None  # a model's
     layout = Layout(parameters)
     seen = [
@@ -127,11 +136,11 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
 
 def _warm_starts(
     parameters: LimbParameters, recording: Recording, first: np.ndarray
-) -> list[np.ndarray]:
-    """States that wires may have when they read V (W,), °C, and silicone is cold to as warm.
+) -> tuple[np.ndarray, np.ndarray]:
+    """States of wires that are read at V (W,), °C, in cold silicone, and in silicone as warm.
 
-    T is ahead of V by the lag, as the first readings change. Only one of cold wires, and of
-    wires without silicone.
+    T is ahead of V by the lag, as the first readings change. Both are the same where no wire is
+    warm, or none has silicone.
     """
     wires, heat = Wires(parameters), first.copy()
     warm = first > parameters.ambient_temperature + COLD
@@ -143,12 +152,11 @@ def _warm_starts(
             readings = recording.measured_temperature[index, shown]
             if len(readings) > 2:
                 heat[index] += np.polyfit(recording.time[shown], readings, 1)[0] / rate
-    rested, cold = wires.rested_states(heat), wires.cold_states
+    rested = wires.rested_states(heat)
     silicone = np.zeros(len(rested), bool)
     of_laws = slice(wires.num_wires, sum(len(wire.law.states) for wire in parameters.wires))
-    silicone[of_laws] = wires.settles[of_laws]
-    shares = WARMTHS if warm.any() and silicone.any() else WARMTHS[-1:]
-    return [np.where(silicone, cold + share * (rested - cold), rested) for share in shares]
+    silicone[of_laws] = wires.settles[of_laws] & warm.any()
+    return np.where(silicone, wires.cold_states, rested), rested
 
 
 def validation_of(judged: Sequence[Predicted], parameters: LimbParameters) -> Validation:

@@ -63,7 +63,8 @@ def error_split(calibration: Calibration, motions: Mapping[str, Way]) -> dict[st
         (rollout, *_), trajectory = way.rollouts, way.trajectory.since_start()
         counted = (rollout.time <= trajectory.duration) & ~rollout.implausible
         times = rollout.time[counted]
-        model = simulate(Limb(calibration.parameters), trajectory)
+        start = trajectory.state[:, 0]
+        model = simulate(Limb(calibration.parameters), trajectory, initial_state=start)
         angles = [
             trajectory.bend_angle_at(times)[0],
             np.interp(times, model.time, model.bend_angle[0]),

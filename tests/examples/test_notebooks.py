@@ -152,7 +152,7 @@ def test_notebook_runs(path, check, kernel, tmp_path):
     notebook = run(path, tmp_path, kernel)
     for cell in code_cells(notebook):
         kinds = [kind for output in cell.outputs for kind in output.get("data", ())]
-        draws = re.search(r"^(?:\w+\.)?(?:plot|draw)_|subplots\(", cell.source, re.MULTILINE)
+        draws = re.search(r"^(?:\w+\.)?(?:plot_|draw[_(])|subplots\(", cell.source, re.MULTILINE)
         assert kinds.count("image/png") == bool(draws), cell.source
         assert ("text/html" in kinds) == bool(re.search("^HTML|^recordings\\[", cell.source, re.M))
         assert not [o for o in cell.outputs if o.get("name") == "stderr" and FAR not in o.text]
