@@ -499,8 +499,8 @@ COMMANDS = {
         _follow,
         "Teach and go: plans what was taught from where the limb is read to be, with margins for "
         "feedback, and drives it as near to that as it can, or by another controller along the "
-        "plan; a robot in real time. The "
-        "folder has plan.csv, recording.csv, tracking.png and report.html.",
+        "plan; a robot in real time. The folder has plan.csv, recording.csv, tracking.png and "
+        "report.html.",
         "reference folder limb driven text smooth knot-rate live cool address json force",
         [
             shared("controller", default=NEAREST),
