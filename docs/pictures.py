@@ -8,7 +8,6 @@ drawn by hand.
 
 import argparse
 import contextlib
-import os
 import runpy
 import shutil
 import subprocess
@@ -215,20 +214,13 @@ def photograph_replay(evaluation: Path) -> None:
 
 
 def photograph_runs(evaluation: Path) -> None:
-    """The start page of what the evaluation left of one motion."""
+    """The page of what the evaluation left of one motion."""
     folder = evaluation / "limb_0" / "ramps"
-    command = [sys.executable, "-m", "soft_limb", "runs", str(folder), "--address", "127.0.0.1:0"]
-    environment = os.environ | {"BROWSER": "true"}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
-        try:
-            assert server.stdout is not None
-            url = server.stdout.readline().split()[-1]
-            with browser_page(1280, 1050) as page:
-                page.goto(url)
-                page.wait_for_timeout(10_000)  # it comes again until all files are read
-                page.screenshot(path=FOLDER / "runs.png")
-        finally:
-            server.terminate()
+    command = [sys.executable, "-m", "soft_limb", "runs", folder, "-o", folder / "index.html"]
+    subprocess.run([*command, "--force"], check=True)
+    with browser_page(1280, 1050) as page:
+        page.goto((folder / "index.html").resolve().as_uri())
+        page.screenshot(path=FOLDER / "runs.png")
 
 
 def save_dot(dot: str, path: Path) -> None:

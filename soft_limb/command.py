@@ -49,7 +49,7 @@ COMMANDS = {
     "show": ("results", "say what files are, and what made them"),
     "compare": ("results", "say how plans, recordings or limbs differ"),
     "export": ("results", "write plans and limbs for programs of your own"),
-    "runs": ("results", "show the results in a folder on a page, compare them, replay plans"),
+    "runs": ("results", "write one page about all results in a folder"),
 }
 
 
@@ -115,8 +115,8 @@ def _print_results(prog: str) -> bool:
         changed = datetime.datetime.fromtimestamp(file.changed)
         print(f"  {changed:%Y-%m-%d %H:%M}  {kind:<10}  {file.key}")
     if found:
-        print(f"\n{prog} runs shows them on a page, {prog} show FILE says what one is, and")
-        print(f"{prog} --help lists all commands.")
+        print(f"\n{prog} runs -o index.html writes a page about them, {prog} show FILE says")
+        print(f"what one is, and {prog} --help lists all commands.")
     return bool(found)
 
 
