@@ -1,6 +1,6 @@
 """Makes the pictures of README and docs anew, from one evaluation: `make pictures`.
 
-python docs/pictures.py FOLDER [NAME ...]   FOLDER is what `examples/reproduce_paper.py` left
+python docs/pictures.py FOLDER [NAME ...]   FOLDER is what `examples/reproduce_paper` left
 
 Needs Graphviz's `dot` and a Chromium, and five minutes for all. `rooms.svg` and `wiring.svg` are
 drawn by hand.
@@ -87,7 +87,7 @@ edge [color="#3b4a6b", fontname="Arial", fontsize=12, arrowsize=0.7];
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Makes the pictures of the documentation.")
-    parser.add_argument("folder", type=Path, help="what examples/reproduce_paper.py left")
+    parser.add_argument("folder", type=Path, help="what examples/reproduce_paper left")
     parser.add_argument("names", nargs="*", metavar="NAME", help="of " + ", ".join(PICTURES))
     options = parser.parse_args()
     if unknown := set(options.names) - set(PICTURES):

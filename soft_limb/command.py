@@ -26,7 +26,6 @@ EXIT_STATUS = (
 # For each command: its module in `soft_limb.commands`, which is imported when the command runs,
 # and what it does.
 COMMANDS = {
-    "demo": ("emulated", "plan, calibrate and drive an emulated limb, as in the paper"),
     "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
     "collect": ("calibration", "record all that calibration needs"),
     "import": ("logs", "read logs of other programs as recordings"),
@@ -45,7 +44,7 @@ COMMANDS = {
     "gait": ("gaits", "plan how a robot of several limbs walks"),
     "gaits": ("gaits", "plan the gaits by which a robot in space gets anywhere"),
     "walk": ("gaits", "walk by a gait: a robot, or an emulated one, from cold wires"),
-    "sweep": ("emulated", "plan and drive many emulated limbs, motions, tasks and controllers"),
+    "sweep": ("sweep", "plan and drive many emulated limbs, motions, tasks and controllers"),
     "show": ("results", "say what files are, and what made them"),
     "compare": ("results", "say how plans, recordings or limbs differ"),
     "export": ("results", "write plans and limbs for programs of your own"),

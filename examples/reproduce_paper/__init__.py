@@ -1,1 +1,1 @@
-"""The paper's evaluation on emulated limbs: `soft-limb demo`, `examples/reproduce_paper.py`."""
+"""The paper's evaluation on emulated limbs, which `python examples/reproduce_paper` runs."""

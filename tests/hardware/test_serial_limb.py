@@ -220,8 +220,8 @@ def test_an_emulated_hand_teaches(tmp_path, capsys):
     recording = Recording.load(output)
     assert recording.source.startswith("emulated limb")
     assert recording.duty.max() == 0.0
-    at = np.interp([6.9, 10.0], recording.time, np.rad2deg(recording.bend_angle[0]))
-    np.testing.assert_allclose(at, [12.0, -4.0], atol=3.0)  # as the hand and the sensor are
+    at = np.interp([6.3, 11.0], recording.time, np.rad2deg(recording.bend_angle[0]))
+    np.testing.assert_allclose(at, [15.0, 5.7], atol=3.0)  # 15° sin(t / 4), and the sensor
     assert main(teach) == 1
     assert main([*teach, "port", "--emulated", "3"]) == 1
     assert main([*teach, "--emulated", "3", "--hand", "circle"]) == 1
