@@ -82,8 +82,8 @@ def test_plans_and_replays_away_from_the_checkout(installed, tmp_path):
     parameters.temperature_limits.warm_up_time = 1000.0
     parameters.save(tmp_path / "limb.yaml")
     (tmp_path / "reference.csv").write_text("0,0\n1,0\n3,12\n4,12\n")
-    planning = ("planners", "reference.csv", "-l", "limb.yaml", "-o", "plan.csv")
-    replaying = ("hardware", "replay", "plan.csv", "-o", "recording.csv")
+    planning = ("soft_limb", "plan", "reference.csv", "-l", "limb.yaml", "-o", "plan.csv")
+    replaying = ("soft_limb", "replay", "plan.csv", "-o", "recording.csv")
     for command in (planning, replaying):
         done = run(installed, tmp_path, *command)
         assert (done.returncode, done.stderr) == (0, "")

@@ -155,7 +155,7 @@ def test_a_host_that_is_killed_leaves_the_wires_off_and_its_recording(
     fig5_plan.save(tmp_path / "plan.csv")
     output, journal = tmp_path / "recording.csv", tmp_path / "recording.unfinished.csv"
     output.write_text("old")
-    command = [sys.executable, "-m", "hardware", "replay", tmp_path / "plan.csv", "-o", output]
+    command = [sys.executable, "-m", "soft_limb", "replay", tmp_path / "plan.csv", "-o", output]
     command += ["-p", real_emulator.port, "--force"]
     process = start_heating(real_emulator, lambda: start_host(command))
     # A recording in which a duty was applied is on the disk, or the host is late and has ended.
