@@ -22,7 +22,6 @@ from hardware.emulation.robot_twin import RobotSpecimen
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, RobotParameters, SegmentParameters, simulate
 from limb_systems.model.statics import static_equilibrium
-from soft_limb.runs.jobs import local_executor
 
 BROAD = SegmentParameters(
     links=4, length=0.08, mass=0.03, width=0.025, thickness=0.012, stiffness=0.4, damping=2.5e-3
@@ -87,8 +86,7 @@ def main() -> None:
     options = parser.parse_args()
     for name in options.limbs:
         cases = [(name, options.first + seed) for seed in range(options.seeds)]
-        with local_executor(1) as executor:
-            rows = np.concatenate(list(executor.map(errors, cases)))
+        rows = np.concatenate([errors(case) for case in cases])
         slow = rows[:, 4]
         print(f"{name}: {len(rows)} limbs; cold and slow, wires add {slow.mean() - 1:.1%} to k")
         said, of = ("sag", "ring-downs", "both"), {"rubber": 1.0, "cold limb": slow}
