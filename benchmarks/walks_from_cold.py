@@ -6,7 +6,7 @@ one foot; and with k, β, a1 and a2 of each limb 10% larger or smaller, drawn at
 knows the robot as planned. Shown are the strides of each cycle as shares of the planned one, the
 last corrections of amplitude and duration, the highest temperature, and falls.
 
-    python benchmarks/walking.py [--draws 10] [--cycles 5] [--jobs 2] [--steadiness 25]
+    python benchmarks/walks_from_cold.py [--draws 10] [--cycles 5] [--jobs 2] [--steadiness 25]
         [--sticking 0.8]
 """
 
