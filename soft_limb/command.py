@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from limb_systems.errors import LimbError
-from limb_systems.schema import nearest
+from limb_systems.files.schema import nearest
 from limb_systems.signals import SIGNALS, came, stop
 from soft_limb.results.folder import find, glance
 
@@ -24,7 +24,8 @@ EXIT_STATUS = (
 )
 
 # For each command: its module in `soft_limb.commands`, which is imported when the command runs,
-# and what it does.
+# and what it does. Those of `WALKING` are in `walking.commands`.
+WALKING = "gaits"
 COMMANDS = {
     "demo": ("emulated", "plan, calibrate and drive an emulated limb, as in the paper"),
     "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
@@ -79,7 +80,9 @@ def main(arguments: Sequence[str] | None = None, package: str = "") -> int:
         names, words, modules = [chosen.command], chosen.arguments, chosen.modules
         prog += f" {chosen.command}"
     (name,) = names
-    command = importlib.import_module(f"soft_limb.commands.{COMMANDS[name][0]}").COMMANDS[name]
+    home = COMMANDS[name][0]
+    folder = "walking.commands" if home == WALKING else "soft_limb.commands"
+    command = importlib.import_module(f"{folder}.{home}").COMMANDS[name]
     return run_words(command, prog, words, modules)
 
 

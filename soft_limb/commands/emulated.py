@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems import LimbParameters
-from limb_systems.output import check_outputs
+from limb_systems.files.output import check_outputs
 from limb_systems.progress import Progress
 from limb_systems.summary import Summary
 from soft_limb.commands.options import (
@@ -23,7 +23,7 @@ from soft_limb.commands.options import (
 )
 from soft_limb.results.summaries import plan_summary
 from soft_limb.runs.jobs import executor_of
-from soft_limb.runs.planning import plan_from_files, task_named
+from soft_limb.runs.plan_run import plan_from_files, task_named
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
 from soft_limb.runs.sweep import cases, means, sweep
 

@@ -17,7 +17,7 @@ from limb_systems.views.plots import WIDTH, Figure
 from soft_limb.evaluation.experiment import AS_DESCRIBED, HANDS, RAMPS, VALIDATION, Experiment
 from soft_limb.evaluation.tables import Followed, nearest_distance
 from soft_limb.evaluation.ways import FOLLOW, LEARNING, OPEN_LOOP, Way
-from soft_limb.reports.calibration import validation_panels
+from soft_limb.reports.calibration_report import validation_panels
 
 
 def plot_taught(experiment: Experiment) -> Figure:

@@ -21,7 +21,7 @@ from limb_systems import LimbError
 from soft_limb.live.site import PageHandler, Site
 from soft_limb.results.comparison import compare, comparison_page
 from soft_limb.results.overview import ListedFile, Overview, overview_page
-from soft_limb.results.reading import REPORT, TRAJECTORY, read_result
+from soft_limb.results.read_result import REPORT, TRAJECTORY, read_result
 
 PATIENCE = 0.7  # s, for which one request reads files
 START_TIME = 90.0  # s, in which a replay must show its page

@@ -14,12 +14,11 @@ import numpy as np
 from markupsafe import Markup
 
 from limb_systems.errors import LimbError
-from limb_systems.files.gait import Gait
+from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.layout import Layout
-from limb_systems.provenance import Provenance
+from limb_systems.layout import Layout
 from limb_systems.views.colors import (
     NEUTRAL_COLOR,
     PLAN_COLOR,
@@ -30,7 +29,7 @@ from limb_systems.views.colors import (
 from soft_limb.command import COMMANDS
 from soft_limb.reports import page
 from soft_limb.results.folder import FoundFile, find, glance
-from soft_limb.results.reading import (
+from soft_limb.results.read_result import (
     GAIT,
     LEARNING,
     LIMB,
@@ -41,6 +40,7 @@ from soft_limb.results.reading import (
     TRAJECTORY,
     read_result,
 )
+from walking.gait import Gait
 
 RECENT = 5.0  # s since the last change of a recording
 BEING_RECORDED = "it is being recorded, or its program was killed just now"
