@@ -41,7 +41,7 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/space_planning.py --problems 30
 	$(BIN)/python benchmarks/public_crawler.py
 	$(BIN)/python benchmarks/gaits.py
-	$(BIN)/python benchmarks/walking.py
+	$(BIN)/python benchmarks/walks_from_cold.py
 	$(BIN)/python benchmarks/replanning.py
 	$(BIN)/python benchmarks/sweep.py
 	$(BIN)/python benchmarks/calibration_accuracy.py

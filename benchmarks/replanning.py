@@ -15,7 +15,7 @@ import numpy as np
 
 import planners.planning as planning
 from limb_systems import LimbParameters
-from limb_systems.model.statics import static_equilibrium
+from limb_systems.statics import static_equilibrium
 from planners import Planner, Task, references
 
 REPETITIONS = 5

@@ -1,14 +1,14 @@
 """Feedback about a plan, receding horizon, temperature supervisor, learning over repetitions."""
 
 from controllers.estimator import LimbObserver
-from controllers.gait_feedback import GaitFeedback
-from controllers.heat_feedback import HeatFeedback
 from controllers.learner import Learner
 from controllers.plan_feedback import PlanFeedback, PlanRegulator
 from controllers.receding_horizon import RecedingHorizon
 from controllers.reduced_model import ReducedModel
 from controllers.temperature_supervisor import TemperatureSupervisor, supervised
-from controllers.wayfinder import Wayfinder
+from walking.gait_feedback import GaitFeedback
+from walking.heat_feedback import HeatFeedback
+from walking.wayfinder import Wayfinder
 
 __all__ = [
     "GaitFeedback",

@@ -2,10 +2,6 @@
 
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from planners import references
-from planners.gait.check import check_gait
-from planners.gait.courses import plan_gaits
-from planners.gait.gait import plan_gait
-from planners.gait.walking import walk
 from planners.grip import Grip, grip
 from planners.nearest import nearest_bend_angle
 from planners.planning import Planner, plan
@@ -13,6 +9,10 @@ from planners.task import Phase, Task, TaskError
 from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.solving import InfeasibleError, PlanningError
+from walking.gait_check import check_gait
+from walking.gait_planning import plan_gait
+from walking.gait_set import plan_gaits
+from walking.walk_trajectory import walk
 
 __all__ = [
     "ExactHessianIpoptSolver",

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from limb_systems.errors import LimbError
-from limb_systems.schema import nearest
+from limb_systems.files.schema import nearest
 from limb_systems.signals import SIGNALS, came, stop
 from soft_limb.results.folder import find, glance
 

@@ -21,18 +21,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from limb_systems import (
-    Gait,
-    GaitCheck,
-    GaitPhase,
-    LimbParameters,
-    PlanCheck,
-    Recording,
-    RobotParameters,
-    SegmentParameters,
-    Trajectory,
-)
+from limb_systems import LimbParameters, PlanCheck, Recording, SegmentParameters, Trajectory
 from planners import Task, plan, references
+from walking import Gait, GaitCheck, GaitPhase, RobotParameters
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 REAL_TIME = (

@@ -20,7 +20,7 @@ PACKAGES = (
 # What a room imports beside itself; the robot, the emulation and the board know nothing of each
 # other but what the board and its host both need to speak.
 CLOSED_ROOMS = {
-    "hardware.robot": ("limb_systems", "hardware.firmware"),
+    "hardware.board": ("limb_systems", "hardware.firmware"),
     "hardware.emulation": ("limb_systems", "hardware.firmware"),
     "hardware.firmware": (),
 }
@@ -91,7 +91,7 @@ def later():
     __import__("planners")
     import_module(f"{package}.__main__")
 """
-    name = "calibration.collecting.protocol"
+    name = "calibration.collecting.measurement_protocol"
     seen = imports_of(name, ast.parse(text))
     wanted = {"limb_systems.files", "urdf.generate", "hardware.replay", *PACKAGES}
     assert seen == wanted

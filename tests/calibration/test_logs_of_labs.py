@@ -15,7 +15,7 @@ from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import fit_law
 from calibration.recordings.repair import in_pieces, part
 from limb_systems import LimbParameters, LinearLaw, Recording, SaturatingLaw, SegmentParameters
-from soft_limb.reports.calibration import write_report
+from soft_limb.reports.calibration_report import write_report
 from soft_limb.results.summaries import calibration_summary
 
 PERIOD = 130.0  # s, from one heat to the next

@@ -20,7 +20,7 @@ from limb_systems import (
     provenance,
     simulate,
 )
-from limb_systems.provenance import command_line
+from limb_systems.files.provenance import command_line
 
 MADE = Provenance(
     "0.1.0",

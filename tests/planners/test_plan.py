@@ -15,7 +15,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
-from limb_systems.model.statics import HeldAngles
+from limb_systems.statics import HeldAngles
 from planners import (
     InfeasibleError,
     Planner,
@@ -30,7 +30,7 @@ from planners import (
 from planners.transcription import ipopt, solving
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import solve_quasi_static
-from soft_limb.reports.plan import plan_verdict
+from soft_limb.reports.plan_report import plan_verdict
 from soft_limb.results.summaries import plan_summary
 
 
