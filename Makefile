@@ -8,7 +8,7 @@ CONSTRAINTS ?= -c constraints.txt
 .PHONY: demo test test-all newest versions wheel bench evaluation pictures tables browser lint chip notebooks docs linkcheck coverage clean
 
 demo: $(VENV)/ready
-	$(BIN)/soft-limb demo out --force
+	$(BIN)/python examples/demo.py out
 
 test: $(VENV)/ready lint
 	$(BIN)/python -m pytest
@@ -63,7 +63,7 @@ bench: $(VENV)/ready
 LIMBS ?= 6
 OTHERS ?= 2
 evaluation: $(VENV)/ready
-	$(BIN)/python examples/reproduce_paper.py build/evaluation --limbs $(LIMBS) --others $(OTHERS)
+	$(BIN)/python examples/reproduce_paper build/evaluation --limbs $(LIMBS) --others $(OTHERS)
 
 pictures: evaluation
 	$(BIN)/python docs/pictures.py build/evaluation

@@ -16,12 +16,17 @@ import argparse
 import copy
 import multiprocessing
 import os
+import sys
 from collections import Counter
+from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process for each core
+sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))  # for reproduce_paper
 
 import numpy as np
 from other_limbs import OTHER, limb_of
+from reproduce_paper.experiment import HANDS, hand_course
+from reproduce_paper.ways import PAUSE
 
 from calibration import calibrate, collect_from_twin
 from hardware import replay
@@ -29,8 +34,6 @@ from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbError
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
-from soft_limb.evaluation.experiment import HANDS, hand_course
-from soft_limb.evaluation.ways import PAUSE
 
 PULSES = 2  # number of the recording of pulses among the heated ones
 OTHER_DAY = {"ambient": 3.0, "supply": 1.03}

@@ -24,21 +24,23 @@ import functools
 import json
 import os
 import re
+import sys
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process for each core
+sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))  # for reproduce_paper
 
 import numpy as np
 from other_limbs import OTHER, limb_of
+from reproduce_paper.experiment import HANDS, MOTIONS, NUM_ANGLES, hand_course, plan_motion
+from reproduce_paper.tables import Followed, nearest_distance
+from reproduce_paper.ways import CONTROLLERS, FEEDBACK, OPEN_LOOP, PAUSE, Way
 
 from calibration import calibrate, collect_from_twin
 from hardware import present_readings, replay, watch
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbError, band
 from limb_systems.progress import Progress
-from soft_limb.evaluation.experiment import HANDS, MOTIONS, NUM_ANGLES, hand_course, plan_motion
-from soft_limb.evaluation.tables import Followed, nearest_distance
-from soft_limb.evaluation.ways import CONTROLLERS, FEEDBACK, OPEN_LOOP, PAUSE, Way
 from soft_limb.runs.jobs import local_executor, run_each
 
 TOLD = re.compile(r"(?P<name>.+): predicted to (?P<bend>[\d.]+)° and (?P<heat>[\d.]+) °C")

@@ -1,6 +1,6 @@
 """Makes the pictures of README and docs anew, from one evaluation: `make pictures`.
 
-python docs/pictures.py FOLDER [NAME ...]   FOLDER is what `examples/reproduce_paper.py` left
+python docs/pictures.py FOLDER [NAME ...]   FOLDER is what `examples/reproduce_paper` left
 
 Needs Graphviz's `dot` and a Chromium, and five minutes for all. `rooms.svg` and `wiring.svg` are
 drawn by hand.
@@ -8,7 +8,6 @@ drawn by hand.
 
 import argparse
 import contextlib
-import os
 import runpy
 import shutil
 import subprocess
@@ -87,7 +86,7 @@ edge [color="#3b4a6b", fontname="Arial", fontsize=12, arrowsize=0.7];
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Makes the pictures of the documentation.")
-    parser.add_argument("folder", type=Path, help="what examples/reproduce_paper.py left")
+    parser.add_argument("folder", type=Path, help="what examples/reproduce_paper left")
     parser.add_argument("names", nargs="*", metavar="NAME", help="of " + ", ".join(PICTURES))
     options = parser.parse_args()
     if unknown := set(options.names) - set(PICTURES):
@@ -214,20 +213,13 @@ def photograph_replay(evaluation: Path) -> None:
 
 
 def photograph_runs(evaluation: Path) -> None:
-    """The start page of what the evaluation left of one motion."""
+    """The page of what the evaluation left of one motion."""
     folder = evaluation / "limb_0" / "ramps"
-    command = [sys.executable, "-m", "soft_limb", "runs", str(folder), "--address", "127.0.0.1:0"]
-    environment = os.environ | {"BROWSER": "true"}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
-        try:
-            assert server.stdout is not None
-            url = server.stdout.readline().split()[-1]
-            with browser_page(1280, 1050) as page:
-                page.goto(url)
-                page.wait_for_timeout(10_000)  # it comes again until all files are read
-                page.screenshot(path=FOLDER / "runs.png")
-        finally:
-            server.terminate()
+    command = [sys.executable, "-m", "soft_limb", "runs", folder, "-o", folder / "index.html"]
+    subprocess.run([*command, "--force"], check=True)
+    with browser_page(1280, 1050) as page:
+        page.goto((folder / "index.html").resolve().as_uri())
+        page.screenshot(path=FOLDER / "runs.png")
 
 
 def save_dot(dot: str, path: Path) -> None:

@@ -1,6 +1,6 @@
 """Makes the measured tables of README and docs anew, from one evaluation: `make tables`.
 
-python docs/tables.py FOLDER   FOLDER is what `examples/reproduce_paper.py` left
+python docs/tables.py FOLDER   FOLDER is what `examples/reproduce_paper` left
 
 A table stands in a page between `<!-- table NAME -->` and `<!-- end -->`. Tables of the evaluation
 come from its results.json, those of a benchmark from FOLDER/BENCHMARK.txt, what it printed.
@@ -10,13 +10,16 @@ import argparse
 import dataclasses
 import json
 import re
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from soft_limb.evaluation import tables
-from soft_limb.evaluation.tables import Followed, Summary
-
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "examples"))
+
+from reproduce_paper import tables  # noqa: E402
+from reproduce_paper.tables import Followed, Summary  # noqa: E402
+
 BLOCK = re.compile(r"(<!-- table (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -51,7 +54,7 @@ def markdown(rows: tables.Rows) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Writes the measured tables of the pages.")
-    parser.add_argument("folder", type=Path, help="what examples/reproduce_paper.py left")
+    parser.add_argument("folder", type=Path, help="what examples/reproduce_paper left")
     folder = parser.parse_args().folder
     summaries = read_summaries(folder / "results.json")
     for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):

@@ -27,7 +27,6 @@ EXIT_STATUS = (
 # and what it does. Those of `WALKING` are in `walking.commands`.
 WALKING = "gaits"
 COMMANDS = {
-    "demo": ("emulated", "plan, calibrate and drive an emulated limb, as in the paper"),
     "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
     "collect": ("calibration", "record all that calibration needs"),
     "import": ("logs", "read logs of other programs as recordings"),
@@ -46,44 +45,35 @@ COMMANDS = {
     "gait": ("gaits", "plan how a robot of several limbs walks"),
     "gaits": ("gaits", "plan the gaits by which a robot in space gets anywhere"),
     "walk": ("gaits", "walk by a gait: a robot, or an emulated one, from cold wires"),
-    "sweep": ("emulated", "plan and drive many emulated limbs, motions, tasks and controllers"),
+    "sweep": ("sweep", "plan and drive many emulated limbs, motions, tasks and controllers"),
     "show": ("results", "say what files are, and what made them"),
     "compare": ("results", "say how plans, recordings or limbs differ"),
     "export": ("results", "write plans and limbs for programs of your own"),
-    "runs": ("results", "show the results in a folder on a page, compare them, replay plans"),
+    "runs": ("results", "write one page about all results in a folder"),
 }
 
 
-def main(arguments: Sequence[str] | None = None, package: str = "") -> int:
-    """Runs a command.
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command.
 
     Args:
         arguments: words after the program's name; those of this process if None.
-        package: whose commands ``python -m PACKAGE`` runs; all of ``soft-limb`` if empty. A
-            package's only command is run without its name.
 
     Returns:
         Exit status, as of `run_command`.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    prog = f"python -m {package}" if package else "soft-limb"
-    names = [name for name, (home, _) in COMMANDS.items() if package in ("", home)]
-    modules: list[str] = []
-    if len(names) > 1:
-        door = _door(prog, names)
-        if not words:
-            if not package and _print_results(prog):
-                return 0
-            door.print_help(sys.stderr)
-            return 2
-        chosen = door.parse_args(words)
-        names, words, modules = [chosen.command], chosen.arguments, chosen.modules
-        prog += f" {chosen.command}"
-    (name,) = names
-    home = COMMANDS[name][0]
-    folder = "walking.commands" if home == WALKING else "soft_limb.commands"
-    command = importlib.import_module(f"{folder}.{home}").COMMANDS[name]
-    return run_words(command, prog, words, modules)
+    parser = _top_level_parser()
+    if not words:
+        if _print_results():
+            return 0
+        parser.print_help(sys.stderr)
+        return 2
+    chosen = parser.parse_args(words)
+    module, _ = COMMANDS[chosen.command]
+    folder = "walking.commands" if module == WALKING else "soft_limb.commands"
+    command = importlib.import_module(f"{folder}.{module}").COMMANDS[chosen.command]
+    return run_words(command, f"soft-limb {chosen.command}", chosen.arguments, chosen.modules)
 
 
 def run_words(command: Any, prog: str, words: Sequence[str], modules: Sequence[str] = ()) -> int:
@@ -109,7 +99,7 @@ def run_words(command: Any, prog: str, words: Sequence[str], modules: Sequence[s
     return run_command(lambda: command.run(options), command.stopped)
 
 
-def _print_results(prog: str) -> bool:
+def _print_results() -> bool:
     """Lists the newest results in this folder; whether there are any."""
     found = [(kind, file) for file in find(Path()) if (kind := glance(file.path))]
     if found:
@@ -118,40 +108,36 @@ def _print_results(prog: str) -> bool:
         changed = datetime.datetime.fromtimestamp(file.changed)
         print(f"  {changed:%Y-%m-%d %H:%M}  {kind:<10}  {file.key}")
     if found:
-        print(f"\n{prog} runs shows them on a page, {prog} show FILE says what one is, and")
-        print(f"{prog} --help lists all commands.")
+        print("\nsoft-limb runs -o index.html writes a page about them, soft-limb show FILE says")
+        print("what one is, and soft-limb --help lists all commands.")
     return bool(found)
 
 
-def _door(prog: str, names: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser up to the name of a command, whose module need not be imported for it."""
-    width = max(map(len, names))
+def _top_level_parser() -> argparse.ArgumentParser:
+    """Return the parser up to the name of a command, whose module need not be imported for it."""
+    width = max(map(len, COMMANDS))
     parser = argparse.ArgumentParser(
-        prog=prog,
+        prog="soft-limb",
         description="Calibrates, plans for and drives soft limbs that are bent by heat.",
         epilog="commands:\n"
-        + "".join(f"  {name:<{width}}  {COMMANDS[name][1]}\n" for name in names)
-        + f"\n{prog} COMMAND --help explains each of them.\n{EXIT_STATUS}",
+        + "".join(f"  {name:<{width}}  {what}\n" for name, (_, what) in COMMANDS.items())
+        + f"\nsoft-limb COMMAND --help explains each of them.\n{EXIT_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
     _add_import_option(parser)
-    parser.add_argument("command", type=_among(names), metavar="COMMAND", help="one of those below")
+    parser.add_argument("command", type=_command_name, metavar="COMMAND", help="one of those below")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
     return parser
 
 
-def _among(names: Sequence[str]) -> Callable[[str], str]:
-    """Return the check of a command's name, whose error says which name is near."""
-
-    def check(name: str) -> str:
-        if name in names:
-            return name
-        raise argparse.ArgumentTypeError(
-            f"there is no command {name!r}{nearest(name, names)}; --help lists all."
-        )
-
-    return check
+def _command_name(name: str) -> str:
+    """Return the name of a command, or say which name is near."""
+    if name in COMMANDS:
+        return name
+    raise argparse.ArgumentTypeError(
+        f"there is no command {name!r}{nearest(name, list(COMMANDS))}; --help lists all."
+    )
 
 
 def _add_import_option(parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,6 @@ import runpy
 import shlex
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -202,34 +201,28 @@ def test_first_steps_of_the_readme_run(tmp_path, monkeypatch):
     )
     monkeypatch.chdir(tmp_path)
     for line in script.splitlines():
-        if not line.startswith("python -m "):
+        if line.startswith("soft-limb "):
+            assert main(shlex.split(line, comments=True)[1:]) == 0
+        else:
             subprocess.run(["sh", "-e", "-c", line], check=True)
-            continue
-        monkeypatch.setattr(sys, "argv", shlex.split(line, comments=True)[2:])
-        with pytest.raises(SystemExit) as ended:
-            runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
-        assert not ended.value.code
     for name in ("plan.csv", "plan.png", "recording.csv", "tracking.png"):
         assert (tmp_path / "out" / name).stat().st_size > 10_000
 
 
 def test_commands_parse(monkeypatch):
-    """Each that a page shows, through either door."""
+    """Each that a page shows."""
     monkeypatch.setattr("soft_limb.command.run_command", lambda run, stopped: 0)
     lines = [
         line
         for text in TEXTS.values()
         for code, _ in blocks(text, "sh")
         for line in code.splitlines()
-        if line.startswith(("python -m planners", "python -m calibration", "python -m hardware"))
-        or line.startswith("soft-limb ")
+        if line.startswith("soft-limb ")
     ]
     assert len(lines) > 40
     for line in lines:
-        words = shlex.split(line, comments=True)
-        package, words = ("", words[1:]) if words[0] == "soft-limb" else (words[2], words[3:])
         try:
-            assert main(words, package) == 0
+            assert main(shlex.split(line, comments=True)[1:]) == 0
         except SystemExit:
             pytest.fail(f"not accepted: {line}")
 

@@ -71,15 +71,11 @@ def test_holds_the_packages_and_nothing_else(wheel):
 
 
 def test_packages_are_those_of_the_wheel(installed, tmp_path):
-    """And have what the demo needs, which itself takes two minutes."""
     script = "".join(f"import {name}\nprint({name}.__file__)\n" for name in PACKAGES)
-    script += "import soft_limb.commands.emulated, soft_limb.evaluation.reproduce\n"
-    script += "from soft_limb.evaluation.experiment import HANDS, hand_course\n"
-    script += "print(*(hand_course(name).end_time() for name in HANDS))\n"
     (tmp_path / "where.py").write_text(script)
     done = run(installed, tmp_path, "where")
     homes = [str(installed / name / "__init__.py") for name in PACKAGES]
-    assert done.stdout.split() == [*homes, "60.0", "60.0"]
+    assert done.stdout.split() == homes
 
 
 def test_plans_and_replays_away_from_the_checkout(installed, tmp_path):
@@ -87,8 +83,8 @@ def test_plans_and_replays_away_from_the_checkout(installed, tmp_path):
     parameters.temperature_limits.warm_up_time = 1000.0
     parameters.save(tmp_path / "limb.yaml")
     (tmp_path / "reference.csv").write_text("0,0\n1,0\n3,12\n4,12\n")
-    planning = ("planners", "reference.csv", "-l", "limb.yaml", "-o", "plan.csv")
-    replaying = ("hardware", "replay", "plan.csv", "-o", "recording.csv")
+    planning = ("soft_limb", "plan", "reference.csv", "-l", "limb.yaml", "-o", "plan.csv")
+    replaying = ("soft_limb", "replay", "plan.csv", "-o", "recording.csv")
     for command in (planning, replaying):
         done = run(installed, tmp_path, *command)
         assert (done.returncode, done.stderr) == (0, "")

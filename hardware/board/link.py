@@ -392,7 +392,7 @@ class BoardLink(Closed):
         if sample.latched:
             raise HardwareError(
                 f"The board on {self.port} refuses to be armed: {sample.reason_text}. "
-                "Mend it, then clear the fault: python -m hardware status PORT --clear."
+                "Mend it, then clear the fault: soft-limb status PORT --clear."
             )
         self._session, self._sequence = sample.challenge, 0
         self._unanswered.clear()

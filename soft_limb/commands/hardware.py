@@ -37,6 +37,7 @@ from limb_systems.simulation import PERIOD
 from limb_systems.summary import Summary
 from limb_systems.views.panels import tracking_panels
 from planners.plan_check import far_from_reference
+from planners.references import from_samples
 from soft_limb.commands.options import (
     TASK_HELP,
     Command,
@@ -363,9 +364,8 @@ def _taught_limb(options: argparse.Namespace) -> tuple[LimbSystem, float]:
     if options.hand:
         motion = reference_from_file(options.hand, 0.5)
     elif Layout(limb).is_planar:
-        from soft_limb.evaluation.experiment import hand_course  # takes long to import
-
-        motion = hand_course("T&R 1")
+        times = np.linspace(0.0, 60.0, 601)
+        motion = from_samples(times, np.deg2rad(15.0) * np.sin(times / 4.0))
     else:
         motion = NAMED["circle"]()
     twin = LimbTwin(limb, seed=options.emulated, hand=motion)
@@ -539,7 +539,7 @@ COMMANDS = {
                 "--hand",
                 metavar="REFERENCE",
                 help="what the emulated hand moves it through, as soft-limb plan takes it; a "
-                "motion of 60 s within 20° if left out",
+                "motion of 60 s within 15° if left out",
             ),
         ],
         examples=[

@@ -1,10 +1,8 @@
 """Commands that say what files are and how they differ, and that write them for other tools."""
 
 import argparse
-import asyncio
 import functools
 import json
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,12 +11,10 @@ from limb_systems import LimbParameters
 from limb_systems.errors import LimbError
 from limb_systems.files.duty_export import write_c_header, write_rows
 from limb_systems.files.output import OutputError, check_outputs, write_atomically
-from limb_systems.files.provenance import Provenance
 from limb_systems.summary import Summary
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
-from soft_limb.live.live_page import LOOPBACK, host_and_port, open_in_browser
 from soft_limb.results.comparison import compare, comparison_page
-from soft_limb.results.overview import ListedFile, Overview, overview_page
+from soft_limb.results.overview import overview_page
 from soft_limb.results.read_result import LIMB, TRAJECTORY, read_result
 from urdf import limb_sdf, limb_urdf
 
@@ -93,24 +89,8 @@ def _export(options: argparse.Namespace) -> int:
 
 def _runs(options: argparse.Namespace) -> int:
     check_outputs([options.output], force=options.force)
-    if options.output:
-        overview, folder = Overview(options.folder), options.output.resolve().parent
-        overview.look()
-
-        def link(file: ListedFile) -> str:
-            return Path(os.path.relpath(file.path.resolve(), folder)).as_posix()
-
-        made = overview_page(overview, link, provenance=Provenance.now())
-        write_atomically(options.output, made)
-        print_summary(options, Summary([]), [options.output])
-        return 0
-    # Servers take as long to import as all the rest.
-    from soft_limb.live.start_page import StartPage
-
-    page = StartPage(options.folder, *host_and_port(options.address), options.modules)
-    print(f"runs        {page.url}", flush=True)
-    open_in_browser(page.url)
-    asyncio.run(page.serve())
+    write_atomically(options.output, overview_page(options.folder, options.output))
+    print_summary(options, Summary([]), [options.output])
     return 0
 
 
@@ -143,23 +123,15 @@ COMMANDS = {
     ),
     "runs": Command(
         _runs,
-        "Shows plans, recordings, limbs and what was learned in a folder and below on a page of "
-        "this computer, newest first, with reports and what belongs together. The page compares "
-        "results, and replays plans on emulated limbs, never on a robot. Ctrl-C ends it.",
+        "Writes one page about the plans, recordings, limbs and what was learned in a folder and "
+        "below, newest first: small pictures, what belongs together, and links to reports.",
         "force",
         [
             Option("folder", nargs="?", type=Path, default=Path(), help="this one if left out"),
-            shared("output", required=False, help="write the page, without a server (.html)"),
-            Option(
-                "--address",
-                metavar="HOST[:PORT]",
-                default=LOOPBACK,
-                help="serve it there, for other computers too, with a token in its address "
-                "(default %(default)s, and a free port)",
-            ),
+            shared("output", help="page to write (.html)"),
         ],
-        stopped="stopped; the page is gone",
-        examples=["soft-limb runs out"],
+        stopped=STOPPED,
+        examples=["soft-limb runs out -o out/index.html"],
     ),
     "export": Command(
         _export,

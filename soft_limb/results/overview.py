@@ -1,14 +1,14 @@
-"""All results in a folder, and what belongs together, as a page."""
+"""All results in a folder, and what belongs together, as one page without a server."""
 
 import dataclasses
 import datetime
 import itertools
+import os
 import shlex
-import time
 import urllib.parse
 from collections import defaultdict
-from collections.abc import Callable, Sequence
-from pathlib import Path, PurePosixPath
+from collections.abc import Sequence
+from pathlib import Path, PurePath
 
 import numpy as np
 from markupsafe import Markup
@@ -16,37 +16,33 @@ from markupsafe import Markup
 from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
-from limb_systems.files.table_writer import is_unfinished
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.layout import Layout
 from limb_systems.views.colors import (
-    NEUTRAL_COLOR,
     PLAN_COLOR,
     REFERENCE_COLOR,
     ROLLOUT_COLOR,
     wire_colors,
 )
-from soft_limb.command import COMMANDS
 from soft_limb.reports import page
-from soft_limb.results.folder import FoundFile, find, glance
+from soft_limb.results.folder import find, glance
 from soft_limb.results.read_result import (
     GAIT,
     LEARNING,
     LIMB,
     RECORDING,
+    REFERENCE,
     REPORT,
     ROBOT,
-    TASK,
     TRAJECTORY,
+    ResultFile,
     read_result,
 )
 from walking.gait import Gait
 
-RECENT = 5.0  # s since the last change of a recording
-BEING_RECORDED = "it is being recorded, or its program was killed just now"
-POINTS = 150  # of a curve in a small picture
+PICTURE_POINTS = 150  # of a curve in a small picture
 WIDTH, HEIGHT = 240.0, 56.0  # of a panel of a small picture
-_DASHED, _DOTTED = "4 3", "1 3"  # bends towards E3 are dotted
+DASHED = "4 3"
 # Of kinds of files, those from which they are made.
 _MADE_FROM = {
     RECORDING: (TRAJECTORY, LIMB, ROBOT, GAIT),
@@ -55,285 +51,179 @@ _MADE_FROM = {
     LEARNING: (TRAJECTORY,),
     LIMB: (RECORDING, LIMB),
 }
-_OUTPUTS = ("-o", "--output", "--plot", "--report", "--diagnostics")  # options of commands
-# What a summary has for who looks at one file.
+_OUTPUT_OPTIONS = ("-o", "--output", "--plot", "--report", "--diagnostics")
+# Facts that only somebody who looks at one file needs.
 _DETAILS = {"rate", "samples", "limb", "solver", "limits", "title", "recordings", "made by"}
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class ListedFile:
-    """What is kept of a file.
+def overview_page(folder: Path, output: Path) -> str:
+    """Return the page of a folder and the folders below, HTML.
 
-    - ``key``, ``path``: as of `FoundFile`.
-    - ``time``: when it was made, as far as it says so, else changed, s since 1970.
-    - ``kind``: as of `ResultFile`; empty if the file cannot be read.
-    - ``facts``: key figures by their names.
-    - ``picture``: small picture of the signals, SVG.
-    - ``made``: what made it; None if it does not say.
-    - ``digest``: digest of the limb's parameters; empty if there are none.
-    - ``trouble``: why it cannot be read, in a sentence; else empty.
+    Args:
+        folder: folder of the results.
+        output: file that the page is for; links are relative to it, and it is not listed.
+
+    Raises:
+        LimbError: if the folder cannot be listed.
     """
-
-    key: str
-    path: Path
-    time: float
-    kind: str = ""
-    facts: dict[str, str] = dataclasses.field(default_factory=dict)
-    picture: str | Markup = ""
-    made: Provenance | None = None
-    digest: str = ""
-    trouble: str = ""
-
-    @property
-    def folder(self) -> PurePosixPath:
-        """The folder that the file is in."""
-        return PurePosixPath(self.key).parent
-
-
-class Overview:
-    """Results in a folder and below; a file is read again only if it has changed.
-
-    - ``files``: files that have been read, newest first.
-    - ``unread``: number of files that are still to be read.
-    """
-
-    def __init__(self, folder: str | Path):
-        """
-        Args:
-            folder: path of the folder.
-        """
-        self.folder = Path(folder)
-        self.files: list[ListedFile] = []
-        self.unread = 0
-        self._known: dict[FoundFile, ListedFile] = {}
-
-    def look(self, patience: float = float("inf")) -> None:
-        """List the files that are there now, and read some for so long, s; at least one file.
-
-        Raises:
-            LimbError: if the folder cannot be read.
-        """
-        try:
-            found = find(self.folder)
-        except OSError as error:
-            raise LimbError(f"Cannot list {self.folder}: {error.strerror}.") from error
-        known = {
-            file: self._known[file]
-            for file in found
-            # What was being recorded is asked again whether it still is.
-            if file in self._known and self._known[file].facts.get("end") != BEING_RECORDED
-        }
-        end = time.monotonic() + patience
-        for file in found:
-            if file not in known:
-                known[file] = list_file(file)
-                if time.monotonic() > end:
-                    break
-        self._known, self.unread = known, len(found) - len(known)
-        listed = [file for file in known.values() if file.kind or file.trouble]
-        self.files = sorted(listed, key=lambda file: (-file.time, file.key))
-
-    def of_kind(self, *kinds: str) -> list[ListedFile]:
-        """The files of some kinds."""
-        return [file for file in self.files if file.kind in kinds]
-
-    def origins(self) -> dict[str, list[ListedFile]]:
-        """Files from which each file was made, by its key.
-
-        They are older, and named in the command that made it, or the plan of a recording that the
-        same command made in the same folder; or they are a limb of its limb's digest.
-        """
-        named, limbs = defaultdict(list), {f.digest: f for f in self.of_kind(LIMB, ROBOT)}
-        for file in self.of_kind(RECORDING, TRAJECTORY, GAIT, LIMB, ROBOT):
-            for name in (PurePosixPath(file.key).name, f"{file.folder.name}/"):
-                named[name].append(file)
-        found = {}
-        for file in self.of_kind(*_MADE_FROM):
-            origins: list[ListedFile] = []
-            for word in map(PurePosixPath, _inputs(file.made)):
-                for name in (word.name, f"{word.name}/"):  # a file, or all in a folder
-                    older = [
-                        other
-                        for other in named[name]
-                        if other is not file
-                        and other.kind in _MADE_FROM[file.kind]
-                        and other.time <= file.time
-                    ]
-                    origins += _nearest(file, word, older)
-            if file.kind == RECORDING and file.made:
-                origins += [
-                    other
-                    for other in named[f"{file.folder.name}/"]
-                    if other.kind == TRAJECTORY
-                    and other.made
-                    and (other.folder, other.made.command) == (file.folder, file.made.command)
-                ]
-            if file.kind in (RECORDING, TRAJECTORY, GAIT) and file.digest in limbs:
-                origins.append(limbs[file.digest])
-            found[file.key] = list(dict.fromkeys(origins))
-        return found
-
-    def pages(self) -> dict[str, list[ListedFile]]:
-        """Reports and replays of each file, by its key: they have its provenance."""
-        by_stamp = defaultdict(list)
-        for report in self.of_kind(REPORT):
-            by_stamp[report.made].append(report)
-        return {
-            file.key: by_stamp[file.made]
-            for file in self.of_kind(*_MADE_FROM)
-            if file.made and file.made in by_stamp
-        }
-
-
-def list_file(file: FoundFile) -> ListedFile:
-    """Read a file, whatever it is; a text file of another program has no kind and no trouble."""
-    listed = ListedFile(file.key, file.path, file.changed)
-    if not glance(file.path) and file.path.suffix in (".txt", ".html"):
-        unstamped = f"{file.path} is a page that does not say what made it."
-        return dataclasses.replace(listed, trouble=unstamped * (file.path.suffix == ".html"))
-    try:
-        result = read_result(file.path, quick=True)
-    except LimbError as error:
-        return dataclasses.replace(listed, trouble=str(error))
-    facts = {
-        name: text.splitlines()[0]
-        for name, text in result.summary.texts().items()
-        if name not in _DETAILS
+    files, troubles = _read_files(folder, output.resolve())
+    origins = find_origins(files)
+    results = defaultdict(list)
+    for file in files:
+        for origin in origins[file]:
+            results[origin].append(file)
+    # A report has the provenance of its result.
+    reports = [file for file in files if file.kind == REPORT]
+    pages = {
+        file: [report for report in reports if report.provenance == file.provenance]
+        for file in files
+        if file.kind in _MADE_FROM
     }
-    if is_unfinished(file.path) and time.time() - file.changed < RECENT:
-        facts["end"] = BEING_RECORDED
-    if result.kind == REPORT:
-        facts = {"title": result.summary.texts()["title"]}
-    value = result.value
-    described = getattr(value, "robot", None) or getattr(value, "parameters", None)
-    parameters = value if result.kind in (LIMB, ROBOT) else described
-    return dataclasses.replace(
-        listed,
-        time=_seconds(result.provenance) or file.changed,
-        kind=result.kind,
-        facts=facts,
-        picture=small_picture(value),
-        made=result.provenance,
-        digest=parameters.digest if parameters else "",
+    linked = {report for of_file in pages.values() for report in of_file}
+
+    def href(file: ResultFile) -> str:
+        relative = os.path.relpath(file.path.resolve(), output.resolve().parent)
+        return urllib.parse.quote(Path(relative).as_posix())
+
+    return page.template("overview.html").render(
+        folder=folder.resolve().name or str(folder.resolve()),
+        provenance=dataclasses.asdict(Provenance.now()),
+        files=[file for file in files if file.kind not in (REPORT, REFERENCE)],
+        others=[report for report in reports if report not in linked],
+        troubles=troubles,
+        origins=origins,
+        results=results,
+        pages=pages,
+        href=href,
+        key=lambda file: file.path.relative_to(folder).as_posix(),
+        day=lambda file: f"{datetime.datetime.fromtimestamp(_time_of(file)):%Y-%m-%d %H:%M}",
+        title=lambda file: file.summary.texts()["title"],
+        facts=_facts,
+        picture=lambda file: small_picture(file.value),
     )
 
 
-def _seconds(made: Provenance | None) -> float | None:
+def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]]:
+    """Return the files of a folder that can be read, newest first, and why others cannot be."""
     try:
-        return datetime.datetime.fromisoformat(made.time).timestamp() if made else None
-    except ValueError:
-        return None
+        found = find(folder)
+    except OSError as error:
+        raise LimbError(f"Cannot list {folder}: {error.strerror}.") from error
+    files, troubles = [], []
+    for path in [file.path for file in found if file.path.resolve() != output]:
+        if path.suffix == ".txt" and not glance(path):
+            continue  # a text of somebody else
+        try:
+            file = read_result(path, quick=True)
+        except LimbError as error:
+            troubles.append(str(error))
+            continue
+        if file.kind == REPORT and not file.provenance:
+            troubles.append(f"{path} is a page that does not say what made it.")
+        else:
+            files.append(file)
+    return sorted(files, key=lambda file: (-_time_of(file), str(file.path))), troubles
 
 
-def _inputs(made: Provenance | None) -> list[str]:
-    """The words of a command that may be files which it read."""
+def _time_of(file: ResultFile) -> float:
+    """Return when a file was made, or last changed if it does not say, s since 1970."""
+    try:
+        return datetime.datetime.fromisoformat(file.provenance.time).timestamp()
+    except (AttributeError, ValueError):
+        return file.path.stat().st_mtime
+
+
+def _facts(file: ResultFile) -> dict[str, str]:
+    """Return the first line of each key figure, by its name."""
+    texts = file.summary.texts().items()
+    return {name: text.splitlines()[0] for name, text in texts if name not in _DETAILS}
+
+
+def find_origins(files: Sequence[ResultFile]) -> dict[ResultFile, list[ResultFile]]:
+    """Return the files from which each file was made.
+
+    These are older files that its command names, the plan of a recording that the same command
+    made in the same folder, and the limb whose digest its parameters have.
+    """
+    times = {file: _time_of(file) for file in files}
+    limbs = {file.value.digest: file for file in files if file.kind in (LIMB, ROBOT)}
+    origins = {}
+    for file in files:
+        kinds = _MADE_FROM.get(file.kind, ())
+        older = [o for o in files if o.kind in kinds and times[o] <= times[file] and o is not file]
+        found: list[ResultFile] = []
+        # What the command names: a file, or all files of a folder.
+        for word in _input_names(file.provenance):
+            named = [other for other in older if word in (other.path.name, other.path.parent.name)]
+            found += _nearest(file, named)
+        # The plan that the same command made beside it.
+        if file.kind == RECORDING and file.provenance:
+            made_by = (file.path.parent, file.provenance.command)
+            plans = [other for other in older if other.kind == TRAJECTORY and other.provenance]
+            found += [p for p in plans if (p.path.parent, p.provenance.command) == made_by]
+        # The limb.
+        if file.kind in (RECORDING, TRAJECTORY, GAIT):
+            described = getattr(file.value, "robot", None) or file.value.parameters
+            found += [limbs[described.digest]] if described.digest in limbs else []
+        origins[file] = list(dict.fromkeys(found))
+    return origins
+
+
+def _input_names(made: Provenance | None) -> list[str]:
+    """Return the names of files and folders that a command may have read."""
     try:
         words = shlex.split(made.command) if made else []
     except ValueError:  # it was too long, and cut
         return []
-    return [
-        word
-        for before, word in itertools.pairwise(["", *words])
-        if before not in _OUTPUTS and word not in COMMANDS and not word.startswith("-")
-    ]
+    inputs = [w for option, w in itertools.pairwise(words) if option not in _OUTPUT_OPTIONS]
+    return [name for word in inputs if (name := PurePath(word).name)]
 
 
-def _nearest(
-    file: ListedFile, word: PurePosixPath, candidates: Sequence[ListedFile]
-) -> list[ListedFile]:
-    """Of files with the name, or in the folder, of a path in a command, those that are meant.
+def _nearest(file: ResultFile, named: Sequence[ResultFile]) -> list[ResultFile]:
+    """Return the files in the folder nearest to a file, as nobody knows where its command ran."""
 
-    Nobody knows in which folder the command ran: those nearest to the file that it made.
-    """
-    parts = tuple(part for part in word.parts if part not in ("/", ".", ".."))
-    shared: dict[PurePosixPath, int] = {}
-    for other in candidates:
-        theirs = PurePosixPath(other.key)
-        if theirs.name != word.name:
-            theirs = theirs.parent
-        length = min(len(parts), len(theirs.parts))
-        if parts[len(parts) - length :] == theirs.parts[-length:]:
-            pairs = zip(other.folder.parts, file.folder.parts, strict=False)
-            shared[other.folder] = sum(a == b for a, b in pairs)
-    meant = max(shared, key=lambda folder: (shared[folder], -len(folder.parts)), default=None)
-    return [other for other in candidates if other.folder == meant]
+    def nearness(folder: Path) -> tuple[int, int]:
+        shared = Path(os.path.commonpath([folder, file.path.parent]))
+        return len(shared.parts), -len(folder.parts)
+
+    nearest = max((other.path.parent for other in named), key=nearness, default=None)
+    return [other for other in named if other.path.parent == nearest]
 
 
 def small_picture(run: object) -> Markup:
-    """The bend angles and temperatures of a recording, plan or gait in small, as SVG."""
+    """Return the bends and temperatures of a recording, plan or gait in small, SVG."""
     if not isinstance(run, Recording | Trajectory | Gait):
         return Markup()
-    good = np.flatnonzero(run.usable if isinstance(run, Recording) else np.ones(len(run.time)))
-    if len(good) < 2:
+    # Choose the samples.
+    usable = np.flatnonzero(run.usable if isinstance(run, Recording) else np.ones(len(run.time)))
+    if len(usable) < 2:
         return Markup()
-    kept = good[np.unique(np.linspace(0, len(good) - 1, POINTS).astype(int))]
-    times = run.time[kept] - run.time[0]
+    evenly = np.linspace(0, len(usable) - 1, PICTURE_POINTS).astype(int)
+    kept = usable[np.unique(evenly)]
+    # Choose the lines: the reference, the bends (those towards E3 dashed) and the wires.
+    bends = np.rad2deg(run.bend_angle)
+    wires = run.measured_temperature
     color = ROLLOUT_COLOR if isinstance(run, Recording) else PLAN_COLOR
-    asked = None if isinstance(run, Gait) else run.reference
-    angles, wires = np.rad2deg(run.bend_angle), run.measured_temperature
-    bend = [(row, REFERENCE_COLOR, _DASHED) for row in ([] if asked is None else np.rad2deg(asked))]
-    towards = Layout(run.parameters).bend_direction
-    bend += [(row, color, ("", _DOTTED)[axis]) for row, axis in zip(angles, towards, strict=True)]
-    heat = [(row, shade, "") for row, shade in zip(wires, wire_colors(len(wires)), strict=True)]
-    limit = np.full(len(run.time), run.parameters.temperature_limits.maximum)
-    heat.append((limit, NEUTRAL_COLOR, _DOTTED))
-    drawn = []
-    for name, unit, lines, read in (
-        ("bend angle", "°", bend, angles[:, good]),
-        ("temperature", " °C", heat, wires[:, good]),
+    dashes = [DASHED if axis else "" for axis in Layout(run.parameters).bend_direction]
+    bend_lines = [(row, color, dash) for row, dash in zip(bends, dashes, strict=True)]
+    reference = None if isinstance(run, Gait) else run.reference
+    if reference is not None:
+        bend_lines += [(row, REFERENCE_COLOR, "") for row in np.rad2deg(reference)]
+    shades = wire_colors(len(wires))
+    wire_lines = [(row, shade, "") for row, shade in zip(wires, shades, strict=True)]
+    # Scale them to the panels.
+    times = run.time[kept] - run.time[kept[0]]
+    panels = []
+    for name, unit, lines, values in (
+        ("bend angle", "°", bend_lines, bends[:, usable]),
+        ("temperature", " °C", wire_lines, wires[:, usable]),
     ):
         rows = np.array([row[kept] for row, *_ in lines])
-        heights = HEIGHT * (rows.max() - rows) / max(np.ptp(rows), 1e-9)
-        points = [
-            " ".join(
-                f"{WIDTH * x / times[-1]:.1f},{y:.1f}" for x, y in zip(times, row, strict=True)
-            )
-            for row in heights
-        ]
-        styled = [(text, *style) for text, (_, *style) in zip(points, lines, strict=True)]
-        ends = f"{read.min():.0f} to {read.max():.0f}{unit}"
-        drawn.append((name, ends, f"{times[-1]:.0f} s", styled))
-    return page.part("picture_in_small", drawn, WIDTH, HEIGHT)
-
-
-def overview_page(
-    overview: Overview,
-    link: Callable[[ListedFile], str],
-    *,
-    provenance: Provenance | None = None,
-    served: bool = False,
-    news: Sequence[tuple[str, str]] = (),
-) -> str:
-    """The page, HTML.
-
-    Args:
-        link: function that gives the address of a file, before it is quoted.
-        provenance: what makes it, of one that is kept.
-        served: whether there is a server that compares and starts.
-        news: sentences on what was started, each with a link or "".
-    """
-    origins = overview.origins()
-    by_key = {file.key: file for file in overview.files}
-    results: dict[str, list[ListedFile]] = {}
-    for key, files in origins.items():
-        for file in files:
-            results.setdefault(file.key, []).append(by_key[key])
-    pages = overview.pages()
-    shown = {report.key for of_file in pages.values() for report in of_file}
-    return page.template("overview.html").render(
-        folder=overview.folder.resolve().name or str(overview.folder.resolve()),
-        unread=overview.unread,
-        provenance=provenance and dataclasses.asdict(provenance),
-        served=served,
-        news=news,
-        files=overview.of_kind(RECORDING, TRAJECTORY, GAIT, LEARNING, LIMB, ROBOT, TASK),
-        others=[report for report in overview.of_kind(REPORT) if report.key not in shown],
-        foreign=[file.trouble for file in overview.files if file.trouble],
-        origins=origins,
-        results=results,
-        pages=pages,
-        compared=(RECORDING, TRAJECTORY, LIMB),
-        startable=TRAJECTORY,
-        href=lambda file: urllib.parse.quote(link(file)),
-        day=lambda file: f"{datetime.datetime.fromtimestamp(file.time):%Y-%m-%d %H:%M}",
-    )
+        points = np.empty((len(rows), len(kept), 2))
+        points[..., 0] = WIDTH * times / times[-1]
+        points[..., 1] = HEIGHT * (rows.max() - rows) / max(np.ptp(rows), 1e-9)
+        texts = [" ".join(f"{x:.1f},{y:.1f}" for x, y in line) for line in points]
+        styled = [(text, *style) for text, (_, *style) in zip(texts, lines, strict=True)]
+        ends = f"{values.min():.0f} to {values.max():.0f}{unit}"
+        panels.append((name, ends, f"{times[-1]:.0f} s", styled))
+    return page.part("picture_in_small", panels, WIDTH, HEIGHT)

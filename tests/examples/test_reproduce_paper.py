@@ -20,6 +20,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from reproduce_paper import error_split, tables
+from reproduce_paper import experiment as experiments
+from reproduce_paper.ways import LEARNING, BendPath, Way
 from scipy.interpolate import CubicSpline
 
 from calibration import calibrate, collect_from_twin
@@ -35,9 +38,6 @@ from limb_systems import (
     simulate,
 )
 from planners import plan, references
-from soft_limb.evaluation import error_split, tables
-from soft_limb.evaluation import experiment as experiments
-from soft_limb.evaluation.ways import LEARNING, BendPath, Way
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LAWS = (LinearLaw,)  # plans for the others take several times as long
@@ -73,13 +73,13 @@ def demo(tmp_path_factory):
             PAUSE=20.0,
         ),
         mock.patch("calibration.prediction.law_fit.MOST_ITERATIONS", 4),
-        mock.patch("soft_limb.evaluation.ways.PAUSE", 20.0),
-        mock.patch.object(sys, "argv", ["reproduce_paper.py", str(folder), "--quick"]),
+        mock.patch("reproduce_paper.ways.PAUSE", 20.0),
+        mock.patch.object(sys, "argv", ["demo.py", str(folder)]),
         contextlib.redirect_stdout(said),
         contextlib.redirect_stderr(complained),
         pytest.raises(SystemExit) as ended,
     ):
-        runpy.run_path(str(EXAMPLES / "reproduce_paper.py"), run_name="__main__")
+        runpy.run_path(str(EXAMPLES / "demo.py"), run_name="__main__")
     assert ended.value.code == 0, complained.getvalue()
     return folder, said.getvalue(), complained.getvalue()
 

@@ -83,12 +83,12 @@ class VirtualBoard(Board):
 
 
 class Emulator(Board):
-    """``python -m hardware emulate``, with its log, in real time."""
+    """``soft-limb emulate``, with its log, in real time."""
 
     def __init__(self, folder, *options):
         self.log = folder / f"log_{time.monotonic_ns()}.jsonl"
         self._begin = 0
-        command = [sys.executable, "-m", "hardware", "emulate", "--log", str(self.log), *options]
+        command = [sys.executable, "-m", "soft_limb", "emulate", "--log", str(self.log), *options]
         self.errors = folder / "errors.txt"
         with self.errors.open("w") as errors:
             self.process = subprocess.Popen(

@@ -153,7 +153,7 @@ def test_a_host_that_is_killed_leaves_the_wires_off_and_its_recording(
     fig5_plan.save(tmp_path / "plan.csv")
     output, journal = tmp_path / "recording.csv", tmp_path / "recording.unfinished.csv"
     output.write_text("old")
-    command = [sys.executable, "-m", "hardware", "replay", tmp_path / "plan.csv", "-o", output]
+    command = [sys.executable, "-m", "soft_limb", "replay", tmp_path / "plan.csv", "-o", output]
     command += ["-p", real_emulator.port, "--force"]
     process = start_heating(real_emulator, lambda: start_host(command))
     # A recording in which a duty was applied is on the disk, or the host is late and has ended.
@@ -218,8 +218,8 @@ def test_an_emulated_hand_teaches(tmp_path, capsys):
     recording = Recording.load(output)
     assert recording.source.startswith("emulated limb")
     assert recording.duty.max() == 0.0
-    at = np.interp([6.9, 10.0], recording.time, np.rad2deg(recording.bend_angle[0]))
-    np.testing.assert_allclose(at, [12.0, -4.0], atol=3.0)  # as the hand and the sensor are
+    at = np.interp([6.3, 11.0], recording.time, np.rad2deg(recording.bend_angle[0]))
+    np.testing.assert_allclose(at, [15.0, 5.7], atol=3.0)  # 15° sin(t / 4), and the sensor
     assert main(teach) == 1
     assert main([*teach, "port", "--emulated", "3"]) == 1
     assert main([*teach, "--emulated", "3", "--hand", "circle"]) == 1

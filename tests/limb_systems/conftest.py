@@ -1,6 +1,5 @@
 """What several tests share: an independent model, limbs to try, how errors must read."""
 
-
 import numpy as np
 import pytest
 

@@ -53,7 +53,7 @@ def test_a_simulation_is_stamped_with_what_made_it(monkeypatch):
 def test_a_command_is_as_it_was_typed_but_for_secrets():
     for arguments, command in (
         (["/opt/bin/soft-limb", "plan", "my file.csv"], "soft-limb plan 'my file.csv'"),
-        (["/opt/planners/__main__.py", "fig5", "-o", "x"], "python -m planners fig5 -o x"),
+        (["/opt/soft_limb/__main__.py", "show", "x"], "python -m soft_limb show x"),
         (["examples/own.py"], "python examples/own.py"),
         ([""], "python"),
         ([], "python"),

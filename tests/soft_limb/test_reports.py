@@ -84,6 +84,6 @@ def test_a_page_holds_its_parts_as_text():
         "<pre>k:  1\n  &lt;l&gt;</pre>",
         "<tr><th>name</th><th>°</th></tr>",
         "<tr><td>b</td><td>±\u00a02</td></tr>",  # no line break within
-        "<caption>measured &amp; counted</caption>",
+        "<figcaption>measured &amp; counted</figcaption>",
     ):
         assert text in made, text

@@ -16,8 +16,8 @@ from hardware import LimbTwin, present_readings, watch
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, Recording, Trajectory, resting_state
 from planners import Task, plan, references
-from soft_limb.evaluation.error_split import Split, error_split
-from soft_limb.evaluation.ways import (
+from reproduce_paper.error_split import Split, error_split
+from reproduce_paper.ways import (
     CLOSED_LOOP,
     DISTURBANCES,
     FEEDBACK,

@@ -14,9 +14,9 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.panels import Panel, tracking_panels
 from limb_systems.views.plots import WIDTH, Figure
-from soft_limb.evaluation.experiment import AS_DESCRIBED, HANDS, RAMPS, VALIDATION, Experiment
-from soft_limb.evaluation.tables import Followed, nearest_distance
-from soft_limb.evaluation.ways import FOLLOW, LEARNING, OPEN_LOOP, Way
+from reproduce_paper.experiment import AS_DESCRIBED, HANDS, RAMPS, VALIDATION, Experiment
+from reproduce_paper.tables import Followed, nearest_distance
+from reproduce_paper.ways import FOLLOW, LEARNING, OPEN_LOOP, Way
 from soft_limb.reports.calibration_report import validation_panels
 
 
@@ -59,29 +59,28 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
 
 
 def ways_shown(experiment: Experiment) -> dict[str, Way]:
-    """Return one rollout of each way in which the limb was driven along `RAMPS`.
+    """Return the ways in which the limb was driven along `RAMPS`.
 
-    The ways are open loop before and after calibration, `follow`, and the best repetition of
-    learning.
+    The ways are open loop before and after calibration, `follow`, and the repetition of learning
+    that was read nearest to the reference.
     """
     ways = experiment.ways[RAMPS]
     shown = {f"{OPEN_LOOP}, not calibrated": experiment.compared[AS_DESCRIBED][RAMPS]}
     shown |= {name: ways[name] for name in (OPEN_LOOP, FOLLOW)}
-    shown = {name: Way(way.trajectory, way.rollouts[:1]) for name, way in shown.items()}
     trajectory, learned = ways[LEARNING].trajectory, ways[LEARNING].rollouts
-    return shown | {f"{LEARNING}, best of {len(learned)}": Way(trajectory, learned[-1:])}
+    return shown | {f"{LEARNING}, best of {len(learned)} as read": Way(trajectory, learned[-1:])}
 
 
 def plot_ways(shown: Mapping[str, Way]) -> Figure:
     """Ways to drive one motion, side by side: bend as read and true, and V; see `ways_shown`.
 
-    Titles have the mean distance of the true bend from the reference, and above all is what the
-    limits leave.
+    Titles have the mean distance of the true bend from the reference over all rollouts, of which
+    the first one is drawn, and above all is what the limits leave.
     """
     figure = Figure(figsize=(2.0 * WIDTH, 4.6), layout="constrained")
     axes = figure.subplots(2, len(shown), sharex=True, sharey="row", height_ratios=[1.4, 1.0])
     for (bend, heat), (name, way) in zip(axes.T, shown.items(), strict=True):
-        (rollout,), plan = way.rollouts, way.trajectory.since_start()
+        rollout, plan = way.rollouts[0], way.trajectory.since_start()
         angles = rollout.bend_angle[0], true_bend(rollout).bend_angle[0]
         bend.set_title(f"{name}: {Followed.of(way).true_reference:.2f}°")
         wanted = np.rad2deg(plan.reference[0])
@@ -93,7 +92,7 @@ def plot_ways(shown: Mapping[str, Way]) -> Figure:
         for wire, color in enumerate(wire_colors(len(names))):
             reading, planned = rollout.measured_temperature[wire], plan.measured_temperature[wire]
             heat.plot(rollout.time, reading, color=color, lw=1.0, label=f"{names[wire]}, V")
-            heat.plot(plan.time, planned, "--", color=color, lw=1.0)
+            heat.plot(plan.time, planned, "--", color=color, lw=1.0, label=f"{names[wire]}, plan")
         heat.set_xlabel("time (s)")
         for axis in (bend, heat):
             axis.grid(alpha=0.25)
@@ -143,6 +142,7 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str
     result["ways"] = (
         plot_ways(ways_shown(experiment)),
         "Ramps that the limb can follow: open loop before and after calibration, follow, and the "
-        "best repetition of learning",
+        "repetition of learning that was read nearest to the reference. Each curve is the first "
+        "rollout, and each distance is the mean over all rollouts",
     )
     return result

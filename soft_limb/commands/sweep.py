@@ -1,14 +1,12 @@
-"""Commands that need no robot: the demo, and many combinations of limbs, motions and tasks."""
+"""The command that needs no robot: many combinations of limbs, motions and tasks."""
 
 import argparse
 import os
 import re
-from pathlib import Path
 
 import numpy as np
 
 from limb_systems import LimbParameters
-from limb_systems.files.output import check_outputs
 from limb_systems.progress import Progress
 from limb_systems.summary import Summary
 from soft_limb.commands.options import (
@@ -21,29 +19,10 @@ from soft_limb.commands.options import (
     say_duration,
     shared,
 )
-from soft_limb.results.summaries import plan_summary
 from soft_limb.runs.jobs import executor_of
-from soft_limb.runs.plan_run import plan_from_files, task_named
+from soft_limb.runs.plan_run import task_named
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
 from soft_limb.runs.sweep import cases, means, sweep
-
-PLAN, REPORT = "first_plan.csv", "report.html"
-
-
-def _demo(options: argparse.Namespace) -> int:
-    outputs = [options.folder / PLAN, options.folder / REPORT]
-    check_outputs(outputs, force=options.force)
-    say_duration("about two minutes on two cores")
-    print("planning ramps for the limb as described ...", flush=True)
-    trajectory = plan_from_files("ramps", LimbParameters())
-    trajectory.save(outputs[0])
-    print_summary(options, plan_summary(trajectory), outputs[:1])
-    # Takes as long to import as all the rest.
-    from soft_limb.evaluation.experiment import Settings
-    from soft_limb.evaluation.reproduce import reproduce_in
-
-    demo = Settings(0, compare=False, disturb=False, quick=True)
-    return reproduce_in(options.folder, [demo])
 
 
 def _sweep(options: argparse.Namespace) -> int:
@@ -102,25 +81,6 @@ def _field(text: str) -> tuple[str, list[float]]:
 
 
 COMMANDS = {
-    "demo": Command(
-        _demo,
-        "Plans ramps, then takes an emulated limb through the paper: records it, calibrates the "
-        "model, plans the ramps, the motion of Fig. 5 and two motions that were taught, and drives "
-        "the limb in open loop, by feedback and with learning. Takes two minutes on two cores. The "
-        "folder has report.html, replay.html, pictures, recordings and plans.",
-        "force",
-        [
-            Option(
-                "folder",
-                nargs="?",
-                default="out",
-                type=Path,
-                help="for all results, out by default",
-            )
-        ],
-        stopped="stopped; what is finished is kept",
-        examples=["soft-limb demo out"],
-    ),
     "sweep": Command(
         _sweep,
         "Plans every combination of motions, limbs, tasks and controllers, and drives emulated "

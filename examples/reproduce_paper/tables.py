@@ -13,9 +13,9 @@ from scipy.stats import t as student
 from limb_systems import Provenance, Trajectory
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import nearest_bend_angle
-from soft_limb.evaluation.error_split import STEPS, Split
-from soft_limb.evaluation.experiment import AS_DESCRIBED, MOTIONS, RAMPS, VALIDATION, Experiment
-from soft_limb.evaluation.ways import FEEDBACK, FOLLOW, LEARNING, OPEN_LOOP, Way
+from reproduce_paper.error_split import STEPS, Split
+from reproduce_paper.experiment import AS_DESCRIBED, MOTIONS, RAMPS, VALIDATION, Experiment
+from reproduce_paper.ways import FEEDBACK, FOLLOW, LEARNING, OPEN_LOOP, Way
 
 LUMPED = "lumped"  # the family of limbs that most tables are about
 PREDICTION = "the law that predicts best"
@@ -215,7 +215,7 @@ def table_1(summaries: Sequence[Summary]) -> Rows:
                 ways = {way: made for way, made in limb.ways[motion].items() if way != LEARNING}
                 for count, learned in enumerate(limb.repetitions.get(motion, []), 1):
                     if count in (*SHOWN_REPETITIONS, len(limb.repetitions[motion])):
-                        ways[f"{LEARNING}, best of {count}"] = learned
+                        ways[f"{LEARNING}, best of {count} as read"] = learned
                 for way, made in ways.items():
                     groups.setdefault(way, []).append(made)
             of_motion += [[f"{name}, {way}", *_cells(group)] for way, group in groups.items()]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure
-from soft_limb.evaluation import tables
-from soft_limb.evaluation.experiment import Experiment
-from soft_limb.evaluation.ways import OPEN_LOOP, PAUSE
+from reproduce_paper import tables
+from reproduce_paper.experiment import Experiment
+from reproduce_paper.ways import OPEN_LOOP, PAUSE
 from soft_limb.reports import page
 
 Table = Callable[[Sequence[tables.Summary]], tables.Rows]
@@ -80,8 +80,9 @@ def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
             "Distance from the reference",
             "Best within the limits: the best plan for the calibrated model, whatever its duty. "
             "Open loop, not calibrated: the plan for the limb as it was described. Follow: "
-            "feedback that plans the coming seconds, as soft-limb follow does. Learning: the best "
-            "repetition.",
+            "feedback that plans the coming seconds, as soft-limb follow does. Learning: the "
+            "repetition whose bend was read nearest to the reference, with its true bend; another "
+            "repetition may have been truly nearer.",
             {"Mean distance of the true bend from the reference.": tables.distance_table},
         ),
         (
@@ -92,10 +93,11 @@ def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
                 "First the mean distance |φ_REF − φ| of the true bend from the reference, in "
                 "degrees, then of the bend as the sensor reads it, and |φ_REF − φ*| of the plan. "
                 "The first row of each motion is the best plan within the limits, by the "
-                "calibrated model. From the plan: |φ* − φ| as the sensor reads it, and its mean "
-                "for the true bend; highest reading V and true temperature T of any wire, °C; "
-                "rollouts that were aborted as a wire was measured at the board's limit of "
-                "110 °C, which count up to then.": tables.table_1
+                "calibrated model. The best of some repetitions of learning is the one that was "
+                "read nearest to the reference. From the plan: |φ* − φ| as the sensor reads it, "
+                "and its mean for the true bend; highest reading V and true temperature T of any "
+                "wire, °C; rollouts that were aborted as a wire was measured at the board's limit "
+                "of 110 °C, which count up to then.": tables.table_1
             },
         ),
         (

@@ -24,7 +24,7 @@ from calibration.prediction.law_fit import fit_law
 from calibration.prediction.selection import rubber_of
 from limb_systems import Limb, simulate
 from limb_systems.tracking import true_bend
-from soft_limb.evaluation.ways import Way
+from reproduce_paper.ways import Way
 
 # For each of `STEPS` the mean absolute difference that it makes, and its part of the error, °.
 Split = dict[str, tuple[float, float]]

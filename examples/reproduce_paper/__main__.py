@@ -7,10 +7,9 @@ ten repetitions, disturbs the limbs, and writes Table I, Figs. 4 to 7, where
 the error comes from, and all the data to a folder. Nothing but what is called
 true, and the split of the error, knows what an emulated limb is made of.
 
-    python examples/reproduce_paper.py [FOLDER] [--quick] [--limbs N] [--others N]
+    python examples/reproduce_paper [FOLDER] [--quick] [--limbs N] [--others N]
 
-`soft-limb demo` is this with --quick. `soft_limb.evaluation.reproduce.reproduce` does the same on
-any executor; with --cluster it is that of a Dask cluster.
+`make demo` does this with --quick. With --cluster, the workers of a Dask cluster do it.
 """
 
 import argparse
@@ -20,11 +19,14 @@ from pathlib import Path
 
 from hardware.emulation.specimen import EXTRA_EFFECTS
 from soft_limb.command import run_command
-from soft_limb.evaluation.experiment import Settings
-from soft_limb.evaluation.reproduce import reproduce_in
 from soft_limb.runs.jobs import load_module
 
-WITNESSES = Path(__file__).parents[1] / "tests" / "witnesses"
+EXAMPLES = Path(__file__).parents[1]
+WITNESSES = EXAMPLES.parent / "tests" / "witnesses"
+sys.path[0] = str(EXAMPLES)  # where this folder is a package
+
+from reproduce_paper.experiment import Settings  # noqa: E402
+from reproduce_paper.reproduce import reproduce_in  # noqa: E402
 
 
 def main() -> int:

@@ -1,0 +1,1 @@
+"""The paper's evaluation on emulated limbs, which `python examples/reproduce_paper` runs."""
