@@ -43,13 +43,13 @@ from simulated_board import SimulatedBoard
 
 from calibration import calibrate, collect_equilibria, collect_from_twin
 from calibration.collecting.collect import collect_warm_up
-from calibration.collecting.protocol import WARM_UP_MARGIN
-from calibration.heat_bounds import fit_heat_bounds
+from calibration.collecting.measurement_protocol import WARM_UP_MARGIN
+from calibration.heat_bounds_fit import fit_heat_bounds
 from hardware import LimbTwin, replay
+from hardware.board.reasons import REASONS
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.specimen import Specimen
 from hardware.firmware import guard
-from hardware.robot.reasons import REASONS
 from limb_systems import (
     Layout,
     LimbParameters,
@@ -59,7 +59,7 @@ from limb_systems import (
     bend_angle_from_tip_tangent,
     simulate,
 )
-from limb_systems.model.ownership import declare_part
+from limb_systems.drake_python import declare_part
 from planners import Task, plan, references
 from soft_limb.runs.jobs import run_each
 from soft_limb.runs.rollout import CONTROLLERS, OPEN, controller_of

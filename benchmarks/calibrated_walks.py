@@ -23,7 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
-from limb_systems import Gait, Recording, RobotParameters
+from limb_systems import Recording
+from walking import Gait, RobotParameters
 
 USUAL = ("default:3", "default:11", "default:12", "default:13", "default:14")
 UNLIKE = ("long:5", "heavy:6", "unlike:7")

@@ -34,12 +34,12 @@ from calibration.collecting.collect import (
     collect_warm_up,
     for_first_contact,
 )
-from calibration.collecting.protocol import CONTACT_MARGIN, WARM_UP_MARGIN
-from calibration.heat_bounds import check_first_contact, heat_remarks
+from calibration.collecting.measurement_protocol import CONTACT_MARGIN, WARM_UP_MARGIN
+from calibration.heat_bounds_fit import check_first_contact, heat_remarks
 from hardware import LimbTwin
-from hardware.robot.arm_check import check_wires
-from hardware.robot.link import Sample
-from hardware.robot.reasons import REASONS
+from hardware.board.arm_check import check_wires
+from hardware.board.link import Sample
+from hardware.board.reasons import REASONS
 from limb_systems import LimbError, LimbParameters, simulate
 from planners import plan, references
 from soft_limb.runs.jobs import run_each

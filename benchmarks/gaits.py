@@ -22,23 +22,21 @@ import argparse
 import numpy as np
 
 from limb_systems import (
-    Gait,
     HystereticLaw,
     LimbError,
     LimbParameters,
     LinearLaw,
-    RobotParameters,
     SegmentParameters,
     ThresholdLaw,
     TwoMassLaw,
     Wires,
 )
-from limb_systems.model.robot_parameters import RobotLimb, walking_limb
-from planners import plan_gait
-from planners.gait.check import scale_limb
-from planners.gait.schedules import schedule_of, schedule_text, sensible_schedules
-from planners.gait.standing import GROUND_STIFFNESS
-from planners.gait.walker import Walker
+from walking import Gait, RobotParameters, plan_gait
+from walking.gait_check import scale_limb
+from walking.robot_parameters import RobotLimb, walking_limb
+from walking.schedules import schedule_of, schedule_text, sensible_schedules
+from walking.standing import GROUND_STIFFNESS
+from walking.walker import Walker
 
 HEADER = "case | mm/s | stride, mm | period, s | iterations | s | violation | simulated"
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from limb_systems import Gait, RobotParameters
-from planners import PlanningError, plan_gait
-from planners.gait.check import simulate_gait
-from planners.gait.schedules import sensible_schedules
+from planners import PlanningError
+from walking import Gait, RobotParameters, plan_gait
+from walking.gait_check import simulate_gait
+from walking.schedules import sensible_schedules
 
 ROW = "{:<7}{:<20}{:<28}{:>7}{:>7}  {:<15}{:>6}"
 MARGIN, CYCLES = 5.0, 5  # °C; simulated, from the heat of the limit cycle

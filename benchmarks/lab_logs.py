@@ -22,7 +22,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from hardware import LimbTwin
 from limb_systems import LimbParameters, simulate
-from limb_systems.output import write_atomically
+from limb_systems.files.output import write_atomically
 
 RATE = 20.0  # Hz, of what is known of a limb
 STEP = 0.5  # s, of a lab's programs

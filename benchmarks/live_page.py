@@ -23,11 +23,11 @@ from playwright.sync_api import Browser, sync_playwright
 
 from controllers import PlanFeedback
 from hardware import HardwareError, SerialLimb, emulated_port, replay
-from hardware.feed import Feed
-from hardware.robot.serial_limb import DEADLINE, LATEST
+from hardware.board.serial_limb import DEADLINE, LATEST
+from hardware.live_feed import Feed
 from limb_systems import LimbParameters, Trajectory
 from planners import Task, plan, references
-from soft_limb.live.page import LivePage
+from soft_limb.live.live_page import LivePage
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 

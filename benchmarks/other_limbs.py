@@ -20,8 +20,8 @@ from pydrake.trajectories import Trajectory
 from hardware import LimbTwin
 from hardware.emulation.sensors import Noise, SampledSensors, limb_sensors
 from limb_systems import LimbParameters, simulate
-from limb_systems.model.ownership import weak_method
-from limb_systems.model.parameters import EmulatedLimb
+from limb_systems.drake_python import weak_method
+from limb_systems.limb_parameters import EmulatedLimb
 
 OTHER = "other"
 STEP = 0.005  # s, of the limb's own integration
@@ -41,7 +41,7 @@ class OtherLimb(Diagram):
       ``joint_state`` [θ, θ̇] (2n), rad and rad/s, of equal joints
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     real_time, accuracy = False, 1e-2
 

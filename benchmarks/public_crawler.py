@@ -39,7 +39,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from limb_systems.model.robot import GROUND, PLANE, TIME_STEP, add_contact_plant
+from walking.robot import GROUND, PLANE, TIME_STEP, add_contact_plant
 
 # options_default.txt
 EDGES, LIMB, FOOT, RADIUS = 13, 0.022, 0.2 * 0.022, 2e-3  # edges of a limb; m

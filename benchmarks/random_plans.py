@@ -21,15 +21,15 @@ import sys
 import numpy as np
 
 from limb_systems import LimbError, LimbParameters, SegmentParameters
-from limb_systems.model.two_mass_laws import (
+from limb_systems.progress import Progress
+from limb_systems.wire_laws.two_mass_laws import (
     CoupledLaw,
     HystereticLaw,
     SaturatingLaw,
     ThresholdLaw,
     TwoMassLaw,
 )
-from limb_systems.model.wire_law import LinearLaw, WireLaw
-from limb_systems.progress import Progress
+from limb_systems.wire_laws.wire_law import LinearLaw, WireLaw
 from planners import Planner, Task, references
 from soft_limb.runs.jobs import run_each
 

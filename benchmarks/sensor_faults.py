@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.systems.framework import Diagram, LeafSystem, System
 
-from limb_systems.model.limb_system import behind
-from limb_systems.model.ownership import weak_method
+from limb_systems.drake_python import weak_method
+from limb_systems.limb_system import behind
 from limb_systems.simulation import PERIOD
 
 
@@ -37,7 +37,7 @@ class FaultySensors(LeafSystem):
     - state, discrete, at 20 Hz: the last reading without the fault, its random number
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, num_wires: int, num_segments: int, fault: SensorFault):
         """

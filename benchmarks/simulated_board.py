@@ -4,13 +4,13 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+from hardware.board.link import Assembly, Sample, pulls_of
 from hardware.emulation.emulated_board import RunningTwin
 from hardware.emulation.emulator import Emulation
-from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware import from_host, protocol
-from hardware.robot.link import Assembly, Sample, pulls_of
 from limb_systems import LimbParameters
+from walking.robot_twin import RobotTwin
 
 COMMAND_PERIOD = 50  # ms
 

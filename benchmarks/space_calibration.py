@@ -12,10 +12,10 @@ import numpy as np
 from pydrake.trajectories import PiecewisePolynomial, Trajectory
 
 from calibration import calibrate, collect_from_twin
-from calibration.collecting.protocol import mounted
+from calibration.collecting.measurement_protocol import mounted
 from hardware import LimbTwin, replay
 from limb_systems import Limb, LimbError, LimbParameters, simulate
-from limb_systems.model.bend_sensor import rolled
+from limb_systems.bend_sensor import rolled
 from limb_systems.tracking import true_bend
 from planners import plan, references
 

@@ -30,7 +30,7 @@ from limb_systems import (
     WireParameters,
 )
 from planners import Planner, references
-from planners.checks import simulated_differences
+from planners.plan_check import simulated_differences
 
 G, SETTLED = 9.81, 2.0  # m/s², s
 TIMES, COARSE = np.linspace(0.0, 60.0, 601), np.linspace(0.0, 40.0, 201)

@@ -14,14 +14,15 @@ import numpy as np
 from scipy.optimize import brentq
 
 from calibration import collect_from_twin, fit_damping, fit_stiffness
-from calibration.collecting.protocol import mounted
+from calibration.collecting.measurement_protocol import mounted
+from calibration.paper_method.mechanics import with_ringing
 from calibration.recordings.at_rest import rest_angle
-from calibration.section_v.mechanics import with_ringing
 from hardware import LimbTwin
-from hardware.emulation.robot_twin import RobotSpecimen
 from hardware.emulation.specimen import Specimen
-from limb_systems import LimbParameters, RobotParameters, SegmentParameters, simulate
-from limb_systems.model.statics import static_equilibrium
+from limb_systems import LimbParameters, SegmentParameters, simulate
+from limb_systems.statics import static_equilibrium
+from walking import RobotParameters
+from walking.robot_twin import RobotSpecimen
 
 BROAD = SegmentParameters(
     links=4, length=0.08, mass=0.03, width=0.025, thickness=0.012, stiffness=0.4, damping=2.5e-3

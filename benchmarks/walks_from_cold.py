@@ -21,13 +21,12 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 
-from controllers import GaitFeedback, PlanFeedback, TemperatureSupervisor
-from hardware.emulation.robot_twin import RobotSpecimen, _set_friction
-from limb_systems import Gait, Robot, RobotParameters
+from controllers import PlanFeedback, TemperatureSupervisor
 from limb_systems.simulation import PERIOD, record
-from planners import plan_gait, walk
-from planners.gait.check import fall_of, with_friction, with_other_parameters
-from planners.gait.program import STEADINESS, STICKING_SHARE
+from walking import Gait, GaitFeedback, Robot, RobotParameters, plan_gait, walk
+from walking.gait_check import fall_of, with_friction, with_other_parameters
+from walking.gait_program import STEADINESS, STICKING_SHARE
+from walking.robot_twin import RobotSpecimen, _set_friction
 
 MARGIN = 5.0  # °C
 WAYS = ("open loop", "bends held", "GaitFeedback", "supervised")

@@ -32,15 +32,8 @@ import mujoco
 import numpy as np
 from scipy.linalg import block_diag
 
-from limb_systems import (
-    Gait,
-    LimbError,
-    LinearLaw,
-    RobotLimb,
-    RobotParameters,
-    SegmentParameters,
-    WireParameters,
-)
+from limb_systems import LimbError, LinearLaw, SegmentParameters, WireParameters
+from walking import Gait, RobotLimb, RobotParameters
 
 TIME_STEP = 2e-4  # s
 STIFFNESS, DAMPING = 1e4, 100.0  # N/m and N·s/m, of a foot on the ground

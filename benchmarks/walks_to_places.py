@@ -20,13 +20,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: matrices are
 
 import numpy as np
 
-from controllers import Wayfinder
-from controllers.wayfinder import GOAL
 from hardware import replay
-from limb_systems import Gait, Robot, RobotParameters
-from planners import plan_gaits, walk
-from planners.gait.check import SPREAD_STEP, fall_of, with_other_parameters
-from planners.gait.courses import AHEAD, load_gaits
+from walking import Gait, Robot, RobotParameters, Wayfinder, plan_gaits, walk
+from walking.gait_check import SPREAD_STEP, fall_of, with_other_parameters
+from walking.gait_set import AHEAD, load_gaits
+from walking.wayfinder import GOAL
 
 MARGIN = 5.0  # °C
 FRICTION = 0.3  # share

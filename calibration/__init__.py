@@ -12,17 +12,14 @@ from calibration.collecting.collect import (
     collect_warm_up,
 )
 from calibration.collecting.excitation import Excitation, LimitedDuty, excitations
-from calibration.collecting.protocol import Knowledge, collect_from_robot, collect_from_twin
+from calibration.collecting.measurement_protocol import (
+    Knowledge,
+    collect_from_robot,
+    collect_from_twin,
+)
 from calibration.estimate import Estimate
-from calibration.heat_bounds import fit_heat_bounds
-from calibration.prediction.law_fit import LawFit, Predicted, fit_law
-from calibration.prediction.outlook import PlanMiss
-from calibration.prediction.selection import Candidate, Prediction
-from calibration.recordings.checks import check_recording
-from calibration.recordings.files import load_recordings, save_recordings
-from calibration.recordings.kinds import kind_of, kinds_of
-from calibration.remarks import CalibrationError
-from calibration.section_v.mechanics import (
+from calibration.heat_bounds_fit import fit_heat_bounds
+from calibration.paper_method.mechanics import (
     DampedSinusoid,
     DampingFit,
     StiffnessFit,
@@ -30,8 +27,14 @@ from calibration.section_v.mechanics import (
     fit_damping,
     fit_stiffness,
 )
-from calibration.section_v.wires import ForceFit, HeatFit, fit_force, fit_heat_transfer
-from calibration.strides import StridesFit, fit_strides
+from calibration.paper_method.wire_fits import ForceFit, HeatFit, fit_force, fit_heat_transfer
+from calibration.prediction.law_fit import LawFit, Predicted, fit_law
+from calibration.prediction.outlook import PlanMiss
+from calibration.prediction.selection import Candidate, Prediction
+from calibration.recordings.files import load_recordings, save_recordings
+from calibration.recordings.kinds import kind_of, kinds_of
+from calibration.recordings.recording_checks import check_recording
+from calibration.remarks import CalibrationError
 from calibration.validation import Validation, validate
 
 __all__ = [
@@ -53,7 +56,6 @@ __all__ = [
     "Predicted",
     "Prediction",
     "StiffnessFit",
-    "StridesFit",
     "Validation",
     "calibrate",
     "check_recording",
@@ -73,7 +75,6 @@ __all__ = [
     "fit_heat_transfer",
     "fit_law",
     "fit_stiffness",
-    "fit_strides",
     "kind_of",
     "kinds_of",
     "load_recordings",

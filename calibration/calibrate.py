@@ -12,7 +12,24 @@ from typing import TypeVar
 import numpy as np
 
 from calibration.estimate import Estimate, record_of
-from calibration.heat_bounds import fit_heat_bounds
+from calibration.heat_bounds_fit import fit_heat_bounds
+from calibration.paper_method.mechanics import (
+    SCATTER,
+    DampingFit,
+    StiffnessFit,
+    fit_damping,
+    fit_stiffness,
+    further_sag,
+    remarks_on_sensor,
+    with_ringing,
+)
+from calibration.paper_method.wire_fits import (
+    RATES,
+    ForceFit,
+    HeatFit,
+    fit_force,
+    fit_heat_transfer,
+)
 from calibration.prediction.outlook import (
     PlanMiss,
     next_recording,
@@ -25,17 +42,6 @@ from calibration.recordings.files import leaving_out, read_folder, usable
 from calibration.recordings.kinds import FREE_KINDS, all_kinds, heated_kinds, only_segment, title_of
 from calibration.recordings.repair import FEWEST, before_missing, with_lost_rows
 from calibration.remarks import CalibrationError, Remark, verdict
-from calibration.section_v.mechanics import (
-    SCATTER,
-    DampingFit,
-    StiffnessFit,
-    fit_damping,
-    fit_stiffness,
-    further_sag,
-    remarks_on_sensor,
-    with_ringing,
-)
-from calibration.section_v.wires import RATES, ForceFit, HeatFit, fit_force, fit_heat_transfer
 from calibration.validation import Validation, validate, validation_of
 from limb_systems import (
     LimbParameters,

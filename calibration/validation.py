@@ -14,7 +14,7 @@ from calibration.recordings.at_rest import COLD, first_readings
 from calibration.recordings.kinds import bend_sensor_of
 from calibration.remarks import Remark, verdict
 from limb_systems import Layout, Limb, LimbError, LimbParameters, Recording, Wires, simulate
-from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.kinematics import rest_joint_angles
 
 # Mean |φ - φ_sim| as a fraction of the range of φ in the recording it is validated with.
 GOOD_ERROR = 0.1  # 6° of 60°: the paper's robot is 3.4° to 5.3° from its plans in Table I

@@ -1,18 +1,13 @@
 """Feedback about a plan, receding horizon, temperature supervisor, learning over repetitions."""
 
 from controllers.estimator import LimbObserver
-from controllers.gait_feedback import GaitFeedback
-from controllers.heat_feedback import HeatFeedback
 from controllers.learner import Learner
 from controllers.plan_feedback import PlanFeedback, PlanRegulator
 from controllers.receding_horizon import RecedingHorizon
 from controllers.reduced_model import ReducedModel
 from controllers.temperature_supervisor import TemperatureSupervisor, supervised
-from controllers.wayfinder import Wayfinder
 
 __all__ = [
-    "GaitFeedback",
-    "HeatFeedback",
     "Learner",
     "LimbObserver",
     "PlanFeedback",
@@ -20,6 +15,5 @@ __all__ = [
     "RecedingHorizon",
     "ReducedModel",
     "TemperatureSupervisor",
-    "Wayfinder",
     "supervised",
 ]

@@ -17,8 +17,8 @@ from controllers.plan_controller import within_total
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, Trajectory
 from limb_systems.band import temperature_margin
-from limb_systems.model.kinematics import bend_angle, joint_angles_from_bend_angle
-from planners.transcription.descent import descend, first_that_reduces
+from limb_systems.kinematics import bend_angle, joint_angles_from_bend_angle
+from planners.transcription.sequential_convex import descend, first_that_reduces
 
 ROUNDING = 1e-9  # s, of knots and nodes at the same time
 STEPS = 2  # of the model, from a node to the next

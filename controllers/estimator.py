@@ -21,7 +21,7 @@ from pydrake.systems.framework import LeafSystem
 
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, LimbParameters, Recording
-from limb_systems.model.ownership import weak_method
+from limb_systems.drake_python import weak_method
 from limb_systems.simulation import PERIOD
 
 AHEAD = (0.25, 0.5, 0.75, 1.0)  # s, at which the observer predicts temperatures
@@ -409,7 +409,7 @@ class LimbObserver(LeafSystem):
     - state, discrete, at 20 Hz: the `StateEstimate`, NaN before the first readings
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters):
         """

@@ -24,14 +24,14 @@ from pydrake import trajectories
 from controllers.estimator import RESIDUAL_TIME
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
-from limb_systems.model.smooth_function import SmoothFunction
+from limb_systems.smooth_function import SmoothFunction
 from planners import Task, references
 from planners.nearest import nearest_plan
-from planners.transcription.descent import descend
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import add_soft_bounds
 from planners.transcription.quasi_static import QuasiStaticProgram
+from planners.transcription.sequential_convex import descend
 
 DURATION, KNOT_RATE = 10.0, 5.0  # s, Hz
 ROUNDS = 1  # of linearizing and solving, from a plan before; two are not better, and slower

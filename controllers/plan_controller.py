@@ -8,7 +8,7 @@ from controllers.estimator import Estimator, StateEstimate, packed
 from controllers.reduced_model import ReducedModel
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import LimbParameters, Trajectory, split_state
-from limb_systems.model.ownership import weak_method
+from limb_systems.drake_python import weak_method
 from limb_systems.simulation import PERIOD
 
 LEAST_GAIN = 0.25  # of the mean gain, that a cold wire is taken to have at least
@@ -29,7 +29,7 @@ class PlanController(LeafSystem):
       readings; subclasses may have more
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(
         self,

@@ -60,7 +60,7 @@ class PlanFeedback(PlanController):
     Ports and state are those of `PlanController`.
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     _uncalibrated_margin = UNCALIBRATED_MARGIN
 
@@ -149,7 +149,7 @@ class PlanRegulator(PlanController):
     Ports and state are those of `PlanController`.
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, trajectory: Trajectory, *, parameters: LimbParameters | None = None):
         """

@@ -48,7 +48,7 @@ class RecedingHorizon(PlanController):
     - state, discrete, at 20 Hz: 2: the replans; 3: the plan in force
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(
         self, trajectory: Trajectory, *, task: Task | None = None, real_time: bool = False

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.optimize import nnls
 
 from limb_systems import Layout, LimbParameters
-from limb_systems.model.smooth_function import SmoothFunction
-from limb_systems.model.statics import HeldAngles, mean_bend_by_temperature
 from limb_systems.simulation import PERIOD
+from limb_systems.smooth_function import SmoothFunction
+from limb_systems.statics import HeldAngles, mean_bend_by_temperature
 
 
 class ReducedModel:

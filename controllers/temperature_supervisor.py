@@ -8,8 +8,8 @@ from controllers.estimator import Estimator, StateEstimate, packed
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters
 from limb_systems.band import temperature_margin
-from limb_systems.model.limb_system import behind
-from limb_systems.model.ownership import weak_method
+from limb_systems.drake_python import weak_method
+from limb_systems.limb_system import behind
 from limb_systems.simulation import PERIOD
 
 HOLD = 0.5  # s, for which a duty must be harmless
@@ -82,7 +82,7 @@ class TemperatureSupervisor(LeafSystem):
       first readings
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters, *, limit: float | None = None):
         """

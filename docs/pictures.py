@@ -51,14 +51,12 @@ from limb_systems import (
     Limb,
     LimbParameters,
     Recording,
-    Robot,
-    RobotParameters,
     Trajectory,
     simulate,
     tip_position,
     wire_color,
 )
-from limb_systems.model.kinematics import Chain, link_positions
+from limb_systems.kinematics import Chain, link_positions
 from limb_systems.tracking import reference_distances
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
@@ -68,13 +66,14 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.limb_view import ghost_of_reference, joint_angle_trajectory
 from limb_systems.views.plots import save_figure
-from limb_systems.views.walk import animate_walk, draw_walk
-from planners import Task, plan, plan_gait, references
+from planners import Task, plan, references
 from planners.diagnostics import plot_diagnostics
-from planners.gait.walking import walk
 from soft_limb.command import main as main_command
-from soft_limb.live.page import LivePage
+from soft_limb.live.live_page import LivePage
 from urdf import limb_urdf
+from walking import Robot, RobotParameters, plan_gait
+from walking.views.walk_drawing import animate_walk, draw_walk
+from walking.walk_trajectory import walk
 
 FOLDER = Path(__file__).parent
 STYLE = """

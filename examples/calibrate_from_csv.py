@@ -17,7 +17,7 @@ from hardware import LimbTwin
 from limb_systems import LimbError, LimbParameters
 from limb_systems.logs.importing import import_logs
 from limb_systems.logs.mapping import LogMapping
-from soft_limb.reports.calibration import write_report
+from soft_limb.reports.calibration_report import write_report
 from soft_limb.results.summaries import calibration_summary
 
 

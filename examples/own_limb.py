@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import eigvalsh
 
 from limb_systems import LimbError, LimbParameters, bend_angle, make_manipulator
-from limb_systems.model.statics import static_equilibrium
+from limb_systems.statics import static_equilibrium
 from limb_systems.views.plots import Figure, save_figure
 
 

@@ -15,13 +15,13 @@ from pydrake.systems.framework import LeafSystem
 from controllers import supervised
 from hardware import LimbTwin, replay
 from limb_systems import LimbParameters, Trajectory
-from limb_systems.model.ownership import weak_method
+from limb_systems.drake_python import weak_method
 from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
 
 
 class BendControl(LeafSystem):
-    __slots__ = ()  # so that it is freed; limb_systems/model/ownership.py says why
+    __slots__ = ()  # so that it is freed; limb_systems/drake_python.py says why
 
     def __init__(self, trajectory):
         super().__init__()

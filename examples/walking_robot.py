@@ -11,14 +11,14 @@ import copy
 import sys
 from pathlib import Path
 
-from controllers import GaitFeedback
 from hardware import replay
 from limb_systems import LimbError, Robot, RobotParameters, write_meshcat_replay
 from limb_systems.views.plots import plot_motion, save_figure
-from limb_systems.views.walk import draw_walk
 from planners import plan_gait
-from planners.gait.check import strides_of
-from planners.gait.walking import walk
+from walking import GaitFeedback
+from walking.gait_check import strides_of
+from walking.views.walk_drawing import draw_walk
+from walking.walk_trajectory import walk
 
 
 def main(options):

@@ -1,14 +1,13 @@
 """The robot, its emulated twin, and the replay of trajectories on them."""
 
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
+from hardware.board.link import BoardInfo, BoardLink, HardwareError, Sample
+from hardware.board.serial_limb import SerialLimb
+from hardware.board.text_board import AnswerLine, DutyLine, TextBoard
 from hardware.emulation.emulator import emulated_port
-from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.sensors import SensedLimb
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError, present_readings, replay, watch
-from hardware.robot.link import BoardInfo, BoardLink, HardwareError, Sample
-from hardware.robot.serial_limb import SerialLimb
-from hardware.robot.text_board import AnswerLine, DutyLine, TextBoard
 from hardware.station import LimbDriver, Scenario, Station, StationError, drive
 
 __all__ = [
@@ -20,7 +19,6 @@ __all__ = [
     "LimbDriver",
     "LimbTwin",
     "ReplayError",
-    "RobotTwin",
     "Sample",
     "Scenario",
     "SensedLimb",

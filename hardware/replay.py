@@ -19,10 +19,10 @@ from pydrake.systems.primitives import (
     TrajectorySource,
 )
 
-from hardware.feed import LiveView, shown
+from hardware.board.journal import closing, journaled
+from hardware.board.serial_limb import SerialLimb
 from hardware.firmware import guard
-from hardware.robot.journal import closing, journaled
-from hardware.robot.serial_limb import SerialLimb
+from hardware.live_feed import LiveView, shown
 from limb_systems import (
     EmulatedLimb,
     Layout,
@@ -32,8 +32,8 @@ from limb_systems import (
     Recording,
     Trajectory,
 )
-from limb_systems.model.limb_system import check_limb
-from limb_systems.model.ownership import weak_method
+from limb_systems.drake_python import weak_method
+from limb_systems.limb_system import check_limb
 from limb_systems.simulation import PERIOD, record
 
 CUT_OUT_READ = 0.2  # s before the end, in which the reading at which a limb has cut out is
@@ -324,7 +324,7 @@ class _EndAtCutOut(LeafSystem):
     - input 0 ``cut_out``: 1 if it has, else 0
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self):
         super().__init__()

@@ -27,10 +27,10 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 import urdf
+from hardware.board.link import Closed
+from hardware.board.serial_limb import SerialLimb
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import check_replayable
-from hardware.robot.link import Closed
-from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
     LimbError,
     LimbParameters,
@@ -38,9 +38,9 @@ from limb_systems import (
     WireColors,
     add_limb_actuation,
 )
-from limb_systems.input import read_text
-from limb_systems.model.contact import NEAR_RIGID_THRESHOLD, TIME_STEP, ContactForces
-from limb_systems.schema import shown
+from limb_systems.contact import NEAR_RIGID_THRESHOLD, TIME_STEP, ContactForces
+from limb_systems.files.input import read_text
+from limb_systems.files.schema import shown
 from limb_systems.simulation import (
     advance,
     build,
@@ -141,7 +141,7 @@ class Station(Diagram, Closed):
     - ``real_time``: whether it has boards, and so must run in real time and be closed at the end.
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(
         self,
@@ -192,7 +192,7 @@ class Station(Diagram, Closed):
             opened.pop_all()
         self.set_name("station")
 
-    # A reference to a part would keep the station alive, see limb_systems.model.ownership.
+    # A reference to a part would keep the station alive, see limb_systems.drake_python.
 
     @property
     def plant(self) -> MultibodyPlant | None:

@@ -1,5 +1,8 @@
 """A soft limb bent by shape-memory-alloy wires, as Drake systems."""
 
+import importlib
+from typing import Any
+
 # ruff: noqa: E402 - what hides a package is said before it is imported
 from limb_systems.startup import check_shadows, let_ctrl_c_end_imports
 
@@ -7,24 +10,24 @@ let_ctrl_c_end_imports()
 check_shadows()
 
 from limb_systems.band import Band, band
-from limb_systems.errors import LimbError
-from limb_systems.files.gait import Gait, GaitCheck, GaitPhase, GaitVariation
-from limb_systems.files.recording import Recording
-from limb_systems.files.trajectory import ActiveConstraint, PlanCheck, Trajectory
-from limb_systems.model.bend_sensor import (
+from limb_systems.bend_sensor import (
     BendSensor,
     ChordSensor,
     TipTangentSensor,
     bend_angle_from_tip_tangent,
 )
-from limb_systems.model.heat_bounds import HeatBounds
-from limb_systems.model.kinematics import (
+from limb_systems.errors import LimbError
+from limb_systems.files.provenance import Provenance
+from limb_systems.files.recording import Recording
+from limb_systems.files.trajectory import ActiveConstraint, PlanCheck, Trajectory
+from limb_systems.heat_bounds import HeatBounds
+from limb_systems.kinematics import (
     bend_angle,
     joint_angles_from_bend_angle,
     tip_position,
 )
-from limb_systems.model.layout import Layout
-from limb_systems.model.limb import (
+from limb_systems.layout import Layout
+from limb_systems.limb import (
     Limb,
     LimbActuation,
     add_limb,
@@ -35,8 +38,7 @@ from limb_systems.model.limb import (
     split_state,
     to_paper_state,
 )
-from limb_systems.model.limb_system import LimbSystem
-from limb_systems.model.parameters import (
+from limb_systems.limb_parameters import (
     CalibrationRecord,
     EmulatedLimb,
     LimbParameters,
@@ -48,46 +50,31 @@ from limb_systems.model.parameters import (
     WireParameters,
     wires_around,
 )
-from limb_systems.model.robot import Robot, add_robot
-from limb_systems.model.robot_parameters import (
-    BodyParameters,
-    FootParameters,
-    GroundParameters,
-    RobotLimb,
-    RobotParameters,
-)
-from limb_systems.model.statics import resting_state
-from limb_systems.model.two_mass_laws import (
+from limb_systems.limb_system import LimbSystem
+from limb_systems.simulation import simulate
+from limb_systems.statics import resting_state
+from limb_systems.views.limb_view import wire_color
+from limb_systems.views.limb_visualizer import LimbVisualizer, WireColors
+from limb_systems.views.replay_page import write_meshcat_replay
+from limb_systems.wire_blocks import JouleHeating, ThermocoupleLag, TorqueMap
+from limb_systems.wire_laws.two_mass_laws import (
     CoupledLaw,
     HystereticLaw,
     SaturatingLaw,
     ThresholdLaw,
     TwoMassLaw,
 )
-from limb_systems.model.wire_blocks import JouleHeating, ThermocoupleLag, TorqueMap
-from limb_systems.model.wire_law import LinearLaw, WireLaw
-from limb_systems.model.wires import Wires
-from limb_systems.provenance import Provenance
-from limb_systems.simulation import simulate
-from limb_systems.views.limb_view import wire_color
-from limb_systems.views.limb_visualizer import LimbVisualizer, WireColors
-from limb_systems.views.replay_page import write_meshcat_replay
+from limb_systems.wire_laws.wire_law import LinearLaw, WireLaw
+from limb_systems.wires import Wires
 
 __all__ = [
     "ActiveConstraint",
     "Band",
     "BendSensor",
-    "BodyParameters",
     "CalibrationRecord",
     "ChordSensor",
     "CoupledLaw",
     "EmulatedLimb",
-    "FootParameters",
-    "Gait",
-    "GaitCheck",
-    "GaitPhase",
-    "GaitVariation",
-    "GroundParameters",
     "HeatBounds",
     "HystereticLaw",
     "JouleHeating",
@@ -104,9 +91,6 @@ __all__ = [
     "Provenance",
     "Recording",
     "RestMemory",
-    "Robot",
-    "RobotLimb",
-    "RobotParameters",
     "SaturatingLaw",
     "SegmentParameters",
     "SerialBoard",
@@ -123,7 +107,6 @@ __all__ = [
     "Wires",
     "add_limb",
     "add_limb_actuation",
-    "add_robot",
     "add_springs",
     "band",
     "bend_angle",
@@ -140,3 +123,10 @@ __all__ = [
     "wires_around",
     "write_meshcat_replay",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """`Robot` and `RobotParameters`, which are in `walking`."""
+    if name in ("Robot", "RobotParameters"):
+        return getattr(importlib.import_module("walking"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

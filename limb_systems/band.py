@@ -6,10 +6,10 @@ from statistics import NormalDist
 import numpy as np
 
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.ensemble import OpenLoop, draw_ensemble, stacked
-from limb_systems.model.layout import Layout
-from limb_systems.model.limb import split_state
-from limb_systems.model.parameters import LimbParameters
+from limb_systems.layout import Layout
+from limb_systems.limb import split_state
+from limb_systems.limb_parameters import LimbParameters
+from limb_systems.monte_carlo import OpenLoop, draw_ensemble, stacked
 
 MEMBERS = 64
 STEP = 0.25  # s, of simulation

@@ -19,16 +19,16 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from limb_systems.errors import LimbError
+from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
-from limb_systems.files.samples import TIMES, without_rounding
+from limb_systems.files.schema import shown
+from limb_systems.files.signal_table import TIMES, without_rounding
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.kinematics import bend_angle
-from limb_systems.model.limb import Limb
-from limb_systems.model.limb_system import ACCURACY, LimbSystem, check_limb
-from limb_systems.model.robot import Robot
+from limb_systems.kinematics import bend_angle
+from limb_systems.limb import Limb
+from limb_systems.limb_system import ACCURACY, LimbSystem, check_limb
 from limb_systems.progress import Progress
-from limb_systems.provenance import Provenance
-from limb_systems.schema import shown
+from walking.robot import Robot
 
 
 class SimulationError(LimbError):

@@ -8,7 +8,7 @@ import warnings
 from pathlib import Path
 
 NEEDED = ("urdf",)  # by limb_systems itself
-OTHERS = ("planners", "controllers", "hardware", "calibration", "soft_limb")
+OTHERS = ("planners", "controllers", "hardware", "calibration", "walking", "soft_limb")
 
 
 def let_ctrl_c_end_imports() -> None:

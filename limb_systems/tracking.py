@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.layout import Layout
+from limb_systems.layout import Layout
 from limb_systems.simulation import PERIOD
 
 

@@ -1,11 +1,10 @@
 """Feasible trajectories from references, by direct collocation (Sec. VI)."""
 
+import importlib
+from typing import Any
+
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from planners import references
-from planners.gait.check import check_gait
-from planners.gait.courses import plan_gaits
-from planners.gait.gait import plan_gait
-from planners.gait.walking import walk
 from planners.grip import Grip, grip
 from planners.nearest import nearest_bend_angle
 from planners.planning import Planner, plan
@@ -24,12 +23,15 @@ __all__ = [
     "Task",
     "TaskError",
     "TrajectoryProgram",
-    "check_gait",
     "grip",
     "nearest_bend_angle",
     "plan",
-    "plan_gait",
-    "plan_gaits",
     "references",
-    "walk",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """`plan_gait`, which is in `walking`."""
+    if name == "plan_gait":
+        return getattr(importlib.import_module("walking"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

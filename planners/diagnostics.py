@@ -3,10 +3,10 @@
 import numpy as np
 
 from limb_systems import Layout, Trajectory
-from limb_systems.model.statics import HeldAngles
-from limb_systems.model.wire_law import TEMPERATURE_SCALE
-from limb_systems.model.wires import num_wire_states
+from limb_systems.statics import HeldAngles
 from limb_systems.views.plots import WIDTH, Figure, dress
+from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE
+from limb_systems.wires import num_wire_states
 from planners.task import Task
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import TrajectoryProgram

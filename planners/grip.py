@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from limb_systems import Layout, LimbParameters, Wires, bend_angle
-from limb_systems.model.dynamics import equation_of_motion
-from limb_systems.model.kinematics import Chain
-from limb_systems.model.statics import HeldAngles
+from limb_systems.dynamics import equation_of_motion
+from limb_systems.kinematics import Chain
+from limb_systems.statics import HeldAngles
 from planners.transcription.solving import PlanningError
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from limb_systems import LimbError, Trajectory, split_state
-from limb_systems.model.statics import HeldAngles
+from limb_systems.statics import HeldAngles
 from planners.task import Task
 from planners.transcription.quasi_static import solve_quasi_static
 

@@ -18,9 +18,9 @@ from limb_systems import (
     Trajectory,
     band,
 )
-from limb_systems.model.statics import HeldAngles
+from limb_systems.statics import HeldAngles
 from planners import references
-from planners.checks import (
+from planners.plan_check import (
     active_constraints,
     far_from_reference,
     simulated_differences,

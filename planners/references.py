@@ -17,8 +17,8 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import Layout, LimbError, LimbParameters, Recording
 from limb_systems.errors import raised_as
-from limb_systems.input import LARGEST_TABLE, read_text
-from limb_systems.model.kinematics import tip_of_angles
+from limb_systems.files.input import LARGEST_TABLE, read_text
+from limb_systems.kinematics import tip_of_angles
 
 IN_SPACE = (
     "If yours bends in space, write axes: 2 into its segments in its YAML file, and where its "

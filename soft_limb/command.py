@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from limb_systems.errors import LimbError
-from limb_systems.schema import nearest
+from limb_systems.files.schema import nearest
 from limb_systems.signals import SIGNALS, came, stop
 from soft_limb.results.folder import find, glance
 
@@ -24,7 +24,8 @@ EXIT_STATUS = (
 )
 
 # For each command: its module in `soft_limb.commands`, which is imported when the command runs,
-# and what it does.
+# and what it does. Those of `WALKING` are in `walking.commands`.
+WALKING = "gaits"
 COMMANDS = {
     "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
     "collect": ("calibration", "record all that calibration needs"),
@@ -69,7 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     chosen = parser.parse_args(words)
     module, _ = COMMANDS[chosen.command]
-    command = importlib.import_module(f"soft_limb.commands.{module}").COMMANDS[chosen.command]
+    folder = "walking.commands" if module == WALKING else "soft_limb.commands"
+    command = importlib.import_module(f"{folder}.{module}").COMMANDS[chosen.command]
     return run_words(command, f"soft-limb {chosen.command}", chosen.arguments, chosen.modules)
 
 

@@ -6,12 +6,14 @@ well, and all others leave the processor to it: a host that comes too late is st
 takes time. No verdict depends on how fast the computer is.
 """
 
+import contextlib
 import gc
 import os
 import shutil
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from xdist.scheduler import LoadScopeScheduling
@@ -20,20 +22,13 @@ from xdist.scheduler import LoadScopeScheduling
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from pydrake.systems.analysis import Simulator
 
-from limb_systems import (
-    Gait,
-    GaitCheck,
-    GaitPhase,
-    LimbParameters,
-    PlanCheck,
-    Recording,
-    RobotParameters,
-    SegmentParameters,
-    Trajectory,
-)
+from limb_systems import LimbParameters, PlanCheck, Recording, SegmentParameters, Trajectory
 from planners import Task, plan, references
+from walking import Gait, GaitCheck, GaitPhase, RobotParameters
 
+CONTROL_PERIOD = 0.05  # s
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 REAL_TIME = (
     "tests/hardware/test_faults.py",
@@ -49,6 +44,7 @@ LONG = (
     CALIBRATION,
     "tests/examples/",
     "tests/test_wheel.py",
+    "tests/walking/",
     "tests/planners/",
     "tests/test_docs.py",
     "tests/hardware/",
@@ -145,6 +141,69 @@ def gait() -> Gait:
         phases=[GaitPhase(start, done) for start, done in contacts.items()],
         check=GaitCheck(solver="IPOPT", status="solved", objective="speed", violation=1e-9),
     )
+
+
+def outputs_under(system, inputs, context=None):
+    """What a system shows at each of the controllers' ticks, before it takes the inputs in.
+
+    Args:
+        system: with events every 0.05 s.
+        inputs: by the name of the port, one row for each tick (K, size).
+        context: to go on from; that of the system by default if None.
+
+    Returns:
+        The outputs by the name of their port, each (K, size), and ``context``, that of the
+        end.
+    """
+    simulator = Simulator(system, context or system.CreateDefaultContext())
+    context = simulator.get_mutable_context()
+    start = round(context.get_time() / CONTROL_PERIOD)
+    ports = [system.get_output_port(index) for index in range(system.num_output_ports())]
+    shown = {port.get_name(): [] for port in ports}
+    for k in range(len(next(iter(inputs.values())))):
+        for name, rows in inputs.items():
+            system.GetInputPort(name).FixValue(context, np.asarray(rows[k], float))
+        for port in ports:
+            shown[port.get_name()].append(port.Eval(context).copy())
+        simulator.AdvanceTo(CONTROL_PERIOD * (start + k + 1))  # begins with the tick's update
+    return SimpleNamespace(
+        **{name: np.array(rows) for name, rows in shown.items()}, context=context.Clone()
+    )
+
+
+@pytest.fixture(scope="session")
+def fed():
+    """`outputs_under`."""
+    return outputs_under
+
+
+@pytest.fixture(scope="session")
+def short_plan() -> Trajectory:
+    """Two joints that bend by 12° after a second, from cold, within four."""
+    parameters = LimbParameters()
+    parameters.segments[0].links = 2
+    parameters.temperature_limits.warm_up_time = 1000.0
+    reference = references.from_samples([0.0, 1.0, 2.0, 4.0], np.deg2rad([0.0, 0.0, 12.0, 12.0]))
+    return plan(parameters, reference, knot_rate=5.0, tolerance_deg=0.5)
+
+
+@pytest.fixture(scope="session")
+def refused():
+    """A context in which an error must come, as one sentence with some words in it."""
+
+    @contextlib.contextmanager
+    def expect(error_type, *words):
+        with pytest.raises(error_type) as caught:
+            yield
+        message = str(caught.value)
+        assert len(message.splitlines()) == 1, repr(message)
+        assert message.endswith((".", "?")), message
+        assert "Traceback" not in message
+        assert "object at 0x" not in message
+        for word in words:
+            assert str(word) in message, f"{word!r} is not in {message!r}"
+
+    return expect
 
 
 @pytest.fixture

@@ -19,21 +19,18 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
-import hardware.robot.serial_limb
+import hardware.board.serial_limb
 from calibration import BendAngleController, EquilibriumSchedule, LimitedDuty, excitations
 from controllers import (
-    GaitFeedback,
-    HeatFeedback,
     LimbObserver,
     PlanFeedback,
     PlanRegulator,
     RecedingHorizon,
     TemperatureSupervisor,
-    Wayfinder,
 )
-from hardware import LimbTwin, RobotTwin, SensedLimb, SerialLimb, Station
-from hardware.feed import Feed
-from hardware.robot.journal import Journal
+from hardware import LimbTwin, SensedLimb, SerialLimb, Station
+from hardware.board.journal import Journal
+from hardware.live_feed import Feed
 from limb_systems import (
     CalibrationRecord,
     HeatBounds,
@@ -43,8 +40,6 @@ from limb_systems import (
     LimbVisualizer,
     LinearLaw,
     RestMemory,
-    Robot,
-    RobotParameters,
     SegmentParameters,
     TemperatureLimits,
     TipTangentSensor,
@@ -52,14 +47,22 @@ from limb_systems import (
     WireParameters,
 )
 from limb_systems.files.csv_format import FORMAT_VERSION
-from limb_systems.files.samples import column_names
-from planners import plan_gait
+from limb_systems.files.signal_table import column_names
 from soft_limb.command import COMMANDS, main
 from soft_limb.commands.options import SHARED
+from walking import (
+    GaitFeedback,
+    HeatFeedback,
+    Robot,
+    RobotParameters,
+    RobotTwin,
+    Wayfinder,
+    plan_gait,
+)
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
-ANY_PACKAGE = "|".join((*PACKAGES, "soft_limb"))
+ANY_PACKAGE = "|".join((*PACKAGES, "walking", "soft_limb"))
 PAGES = {name: ROOT / "docs" / f"{name}.md" for name in PACKAGES}
 DOCUMENTS = [
     path
@@ -270,7 +273,7 @@ def station(tmp_path):
 @pytest.fixture
 def systems(monkeypatch, fig5_plan, gait, station):
     """All systems by the names of their classes, with those that the limbs consist of."""
-    monkeypatch.setattr(hardware.robot.serial_limb, "open_link", Board)
+    monkeypatch.setattr(hardware.board.serial_limb, "open_link", Board)
     nominal, known = LimbParameters(), LimbParameters()
     # A heating rate that was calibrated.
     known.calibration = CalibrationRecord(["left.a2"], [20.0], [1.0], [[1.0]])

@@ -16,6 +16,7 @@ PACKAGES = (
     "controllers",
     "calibration",
     "hardware",
+    "walking",
     "soft_limb",
 )
 ROOT = Path(__file__).parents[1]

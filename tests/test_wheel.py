@@ -21,6 +21,7 @@ PACKAGES = (
     "controllers",
     "calibration",
     "hardware",
+    "walking",
     "soft_limb",
 )
 

@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from calibration.recordings.kinds import heated_wires, only_segment
 from limb_systems import LimbParameters, Wires
-from limb_systems.model.ownership import declare_part, weak_method
+from limb_systems.drake_python import declare_part, weak_method
 from limb_systems.simulation import PERIOD
 
 TAPER = 15.0  # °C
@@ -36,7 +36,7 @@ class BendAngleController(LeafSystem):
     - state, discrete, at 20 Hz: [∫ e dt (1), is cut out (W), D (W)], rad s, 0 or 1, 1
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters, actuated: str):
         """
@@ -113,7 +113,7 @@ class EquilibriumSchedule(LeafSystem):
       averaged φ, averaged V (W)], 1, s, s, rad and °C
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     AVERAGING_TIME = 4.0  # s
     SLOW = 0.1  # °C/s

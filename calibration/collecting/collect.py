@@ -11,10 +11,10 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
 from calibration.recordings.kinds import heated_wires, only_segment
-from hardware.feed import LiveView, shown
-from hardware.robot.journal import journaled
+from hardware.board.journal import journaled
+from hardware.live_feed import LiveView, shown
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Recording
-from limb_systems.model.limb_system import check_limb
+from limb_systems.limb_system import check_limb
 from limb_systems.simulation import record
 
 LARGEST = np.deg2rad(45.0)  # of equilibria

@@ -17,8 +17,8 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.bend_control import TAPER
 from calibration.recordings.kinds import MOUNTINGS, TURNS
 from limb_systems import LimbParameters
-from limb_systems.model.ensemble import draw_ensemble, stacked
-from limb_systems.model.ownership import declare_part, weak_method
+from limb_systems.drake_python import declare_part, weak_method
+from limb_systems.monte_carlo import draw_ensemble, stacked
 from limb_systems.simulation import PERIOD
 
 MEMBERS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
@@ -162,7 +162,7 @@ class _WarmedDuty(LeafSystem):
     The last elements of the state are the duty, those before are the subclass's.
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, duty: PiecewisePolynomial, start: np.ndarray):
         super().__init__()
@@ -198,7 +198,7 @@ class LimitedDuty(_WarmedDuty):
     - state, discrete, at 20 Hz: [x of the wires' laws (number of states, limbs, W), D (W)]
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters, duty: PiecewisePolynomial):
         """
@@ -250,7 +250,7 @@ class DutyUntilWarm(_WarmedDuty):
     - state, discrete, at 20 Hz: [V at the beginning (W), °C, D (W)]
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, duty: PiecewisePolynomial, rise: float):
         """

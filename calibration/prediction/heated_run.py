@@ -8,7 +8,7 @@ from calibration.recordings.at_rest import START, before_heat, first_readings
 from calibration.recordings.kinds import bend_sensor_of, title_of
 from calibration.recordings.repair import at_sample_times, despiked
 from limb_systems import Recording
-from limb_systems.files.samples import doses
+from limb_systems.files.signal_table import doses
 
 STEP = 0.5  # s, of simulation and of averages; wires heat and cool within seconds
 

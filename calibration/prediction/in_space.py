@@ -14,11 +14,11 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from limb_systems import Layout, LimbParameters, SegmentParameters
-from limb_systems.model.bend_sensor import rolled
-from limb_systems.model.ensemble import OpenLoop
-from limb_systems.model.kinematics import Chain
-from limb_systems.model.rubber import NonlinearRubber
-from limb_systems.model.smooth_function import SmoothFunction
+from limb_systems.bend_sensor import rolled
+from limb_systems.kinematics import Chain
+from limb_systems.monte_carlo import OpenLoop
+from limb_systems.rubber import NonlinearRubber
+from limb_systems.smooth_function import SmoothFunction
 
 DEGREE = 8  # of the polynomial, which is within 0.03° of equilibria in all plans
 MOST = np.deg2rad(78.0)  # bend that both torques hold, at most; no tip tangent shows 90°

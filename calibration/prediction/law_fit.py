@@ -28,7 +28,7 @@ from calibration.prediction.unknowns import (
     values_of,
 )
 from limb_systems import LimbParameters, RestMemory, SegmentParameters, WireLaw
-from limb_systems.model.ensemble import OpenLoop, owner_of, with_fields
+from limb_systems.monte_carlo import OpenLoop, owner_of, with_fields
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
 READING_SPREAD = 1.0  # °C, of a wire from its thermocouple while both rest

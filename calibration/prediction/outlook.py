@@ -20,7 +20,7 @@ from calibration.prediction.law_fit import AMBIENT_SPREAD, KNOWN, LawFit, Predic
 from calibration.prediction.unknowns import LAG, Unknown
 from calibration.remarks import Remark
 from limb_systems import LimbParameters
-from limb_systems.model.ensemble import OpenLoop, draw_ensemble, stacked
+from limb_systems.monte_carlo import OpenLoop, draw_ensemble, stacked
 
 MEMBERS = 64
 SUPPLY_SPREAD = 0.03  # of the heat for the same duty, from day to day

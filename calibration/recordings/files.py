@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from calibration.recordings.checks import check_recording, check_without_gaps
 from calibration.recordings.kinds import all_kinds, kind_of, title_of
+from calibration.recordings.recording_checks import check_recording, check_without_gaps
 from calibration.recordings.repair import in_pieces
 from calibration.remarks import CalibrationError, Remark
 from limb_systems import LimbError, LimbParameters, Recording

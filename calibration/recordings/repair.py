@@ -14,7 +14,7 @@ import numpy as np
 from calibration.recordings.kinds import title_of
 from calibration.remarks import CalibrationError, Remark
 from limb_systems import Recording
-from limb_systems.files.samples import doses
+from limb_systems.files.signal_table import doses
 
 SPIKE = 6.0  # robust standard deviations from the median of five samples, beyond which one counts
 STEEP = 1.5  # of the range of its neighbours, within which a sample is no spike

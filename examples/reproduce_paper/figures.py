@@ -17,7 +17,7 @@ from limb_systems.views.plots import WIDTH, Figure
 from reproduce_paper.experiment import AS_DESCRIBED, HANDS, RAMPS, VALIDATION, Experiment
 from reproduce_paper.tables import Followed, nearest_distance
 from reproduce_paper.ways import FOLLOW, LEARNING, OPEN_LOOP, Way
-from soft_limb.reports.calibration import validation_panels
+from soft_limb.reports.calibration_report import validation_panels
 
 
 def plot_taught(experiment: Experiment) -> Figure:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from calibration import save_recordings
 from limb_systems import write_meshcat_replay
-from limb_systems.output import write_atomically
+from limb_systems.files.output import write_atomically
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure, draw, save_figure
 from reproduce_paper.experiment import RAMPS, Experiment, Settings, evaluate
@@ -18,7 +18,7 @@ from reproduce_paper.report import EMULATED, write_report
 from reproduce_paper.tables import LUMPED, Summary, distance_table, summarize
 from reproduce_paper.ways import FOLLOW, LEARNING, OPEN_LOOP
 from soft_limb.commands.options import print_table
-from soft_limb.reports.calibration import write_report as write_calibration_report
+from soft_limb.reports.calibration_report import write_report as write_calibration_report
 from soft_limb.results.summaries import calibration_summary
 from soft_limb.runs.jobs import run_each
 

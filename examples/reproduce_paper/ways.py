@@ -12,8 +12,8 @@ from controllers import Learner, PlanFeedback, PlanRegulator, RecedingHorizon
 from hardware import LimbTwin, replay
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, Recording, Trajectory
-from limb_systems.model.limb_system import behind
-from limb_systems.model.ownership import weak_method
+from limb_systems.drake_python import weak_method
+from limb_systems.limb_system import behind
 from limb_systems.simulation import PERIOD
 
 OPEN_LOOP, FOLLOW, FEEDBACK, REGULATOR, LEARNING = (
@@ -145,7 +145,7 @@ class BendPath(LeafSystem):
       is not absent (S); updated each `PERIOD`
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(
         self,

@@ -15,7 +15,7 @@ from ros_bridge.messages import Topics
 from hardware import LimbTwin, SerialLimb
 from hardware.replay import check_replayable
 from limb_systems import LimbError, LimbParameters, LimbSystem, Trajectory
-from limb_systems.output import check_outputs
+from limb_systems.files.output import check_outputs
 from soft_limb.command import run_words
 from soft_limb.commands.options import Command, Option, shared, text_board
 

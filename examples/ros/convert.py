@@ -19,11 +19,11 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from limb_systems.errors import LimbError
-from limb_systems.output import check_outputs, write_atomically
+from limb_systems.files.output import check_outputs, write_atomically
 from limb_systems.summary import Summary
 from soft_limb.command import run_words
 from soft_limb.commands.options import Command, Option, print_summary, shared
-from soft_limb.results.reading import GAIT, RECORDING, TRAJECTORY, read_result
+from soft_limb.results.read_result import GAIT, RECORDING, TRAJECTORY, read_result
 
 METADATA = "soft_limb"  # name of the metadata of a whole file
 FLOATS = "std_msgs/msg/Float64MultiArray"  # as a bag of ROS 2 names it

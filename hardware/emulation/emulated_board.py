@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import POWER_ON
 from hardware.firmware.protocol import MOST_ANGLES, MOST_CHANNELS
 from limb_systems import Layout, LimbError
 from limb_systems.simulation import make_simulator
+from walking.robot_twin import RobotTwin
 
 LIMB_PERIOD = 0.02  # s, by which the limb is simulated at a time
 AMPLIFIERS = 1.0  # °C, by which they are warmer than the room

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from hardware.emulation.emulated_board import EmulatedBoard, RunningTwin
-from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.sketches import Cable, EmulatedSketch
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
 from limb_systems import LimbError
+from walking.robot_twin import RobotTwin
 
 TURN = 0.001  # s, between two passes of the firmware's loop
 LONGEST_PASS = 0.05  # s, by which the board's clock goes on in one

@@ -20,7 +20,8 @@ from pydrake.systems.primitives import (
     Multiplexer,
 )
 
-from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
+from hardware.emulation.emulated_rubber import EmulatedRubber, Hand, RestShift
+from hardware.emulation.emulated_wires import ShapeMemoryWires
 from hardware.emulation.sensors import (
     THERMOCOUPLE_PERIOD,
     SampledSensors,
@@ -29,12 +30,11 @@ from hardware.emulation.sensors import (
     limb_sensors,
 )
 from hardware.emulation.specimen import SegmentPhysics, Specimen
-from hardware.emulation.wires import ShapeMemoryWires
 from hardware.firmware import guard
 from limb_systems import Layout, ThermocoupleLag
-from limb_systems.model.bend_sensor import rolled
-from limb_systems.model.layout import slices
-from limb_systems.model.ownership import weak_method
+from limb_systems.bend_sensor import rolled
+from limb_systems.drake_python import weak_method
+from limb_systems.layout import slices
 
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
 
@@ -175,7 +175,7 @@ class CutOut(LeafSystem):
     - parameter: the limit, °C; that of the board's firmware
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, num_wires: int, period: float):
         """
@@ -219,7 +219,7 @@ class _Memory(LeafSystem):
     starts from the state of the last run.
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, specimen: Specimen, sizes: dict[str, int]):
         super().__init__()

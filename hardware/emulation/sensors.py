@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from limb_systems import Layout, LimbParameters, LimbSystem
-from limb_systems.model.layout import slices
-from limb_systems.model.limb_system import check_limb
-from limb_systems.model.ownership import weak_method
-from limb_systems.model.wire_blocks import VectorFunction
+from limb_systems.drake_python import weak_method
+from limb_systems.layout import slices
+from limb_systems.limb_system import check_limb
+from limb_systems.wire_blocks import VectorFunction
 
 # The paper's thermocouple amplifier, a MAX31855, converts within 100 ms and
 # reports steps of 0.25 °C (datasheet 19-5793); the noise of one step is ours.
@@ -94,7 +94,7 @@ class SampledSensors(LeafSystem):
     sequence is in the Context.
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, sensors: Sequence[Sensor], noise: Noise, start: int = 0):
         """
@@ -231,7 +231,7 @@ class SensedLimb(Diagram):
     - output 2 ``measurement``: [V (W), φ (F)], both of them
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     real_time = False
 

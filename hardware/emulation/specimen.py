@@ -46,8 +46,8 @@ from limb_systems import (
     WireLaw,
     joint_angles_from_bend_angle,
 )
-from limb_systems.model.bend_sensor import rolled
-from limb_systems.model.parameters import BoardIdentity, SegmentParameters
+from limb_systems.bend_sensor import rolled
+from limb_systems.limb_parameters import BoardIdentity, SegmentParameters
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor", "places")
 EXTRA_EFFECTS = ("memory", "bond")  # that a limb has on request only

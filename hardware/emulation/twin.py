@@ -9,12 +9,12 @@ import numpy as np
 from pydrake import trajectories
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
+from hardware.emulation.emulated_wires import LONGEST_STEP
 from hardware.emulation.lumped import add_physics
-from hardware.emulation.robot_specimen import RobotSpecimen
 from hardware.emulation.specimen import Specimen, emulated_limb
-from hardware.emulation.wires import LONGEST_STEP
 from limb_systems import Layout, LimbError, LimbParameters, make_manipulator
 from limb_systems.simulation import PERIOD, make_simulator
+from walking.robot_specimen import RobotSpecimen
 
 # Kinds of specimens by their physics. A module with other physics adds its own specimen here.
 SPECIMENS: dict[str, type[Specimen]] = {Specimen.physics: Specimen}
@@ -69,7 +69,7 @@ class LimbTwin(Diagram):
     hot is warm, and hysteresis has a memory. `again` is the same limb, later.
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     real_time = False
     accuracy: float | None = (

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.input import LARGEST_TABLE
+from limb_systems.files.input import LARGEST_TABLE
 
 FORMAT_VERSION = 3
 KILLED = "the program that recorded it was killed"

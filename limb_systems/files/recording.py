@@ -8,16 +8,16 @@ from typing import ClassVar
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.files.samples import Samples, apart, sample_rate, signal
+from limb_systems.files.provenance import Provenance
+from limb_systems.files.schema import check_text, rare
+from limb_systems.files.signal_table import Samples, apart, sample_rate, signal
+from limb_systems.limb_parameters import LimbParameters
 from limb_systems.logs.guess import limbs_in_log
 from limb_systems.logs.mapping import LogMapping
 from limb_systems.logs.reading import read_log
 from limb_systems.logs.table import read_table
-from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.robot_parameters import RobotParameters
-from limb_systems.provenance import Provenance
-from limb_systems.schema import check_text, rare
 from limb_systems.summary import Entry, Summary
+from walking.robot_parameters import RobotParameters
 
 LONGEST_PERIOD, HIGHEST_RATE = 10_000.0, 1e6  # s and Hz, of samples
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from limb_systems.errors import raised_as
 from limb_systems.files.csv_format import TableText
-from limb_systems.output import OutputError
+from limb_systems.files.output import OutputError
 
 MOST_WAITING = 1000  # rows: 50 s of a robot's samples
 SYNC_PERIOD = 1.0  # s

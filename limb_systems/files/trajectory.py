@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
-from limb_systems.files.samples import Planned, apart, sample_rate, signal
-from limb_systems.model.kinematics import bend_angle
-from limb_systems.model.limb import Limb
-from limb_systems.model.parameters import LimbParameters
-from limb_systems.provenance import Provenance
+from limb_systems.files.provenance import Provenance
+from limb_systems.files.signal_table import Planned, apart, sample_rate, signal
+from limb_systems.kinematics import bend_angle
+from limb_systems.limb import Limb
+from limb_systems.limb_parameters import LimbParameters
 from limb_systems.summary import Entry, Summary
 
 DEFECT_TOLERANCE = 1e-6

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems.files.recording import Recording
+from limb_systems.limb_parameters import LimbParameters
 from limb_systems.logs.formats import LimbInLog
 from limb_systems.logs.guess import ASKS, limbs_in_log
 from limb_systems.logs.mapping import LogMapping
 from limb_systems.logs.reading import read_log
 from limb_systems.logs.table import LogError, read_table
-from limb_systems.model.parameters import LimbParameters
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

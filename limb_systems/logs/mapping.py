@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from limb_systems.errors import raised_as
-from limb_systems.input import read_text
+from limb_systems.files.input import read_text
+from limb_systems.files.output import write_atomically
+from limb_systems.files.schema import Strict, dump_typed, load_typed, quantity
 from limb_systems.logs.table import DELIMITERS, LogError, LogTable
-from limb_systems.output import write_atomically
-from limb_systems.schema import Strict, dump_typed, load_typed, quantity
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 SECONDS["date"] = 1.0

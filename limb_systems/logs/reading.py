@@ -7,8 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from limb_systems.bend_sensor import (
+    ChordSensor,
+    TipTangentSensor,
+    bend_angle_from_tip_tangent,
+)
 from limb_systems.errors import raised_as
-from limb_systems.files.samples import doses
+from limb_systems.files.signal_table import doses
+from limb_systems.limb_parameters import LimbParameters
 from limb_systems.logs.evidence import held
 from limb_systems.logs.mapping import (
     BEND_ANGLE,
@@ -21,12 +27,6 @@ from limb_systems.logs.mapping import (
     TimeColumn,
 )
 from limb_systems.logs.table import FEWEST_ROWS, LogError, LogTable, read_table
-from limb_systems.model.bend_sensor import (
-    ChordSensor,
-    TipTangentSensor,
-    bend_angle_from_tip_tangent,
-)
-from limb_systems.model.parameters import LimbParameters
 
 DAY = 86_400.0  # s
 SAG, EARTH = "sag", 9.81  # beginning of the names of logs of the sag, and m/s²

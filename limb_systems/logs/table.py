@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.input import LARGEST_TABLE, read_bytes
+from limb_systems.files.input import LARGEST_TABLE, read_bytes
 from limb_systems.logs.columns import is_unit, unit_quantity
 from limb_systems.progress import Progress
 

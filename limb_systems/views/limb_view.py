@@ -30,20 +30,20 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
-from limb_systems.files.gait import Gait
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.kinematics import (
+from limb_systems.kinematics import (
     joint_angles_from_bend_angle,
     link_positions,
     tip_position,
 )
-from limb_systems.model.layout import Layout
-from limb_systems.model.limb import add_limb
-from limb_systems.model.parameters import LimbParameters, SegmentParameters
-from limb_systems.model.robot import PLANE, add_robot, set_positions
-from limb_systems.model.robot_parameters import RobotParameters
+from limb_systems.layout import Layout
+from limb_systems.limb import add_limb
+from limb_systems.limb_parameters import LimbParameters, SegmentParameters
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR
+from walking.gait import Gait
+from walking.robot import PLANE, add_robot, set_positions
+from walking.robot_parameters import RobotParameters
 
 GHOST_OPACITY = 0.5
 DUTY_COLOR = (0.16, 0.18, 0.22)  # sRGB

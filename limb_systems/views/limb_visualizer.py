@@ -4,11 +4,11 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
+from limb_systems.drake_python import weak_method
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.ownership import weak_method
-from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.robot_parameters import RobotParameters
+from limb_systems.limb_parameters import LimbParameters
 from limb_systems.views.limb_view import LimbView, color_wires, ghosts_of_plan, wire_paths
+from walking.robot_parameters import RobotParameters
 
 PUBLISH_PERIOD = 1 / 32  # s, of a live view
 
@@ -37,7 +37,7 @@ class LimbVisualizer(LeafSystem):
     different ``prefix``; ``base_pose`` places them beside each other.
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class WireColors(LeafSystem):
     - input 0 ``wire_temperature``: T (W), °C
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(
         self,

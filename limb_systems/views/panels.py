@@ -12,13 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from limb_systems.files.gait import Gait, GaitPhase
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.foot_fall import foot_fall
-from limb_systems.model.layout import Layout
-from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.robot_parameters import RobotParameters
+from limb_systems.layout import Layout
+from limb_systems.limb_parameters import LimbParameters
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
     NEUTRAL_COLOR,
@@ -27,6 +24,9 @@ from limb_systems.views.colors import (
     ROLLOUT_COLOR,
     wire_colors,
 )
+from walking.foot_fall import foot_fall
+from walking.gait import Gait, GaitPhase
+from walking.robot_parameters import RobotParameters
 
 # What a foot may do: in words, in colour, and how wide its bar is, px.
 CONTACTS = {

@@ -15,11 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
-from limb_systems.files.gait import Gait
+from limb_systems.files.output import check_picture
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.output import check_picture
 from limb_systems.views.panels import Panel, motion_panels, repetition_panels, tracking_panels
+from walking.gait import Gait
 
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 PIXELS = 125  # of a panel's height in an inch

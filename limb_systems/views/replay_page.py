@@ -12,14 +12,12 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from limb_systems.errors import LimbError
-from limb_systems.files.gait import Gait
+from limb_systems.files.output import write_atomically
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.kinematics import bend_angle
-from limb_systems.model.layout import Layout
-from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.robot_parameters import RobotParameters
-from limb_systems.output import write_atomically
+from limb_systems.kinematics import bend_angle
+from limb_systems.layout import Layout
+from limb_systems.limb_parameters import LimbParameters
 from limb_systems.views.colors import ROLLOUT_COLOR
 from limb_systems.views.limb_view import (
     DUTY_COLOR,
@@ -35,6 +33,8 @@ from limb_systems.views.limb_view import (
 )
 from limb_systems.views.panels import body_axes
 from limb_systems.views.template import template
+from walking.gait import Gait
+from walking.robot_parameters import RobotParameters
 
 CYCLES = 3  # of a gait
 

@@ -28,8 +28,8 @@ import casadi as ca
 import numpy as np
 from pydrake.solvers import Binding
 
-from limb_systems.model.dynamics import Dynamics
-from limb_systems.model.wires import Wires
+from limb_systems.dynamics import Dynamics
+from limb_systems.wires import Wires
 
 ANGLE_SCALE = 0.1  # rad, a typical change, which is scaled to one
 

@@ -15,11 +15,11 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     split_state,
 )
+from limb_systems.dynamics import Dynamics
 from limb_systems.files.trajectory import AddedTerms
-from limb_systems.model.dynamics import Dynamics
 from planners.task import Task, TaskError
-from planners.transcription.added import by_names, described, variables_at_bounds
 from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
+from planners.transcription.customized_terms import by_names, described, variables_at_bounds
 from planners.transcription.ipopt import ConstraintBlock
 
 REST_RATE = np.deg2rad(0.5)  # rad/s, largest bend rate at rest

@@ -26,8 +26,8 @@ from pydrake.solvers import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbParameters, LinearLaw, Wires
-from limb_systems.model.smooth_function import SmoothFunction
-from limb_systems.model.statics import HeldAngles
+from limb_systems.smooth_function import SmoothFunction
+from limb_systems.statics import HeldAngles
 from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE, heat_defects
 from planners.transcription.function_block import FunctionBlock

@@ -15,16 +15,15 @@ from calibration import (
     validate,
 )
 from calibration.calibrate import METHODS
-from calibration.collecting.protocol import PROTOCOLS
-from calibration.recordings.checks import check_recording, check_without_gaps
+from calibration.collecting.measurement_protocol import PROTOCOLS
 from calibration.recordings.files import folder_of_limb, read_folder, usable
+from calibration.recordings.recording_checks import check_recording, check_without_gaps
 from hardware import LimbTwin, SerialLimb
-from hardware.emulation.robot_specimen import RobotSpecimen
+from hardware.board.text_board import TextBoard
+from hardware.board.text_link import open_link
 from hardware.emulation.specimen import Specimen
-from hardware.robot.text_board import TextBoard
-from hardware.robot.text_link import open_link
-from limb_systems import LimbError, LimbParameters, Recording, RobotParameters
-from limb_systems.output import OutputError, check_folder, check_outputs, free_path
+from limb_systems import LimbError, LimbParameters, Recording
+from limb_systems.files.output import OutputError, check_folder, check_outputs, free_path
 from limb_systems.progress import part_of_work
 from limb_systems.summary import Entry, Summary
 from soft_limb.commands.logs import fit_line, shell_line
@@ -37,13 +36,15 @@ from soft_limb.commands.options import (
     shared,
     text_board,
 )
-from soft_limb.live.page import LivePage
-from soft_limb.reports.calibration import (
+from soft_limb.live.live_page import LivePage
+from soft_limb.reports.calibration_report import (
     validation_panels,
     write_report,
     write_validation_report,
 )
 from soft_limb.results.summaries import calibration_summary, validation_summary
+from walking import RobotParameters
+from walking.robot_specimen import RobotSpecimen
 
 ROBOT = "robot.yaml"  # description of the robot, in the folder with the folders of its limbs
 

@@ -12,25 +12,16 @@ import numpy as np
 from serial.tools import list_ports
 
 from controllers.learner import Repetition
-from hardware import (
-    BoardInfo,
-    BoardLink,
-    LimbTwin,
-    ReplayError,
-    RobotTwin,
-    Sample,
-    SerialLimb,
-    watch,
-)
+from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
+from hardware.board import board_check
+from hardware.board.arm_check import CUT_OFF, check_supply, check_wires
+from hardware.board.link import SerialPort, check_fit
+from hardware.board.text_board import TextBoard
 from hardware.emulation.emulator import ORDERS, Emulation, emulate
 from hardware.emulation.sketches import KINDS, EmulatedSketch
 from hardware.emulation.sketches import ORDERS as SKETCH_ORDERS
 from hardware.emulation.specimen import emulated_limb
-from hardware.feed import Reading, RunHeader, board_reading
-from hardware.robot import board_check
-from hardware.robot.arm_check import CUT_OFF, check_supply, check_wires
-from hardware.robot.link import SerialPort, check_fit
-from hardware.robot.text_board import TextBoard
+from hardware.live_feed import Reading, RunHeader, board_reading
 from limb_systems import (
     Layout,
     Limb,
@@ -41,11 +32,11 @@ from limb_systems import (
     Trajectory,
     bend_angle_from_tip_tangent,
 )
-from limb_systems.output import check_outputs
+from limb_systems.files.output import check_outputs
 from limb_systems.simulation import PERIOD
 from limb_systems.summary import Summary
 from limb_systems.views.panels import tracking_panels
-from planners.checks import far_from_reference
+from planners.plan_check import far_from_reference
 from planners.references import from_samples
 from soft_limb.commands.options import (
     TASK_HELP,
@@ -59,13 +50,14 @@ from soft_limb.commands.options import (
     shared,
     text_board,
 )
-from soft_limb.live.page import DONE, LivePage
-from soft_limb.reports.plan import write_rollout_report
+from soft_limb.live.live_page import DONE, LivePage
+from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary
 from soft_limb.runs import repetitions
 from soft_limb.runs.cooling import cool_down
-from soft_limb.runs.planning import FOLLOWED, NAMED, reference_from_file, task_named, teach_and_go
+from soft_limb.runs.plan_run import FOLLOWED, NAMED, reference_from_file, task_named, teach_and_go
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out, troubles
+from walking import RobotTwin
 
 SIMULATED = 20.0  # times real time, about, of an emulated limb on an idle computer
 LONGEST_LESSON = 3600.0  # s, that a hand moves a limb

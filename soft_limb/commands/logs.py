@@ -10,10 +10,10 @@ from calibration.recordings.files import Usable, leaving_out, usable
 from calibration.recordings.kinds import kind_of
 from calibration.remarks import Remark
 from limb_systems import LimbError, LimbParameters, Recording
+from limb_systems.files.output import check_folder, check_outputs, free_path
 from limb_systems.logs.guess import ASKS
 from limb_systems.logs.importing import ImportedLog, import_logs
 from limb_systems.logs.mapping import LogMapping
-from limb_systems.output import check_folder, check_outputs, free_path
 from limb_systems.summary import Entry, Summary
 from soft_limb.commands.options import Command, Option, print_summary, shared
 

@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from hardware.board.text_board import TextBoard, TextBoardError
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
-from hardware.robot.text_board import TextBoard, TextBoardError
 from limb_systems.errors import LimbError
-from limb_systems.output import check_outputs
+from limb_systems.files.output import check_outputs
 from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import Panel
 from soft_limb.command import EXIT_STATUS
-from soft_limb.live.page import LOOPBACK, LivePage
+from soft_limb.live.live_page import LOOPBACK, LivePage
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
 
 

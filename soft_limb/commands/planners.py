@@ -14,9 +14,9 @@ from soft_limb.commands.options import (
     save_panels,
     shared,
 )
-from soft_limb.reports.plan import write_plan_report
+from soft_limb.reports.plan_report import write_plan_report
 from soft_limb.results.summaries import plan_summary
-from soft_limb.runs.planning import plan_from_files, task_named
+from soft_limb.runs.plan_run import plan_from_files, task_named
 
 
 def _temperatures(text: str) -> list[float]:

@@ -9,13 +9,13 @@ from pathlib import Path
 
 from limb_systems import LimbParameters
 from limb_systems.errors import LimbError
-from limb_systems.files.runner import write_c_header, write_rows
-from limb_systems.output import OutputError, check_outputs, write_atomically
+from limb_systems.files.duty_export import write_c_header, write_rows
+from limb_systems.files.output import OutputError, check_outputs, write_atomically
 from limb_systems.summary import Summary
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
 from soft_limb.results.comparison import compare, comparison_page
 from soft_limb.results.overview import overview_page
-from soft_limb.results.reading import LIMB, TRAJECTORY, read_result
+from soft_limb.results.read_result import LIMB, TRAJECTORY, read_result
 from urdf import limb_sdf, limb_urdf
 
 

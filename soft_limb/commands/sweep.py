@@ -19,7 +19,7 @@ from soft_limb.commands.options import (
     say_duration,
     shared,
 )
-from soft_limb.runs.planning import task_named
+from soft_limb.runs.plan_run import task_named
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
 from soft_limb.runs.sweep import cases, means, sweep
 

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from hardware.feed import Message, Reading, RunHeader
+from hardware.live_feed import Message, Reading, RunHeader
 from limb_systems.simulation import PERIOD
 
 MOST_POINTS = 1500  # of a curve; the browser draws them on the computer that runs the limb

@@ -13,9 +13,9 @@ from typing import Any
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from hardware.feed import Reading
+from hardware.live_feed import Reading
 from limb_systems import LimbError
-from soft_limb.live.page import open_in_browser
+from soft_limb.live.live_page import open_in_browser
 from soft_limb.live.run import Run
 from soft_limb.live.shown import Browser, facts, state
 from soft_limb.live.site import PageHandler, Site

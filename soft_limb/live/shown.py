@@ -10,9 +10,9 @@ from bokeh.embed import json_item
 from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, DataRange1d, Range1d
 
-from hardware.feed import Reading, RunHeader
-from hardware.robot.serial_limb import DEADLINE
-from limb_systems.model.layout import Layout
+from hardware.board.serial_limb import DEADLINE
+from hardware.live_feed import Reading, RunHeader
+from limb_systems.layout import Layout
 from limb_systems.views.colors import REFERENCE_COLOR
 from limb_systems.views.panels import Curve, Panel, in_words, measured_panels
 from soft_limb.live.run import MOST_POINTS, Run

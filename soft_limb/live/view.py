@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
-from hardware.feed import Reading, RunHeader
+from hardware.live_feed import Reading, RunHeader
 from limb_systems import joint_angles_from_bend_angle
 from limb_systems.views.limb_view import LimbView, ghosts_of_plan
 

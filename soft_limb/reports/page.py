@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from limb_systems.model.parameters import LimbParameters
-from limb_systems.output import write_atomically
-from limb_systems.provenance import Provenance
+from limb_systems.files.output import write_atomically
+from limb_systems.files.provenance import Provenance
+from limb_systems.limb_parameters import LimbParameters
 from limb_systems.summary import Summary
 from limb_systems.views import template as templates
 from limb_systems.views.panels import Panel

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.layout import Layout
-from limb_systems.model.parameters import CalibrationRecord, LimbParameters
-from limb_systems.model.robot_parameters import RobotParameters
-from limb_systems.provenance import Provenance
+from limb_systems.layout import Layout
+from limb_systems.limb_parameters import CalibrationRecord, LimbParameters
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 from limb_systems.views.panels import SIGNALS, Curve, Panel
 from planners import nearest_bend_angle
 from soft_limb.reports import page
-from soft_limb.results.reading import LIMB, RECORDING, TRAJECTORY, ResultFile
+from soft_limb.results.read_result import LIMB, RECORDING, TRAJECTORY, ResultFile
 from soft_limb.results.summaries import distances_summary
+from walking.robot_parameters import RobotParameters
 
 NONE = "-"  # for a value that one of the runs does not have
 LONGEST = 60  # characters of a value in a table

@@ -15,15 +15,19 @@ import numpy as np
 from markupsafe import Markup
 
 from limb_systems.errors import LimbError
-from limb_systems.files.gait import Gait
+from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.layout import Layout
-from limb_systems.provenance import Provenance
-from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
+from limb_systems.layout import Layout
+from limb_systems.views.colors import (
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    wire_colors,
+)
 from soft_limb.reports import page
 from soft_limb.results.folder import find, glance
-from soft_limb.results.reading import (
+from soft_limb.results.read_result import (
     GAIT,
     LEARNING,
     LIMB,
@@ -35,6 +39,7 @@ from soft_limb.results.reading import (
     ResultFile,
     read_result,
 )
+from walking.gait import Gait
 
 PICTURE_POINTS = 150  # of a curve in a small picture
 WIDTH, HEIGHT = 240.0, 56.0  # of a panel of a small picture

@@ -6,13 +6,14 @@ import numpy as np
 
 from calibration import Calibration, Prediction, Validation
 from controllers import Learner
-from limb_systems import Gait, Recording, Trajectory
+from limb_systems import Recording, Trajectory
 from limb_systems.files.trajectory import AddedTerms
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances
 from planners import nearest_bend_angle
-from planners.checks import far_from_reference
-from planners.gait.check import fall_of, strides_of
+from planners.plan_check import far_from_reference
+from walking import Gait
+from walking.gait_check import fall_of, strides_of
 
 # Of a `PlanCheck`, numbers and texts that JSON has under their own names.
 _OF_CHECK = ["solver", "status", "iterations", "refinements", "cost", "guess_cost"]

@@ -4,10 +4,10 @@ import dataclasses
 import signal
 import warnings
 
+from hardware.board.serial_limb import SerialLimb
 from hardware.emulation.twin import LimbTwin
-from hardware.feed import LiveView, Reading, RunHeader
+from hardware.live_feed import LiveView, Reading, RunHeader
 from hardware.replay import watch
-from hardware.robot.serial_limb import SerialLimb
 from limb_systems import LimbError, LimbSystem, Recording
 from limb_systems.signals import came
 

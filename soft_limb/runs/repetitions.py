@@ -9,18 +9,18 @@ import numpy as np
 
 from controllers import Learner
 from controllers.learner import Repetition
+from hardware.board.link import HardwareError
+from hardware.board.serial_limb import SerialLimb
+from hardware.board.text_board import TextBoard
+from hardware.board.text_link import Ports, open_link
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError
-from hardware.robot.link import HardwareError
-from hardware.robot.serial_limb import SerialLimb
-from hardware.robot.text_board import TextBoard
-from hardware.robot.text_link import Ports, open_link
 from limb_systems import LimbSystem, Recording, Trajectory
+from limb_systems.files.output import OutputError, check_folder
 from limb_systems.files.table_writer import unfinished_files
-from limb_systems.output import OutputError, check_folder
 from limb_systems.progress import Progress
-from soft_limb.live.page import LivePage
-from soft_limb.reports.plan import write_learning_report
+from soft_limb.live.live_page import LivePage
+from soft_limb.reports.plan_report import write_learning_report
 from soft_limb.runs.cooling import COOL
 from soft_limb.runs.rollout import record_replay
 

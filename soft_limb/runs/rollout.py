@@ -10,16 +10,16 @@ from pydrake.systems.framework import System
 
 from controllers import PlanFeedback, PlanRegulator, RecedingHorizon
 from controllers.estimator import Estimator
+from hardware.board.serial_limb import DEADLINE, SerialLimb
 from hardware.replay import replay
-from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
-from limb_systems.model.limb_system import check_limb
-from limb_systems.model.ownership import weak_method
+from limb_systems.drake_python import weak_method
+from limb_systems.limb_system import check_limb
 from limb_systems.simulation import PERIOD
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from planners import nearest_bend_angle
-from soft_limb.live.page import LivePage
+from soft_limb.live.live_page import LivePage
 from soft_limb.results.summaries import distances_summary
 
 OPEN = "open-loop"
@@ -233,7 +233,7 @@ class _CountingHorizon(RecedingHorizon):
     - ``counts``: what its output ``replans`` was last (3,).
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, trajectory: Trajectory, real_time: bool):
         super().__init__(trajectory, real_time=real_time)

@@ -20,12 +20,12 @@ from hardware.emulation.specimen import emulated_limb
 from hardware.emulation.twin import specimens_of
 from hardware.replay import replay
 from limb_systems import LimbError, LimbParameters, Trajectory
-from limb_systems.output import write_atomically
-from limb_systems.schema import shown
+from limb_systems.files.output import write_atomically
+from limb_systems.files.schema import shown
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import Task, plan
 from soft_limb.runs.jobs import run_each
-from soft_limb.runs.planning import reference_from_file
+from soft_limb.runs.plan_run import reference_from_file
 from soft_limb.runs.rollout import OPEN, controller_of
 
 # Of a run, beside what names it; angles in degrees, mean distances of the true bend.

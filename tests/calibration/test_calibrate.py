@@ -34,7 +34,7 @@ from limb_systems import (
     WireParameters,
     simulate,
 )
-from limb_systems.model.ensemble import owner_of
+from limb_systems.monte_carlo import owner_of
 from soft_limb.command import main
 
 

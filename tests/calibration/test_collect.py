@@ -196,7 +196,7 @@ def short_excitations(monkeypatch):
             for e, segments in zip(chosen, (7, 3), strict=True)
         ]
 
-    monkeypatch.setattr("calibration.collecting.protocol.excitations", few)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.excitations", few)
     monkeypatch.setattr("calibration.collecting.collect.WARM_UP_TIME", 25.0)
     monkeypatch.setattr("calibration.collecting.collect.WARM_UP_END", 40.0)
     monkeypatch.setattr("calibration.collecting.collect.CONTACT_TIME", 15.0)
@@ -207,17 +207,17 @@ def short_excitations(monkeypatch):
 def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     short_excitations, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("calibration.collecting.protocol.SAG_TRIALS", 1)
-    monkeypatch.setattr("calibration.collecting.protocol.RING_DOWNS", 1)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.RING_DOWNS", 1)
     waited, asked, told = [], [], []
     limb, described = LimbParameters(), LimbParameters()
     for each in (limb, described):  # of two links, which are simulated fast
         each.segments[0].links, each.segments[0].stiffness = 2, 0.0623
     limb.wires[1].law.a2 = 22.0
     monkeypatch.setattr(
-        "calibration.collecting.protocol._wait", lambda pause, _: waited.append(pause)
+        "calibration.collecting.measurement_protocol._wait", lambda pause, _: waited.append(pause)
     )
-    monkeypatch.setattr("calibration.collecting.protocol.Knowledge.LAW", TwoMassLaw)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.Knowledge.LAW", TwoMassLaw)
 
     def collect():
         asked.clear()
@@ -249,7 +249,7 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
 
 def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitations, tmp_path):
     """Nor is it ever told more than it needs: any wire, and little duty."""
-    protocol = "calibration.collecting.protocol"
+    protocol = "calibration.collecting.measurement_protocol"
     short_excitations.setattr(f"{protocol}.SAG_TRIALS", 0)
     short_excitations.setattr(f"{protocol}.RING_DOWNS", 0)
     connected = []
@@ -270,7 +270,7 @@ def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitat
 
 def test_a_limb_in_space_is_mounted_by_hand_for_each_excitation(short_excitations, tmp_path):
     """The weight is hung to it, it is turned, and the weight is taken off for the motion."""
-    protocol, whole = "calibration.collecting.protocol", mountings
+    protocol, whole = "calibration.collecting.measurement_protocol", mountings
     short_excitations.setattr(f"{protocol}.RING_DOWNS", 0)
     short_excitations.setattr(f"{protocol}._wait", lambda pause, _: None)
     short_excitations.setattr(f"{protocol}.Knowledge.LAW", LinearLaw)
@@ -308,7 +308,7 @@ def test_a_limb_in_space_is_mounted_by_hand_for_each_excitation(short_excitation
 
 def test_a_short_limb_sags_under_a_weight_to_both_sides(tmp_path, monkeypatch):
     """The operator is told the weight, the recordings say it, and together they tell k."""
-    protocol = "calibration.collecting.protocol"
+    protocol = "calibration.collecting.measurement_protocol"
     monkeypatch.setattr(f"{protocol}.SAG_TRIALS", 2)
     monkeypatch.setattr(f"{protocol}.RING_DOWNS", 1)
     segment = SegmentParameters(links=2, length=0.06, mass=0.015, stiffness=0.104)
@@ -359,8 +359,8 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
 
 def test_command_collects_three_wires_from_a_robot_as_four_kinds(tmp_path, monkeypatch):
     """With the model in place of the robot. Two of the wires are on one side."""
-    monkeypatch.setattr("calibration.collecting.protocol.SAG_TRIALS", 1)
-    monkeypatch.setattr("calibration.collecting.protocol.RING_DOWNS", 1)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.RING_DOWNS", 1)
     ports, asked = [], []
 
     def connect(port, parameters, board=None):

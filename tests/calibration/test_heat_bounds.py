@@ -14,12 +14,12 @@ from calibration.collecting.collect import (
     collect_warm_up,
     for_first_contact,
 )
-from calibration.collecting.protocol import CONTACT_MARGIN, WARM_UP_MARGIN
-from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
+from calibration.collecting.measurement_protocol import CONTACT_MARGIN, WARM_UP_MARGIN
+from calibration.heat_bounds_fit import check_first_contact, fit_heat_bounds, heat_remarks
 from hardware import LimbTwin
 from hardware.firmware import guard, heat
 from limb_systems import Limb, LimbParameters, TwoMassLaw, simulate
-from limb_systems.model.heat_bounds import HeatBounds
+from limb_systems.heat_bounds import HeatBounds
 
 
 def test_host_and_board_have_the_same_ranges_and_nominal_bounds():

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from calibration import calibrate
-from calibration.collecting.protocol import mounted
+from calibration.collecting.measurement_protocol import mounted
 from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.recordings.kinds import TURNS
 from limb_systems import Layout, LimbParameters, LinearLaw, Recording, Wires
-from limb_systems.model.ensemble import draw_ensemble, stacked
-from limb_systems.model.statics import HeldAngles
+from limb_systems.monte_carlo import draw_ensemble, stacked
+from limb_systems.statics import HeldAngles
 
 RATE, DRIFT = 4.0, np.deg2rad(0.1)
 TRUE = {

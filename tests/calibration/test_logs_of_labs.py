@@ -7,15 +7,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+from logged_limb import OwnLimb
 from loggers import logged
-from own_limb import OwnLimb
 
 from calibration import CalibrationError, calibrate
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import fit_law
 from calibration.recordings.repair import in_pieces, part
 from limb_systems import LimbParameters, LinearLaw, Recording, SaturatingLaw, SegmentParameters
-from soft_limb.reports.calibration import write_report
+from soft_limb.reports.calibration_report import write_report
 from soft_limb.results.summaries import calibration_summary
 
 PERIOD = 130.0  # s, from one heat to the next

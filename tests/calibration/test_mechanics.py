@@ -21,30 +21,30 @@ from calibration import (
     fit_stiffness,
     validate,
 )
-from calibration.collecting.protocol import hand_for_ring_down
-from calibration.recordings.at_rest import rest_angle
-from calibration.remarks import Severity
-from calibration.section_v.mechanics import (
+from calibration.collecting.measurement_protocol import hand_for_ring_down
+from calibration.paper_method.mechanics import (
     further_sag,
     remarks_on_sensor,
     sag_payload,
     shape_factors,
     with_ringing,
 )
+from calibration.recordings.at_rest import rest_angle
+from calibration.remarks import Severity
 from hardware import LimbTwin
-from hardware.emulation.robot_twin import RobotSpecimen
 from limb_systems import (
     BendSensor,
     ChordSensor,
     Limb,
     LimbParameters,
     Recording,
-    RobotParameters,
     SegmentParameters,
     TipTangentSensor,
     simulate,
 )
-from limb_systems.model.statics import static_equilibrium
+from limb_systems.statics import static_equilibrium
+from walking import RobotParameters
+from walking.robot_twin import RobotSpecimen
 
 DATA = Path(__file__).parents[1] / "data"
 SAG = -np.deg2rad(10.0)

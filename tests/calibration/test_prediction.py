@@ -32,7 +32,7 @@ from limb_systems import (
     TwoMassLaw,
     simulate,
 )
-from limb_systems.model.ensemble import OpenLoop, draw_ensemble, owner_of, stacked
+from limb_systems.monte_carlo import OpenLoop, draw_ensemble, owner_of, stacked
 
 AMBIENT = 22.0
 LAWS = {

@@ -19,8 +19,8 @@ from limb_systems import (
     TipTangentSensor,
     simulate,
 )
-from limb_systems.model.bend_sensor import rolled
-from limb_systems.model.parameters import CalibrationRecord
+from limb_systems.bend_sensor import rolled
+from limb_systems.limb_parameters import CalibrationRecord
 
 PERIOD = 0.05
 DUTY = np.array([0.15, 0.6])

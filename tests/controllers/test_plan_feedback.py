@@ -12,8 +12,8 @@ from controllers.plan_controller import SampledPlan, allocate, within_total
 from controllers.plan_feedback import BEND, DUTY, TEMPERATURE, regulator_gains
 from hardware import replay
 from limb_systems import Layout, Limb, LimbParameters, simulate
-from limb_systems.model.parameters import CalibrationRecord
-from limb_systems.model.statics import HeldAngles
+from limb_systems.limb_parameters import CalibrationRecord
+from limb_systems.statics import HeldAngles
 from planners import plan, references
 
 LEFT, RIGHT = -0.12, 0.11  # rad/s, bend rates by full duty

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from controllers import PlanFeedback, TemperatureSupervisor, supervised
 from hardware import LimbTwin
 from limb_systems import HystereticLaw, Limb, LimbError, LimbParameters
-from limb_systems.model.parameters import CalibrationRecord
+from limb_systems.limb_parameters import CalibrationRecord
 from limb_systems.simulation import record
 
 LIMIT = 100.0  # °C, T_max, of limbs that are not calibrated

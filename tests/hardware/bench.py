@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from hardware.board.board_check import WIDE, Bounds, Host, NotRunError
+from hardware.board.link import HardwareError, Sample, SerialPort, shares_of
 from hardware.firmware import from_host, guard, protocol
-from hardware.robot.board_check import WIDE, Bounds, Host, NotRunError
-from hardware.robot.link import HardwareError, Sample, SerialPort, shares_of
 from limb_systems import LimbParameters
 
 HOTTEST = 90.0  # °C, of a reading at which the checks stop

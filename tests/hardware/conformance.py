@@ -13,9 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from hardware.firmware import from_host, protocol
-from hardware.robot import board_check
-from hardware.robot.board_check import (
+from hardware.board import board_check
+from hardware.board.board_check import (
     CASES,
     FAILED,
     GENTLE,
@@ -27,7 +26,8 @@ from hardware.robot.board_check import (
     NotRunError,
     Outcome,
 )
-from hardware.robot.link import Sample, SerialPort
+from hardware.board.link import Sample, SerialPort
+from hardware.firmware import from_host, protocol
 from limb_systems import LimbParameters
 
 from .bench import UNDO, Ask, Bench, RuleBrokenError, expect, state_of

@@ -3,11 +3,11 @@
 import random
 import struct
 
+from hardware.board.link import pulls_of
 from hardware.emulation.emulator import Emulation
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware import firmware
 from hardware.firmware.firmware import Firmware
-from hardware.robot.link import pulls_of
 from limb_systems import Layout, LimbParameters
 
 from .firmware_checks import ROOM, PaperBoard

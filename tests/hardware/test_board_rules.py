@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from hardware import HardwareError
+from hardware.board.board_check import CASES, FAILED, NOT_RUN, PASSED, Host
 from hardware.firmware import guard, protocol
 from hardware.firmware.firmware import Firmware
-from hardware.robot.board_check import CASES, FAILED, NOT_RUN, PASSED, Host
 from limb_systems import LimbParameters
 from soft_limb.command import main
 

@@ -22,7 +22,7 @@ from scipy.optimize import fsolve
 from hardware import LimbTwin
 from hardware.emulation.twin import specimens_of
 from limb_systems import ChordSensor, LimbParameters, SegmentParameters, simulate
-from limb_systems.model.limb import make_manipulator
+from limb_systems.limb import make_manipulator
 from soft_limb.runs.jobs import run_each
 
 EXACT = {  # a beam whose stiffness is even, and a sensor without errors

@@ -9,9 +9,9 @@ from other_limbs import OtherLimb
 from simulated_board import SimulatedBoard
 
 from hardware import LimbTwin
-from hardware.robot import arm_check
-from hardware.robot.arm_check import check_supply, check_wires
-from hardware.robot.heat_rates import HeatRates
+from hardware.board import arm_check
+from hardware.board.arm_check import check_supply, check_wires
+from hardware.board.heat_rates import HeatRates
 from limb_systems import LimbError, LimbParameters
 from soft_limb.command import main
 

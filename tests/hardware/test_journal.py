@@ -10,7 +10,7 @@ from hardware import HardwareError, LimbTwin, replay, watch
 from limb_systems import Limb, LimbParameters, Recording, Trajectory
 from limb_systems.files import table_writer
 from limb_systems.files.csv_format import KILLED
-from limb_systems.output import OutputError
+from limb_systems.files.output import OutputError
 from limb_systems.progress import Progress
 from planners import plan, references
 from soft_limb.command import main

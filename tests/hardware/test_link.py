@@ -11,10 +11,10 @@ from pydrake.systems.analysis import Simulator
 
 from calibration import collect_sag
 from hardware import BoardLink, HardwareError, LimbTwin, SerialLimb
+from hardware.board.link import Assembly
+from hardware.board.reasons import REASONS
 from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.firmware import guard, protocol, readings
-from hardware.robot.link import Assembly
-from hardware.robot.reasons import REASONS
 from limb_systems import (
     ChordSensor,
     LimbError,
@@ -23,7 +23,7 @@ from limb_systems import (
     SegmentParameters,
     TipTangentSensor,
 )
-from limb_systems.model.heat_bounds import HeatBounds
+from limb_systems.heat_bounds import HeatBounds
 from soft_limb.command import main
 
 from .conftest import BOUNDS
@@ -52,7 +52,7 @@ def greeting(version, channels=2):
 
 def test_a_port_without_a_board_is_named(pseudo_terminal, monkeypatch):
     _, port = pseudo_terminal
-    monkeypatch.setattr("hardware.robot.link.ANSWER_TIME", 0.3)
+    monkeypatch.setattr("hardware.board.link.ANSWER_TIME", 0.3)
     with pytest.raises(HardwareError, match=f"The board on {port} does not answer a greeting"):
         SerialLimb(port)
     message = "does not answer after the port was opened"  # but may be opened again
@@ -252,7 +252,7 @@ def test_a_board_whose_clock_is_slow_is_borne(board, monkeypatch):
     with BoardLink(board.port) as link:
         for number in range(6_000):
             passed = 0.05 * number
-            monkeypatch.setattr("hardware.robot.link.time.monotonic", lambda now=passed: now)
+            monkeypatch.setattr("hardware.board.link.time.monotonic", lambda now=passed: now)
             for kind, values in parser.feed(
                 sample(number, guard.DISARMED, guard.NONE, time_ms=round(980 * passed))
             ):

@@ -19,7 +19,7 @@ from pydrake.geometry import Meshcat, MeshcatParams
 
 from controllers import Learner
 from hardware import LimbTwin, SerialLimb, replay
-from hardware.feed import Message, Reading, RunHeader
+from hardware.live_feed import Message, Reading, RunHeader
 from limb_systems import (
     LimbError,
     LimbParameters,
@@ -32,7 +32,7 @@ from planners import plan, references
 from soft_limb.command import main
 from soft_limb.commands import options
 from soft_limb.live import server
-from soft_limb.live.page import LivePage
+from soft_limb.live.live_page import LivePage
 from soft_limb.live.run import MOST_POINTS, Run
 from soft_limb.live.shown import Browser, columns
 from soft_limb.live.site import COOKIE, Gate
@@ -73,7 +73,7 @@ PROGRAM = """
 from hardware import LimbTwin, replay
 from limb_systems import Trajectory
 from soft_limb.command import run_command
-from soft_limb.live.page import LivePage
+from soft_limb.live.live_page import LivePage
 
 def run():
     plan = Trajectory.load("plan.csv")

@@ -16,20 +16,18 @@ from calibration import collect_from_robot
 from hardware import LimbTwin, ReplayError, SerialLimb, replay
 from hardware.replay import check_replayable
 from limb_systems import (
-    BodyParameters,
     EmulatedLimb,
     Limb,
     LimbError,
     LimbParameters,
     Recording,
-    RobotLimb,
-    RobotParameters,
     SerialBoard,
     simulate,
 )
 from limb_systems.progress import Progress
 from planners import plan, references
 from soft_limb.command import main
+from walking import BodyParameters, RobotLimb, RobotParameters
 
 from .conftest import SimulatedBoard, VirtualBoard, start_heating, wait_for
 
@@ -329,8 +327,8 @@ def test_orders_that_come_together_are_obeyed_but_for_those_that_make_no_sense(r
 
 def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     """With the model in place of a robot, which a context manager closes alike."""
-    monkeypatch.setattr("calibration.collecting.protocol.SAG_TRIALS", 2)
-    monkeypatch.setattr("calibration.collecting.protocol.RING_DOWNS", 1)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.SAG_TRIALS", 2)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.RING_DOWNS", 1)
     in_use, asked = [], []
 
     class Closing(Limb):

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from hardware import BoardLink, HardwareError, ReplayError, SerialLimb
+from hardware.board.several_boards import SeveralBoards, limbs_of
+from hardware.board.text_board import TextBoardError
 from hardware.replay import check_replayable
-from hardware.robot.several_boards import SeveralBoards, limbs_of
-from hardware.robot.text_board import TextBoardError
-from limb_systems import LimbError, Recording, RobotLimb, RobotParameters, SerialBoard
+from limb_systems import LimbError, Recording, SerialBoard
 from planners import plan, references
 from soft_limb.command import main
+from walking import RobotLimb, RobotParameters
 
 from .conftest import BOUNDS, Heating, VirtualBoard
 

@@ -9,10 +9,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from hardware.emulation.rubber import GRIP, EmulatedRubber, Hand
+from hardware.emulation.emulated_rubber import GRIP, EmulatedRubber, Hand
+from hardware.emulation.emulated_wires import ShapeMemoryWires
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from hardware.emulation.twin import LimbTwin
-from hardware.emulation.wires import ShapeMemoryWires
 from limb_systems import (
     ChordSensor,
     LimbParameters,

@@ -28,12 +28,12 @@ from hardware import (
     TextBoard,
     replay,
 )
+from hardware.board.port_keeper import OnOff
+from hardware.board.text_answers import AnswerCheck
+from hardware.board.text_board import TextBoardError
+from hardware.board.text_link import TextBoardWarning, TextLink
 from hardware.emulation.emulator import PseudoTerminal
 from hardware.emulation.sketches import EmulatedSketch
-from hardware.robot.port_keeper import OnOff
-from hardware.robot.text_answers import AnswerCheck
-from hardware.robot.text_board import TextBoardError
-from hardware.robot.text_link import TextBoardWarning, TextLink
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording, simulate
 from planners import plan, references
 from soft_limb.command import main
@@ -195,7 +195,7 @@ def test_a_sketch_applies_the_duty_of_the_plan(kind, sketches, short_plan, tmp_p
 HOST = """
 import sys, numpy as np
 from hardware import SerialLimb
-from hardware.robot.text_board import TextBoard
+from hardware.board.text_board import TextBoard
 from limb_systems import simulate
 simulate(SerialLimb(sys.argv[1], board=sys.argv[2]), [0.0, 0.5], 20.0)
 """
@@ -305,7 +305,7 @@ def test_what_ends_heat(order, message, sketches):
 def test_a_sketch_that_takes_no_lines_any_more_ends_a_run(
     sketches, short_plan, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("hardware.robot.text_answers.STILL", 2.0)  # in place of 15 s
+    monkeypatch.setattr("hardware.board.text_answers.STILL", 2.0)  # in place of 15 s
     sketch = sketches("brackets")
     tell = lambda: wait_for(lambda: sketch.duty()[1] > 0.2) and sketch.order("deafen")  # noqa: E731
     threading.Thread(target=tell).start()

@@ -23,7 +23,7 @@ from limb_systems import (
     TipTangentSensor,
     simulate,
 )
-from limb_systems.model.parameters import EmulatedLimb
+from limb_systems.limb_parameters import EmulatedLimb
 
 
 def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):

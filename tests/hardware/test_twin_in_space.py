@@ -17,8 +17,8 @@ from limb_systems import (
     make_manipulator,
     simulate,
 )
-from limb_systems.model.statics import static_equilibrium
 from limb_systems.simulation import make_simulator
+from limb_systems.statics import static_equilibrium
 
 EFFECTS = ("rubber", "bend sensor", "places")
 

@@ -13,15 +13,15 @@ from collections.abc import Callable
 from typing import Any
 
 from hardware import HardwareError
+from hardware.board.link import BAUD_RATE, BoardLink, SerialPort
 from hardware.emulation.emulator import TURN
-from hardware.robot.link import BAUD_RATE, BoardLink, SerialPort
 
 HANG = 600.0  # s of the computer, after which threads of the host are given up
 # Modules with clocks of the program that drives boards.
 MODULES = (
-    "calibration.collecting.protocol",
-    "hardware.robot.link",
-    "hardware.robot.serial_limb",
+    "calibration.collecting.measurement_protocol",
+    "hardware.board.link",
+    "hardware.board.serial_limb",
     "limb_systems.progress",
     "limb_systems.simulation",
     "ros_bridge.drive",
@@ -40,12 +40,12 @@ class VirtualTime:
         self._hooks: list[Callable[[], Any]] = []
         for module in MODULES:
             monkeypatch.setattr(f"{module}.time", self)
-        monkeypatch.setattr("hardware.robot.link.SerialPort", self._open)
+        monkeypatch.setattr("hardware.board.link.SerialPort", self._open)
         bench = functools.partial(self._open, has_thread=False)
         monkeypatch.setattr("soft_limb.commands.hardware.SerialPort", bench)
         monkeypatch.setattr(BoardLink, "_wait_for", self._method_of_link())
         monkeypatch.setattr(BoardLink, "_send", _send_now)
-        several = "hardware.robot.several_boards"
+        several = "hardware.board.several_boards"
         monkeypatch.setattr(f"{several}.ThreadPoolExecutor", lambda size: _Pool(self, size))
         monkeypatch.setattr(f"{several}.wait", self._wait_of_pool)
         monkeypatch.setattr(random, "SystemRandom", lambda: random.Random(0))

@@ -1,7 +1,5 @@
 """What several tests share: an independent model, limbs to try, how errors must read."""
 
-import contextlib
-
 import numpy as np
 import pytest
 
@@ -104,22 +102,3 @@ def three_and_one() -> LimbParameters:
             SegmentParameters(links=3, wires=[WireParameters("only", e2=0.003)]),
         ]
     )
-
-
-@pytest.fixture(scope="session")
-def refused():
-    """A context in which an error must come, as one sentence with some words in it."""
-
-    @contextlib.contextmanager
-    def expect(error_type, *words):
-        with pytest.raises(error_type) as caught:
-            yield
-        message = str(caught.value)
-        assert len(message.splitlines()) == 1, repr(message)
-        assert message.endswith((".", "?")), message
-        assert "Traceback" not in message
-        assert "object at 0x" not in message
-        for word in words:
-            assert str(word) in message, f"{word!r} is not in {message!r}"
-
-    return expect

@@ -12,7 +12,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
 
 from limb_systems import Layout, LimbParameters, PlanCheck, Recording, Trajectory
-from limb_systems.model.kinematics import link_positions
+from limb_systems.kinematics import link_positions
 
 LIMB = "/drake/visualizer/limb"
 

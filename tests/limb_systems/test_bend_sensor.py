@@ -14,7 +14,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     make_manipulator,
 )
-from limb_systems.model.statics import static_equilibrium
+from limb_systems.statics import static_equilibrium
 
 SENSORS = (TipTangentSensor(), ChordSensor())
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from limb_systems import LimbParameters, SegmentParameters, bend_angle, tip_position
-from limb_systems.model.limb import make_manipulator
+from limb_systems.limb import make_manipulator
 
 BEND_E2, BEND_E3, TWIST = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
 

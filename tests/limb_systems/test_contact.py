@@ -10,8 +10,8 @@ from pydrake.multibody.plant import ContactModel
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from limb_systems.model.contact import ContactForces
-from limb_systems.model.robot import add_contact_plant
+from limb_systems.contact import ContactForces
+from walking.robot import add_contact_plant
 
 GRIPPER = Path(__file__).parents[2] / "examples" / "gripper"
 

@@ -17,9 +17,9 @@ from limb_systems import (
     ThresholdLaw,
     WireParameters,
 )
-from limb_systems.model.dynamics import Dynamics
-from limb_systems.model.statics import HeldAngles
-from limb_systems.model.wires import Wires
+from limb_systems.dynamics import Dynamics
+from limb_systems.statics import HeldAngles
+from limb_systems.wires import Wires
 
 STEP = 1e-6  # of typical changes
 

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from limb_systems import LimbError, LimbParameters, Recording, Trajectory
-from limb_systems.input import LARGEST_TABLE, LARGEST_TEXT, read_bytes
+from limb_systems.files.input import LARGEST_TABLE, LARGEST_TEXT, read_bytes
 from planners import Task, references
 
 READERS = {

@@ -18,9 +18,9 @@ from limb_systems import (
     make_manipulator,
     tip_position,
 )
-from limb_systems.model.ensemble import OpenLoop, stacked
-from limb_systems.model.kinematics import Chain
-from limb_systems.model.smooth_function import SmoothFunction
+from limb_systems.kinematics import Chain
+from limb_systems.monte_carlo import OpenLoop, stacked
+from limb_systems.smooth_function import SmoothFunction
 
 
 def plant_tip(parameters, joint_angles, segment=-1, base="base") -> np.ndarray:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
+from limb_systems.bend_sensor import chord_angle
 from limb_systems.logs import reading, table
 from limb_systems.logs.guess import limbs_in_log
 from limb_systems.logs.importing import import_logs
 from limb_systems.logs.mapping import LogMapping
-from limb_systems.model.bend_sensor import chord_angle
 from soft_limb.command import main
 
 LINKS = 4

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from limb_systems import LimbParameters
 from limb_systems.files.csv_format import format_rows, parse_table
-from limb_systems.schema import dump_typed, load_typed
+from limb_systems.files.schema import dump_typed, load_typed
 
 PI = Fraction("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899")
 

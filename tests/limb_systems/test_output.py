@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from limb_systems import Limb, LimbParameters, simulate
-from limb_systems.output import OutputError, check_folder, check_outputs
+from limb_systems.files.output import OutputError, check_folder, check_outputs
 from soft_limb.command import main
 
 

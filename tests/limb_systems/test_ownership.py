@@ -8,8 +8,9 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
 from hardware import LimbTwin, Station
-from limb_systems import JouleHeating, Limb, LimbActuation, LimbParameters, Robot, simulate
+from limb_systems import JouleHeating, Limb, LimbActuation, LimbParameters, simulate
 from planners import TrajectoryProgram
+from walking import Robot
 
 
 def limb_in_a_diagram():

@@ -25,8 +25,8 @@ from limb_systems import (
     WireParameters,
     wires_around,
 )
-from limb_systems.model.heat_bounds import HeatBounds
-from limb_systems.model.parameters import ParameterError
+from limb_systems.heat_bounds import HeatBounds
+from limb_systems.limb_parameters import ParameterError
 
 WIRE = ("segments", 0, "wires", 0)
 

@@ -17,10 +17,10 @@ from limb_systems import (
     Limb,
     LimbParameters,
     Provenance,
-    provenance,
     simulate,
 )
-from limb_systems.provenance import command_line
+from limb_systems.files import provenance
+from limb_systems.files.provenance import command_line
 
 MADE = Provenance(
     "0.1.0",

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from limb_systems import LimbParameters, tip_position
-from limb_systems.model.statics import static_equilibrium
+from limb_systems.statics import static_equilibrium
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -14,8 +14,8 @@ from limb_systems import (
     Wires,
     bend_angle,
 )
-from limb_systems.model.statics import static_equilibrium
 from limb_systems.simulation import make_simulator
+from limb_systems.statics import static_equilibrium
 
 K = 0.1246  # N·m/rad, of the nominal limb
 

@@ -1,9 +1,9 @@
 """YAML from anywhere: what could hang, take all memory or end in a traceback is one sentence."""
 
 from limb_systems import EmulatedLimb, LimbParameters
-from limb_systems.input import LARGEST_TEXT
-from limb_systems.model.parameters import ParameterError
-from limb_systems.schema import SchemaError
+from limb_systems.files.input import LARGEST_TEXT
+from limb_systems.files.schema import SchemaError
+from limb_systems.limb_parameters import ParameterError
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{name}: &{name} [{', '.join([f'*{before}'] * 9)}]\n"

@@ -8,7 +8,7 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.symbolic import Variable
 
 from limb_systems import LimbError
-from limb_systems.model.smooth_function import SmoothFunction
+from limb_systems.smooth_function import SmoothFunction
 
 FUNCTIONS = {
     "quotient": lambda a, b, _: (a + b) / (2.0 + a * b),

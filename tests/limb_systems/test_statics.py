@@ -21,8 +21,8 @@ from limb_systems import (
     simulate,
     wires_around,
 )
-from limb_systems.model.limb import make_manipulator
-from limb_systems.model.statics import HeldAngles, static_equilibrium
+from limb_systems.limb import make_manipulator
+from limb_systems.statics import HeldAngles, static_equilibrium
 
 SIDEWAYS = [0.0, -9.81, 0.0]
 

@@ -12,8 +12,8 @@ import pytest
 
 from limb_systems.files import table_writer
 from limb_systems.files.csv_format import KILLED, FileFormatError, parse_table
+from limb_systems.files.output import OutputError
 from limb_systems.files.table_writer import TableWriter, is_unfinished
-from limb_systems.output import OutputError
 
 
 @pytest.fixture

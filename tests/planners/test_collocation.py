@@ -13,7 +13,7 @@ from limb_systems import (
     SegmentParameters,
     Wires,
 )
-from limb_systems.model.dynamics import Dynamics
+from limb_systems.dynamics import Dynamics
 from planners.transcription.collocation import LimbDefects
 
 TIME_STEP = 5e-4  # s, short enough for the fixed point that closes the θ rows below

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from limb_systems import LimbError, LimbParameters
-from limb_systems.model.kinematics import link_positions
+from limb_systems.kinematics import link_positions
 from planners import grip
 
 CENTER, RADIUS = np.array([0.085, 0.035]), 0.02

@@ -15,22 +15,22 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
-from limb_systems.model.statics import HeldAngles
+from limb_systems.statics import HeldAngles
 from planners import (
     InfeasibleError,
     Planner,
     PlanningError,
     Task,
-    checks,
     nearest_bend_angle,
     plan,
+    plan_check,
     planning,
     references,
 )
 from planners.transcription import ipopt, solving
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import solve_quasi_static
-from soft_limb.reports.plan import plan_verdict
+from soft_limb.reports.plan_report import plan_verdict
 from soft_limb.results.summaries import plan_summary
 
 
@@ -206,8 +206,8 @@ def test_a_simulation_that_goes_elsewhere_is_noticed(fig5_plan, monkeypatch):
     """The check simulates the limb that the plan names, not the program's equations."""
     other = LimbParameters()
     other.segments[0].wire("right").law.beta *= 1.02
-    monkeypatch.setattr(checks, "Limb", lambda _: Limb(other))
-    _, differences = checks.simulated_differences(fig5_plan)
+    monkeypatch.setattr(plan_check, "Limb", lambda _: Limb(other))
+    _, differences = plan_check.simulated_differences(fig5_plan)
     assert np.rad2deg(differences.max()) > 0.3
 
 

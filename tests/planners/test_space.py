@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from limb_systems import Layout, LimbParameters, simulate
-from limb_systems.model.limb import Limb
+from limb_systems.limb import Limb
 from planners import Task, plan, references
 
 TIMES = np.linspace(0.0, 40.0, 401)

@@ -19,8 +19,8 @@ from limb_systems import (
     bend_angle,
     joint_angles_from_bend_angle,
 )
-from limb_systems.model.parameters import CalibrationRecord
-from limb_systems.model.statics import HeldAngles
+from limb_systems.limb_parameters import CalibrationRecord
+from limb_systems.statics import HeldAngles
 from planners import (
     ExactHessianIpoptSolver,
     Planner,
@@ -34,7 +34,7 @@ from planners import (
 from planners.transcription import solving
 from planners.transcription.quasi_static import QuasiStaticProgram
 from planners.transcription.solving import solve_program
-from soft_limb.live.page import LivePage
+from soft_limb.live.live_page import LivePage
 from soft_limb.results.summaries import plan_summary
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -24,7 +24,7 @@ from limb_systems import (
     split_state,
 )
 from planners import InfeasibleError, plan, references
-from planners.checks import simulated_differences
+from planners.plan_check import simulated_differences
 
 TWO_MASS_LAWS = {
     "threshold": ThresholdLaw,

@@ -15,7 +15,7 @@ from limb_systems import (
     WireParameters,
     Wires,
 )
-from limb_systems.schema import quantity
+from limb_systems.files.schema import quantity
 
 
 @dataclasses.dataclass

@@ -15,7 +15,7 @@ from limb_systems import (
     simulate,
 )
 from soft_limb.reports import page
-from soft_limb.reports.plan import write_rollout_report
+from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.runs.rollout import Rollout
 
 

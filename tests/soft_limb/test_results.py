@@ -16,7 +16,6 @@ from limb_systems import (
     PlanCheck,
     Provenance,
     Recording,
-    RobotParameters,
     Trajectory,
     joint_angles_from_bend_angle,
 )
@@ -24,7 +23,8 @@ from soft_limb.command import main
 from soft_limb.reports import page
 from soft_limb.results import folder as folder_of_results
 from soft_limb.results.comparison import Change, compare
-from soft_limb.results.reading import read_result
+from soft_limb.results.read_result import read_result
+from walking import RobotParameters
 
 MADE = Provenance("0.1.0", "0123456789ab", "soft-limb plan", "a" * 12, "2030-01-31T12:00:00Z", 7, 3)
 TIME = np.linspace(0.0, 4.0, 41)

@@ -14,7 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 import urdf
 from limb_systems import LimbParameters, SegmentParameters, WireParameters, add_limb
-from limb_systems.model.kinematics import link_positions
+from limb_systems.kinematics import link_positions
 from urdf import limb_sdf, limb_urdf
 
 FOLDER = Path(urdf.__file__).parent

@@ -48,13 +48,12 @@ from hardware.emulation.sensors import (
 )
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import SPECIMENS
-from limb_systems import Layout, LimbError
-from limb_systems.model import kinematics
-from limb_systems.model.bend_sensor import rolled
-from limb_systems.model.ownership import declare_part, weak_method
-from limb_systems.model.parameters import SegmentParameters
-from limb_systems.model.smooth_function import SmoothFunction
+from limb_systems import Layout, LimbError, kinematics
+from limb_systems.bend_sensor import rolled
+from limb_systems.drake_python import declare_part, weak_method
+from limb_systems.limb_parameters import SegmentParameters
 from limb_systems.simulation import PERIOD as SIMULATION_PERIOD
+from limb_systems.smooth_function import SmoothFunction
 
 JOINTS = 8  # of the chain for each axis, whatever the links of the description
 SHELLS = 7  # of silicone around each wire
@@ -575,7 +574,7 @@ class ContinuumLimb(LeafSystem):
     - state, discrete: what `_unused` lists
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(
         self,
@@ -823,7 +822,7 @@ class WalkingSensors(LeafSystem):
     - state, discrete: the same; the walk, rad; how many numbers of the noise were used
     """
 
-    __slots__ = ()  # see limb_systems.model.ownership
+    __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, specimen: ContinuumSpecimen, bend_rate: float):
         """

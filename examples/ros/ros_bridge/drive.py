@@ -16,11 +16,11 @@ import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
+from hardware.board.journal import journaled
 from hardware.firmware import guard
 from hardware.replay import START_TOLERANCE
-from hardware.robot.journal import journaled
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
-from limb_systems.model.limb_system import check_limb
+from limb_systems.limb_system import check_limb
 from limb_systems.simulation import PERIOD, failure_told, make_simulator
 from ros_bridge.messages import LATEST, SILENCE, Heard, Message, Topics
 

@@ -1,0 +1,504 @@
+"""Collect all recordings that calibration wants, from an emulated limb or from a robot.
+
+Section V asks for the sag, the ring-down and heated equilibria. The excitations of
+`calibration.collecting.excitation` tell more about the wires in less time.
+"""
+
+import copy
+import dataclasses
+import functools
+import itertools
+import time
+import warnings
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+from threadpoolctl import threadpool_limits
+
+from calibration.collecting.collect import (
+    CONTACT_TIME,
+    RING_DOWN_RATE,
+    WARM_UP_TIME,
+    collect_equilibria,
+    collect_excitation,
+    collect_first_contact,
+    collect_ring_down,
+    collect_sag,
+    collect_warm_up,
+    for_first_contact,
+)
+from calibration.collecting.excitation import Excitation, excitations, mountings
+from calibration.heat_bounds_fit import check_first_contact, fit_heat_bounds, heat_remarks
+from calibration.paper_method.mechanics import GRAVITY, sag_payload
+from calibration.prediction.heated_run import HeatedRun
+from calibration.prediction.law_fit import LawFit, fit_law
+from calibration.recordings.at_rest import ambient_temperature, rest_angle
+from calibration.recordings.kinds import (
+    FIRST_CONTACT,
+    WARM_UP,
+    gravity_bends,
+    heated_kinds,
+    only_segment,
+)
+from hardware import LimbTwin, SerialLimb
+from hardware.live_feed import LiveView
+from limb_systems import HystereticLaw, LimbError, LimbParameters, Recording
+from limb_systems.files.table_writer import is_unfinished
+from limb_systems.progress import Progress, part_of_work
+from limb_systems.simulation import PERIOD
+
+SAG_TRIALS, RING_DOWNS = 10, 3
+SPEED = 70.0  # heated time of an emulated limb over the computing time of the whole collection
+SAG_PAUSE = 20.0  # s, after which rubber has forgotten the sag to the other side
+PROTOCOLS = ("all", "excitation", "paper")
+UP: dict[float, str] = {
+    0: "+E2",
+    90: "-E3",
+    180: "-E2",
+    270: "+E3",
+}  # side up, by turn
+CONTACT_MARGIN = 0.5  # share by which bounds of first contact are widened: the wires stay cool
+WARM_UP_MARGIN = 0.25  # share by which bounds of the warm-up are widened: it is short and not hot
+
+
+class Knowledge:
+    """What the recordings so far tell about a limb, and how well they predict the next one.
+
+    Args:
+        described: the limb as it was described.
+        recordings: recordings made before: ring-downs, for the angle at rest, and heated ones.
+    """
+
+    LAW = HystereticLaw  # which has the other laws' shapes
+
+    def __init__(self, described: LimbParameters, recordings: Iterable[Recording] = ()):
+        self._described, self._recordings = copy.deepcopy(described), list(recordings)
+        self._known: LawFit | None = None
+        self._motions: list[np.ndarray] = []
+
+    @property
+    def limb(self) -> LimbParameters:
+        """The limb as it is calibrated so far."""
+        return self._fit().calibrated(self._described)
+
+    def add(self, recording: Recording, kind: str) -> str:
+        """Add a recording; return in words how well it was predicted before."""
+        with threadpool_limits(1, "blas"):
+            (predicted,) = self._fit().predict([HeatedRun.of(recording)])
+        said = (
+            f"predicted to {np.rad2deg(predicted.bend_error):.1f}° and "
+            f"{predicted.temperature_error:.1f} °C on average before it was fitted"
+        )
+        if kind != "motion":
+            if not gravity_bends(recording.parameters):  # others tell little more of the heat
+                self._recordings.append(recording)
+                self._known = None
+            return said
+        self._motions.append(recording.bend_angle)
+        if len(self._motions) > 1:
+            differences = []
+            for one, other in itertools.combinations(self._motions, 2):
+                length = min(one.shape[1], other.shape[1])
+                away = one[:, :length] - other[:, :length]
+                differences.append(np.linalg.norm(away, axis=0).mean())
+            said += f"; motions differ by {np.rad2deg(np.mean(differences)):.1f}° from each other"
+        return said
+
+    def _fit(self) -> LawFit:
+        if self._known is None:
+            ambient = ambient_temperature(self._recordings).value
+            segment = copy.deepcopy(only_segment(self._described))
+            segment.rest_angle = rest_angle(self._recordings, ambient).value
+            runs = [HeatedRun.of(each) for each in self._recordings if each.duty.any()]
+            with threadpool_limits(1, "blas"):
+                self._known = fit_law(self.LAW, runs, segment, ambient)
+        return self._known
+
+
+@dataclasses.dataclass(frozen=True)
+class PlannedRecording:
+    """A recording of a protocol.
+
+    - ``name``, ``kind``: name of its file, and its kind.
+    - ``collect``: makes it, as ``collect(limb, journal=..., live=...)``; an excitation also
+      takes the limb as ``known`` so far.
+    - ``heated_time``: the longest time with duty, s.
+    - ``pause``: time without heat before it, s; None if the wires must be cold.
+    - ``turned``: mounting of the limb, as for `mounted`.
+    - ``excites``: whether it is one of `excitations`.
+    """
+
+    name: str
+    kind: str
+    collect: Callable[..., Recording]
+    heated_time: float = 0.0
+    pause: float | None = 0.0
+    turned: float | None = None
+    excites: bool = False
+
+
+def planned_recordings(
+    limb: LimbParameters,
+    protocol: str,
+    *,
+    seed: int,
+    num_angles: int,
+    longest: float,
+    sag_trials: int,
+    ring_downs: int,
+    emulated: bool,
+) -> list[PlannedRecording]:
+    """The recordings of a protocol in their order.
+
+    Args:
+        limb: description of the limb, of one segment.
+        emulated: whether the limb is emulated, which needs no first contact.
+        protocol, seed, num_angles, longest, sag_trials, ring_downs: as for `collect_from_twin`.
+
+    Raises:
+        LimbError: if there is no such protocol for the limb.
+    """
+    planar = only_segment(limb).axes == 1
+    if protocol not in PROTOCOLS:
+        raise LimbError(f"protocol is {protocol!r}; it must be one of {', '.join(PROTOCOLS)}.")
+    if protocol == "paper" and not planar:
+        raise LimbError(
+            "The paper's protocol is one for limbs that bend in a plane; collect with protocol all."
+        )
+    rate = RING_DOWN_RATE if emulated else 1 / PERIOD
+    swing = functools.partial(collect_ring_down, sample_rate=rate)
+    loaded = planar and sag_payload(limb) > 0
+    plans = [
+        PlannedRecording(
+            f"sag_{number}",
+            "sag",
+            collect_sag,
+            pause=SAG_PAUSE * loaded,
+            turned=180.0 * (loaded and number % 2 == 0),
+        )
+        for number in range(1, sag_trials + 1)
+        if planar
+    ]
+    plans += [
+        PlannedRecording(f"ring_down_{number}", "ring_down", swing)
+        for number in range(1, ring_downs + 1)
+    ]
+    hold = functools.partial(collect_equilibria, num_angles=num_angles, longest=longest)
+    held = [
+        PlannedRecording(
+            kind,
+            kind,
+            functools.partial(hold, actuated=kind, seed=seed + number),
+            num_angles * longest,
+            pause=None,
+        )
+        for number, kind in enumerate(heated_kinds(limb))
+        if planar and protocol != "excitation"
+    ]
+    contact = PlannedRecording(
+        FIRST_CONTACT, "heated", collect_first_contact, CONTACT_TIME * len(limb.wires), pause=None
+    )
+    warm_up = PlannedRecording(WARM_UP, "heated", collect_warm_up, WARM_UP_TIME, pause=None)
+    plans += [*held, warm_up] if emulated else [contact, warm_up, *held]
+    if protocol == "paper":
+        return plans[:-1] if emulated else plans
+    return plans + [
+        PlannedRecording(
+            each.name,
+            each.kind,
+            functools.partial(collect_excitation, excitation=each),
+            each.heated_time,
+            each.pause if number else None,
+            each.turned,
+            excites=True,
+        )
+        for number, each in enumerate(program(limb, seed, protocol))
+    ]
+
+
+def program(limb: LimbParameters, seed: int, protocol: str) -> list[Excitation]:
+    """The excitations of a protocol, motions last.
+
+    Where a limb bends in space, the stairs of `mountings` take the place of pulses and ramps.
+    """
+    every = excitations(len(limb.wires), seed)
+    if only_segment(limb).axes == 1 or protocol == "excitation":
+        return every
+    heated = [each for each in every if each.name in ("conditioning", "random")]
+    motions = [each for each in every if each.kind == "motion"]
+    return [*heated, *mountings(len(limb.wires)), *motions]
+
+
+def mounted(limb: LimbParameters, turned: float | None) -> LimbParameters:
+    """A copy of a limb as it is mounted: turned about E1 under gravity, or unbent by gravity.
+
+    A limb that is turned has a weight at its tip, as bend sensors drift by a good part of its own
+    sag. In space the weight is as heavy as the segment, with which it sags four times as far. A
+    planar limb has the weight of `sag_payload`, which is zero if its own sag is large enough.
+
+    Args:
+        turned: angle about E1, degrees; None if gravity does not bend the limb.
+    """
+    limb = copy.deepcopy(limb)
+    segment = only_segment(limb)
+    limb.gravity = [0.0, 0.0, 0.0]
+    if turned is not None:
+        angle = np.deg2rad(turned)
+        limb.gravity = [0.0, -GRAVITY * float(np.cos(angle)), GRAVITY * float(np.sin(angle))]
+        limb.payload += segment.mass if segment.axes > 1 else sag_payload(limb)
+    elif segment.axes > 1:
+        limb.gravity = [GRAVITY, 0.0, 0.0]  # it hangs
+    return limb
+
+
+def hand_for_ring_down(axes: int = 1) -> PiecewisePolynomial:
+    """A hand's course for `LimbTwin`: to 45° towards E2 within 1 s, released after 2 s, in rad."""
+    course = np.zeros((axes, 3))
+    course[0, 1:] = np.pi / 4
+    return PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], course)
+
+
+def collect_from_twin(
+    twin: LimbTwin,
+    *,
+    seed: int = 0,
+    num_angles: int = 8,
+    longest: float = 60.0,
+    cooling_time: float = 300.0,
+    sag_trials: int = SAG_TRIALS,
+    ring_downs: int = RING_DOWNS,
+    protocol: str = "all",
+    tell: Callable[[str], object] = lambda what: None,
+    live: LiveView | None = None,
+) -> dict[str, list[Recording]]:
+    """All recordings that calibration wants, from an emulated limb, one after the other.
+
+    Trials of the sag and ring-downs come first: if the limb's own sag is small, under a weight at
+    its tip and to both sides in turn. Then follow equilibria with one wire after
+    the other and with all of them, as in Sec. V, a warm-up and `excitations`.
+
+    Args:
+        twin: an emulated limb of one segment; `again` is called on it.
+        seed, num_angles, longest: as for `collect_equilibria`.
+        cooling_time: time without heat before each recording that begins cold, s.
+        sag_trials, ring_downs: numbers of recordings.
+        protocol: "paper" for the recordings of Sec. V, "excitation" for `excitations` in
+            place of equilibria, or "all".
+        tell: is called with about how long it takes, and after each excitation, with how well
+            it was predicted.
+        live: page on which the limb is shown, in real time: for an hour.
+
+    Returns:
+        recordings by kind, as `calibrate` takes them.
+
+    Raises:
+        LimbError: if there is no such protocol.
+    """
+    described = copy.deepcopy(twin.parameters)
+    plans = planned_recordings(
+        described,
+        protocol,
+        seed=seed,
+        num_angles=num_angles,
+        longest=longest,
+        sag_trials=sag_trials,
+        ring_downs=ring_downs,
+        emulated=True,
+    )
+    seconds = sum(plan.heated_time for plan in plans) / SPEED
+    tell(f"{len(plans)} recordings of an emulated limb, which take about {seconds:.2g} s")
+    say = live.say if live else lambda _: None
+    recordings: dict[str, list[Recording]] = {"sag": [], "ring_down": []}
+    knowledge = None
+    for plan in plans:
+        limb = mounted(described, plan.turned)
+        swing = {}
+        if plan.kind == "ring_down":
+            hand = hand_for_ring_down(only_segment(described).axes)
+            swing = {"hand": hand, "bend_rate": RING_DOWN_RATE}
+        pause = cooling_time if plan.pause is None else plan.pause
+        twin = twin.again(pause, gravity=limb.gravity, payload=limb.payload, **swing)
+        known = {}
+        if plan.excites:
+            if knowledge is None:
+                knowledge = Knowledge(limb, recordings["ring_down"] + recordings["heated"])
+            say(f"{plan.name}: calibrating with what was recorded so far")
+            known = {"known": knowledge.limb}
+        say(what := _numbered(plan, plans))
+        with part_of_work(what):
+            recording = plan.collect(twin, live=live, **known)
+        recordings.setdefault(plan.kind, []).append(recording)
+        if knowledge:
+            tell(f"{plan.name}: {knowledge.add(recording, plan.kind)}")
+    return recordings
+
+
+def _numbered(plan: PlannedRecording, plans: list[PlannedRecording]) -> str:
+    """The name of a recording, and which of how many it is."""
+    return f"{plan.name}, {plans.index(plan) + 1} of {len(plans)}"
+
+
+def collect_from_robot(
+    connect: Callable[[LimbParameters], SerialLimb],
+    parameters: LimbParameters,
+    folder: str | Path,
+    ask: Callable[[str], object],
+    *,
+    seed: int = 0,
+    num_angles: int = 8,
+    longest: float = 60.0,
+    protocol: str = "all",
+    tell: Callable[[str], object] = lambda what: None,
+    live: LiveView | None = None,
+) -> None:
+    """All recordings that calibration wants, from a robot, one file after the other.
+
+    Before the other heated recordings the wires are warmed by some degrees, with a little duty
+    and bounds so wide that the board takes any limb, and then warmed up, to tell the board
+    what to expect of these wires. What a wire or thermocouple shows that is unlike the others
+    or the description is told.
+
+    Each sample goes to a file when it arrives, which gets its name when the recording is
+    complete. Complete recordings are kept when collecting is started again. A recording that
+    was interrupted is made again; its samples stay in the unfinished file, with a warning.
+
+    Args:
+        connect: makes a `SerialLimb` with the given description.
+        parameters: the limb's description, of one segment.
+        folder: folder of the recordings, named after their kinds.
+        ask: shows an instruction to the operator, and returns when it is done.
+        seed, num_angles, longest: as for `collect_equilibria`.
+        protocol: as for `collect_from_twin`.
+        tell: is called with how long wires are heated in all, and as by `collect_from_twin`.
+        live: page on which the limb is shown, and what is done.
+
+    Raises:
+        LimbError: if there is no such protocol, or if a thermocouple shows no heat.
+        HardwareError: if the robot fails on the way; it is off then.
+        OutputError: as for `hardware.replay`.
+    """
+    plans = planned_recordings(
+        parameters,
+        protocol,
+        seed=seed,
+        num_angles=num_angles,
+        longest=longest,
+        sag_trials=SAG_TRIALS,
+        ring_downs=RING_DOWNS,
+        emulated=False,
+    )
+    paths = {plan.name: Path(folder) / f"{plan.name}.csv" for plan in plans}
+    say = live.say if live else lambda _: None
+    left = [plan.heated_time for plan in plans if not paths[plan.name].exists()]
+    tell(
+        f"{len(left)} of {len(plans)} recordings are left, in which wires are heated for at most "
+        f"{sum(left) / 60:.2g} min in all"
+    )
+    described = copy.deepcopy(parameters)  # which learns its bounds of heat
+    knowledge, excited, turned = None, False, None
+    for plan in plans:
+        path, limb = paths[plan.name], mounted(described, plan.turned)
+        if plan.name == FIRST_CONTACT:
+            if paths[WARM_UP].exists():
+                continue
+            limb = for_first_contact(limb)
+        if plan.excites and knowledge is None:
+            before = [each.name for each in plans if each.kind == "ring_down"]
+            knowledge = Knowledge(limb, [Recording.load(paths[n]) for n in (*before, WARM_UP)])
+        if path.exists():
+            if knowledge:
+                knowledge.add(Recording.load(path), plan.kind)
+        else:
+            _warn_of_unfinished(path)
+            if excited:
+                say(f"resting before {plan.name} for {plan.pause:g} s")
+                _wait(plan.pause or 0.0, f"resting before {plan.name}")
+            known = {}
+            if knowledge:
+                say(f"{plan.name}: calibrating with what was recorded so far")
+                # It takes seconds, in which no robot should wait.
+                known = {"known": knowledge.limb}
+            if not excited or plan.turned != turned:
+                ask(f"{plan.name}{_instruction(parameters, plan, plan.turned != turned)}")
+            if plan.excites:
+                excited, turned = True, plan.turned
+            say(what := _numbered(plan, plans))
+            with part_of_work(what), connect(limb) as robot:
+                recording = plan.collect(robot, journal=path, live=live, **known)
+            if plan.name == FIRST_CONTACT:
+                check_first_contact(recording, parameters, path)
+            if plan.name in (FIRST_CONTACT, WARM_UP):
+                for remark in heat_remarks([recording], parameters):
+                    tell(f"{plan.name}: {remark}")
+            if knowledge:
+                tell(f"{plan.name}: {knowledge.add(recording, plan.kind)}")
+        if plan.name in (FIRST_CONTACT, WARM_UP):
+            _set_heat_bounds(described, parameters, paths)
+
+
+def _warn_of_unfinished(path: Path) -> None:
+    for left in filter(is_unfinished, sorted(path.parent.glob(f"{path.stem}.*"))):
+        warnings.warn(
+            f"{left} was interrupted; it is kept, calibration ignores it, and {path.stem} is "
+            "recorded again.",
+            stacklevel=3,
+        )
+
+
+def _instruction(limb: LimbParameters, plan: PlannedRecording, remount: bool) -> str:
+    """What the operator is to do for a recording, after its name.
+
+    Args:
+        remount: whether an excitation needs another mounting than the recording before it.
+    """
+    segment = only_segment(limb)
+    planar = segment.axes == 1
+    load = sag_payload(limb) if planar else 0.0
+    if plan.kind == "sag":
+        first = min(segment.wires, key=lambda wire: wire.lever[0])
+        side = "towards" if (first.lever[0] < 0) != bool(plan.turned) else "away from"
+        hang = f"Hang {1000 * load:.3g} g to its tip, and let" if load else "Let"
+        return (
+            f": Mount the limb so that gravity bends it {side} its {first.name} wire. {hang} it "
+            "hang still."
+        )
+    if plan.kind == "ring_down":
+        take = "Take the weight off the limb's tip. " if load else ""
+        place = "level" if planar else "so that it hangs straight down"
+        return (
+            f": {take}Mount the limb {place}. Bend it to 45° by hand, and release it 2 s after "
+            "Enter."
+        )
+    if plan.excites and remount:
+        mount = (
+            "Take the weight off its tip, and mount the limb so that it hangs straight down."
+            if plan.turned is None
+            else f"Hang {1000 * segment.mass:.0f} g to the limb's tip, and mount it horizontally, "
+            f"turned about its axis so that its {UP[plan.turned]} side is up."
+        )
+        return f": {mount} Leave it alone until its wires are cold."
+    cool = f": Leave the limb {'level' if planar else 'as it hangs'} and alone until its wires are"
+    if plan.excites:
+        return f" and what follows{cool} cold, and for 20 minutes after Enter."
+    return f"{cool} cold."
+
+
+def _wait(duration: float, label: str) -> None:
+    with Progress(label, duration, "s") as progress:
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0:
+            progress.update(duration - left)
+            time.sleep(min(0.5, left))
+
+
+def _set_heat_bounds(
+    limb: LimbParameters, described: LimbParameters, paths: dict[str, Path]
+) -> None:
+    """Give wires without described bounds the bounds that first contact and warm-up show."""
+    recorded = [paths[name] for name in (FIRST_CONTACT, WARM_UP) if paths[name].exists()]
+    margin = WARM_UP_MARGIN if paths[WARM_UP].exists() else CONTACT_MARGIN
+    fitted = fit_heat_bounds(map(Recording.load, recorded), described, margin)
+    for wire, given, bounds in zip(limb.wires, described.wires, fitted, strict=True):
+        wire.heat_bounds = given.heat_bounds or bounds

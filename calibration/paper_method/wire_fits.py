@@ -1,0 +1,464 @@
+"""Heat transfer {a1, a2, a3} of eqns (6)-(7) and force β of a wire, by Secs. V-C1 and V-C2."""
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.optimize import least_squares
+
+from calibration.estimate import Estimate, clustered_covariance, standard_error
+from calibration.recordings.at_rest import first_readings
+from calibration.recordings.kinds import bend_sensor_of, only_segment
+from calibration.recordings.repair import at_sample_times, despiked, interpolated
+from calibration.remarks import CalibrationError, Remark, remarks_on_estimate, remarks_on_start
+from limb_systems import LimbParameters, LinearLaw, Recording, joint_angles_from_bend_angle
+from limb_systems.files.signal_table import stretches
+
+RATES = {"a1": "1/s", "a2": "°C/s", "a3": "1/s"}
+WINDOW = 2.0  # s, least duration of an equilibrium
+BLOCK = 30.0  # s, after which residuals count as independent
+FEWEST_BLOCKS = 5
+READOUT_DELAY = 0.05, 0.03  # s, mean and deviation where anything up to 0.1 s is as likely
+REWEIGHTINGS = 2
+LONGEST_DELAY = 5.0  # s
+ANGLE_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 1.0  # rad and °C of equal weight at first
+
+# Bounds of the logarithms of -a1, a2 and -a3 in a fit, and of its start.
+_LOWEST, _HIGHEST = np.log([[1e-3, 0.1, 0.02], [2.0, 1000.0, 10.0]])
+_INNER_LOWEST, _INNER_HIGHEST = np.log([[2e-3, 0.2, 0.05], [1.0, 500.0, 5.0]])
+_SIGNS = np.array([-1.0, 1.0, -1.0])
+AT_BOUND = 0.01  # by which a logarithm may stay inside its bound and count as at it
+
+
+# Of equilibria, and of the bend sensor.
+BEND_DRIFT_TIME = 120.0  # s, within which a bend sensor's drift changes
+STILL = np.deg2rad(0.5)  # rad/s, below which φ̇ ≈ 0
+STEADY = 0.5  # °C/s, below which Ṫ ≈ 0
+LUKEWARM = 10.0  # °C above ambient, below which a torque is hidden by noise
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HeatFit:
+    """Heat transfer of one wire, (6)-(7), with the data of the fit.
+
+    - ``wire``: name of the wire.
+    - ``a1``, ``a2``, ``a3``: 1/s, °C/s and 1/s.
+    - ``covariance``: covariance of a1, a2 and a3 (3, 3), in the products of their units.
+    - ``delay``: time by which readings are later than the duty, s; None if it is
+      not fitted. The model has none.
+    - ``ambient``: T0 that was used, °C.
+    - ``angle_per_degree``: 1/b, bend per °C of the wire, rad/°C.
+    - ``time``: (K,), s.
+    - ``recorded_temperature``, ``recorded_angle``: V, φ (K,), °C, rad.
+    - ``wire_temperature``, ``measured_temperature``: simulated T, V (K,), °C.
+    - ``bend_angle``: simulated φ (K,), rad.
+    - ``temperature_residual``, ``angle_residual``: root mean squares, °C, rad.
+    - ``remarks``: sentences on what the data lack.
+    """
+
+    wire: str
+    a1: Estimate
+    a2: Estimate
+    a3: Estimate
+    covariance: np.ndarray
+    delay: Estimate | None
+    ambient: float
+    angle_per_degree: Estimate
+    time: np.ndarray
+    recorded_temperature: np.ndarray
+    recorded_angle: np.ndarray
+    wire_temperature: np.ndarray
+    measured_temperature: np.ndarray
+    bend_angle: np.ndarray
+    temperature_residual: float
+    angle_residual: float
+    remarks: list[Remark]
+
+
+def simulate_heat(
+    law: LinearLaw,
+    duty: np.ndarray,
+    period: float,
+    ambient: float,
+    initial: tuple[float, float],
+    delay: float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """T and V of a wire, eqns (6)-(7), at the samples (K,), °C, exactly for duty held between them.
+
+    Args:
+        law: law of the wire.
+        duty: D (K,), in force at each sample and since the one before.
+        period: s between samples.
+        ambient: T0, °C.
+        initial: T and V at the first sample, °C.
+        delay: s by which duty takes effect later; there was none before the first sample.
+    """
+    # scipy.signal takes longer to import than all the rest.
+    from scipy.signal import lfilter
+
+    if delay:
+        # Its mean over each interval.
+        total = np.cumsum(duty) - duty[0]
+        ends = np.arange(-1, len(duty)) - delay / period
+        duty = np.diff(np.interp(ends, np.arange(len(duty)), total))
+    # Of T and V above T0, and D, over one interval.
+    rates = np.array([[law.a1, 0.0, law.a2], [-law.a3, law.a3, 0.0], [0.0, 0.0, 0.0]])
+    step = expm(rates * period)
+    start = np.array(initial) - ambient
+    wire = lfilter([1.0], [1.0, -step[0, 0]], np.append(start[0], step[0, 2] * duty[1:]))
+    drive = step[1, 0] * wire[:-1] + step[1, 2] * duty[1:]
+    reading = lfilter([1.0], [1.0, -step[1, 1]], np.append(start[1], drive))
+    return ambient + wire, ambient + reading
+
+
+def fit_heat_transfer(
+    recording: Recording,
+    index: int,
+    ambient: float,
+    ambient_error: float = 0.0,
+    *,
+    rest_angle: float = 0.0,
+) -> HeatFit:
+    """a1, a2, a3 of one wire by Sec. V-C1, with wire temperature from the bend.
+
+    At the most promising equilibrium b = (V^eq - T0) / φ^eq, and T = b φ + T0
+    throughout. A two-stage collocation gives a start: the smoothed records in
+    the integrated (6), (7), which are linear in a1, a2, a3. The refinement
+    simulates (6)-(7) and fits them to V and to φ = (T - T0) / b, with b free as
+    well. If a recording has the applied duty and the age of its samples, as a
+    robot's does, these are used (`at_sample_times`). If not, a pure delay of the
+    readings is fitted, too, because it would otherwise be taken for lag. Its
+    prior is a delay of up to 0.1 s, which sensors have that are read in turn.
+
+    Args:
+        recording: C^r or C^l, in which this wire alone is heated.
+        index: index of the wire.
+        ambient: T0, °C.
+        ambient_error: standard error of T0, °C, as read by this wire's thermocouple.
+        rest_angle: from which φ counts, rad.
+
+    Raises:
+        CalibrationError: if the wire was never warm or the limb never bent, or if a rate is at
+            the bound of its fit, which any wire is within.
+    """
+    recording.check_plausible()
+    late = recording.applied_duty is None or recording.sample_age is None
+    shown = ~recording.missing
+    recording = interpolated(despiked(at_sample_times(recording)))
+    duty, measured = recording.duty[index], recording.measured_temperature[index]
+    recording.bend_angle = recording.bend_angle - bend_sensor_of(recording).gain * rest_angle
+    angle = recording.bend_angle[0]
+    period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
+    _check_excitation(name, duty, measured, ambient, period)
+    angle_eq, measured_eq = _most_promising_equilibrium(recording, index, ambient)
+    b = (measured_eq - ambient) / angle_eq
+    if abs(angle_eq) < np.deg2rad(3.0):
+        raise CalibrationError(
+            f"The {name} wire bends the limb by {np.rad2deg(angle_eq):.1f}° where it is "
+            f"{measured_eq:.0f} °C; that is too little to estimate its temperature."
+        )
+    wire_start = b * angle + ambient
+    start = _two_stage(duty, wire_start, measured, period, ambient)
+
+    def simulated(x: np.ndarray, room: float = ambient):
+        delay = x[6] if late else 0.0
+        wire, sensed = simulate_heat(LinearLaw(*_rates(x)), duty, period, room, (x[4], x[5]), delay)
+        return wire, sensed, (wire - room) * x[3]
+
+    weights = [1 / TEMPERATURE_SCALE, 1 / ANGLE_SCALE]
+
+    def residuals(x: np.ndarray, room: float = ambient) -> np.ndarray:
+        _, sensed, bent = simulated(x, room)
+        prior = [(x[6] - READOUT_DELAY[0]) / READOUT_DELAY[1]] if late else []
+        return np.concatenate(
+            [weights[0] * (sensed - measured)[shown], weights[1] * (bent - angle)[shown], prior]
+        )
+
+    first = [first_readings(recording)[index]] * 2
+    guess = [*np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST), 1 / b, *first]
+    guess += [0.05] * late
+    scale = [0.1, 0.1, 0.1, 0.1 / abs(b), 1.0, 1.0] + [0.1] * late
+    bounds = (
+        [*_LOWEST, -np.inf, -np.inf, -np.inf] + [0.0] * late,
+        [*_HIGHEST, np.inf, np.inf, np.inf] + [LONGEST_DELAY] * late,
+    )
+    fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
+    # Then weight each signal by the standard deviation of its residuals. A sensor that drifts gets
+    # less weight than one with the same noise that does not drift.
+    blocks = _blocks(recording.time)[shown]
+    for _ in range(REWEIGHTINGS):
+        _, sensed, bent = simulated(fit.x)
+        away = (sensed - measured)[shown], (bent - angle)[shown]
+        weights = [1 / _worth(residual, blocks) for residual in away]
+        fit = least_squares(residuals, fit.x, bounds=bounds, x_scale=scale)
+    wire, sensed, bent = simulated(fit.x)
+    clusters = np.tile(blocks, 2)
+    count = len(clusters)
+    prior = fit.jac[-1] if late else None
+    covariance = clustered_covariance(fit.jac[:count], fit.fun[:count], clusters, prior)
+    covariance += _by_ambient(fit, residuals(fit.x, ambient + 1.0), ambient_error)
+    values = _rates(fit.x)
+    together = covariance[:3, :3] * np.outer(values, values)
+    a1, a2, a3 = (
+        Estimate(float(value), float(abs(value) * np.sqrt(covariance[i, i])), unit)
+        for i, (value, unit) in enumerate(zip(values, RATES.values(), strict=True))
+    )
+    delay = None
+    if late:  # a delay at its bound ends just inside it
+        delay = Estimate(round(fit.x[6], 6), float(np.sqrt(covariance[6, 6])), "s")
+    return HeatFit(
+        wire=name,
+        a1=a1,
+        a2=a2,
+        a3=a3,
+        covariance=(together + together.T) / 2,  # rounding is not symmetric
+        delay=delay,
+        ambient=ambient,
+        angle_per_degree=Estimate(fit.x[3], float(np.sqrt(covariance[3, 3])), "rad/°C"),
+        time=recording.time,
+        recorded_temperature=measured,
+        recorded_angle=angle,
+        wire_temperature=wire,
+        measured_temperature=sensed,
+        bend_angle=bent,
+        temperature_residual=_rms((sensed - measured)[shown]),
+        angle_residual=_rms((bent - angle)[shown]),
+        remarks=[
+            *_remarks(name, duty, measured - ambient, fit.x, covariance),
+            *remarks_on_start(f"the {name} wire", wire[0], ambient, measured),
+        ],
+    )
+
+
+def _rates(x: np.ndarray) -> np.ndarray:
+    """a1, a2, a3 whose logarithms come first in x."""
+    return _SIGNS * np.exp(x[:3])
+
+
+def _by_ambient(fit, warmer: np.ndarray, ambient_error: float) -> np.ndarray:
+    """Covariance that T0's error adds to a fit, from its residuals with T0 1 °C higher."""
+    shift = np.linalg.pinv(fit.jac) @ (warmer - fit.fun) * ambient_error
+    return np.outer(shift, shift)
+
+
+def _blocks(time: np.ndarray) -> np.ndarray:
+    """Numbers (K,) of the blocks of time that samples are in; at least some blocks."""
+    since = time - time[0]
+    return (since / min(BLOCK, since[-1] / FEWEST_BLOCKS)).astype(int)
+
+
+def _worth(residual: np.ndarray, blocks: np.ndarray) -> float:
+    """Standard deviation of independent noise whose block means scatter as much."""
+    means = np.array([residual[blocks == block].mean() for block in np.unique(blocks)])
+    return max(_rms(residual), _rms(means) * np.sqrt(len(residual) / len(means)))
+
+
+def _check_excitation(name: str, duty, measured, ambient: float, period: float) -> None:
+    if not duty.any():
+        raise CalibrationError(f"The {name} wire was never heated in this recording.")
+    rise = np.percentile(measured, 99) - ambient
+    if rise < 10.0:
+        raise CalibrationError(
+            f"The {name} wire was never warm: at most {rise:.1f} °C above ambient after "
+            f"{duty.sum() * period:.1f} s of full duty in all."
+        )
+
+
+def _most_promising_equilibrium(recording, index: int, ambient: float) -> tuple[float, float]:
+    """(φ^eq, V^eq): where V has rested, the warmer the better."""
+    period = 1 / recording.sample_rate
+    width = max(3, int(WINDOW / period))
+    kernel = np.ones(width) / width
+    measured = np.convolve(recording.measured_temperature[index], kernel, "valid")
+    angle = np.convolve(recording.bend_angle[0], kernel, "valid")
+    slope = np.abs(np.gradient(measured, period))
+    quality = np.maximum(measured - ambient, 0.0) / (0.1 + slope)
+    best = int(np.argmax(np.convolve(quality, kernel, "same")))
+    return float(angle[best]), float(measured[best])
+
+
+def _two_stage(duty, wire, measured, period: float, ambient: float) -> tuple[float, float, float]:
+    """a1, a2, a3 by two-stage collocation: smooth, then least squares in (6), (7).
+
+    The equations are integrated over a second each, which spares the
+    differentiation of noise.
+    """
+    # As above.
+    from scipy.signal import savgol_filter
+
+    window = 2 * int(1.0 / period) + 1
+    wire = savgol_filter(wire - ambient, window, 2)
+    measured = savgol_filter(measured - ambient, window, 2)
+    stride = max(1, int(1.0 / period))
+
+    def integrate(values: np.ndarray) -> np.ndarray:
+        return np.diff(np.cumsum(values)[::stride]) * period
+
+    heat = np.column_stack([integrate(wire), integrate(duty)])
+    a1, a2 = np.linalg.lstsq(heat, np.diff(wire[::stride]), rcond=None)[0]
+    lag = integrate(measured - wire)
+    a3 = float(lag @ np.diff(measured[::stride]) / (lag @ lag)) if lag.any() else -1.0
+    return min(a1, -1e-3), max(a2, 0.1), min(a3, -0.05)
+
+
+def _remarks(name: str, duty, rise, x, covariance) -> Iterator[Remark]:
+    at_limit, highest = (duty >= 0.99).mean(), np.percentile(rise, 99)
+    if at_limit > 0.2:
+        yield Remark(
+            "range",
+            f"The duty of the {name} wire is at its limit in {100 * at_limit:.0f}% of the "
+            "recording: it says little about how heat depends on duty; record smaller bends as "
+            "well.",
+        )
+    if highest < 30.0:
+        yield Remark(
+            "range",
+            f"The {name} wire is never more than {highest:.0f} °C above ambient; its parameters "
+            "hold for that range; record wider bends.",
+        )
+    for i, rate in enumerate(RATES):
+        error = np.sqrt(covariance[i, i])  # of the logarithm
+        if rate == "a3" and x[i] > _HIGHEST[i] - AT_BOUND:
+            yield Remark(
+                "lag",
+                f"No lag of the {name} thermocouple is seen against the bend: a3 is at the fit's "
+                "limit; expect measured temperatures to be late.",
+            )
+        elif not _LOWEST[i] + AT_BOUND < x[i] < _HIGHEST[i] - AT_BOUND:
+            raise CalibrationError(
+                f"{rate} of the {name} wire is at the fit's limit of {_rates(x)[i]:.3g}, as its "
+                "temperature does not follow its duty; are both of this wire, and does the duty "
+                "change often enough?"
+            )
+        elif error > 0.3:
+            yield Remark(
+                "unknown" if error > 1.0 else "uncertain",
+                f"The recording {'does not determine' if error > 1.0 else 'hardly determines'} "
+                f"{rate} of the {name} wire; record more equilibria.",
+            )
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ForceFit:
+    """Joint torque of one wire per degree, (4).
+
+    - ``wire``: name of the wire.
+    - ``beta``: β, N·m/°C.
+    - ``times``: times of the equilibria that β was taken from (M,), s.
+    - ``wire_temperature``: T^eq (M,), °C.
+    - ``bend_angle``: φ^eq (M,), rad.
+    - ``ratios``: Γ of (13), a β for each equilibrium (M,), N·m/°C.
+    - ``remarks``: sentences on what the data lack.
+    """
+
+    wire: str
+    beta: Estimate
+    times: np.ndarray
+    wire_temperature: np.ndarray
+    bend_angle: np.ndarray
+    ratios: np.ndarray
+    remarks: list[Remark]
+
+
+def fit_force(
+    parameters: LimbParameters,
+    recording: Recording,
+    index: int,
+    heat: HeatFit,
+    stiffness: Estimate,
+) -> ForceFit:
+    """β of one wire: the mean of Γ = k θ^eq / (T^eq - T0) over equilibria, (13).
+
+    Equilibria are where the bend angle and the simulated wire temperature
+    rest, each averaged over as long as it rests. Where there are three or more
+    above T_warm, only these count, as the model fits better there (Sec. VI).
+
+    Args:
+        parameters: the limb; its number of links and the wire's direction
+            count.
+        recording: C^r or C^l, in which this wire alone is heated.
+        index: index of the wire.
+        heat: heat transfer of the wire, whose simulated T is used.
+        stiffness: k, N·m/rad.
+
+    Raises:
+        CalibrationError: if there are no equilibria in it.
+    """
+    recording.check_plausible()
+    shown = ~recording.missing
+    recording = interpolated(despiked(recording))
+    side = only_segment(parameters).wires[index].lever[0]
+    starts, ends = _equilibria(recording, shown, heat, parameters.temperature_limits.warm)
+    if len(starts) < 3:
+        starts, ends = _equilibria(recording, shown, heat, heat.ambient + LUKEWARM)
+    if len(starts) == 0:
+        raise CalibrationError(
+            f"The limb never rests while the {heat.wire} wire is warm; hold it longer at each "
+            "bend angle."
+        )
+    spans = list(zip(starts, ends, strict=True))
+    wire = np.array([heat.wire_temperature[a:b].mean() for a, b in spans])
+    angle = np.array([recording.bend_angle[0, a:b].mean() for a, b in spans])
+    times = np.array([recording.time[a:b].mean() for a, b in spans])
+    bent = bend_sensor_of(recording).corrected(angle) - only_segment(parameters).rest_angle
+    theta = joint_angles_from_bend_angle(parameters, bent[np.newaxis])[0]
+    ratios = stiffness.value * theta / (side * (wire - heat.ambient))
+    if not ratios.mean() > 0:
+        raise CalibrationError(
+            f"The {heat.wire} wire bends the limb away from its own side; are the wires swapped or "
+            "is the bend sensor reversed?"
+        )
+    # Errors that all ratios share: of k, and of T^eq - T0 = -a2 D / a1.
+    log_slopes = np.array([-1 / heat.a1.value, 1 / heat.a2.value, 0.0])
+    shared = log_slopes @ heat.covariance @ log_slopes
+    relative = np.sqrt((stiffness.standard_error / stiffness.value) ** 2 + shared)
+    mean, count = float(ratios.mean()), len(ratios)
+    remarks = []
+    if count < 3:
+        sentence = f"Of the {heat.wire} wire there are {count} equilibria; record at least five."
+        remarks.append(Remark("few", sentence))
+        error = mean * max(relative, 0.1)
+    else:
+        # The sensor's drift is much the same in equilibria that follow each other.
+        shares = ratios / bent / count
+        alike = np.exp(-np.abs(times[:, None] - times) / BEND_DRIFT_TIME)
+        drift = bend_sensor_of(recording).drift * np.sqrt(shares @ alike @ shares)
+        error = np.hypot(max(standard_error(ratios), drift), relative * mean)
+        if (scatter := ratios.std(ddof=1) / mean) > 0.15:
+            sentence = (
+                f"The {heat.wire} wire's torque is not proportional to its temperature: β scatters "
+                f"by {100 * scatter:.0f}% between equilibria."
+            )
+            remarks.append(Remark("law", sentence))
+    beta = Estimate(mean, float(error), "N·m/°C")
+    remarks += remarks_on_estimate(f"β of the {heat.wire} wire", beta)
+    return ForceFit(heat.wire, beta, times, wire, angle, ratios, remarks)
+
+
+def _equilibria(
+    recording: Recording, shown: np.ndarray, heat: HeatFit, warm: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and last sample of each stretch of rest with the wire above ``warm``, °C.
+
+    None is missing in it, as ``shown`` (K,) has it.
+    """
+    period = 1 / recording.sample_rate
+    width = max(3, int(WINDOW / period))
+    kernel = np.ones(width) / width
+    angle = np.convolve(recording.bend_angle[0], kernel, "same")
+    # The slope between averages over a window each, in which noise hardly counts.
+    moving = np.full_like(angle, np.inf)
+    half = width // 2
+    moving[half:-half] = np.abs(angle[2 * half :] - angle[: -2 * half]) / (2 * half * period)
+    heating = np.abs(np.gradient(heat.wire_temperature, period))
+    rest = (moving < STILL) & (heating < STEADY) & (heat.wire_temperature > warm)
+    rest &= shown
+    rest[:width] = rest[-width:] = False
+    starts, ends = stretches(rest).T
+    long = ends - starts >= width
+    return starts[long], ends[long]

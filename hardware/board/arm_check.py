@@ -1,0 +1,249 @@
+"""The check of sensors and wires, one by one, before a robot is trusted with a plan."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hardware.board.heat_rates import HeatRates, fit_heat_rates, warmth
+from hardware.board.link import BoardLink, check_fit, shares_of
+from limb_systems import Layout, LimbError, LimbParameters, bend_angle_from_tip_tangent
+from limb_systems.heat_bounds import SPREAD
+from limb_systems.simulation import PERIOD
+
+ROOM = (5.0, 45.0)  # °C, that cold wires may have
+RISE = 3.0  # °C, at least, that is heat
+# First any limb is warmed by some degrees, then as far as it takes to bend it.
+CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, CONTACT_TOTAL = 0.1, 30.0, 10.0, 0.3  # s and °C
+BEND_DUTY, BEND_TIME, BEND_RISE = 0.2, 20.0, 45.0
+REST = 15.0  # s after each of these, for the thermocouple's lag, and to cool
+MARGIN = 0.5  # share by which bounds are wider than what the first degrees showed
+BEND, ENOUGH_BEND = np.deg2rad(1.0), np.deg2rad(6.0)  # at least, and to compare wires by
+ALIKE = 0.75  # share of what another wire shows for its heat and its bend, at least
+WHAT_TO_DO = (
+    "Either its thermocouple shows a share of its rise, or its wire gets less heat or bends more "
+    "than another. Bond the thermocouple anew, and compare resistances and thermocouples' types."
+)
+
+SAME_HEAT = SPREAD["least_heating"], SPREAD["most_heating"]  # of a supply, by its voltage squared
+CUT_OFF = (
+    "only a thermal cut-off in series with the wires helps against two faults at once, such as "
+    "twice the heat and a thermocouple that shows 60% of it, which the board cannot see "
+    "(docs/robot.md)"
+)
+
+# Samples while a wire is heated: duty (K, W), V (K, W), °C, and the bend to its own side (K), rad.
+Heating = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def check_supply(
+    parameters: LimbParameters,
+    voltage: float | None,
+    cut_off: bool | None,
+    say: Callable[[bool, str], None],
+) -> bool:
+    """Return whether wires may be heated by their supply, as far as a person has said.
+
+    Args:
+        parameters: the limb's description, whose ``supply_voltage`` it is compared with.
+        voltage: measured voltage of the supply, V; None if it was not said.
+        cut_off: whether a thermal cut-off is in series with the wires; None if it was not said.
+        say: takes whether it is good, and a sentence.
+
+    Raises:
+        LimbError: if the voltage is no positive number.
+    """
+    passed = True
+    if voltage is not None:
+        if not 0.1 <= voltage <= 1000.0:
+            raise LimbError(
+                f"The supply's voltage is {voltage:g} V; it must be from 0.1 to 1000 V."
+            )
+        what = f"the supply has {voltage:.3g} V"
+        if not (known := parameters.supply_voltage):
+            say(True, f"{what}; write supply_voltage: {voltage:g} into the limb's file to compare")
+        else:
+            heat = (voltage / known) ** 2
+            passed = SAME_HEAT[0] <= heat <= SAME_HEAT[1]
+            what += f", and {known:.3g} V when the limb was calibrated: {heat:.0%} of its heat"
+            say(passed, what if passed else f"{what}; set it to {known:.3g} V, or calibrate anew")
+    if cut_off is not None:
+        say(cut_off, "a thermal cut-off is on the limb" if cut_off else f"no cut-off: {CUT_OFF}")
+    return passed and cut_off is not False
+
+
+def check_wires(
+    link: BoardLink, say: Callable[[bool, str], None], parameters: LimbParameters | None = None
+) -> bool:
+    """Whether sensors are alive and each wire does what it should.
+
+    Each wire is warmed by some degrees, with a little duty and bounds for any limb. It must warm
+    its own thermocouple, more than any other. Then, with bounds around what that showed, each
+    is heated until the limb bends: it must do so to the wire's own side. What a thermocouple shows
+    for the heat, and for the bend, must be like that of others in its segment. The board is
+    disarmed at the end.
+
+    Args:
+        link: connection to the board.
+        say: takes whether it was good, and a sentence, for each thing that was looked at.
+        parameters: the limb's description; the nominal limb if None.
+
+    Raises:
+        HardwareError: if the board fails on the way.
+        LimbError: if the board has not as many channels as the limb has wires.
+    """
+    passed, parameters = True, parameters or LimbParameters()
+    names = parameters.wire_names
+
+    def judge(good: bool, what: str) -> None:
+        nonlocal passed
+        good = bool(good)  # not numpy's
+        passed = passed and good
+        say(good, what)
+
+    info = link.info()
+    check_fit(parameters, info, link.port)
+    judge(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
+    samples = [link.next_sample() for _ in range(10)]
+    for side, V in zip(names, np.mean([s.temperature for s in samples], axis=0), strict=True):
+        judge(ROOM[0] < V < ROOM[1], f"{side} thermocouple reads {V:.1f} °C, as in a room")
+    bends = np.mean([bend_angle_from_tip_tangent(s.tip_tangent) for s in samples], axis=0)
+    for bend in bends:
+        judge(abs(bend) < np.deg2rad(30.0), f"bend sensor reads {np.rad2deg(bend):+.1f}° at rest")
+    towards = shares_of(parameters).T
+
+    def heat(*how: float) -> list[Heating]:
+        return [_heat(link, wire, towards[wire], how) for wire in range(len(names))]
+
+    if not passed:
+        return False
+    kinds = parameters.heat_bounds
+    try:
+        total = min(CONTACT_TOTAL, parameters.total_duty)
+        link.arm([kind.around_any() for kind in kinds], total)
+        contacts = heat(CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, np.inf)
+        link.disarm()
+        for wire, (side, (_, temperatures, _)) in enumerate(zip(names, contacts, strict=True)):
+            rise = temperatures - temperatures[:5].mean(axis=0)
+            warmest = np.argmax(rise[:, wire])
+            own = rise[warmest, wire]
+            other = np.delete(rise[warmest], wire).max(initial=0.0)
+            judge(
+                own > RISE and own > 2 * other,
+                f"{side} wire warms its own thermocouple by {own:.1f} °C, another by "
+                f"{other:.1f} °C",
+            )
+        if not passed:
+            return False
+        rates = [_rates([contact], wire) for wire, contact in enumerate(contacts)]
+        hottest = max(rate.heating for rate in rates)
+        for _ in range(round(REST / PERIOD)):
+            link.next_sample()
+        link.arm(
+            [rate.bounds(kind, hottest, MARGIN) for rate, kind in zip(rates, kinds, strict=True)],
+            parameters.total_duty,
+        )
+        bent = heat(BEND_DUTY, BEND_TIME, BEND_RISE, ENOUGH_BEND)
+    finally:
+        link.disarm()
+    for side, (_, _, bend) in zip(names, bent, strict=True):
+        degrees = np.rad2deg(_change(bend).max())
+        judge(
+            degrees > np.rad2deg(BEND),
+            f"{side} wire bends the limb by {degrees:.1f}° to its own side",
+        )
+    rates = [
+        _rates(heatings, wire) for wire, heatings in enumerate(zip(contacts, bent, strict=True))
+    ]
+    heating, most = [rate.heating for rate in rates], [kind.most_heating for kind in kinds]
+    _judge_heat(names, heating, most, judge)
+    if passed:
+        for around in Layout(parameters).wires_of:
+            _judge_likeness(names[around], rates[around], bent[around], judge)
+    return passed
+
+
+def _judge_heat(
+    names: Sequence[str],
+    heating: Sequence[float],
+    most: Sequence[float],
+    judge: Callable[[bool, str], None],
+) -> None:
+    """Whether the wires heat as described, or at least none alone does not."""
+    least = [bound / SPREAD["most_heating"] * SPREAD["least_heating"] for bound in most]
+    low = [
+        shown < SPREAD["least_heating"] * bound for shown, bound in zip(heating, least, strict=True)
+    ]
+    for wire, side in enumerate(names):
+        shown = f"{side} wire shows {heating[wire]:.1f} °C/s at full duty, where its kind has " \
+            f"{least[wire]:.0f} to {most[wire]:.0f}"  # fmt: skip
+        if low[wire] and not all(low):
+            judge(False, f"{shown}, and another one shows that. {WHAT_TO_DO}")
+        elif low[wire] or heating[wire] > most[wire] / SPREAD["least_heating"]:
+            judge(
+                True,
+                f"{shown}: the limb is unlike its description, or all thermocouples are wrong; "
+                "if you are sure of them, describe its wires by their a2",
+            )
+        else:
+            judge(True, shown)
+
+
+def _judge_likeness(
+    names: Sequence[str],
+    rates: Sequence[HeatRates],
+    bends: Sequence[Heating],
+    judge: Callable[[bool, str], None],
+) -> None:
+    """Whether the thermocouples of a segment show the like for the like heat and bend."""
+    shown = np.array([rate.heating for rate in rates])
+    risen = []
+    for rate, (duty, _, bend) in zip(rates, bends, strict=True):
+        rises = rate.heating * warmth(duty.sum(axis=1), rate.cooling, 0.3, PERIOD)
+        reached = np.argmax(_change(bend) >= ENOUGH_BEND)
+        risen.append(rises[reached] if reached else np.nan)
+    # How warm a wire has to be for a bend is another, independent witness.
+    bent = not np.isnan(risen).any()
+    shown = np.sqrt(shown * risen) if bent else shown
+    ratio = shown.min() / shown.max()
+    least, most = (names[int(wire)] for wire in (shown.argmin(), shown.argmax()))
+    what = (
+        f"{least} thermocouple shows {ratio:.0%} of what the {most} one does for the same heat"
+        + " and bend" * bent
+    )
+    judge(ratio > ALIKE, what if ratio > ALIKE else f"{what}. {WHAT_TO_DO}")
+
+
+def _change(bend: np.ndarray) -> np.ndarray:
+    """How far the limb has bent since a heating began (K), rad."""
+    return bend - bend[:5].mean()
+
+
+def _rates(heatings: Sequence[Heating], wire: int) -> HeatRates:
+    rates = fit_heat_rates(
+        [(duty[1:, wire], (V[:, wire] - V[:5, wire].mean())[1:], PERIOD) for duty, V, _ in heatings]
+    )
+    assert rates  # it was heated
+    return rates
+
+
+def _heat(link: BoardLink, wire: int, towards: np.ndarray, how: Sequence[float]) -> Heating:
+    """Heats a wire until it reads so much more, or the limb has bent so far, and lets it rest.
+
+    ``towards`` has how far each bend angle is to the wire's own side; ``how`` the duty, the
+    longest time, the rise and the bend.
+    """
+    duty, longest, rise, bend = how
+    samples = [link.next_sample()]
+    heated = duty * np.eye(len(samples[0].duty))[wire]
+    while (now := len(samples) * PERIOD) < longest + REST:
+        link.command(heated)
+        samples.append(link.next_sample())
+        turns = bend_angle_from_tip_tangent(samples[-1].tip_tangent - samples[0].tip_tangent)
+        risen = samples[-1].temperature[wire] - samples[0].temperature[wire]
+        if now >= longest or risen >= rise or abs(towards @ turns) >= 1.2 * bend:
+            heated, longest = np.zeros_like(heated), min(longest, now)
+    return (
+        np.array([sample.duty for sample in samples]),
+        np.array([sample.temperature for sample in samples]),
+        np.array([bend_angle_from_tip_tangent(s.tip_tangent) for s in samples]) @ towards,
+    )

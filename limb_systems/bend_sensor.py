@@ -1,0 +1,161 @@
+"""What the bend in a recording means: sensors between a segment's shape and its bend angle.
+
+A limb has a shape, and a recording of a segment has one number for it. For
+constant curvature (8) all sensors agree on that number, the bend angle φ. They
+differ where curvature is not constant, as under gravity: a cantilever that sags
+under its own weight has an α/2 of two thirds of its chord's angle.
+"""
+
+import abc
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from limb_systems.files.schema import Tagged, quantity
+from limb_systems.segment_chain import SegmentChain
+
+
+def bend_angle_from_tip_tangent(tip_tangent: ArrayLike) -> np.ndarray:
+    """φ = α/2 for the sensor's tip tangent angle α, constant curvature (8)."""
+    return np.asarray(tip_tangent, float) / 2
+
+
+def chord_angle(joint_angles: ArrayLike) -> np.ndarray:
+    """Angle of the chord from the base of a segment to its tip, φ = atan2(t·E2, t·E1).
+
+    Args:
+        joint_angles: θ of the segment, (n,) or (n, K); numbers, AutoDiffXd or
+            Expression.
+
+    Returns:
+        rad, in (-π, π], () or (K,).
+    """
+    return _planar(joint_angles).bend_angle(joint_angles)[0]
+
+
+def rolled(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
+    """Bends (axes, ...) towards E2 and E3 as bends towards axes that are turned about E1, rad."""
+    if len(bends) == 1:
+        return bends
+    cosine, sine = np.cos(roll), np.sin(roll)
+    return np.array([cosine * bends[0] + sine * bends[1], cosine * bends[1] - sine * bends[0]])
+
+
+def _planar(joint_angles: ArrayLike) -> SegmentChain:
+    """The paper's chain with so many joints."""
+    return SegmentChain([["e2"]] * len(np.asarray(joint_angles)))
+
+
+@dataclasses.dataclass
+class BendSensor(Tagged, abc.ABC):
+    """The bend sensor of a segment; subclasses are dataclasses.
+
+    - ``gain``: slope of what it shows, 1 if it is exact.
+    - ``offset``: reading where it should be zero, rad.
+    - ``offset_e3``: the same of the bend towards E3, rad, where there are two axes.
+    - ``roll``: angle about E1 from E2 to the axis that the sensor takes for it, rad.
+    - ``noise``: standard deviation of a sample, rad.
+    - ``drift``: standard deviation of a slow drift, rad.
+
+    The paper saw about 2° of error of its sensor in use (Sec. VII); how much of
+    it is noise and how much drift is ours.
+    """
+
+    gain: float = quantity(1.0, "", 0.1, 10.0)
+    offset: float = quantity(0.0, "rad", -3.2, 3.2)
+    noise: float = quantity(float(np.deg2rad(0.5)), "rad", 0.0, 1.0)
+    drift: float = quantity(float(np.deg2rad(1.0)), "rad", 0.0, 1.0)
+    offset_e3: float = quantity(0.0, "rad", -3.2, 3.2, rare=True)
+    roll: float = quantity(0.0, "rad", -3.2, 3.2, rare=True)
+
+    @abc.abstractmethod
+    def bend_angle(self, reading: ArrayLike) -> np.ndarray:
+        """The bend angle that is recorded, rad, of any shape, from the raw reading, rad."""
+
+    @abc.abstractmethod
+    def reading(self, bend_angle: ArrayLike) -> np.ndarray:
+        """The raw reading, rad, of any shape, that is recorded as a bend angle, rad."""
+
+    @abc.abstractmethod
+    def exact_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
+        """What would be recorded of a segment without gain, offset, noise and drift.
+
+        Args:
+            chain: the segment's kinematics.
+            joint_angles: θ of the segment, (n,) or (n, K); numbers or AutoDiffXd.
+
+        Returns:
+            rad, (axes,) or (axes, K); φ if all joint angles are equal.
+        """
+
+    def exact_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
+        """`exact_bends` of the paper's planar segment, () or (K,), rad."""
+        return self.exact_bends(_planar(joint_angles), joint_angles)[0]
+
+    def apparent_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
+        """What would be recorded of these joint angles, with gain and offset.
+
+        Args:
+            joint_angles: θ of the segment, (n,) or (n, K); numbers or AutoDiffXd.
+
+        Returns:
+            rad, () or (K,).
+        """
+        return self.gain * self.exact_bend_angle(joint_angles) + self.offset
+
+    def apparent_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
+        """What would be recorded, as `exact_bends`, with gain, offsets and roll."""
+        bends = rolled(self.exact_bends(chain, joint_angles), self.roll)
+        offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
+        return np.array([self.gain * bend + offset for bend, offset in offsets])
+
+    def corrected(self, bend_angle: ArrayLike) -> np.ndarray:
+        """A recorded bend angle, rad, of any shape, without gain and offset."""
+        return (np.asarray(bend_angle, float) - self.offset) / self.gain
+
+    def corrected_bends(self, bends: np.ndarray) -> np.ndarray:
+        """Recorded bends of a segment (axes, ...), rad, without gain and offsets; rolled still."""
+        offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
+        return np.array([(bend - offset) / self.gain for bend, offset in offsets])
+
+    def unrolled_bends(self, bends: np.ndarray) -> np.ndarray:
+        """`corrected_bends` about the axes of the limb: without the sensor's roll, too."""
+        return rolled(self.corrected_bends(bends), -self.roll)
+
+
+@dataclasses.dataclass
+class TipTangentSensor(BendSensor):
+    """The paper's: it reads the tip tangent angle α, and α/2 is recorded (8).
+
+    `SegmentChain.tip_bend` says what that is of a chain of links: φ for equal joint angles.
+    """
+
+    def bend_angle(self, reading: ArrayLike) -> np.ndarray:
+        """α/2."""
+        return bend_angle_from_tip_tangent(reading)
+
+    def reading(self, bend_angle: ArrayLike) -> np.ndarray:
+        """α = 2 φ."""
+        return 2 * np.asarray(bend_angle, float)
+
+    def exact_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
+        """α/2 of the chain."""
+        return chain.tip_bend(joint_angles)
+
+
+@dataclasses.dataclass
+class ChordSensor(BendSensor):
+    """Sensor that sees base and tip, such as a camera, and reads the chord's angle φ itself."""
+
+    def bend_angle(self, reading: ArrayLike) -> np.ndarray:
+        """The reading itself."""
+        return np.asarray(reading, float)
+
+    def reading(self, bend_angle: ArrayLike) -> np.ndarray:
+        """φ itself."""
+        return np.asarray(bend_angle, float)
+
+    def exact_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
+        """φ of the chain's chord."""
+        return chain.bend_angle(joint_angles)

@@ -1,0 +1,365 @@
+"""The signals of a limb over time: their sizes, their limits, their columns in files.
+
+A signal is an array (size, K), a column for each of K samples, as Drake logs
+them; times are (K,). Recordings and trajectories are made of these.
+"""
+
+import copy
+import dataclasses
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from limb_systems.errors import LimbError, raised_as
+from limb_systems.files.csv_format import FileFormatError, Table, TableText, parse_table
+from limb_systems.files.input import LARGEST_TABLE, read_bytes
+from limb_systems.files.output import write_atomically
+from limb_systems.files.provenance import Provenance
+from limb_systems.files.schema import dump_typed, load_fields
+from limb_systems.kinematics import bend_angle
+from limb_systems.layout import Layout
+from limb_systems.limb_parameters import LimbParameters
+from limb_systems.progress import Progress
+from limb_systems.summary import Entry, Summarized
+from limb_systems.wires import Wires
+from walking.robot_parameters import RobotParameters
+
+ROWS_AT_ONCE = 20_000  # rows that are texts at a time
+TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
+RANGES = {  # a value outside these is a mistake, of units or of a sensor
+    "duty": (0.0, 1.0, ""),
+    "applied_duty": (0.0, 1.0, ""),
+    "sample_age": (0.0, np.inf, " s"),
+    "measured_temperature": (-60.0, 600.0, " °C"),
+    "wire_temperature": (-60.0, 600.0, " °C"),
+    "bend_angle": (-np.pi, np.pi, " rad"),
+}
+
+
+def column_names(
+    parameters: LimbParameters, robot: RobotParameters | None = None
+) -> dict[str, list[str]]:
+    """Names of the columns of each signal; the unit is in the name.
+
+    Signals of joints are split into angles and rates. Columns of wires have the
+    wires' names; with several segments, the number of the segment follows, and with
+    several bends of a segment, what they are towards. The
+    signal ``other_wire_state`` is there only if wires have states other than T, and
+    ``body_pose`` and ``contact_force`` only if a robot has a body that moves, and a ground.
+    """
+    wires, suffixes = parameters.wire_names, Layout(parameters).bend_suffixes
+    joints = range(1, parameters.num_joints + 1)
+    others = Wires(parameters).state_names[len(wires) :]
+    return {
+        "time": ["time_s"],
+        "duty": [f"duty_{wire}" for wire in wires],
+        "applied_duty": [f"applied_duty_{wire}" for wire in wires],
+        "board_time": ["board_time_s"],
+        "sample_age": ["sample_age_s"],
+        "measured_temperature": [f"measured_temperature_{wire}_c" for wire in wires],
+        "bend_angle": [f"bend_angle{suffix}_deg" for suffix in suffixes],
+        "reference": [f"reference_angle{suffix}_deg" for suffix in suffixes],
+        "wire_temperature": [f"wire_temperature_{wire}_c" for wire in wires],
+        "joint_state": [f"joint_angle_{i}_deg" for i in joints]
+        + [f"joint_rate_{i}_deg_s" for i in joints],
+        **({"other_wire_state": [f"wire_state_{name}" for name in others]} if others else {}),
+        **(_columns_of_body(robot) if robot else {}),
+    }
+
+
+def _columns_of_body(robot: RobotParameters) -> dict[str, list[str]]:
+    poses = {"planar": "x_m z_m pitch_deg", "free": "x_m y_m z_m roll_deg pitch_deg yaw_deg"}
+    axes = "xz" if robot.force_size == 2 else "xyz"
+    columns = {
+        "body_pose": [f"body_{name}" for name in poses.get(robot.body.mount, "").split()],
+        "contact_force": [
+            f"contact_force_{limb.name}_{axis}_n" for limb in robot.limbs for axis in axes
+        ],
+    }
+    there = {"body_pose": robot.pose_size, "contact_force": robot.ground}
+    return {name: group for name, group in columns.items() if there[name]}
+
+
+def signal(default: Any = dataclasses.MISSING) -> Any:
+    """A field of `Samples` that is a signal, which has columns in files.
+
+    Args:
+        default: None if the signal may be None.
+    """
+    return dataclasses.field(default=default, metadata={"in_files": False, "signal": True})
+
+
+def apart(default: Any) -> Any:
+    """A field of `Samples` that is neither a signal nor in the header of files."""
+    return dataclasses.field(default=default, metadata={"in_files": False})
+
+
+def sample_rate(default: Any) -> Any:
+    """The field of the samples' nominal rate, Hz."""
+    metadata = {"in_files": "sample_rate_hz", "unit": "Hz", "range": (1e-6, 1e6)}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+class Samples(Summarized):
+    """The base of `Recording`, `Trajectory` and `Gait`: a dataclass of signals and of a header.
+
+    The signals are the columns of a file. All other fields but those `apart` are its header.
+    """
+
+    KIND: ClassVar[str]  # in the first line of the file
+    MEASURED: ClassVar[tuple[str, ...]] = ()  # signals that may leave their range, or be missing
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field]]
+
+    time: np.ndarray
+    bend_angle: np.ndarray
+    parameters: LimbParameters
+    robot: RobotParameters | None = None
+    provenance: Provenance | None
+    interrupted = ""
+
+    @classmethod
+    def optional(cls) -> list[str]:
+        """Names of the signals that may be None."""
+        fields = dataclasses.fields(cls)
+        return [f.name for f in fields if f.metadata.get("signal") and f.default is None]
+
+    @classmethod
+    def columns_of(
+        cls, parameters: LimbParameters, robot: RobotParameters | None
+    ) -> dict[str, list[str]]:
+        """`column_names` of the signals that these samples have."""
+        signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}
+        names = column_names(parameters, robot)
+        return {name: group for name, group in names.items() if name in signals}
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns (K,) of the file, angles in rad, without signals that are None."""
+        columns: dict[str, np.ndarray] = {}
+        for name, group in self.columns_of(self.parameters, self.robot).items():
+            value = getattr(self, name)
+            if value is not None:
+                columns.update(zip(group, np.atleast_2d(value), strict=True))
+        return columns
+
+    @classmethod
+    def load(cls, path: str | Path, *, unfinished: bool = False) -> Self:
+        """Reads a file.
+
+        Args:
+            unfinished: whether a recording's file may lack its end, because the program
+                that recorded was killed; it is then ``interrupted``.
+
+        Raises:
+            FileFormatError: one sentence that says what is wrong and where.
+        """
+        data = read_bytes(path, cls.KIND, LARGEST_TABLE, FileFormatError)
+        with raised_as(FileFormatError, f"{path}: "):
+            table = parse_table(data, cls.KIND, unfinished=unfinished, readings=cls.MEASURED)
+            return cls._from_table(table)
+
+    @classmethod
+    def from_text(cls, text: str) -> Self:
+        """Reads the text of a file; errors as of `load`."""
+        return cls._from_table(parse_table(text.encode(), cls.KIND, readings=cls.MEASURED))
+
+    def to_text(self) -> str:
+        """The text of the file; errors as for `save`."""
+        return "".join(self._text())
+
+    def save(self, path: str | Path) -> None:
+        """Writes the file whole or not at all.
+
+        Raises:
+            LimbError: if a value is not finite or there are too many, or if the check
+                of a plan failed. A plan without a check is written, and its file says so.
+        """
+        count = len(self.time)
+        with Progress(f"writing {Path(path).name}", count, "samples") as progress:
+
+            def parts() -> Iterator[str]:
+                for number, part in enumerate(self._text()):
+                    progress.update(min(number * ROWS_AT_ONCE, count))
+                    yield part
+
+            write_atomically(path, parts())
+
+    def _text(self) -> Iterator[str]:
+        """The text of the file, in parts."""
+        self._check()  # whatever was changed since the signals were given
+        columns = self.columns()
+        text = TableText(self.KIND, self.header(), columns)
+        yield text.head
+        for start in range(0, len(self.time), ROWS_AT_ONCE):
+            part = slice(start, start + ROWS_AT_ONCE)
+            yield text.rows({name: values[part] for name, values in columns.items()})
+        yield text.end(self.interrupted)
+
+    def header(self) -> str:
+        """The YAML text of all that is neither a signal nor `apart`."""
+        about = copy.copy(self)
+        if self.robot:
+            about.parameters = None  # type: ignore[assignment]  # they are those of the robot
+        return dump_typed(about)
+
+    @classmethod
+    def _from_table(cls, table: Table) -> Self:
+        header = load_fields(cls, table.header)
+        robot = header.get("robot")
+        described = robot or header.get("parameters")
+        if described is None:
+            raise FileFormatError("parameters is missing.")
+        described.validate()
+        groups = cls.columns_of(robot.together if robot else described, robot)
+        known = {column for group in groups.values() for column in group}
+        for column in table.columns:
+            if column not in known:
+                raise FileFormatError(f"the column {column} does not belong here.")
+        found: dict[str, Any] = {"interrupted": table.interrupted}
+        for name, group in groups.items():
+            missing = [column for column in group if column not in table.columns]
+            if not missing:
+                rows = np.array([table.columns[column] for column in group])
+                found[name] = rows[0] if name in TIMES else rows
+            elif name not in cls.optional() or len(missing) < len(group):
+                raise FileFormatError(f"the column {missing[0]} is missing.")
+        names = {field.name for field in dataclasses.fields(cls)}  # bends may follow from joints
+        return cls(**header, **{name: value for name, value in found.items() if name in names})
+
+    def _check(self) -> None:
+        """Turns the signals into arrays and checks them.
+
+        Raises:
+            LimbError: if shapes disagree or values are not finite, if time does
+                not increase, duty leaves [0, 1] or an angle leaves [-π, π].
+        """
+        self.parameters.validate()
+        self.time = time = np.asarray(self.time, float)
+        if time.ndim != 1 or not np.isfinite(time).all():
+            raise LimbError("time must be a list of finite numbers.")
+        if (steps := np.diff(time) <= 0).any():
+            before, after = time[(index := int(np.argmax(steps))) : index + 2]
+            raise LimbError(f"time goes from {before:g} s to {after:g} s; it must increase.")
+        names = column_names(self.parameters, self.robot)
+        for field in dataclasses.fields(self):
+            name, value = field.name, getattr(self, field.name)
+            if name == "time" or name not in names or (value is None and name in self.optional()):
+                continue
+            value = np.asarray(value, float)
+            setattr(self, name, value)
+            shape = (len(names[name]), len(time))[name in TIMES :]
+            if value.shape != shape:
+                raise LimbError(
+                    f"{name} has the shape {value.shape}, but this limb and the "
+                    f"{len(time)} samples of time need {shape}."
+                )
+            measured = name in self.MEASURED
+            bad = np.isinf(value) if measured else ~np.isfinite(value)
+            if bad.any():
+                at = time[np.argmax(np.atleast_2d(bad).any(axis=0))]
+                raise LimbError(f"{name} holds a value that is not finite at {at:g} s.")
+            if not measured and (sentence := self._first_outside([name])):
+                raise LimbError(sentence)
+
+    def _outside(self, names: Collection[str]) -> np.ndarray:
+        """Whether some signals leave their ranges, at each sample (K,)."""
+        outside = np.zeros(len(self.time), bool)
+        for name in names:
+            low, high, _ = RANGES.get(name, (-np.inf, np.inf, ""))
+            value = np.atleast_2d(getattr(self, name))
+            outside |= ((value < low) | (value > high)).any(axis=0)
+        return outside
+
+    def _first_outside(self, names: Collection[str]) -> str:
+        """One sentence on the first sample at which a signal leaves its range; empty if none."""
+        for name in names:
+            if (outside := self._outside([name])).any():
+                (low, high, unit), index = RANGES[name], int(np.argmax(outside))
+                value = np.atleast_2d(getattr(self, name))[:, index].tolist()
+                return (
+                    f"{name} is {value}{unit} at {self.time[index]:g} s; "
+                    f"it must stay from {low:g} to {high:g}{unit}."
+                )
+        return ""
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.time[-1] - self.time[0])
+
+    def interpolated(self, signal: ArrayLike, times: np.ndarray | float) -> np.ndarray:
+        """A signal (rows, K) at other times (M,), (rows, M), without samples that are missing."""
+        rows = np.asarray(signal, float)
+        there = ~np.isnan(rows).any(axis=0)
+        return np.array([np.interp(times, self.time[there], row[there]) for row in rows])
+
+    def _bend_entry(self) -> Entry:
+        """The range of the bend angles."""
+        low, high = np.rad2deg([np.nanmin(self.bend_angle), np.nanmax(self.bend_angle)]).tolist()
+        return Entry("motion", [low, high], "°", f"bend {low:.0f}° to {high:.0f}°")
+
+
+class Planned(Samples):
+    """The base of what is planned, whose joints are known and whose bends follow from them."""
+
+    check: Any  # with ``failure`` and ``is_missing``
+    joint_state: np.ndarray
+    wire_temperature: np.ndarray
+    other_wire_state: np.ndarray | None
+
+    @property
+    def joint_angles(self) -> np.ndarray:
+        """θ at the knots (n, K), rad."""
+        return self.joint_state[: self.parameters.num_joints]
+
+    @property
+    def joint_rates(self) -> np.ndarray:
+        """θ̇ at the knots (n, K), rad/s."""
+        return self.joint_state[self.parameters.num_joints :]
+
+    @property
+    def bend_angle(self) -> np.ndarray:  # type: ignore[override]
+        """φ* at the knots (F, K), rad, by forward kinematics."""
+        return bend_angle(self.parameters, self.joint_angles)
+
+    @property
+    def passed(self) -> bool:
+        """Whether it was checked by simulating it, and went as planned."""
+        return self.check.failure() is None
+
+    @property
+    def _check_entry(self) -> Entry:
+        """Whether it passed its check."""
+        judged = "checked" if self.passed else "failed its check"
+        return Entry("check", "not checked" if self.check.is_missing else judged)
+
+    @property
+    def wire_states(self) -> np.ndarray:
+        """x at the knots (N, K): T, then the other states of the wires' laws."""
+        others = [] if self.other_wire_state is None else [self.other_wire_state]
+        return np.vstack([self.wire_temperature, *others])
+
+
+def stretches(where: np.ndarray) -> np.ndarray:
+    """Return the first index of each stretch of True, and the index after its last (S, 2)."""
+    return np.flatnonzero(np.diff(np.r_[False, where, False])).reshape(-1, 2)
+
+
+def doses(levels: np.ndarray, breaks: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return integrals (W, E), from end to end (E + 1,), of levels (W, K) held from break to break.
+
+    Args:
+        levels: one value for each interval between breaks (W, K).
+        breaks: times between which levels hold (K + 1,), s.
+        ends: times between which to integrate (E + 1,), s.
+    """
+    sums = np.cumsum(levels * np.diff(breaks), axis=1)
+    return np.diff([np.interp(ends, breaks, np.append(0.0, of_row)) for of_row in sums])
+
+
+def without_rounding(duty: np.ndarray) -> np.ndarray:
+    """Duty within rounding of [0, 1] brought into it; more is a mistake, and left to be named."""
+    clipped = np.clip(duty, 0.0, 1.0)
+    return clipped if np.abs(clipped - duty).max() < 1e-9 else duty

@@ -1,0 +1,365 @@
+"""The limb of Fig. 3 as one Drake diagram, and in anybody's plant; its manipulator, (1)-(2)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    ForceElementIndex,
+    Frame,
+    ModelInstanceIndex,
+    RevoluteJoint,
+    RevoluteSpring,
+)
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import PassThrough
+
+from limb_systems.kinematics import rest_joint_angles
+from limb_systems.layout import Layout
+from limb_systems.limb_parameters import LimbParameters, ParameterError
+from limb_systems.wire_blocks import add_wires
+from limb_systems.wire_laws.wire_law import LinearLaw
+from urdf import limb_sdf
+
+# kg, far below the rounding error of a limb's mass. Drake 1.58 divides by the mass of each body
+# when it evaluates a plant in symbols.
+NEGLIGIBLE_MASS = 1e-20
+
+
+class Limb(Diagram):
+    """The model of Fig. 3: duty in, measured temperature and bend angle out.
+
+    As a diagram::
+
+                ┌──────────────┐    ┌───────────┐    ┌─────────────┐
+        duty ──▶│ JouleHeating ├─┬─▶│ TorqueMap ├───▶│ manipulator ├─┬──▶ joint_state
+                │     (6)      │ │  │    (4)    │    │   (1)-(2)   │ │
+                └──────────────┘ │  └───────────┘    └─────────────┘ │  ┌───────────┐
+                                 ├──▶ wire_temperature               └─▶│ φ = atan2 ├──▶ bend_angle
+                                 │  ┌─────────────────┐                 └───────────┘
+                                 └─▶│ ThermocoupleLag ├──▶ measured_temperature
+                                    │       (7)       │
+                                    └─────────────────┘
+
+    For a limb of F bends, n joints in all and W wires with N states:
+
+    - input 0 ``duty``: D (W), in [0, 1]
+    - output 0 ``measured_temperature``: V (W), °C
+    - output 1 ``bend_angle``: φ (F), rad
+    - output 2 ``wire_temperature``: T (W), °C
+    - output 3 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
+    - output 4 ``measurement``: [V (W), φ (F)], °C and rad
+    - state, all continuous: [θ (n), θ̇ (n), x (N), V (W)], in rad, rad/s, the
+      wires' units and °C; by default at rest, at the rest angle, at ambient temperature
+
+    With the paper's law, the wires' states x are T (W), °C; the states that
+    other laws have besides T follow. Duty is not clipped: duty outside [0, 1]
+    is an error of the plan or controller, and robots refuse it. The diagram
+    converts to AutoDiffXd and symbolic::Expression, but Drake's plant cannot
+    evaluate accelerations of more than one link symbolically.
+    """
+
+    __slots__ = ()  # see limb_systems.drake_python
+
+    def __init__(
+        self, parameters: LimbParameters | str | Path | None = None, *, name: str = "limb"
+    ):
+        """
+        Args:
+            parameters: description of the limb, or its YAML file; the nominal limb if
+                None. The limb keeps a copy, its attribute ``parameters``.
+            name: name of the system; limbs in one diagram need different names.
+
+        Raises:
+            ParameterError: if a parameter is out of its range.
+        """
+        super().__init__()
+        self.parameters = parameters = LimbParameters.of(parameters)
+        self.source = "model"
+        builder = DiagramBuilder()
+        manipulator = builder.AddSystem(make_manipulator(parameters))
+        ports, duty = add_wires(builder, parameters, manipulator.get_state_output_port())
+        builder.Connect(ports["torque"], manipulator.get_applied_generalized_force_input_port())
+        builder.ExportInput(duty, "duty")
+        builder.BuildInto(self)
+        self.set_name(name)
+
+
+class LimbActuation(Diagram):
+    """The wires of a limb that is in anybody's plant: heat (6), lag (7) and torque (4).
+
+    These are the blocks of `Limb` about its manipulator. For F bends, n joints and W wires with N
+    states:
+
+    - input 0 ``duty``: D (W), in [0, 1]
+    - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s, the plant's state of the limb's instance
+    - outputs 0 to 4: those of `Limb`
+    - output 5 ``torque``: torque of wires and rubber on each joint (n), N·m
+    - state, continuous: x (N), V (W); by default of cold wires
+    """
+
+    __slots__ = ()  # see limb_systems.drake_python
+
+    def __init__(
+        self, parameters: LimbParameters | str | Path | None = None, *, name: str = "actuation"
+    ):
+        """
+        Args:
+            parameters: description of the limb, or its YAML file; the nominal limb if None.
+            name: name of the system; systems in one diagram need different names.
+
+        Raises:
+            ParameterError: if a parameter is out of its range.
+        """
+        super().__init__()
+        self.parameters = parameters = LimbParameters.of(parameters)
+        builder = DiagramBuilder()
+        state = builder.AddNamedSystem("state", PassThrough(2 * parameters.num_joints))
+        ports, duty = add_wires(builder, parameters, state.get_output_port())
+        builder.ExportInput(duty, "duty")
+        builder.ExportInput(state.get_input_port(), "joint_state")
+        builder.ExportOutput(ports["torque"], "torque")
+        builder.BuildInto(self)
+        self.set_name(name)
+
+
+def add_limb(
+    plant: MultibodyPlant,
+    parameters: LimbParameters | str | Path | None = None,
+    name: str = "limb",
+    *,
+    parent_frame: Frame | None = None,
+    X_PF: RigidTransform | None = None,
+) -> ModelInstanceIndex:
+    """Adds a limb to a plant, as many times as you like, and welds its base.
+
+    The plant is not finalized, so that you can add to it. In the limb's instance, the frames
+    ``base`` and ``tip`` have E1 along x, E2 along y and E3 along z of the first and the last link.
+    Joints are named ``joint_1`` ... from the base to the tip. They have springs, which are at rest
+    by default, and actuators, through which torque enters: see `add_limb_actuation`. Gravity is
+    the plant's; the parameters' should be the same in the frame ``base``, since plans and
+    calibrations heed only that.
+
+    Args:
+        plant: not finalized; registered with a SceneGraph if the limb is to be shown or to collide.
+        parameters: description of the limb, or its YAML file; the nominal limb if None.
+        name: name of the model instance.
+        parent_frame: what the base is welded to; the world if None.
+        X_PF: pose of the base in the parent frame; where that is if None.
+
+    Raises:
+        ParameterError: if a parameter is out of its range.
+    """
+    parameters = LimbParameters.of(parameters)
+    text = limb_sdf(
+        parameters.segments, name, payload=parameters.payload, negligible_mass=NEGLIGIBLE_MASS
+    )
+    (limb,) = Parser(plant).AddModelsFromString(text, "sdf")
+    base = plant.GetFrameByName("base", limb)
+    plant.WeldFrames(parent_frame or plant.world_frame(), base, X_PF or RigidTransform())
+    for joint, angle in zip(_joints(plant, limb), rest_joint_angles(parameters), strict=True):
+        joint.set_default_angle(angle)
+    return limb
+
+
+def add_springs(
+    plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
+) -> None:
+    """Adds what URDF cannot say to a limb that was parsed from its URDF: springs, and actuators.
+
+    Args:
+        plant: not finalized, with the limb.
+        limb: model instance of the limb.
+        parameters: description of the limb that the URDF is of.
+
+    Raises:
+        ParameterError: if the limb has another number of joints than its description.
+    """
+    joints = _checked_joints(plant, limb, parameters)
+    add_joint_springs(plant, joints, parameters)
+    for joint in joints:
+        plant.AddJointActuator(joint.name(), joint)
+
+
+def add_limb_actuation(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    limb: ModelInstanceIndex,
+    parameters: LimbParameters | str | Path | None = None,
+) -> LimbActuation:
+    """Adds the wires of a limb to a diagram, and connects them to its joints in the plant.
+
+    Args:
+        builder: builder of the diagram that has the plant.
+        plant: finalized, with the limb.
+        limb: model instance of the limb, from `add_limb`, from its SDFormat, or from its URDF with
+            `add_springs`.
+        parameters: description of the limb, or its YAML file; the nominal limb if None.
+
+    Returns:
+        The wires, named after the limb, whose ``duty`` is not connected.
+
+    Raises:
+        ParameterError: if the limb in the plant is not that of the description, or too stiff for
+            the steps of a discrete plant.
+    """
+    actuation = LimbActuation(parameters, name=f"{plant.GetModelInstanceName(limb)}_actuation")
+    joints = _check_model(plant, limb, actuation.parameters)
+    if plant.time_step():
+        check_step(plant, joints, actuation.parameters)
+    builder.AddSystem(actuation)
+    builder.Connect(plant.get_state_output_port(limb), actuation.GetInputPort("joint_state"))
+    builder.Connect(actuation.GetOutputPort("torque"), plant.get_actuation_input_port(limb))
+    return actuation
+
+
+def add_joint_springs(
+    plant: MultibodyPlant, joints: Sequence[RevoluteJoint], parameters: LimbParameters
+) -> None:
+    """Adds the spring of each joint (n) to a plant, and puts the joints to rest by default."""
+    rest_angles, stiffness = rest_joint_angles(parameters), Layout(parameters).stiffness
+    for joint, rest_angle, k in zip(joints, rest_angles, stiffness, strict=True):
+        joint.set_default_angle(rest_angle)
+        plant.AddForceElement(RevoluteSpring(joint, rest_angle, k))
+
+
+def _joints(plant: MultibodyPlant, limb: ModelInstanceIndex) -> list[RevoluteJoint]:
+    """The joints of a limb that turn (n), from the base to the tip."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(limb)]
+    return [joint for joint in joints if isinstance(joint, RevoluteJoint)]
+
+
+def _checked_joints(
+    plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
+) -> list[RevoluteJoint]:
+    joints = _joints(plant, limb)
+    if len(joints) != parameters.num_joints:
+        raise ParameterError(
+            f"The limb {plant.GetModelInstanceName(limb)!r} has {len(joints)} joints in the plant "
+            f"and {parameters.num_joints} in its description; give the description that the model "
+            "was written of."
+        )
+    return joints
+
+
+def _check_model(
+    plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
+) -> list[RevoluteJoint]:
+    """The joints of a limb; raises ParameterError if it is not as described."""
+    joints, layout = _checked_joints(plant, limb, parameters), Layout(parameters)
+    name = plant.GetModelInstanceName(limb)
+    indices = map(ForceElementIndex, range(plant.num_force_elements()))
+    elements = map(plant.get_force_element, indices)
+    springs = {e.joint().index(): e for e in elements if isinstance(e, RevoluteSpring)}
+    if plant.num_actuated_dofs(limb) != len(joints) or not all(
+        joint.index() in springs for joint in joints
+    ):
+        raise ParameterError(
+            f"The limb {name!r} has no springs or no actuators, as URDF has none; call add_springs "
+            "before the plant is finalized, or parse its SDFormat."
+        )
+    if plant.num_velocities(limb) != len(joints):
+        raise ParameterError(
+            f"The base of the limb {name!r} is free; weld the frame base to what holds it, such as "
+            "the world, before the plant is finalized."
+        )
+    stiffness = [springs[joint.index()].default_stiffness() for joint in joints]
+    mass = sum(plant.get_body(body).default_mass() for body in plant.GetBodyIndices(limb))
+    names = [f"stiffness of {joint.name()}" for joint in joints]
+    for what, unit, found, described in (
+        ("mass", "kg", mass, layout.body_masses.sum()),
+        *zip(names, ["N·m/rad"] * len(names), stiffness, layout.stiffness, strict=True),
+    ):
+        if not np.isclose(found, described, rtol=1e-6):
+            raise ParameterError(
+                f"The {what} of the limb {name!r} is {found:.6g} {unit} in the plant and "
+                f"{described:.6g} {unit} in its description; write its model anew by "
+                "urdf.limb_sdf of this description."
+            )
+    return joints
+
+
+def check_step(
+    plant: MultibodyPlant, joints: Sequence[RevoluteJoint], parameters: LimbParameters
+) -> None:
+    """Raises ParameterError if the springs, whose forces are those before each step, blow up.
+
+    With damping by the forces after it, a mode is stable where 4 m + 2 h σ > h² k.
+
+    Args:
+        plant: finalized and discrete.
+        joints: the joints (n) that the parameters describe.
+        parameters: description of the limb.
+    """
+    step, layout = plant.time_step(), Layout(parameters)
+    excess = np.zeros(plant.num_velocities())
+    of_joints = step * (step * layout.stiffness - 2 * layout.damping)
+    excess[[joint.velocity_start() for joint in joints]] = of_joints
+    mass = 4 * plant.CalcMassMatrix(plant.CreateDefaultContext())
+    if (highest := scipy.linalg.eigh(np.diag(excess), mass, eigvals_only=True)[-1]) >= 1.0:
+        raise ParameterError(
+            f"The limbs are too stiff for their mass and damping to be simulated in steps of "
+            f"{1e3 * step:g} ms: their fastest mode is {highest:.2f} times as stiff as it may be; "
+            f"give the plant a smaller time_step, or the segments a damping of "
+            f"{0.6 * step * layout.stiffness.max():.2g} N·m·s/rad, if that is possible."
+        )
+
+
+def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:
+    """The finalized continuous-time plant of eqns (1)-(2).
+
+    State [θ (n), θ̇ (n)] in rad and rad/s; input ``applied_generalized_force``
+    (n) in N·m. Gravity is that of the parameters.
+    """
+    plant = MultibodyPlant(time_step=0.0)
+    add_limb(plant, parameters)
+    plant.mutable_gravity_field().set_gravity_vector(parameters.gravity)
+    plant.Finalize()
+    plant.set_name("manipulator")
+    return plant
+
+
+def to_paper_state(parameters: LimbParameters, state: ArrayLike) -> np.ndarray:
+    """The paper's x = [θ, V, θ̇, V̇], eqn (14), from a state of `Limb`.
+
+    Args:
+        parameters: description of a limb whose wires have the paper's law.
+        state: [θ, θ̇, T, V], (2n + 2W,) or (2n + 2W, K).
+
+    Returns:
+        same shape, in rad, °C, rad/s and °C/s.
+    """
+    angles, rates, wire, measured = split_state(parameters, state)
+    measured_rate = _a3(parameters, measured) * (measured - wire)
+    return np.concatenate([angles, measured, rates, measured_rate])
+
+
+def from_paper_state(parameters: LimbParameters, paper_state: ArrayLike) -> np.ndarray:
+    """The inverse of `to_paper_state`: T = V - V̇/a3, eqn (7) rearranged."""
+    n, num_wires = parameters.num_joints, len(parameters.wires)
+    angles, measured, rates, measured_rate = np.split(
+        np.asarray(paper_state, float), np.cumsum([n, num_wires, n])
+    )
+    wire = measured - measured_rate / _a3(parameters, measured)
+    return np.concatenate([angles, rates, wire, measured])
+
+
+def split_state(
+    parameters: LimbParameters, state: ArrayLike
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """θ (n), θ̇ (n), x (N) and V (W) of a state of `Limb`, each (.., K); x begins with T (W)."""
+    n, num_wires = parameters.num_joints, len(parameters.wires)
+    angles, rates, wire, measured = np.split(np.asarray(state, float), [n, 2 * n, -num_wires])
+    return angles, rates, wire, measured
+
+
+def _a3(parameters: LimbParameters, like: np.ndarray) -> np.ndarray:
+    laws = [wire.law for wire in parameters.wires if isinstance(wire.law, LinearLaw)]
+    if len(laws) < len(parameters.wires):
+        raise ParameterError("Only wires with the paper's LinearLaw have the paper's state (14).")
+    return np.array([law.a3 for law in laws]).reshape(-1, *[1] * (like.ndim - 1))

@@ -1,0 +1,519 @@
+"""The limb in one YAML file: geometry, mechanics, wires, limits.
+
+Every field of the dataclasses below carries its unit and the range that is
+accepted, so that the documentation, the validation and the error messages
+cannot drift apart.
+"""
+
+import dataclasses
+import hashlib
+import math
+
+import numpy as np
+
+from limb_systems.bend_sensor import BendSensor, TipTangentSensor
+from limb_systems.errors import raised_as
+from limb_systems.files.described import Described, ParameterError, check_density, check_name
+from limb_systems.files.provenance import Provenance
+from limb_systems.files.schema import Strict, Tagged, quantity, rare, validate
+from limb_systems.heat_bounds import BOUNDED, HeatBounds
+from limb_systems.segment_chain import SegmentChain
+from limb_systems.wire_laws.wire_law import LinearLaw, WireLaw
+
+FORMAT = 2  # of the YAML file
+MOST_SEGMENTS, MOST_JOINTS = 50, 500
+LEAST_SIDEWAYS = 0.01  # share of its torque by which a wire bends the limb in its plane, at least
+ODDLY_HEAVY = 4.0  # density over that of water; filled silicone has 2
+
+
+@dataclasses.dataclass
+class WireParameters(Strict):
+    """One shape-memory-alloy wire: its name, where it runs, and its law.
+
+    - ``name``: letters, digits and underscores; it names columns in files.
+    - ``e2``, ``e3``: place in the cross-section, m from the axis. Its
+      torque has the direction of this lever: a wire at e2 > 0, e3 = 0 bends
+      towards +E2 with all of its law's torque, one at 45° with 1/√2 of it, and,
+      if the segment has two axes, as much towards +E3.
+    - ``law``: heat, torque and reading of the wire; `LinearLaw` is the paper's.
+    - ``heat_bounds``: within which a board expects it to heat and cool; None
+      until it is calibrated, which means bounds around its law.
+    """
+
+    name: str = ""
+    e2: float = quantity(0.0034, "m", -1.0, 1.0)
+    e3: float = quantity(0.0, "m", -1.0, 1.0)
+    law: LinearLaw | WireLaw = dataclasses.field(default_factory=LinearLaw)
+    heat_bounds: HeatBounds | None = None
+
+    @classmethod
+    def at(cls, name: str, degrees: float, radius: float = 0.0034) -> "WireParameters":
+        """A wire at an angle from +E2 towards +E3, and at a distance from the axis, m."""
+        angle = np.deg2rad(degrees)
+        # No zeros with a sign, which files would show.
+        e2, e3 = (float(radius * share.round(15)) + 0.0 for share in (np.cos(angle), np.sin(angle)))
+        return cls(name, e2=e2, e3=e3)
+
+    @property
+    def lever(self) -> np.ndarray:
+        """Direction of the torque: shares (2,) that bend towards +E2 and +E3."""
+        return np.array([self.e2, self.e3]) / np.hypot(self.e2, self.e3)
+
+    @property
+    def angle(self) -> float:
+        """Angle of the wire from +E2 towards +E3, rad; setting it keeps the distance."""
+        return float(np.arctan2(self.e3, self.e2))
+
+    @angle.setter
+    def angle(self, value: float) -> None:
+        radius = np.hypot(self.e2, self.e3)
+        self.e2, self.e3 = float(radius * np.cos(value)), float(radius * np.sin(value))
+
+
+@dataclasses.dataclass
+class RestMemory(Strict):
+    """The angle at which the rubber rests remembers which wire was hot last.
+
+    While a wire heats, the rest angle moves to its side: by the bend angle g
+    that the wire's torque alone would hold, the share 1 - exp(-λ g) of the way.
+
+    - ``shift``: Δ, deviation of the rest angle that a wire leads to in the end, rad.
+    - ``rate``: λ, per bend angle, 1/rad.
+    """
+
+    shift: float = quantity(0.0305, "rad", 0.0, 0.5)
+    rate: float = quantity(2.0, "1/rad", 0.0, 100.0)
+
+
+def wires_around(count: int, radius: float = 0.0034) -> list[WireParameters]:
+    """Wires ``wire_1``, ... at equal angles around the axis, the first at +E2."""
+    return [
+        WireParameters.at(f"wire_{number + 1}", 360.0 * number / count, radius)
+        for number in range(count)
+    ]
+
+
+def _left_and_right() -> list[WireParameters]:
+    return [WireParameters("left", e2=-0.0034), WireParameters("right", e2=0.0034)]
+
+
+@dataclasses.dataclass
+class SegmentParameters(Strict):
+    """One segment: a silicone beam cut into equal rigid links, with its wires.
+
+    It bends in the plane of E1 and E2, as the paper's, or about two axes.
+
+    - ``links``: number of rigid links, each with a revolute joint at its base for each axis.
+    - ``length``: length of the whole segment along E1, m.
+    - ``mass``: mass of the whole segment, kg.
+    - ``width``: cross-section along the bending axis (E3), m.
+    - ``thickness``: cross-section in the bending plane (E2), m.
+    - ``stiffness``: torsional spring constant k of each joint, N·m/rad (1).
+    - ``damping``: damping constant σ of each joint, N·m·s/rad (1).
+    - ``rest_angle``: bend angle φ towards +E2 at rest with cold wires, rad.
+    - ``stiffening``: s, share that is added to k where the segment bends by 45°
+      from its rest angle.
+    - ``rest_memory``: change of the rest angle with use; None if there is none.
+    - ``wires``: `WireParameters`; by default the paper's two, left and right.
+      Heating the right one bends towards +E2.
+    - ``bend_sensor``: sensor of the bend: `TipTangentSensor`, the paper's (8),
+      `ChordSensor`, or another `BendSensor`.
+    - ``axes``: 1 if joints turn about E3 alone, 2 if they turn about E2, too.
+    - ``twists``: whether each link also has a joint that turns about E1.
+    - ``centred_joints``: whether joints are in the middle of the pieces that the length is cut
+      into, where a chain comes nearer to a beam, instead of at their bases.
+    - ``stiffness_ratio``: stiffness against bends towards E3, as a share of k.
+    - ``torsional_ratio``: stiffness against twist, as a share of k; that of a round
+      section of rubber is GJ/EI = 2/3.
+    - ``rest_angle_e3``: bend angle towards +E3 at rest with cold wires, rad.
+    - ``name``: name in files and messages; its number, if the limb has several, if it is empty.
+    """
+
+    links: int = quantity(5, "links", 1, 100)
+    length: float = quantity(0.10, "m", 1e-3, 10.0)
+    mass: float = quantity(0.025, "kg", 1e-6, 100.0)
+    width: float = quantity(0.020, "m", 1e-4, 1.0)
+    thickness: float = quantity(0.010, "m", 1e-4, 1.0)
+    stiffness: float = quantity(0.1246, "N·m/rad", 1e-6, 1e4)
+    damping: float = quantity(1.0e-3, "N·m·s/rad", 0.0, 1e2)
+    rest_angle: float = quantity(0.0, "rad", -1.5, 1.5)
+    stiffening: float = quantity(0.0, "of k", 0.0, 10.0)
+    rest_memory: RestMemory | None = None
+    wires: list[WireParameters] = dataclasses.field(default_factory=_left_and_right)
+    bend_sensor: TipTangentSensor | BendSensor = dataclasses.field(default_factory=TipTangentSensor)
+    axes: int = quantity(1, "axes", 1, 2, rare=True)
+    twists: bool = rare(False)
+    centred_joints: bool = rare(False)
+    stiffness_ratio: float = quantity(1.0, "of k", 0.01, 100.0, rare=True)
+    torsional_ratio: float = quantity(2 / 3, "of k", 0.01, 100.0, rare=True)
+    rest_angle_e3: float = quantity(0.0, "rad", -1.5, 1.5, rare=True)
+    name: str = rare("")
+
+    @property
+    def joints(self) -> list[list[str]]:
+        """Joints of each link, base first: "e2" and "e3" bend towards +E2 and +E3, "twist" twists.
+
+        Each link begins with the joint that the link before ends with, twists included: errors of
+        the order in which joints turn then nearly cancel.
+        """
+        joints = ["e2", "e3"][: self.axes] + ["twist"] * self.twists
+        return [joints if link % 2 == 0 else joints[::-1] for link in range(self.links)]
+
+    @property
+    def chain(self) -> SegmentChain:
+        """Kinematics of the segment."""
+        return SegmentChain(self.joints, self.centred_joints)
+
+    @property
+    def joint_ratios(self) -> dict[str, float]:
+        """Stiffness and damping of each kind of joint, as shares of k and σ."""
+        return {"e2": 1.0, "e3": self.stiffness_ratio, "twist": self.torsional_ratio}
+
+    @property
+    def joint_rest_angles(self) -> dict[str, float]:
+        """Angle of each kind of joint at rest with wires that were never heated, rad, by (11)."""
+        by_bend = self.chain.equal_angle
+        return {"e2": by_bend * self.rest_angle, "e3": by_bend * self.rest_angle_e3, "twist": 0.0}
+
+    def wire(self, name: str) -> WireParameters:
+        """The wire of that name.
+
+        Raises:
+            ParameterError: if there is none.
+        """
+        for wire in self.wires:
+            if wire.name == name:
+                return wire
+        names = ", ".join(wire.name for wire in self.wires)
+        raise ParameterError(f"This segment has no wire {name!r}; it has {names}.")
+
+
+@dataclasses.dataclass
+class TemperatureLimits(Strict):
+    """Bounds on the wire temperature T, eqns (19)-(20), and on its reading V.
+
+    - ``maximum``: T_max, °C, never exceeded (19).
+    - ``warm``: T_warm, °C, kept after the warm-up (20).
+    - ``warm_up_time``: k_warm, s, from the start of a plan (20).
+    - ``measured_maximum``: °C, reading at which the board's firmware cuts out; plans stay below.
+
+    None of them is above 200 °C, which silicone rubber stands for long; wires of nickel-titanium
+    lose their trained shape from there on.
+    """
+
+    maximum: float = quantity(100.0, "°C", -50.0, 200.0)
+    warm: float = quantity(45.0, "°C", -50.0, 200.0)
+    warm_up_time: float = quantity(20.0, "s", 0.0, 3600.0)
+    measured_maximum: float = quantity(110.0, "°C", -50.0, 200.0)
+
+
+class BoardIdentity(Tagged):
+    """Identity of the limb that the parameters belong to: `NoBoard`, or one of its subclasses."""
+
+    @property
+    def identity(self) -> str:
+        """Text that differs between any two boards; empty if there is none."""
+        return ""
+
+
+@dataclasses.dataclass
+class NoBoard(BoardIdentity):
+    """No particular limb, but a kind of them."""
+
+
+@dataclasses.dataclass
+class SerialBoard(BoardIdentity):
+    """The limb on a board with this serial number."""
+
+    serial_number: str
+
+    @property
+    def identity(self) -> str:
+        """The serial number."""
+        return self.serial_number
+
+
+@dataclasses.dataclass
+class EmulatedLimb(BoardIdentity):
+    """An emulated limb.
+
+    - ``seed``: seed of the random numbers that it was drawn with.
+    - ``description``: YAML text of the `LimbParameters` that it was drawn
+      around; empty for the nominal limb.
+    - ``absent``: effects that were taken out of it.
+    - ``extra``: effects that it has beside those of every emulated limb.
+    - ``disturbances``: later changes, each a name and a number.
+    - ``physics``: name of its physics, "lumped" or the name that a module of yours defines.
+    - ``limb``: name of the limb, if it is one of an emulated robot; empty for a limb alone and for
+      a whole robot. The other fields are then those of the robot, and ``description`` is the YAML
+      text of its `RobotParameters`.
+    """
+
+    seed: int
+    description: str = dataclasses.field(default="", metadata={"lines": True})
+    absent: list[str] = dataclasses.field(default_factory=list)
+    extra: list[str] = dataclasses.field(default_factory=list)
+    disturbances: list[str] = dataclasses.field(default_factory=list)
+    physics: str = "lumped"
+    limb: str = ""
+
+    @property
+    def identity(self) -> str:
+        """All fields, since each of them makes another limb."""
+        fields = [self.seed, self.description, self.absent, self.extra]
+        fields += [self.disturbances] if self.disturbances else []
+        fields += [self.physics] if self.physics != "lumped" else []
+        fields += [self.limb] if self.limb else []
+        return repr(tuple(fields))
+
+    @property
+    def serial_number(self) -> str:
+        """Serial number of the emulated board that the limb is on: eight letters and digits."""
+        if self == EmulatedLimb(self.seed) and self.seed < 10_000:
+            return f"twin{self.seed:04d}"
+        return f"t{hashlib.sha256(self.identity.encode()).hexdigest()[:7]}"
+
+
+@dataclasses.dataclass
+class CalibrationRecord(Strict):
+    """How well the calibrated parameters are known, and from what.
+
+    - ``names``: names of the P parameters, such as "right.a1".
+    - ``values``, ``standard_errors``: estimates and their errors (P), in their units.
+    - ``covariance``: (P, P), in the products of their units; its diagonal is
+      that of the squared standard errors. Off it are a1, a2, a3 of each wire
+      among themselves, and what the β of all wires share with k, of which each
+      is a multiple; the rest was not estimated and is zero.
+    - ``recordings``: a line on each kind of recording, how many and of what.
+    - ``validation``: a line on how well a recording was predicted that was not
+      used in any fit; empty if there was none.
+    - ``bend_error``, ``temperature_error``: mean errors of open-loop predictions
+      of such recordings, of the bend, rad, and of the readings, °C; 0 if unknown.
+    - ``provenance``: stamp of what made it; None if unknown. Records are equal whenever
+      they were made.
+    """
+
+    names: list[str]
+    values: list[float]
+    standard_errors: list[float]
+    covariance: list[list[float]]
+    recordings: list[str] = dataclasses.field(default_factory=list)
+    validation: str = ""
+    bend_error: float = quantity(0.0, "rad", 0.0, 3.2)
+    temperature_error: float = quantity(0.0, "°C", 0.0, 500.0)
+    provenance: Provenance | None = dataclasses.field(default=None, compare=False)
+
+
+@dataclasses.dataclass
+class LimbParameters(Described):
+    """A limb: segments in series from the base to the tip, and where it is.
+
+    ``LimbParameters()`` is the nominal limb, one segment of five links with
+    the paper's 10° sag under gravity.
+
+    - ``format``: version of the file's format.
+    - ``segments``: one or more `SegmentParameters`, base first.
+    - ``ambient_temperature``: T0, °C (4), (6).
+    - ``gravity``: acceleration in the frame (E1, E2, E3), m/s². Zero, the
+      default, is the paper's mounting, with the bending axis vertical and
+      stiff against gravity; (0, -9.81, 0) is the cantilever of Sec. V-A.
+    - ``temperature_limits``: eqns (19)-(20).
+    - ``total_duty``: the largest sum of the duties of all wires at a time, for
+      which supply and limb are made.
+    - ``payload``: mass of a point at the tip, kg.
+    - ``supply_voltage``: voltage of the wires' supply, as it was measured when the limb was
+      calibrated, V; 0 if nobody measured it.
+    - ``board``: the particular limb that these parameters were calibrated on,
+      `SerialBoard` or `EmulatedLimb`; `NoBoard` if none.
+    - ``calibration``: accuracy of the parameters, `CalibrationRecord`; None if
+      they were not calibrated.
+
+    Wires are in the order of their segments, base first; joints are from the
+    base to the tip.
+    """
+
+    format: int = quantity(FORMAT, "", FORMAT, FORMAT)
+    segments: list[SegmentParameters] = dataclasses.field(
+        default_factory=lambda: [SegmentParameters()]
+    )
+    ambient_temperature: float = quantity(25.0, "°C", -50.0, 100.0)
+    gravity: list[float] = quantity((0.0, 0.0, 0.0), "m/s²", -100.0, 100.0)
+    temperature_limits: TemperatureLimits = dataclasses.field(default_factory=TemperatureLimits)
+    total_duty: float = quantity(1.5, "of full duty", 0.01, 100.0)
+    board: NoBoard | BoardIdentity = dataclasses.field(default_factory=NoBoard)
+    calibration: CalibrationRecord | None = None
+    payload: float = quantity(0.0, "kg", 0.0, 100.0, rare=True)
+    supply_voltage: float = quantity(0.0, "V", 0.0, 1000.0, rare=True)
+
+    @classmethod
+    def in_space(cls, wires: int = 3, links: int = 5) -> "LimbParameters":
+        """The nominal limb with a square section that bends about two axes, and wires around it."""
+        segment = SegmentParameters(links, axes=2, width=0.0125, thickness=0.0125)
+        segment.mass, segment.wires = 0.02, wires_around(wires)
+        return cls(segments=[segment])
+
+    def oddities(self, where: str = "") -> list[str]:
+        """Return sentences on what is odd about the segments, as `Described.oddities`."""
+        return [
+            oddity
+            for index, segment in enumerate(self.segments)
+            for oddity in _oddities(segment, f"{where}segments[{index}]")
+        ]
+
+    def without_provenance(self) -> "LimbParameters":
+        """Return these parameters without what made them."""
+        if self.calibration is None:
+            return self
+        record = dataclasses.replace(self.calibration, provenance=None)
+        return dataclasses.replace(self, calibration=record)
+
+    def validate(self) -> None:
+        """Raise ParameterError for the first field that is out of its range."""
+        if not isinstance(self.segments, list) or not self.segments:
+            raise ParameterError("segments is empty; a limb has at least one segment.")
+        if len(self.segments) > MOST_SEGMENTS:
+            raise ParameterError(
+                f"segments has {len(self.segments)} elements; a limb has at most {MOST_SEGMENTS}."
+            )
+        if not isinstance(self.gravity, list) or len(self.gravity) != 3:
+            raise ParameterError(
+                f"gravity is {self.gravity!r}; it must be a list of three numbers from -100 to "
+                "100 m/s², along E1, E2 and E3."
+            )
+        with raised_as(ParameterError):
+            validate(self)
+        if self.num_joints > MOST_JOINTS:
+            raise ParameterError(
+                f"the limb has {self.num_joints} joints in all; at most {MOST_JOINTS} can be "
+                "computed with, so describe its segments with fewer links."
+            )
+        for index, segment in enumerate(self.segments):
+            _validate_wires(segment, f"segments[{index}].wires")
+            check_density(segment.mass, _sizes(segment), f"segments[{index}]")
+            if segment.twists and segment.axes == 1:
+                raise ParameterError(
+                    f"segments[{index}].twists is true, but the segment bends in a plane, where "
+                    "nothing twists it; set its axes to 2, or leave twists out."
+                )
+        limits = self.temperature_limits
+        if limits.maximum <= self.ambient_temperature:
+            raise ParameterError(
+                f"temperature_limits.maximum is {limits.maximum:g} °C; it must be above "
+                f"ambient_temperature, which is {self.ambient_temperature:g} °C."
+            )
+        if limits.warm >= limits.maximum:
+            raise ParameterError(
+                f"temperature_limits.warm is {limits.warm:g} °C; it must be below "
+                f"temperature_limits.maximum, which is {limits.maximum:g} °C."
+            )
+
+    @property
+    def length(self) -> float:
+        """Length of all segments, m."""
+        return sum(segment.length for segment in self.segments)
+
+    @property
+    def num_joints(self) -> int:
+        """Number of joints of all segments."""
+        return sum(segment.links * len(segment.joints[0]) for segment in self.segments)
+
+    @property
+    def wires(self) -> list[WireParameters]:
+        """All wires, those of the first segment first."""
+        return [wire for segment in self.segments for wire in segment.wires]
+
+    @property
+    def wire_names(self) -> list[str]:
+        """Names of all wires; with the segment's name before, or its number after if several."""
+        return [
+            f"{segment.name}_{wire.name}"
+            if segment.name
+            else f"{wire.name}_{number}"
+            if len(self.segments) > 1
+            else wire.name
+            for number, segment in enumerate(self.segments, 1)
+            for wire in segment.wires
+        ]
+
+    @property
+    def heat_bounds(self) -> list[HeatBounds]:
+        """Heat bounds of all wires (W): as calibrated, or else around their laws.
+
+        A law that was fitted without bounds is about plans, not about heat, so
+        that its wire has the bounds of the nominal one.
+
+        Raises:
+            LimbError: if a law does not say its `WireLaw.typical_rates`, or is
+                beyond what a board accepts.
+        """
+        return [
+            wire.heat_bounds or HeatBounds.around(LinearLaw() if self.calibration else wire.law)
+            for wire in self.wires
+        ]
+
+
+def _oddities(segment: SegmentParameters, where: str) -> list[str]:
+    """Sentences on a segment, for `LimbParameters.oddities`."""
+    odd = []
+    times_water = segment.mass / (1000.0 * math.prod(_sizes(segment).values()))
+    if not 1 / ODDLY_HEAVY < times_water < ODDLY_HEAVY:
+        odd.append(
+            f"{where}.mass is {segment.mass:g} kg, {times_water:.2g} times the water that its "
+            "length, width and thickness hold; are all of them right?"
+        )
+    for index, wire in enumerate(segment.wires):
+        extents = ("e2", wire.e2, segment.thickness), ("e3", wire.e3, segment.width)
+        for name, value, extent in extents:
+            if abs(value) > extent / 2:
+                odd.append(
+                    f"{where}.wires[{index}].{name} is {value:g} m, outside the segment, which is "
+                    f"{extent:g} m across."
+                )
+    if segment.axes == 2:
+        angles = np.sort([wire.angle for wire in segment.wires])
+        gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
+        if gaps.max() > np.pi - 1e-9:
+            middle = np.rad2deg(angles[gaps.argmax()] + gaps.max() / 2)
+            odd.append(
+                f"the wires of {where} do not surround its axis, so that none can bend it towards "
+                f"{180 - (180 - middle) % 360:.0f}° from +E2; is a sign missing?"
+            )
+        return odd
+    sides = {wire.e2 > 0 for wire in segment.wires if wire.e2}
+    if len(segment.wires) > 1 and len(sides) == 1:
+        odd.append(
+            f"all wires of {where} run on the same side (e2 {'>' if sides.pop() else '<'} 0), so "
+            "that none can bend it back; is a sign missing?"
+        )
+    return odd
+
+
+def _sizes(segment: SegmentParameters) -> dict[str, float]:
+    return {name: getattr(segment, name) for name in ("length", "width", "thickness")}
+
+
+def _validate_wires(segment: SegmentParameters, where: str) -> None:
+    wires = segment.wires
+    if not wires:
+        raise ParameterError(f"{where} is empty; a segment has at least one wire.")
+    names = [wire.name for wire in wires]
+    for index, wire in enumerate(wires):
+        check_name(names, index, f"{where}[{index}]", "wire of the segment")
+        bounds = wire.heat_bounds
+        for low, high in BOUNDED if bounds else ():
+            if getattr(bounds, low) > getattr(bounds, high):
+                raise ParameterError(
+                    f"{where}[{index}].heat_bounds.{low} is {getattr(bounds, low):g}; it must not "
+                    f"be above {high}, which is {getattr(bounds, high):g}."
+                )
+        if segment.axes == 2 and wire.e2 == wire.e3 == 0:
+            raise ParameterError(
+                f"{where}[{index}] is at e2 = e3 = 0 m, on the axis, where it cannot bend the "
+                "limb; give the place at which it runs beside the axis, or leave the wire out."
+            )
+        if segment.axes == 1 and abs(wire.e2) <= LEAST_SIDEWAYS * np.hypot(wire.e2, wire.e3):
+            raise ParameterError(
+                f"{where}[{index}] is at e2 = {wire.e2:g} m and e3 = {wire.e3:g} m, where it "
+                "cannot bend the limb sideways; give the e2 at which it runs beside the axis, or "
+                "leave the wire out."
+            )

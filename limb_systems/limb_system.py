@@ -1,0 +1,120 @@
+"""Systems by the names of their ports: what stands in for a limb, and controllers behind a part."""
+
+from typing import Protocol, runtime_checkable
+
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    OutputPort,
+    System,
+)
+
+from limb_systems.errors import LimbError
+from limb_systems.files.schema import check_text
+from limb_systems.limb_parameters import LimbParameters
+
+ACCURACY = 1e-3  # of simulations, where a system does not say otherwise
+
+
+@runtime_checkable
+class LimbSystem(Protocol):
+    """Any Drake system with the ports of a limb and these attributes.
+
+    For a limb of F bends and W wires it has the input port ``duty`` (W)
+    and the output ports ``measured_temperature`` (W), °C, and ``bend_angle``
+    (F), rad. It may have other ports.
+
+    - ``parameters``: description of the limb, as far as it is known.
+    - ``source``: a line of text that names the system in recordings of it.
+    - ``real_time``: whether it must run in real time and be closed at the end
+      by its method ``close``, as a robot must; False if left out.
+    - ``accuracy``: relative accuracy of the integrator that it needs; 1e-3 if
+      left out; None if its mechanics is in steps.
+    """
+
+    parameters: LimbParameters
+    source: str
+    real_time: bool
+    accuracy: float | None
+
+    # The methods of Drake systems that are used here.
+    def HasOutputPort(self, port_name: str) -> bool:
+        """Whether there is an output port of a name."""
+
+    def GetInputPort(self, port_name: str) -> InputPort:
+        """The input port of a name."""
+
+    def GetOutputPort(self, port_name: str) -> OutputPort:
+        """The output port of a name."""
+
+    def GetMyContextFromRoot(self, root_context: Context) -> Context:
+        """The system's own part of the Context of a diagram."""
+
+    def GetMyMutableContextFromRoot(self, root_context: Context) -> Context:
+        """The same Context, mutable."""
+
+
+def check_limb(system: System) -> LimbSystem:
+    """Checks that a system can stand in for a limb, and sets attributes that it leaves out.
+
+    Raises:
+        LimbError: one sentence that names every missing port and attribute, or
+            says why no recording of it could be written.
+    """
+    missing = [
+        f"the {kind} port {name}"
+        for kind, has, names in (
+            ("input", system.HasInputPort, ["duty"]),
+            ("output", system.HasOutputPort, ["measured_temperature", "bend_angle"]),
+        )
+        for name in names
+        if not has(name)
+    ]
+    missing += [
+        f"the attribute {name}" for name in ("parameters", "source") if not hasattr(system, name)
+    ]
+    if missing:
+        raise LimbError(
+            f"{type(system).__name__} cannot stand in for a limb: it lacks {', '.join(missing)}."
+        )
+    check_text(system.source, "source")
+    system.parameters.validate()
+    for name, value in (("real_time", False), ("accuracy", ACCURACY)):
+        if not hasattr(system, name):
+            setattr(system, name, value)
+    return system
+
+
+def behind(part: System, controller: System, name: str) -> Diagram:
+    """Return a controller with another system between it and a limb, with a controller's ports.
+
+    Output ports of each system are connected to the input ports of the other that have the same
+    name. All other inputs are inputs of the diagram. Its output ``duty`` is that of the part, or
+    the controller's if the part has none.
+
+    Args:
+        part: such as a supervisor of duty, or sensors with a fault; it becomes part of the diagram.
+        controller: with the output ``duty``; it becomes part of the diagram.
+        name: name of the diagram.
+    """
+    builder, exported = DiagramBuilder(), set()
+    for system in (part, controller):
+        builder.AddSystem(system)
+    for sink, source in ((part, controller), (controller, part)):
+        for index in range(sink.num_input_ports()):
+            port = sink.get_input_port(index)
+            name_of_port = port.get_name()
+            if source.HasOutputPort(name_of_port):
+                builder.Connect(source.GetOutputPort(name_of_port), port)
+            elif name_of_port in exported:
+                builder.ConnectInput(name_of_port, port)
+            else:
+                builder.ExportInput(port, name_of_port)
+                exported.add(name_of_port)
+    last = part if part.HasOutputPort("duty") else controller
+    builder.ExportOutput(last.GetOutputPort("duty"), "duty")
+    diagram = builder.Build()
+    diagram.set_name(name)
+    return diagram

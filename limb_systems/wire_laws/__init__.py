@@ -1,0 +1,1 @@
+"""The wire laws, a file each."""

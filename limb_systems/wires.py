@@ -1,0 +1,291 @@
+"""All wires of a limb in their rubber: the heat (6)-(7) and the forces (4), stated in symbols."""
+
+import dataclasses
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from limb_systems.layout import Layout
+from limb_systems.limb_parameters import LimbParameters
+from limb_systems.rubber import REST_SCALE, NonlinearRubber
+from limb_systems.smooth_function import SmoothFunction, stated_once
+from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, runge_kutta
+
+LONGEST_STEP = 0.1  # s, of an integration
+
+
+class Wires:
+    """The W wires of a limb in its rubber, with N states in all.
+
+    The states are the wire temperatures T (W) in the order of the wires, then
+    the other states of their laws: the second state of all wires, the third,
+    and so on. Those of `NonlinearRubber` are the last, if its rest angle has a memory.
+    Arrays have the states, the wires or the joints along their last
+    axis and any number of points before it.
+
+    - ``num_wires``, ``num_states``: W and N.
+    - ``state_names``: such as ``S_left``, N.
+    - ``heat_scales``: typical changes of the states and of the readings (N + W,).
+    - ``cold_states``: states of wires that were never heated (N,).
+    - ``settles``: true where a state is no memory (N,).
+    - ``levers``: B, direction of the wires' torque on the joints (n, W), from `Layout`.
+    - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
+    - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
+    - ``laws_need_angle``: whether the torque of any law depends on the angle that its wire sees.
+    - ``torque_needs_angle``: whether any force depends on the angle, of a wire or of the rubber.
+    - ``heat``: [ẋ, V̇] (N + W,), per second, of [x, V, D], as a `SmoothFunction`: (6), (7) and the
+      memory of the rubber. ``symbolic_heat`` is the same as a CasADi function of x, V and D.
+    - ``force``: generalized force f (n,) on the joints, N·m, of [x, θ], as a `SmoothFunction`: (4)
+      and nonlinear rubber. ``symbolic_force`` is the same as a CasADi function of x and θ.
+
+    Args:
+        parameters: description of the limb.
+    """
+
+    def __init__(self, parameters: LimbParameters):
+        plain = dataclasses.replace(parameters, calibration=None)
+        key = Wires, repr(plain), *(type(wire.law) for wire in parameters.wires)
+        self.__dict__.update(stated_once(key, lambda: self._stated(parameters)))
+
+    def _stated(self, parameters: LimbParameters) -> dict[str, Any]:
+        """The attributes of all `Wires` of a limb."""
+        laws = [wire.law for wire in parameters.wires]
+        self.num_wires = len(laws)
+        self._ambient = parameters.ambient_temperature
+        columns: list[list[int]] = [[] for _ in laws]
+        names: list[str] = []
+        scales: list[float] = []
+        cold: list[float] = []
+        ranges: list[tuple[float, float]] = []
+        remembers: list[bool] = []
+        for number in range(max(len(law.states) for law in laws)):
+            for index, (law, name) in enumerate(zip(laws, parameters.wire_names, strict=True)):
+                if number < len(law.states):
+                    state, scale = list(law.states.items())[number]
+                    columns[index].append(len(names))
+                    names.append(f"{state}_{name}")
+                    scales.append(scale)
+                    cold.append(law.cold_states(self._ambient)[number])
+                    ranges.append(law.memory.get(state, (-np.inf, np.inf)))
+                    remembers.append(state in law.memory)
+        self._rubber = rubber = NonlinearRubber(parameters)
+        self._first_shift, num_shifts = len(names), len(rubber.state_names)
+        names += rubber.state_names
+        scales += [REST_SCALE] * num_shifts
+        cold += [0.0] * num_shifts
+        self.num_states, self.state_names = len(names), names
+        self.heat_scales = np.array(scales + [TEMPERATURE_SCALE] * self.num_wires)
+        self.cold_states = np.array(cold, float)
+        ranges += [(-np.inf, np.inf)] * num_shifts
+        self._ranges = np.array(ranges).T
+        self.settles = ~np.array([*remembers, *[True] * num_shifts])
+        self._laws, self._columns = laws, columns
+        layout = Layout(parameters)
+        self.levers, self._links = layout.levers, layout.link_of_joint
+        x, V, D, q = (
+            ca.SX.sym(name, size)
+            for name, size in (
+                ("x", self.num_states),
+                ("V", self.num_wires),
+                ("D", self.num_wires),
+                ("q", layout.num_joints),
+            )
+        )
+        rates, reading_rates = self._state_heat(x, V, D)
+        force = self._state_force(x, q)
+        self.symbolic_heat = ca.Function("heat", [x, V, D], [ca.vertcat(rates, reading_rates)])
+        self.symbolic_force = ca.Function("force", [x, q], [force])
+        self.heat = SmoothFunction(ca.vertcat(rates, reading_rates), ca.vertcat(x, V, D))
+        self.force = SmoothFunction(force, ca.vertcat(x, q))
+        self._rates = SmoothFunction(rates, ca.vertcat(x, D))
+        self._reading_rates = SmoothFunction(reading_rates, ca.vertcat(V, x))
+        self._runge_kutta_step = self._state_runge_kutta_step(x, D, rates)
+        self.rates_are_affine = ca.is_linear(ca.vertcat(rates, reading_rates), ca.vertcat(x, V, D))
+        self.torque_needs_angle = ca.depends_on(force, q)
+        self.laws_need_angle = self.torque_needs_angle and any(
+            np.isnan(law.torque(law.cold_states(self._ambient), self._ambient, np.nan))
+            for law in laws
+        )
+        self.torque_is_affine = not self.torque_needs_angle and ca.is_linear(force, x)
+        # A copy: the collector of Python 3.13 takes what only an object's own dictionary holds for
+        # garbage as soon as the object itself is, whoever else has the dictionary.
+        return dict(vars(self))
+
+    def _state_heat(self, x: ca.SX, V: ca.SX, D: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """ẋ (N,) by (6) and the memory of the rubber, and V̇ (W,) by (7)."""
+        T0, rates = self._ambient, ca.SX.zeros(self.num_states)
+        torque_rates, reading_rates = [], []
+        for wire, (law, columns) in enumerate(zip(self._laws, self._columns, strict=True)):
+            own = [x[column] for column in columns]
+            of_wire = ca.vertcat(*law.rates(own, D[wire], T0))
+            rates[columns] = of_wire
+            reading_rates.append(law.reading_rate(V[wire], own))
+            torque = ca.SX(law.torque(own, T0, 0.0))
+            torque_rates.append(ca.jtimes(torque, ca.vertcat(*own), of_wire))
+        if self._rubber.remembers:
+            shifts = slice(self._first_shift, None)
+            rates[shifts] = self._rubber.rates(x[shifts], ca.vertcat(*torque_rates))
+        return rates, ca.vertcat(*reading_rates)
+
+    def _state_runge_kutta_step(self, x: ca.SX, D: ca.SX, rates: ca.SX) -> SmoothFunction:
+        """x after a step (N,), of x, of D at its beginning, middle and end, and of its length."""
+        rates_of = ca.Function("rates", [x, D], [rates])
+        levels, step = [ca.SX.sym("D", D.numel()) for _ in range(3)], ca.SX.sym("h")
+        after = self.within(runge_kutta(rates_of, x, levels, step))
+        return SmoothFunction(after, ca.vertcat(x, *levels, step))
+
+    def _state_force(self, x: ca.SX, q: ca.SX) -> ca.SX:
+        """f (n,), N·m: on each link, a wire sees the angle Σ B_j θ_j over the link's joints."""
+        force = self._rubber.forces(x[self._first_shift :], q)
+        for link in range(self._links[-1] + 1):
+            joints = np.flatnonzero(self._links == link).tolist()
+            for wire, (law, columns) in enumerate(zip(self._laws, self._columns, strict=True)):
+                levers = ca.DM(self.levers[joints, wire])
+                if not levers.is_zero():
+                    own = [x[column] for column in columns]
+                    torque = law.torque(own, self._ambient, ca.dot(levers, q[joints]))
+                    force[joints] += levers * torque
+        return force
+
+    def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
+        return self._rates.values(_joined(states, duty))
+
+    def signals(self, states: np.ndarray) -> dict[str, Any]:
+        """Return the wires' states x (N, K) as signals of a `Trajectory` or a `Gait`."""
+        T, others = np.split(states, [self.num_wires])
+        return {"wire_temperature": T, "other_wire_state": others if len(others) else None}
+
+    def holding_duty(self, states: np.ndarray) -> np.ndarray:
+        """D (W,) under which wires of the states (N,) stay at their temperatures."""
+        W = self.num_wires
+        off, on = (self.rates(states, np.full(W, level))[:W] for level in (0.0, 1.0))
+        return off / (off - on)
+
+    def within(self, states: ca.SX) -> ca.SX:
+        """States (N,) in symbols, kept in the ranges of the laws' ``memory``."""
+        kept = ca.SX(states)
+        for state in np.flatnonzero(np.isfinite(self._ranges).any(axis=0)).tolist():
+            low, high = self._ranges[:, state].tolist()
+            value = ca.if_else(states[state] < low, low, states[state])
+            kept[state] = ca.if_else(high < states[state], high, value)
+        return kept
+
+    def forces(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """f (..., n), N·m, as ``symbolic_force`` of x (..., N) and θ (..., n)."""
+        return self.force.values(_joined(states, angles))
+
+    def reading_rates(self, readings: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """V̇ (..., W) of the readings V (..., W), °C/s."""
+        return self._reading_rates.values(_joined(readings, states))
+
+    def heat_rates(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """`rates` and `reading_rates` of heat = [x, V] (..., N + W), side by side."""
+        return self.heat.values(_joined(heat, duty))
+
+    def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
+
+        They are the tangent at cold wires without duty. If the rates are affine, the tangent is
+        the law itself. The memory of the rubber is left out: it begins to follow at rest, where a
+        tangent says nothing.
+        """
+        N, W = self.num_states, self.num_wires
+        values, slopes = self.heat.first(
+            np.concatenate([self.cold_states, self.cold_states[:W], np.zeros(W)])
+        )
+        slopes[self._first_shift : N] = 0.0
+        A, B = slopes[:N, :N], slopes[:N, N + W :]
+        return A, B, values[:N] - A @ self.cold_states
+
+    def under_duty(
+        self,
+        states: np.ndarray,
+        duty: np.ndarray,
+        times: np.ndarray,
+        longest_step: float = LONGEST_STEP,
+    ) -> np.ndarray:
+        """The states (K, N) under duty (K, W) at times (K,), s, and linear between.
+
+        By the classical Runge-Kutta method, in steps of half the fastest time constant of
+        cold wires at most.
+
+        Args:
+            states: states at the first time (N,).
+            longest_step: longest step of the integration, s, for states of warm wires
+        """
+        fastest = np.abs(np.linalg.eigvals(self.affine_rates()[0])).max()
+        course = [states]
+        for k, length in enumerate(np.diff(times)):
+            num_steps = int(np.ceil(length * max(2 * fastest, 1 / longest_step) - 1e-9))
+            shares = np.linspace(0, 1, 2 * num_steps + 1)[:, None]
+            levels = duty[k] + shares * (duty[k + 1] - duty[k])
+            for step in range(num_steps):
+                ends = levels[2 * step : 2 * step + 3]
+                point = np.concatenate([states, ends.ravel(), [length / num_steps]])
+                states = self._runge_kutta_step.values(point)
+            course.append(states)
+        return np.array(course)
+
+    def settled_states(self, temperature: np.ndarray) -> np.ndarray:
+        """The states (N,) of cold wires that were heated to T (W,), °C, until they settled.
+
+        The ``memory`` of a law is as its `warm_states` say. The memory of the rubber is as if all
+        wires were heated at once.
+        """
+        W, N = self.num_wires, self._first_shift
+        states, duty = self._warm_states(temperature), np.zeros(W)
+        for _ in range(20 if N > W else 0):
+            # The duty that holds T, then the other states while it does.
+            slopes = self.heat.first(np.concatenate([states, temperature, duty]))[1]
+            duty = duty - np.linalg.pinv(slopes[:W, -W:]) @ self.rates(states, duty)[:W]
+            rates, slopes = self.heat.first(np.concatenate([states, temperature, duty]))
+            held = slopes[W:N, -W:] @ np.linalg.pinv(slopes[:W, -W:])
+            by_others = slopes[W:N, W:N] - held @ slopes[:W, W:N]
+            rates, settles = rates[W:N], self.settles[W:N]
+            by_others = by_others[np.ix_(settles, settles)]
+            states[W:N][settles] -= np.linalg.lstsq(by_others, rates[settles], rcond=1e-9)[0]
+        return self._with_settled_rubber(states)
+
+    def rested_states(self, temperature: np.ndarray) -> np.ndarray:
+        """The states (N,) of wires without heat, whose silicone has cooled to T (W,), °C, as well.
+
+        The slowest heat is that of the silicone, which wires and thermocouples follow.
+        """
+        states = self._warm_states(temperature)
+        for law, columns, T in zip(self._laws, self._columns, temperature, strict=True):
+            for column, state in zip(columns, law.states, strict=True):
+                if law.is_temperature(state) and state not in law.memory:
+                    states[column] = T
+        return self._with_settled_rubber(states)
+
+    def _warm_states(self, temperature: np.ndarray) -> np.ndarray:
+        """The states (N,) by the laws' `warm_states`."""
+        states = self.cold_states.copy()
+        for law, columns, T in zip(self._laws, self._columns, temperature, strict=True):
+            states[columns] = law.warm_states(T, self._ambient)
+        return states
+
+    def _with_settled_rubber(self, states: np.ndarray) -> np.ndarray:
+        """The states (N,) with the memory of the rubber as it settles under the wires' torques."""
+        T0 = self._ambient
+        gained = [
+            law.torque(states[columns], T0, 0.0) - law.torque(law.cold_states(T0), T0, 0.0)
+            for law, columns in zip(self._laws, self._columns, strict=True)
+        ]
+        states[self._first_shift :] = self._rubber.settled(np.array(gained, float))
+        return states
+
+
+def num_wire_states(parameters: LimbParameters) -> int:
+    """N, the number of states of all wires' laws and of the rubber, without the readings."""
+    return Wires(parameters).num_states
+
+
+def _joined(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Arrays (..., size) side by side, with equal points."""
+    if one.shape[:-1] != other.shape[:-1]:
+        shape = np.broadcast_shapes(one.shape[:-1], other.shape[:-1])
+        one, other = (np.broadcast_to(part, (*shape, part.shape[-1])) for part in (one, other))
+    return np.concatenate([one, other], axis=-1)

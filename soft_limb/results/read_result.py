@@ -1,0 +1,229 @@
+"""Read any file of soft-limb, and say what it is."""
+
+import dataclasses
+import html
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers import Learner
+from limb_systems.errors import LimbError
+from limb_systems.files.input import LARGEST_TABLE, read_bytes
+from limb_systems.files.provenance import Provenance
+from limb_systems.files.recording import Recording
+from limb_systems.files.table_writer import is_unfinished
+from limb_systems.files.trajectory import Trajectory
+from limb_systems.limb_parameters import EmulatedLimb, LimbParameters
+from limb_systems.summary import Entry, Summary
+from planners import Task, references
+from soft_limb.results.folder import fields_of, is_html, kind_of_head
+from soft_limb.results.summaries import gait_summary, plan_summary, repetitions_summary
+from walking.gait import Gait
+from walking.robot_parameters import RobotParameters
+
+RECORDING, TRAJECTORY, LEARNING = "recording", "trajectory", "learning"
+GAIT, LIMB, ROBOT, TASK, REPORT = "gait", "limb", "robot", "task", "report"
+REFERENCE = "reference"
+
+
+class ResultError(LimbError):
+    """A file is none of soft-limb's, or damaged."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ResultFile:
+    """A file of soft-limb.
+
+    - ``path``: path of the file.
+    - ``kind``: "recording", "trajectory", "gait", "learning", "limb", "robot", "task", "report" or
+      "reference".
+    - ``summary``: what the file holds, without its provenance.
+    - ``provenance``: what made it; None if it does not say.
+    - ``value``: a `Recording`, a `Trajectory`, a `Gait`, `LimbParameters` or `RobotParameters`;
+      None for other kinds.
+    """
+
+    path: Path
+    kind: str
+    summary: Summary
+    provenance: Provenance | None
+    value: Any = None
+
+    def about(self) -> Summary:
+        """What the file is, what it holds and what made it."""
+        about = Summary([Entry(self.kind, str(self.path))]) + self.summary
+        if self.provenance:
+            return about + self.provenance.summary()
+        # A person wrote limbs, robots, tasks and references.
+        unknown = (
+            [] if self.kind in (LIMB, ROBOT, TASK, REFERENCE) else [Entry("made by", "not known")]
+        )
+        return about + Summary(unknown)
+
+    def to_json(self) -> dict[str, Any]:
+        """File, kind, summary and provenance, for JSON."""
+        return {
+            "file": str(self.path),
+            "kind": self.kind,
+            "facts": self.summary.to_json(),
+            "provenance": self.provenance and dataclasses.asdict(self.provenance),
+        }
+
+
+def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
+    """Read a file, whatever it is.
+
+    Args:
+        quick: whether its summary is to be without what takes a second, as of `plan_summary`.
+
+    Raises:
+        LimbError: with one sentence, if it is not a file of soft-limb or is damaged.
+    """
+    path = Path(path)
+    text = read_bytes(path, "result", LARGEST_TABLE, ResultError).decode("utf-8", "replace")
+    text, others = text.removeprefix("\ufeff"), {".csv": REFERENCE, ".yaml": TASK, ".yml": TASK}
+    kind = REPORT if is_html(text[:1000]) else kind_of_head(path, text) or others.get(path.suffix)
+    if kind is None:
+        raise ResultError(
+            f"{path} is no recording, trajectory, gait, limb, robot, task, reference, state of "
+            "learning or report of soft-limb."
+        )
+    value, made, summary = _READERS[kind](path, text, quick)
+    return ResultFile(path, kind, summary, made, value)
+
+
+Read = tuple[Any, Provenance | None, Summary]
+
+
+def _recording(path: Path, _text: str, _quick: bool) -> Read:
+    recording = Recording.load(path, unfinished=is_unfinished(path))
+    rate = Entry("rate", float(recording.sample_rate), "Hz")
+    more = Summary([rate, _identity(recording.robot or recording.parameters)])
+    return recording, recording.provenance, recording.summary() + more
+
+
+def _trajectory(path: Path, _text: str, quick: bool) -> Read:
+    plan = Trajectory.load(path)
+    summary = plan_summary(plan, quick=quick) + Summary([_identity(plan.parameters)])
+    return plan, plan.provenance, summary
+
+
+def _gait(path: Path, _text: str, _quick: bool) -> Read:
+    gait = Gait.load(path)
+    return gait, gait.provenance, gait_summary(gait) + Summary([_identity(gait.robot)])
+
+
+def _learning(path: Path, _text: str, quick: bool) -> Read:
+    learner = Learner.load(path)
+    plan = learner.trajectory
+    more = Summary([Entry("plan", plan.summary().line()), _identity(plan.parameters)])
+    return None, learner.provenance, repetitions_summary(learner, quick=quick) + more
+
+
+def _identity(parameters: LimbParameters | RobotParameters) -> Entry:
+    """Which limb or robot a file is about."""
+    if isinstance(parameters, RobotParameters):
+        limbs = ", ".join(limb.name for limb in parameters.limbs)
+        return Entry("identity", f"robot with limbs {limbs}, digest {parameters.digest}")
+    board = parameters.board
+    named = f"emulated, seed {board.seed}" if isinstance(board, EmulatedLimb) else board.identity
+    calibrated = "calibrated" if parameters.calibration else "not calibrated"
+    return Entry(
+        "identity", ", ".join(filter(None, [named, calibrated, f"digest {parameters.digest}"]))
+    )
+
+
+def _task(path: Path, text: str, _quick: bool) -> Read:
+    fields = [field.name for field in dataclasses.fields(Task)]
+    if not fields_of(text) & set(fields):
+        raise ResultError(f"{path} has no field of a limb, a robot or a task at its top level.")
+    task, default = Task.load(path), Task()
+    changed = [
+        Entry(name.replace("_", " "), str(getattr(task, name)))
+        for name in fields
+        if getattr(task, name) != getattr(default, name)
+    ]
+    return None, None, Summary(changed or [Entry("fields", "all have their defaults")])
+
+
+def _limb(path: Path, _text: str, _quick: bool) -> Read:
+    limb = LimbParameters.load(path)
+    record, made = limb.calibration, None
+    wires = zip(limb.wire_names, limb.wires, strict=True)
+    entries = [
+        Entry("segments", f"{len(limb.segments)}, {sum(s.links for s in limb.segments)} links"),
+        Entry("wires", ", ".join(f"{name} {type(wire.law).__name__}" for name, wire in wires)),
+        _identity(limb),
+    ]
+    if record:
+        made = record.provenance
+        kinds = [line.partition(":")[0] for line in record.recordings]
+        entries.append(Entry("recordings", ", ".join(kinds) or "none"))
+        entries.append(Entry("validation", record.validation or "none"))
+        if made and made.parameters != limb.digest:
+            said = f"since it was calibrated: its digest was {made.parameters} then"
+            entries.append(Entry("changed", said))
+    return limb, made, Summary(entries)
+
+
+def _robot(path: Path, _text: str, _quick: bool) -> Read:
+    robot = RobotParameters.load(path)
+    body, ground = robot.body, robot.ground
+    stands = f"μ = {ground.friction:g}, slope {np.rad2deg(ground.slope):g}°" if ground else "none"
+    entries = [
+        Entry("body", f"{body.mount}, {1e3 * body.mass:g} g"),
+        *(Entry(limb.name, ", ".join(limb.parameters.wire_names)) for limb in robot.limbs),
+        Entry("ground", stands),
+        _identity(robot),
+    ]
+    return robot, None, Summary(entries)
+
+
+def _reference(path: Path, _text: str, _quick: bool) -> Read:
+    try:
+        course = references.load(path)
+    except LimbError as error:
+        raise ResultError(
+            f"{path} is nothing that soft-limb writes, and no reference, time in s and bend angles "
+            f"in degrees, either ({str(error).removeprefix(f'{path}: ').rstrip('.')})."
+        ) from error
+    times = np.array(course.get_segment_times())
+    bends = np.rad2deg(course.vector_values(times))
+    low, high = bends.min(), bends.max()
+    entries = [
+        Entry("duration", float(times[-1]), "s"),
+        Entry("points", len(times)),
+        Entry("bends", len(bends)),
+        Entry("motion", [float(low), float(high)], "°", f"bend {low:.1f}° to {high:.1f}°"),
+    ]
+    return None, None, Summary(entries)
+
+
+def _report(path: Path, text: str, _quick: bool) -> Read:
+    title = re.search(r"<title>(.*?)</title>", text, re.DOTALL)
+    stamp = re.search(
+        r'<script type="application/json" id="provenance">(.*?)</script>', text, re.DOTALL
+    )
+    try:
+        made = Provenance.from_json(json.loads(stamp[1])) if stamp else None
+    except ValueError as error:
+        raise ResultError(f"{path}: its provenance is damaged: {error}.") from error
+    summary = Summary([Entry("title", html.unescape(title[1]).strip() if title else "none")])
+    return None, made, summary
+
+
+_READERS: dict[str, Callable[[Path, str, bool], Read]] = {
+    RECORDING: _recording,
+    TRAJECTORY: _trajectory,
+    GAIT: _gait,
+    LEARNING: _learning,
+    LIMB: _limb,
+    ROBOT: _robot,
+    TASK: _task,
+    REFERENCE: _reference,
+    REPORT: _report,
+}

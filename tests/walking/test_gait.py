@@ -1,0 +1,344 @@
+"""Gaits against Drake's plant of the robot, closed forms, and figures of a walker that works."""
+
+import dataclasses
+from functools import partial
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.sparse
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
+
+from limb_systems import CoupledLaw, LimbParameters, SegmentParameters, Wires
+from walking import Gait, GaitVariation, RobotLimb, RobotParameters, add_robot, plan_gait
+from walking.gait_check import simulate_gait
+from walking.gait_planning import _reason, standing_still
+from walking.gait_program import STEADINESS, Course, GaitProgram
+from walking.robot_parameters import walking_limb
+from walking.schedules import schedule_of
+from walking.standing import FrictionGain, Stability, balance_of
+from walking.walker import Walker
+
+VELOCITIES = JacobianWrtVariable.kV
+
+
+def plant_of(robot: RobotParameters) -> MultibodyPlant:
+    plant = MultibodyPlant(0.0)
+    robot = RobotParameters.of(robot)
+    gravity, robot.ground, robot.gravity = robot.world_gravity, None, [0.0, 0.0, 0.0]
+    add_robot(plant, robot)
+    plant.mutable_gravity_field().set_gravity_vector(gravity)
+    plant.Finalize()
+    return plant
+
+
+def odd_robot() -> RobotParameters:
+    """A robot of three limbs, none like another, with feet that weigh, up a slope."""
+    robot = RobotParameters()
+    robot.feet.mass, robot.ground.slope = 2e-3, 0.2
+    segments = [SegmentParameters(links=2, length=0.04, mass=0.01, rest_angle=0.3)]
+    segments += [SegmentParameters(links=3, length=0.03, mass=0.006, centred_joints=True)]
+    side = RobotLimb(
+        "side", position=[0.0, 0.02, 0.01], parameters=LimbParameters(segments=segments)
+    )
+    side.e1, side.e2 = [0.6, 0.0, -0.8], [-0.8, 0.0, -0.6]
+    side.parameters.payload = 3e-3
+    robot.limbs[1].parameters.segments[0].centred_joints = True
+    robot.limbs.append(side)
+    return robot
+
+
+def test_potential_and_feet_are_those_of_drakes_plant():
+    robot, plant = odd_robot(), plant_of(odd_robot())
+    planar, context = Walker(robot), plant.CreateDefaultContext()
+    rng = np.random.default_rng(1)
+    offset = None
+    for y in rng.normal(0.0, 0.5, (3, plant.num_positions())):
+        plant.SetPositions(context, y)
+        forces = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, forces)
+        gradient = -plant.CalcGeneralizedForces(context, forces)
+        potential, slope = planar.potential.first(y)
+        np.testing.assert_allclose(slope[0], gradient, atol=1e-12)
+        missed = potential[0] - plant.CalcPotentialEnergy(context)
+        offset = missed if offset is None else offset
+        assert missed == pytest.approx(offset, abs=1e-12)
+        jacobians = planar.feet_jacobian(y)
+        for limb, place, jacobian in zip(robot.limbs, planar.feet(y), jacobians, strict=True):
+            foot, world = plant.GetFrameByName(f"{limb.name}_foot"), plant.world_frame()
+            of_foot = plant.CalcJacobianSpatialVelocity(
+                context, VELOCITIES, foot, np.zeros(3), world, world
+            )
+            assert place[1] == pytest.approx(foot.CalcPoseInWorld(context).translation()[2])
+            # Without slip, the lowest point of the sphere is at rest
+            np.testing.assert_allclose(
+                jacobian, [of_foot[3] - planar.radius * of_foot[1], of_foot[5]], atol=1e-12
+            )
+
+
+def in_the_plane(law: CoupledLaw | None = None) -> RobotParameters:
+    robot = RobotParameters()
+    for wire in robot.together.wires:
+        wire.law = law or wire.law
+    return robot
+
+
+COUPLED = CoupledLaw(heating_drop=0.1, stress_shift=6.0, creep_share=0.1)
+
+
+@pytest.mark.parametrize(
+    ("robot", "schedule", "course", "objective"),
+    [
+        (in_the_plane(), "fs ss sl ss sb ss", Course(), "energy"),
+        (in_the_plane(COUPLED), "fs ss sl ss sb ss", Course(), "speed"),
+        (RobotParameters.in_space(3), "dss sss sls ssd", Course(turn=0.3), "speed"),
+        (RobotParameters.in_space(3), "dss sss sls ssd", Course(turn=np.inf), "energy"),
+    ],
+)
+def test_derivatives_of_all_blocks(robot, schedule, course, objective):
+    F = len(robot.limbs)
+    schedule = schedule_of(schedule, F)
+    intervals = [2, *[1] * (len(schedule) - 1)]
+    program = GaitProgram(robot, schedule, intervals, objective, course=course)
+    scales = np.ones(program.prog.num_vars())
+    for index, scale in program.prog.GetVariableScaling().items():
+        scales[index] = scale
+    rng = np.random.default_rng(2)
+    x = standing_still(program) + 0.1 * scales * rng.normal(size=len(scales))
+    away = scales * rng.normal(size=len(scales))
+
+    def jacobian(block, x):
+        places = block.rows, block.columns
+        return scipy.sparse.csr_matrix((block.jacobian(x), places), (len(block.lower), len(x)))
+
+    for number, block in enumerate([*program.blocks, *filter(None, [program.sliding])]):
+        name = f"block {number}"
+        slope = (block.evaluate(x + 1e-6 * away) - block.evaluate(x - 1e-6 * away)) / 2e-6
+        found = jacobian(block, x) @ away
+        np.testing.assert_allclose(found, slope, atol=1e-7 * abs(slope).max(), err_msg=name)
+        weights = rng.normal(size=len(block.lower))
+        rows, columns = block.hessian_rows, block.hessian_columns
+        hessian = scipy.sparse.csr_matrix(
+            (block.hessian(x, weights), (np.maximum(rows, columns), np.minimum(rows, columns))),
+            (len(x), len(x)),
+        )
+        found = scales * (hessian @ away + scipy.sparse.tril(hessian, -1).T @ away)
+        ahead, behind = (jacobian(block, x + step * away).T @ weights for step in (1e-6, -1e-6))
+        change = scales * (ahead - behind) / 2e-6
+        np.testing.assert_allclose(found, change, atol=2e-6 * abs(change).max(), err_msg=name)
+
+
+def test_pivots_are_positive_where_the_stiffness_is():
+    robot = RobotParameters()
+    planar, wires = Walker(robot), Wires(robot.together)
+    rng = np.random.default_rng(3)
+    stable = []
+    for load in rng.uniform(0.0, 3.0, 60):
+        y = rng.normal(0.0, 0.2, len(planar.stiffness))
+        forces = load * np.array([rng.uniform(-0.3, 0.3), 1.0, rng.uniform(-0.3, 0.3), 1.0])
+        held = np.array([[rng.integers(2), 1.0], [1.0, 1.0]])
+        standing = Stability(planar, wires, held)
+        point = np.concatenate([y, wires.cold_states, forces, np.zeros(2)])
+        stable.append(np.linalg.eigvalsh(standing.stiffness(point))[0] > 0)
+        assert (standing.values(point)[:-2] > 0).all() == stable[-1]
+    assert 0.2 < np.mean(stable) < 0.8
+
+
+def three_limbs() -> RobotParameters:
+    robot = RobotParameters()
+    limbs = {"rear": -0.045, "middle": 0.0, "front": 0.045}
+    robot.limbs = [
+        RobotLimb(name, position=[x, 0.0, 0.0], parameters=walking_limb())
+        for name, x in limbs.items()
+    ]
+    robot.body.length = 0.1
+    return robot
+
+
+def test_load_and_friction_by_balance_where_the_ground_rises_and_a_foot_is_dragged():
+    robot = three_limbs()
+    planar, wires, mu = Walker(robot), Wires(robot.together), 0.3
+    held = np.array([[[1.0, 1.0], [1.0, 1.0], [0.0, 1.0]]])  # the front foot slides
+    standing, balance_at = Stability(planar, wires, held), balance_of(planar, wires)
+    d = len(planar.stiffness)
+    temperatures = 25.0 + np.array([20.0, 0.0, 0.0, 30.0, 10.0, 0.0])
+
+    def stood(rise: np.ndarray, drag: float, y: np.ndarray, place: np.ndarray):
+        """y and the loads in balance on ground that gives way, sticking feet held at places."""
+        for _ in range(60):
+            forces = -1e4 * (planar.feet(y) - np.column_stack([place, planar.radius + rise]))
+            forces[2, 0] = -drag
+            point = np.concatenate([y, temperatures, forces.ravel(), np.zeros(3)])
+            balance = balance_at.values(point[None])[0, :d]
+            step = np.linalg.solve(standing.stiffness(point[None])[0], balance)
+            y = y - step / max(1.0, np.abs(step).max() / 0.05)
+        assert np.abs(balance).max() < 1e-9
+        return y, forces, point
+
+    start = planar.rest.copy()
+    start[1] = 0.0605
+    place = planar.feet(start)[:, 0]
+    y, _, point = stood(np.zeros(3), 0.02, start, place)
+    gain = FrictionGain(planar, wires, held, np.array([[0.0, 0.0, mu]])).values(point[None])[0, 0]
+    dragged = [stood(np.zeros(3), 0.02 + step, y, place)[1][2, 1] for step in (-1e-4, 1e-4)]
+    assert gain == pytest.approx(mu * (dragged[1] - dragged[0]) / 2e-4, rel=1e-3)
+    stiffnesses = 1000.0 * np.sinh(standing.values(point[None])[0, -3:])
+    for foot, expected in enumerate(stiffnesses):
+        rise = 1e-7 * np.eye(3)[foot]
+        loads = [stood(sign * rise, 0.02, y, place)[1][foot, 1] for sign in (-1, 1)]
+        assert expected == pytest.approx((loads[1] - loads[0]) / 2e-7, rel=1e-3)
+        assert expected > 100.0  # with two feet, loads do not depend on heights
+
+
+@pytest.mark.whole
+def test_three_limbs_slide_one_by_one_as_planned_in_drake():
+    robot = three_limbs()
+    schedule = schedule_of("ssf sss sfs sss fss sss", 3)
+    gait = plan_gait(robot, schedule=schedule, temperature_margin=5.0, check=False)
+    assert gait.speed > 1.8e-3
+    made = simulate_gait(gait, "", robot, 2)
+    assert not made.fall
+    assert made.strides == pytest.approx([1.0, 1.0], abs=0.05)
+
+
+@pytest.fixture(scope="module", params=[0.3, pytest.param(0.6, marks=pytest.mark.whole)])
+def gait(request) -> Gait:
+    robot = RobotParameters()
+    robot.ground.friction = request.param
+    return plan_gait(robot, check=False)
+
+
+def test_crawler_is_as_fast_as_one_that_works(gait):
+    assert gait.speed >= {0.3: 1.7e-3, 0.6: 1.4e-3}[gait.robot.ground.friction]
+    assert gait.check.iterations <= 100
+    assert gait.check.violation <= 1e-6
+
+
+def test_pitch_is_as_stiff_as_asked_for(gait):
+    """The stiffness that turning the body meets while all else gives way, by its inverse."""
+    planar, wires = Walker(gait.robot), Wires(gait.parameters)
+    starts = [phase.start for phase in gait.phases]
+    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
+    sticks = np.array([gait.phases[p].contacts for p in phases]) == "stick"
+    stuck = sticks & np.roll(sticks, 1, axis=0)
+    standing = Stability(planar, wires, np.stack([stuck, np.ones_like(stuck)], axis=-1) * 1.0)
+    y = np.vstack([gait.body_pose, gait.joint_angles])
+    points = np.vstack([y, gait.wire_states, gait.contact_force, 0 * gait.contact_force[:2]])
+    pitch = 1 / np.linalg.inv(standing.stiffness(points.T[:-1]))[:, 2, 2]
+    assert pitch.min() == pytest.approx(STEADINESS * 0.49 * 0.06, rel=2e-3)
+
+
+@pytest.mark.whole
+def test_a_gait_is_as_steady_as_can_be():
+    gait = plan_gait(check=False, steadiness=1000.0, intervals=8)
+    assert gait.check.steadiness in (125.0, 250.0, 500.0)
+    assert "as steady as asked for, 1000" in gait.check.remark
+
+
+def test_a_gait_that_fails_its_check_is_planned_steadier(monkeypatch):
+    def check_gait(gait, spread):
+        strides = [0.9 if gait.check.steadiness < 40 else 1.0]
+        return dataclasses.replace(
+            gait, check=dataclasses.replace(gait.check, simulation=GaitVariation("", strides))
+        )
+
+    monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
+    gait = plan_gait(intervals=8)
+    assert gait.passed
+    assert gait.check.steadiness == 2 * STEADINESS
+    assert "a stride is 90.0% of the planned one" in gait.check.remark
+
+
+def test_reasons_why_there_is_no_gait_are_told():
+    together = RobotParameters()
+    for limb in together.limbs:
+        limb.position = [0.0, 0.0, 0.0]
+    for robot, margin, words in (
+        (together, 0.0, "all feet are within 0.0 mm of each other"),
+        (RobotParameters(), 74.0, "74 °C below T_max are too cold"),
+    ):
+        schedule = schedule_of("fs ss sf ss", 2)
+        program = partial(GaitProgram, robot, schedule, [2] * 4, temperature_margin=margin)
+        assert words in _reason(program)
+
+
+def test_gait_is_in_balance_by_drakes_inverse_dynamics(gait):
+    """Gravity, springs, forces at the feet and torques of the wires, and nothing else."""
+    plant, wires = plant_of(gait.robot), Wires(gait.parameters)
+    context, load, radius = plant.CreateDefaultContext(), 0.49, gait.robot.feet.radius
+    for k in range(len(gait.time)):
+        plant.SetPositions(context, np.append(gait.body_pose[:, k], gait.joint_angles[:, k]))
+        forces = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, forces)
+        for limb, (along, normal) in zip(
+            gait.robot.limbs, gait.contact_force[:, k].reshape(-1, 2), strict=True
+        ):
+            turning = [0.0, -radius * along, 0.0]  # of a force at the foot's lowest point
+            foot = plant.GetBodyByName(f"{limb.name}_foot")
+            foot.AddInForceInWorld(context, SpatialForce(turning, [along, 0.0, normal]), forces)
+        needed = plant.CalcInverseDynamics(context, np.zeros(plant.num_velocities()), forces)
+        needed[3:] -= wires.forces(gait.wire_states[:, k], gait.joint_angles[:, k])
+        scaled = np.abs(needed) / load / np.append([1.0, 1.0], np.full(len(needed) - 2, 0.06))
+        assert scaled.max() <= 1e-6
+
+
+def test_gait_repeats_with_its_heat_and_its_feet(gait):
+    """Heat by its exact solution, feet and friction in each interval, also that to the start."""
+    assert gait.body_pose[0, -1] - gait.body_pose[0, 0] == pytest.approx(gait.stride)
+    for signal in (gait.wire_temperature, gait.joint_angles, gait.contact_force):
+        np.testing.assert_array_equal(signal[:, 0], signal[:, -1])
+    law, ambient = gait.robot.limbs[0].parameters.wires[0].law, 25.0
+    decay = np.exp(law.a1 * np.diff(gait.time))
+    settled = ambient - law.a2 / law.a1 * gait.duty[:, :-1]
+    temperature = settled + (gait.wire_temperature[:, :-1] - settled) * decay
+    np.testing.assert_allclose(temperature, gait.wire_temperature[:, 1:], atol=1e-3)
+    assert gait.wire_temperature.max() <= 100.0 + 1e-6
+    assert gait.duty.min() >= 0
+    assert gait.duty.sum(axis=0).max() <= gait.robot.total_duty + 1e-9
+
+    planar, mu = Walker(gait.robot), gait.robot.ground.friction
+    travel, heights = np.moveaxis(
+        planar.feet(np.vstack([gait.body_pose, gait.joint_angles]).T), -1, 0
+    )
+    along, normal = gait.contact_force.T.reshape(len(gait.time), -1, 2).T
+    np.testing.assert_allclose(heights, planar.radius - normal.T / 1e4, atol=1e-9)
+    starts = [phase.start for phase in gait.phases]
+    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
+    sliding = np.array([gait.phases[p].contacts for p in phases]) == "slide_forward"
+    steps = np.diff(travel, axis=0)
+    assert (np.abs(steps[~sliding]) < 1e-9).all()
+    assert (steps[sliding] > -1e-9).all()
+    np.testing.assert_allclose(steps.sum(axis=0), gait.stride)  # both feet go as far as the body
+    slides = (sliding | np.roll(sliding, 1, axis=0)).T
+    used = along[:, :-1] / normal[:, :-1]
+    np.testing.assert_allclose(used[slides], -mu, atol=1e-7)
+    assert np.abs(used[~slides]).max() <= 0.8 * mu + 1e-7
+    assert normal.min() >= 0.05 * 0.49
+
+
+@pytest.mark.whole
+def test_speed_is_in_proportion_to_cooling():
+    """With a1, time stretches; where less duty will do, a2 does not count."""
+    periods, strides = [], []
+    for share, heating in ((1.0, 1.0), (0.25, 1.0)):
+        robot = RobotParameters()
+        for wire in robot.together.wires:
+            wire.law.a1, wire.law.a2 = share * wire.law.a1, heating * wire.law.a2
+        gait = plan_gait(robot, check=False, intervals=8)
+        periods.append(share * gait.period)
+        strides.append(gait.stride)
+    np.testing.assert_allclose(periods, periods[0], rtol=1e-3)
+    np.testing.assert_allclose(strides, strides[0], rtol=1e-3)
+
+
+def test_the_objective_is_what_is_asked_for():
+    """Heat by distance is least where it is asked for, and speed where that is, or nothing."""
+    fast, frugal = (plan_gait(objective=o, intervals=8, check=False) for o in ("speed", "energy"))
+
+    def distance_by_heat(gait: Gait) -> float:
+        return gait.stride / float(np.diff(gait.time) @ gait.duty[:, :-1].sum(axis=0))
+
+    assert fast.speed > 1.5 * frugal.speed
+    assert distance_by_heat(frugal) > 1.2 * distance_by_heat(fast)

@@ -1,0 +1,112 @@
+"""The check of gaits by simulation with contact, and walks from cold wires."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from limb_systems import LimbError, Recording, simulate
+from walking import Gait, Robot, RobotParameters, check_gait, plan_gait, walk
+from walking.gait_check import fall_of, strides_of, variations
+
+QUICK = 4.0  # times, that wires heat and cool faster: cycles are so much shorter
+
+
+@pytest.fixture(scope="module")
+def gait() -> Gait:
+    """A crawl of the nominal robot with quick wires, 28 mm in 4 s, not checked."""
+    robot = RobotParameters()
+    for limb in robot.limbs:
+        for wire in limb.parameters.wires:
+            wire.law.a1 *= QUICK
+            wire.law.a2 *= QUICK
+    return plan_gait(robot, check=False)
+
+
+@pytest.fixture(scope="module")
+def checked(gait) -> Gait:
+    return check_gait(gait, cycles=2, spread=False)
+
+
+def test_strides_are_as_planned(checked):
+    assert np.array(checked.check.simulation.strides) == pytest.approx(1.0, abs=0.05)
+    assert checked.passed
+
+
+def test_the_duty_of_the_other_wires_is_no_gait(gait):
+    wrong = dataclasses.replace(gait, duty=gait.duty[[1, 0, 3, 2]])
+    failure = check_gait(wrong, cycles=1, spread=False).check.failure()
+    assert "falls in simulation" in failure or "misses it by more than 5%" in failure
+
+
+def standing(gait: Gait, body_pose=(0.0, 0.06, 0.0), force=0.25) -> Recording:
+    """A recording, over two periods, of a robot that stands still."""
+    times = np.arange(0.0, 2 * gait.period, 0.05)
+    held = {"measured_temperature": 4, "bend_angle": 2, "duty": 4}
+    return Recording(
+        time=times,
+        **{name: np.zeros((size, len(times))) for name, size in held.items()},
+        body_pose=np.tile(np.reshape(body_pose, (3, 1)), len(times)),
+        contact_force=np.tile([[0.0], [0.25], [0.0], [force]], len(times)),
+        parameters=gait.parameters,
+        robot=gait.robot,
+        source="model",
+        sample_rate=20.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ({}, ""),
+        ({"body_pose": (0.0, 0.06, 1.2)}, "its body tilts by more than 60° after 0.0 s"),
+        ({"body_pose": (0.0, 0.005, 0.0)}, "its body comes to the ground after 0.0 s"),
+        ({"force": 0.0}, "its front foot carries nothing for half a period after"),
+    ],
+)
+def test_falls_are_told(gait, what, words):
+    fall, _ = fall_of(standing(gait, **what), gait)
+    assert fall.startswith(words)
+    assert bool(fall) == bool(words)
+
+
+def test_variations_are_of_friction_and_of_each_limb(gait):
+    varied = dict(variations(gait.robot, seed=1))
+    assert varied["friction x 0.7"].ground.friction == pytest.approx(0.7 * 0.3)
+    drawn = [other for what, other in varied.items() if what.startswith("parameters")]
+    for other in drawn:
+        for limb, planned in zip(other.limbs, gait.robot.limbs, strict=True):
+            share = limb.parameters.segments[0].stiffness / planned.parameters.segments[0].stiffness
+            laws = [limbs.parameters.wires[0].law for limbs in (limb, planned)]
+            shares = [share, *(getattr(laws[0], f) / getattr(laws[1], f) for f in ("a1", "beta"))]
+            assert np.abs(np.array(shares) - 1) == pytest.approx(0.1)
+    assert len({other.digest for other in drawn}) == len(drawn)
+
+
+def test_a_walk_from_cold_comes_to_the_gait(checked):
+    walked = walk(checked, 3)
+    begin = walked.duration - 3 * checked.period
+    limits = checked.parameters.temperature_limits
+    assert walked.check.failure() is None
+    assert walk(checked, 1).check == walk(checked, 4).check  # which comes nearer to the gait
+    assert walked.wire_temperature[:, 0] == pytest.approx(checked.parameters.ambient_temperature)
+    assert walked.wire_temperature.max() <= limits.maximum
+    assert walked.duty.sum(axis=0).max() <= checked.robot.total_duty + 1e-3
+    assert (walked.duty[:, -1] == 0).all()
+    recording = simulate(Robot(checked.robot), walked)
+    strides = strides_of(recording, checked, 3, begin)[0]
+    assert strides[2] == pytest.approx(checked.check.simulation.strides[-1], abs=0.03)
+    in_third = (recording.time - begin) - 2 * checked.period
+    there = (in_third >= 0) & (in_third <= checked.period)
+    planned = [np.interp(in_third[there], checked.time, T) for T in checked.wire_temperature]
+    # Heat is not linear between knots of 0.17 s, in which wires warm by up to 14 °C.
+    assert np.abs(recording.wire_temperature[:, there] - planned).mean() < 1.5
+
+
+def test_no_walk_of_a_gait_that_failed_its_check(checked):
+    fallen = dataclasses.replace(checked.check.simulation, fall="its body tilts")
+    failed = dataclasses.replace(
+        checked, check=dataclasses.replace(checked.check, simulation=fallen)
+    )
+    with pytest.raises(LimbError, match="failed its check and is not walked"):
+        walk(failed, 1)

@@ -1,0 +1,121 @@
+"""``soft-limb gait`` and ``soft-limb walk`` as a shell sees them."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from limb_systems import LimbParameters, Recording
+from soft_limb.command import main
+from walking import Gait, RobotParameters, RobotTwin
+
+LIMB = Path(__file__).parents[1] / "data" / "emulated_limb"
+
+
+@pytest.fixture
+def robot(tmp_path):
+    """A crawler whose wires heat and cool eight times as fast, so that it walks in little time."""
+    parameters = RobotParameters()
+    for wire in (wire for limb in parameters.limbs for wire in limb.parameters.wires):
+        wire.law.a1, wire.law.a2, wire.law.a3 = 8 * wire.law.a1, 8 * wire.law.a2, 8 * wire.law.a3
+    parameters.body.mass = 0.021
+    parameters.save(tmp_path / "robot.yaml")
+    return tmp_path / "robot.yaml"
+
+
+def test_a_robot_gets_a_gait_and_walks_by_it(robot, tmp_path, capsys):
+    output, picture = tmp_path / "gait.csv", tmp_path / "gait.png"
+    words = ["gait", str(robot), "-o", str(output), "--quick", "--plot", str(picture), "--json"]
+    assert main(words) == 0
+    said = json.loads(capsys.readouterr().out)
+    gait = Gait.load(output)
+    assert gait.passed
+    assert said["stride"] == gait.stride
+    assert gait.wire_temperature.max() < 95.0 + 1e-6  # T_max less the margin
+    assert gait.robot == RobotParameters.load(robot)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+    recorded = tmp_path / "walk.csv"
+    words = ["walk", str(output), "-n", "2", "-o", str(recorded), "--model"]
+    assert main([*words, "--controller", "open-loop", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["strides"][1] == pytest.approx(gait.stride, rel=0.02)
+    assert not said["fall"]
+    walked = Recording.load(recorded).body_pose[0]
+    assert walked[-1] - walked[0] == pytest.approx(1.9 * gait.stride, rel=0.1)
+
+
+def test_limbs_of_a_robot_are_fitted_one_by_one_and_put_back(tmp_path, capsys, monkeypatch):
+    """The recordings are those of one limb, which in the robot has a foot of 2 g at its tip."""
+    robot = RobotParameters()
+    robot.feet.mass = 0.002
+    robot.limbs[1].parameters.payload = 0.001
+    few = [LIMB / f"{name}.csv" for name in ("sag_1", "ring_down", "right", "left")]
+    for name in ("rear", "front", "alone"):
+        (tmp_path / "rec" / name).mkdir(parents=True)
+        for path in few:
+            shutil.copy(path, tmp_path / "rec" / name)
+    shutil.move(tmp_path / "rec" / "alone", tmp_path / "one")
+    robot.save(tmp_path / "rec" / "robot.yaml")
+    reports = []
+    monkeypatch.setattr(
+        "soft_limb.commands.calibration.write_report", lambda *given: reports.append(given[1].name)
+    )
+    words = ["fit", str(tmp_path / "rec"), "-o", str(tmp_path / "robot.yaml"), "--method", "paper"]
+    assert main([*words, "--report", str(tmp_path / "fit.html"), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    fitted, alone = RobotParameters.load(tmp_path / "robot.yaml"), tmp_path / "limb.yaml"
+    assert main(["fit", str(tmp_path / "one"), "-o", str(alone), "--method", "paper"]) == 0
+    expected = LimbParameters.load(alone)
+    for limb in fitted.limbs:
+        assert limb.parameters.segments == expected.segments
+        assert limb.parameters.calibration is not None
+        assert limb.parameters.payload == 0.0  # the recordings' limb has no foot
+        k = said[limb.name]["estimates"]["stiffness"]["value"]
+        assert k == pytest.approx(expected.segments[0].stiffness)
+        assert f"fit_{limb.name}.html" in reports
+    assert [limb.position for limb in fitted.limbs] == [limb.position for limb in robot.limbs]
+
+
+def test_a_robot_is_not_recorded_on_one_port(tmp_path, capsys):
+    RobotParameters().save(tmp_path / "robot.yaml")
+    words = ["collect", "-l", str(tmp_path / "robot.yaml"), "-o", str(tmp_path / "rec")]
+    for port, sentence in (
+        ("loop://", "give --port NAME=PORT for rear, front"),
+        ("left=loop://", "This robot has no limb left"),
+    ):
+        assert main([*words, "-p", port]) == 1
+        assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "rec").exists()
+
+
+@pytest.mark.whole
+def test_a_calibrated_robot_walks_as_planned(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    RobotParameters().save("robot.yaml")
+    for line in (
+        "collect -l robot.yaml -o rec --emulated 3 --protocol excitation",
+        "fit rec -o calibrated.yaml",
+        "gait calibrated.yaml -o gait.csv --quick",
+        "walk gait.csv -n 3 -o walk.csv",
+    ):
+        assert main(line.split()) == 0
+    gait = Gait.load("gait.csv")
+    assert RobotTwin.of(gait.robot).specimen.drawn == RobotTwin(seed=3).specimen.drawn
+    travel = Recording.load("walk.csv").body_pose[0]
+    assert travel[-1] - travel[0] == pytest.approx(3 * gait.stride, rel=0.1)
+
+
+def test_what_cannot_walk_is_said_in_a_sentence(robot, tmp_path, capsys):
+    output = tmp_path / "gait.csv"
+    for change, sentence in (
+        (["--schedule", "fx ss"], "The schedule is 'fx ss'; it must have phases of 2 letters"),
+        (["--schedule", "fs sf"], "so that nothing holds the body"),
+        (["--margin", "-5"], "temperature_margin is -5 °C; it must be from 0"),
+    ):
+        assert main(["gait", str(robot), "-o", str(output), *change]) == 1
+        said = capsys.readouterr()
+        assert sentence in said.out + said.err
+        assert "Traceback" not in said.err
+        assert not output.exists()

@@ -1,0 +1,202 @@
+"""Gaits in space: mechanics against Drake's plant, walks with contact, requests, and the way."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlant
+
+from limb_systems import LimbError, Recording
+from planners import PlanningError
+from soft_limb.command import main
+from walking import (
+    Gait,
+    GaitFeedback,
+    GaitVariation,
+    RobotParameters,
+    Wayfinder,
+    add_robot,
+    plan_gait,
+)
+from walking.gait_check import simulate_gait
+from walking.gait_set import save_gaits
+from walking.robot import set_positions
+from walking.schedules import schedule_of
+from walking.walk_trajectory import walk
+from walking.walker import Walker
+
+THREE = RobotParameters.in_space(3)
+
+
+@pytest.fixture(scope="module")
+def gaits() -> dict[str, Gait]:
+    ahead = plan_gait(THREE, check=False)
+    asked = {"near": ahead, "schedule": ahead.schedule, "check": False, "explain": False}
+    left = plan_gait(THREE, turn=0.2, begins_as=ahead, **asked)
+    right = plan_gait(THREE, turn=-0.2, **asked)
+    spot = plan_gait(THREE, turn=-0.4, stride=0.0, schedule=ahead.schedule, check=False)
+    return {"ahead": ahead, "left": left, "right": right, "spot": spot}
+
+
+def test_potential_and_feet_are_those_of_drakes_plant():
+    robot = RobotParameters.in_space(4)
+    robot.limbs[1].e1, robot.limbs[1].e2 = [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]
+    plant, walker = MultibodyPlant(1e-3), Walker(robot)
+    robot.ground = None
+    add_robot(plant, robot)
+    plant.Finalize()
+    context, rng, offset = plant.CreateDefaultContext(), np.random.default_rng(4), None
+    for y in rng.normal(0.0, 0.3, (5, len(walker.stiffness))):
+        set_positions(plant, context, robot, y[:6], y[6:])
+        missed = walker.potential.values(y)[0] - plant.CalcPotentialEnergy(context)
+        offset = missed if offset is None else offset
+        assert missed == pytest.approx(offset, abs=1e-12)
+        for limb, foot in zip(robot.limbs, walker.feet(y), strict=True):
+            place = plant.GetFrameByName(f"{limb.name}_foot").CalcPoseInWorld(context)
+            assert foot[2] == pytest.approx(place.translation()[2], abs=1e-12)
+            # The travel is the centre's and what the foot rolls: the angle of the limb's end from
+            # the vertical, towards where it leans.
+            end = place.rotation().matrix()[:, 0]
+            lean = np.arccos(-end[2]) * end[:2] / np.linalg.norm(end[:2])
+            rolled = (foot[:2] - place.translation()[:2]) / robot.feet.radius
+            if end[2] < -np.cos(np.pi / 4):  # up to 45°
+                np.testing.assert_allclose(rolled, lean, atol=1.5e-3)
+
+
+def test_a_gait_turns_with_its_contact_forces_and_feet(gaits):
+    """The last knot is the first one, moved and turned; feet that stick do not move."""
+    gait, walker = gaits["spot"], Walker(THREE)
+    assert gait.turn == pytest.approx(-0.4)
+    assert gait.stride == pytest.approx(0.0, abs=1e-9)
+    y = np.vstack([gait.body_pose, gait.joint_angles])
+    feet = walker.feet(y.T)[..., :2]
+    turned = RollPitchYaw(0, 0, gait.turn).ToRotationMatrix().matrix()[:2, :2]
+    np.testing.assert_allclose(feet[-1], feet[0] @ turned.T, atol=1e-7)
+    forces = gait.contact_force.T.reshape(len(y.T), -1, 3)
+    starts = [phase.start for phase in gait.phases]
+    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
+    mu = THREE.ground.friction
+    for k, phase in enumerate(phases):
+        for foot, contact in enumerate(gait.phases[phase].contacts):
+            slip = feet[k + 1, foot] - feet[k, foot]
+            if contact == "stick":
+                assert np.linalg.norm(slip) < 1e-7
+            elif np.linalg.norm(slip) > 1e-5:
+                against = -mu * forces[k, foot, 2] * slip / np.linalg.norm(slip)
+                np.testing.assert_allclose(forces[k, foot, :2], against, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("ahead", marks=pytest.mark.whole),
+        pytest.param("left", marks=pytest.mark.whole),
+        "spot",
+    ],
+)
+def test_three_limbs_walk_as_planned_in_drake(gaits, name):
+    gait = gaits[name]
+    made = simulate_gait(gait, "", THREE, 1)
+    assert not made.fall
+    assert made.strides == pytest.approx([1.0], abs=0.05)
+    assert max(made.aside) < 0.1
+
+
+def test_a_gait_along_an_arc_begins_with_the_heat_of_the_one_ahead(gaits):
+    first, then = (gaits[name].wire_temperature[:, 0] for name in ("ahead", "left"))
+    np.testing.assert_allclose(then, first, atol=1e-9)
+
+
+def test_wires_go_from_heat_to_heat_along_a_line(gaits):
+    """So that the limbs of a robot that stands go from one posture to the other."""
+    before, gait = gaits["ahead"], gaits["spot"]
+    walked = walk(gait, 1, heat=before.initial_heat, bend=before.bend_angle[:, 0])
+    temperature = walked.wire_temperature[:, walked.time <= walked.duration - gait.period].T
+    start, end = (each.wire_temperature[:, 0] for each in (before, gait))
+    share = (temperature - start) @ (end - start) / ((end - start) @ (end - start))
+    np.testing.assert_allclose(temperature, start + np.outer(share, end - start), atol=1.5)
+    assert (np.diff(share) > 0.0).all()
+    assert (temperature[-1] - end < 3.5).all()
+    assert np.abs(temperature[-1] - end)[end > start].max() < 0.5
+
+
+def test_cycles_one_after_the_other_are_moved_and_turned(gaits):
+    twice = gaits["left"].repeated(2)
+    one, two = gaits["left"].displacement, twice.displacement
+    turned = RollPitchYaw(0, 0, one[2]).ToRotationMatrix().matrix()[:2, :2]
+    np.testing.assert_allclose(two[:2], one[:2] + turned @ one[:2], atol=1e-12)
+    assert two[2] == pytest.approx(2 * one[2])
+    loads = twice.contact_force[2::3]
+    np.testing.assert_allclose(loads[:, 0], loads[:, -1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("robot", "request_", "said"),
+    [
+        (RobotParameters(), {"turn": 0.1}, "vertical plane, in which it cannot turn"),
+        (RobotParameters(), {"sticking_share": 1.2}, "sticking_share is 1.2"),
+        (THREE, {"stride": 0.0}, "must turn"),
+        (THREE, {"stride": 0.2}, "A stride of 200 mm cannot be had"),
+        (THREE, {"turn": 1.5}, "which turns the body by"),
+        (THREE, {"turn": math.inf, "speed": 1e-3}, "no speed"),
+        (THREE, {"schedule": schedule_of("fss sss sfs sss ssf sss", 3)}, "let them be dragged"),
+        (THREE, {"speed": 0.1, "schedule": schedule_of("dss sss sds sss ssd sss", 3)}, "fastest"),
+    ],
+)
+def test_what_cannot_be_had_is_said_in_a_sentence(robot, request_, said):
+    with pytest.raises(PlanningError, match=said):
+        plan_gait(robot, check=False, explain=False, **request_)
+
+
+def test_a_robot_walks_to_a_place_with_contact(tmp_path, capsys):
+    """By a folder of gaits and the command, from cold wires, which are four times as quick."""
+    folder, output, picture = (tmp_path / name for name in ("gaits", "walk.csv", "way.png"))
+    robot = RobotParameters.in_space(3)
+    for law in (wire.law for limb in robot.limbs for wire in limb.parameters.wires):
+        law.a1, law.a2, law.a3 = 4 * law.a1, 4 * law.a2, 4 * law.a3
+    gait = plan_gait(robot, temperature_margin=5.0, check=False)
+    check = dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
+    save_gaits({"ahead": dataclasses.replace(gait, check=check)}, folder)
+    words = ["walk", str(folder), "--model", "--to", "0.02,0", "-o", str(output)]
+    assert main([*words, "--plot", str(picture)]) == 0
+    assert "arrived     yes" in capsys.readouterr().out
+    recording = Recording.load(output)
+    assert np.hypot(*(recording.body_pose[:2, -1] - [0.02, 0.0])) < 0.015
+    assert recording.interrupted == ""
+    assert picture.stat().st_size > 10_000
+
+
+def test_gait_feedback_is_refused_in_space(gaits):
+    with pytest.raises(LimbError, match="use heat feedback"):
+        GaitFeedback(gaits["ahead"], 1)
+
+
+@pytest.mark.whole
+def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
+    """Kinematics alone: each cycle makes 0.7 of the way, and turns aside by 3°.
+
+    The first cycle after another gait makes half as much, and goes aside by 8 mm.
+    """
+    goals = [(0.15, 0.0), (0.15, 0.1, math.pi / 2), (0.0, 0.0)]
+    finder = Wayfinder(gaits, goals)
+    course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
+    pose, visited = np.zeros(3), []
+    course[1], course[4:7] = 0, pose  # it does not begin from cold
+    for _ in range(85):  # 72 are enough
+        x, y, turn = list(gaits.values())[int(course[2])].displacement * [0.7, 0.7, 0.8]
+        if course[1] != course[2]:
+            x, y, turn = 0.5 * x, y + 8e-3, 0.5 * turn
+        cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+        pose += np.array([cosine * x - sine * y, sine * x + cosine * y, turn + np.deg2rad(3.0)])
+        before = int(course[3])
+        finder._choose(course, pose, 0.0)
+        visited += [pose.copy()] * (int(course[3]) - before)
+        if course[3] == len(goals):
+            break
+    assert len(visited) == 3
+    for place, (x, y, *heading) in zip(visited, goals, strict=True):
+        assert np.hypot(place[0] - x, place[1] - y) <= 0.015
+        if heading:
+            assert np.cos(place[2] - heading[0]) >= np.cos(np.deg2rad(8.0))

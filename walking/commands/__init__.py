@@ -1,0 +1,1 @@
+"""Commands on robots of several limbs, and the report of a gait."""

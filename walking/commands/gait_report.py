@@ -1,0 +1,103 @@
+"""A gait as one HTML page."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from limb_systems.views.panels import motion_panels
+from limb_systems.views.replay_page import replay_page
+from soft_limb.reports import page
+from soft_limb.results.summaries import gait_summary
+from walking.gait import Gait, GaitVariation
+
+
+def gait_verdict(gait: Gait) -> str:
+    """How far and how fast a gait goes and turns, and whether it was checked."""
+    turn, what = np.rad2deg(gait.turn), _made(gait)
+    goes = [] if gait.on_the_spot else [f"{what} of {1e3 * gait.stride:.1f} mm"]
+    paces = [] if gait.on_the_spot else [f"{1e3 * gait.speed:.2f} mm/s"]
+    if abs(turn) > 1e-6:
+        side = "left" if turn > 0 else "right"
+        goes.append(f"turns of {abs(turn):.1f}° to the {side}")
+        paces.append(f"{abs(turn) / gait.period:.2f} °/s")
+    said = (
+        f"{' and '.join(goes)} in {gait.period:.1f} s, {' and '.join(paces)}, with wires up to "
+        f"{gait.wire_temperature.max():.0f} °C."
+    )
+    said = said[0].upper() + said[1:]
+    if failure := gait.check.failure():
+        return f"{said} Not to be used: {failure}"
+    simulation, spread = gait.check.simulation, gait.check.spread
+    shares = simulation.strides
+    said += (
+        f" Checked: simulated with contact over {len(shares)} cycles, {what} are "
+        f"{min(shares):.1%} to {max(shares):.1%} of the planned one"
+    )
+    if simulation.aside:
+        said += f", and the robot goes or turns aside by at most {max(simulation.aside):.1%} of it"
+    said += "."
+    if fallen := sum(bool(variation.fall) for variation in spread):
+        said += (
+            f" With other friction or parameters {fallen} of {len(spread)} fall; a gait of more "
+            "steadiness falls less and is slower."
+        )
+    return said
+
+
+def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | None = None) -> None:
+    """Write one HTML page: verdict, picture, replay, the cycle's signals, check, and the robot.
+
+    Args:
+        path: path of the page.
+        data: files that the page links to, by what they are.
+    """
+    # Matplotlib takes as long to import as all the rest.
+    from walking.views.walk_drawing import draw_walk
+
+    check, what = gait.check, "The robot at six moments, its feet and its wires' heat"
+    height = 34 + max(0, len(gait.parameters.wire_names) - 4)  # of a replay and its caption, rem
+    parts: list[page.Part] = [
+        page.verdict(gait_verdict(gait)),
+        page.picture(draw_walk(gait), what),
+        page.section("Replay", page.frame(replay_page(gait), "the robot in 3D", height)),
+    ]
+    if not check.is_missing:
+        nominal = dataclasses.replace(check.simulation, what="as planned")
+        one = _made(gait).removesuffix("s")
+        names = ["robot or ground", f"mean {one}, %", "least, %", "most, %"]
+        names += ["aside, %"] * gait.in_space + ["T, °C", "fall"]
+        aside = ", the most that the robot goes or turns aside of it" * gait.in_space
+        rows = [_row(variation, gait.in_space) for variation in [nominal, *check.spread]]
+        caption = (
+            f"{one.capitalize()}s in simulation with contact as shares of the planned one{aside}, "
+            "the highest temperature of any wire, and how it fell, if it did."
+        )
+        parts.append(page.section("Check", page.table(names, rows, caption)))
+    cycle = page.chart(motion_panels(gait), "Feet, body, forces, bends and heat")
+    parts += [
+        page.section("The cycle", cycle),
+        page.section("How it was found", page.facts(gait_summary(gait))),
+        page.section("Robot", page.preformatted(gait.robot.to_yaml())),
+    ]
+    page.write_page(path, "Gait of a robot", parts, gait.provenance, data)
+
+
+def _made(gait: Gait) -> str:
+    """What a gait makes in its cycles: strides, or turns on the spot."""
+    return "turns" if gait.on_the_spot else "strides"
+
+
+def _row(variation: GaitVariation, in_space: bool) -> list[str]:
+    strides = 100 * np.array(variation.strides)
+    shares = [strides.mean(), strides.min(), strides.max()] if len(strides) else [np.nan] * 3
+    if in_space:
+        shares.append(100 * max(variation.aside, default=np.nan))
+    heat = variation.highest_temperature
+    return [
+        variation.what,
+        *(f"{share:.1f}" if np.isfinite(share) else "" for share in shares),
+        f"{heat:.0f}" if np.isfinite(heat) else "",
+        variation.fall,
+    ]

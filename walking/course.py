@@ -1,0 +1,89 @@
+"""Where a gait goes in a cycle, and what of it cannot be had."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from limb_systems import Wires, tip_position
+from limb_systems.statics import HeldAngles
+from planners.transcription.solving import PlanningError
+from walking import RobotParameters
+
+LEAST_TURN = 0.05  # rad, of robots that turn as far as they can
+MOST_TURN = np.pi / 2  # rad, in a cycle
+
+
+@dataclasses.dataclass(frozen=True)
+class Course:
+    """Where a gait goes in a cycle.
+
+    - ``turn``: turn of the body to the left, rad; as far as it can, at least 0.05 rad, if infinite.
+      The stride is along the body's heading in the middle of the cycle.
+    - ``stride``: m; the longest if None, or none if the turn is infinite.
+    - ``speed``: m/s; the fastest if None.
+    """
+
+    turn: float = 0.0
+    stride: float | None = None
+    speed: float | None = None
+
+    @property
+    def on_the_spot(self) -> bool:
+        """Whether it turns, and goes nowhere."""
+        return self.stride == 0.0 or (self.stride is None and np.isinf(self.turn))
+
+
+def check_course(robot: RobotParameters, course: Course) -> None:
+    """Raises PlanningError for a course that the robot cannot take, whatever its schedule."""
+    turn, stride, speed = course.turn, course.stride, course.speed
+    assert robot.ground is not None, "a gait needs a ground"
+    if np.isnan(turn):
+        raise PlanningError("turn is nan; it must be an angle in rad, or infinite.")
+    if turn and robot.body.mount == "planar":
+        raise PlanningError(
+            "The body moves in the vertical plane, in which it cannot turn; set body.mount to free."
+        )
+    if turn and robot.ground.slope:
+        raise PlanningError(
+            f"The ground slopes by {np.rad2deg(robot.ground.slope):.3g}°, so that no motion of a "
+            "robot that turns repeats; gaits turn on level ground."
+        )
+    if stride is not None and not 0 <= stride < np.inf:
+        raise PlanningError(f"stride is {stride:g} m; it must be 0 or more.")
+    if speed is not None and not 0 < speed < np.inf:
+        raise PlanningError(f"speed is {speed:g} m/s; it must be more than 0.")
+    if course.on_the_spot and not turn:
+        raise PlanningError("A gait without a stride must turn; ask for a turn, or for a stride.")
+    if course.on_the_spot and speed is not None:
+        raise PlanningError("A gait on the spot has no speed; ask for a turn alone.")
+    furthest = _furthest_step(robot)
+    if stride and stride > furthest:
+        raise PlanningError(
+            f"A stride of {1e3 * stride:.3g} mm cannot be had: between wires at T_max on either "
+            f"side, the feet are at most {1e3 * furthest:.3g} mm apart."
+        )
+    arm = min(math.hypot(limb.position[0], limb.position[1]) for limb in robot.limbs)
+    most = min(MOST_TURN, 2 * np.arcsin(min(1.0, furthest / 2 / max(arm, 1e-6))))
+    if np.isfinite(turn) and abs(turn) > most:
+        raise PlanningError(
+            f"A turn of {np.rad2deg(turn):.3g}° in a cycle cannot be had: between wires at T_max "
+            f"on either side, the feet go at most {1e3 * furthest:.3g} mm, which turns the body by "
+            f"{np.rad2deg(most):.3g}°."
+        )
+
+
+def _furthest_step(robot: RobotParameters) -> float:
+    """How far the foot goes of the limb that bends least, from side to side at T_max, m."""
+    steps = []
+    for limb in robot.limbs:
+        parameters = limb.parameters
+        wires, hottest = Wires(parameters), parameters.temperature_limits.maximum
+        cold = np.full(wires.num_wires, parameters.ambient_temperature)
+        heated = [
+            np.where(np.arange(len(cold)) == wire, hottest, cold) for wire in range(len(cold))
+        ]
+        states = np.array([wires.settled_states(heat) for heat in heated])
+        tips = tip_position(parameters, HeldAngles(parameters).angles(states).T)[1:]
+        steps.append(max(np.linalg.norm(a - b) for a in tips.T for b in tips.T))
+    return float(min(steps))

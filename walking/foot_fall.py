@@ -1,0 +1,106 @@
+"""What the feet of a robot that walks do, from its motion and its contact forces."""
+
+import itertools
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation
+
+from limb_systems.errors import LimbError
+from limb_systems.files.recording import Recording
+from walking.gait import GaitPhase
+from walking.robot import make_robot, set_positions
+
+# m/s, and m/s for each N along the ground, twice that by which feet that stick creep in Drake.
+SLOWEST, CREEP = 2e-4, 8.4e-4
+LIFTED = 0.02  # share of what all feet carry
+# s, over which speeds are averaged where a camera's noise would make feet slide; and the speed, as
+# a multiple of the standard deviation of what noise leaves of it, from which they then do.
+AVERAGED, OVER_NOISE = 0.5, 3.0
+
+
+def foot_fall(recording: Recording) -> list[GaitPhase]:
+    """Phases in which no foot changes what it does, from each sample to the next.
+
+    A foot swings where it carries less than 2% of what all feet carry. Else it slides where its
+    point at the ground is faster than 0.2 mm/s, and 0.84 mm/s for each N along the ground; or it
+    sticks. In the plane it slides forward if it goes towards +x, and else backward. Friction is not
+    asked, since that of the ground may be another than described.
+
+    Where the body's pose is measured with noise, speeds are means over 0.5 s, and a foot slides
+    where its speed is also larger than three standard deviations of what the noise leaves of it.
+
+    Raises:
+        LimbError: if the recording has no joint angles, no pose of the body or no contact forces,
+            or fewer than two samples.
+    """
+    robot, forces = recording.robot, recording.contact_force
+    if robot is None or recording.joint_state is None or forces is None or len(forces[0]) < 2:
+        raise LimbError(
+            "What feet do follows from two or more samples of a robot's joint angles and contact "
+            "forces, which this recording does not have."
+        )
+    velocity, noise = _velocity(recording)
+    speed = np.linalg.norm(velocity, axis=1)  # (L, K-1)
+    of_feet = forces.reshape(len(robot.limbs), -1, len(recording.time))
+    of_feet = (of_feet[..., 1:] + of_feet[..., :-1]) / 2
+    along, load = np.linalg.norm(of_feet[:, :-1], axis=1), of_feet[:, -1]
+    swings = load <= LIFTED * load.sum(axis=0)
+    slides = np.where(velocity[:, 0] > 0, "slide_forward", "slide_backward")
+    if robot.body.mount != "planar":
+        slides = np.full(slides.shape, "slide")
+    contacts = np.where(
+        swings,
+        "swing",
+        np.where(speed > SLOWEST + CREEP * along + OVER_NOISE * noise, slides, "stick"),
+    )
+    starts = zip(recording.time[:-1].tolist(), contacts.T.tolist(), strict=True)
+    return [
+        GaitPhase(next(group)[0], done)
+        for done, group in itertools.groupby(starts, lambda sample: sample[1])
+    ]
+
+
+def _velocity(recording: Recording) -> tuple[np.ndarray, float]:
+    """Velocity of each foot's point at the ground along x and y, and the noise in it.
+
+    Returns:
+        From each sample to the next (L, 2, K-1), m/s, and the standard deviation of noise in each
+        of its numbers, m/s; 0 if there is less noise than would make feet slide.
+    """
+    slip, steps = _slip(recording), np.diff(recording.time)
+    step = float(np.median(steps))
+    averaged = max(1, round(AVERAGED / step))
+    noise = 0.0  # of places, m
+    if len(steps) > averaged:  # from second differences, where a camera holds each of its poses
+        noise = float(np.median(np.abs(np.diff(slip)), axis=-1).max()) / (0.674 * np.sqrt(2.0))
+    if noise < SLOWEST * step:
+        return slip / steps, 0.0
+    velocity = uniform_filter1d(slip / steps, averaged, mode="nearest")
+    return velocity, np.sqrt(2.0) * noise / (averaged * step)
+
+
+def _slip(recording: Recording) -> np.ndarray:
+    """How far each foot's point at the ground goes along x and y between samples (L, 2, K-1), m.
+
+    A foot that rolls does not slip: its centre goes as far as it turns.
+    """
+    robot, joint_state = recording.robot, recording.joint_state
+    assert robot is not None
+    assert joint_state is not None
+    builder = DiagramBuilder()  # it keeps the plant
+    plant = make_robot(builder, robot)
+    context = plant.CreateDefaultContext()
+    feet = [plant.GetBodyByName(f"{limb.name}_foot") for limb in robot.limbs]
+    poses = np.empty((len(feet), len(recording.time), 3, 4))
+    for sample, angles in enumerate(joint_state[: len(joint_state) // 2].T):
+        pose = None if recording.body_pose is None else recording.body_pose[:, sample]
+        set_positions(plant, context, robot, pose, angles)
+        for foot, body in enumerate(feet):
+            poses[foot, sample] = plant.EvalBodyPoseInWorld(context, body).GetAsMatrix34()
+    moved = np.diff(poses[..., 3], axis=1)
+    turned = poses[:, 1:, :, :3] @ np.swapaxes(poses[:, :-1, :, :3], -1, -2)
+    turns = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_rotvec().reshape(moved.shape)
+    slip = moved + np.cross(turns, [0.0, 0.0, -robot.feet.radius])
+    return np.swapaxes(slip[..., :2], 1, 2)

@@ -1,0 +1,353 @@
+"""A gait: one cycle of a robot that walks, in which everything but travel repeats."""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+
+from limb_systems.errors import LimbError
+from limb_systems.files.provenance import Provenance
+from limb_systems.files.signal_table import Planned, apart, signal, without_rounding
+from limb_systems.summary import Entry, Summary
+from walking.robot import body_positions
+from walking.robot_parameters import RobotParameters
+
+CONTACTS = ("stick", "slide_forward", "slide_backward", "slide", "swing")
+VIOLATION_TOLERANCE = 1e-6
+STRIDE_TOLERANCE = 0.05  # share of the planned stride by which each simulated one may differ
+
+ASIDE_TOLERANCE = 0.1  # share of the planned stride, aside of it
+
+
+@dataclasses.dataclass
+class GaitPhase:
+    """A phase of a gait's cycle, until the next begins.
+
+    - ``start``: s from the start of the cycle.
+    - ``contacts``: what each limb's foot does, one of `CONTACTS`.
+    """
+
+    start: float
+    contacts: list[str]
+
+
+@dataclasses.dataclass
+class GaitVariation:
+    """A gait's duty on another robot or ground, in simulation.
+
+    - ``what``: what was changed, such as "friction x 0.7".
+    - ``strides``: each stride as a share of the planned one; a turn counts as the way of a point
+      that is a limb's length away.
+    - ``highest_temperature``: largest T of any wire, °C.
+    - ``fall``: how it fell; empty if it did not.
+    - ``aside``: what was made aside of what was planned in each cycle, turn included, as a share of
+      the planned stride; empty in the plane.
+    """
+
+    what: str = ""
+    strides: list[float] = dataclasses.field(default_factory=list)
+    highest_temperature: float = math.nan
+    fall: str = ""
+    aside: list[float] = dataclasses.field(default_factory=list)
+
+
+@dataclasses.dataclass
+class GaitCheck:
+    """How a gait was found, and how it went in simulation with contact.
+
+    - ``solver``, ``status``: name of the solver that found it, and its status.
+    - ``objective``: "speed" or "energy".
+    - ``iterations``, ``solve_time``: iterations and time of the solver, s.
+    - ``violation``: largest violation of the program's constraints, scaled.
+    - ``simulation``: the gait as planned; without strides if it was not simulated.
+    - ``spread``: what it does where the robot or the ground is another than described.
+    - ``tolerance``: share of the planned stride by which a simulated one may differ.
+    - ``steadiness``: least stiffness against pitch, as a multiple of weight times limb length.
+    - ``sticking_share``: share of μ that feet that stick may use.
+    - ``remark``: why it is not as steady as asked for; empty if it is.
+    """
+
+    solver: str = ""
+    status: str = ""
+    objective: str = ""
+    iterations: int = 0
+    solve_time: float = 0.0
+    violation: float = math.nan
+    simulation: GaitVariation = dataclasses.field(default_factory=GaitVariation)
+    spread: list[GaitVariation] = dataclasses.field(default_factory=list)
+    tolerance: float = STRIDE_TOLERANCE
+    steadiness: float = math.nan
+    sticking_share: float = math.nan
+    remark: str = ""
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether the gait was never simulated."""
+        return not (self.simulation.strides or self.simulation.fall)
+
+    def failure(self) -> str | None:
+        """One sentence on why the gait must not be used, or None if it may."""
+        if not self.violation <= VIOLATION_TOLERANCE:
+            return (
+                f"its constraints are violated by {self.violation:.1e} (scaled), more than "
+                f"{VIOLATION_TOLERANCE:.0e}."
+            )
+        if self.is_missing:
+            return "it was never checked by simulating it."
+        if self.simulation.fall:
+            return f"the robot falls in simulation: {self.simulation.fall}."
+        worst = max(self.simulation.strides, key=lambda share: abs(share - 1))
+        if not abs(worst - 1) <= self.tolerance:
+            return (
+                f"in simulation a stride is {worst:.1%} of the planned one, which misses it by "
+                f"more than {self.tolerance:.0%}."
+            )
+        if (aside := max(self.simulation.aside, default=0.0)) > ASIDE_TOLERANCE:
+            return (
+                f"in simulation it goes or turns aside by {aside:.1%} of the planned stride, more "
+                f"than {ASIDE_TOLERANCE:.0%}."
+            )
+        return None
+
+
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class Gait(Planned):
+    """One cycle of a robot with L limbs, F bends, n joints and W wires in all.
+
+    The robot is in balance at each of the K knots. The last knot is the first one again, a
+    stride further, and turned: heat, states of wires, angles and forces are equal. Duty is held
+    from each knot to the next.
+
+    - ``time``: time of the knots (K,), s, from 0 to the period.
+    - ``duty``: D (W, K), in [0, 1], from each knot on.
+    - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s, of the limbs' joints.
+    - ``wire_temperature``, ``measured_temperature``: T, V (W, K), °C.
+    - ``body_pose``: x, z, m, and θ, rad, from +x towards +z (3, K); in space x, y, z, m, and roll,
+      pitch and yaw, rad (6, K).
+    - ``contact_force``: force from the ground on each foot along x and z (2L, K), N; in space along
+      x, y and z (3L, K).
+    - ``robot``: the robot; ``parameters`` are all its limbs together.
+    - ``phases``: what the feet do, `GaitPhase`.
+    - ``check``: how it was found and checked.
+    - ``other_wire_state``: the states of the wires' laws other than T (N - W, K), in the order
+      of `Wires`; None if there are no others.
+    - ``provenance``: what made it; None if it is not known.
+
+    Raises:
+        LimbError: at construction, if shapes disagree, values are not finite, time does not
+            increase from 0, duty leaves [0, 1], or a phase is not within the cycle.
+    """
+
+    KIND: ClassVar[str] = "gait"
+
+    robot: RobotParameters = dataclasses.field()  # without the default of `Samples`
+    phases: list[GaitPhase]
+    check: GaitCheck
+    provenance: Provenance | None = None
+    time: np.ndarray = signal()
+    duty: np.ndarray = signal()
+    joint_state: np.ndarray = signal()
+    wire_temperature: np.ndarray = signal()
+    measured_temperature: np.ndarray = signal()
+    body_pose: np.ndarray = signal()
+    contact_force: np.ndarray = signal()
+    other_wire_state: np.ndarray | None = apart(None)
+
+    def __post_init__(self):
+        self.robot.validate()
+        self.parameters = self.robot.together
+        self._check()
+        if len(self.time) < 3 or self.time[0] != 0:
+            raise LimbError("a gait needs at least three knots, the first of them at 0 s.")
+        starts = [phase.start for phase in self.phases]
+        if starts != sorted(starts) or not starts or starts[0] != 0 or starts[-1] >= self.period:
+            raise LimbError(
+                f"the phases begin at {starts} s; they must begin one after the other from 0 s to "
+                f"the period of {self.period:g} s."
+            )
+        for phase in self.phases:
+            if len(phase.contacts) != len(self.robot.limbs) or set(phase.contacts) - {*CONTACTS}:
+                raise LimbError(
+                    f"the phase at {phase.start:g} s has the contacts {phase.contacts}; it must "
+                    f"have one of {', '.join(CONTACTS)} for each of {len(self.robot.limbs)} limbs."
+                )
+
+    @property
+    def in_space(self) -> bool:
+        """Whether the body moves in space, and not in the vertical plane alone."""
+        return len(self.body_pose) == 6
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Travel of the body in a cycle, as `travels` has it (1,) or (3,)."""
+        return travels(self.body_pose[:, [0, -1]])[:, 0]
+
+    @property
+    def stride(self) -> float:
+        """Travel of the body in a cycle, m."""
+        return float(np.linalg.norm(self.displacement[:2]))
+
+    @property
+    def period(self) -> float:
+        """Duration of a cycle, s."""
+        return float(self.time[-1])
+
+    @property
+    def speed(self) -> float:
+        """Stride by period, m/s."""
+        return self.stride / self.period
+
+    @property
+    def turn(self) -> float:
+        """Turn of the body to the left in a cycle, rad; 0 in the plane."""
+        return float(self.displacement[2]) if self.in_space else 0.0
+
+    @property
+    def on_the_spot(self) -> bool:
+        """Whether it turns, and goes nowhere."""
+        return self.stride < 1e-6
+
+    @property
+    def _arm(self) -> float:
+        """The longest limb's length, m, at which turns count as ways."""
+        return max(limb.parameters.length for limb in self.robot.limbs)
+
+    @property
+    def reach(self) -> float:
+        """Travel in a cycle, m; a turn on the spot counts by the way at a limb's length."""
+        if not self.on_the_spot:
+            return self.stride
+        return self._arm * abs(self.turn)
+
+    @property
+    def merit(self) -> float:
+        """What its objective makes large: `reach` by time, m/s, or by full duty of a wire, m/s."""
+        if self.check.objective != "energy":
+            return self.reach / self.period
+        return self.reach / float(np.diff(self.time) @ self.duty[:, :-1].sum(axis=0))
+
+    @property
+    def schedule(self) -> list[list[str]]:
+        """What each foot does in each phase (P, L)."""
+        return [phase.contacts for phase in self.phases]
+
+    @property
+    def initial_heat(self) -> np.ndarray:
+        """[x, V] of the wires at the first knot (N + W,)."""
+        return np.append(self.wire_states[:, 0], self.measured_temperature[:, 0])
+
+    @property
+    def initial_state(self) -> np.ndarray:
+        """State of a `Robot` at rest at the first knot, for `simulate`."""
+        pose, angles = self.body_pose[:, 0], self.joint_angles[:, 0]
+        rates = np.zeros(len(pose) + len(angles))
+        return np.concatenate([body_positions(pose), angles, rates, self.initial_heat])
+
+    def duty_trajectory(self, cycles: int = 1) -> PiecewisePolynomial:
+        """Duty over some cycles from time 0, for a `TrajectorySource`."""
+        starts = np.arange(cycles)[:, None] * self.period
+        times = np.append((starts + self.time[:-1]).ravel(), cycles * self.period)
+        duty = np.hstack([*[self.duty[:, :-1]] * cycles, self.duty[:, :1]])
+        return PiecewisePolynomial.ZeroOrderHold(times, without_rounding(duty))
+
+    def repeated(self, cycles: int) -> "Gait":
+        """Some cycles, one after the other, as one."""
+
+        def tiled(signal: np.ndarray) -> np.ndarray:
+            return np.hstack([*[signal[:, :-1]] * cycles, signal[:, -1:]])
+
+        forces = self.contact_force.reshape(len(self.robot.limbs), -1, len(self.time))
+        poses, turned, start = [], [], self.body_pose[:, 0]
+        for _ in range(cycles):
+            pose = self.moved(start)
+            yaw = pose[-1, 0] - self.body_pose[-1, 0] if len(pose) == 6 else 0.0
+            poses.append(pose)
+            turned.append(along_heading(forces.swapaxes(0, 1), -yaw).swapaxes(0, 1))
+            start = pose[:, -1]
+        pose, force = (
+            np.concatenate([*(part[..., :-1] for part in parts), parts[-1][..., -1:]], axis=-1)
+            for parts in (poses, turned)
+        )
+        names = ["duty", "joint_state", "wire_temperature", "measured_temperature"]
+        names += ["other_wire_state"] if self.other_wire_state is not None else []
+        repeating: dict[str, Any] = {name: tiled(getattr(self, name)) for name in names}
+        return dataclasses.replace(
+            self,
+            time=np.array(self.duty_trajectory(cycles).get_segment_times()),
+            body_pose=pose,
+            contact_force=force.reshape(len(self.contact_force), -1),
+            **repeating,
+            phases=[
+                GaitPhase(phase.start + cycle * self.period, phase.contacts)
+                for cycle in range(cycles)
+                for phase in self.phases
+            ],
+        )
+
+    def progress(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What cycles made of the planned stride, from poses of the body (3 or 6, K) between them.
+
+        Turns count by the way of a point that is a limb's length away.
+
+        Returns:
+            What they made along what was planned, and aside of it (K - 1,), as shares of it.
+        """
+        planned = self.displacement
+        scales = np.array([1.0, 1.0, self._arm])[: len(planned)]
+        planned, made = planned * scales, travels(poses).T * scales
+        along = made @ planned / (planned @ planned)
+        aside = np.linalg.norm(made - along[:, None] * planned, axis=1)
+        return along, aside / np.linalg.norm(planned)
+
+    def moved(self, start: np.ndarray) -> np.ndarray:
+        """The body's pose (3 or 6, K) in a cycle that begins at a pose, of which travel counts."""
+        pose = self.body_pose.copy()
+        if len(pose) == 3:
+            pose[0] += start[0] - pose[0, 0]
+            return pose
+        turn = start[5] - pose[5, 0]
+        pose[:2] = along_heading(pose[:2] - pose[:2, :1], -turn) + start[:2, None]
+        pose[5] += turn
+        return pose
+
+    def summary(self) -> Summary:
+        """Stride, turn, period, speed, largest temperature, and whether it passed its check."""
+        heat, speed = float(self.wire_temperature.max()), 1e3 * self.speed
+        turn, rate = np.rad2deg(self.turn), np.rad2deg(self.turn / self.period)
+        goes = [Entry("stride", self.stride, "m", f"stride {1e3 * self.stride:.1f} mm")]
+        paces = [Entry("speed", self.speed, "m/s", f"{speed:.2f} mm/s")]
+        if abs(turn) > 1e-6:
+            goes.append(Entry("turn", self.turn, "rad", f"turn {turn:.1f}°"))
+            paces.append(Entry("turn_rate", self.turn / self.period, "rad/s", f"{rate:.2f} °/s"))
+        if self.on_the_spot:
+            del goes[0], paces[0]
+        return Summary(
+            [
+                *goes,
+                Entry("period", self.period, "s", f"period {self.period:.1f} s"),
+                *paces,
+                Entry("heat", heat, "°C", f"up to {heat:.0f} °C"),
+                self._check_entry,
+            ]
+        )
+
+
+def along_heading(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
+    """Vectors of the world, x and y first (2 or more, ...), in axes turned by a yaw, rad."""
+    x, y, *others = vectors
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x, *others])
+
+
+def travels(poses: np.ndarray) -> np.ndarray:
+    """Travel of a body between poses (3 or 6, K), in the heading at the beginning of each.
+
+    Returns:
+        Along x (1, K - 1), m; in space along x and y, m, and turned, rad (3, K - 1).
+    """
+    if len(poses) == 3:
+        return np.diff(poses[:1])
+    yaw = np.unwrap(poses[5])
+    return np.vstack([along_heading(np.diff(poses[:2]), yaw[:-1]), np.diff(yaw)])

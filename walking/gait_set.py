@@ -1,0 +1,145 @@
+"""The gaits by which a robot gets anywhere on the ground: `plan_gaits`."""
+
+import contextlib
+import functools
+import itertools
+import operator
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from limb_systems import LimbError
+from limb_systems.files.output import check_outputs
+from limb_systems.progress import Progress
+from planners.transcription.solving import PlanningError
+from walking import Gait, RobotParameters
+from walking.gait_planning import plan_gait
+from walking.schedules import sensible_schedules
+
+AHEAD, SIDES = "ahead", {"left": 1.0, "right": -1.0}
+TURNING = (*SIDES, *(f"spot_{side}" for side in SIDES))  # names of gaits
+ARC = 0.2  # rad, in a cycle
+# rad, in a cycle on the spot, the first with which the robot turns as planned; softer robots turn
+# by less, as legs that bend farther have more than one balance.
+ON_THE_SPOT = 0.3, 0.2
+
+
+def plan_gaits(
+    robot: RobotParameters | str | Path, *, map_function: Callable = map, **options: Any
+) -> dict[str, Gait]:
+    """Gaits ahead, along arcs to the left and right, and on the spot, which follow each other.
+
+    Those along arcs begin with the heat of the one ahead, where there are such gaits, so that a
+    robot changes between them at the end of a cycle. The others begin with heat of their own.
+
+    Args:
+        robot: description of a robot in space.
+        map_function: takes a function and its arguments, as `map` does, and may call it for
+            several arguments at a time; it plans the gaits that turn.
+        options: further arguments of `plan_gait`.
+
+    Returns:
+        Checked gaits by name: ahead, left, right, spot_left and spot_right, as far as there are.
+        Those that turn do not fall where friction or limbs are others, either.
+
+    Raises:
+        PlanningError: if none goes ahead, or none turns to each side.
+    """
+    robot = RobotParameters.of(robot)
+    if robot.body.mount != "free":
+        raise PlanningError(
+            f"The body is {robot.body.mount}, so that it cannot turn; set body.mount to free."
+        )
+    options = {"explain": False} | options
+    with Progress("planning", 1 + len(TURNING), "gaits") as progress:
+        ahead = plan_gait(robot, **options | {"spread": False})
+        progress.update(1, "that turn")
+        signs = SIDES.values()
+        arcs = [functools.partial(_along_arc, robot, sign, ahead, options) for sign in signs]
+        spots = [functools.partial(_on_the_spot, robot, sign, options) for sign in signs]
+        gaits = {AHEAD: ahead}
+        planned = map_function(operator.call, [*arcs, *spots])
+        for number, (name, gait) in enumerate(zip(TURNING, planned, strict=True)):
+            progress.update(2 + number)
+            if gait:
+                gaits[name] = gait
+    for side in SIDES:
+        if not {side, f"spot_{side}"} & {*gaits}:
+            raise PlanningError(
+                f"The robot goes ahead, but no gait was found that turns it to the {side}, "
+                f"neither by {np.rad2deg(ARC):.0f}° along an arc nor on the spot."
+            )
+    return gaits
+
+
+def _along_arc(
+    robot: RobotParameters, sign: float, ahead: Gait, options: dict[str, Any]
+) -> Gait | None:
+    """The gait that begins with the heat of the one ahead, or else with its own."""
+    request = options | {"schedule": ahead.schedule, "near": ahead}
+    for first in (ahead, None):
+        with contextlib.suppress(PlanningError):
+            gait = plan_gait(robot, turn=sign * ARC, begins_as=first, **request)
+            if _never_falls(gait):
+                return gait
+    return None
+
+
+def _on_the_spot(robot: RobotParameters, sign: float, options: dict[str, Any]) -> Gait | None:
+    """The gait with the largest turn, of the first two schedules, that never falls."""
+    for turn, schedule in itertools.product(ON_THE_SPOT, sensible_schedules(robot)[:2]):
+        with contextlib.suppress(PlanningError):
+            request = options | {"schedule": schedule}
+            gait = plan_gait(robot, turn=sign * turn, stride=0.0, **request)
+            if _never_falls(gait):
+                return gait
+    return None
+
+
+def _never_falls(gait: Gait) -> bool:
+    """Whether it falls on no ground and with no parameters that its check tries."""
+    return not any(variation.fall for variation in gait.check.spread)
+
+
+def gait_files(folder: Path) -> list[Path]:
+    """The files of a folder that gaits of a robot may be written to."""
+    return [folder / f"{name}.csv" for name in (AHEAD, *TURNING)]
+
+
+def save_gaits(gaits: Mapping[str, Gait], folder: Path, *, force: bool = False) -> list[Path]:
+    """Save gaits as files of a folder, by their names, and return these."""
+    files = [folder / f"{name}.csv" for name in gaits]
+    check_outputs(files, force=force)
+    folder.mkdir(parents=True, exist_ok=True)
+    for gait, file in zip(gaits.values(), files, strict=True):
+        gait.save(file)
+    return files
+
+
+def load_gaits(folder: Path) -> dict[str, Gait]:
+    """The gaits of a folder, by the names of their files, the one ahead first.
+
+    Raises:
+        LimbError: if it is a file, none is named ahead, or they are of different robots.
+    """
+    if folder.is_file():
+        raise LimbError(
+            f"{folder} is a file; places are walked to by the folder of gaits that soft-limb gaits "
+            "writes."
+        )
+    files = sorted(folder.glob("*.csv"), key=lambda file: (file.stem != AHEAD, file.stem))
+    if not files or files[0].stem != AHEAD:
+        raise LimbError(
+            f"{folder} has no gait named {AHEAD}.csv; soft-limb gaits ROBOT -o {folder} writes "
+            "one, and others that turn."
+        )
+    gaits = {file.stem: Gait.load(file) for file in files}
+    for name, gait in gaits.items():
+        if gait.robot != gaits[AHEAD].robot:
+            raise LimbError(
+                f"{folder / name}.csv is the gait of another robot than {AHEAD}.csv; plan all "
+                "gaits of the folder for one robot."
+            )
+    return gaits

@@ -1,0 +1,478 @@
+"""A robot of several limbs in one YAML file: a body, limbs on it, their feet and the ground."""
+
+import copy
+import dataclasses
+import itertools
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RollPitchYaw, RotationMatrix
+
+from limb_systems.errors import raised_as
+from limb_systems.files.described import Described, ParameterError, check_density, check_name
+from limb_systems.files.schema import Strict, quantity, validate
+from limb_systems.layout import slices
+from limb_systems.limb_parameters import (
+    BoardIdentity,
+    EmulatedLimb,
+    LimbParameters,
+    NoBoard,
+    SegmentParameters,
+    SerialBoard,
+)
+
+FORMAT = 1  # of the YAML file
+MOUNTS = ("welded", "planar", "free")
+MOST_LIMBS = 20
+FARTHEST = 3.0  # of a hip, in lengths of body and limb
+SQUARE = 1e-6  # largest cosine between directions that are at right angles
+
+
+@dataclasses.dataclass
+class BodyParameters(Strict):
+    """The rigid body that carries the limbs, a box about the origin of its frame.
+
+    - ``mount``: "planar" if it moves in the vertical plane of x and z, "free" if in space,
+      "welded" if it is fixed to the world.
+    - ``length``, ``width``, ``height``: along x (forward), y and z (up), m.
+    - ``mass``: kg; its centre is that of the box.
+    - ``inertia``: moments of inertia about x, y and z through the centre, kg·m²; those of a
+      homogeneous box if None.
+    """
+
+    mount: str = "planar"
+    length: float = quantity(0.07, "m", 1e-3, 10.0)
+    width: float = quantity(0.03, "m", 1e-3, 10.0)
+    height: float = quantity(0.01, "m", 1e-3, 10.0)
+    mass: float = quantity(0.020, "kg", 1e-6, 100.0)
+    inertia: list[float] | None = dataclasses.field(
+        default=None, metadata={"unit": "kg·m²", "range": (1e-12, 1e3)}
+    )
+
+    @property
+    def moments(self) -> np.ndarray:
+        """Moments of inertia about x, y and z (3,), kg·m²."""
+        if self.inertia is not None:
+            return np.array(self.inertia)
+        squares = np.square([self.length, self.width, self.height])
+        return self.mass / 12 * (squares.sum() - squares)
+
+
+@dataclasses.dataclass
+class RobotLimb(Strict):
+    """A limb of a robot, and where it is on the body.
+
+    - ``name``: letters, digits and underscores; it names ports, joints and columns in files.
+    - ``position``: place of the limb's base in the body's frame, m.
+    - ``e1``, ``e2``: directions of the limb's axes E1 and E2 in the body's frame: where the
+      straight limb points to, and where its wires on the +E2 side bend it to.
+    - ``parameters``: the limb; its ``gravity`` and ``total_duty`` are the robot's here.
+    """
+
+    name: str
+    position: list[float] = quantity((0.0, 0.0, 0.0), "m", -10.0, 10.0)
+    e1: list[float] = quantity((0.0, 0.0, -1.0), "", -1.0, 1.0)
+    e2: list[float] = quantity((1.0, 0.0, 0.0), "", -1.0, 1.0)
+    parameters: LimbParameters = dataclasses.field(default_factory=LimbParameters)
+
+    @property
+    def axes(self) -> np.ndarray:
+        """E1, E2 and E3 in the body's frame, side by side (3, 3)."""
+        e1 = np.array(self.e1) / np.linalg.norm(self.e1)
+        e2 = self.e2 - np.dot(e1, self.e2) * e1
+        e2 = e2 / np.linalg.norm(e2)
+        return np.column_stack([e1, e2, np.cross(e1, e2)])
+
+    @property
+    def straight_height(self) -> float:
+        """Height of the straight limb's tip over the body's origin, m."""
+        return self.position[2] + self.axes[2, 0] * self.parameters.length
+
+    @property
+    def rpy(self) -> np.ndarray:
+        """Roll, pitch and yaw of the limb's base in the body's frame (3,), rad, as in URDF."""
+        return RollPitchYaw(RotationMatrix(self.axes)).vector()
+
+
+@dataclasses.dataclass
+class FootParameters(Strict):
+    """The feet, spheres about the tips of the limbs.
+
+    - ``radius``: m.
+    - ``mass``: mass of each, kg.
+    """
+
+    radius: float = quantity(0.001, "m", 1e-4, 0.1)
+    mass: float = quantity(0.0, "kg", 0.0, 10.0)
+
+
+@dataclasses.dataclass
+class GroundParameters(Strict):
+    """The ground, a plane.
+
+    - ``friction``: Coulomb's μ between it and all that touches it, at rest and sliding.
+    - ``slope``: angle by which it rises along x, rad.
+    """
+
+    friction: float = quantity(0.3, "", 0.0, 10.0)
+    slope: float = quantity(0.0, "rad", -1.5, 1.5)
+
+
+def walking_limb() -> LimbParameters:
+    """A limb of 6 cm that is stiff enough to stand on: k = 0.2077 N·m/rad, 15 g."""
+    segment = SegmentParameters(length=0.06, mass=0.015, stiffness=0.2077)
+    return LimbParameters(segments=[segment])
+
+
+def walking_limb_in_space() -> LimbParameters:
+    """As `walking_limb`, with a square section, three links that bend about two axes, and wires."""
+    limb = LimbParameters.in_space(wires=3, links=3)
+    segment, straight = limb.segments[0], walking_limb().segments[0]
+    segment.length, segment.mass = straight.length, straight.mass
+    segment.stiffness = straight.stiffness
+    return limb
+
+
+def _in_space(limbs: int) -> list[RobotLimb]:
+    """Three limbs on a circle of 4 cm, each bent outward by its first wire; or four at corners."""
+    if limbs == 3:
+        turns = {"rear": np.pi, "left": np.pi / 3, "right": -np.pi / 3}
+        outward = {
+            name: [round(float(part), 9) for part in (np.cos(turn), np.sin(turn), 0.0)]
+            for name, turn in turns.items()
+        }
+        places = {name: [0.04 * part for part in axis] for name, axis in outward.items()}
+    else:
+        corners = itertools.product(("left", "right"), ("rear", "front"))
+        sides = {"rear": -0.03, "front": 0.03, "left": 0.015, "right": -0.015}
+        places = {f"{end}_{side}": [sides[end], sides[side], 0.0] for side, end in corners}
+        outward = {name: [1.0, 0.0, 0.0] for name in places}
+    return [
+        RobotLimb(name, position=places[name], e2=outward[name], parameters=walking_limb_in_space())
+        for name in places
+    ]
+
+
+def _rear_and_front() -> list[RobotLimb]:
+    return [
+        RobotLimb(name, position=[x, 0.0, 0.0], parameters=walking_limb())
+        for name, x in (("rear", -0.03), ("front", 0.03))
+    ]
+
+
+@dataclasses.dataclass
+class RobotParameters(Described):
+    """A robot: a body, limbs on it, their feet, and the ground that they are on.
+
+    ``RobotParameters()`` is a crawler of 50 g with two limbs that hang down from its body.
+    The world has x along the ground and z normal to it. The body's frame is x forward, z up.
+
+    - ``format``: version of the file's format.
+    - ``body``: `BodyParameters`.
+    - ``limbs``: one or more `RobotLimb`; wires, bends and joints are in their order.
+    - ``feet``: `FootParameters`.
+    - ``ground``: `GroundParameters`; None if there is none.
+    - ``gravity``: acceleration along x, y and z of a level world, m/s².
+    - ``total_duty``: largest sum of the duties of all wires at a time, for which the supply is
+      made.
+    """
+
+    format: int = quantity(FORMAT, "", FORMAT, FORMAT)
+    body: BodyParameters = dataclasses.field(default_factory=BodyParameters)
+    limbs: list[RobotLimb] = dataclasses.field(default_factory=_rear_and_front)
+    feet: FootParameters = dataclasses.field(default_factory=FootParameters)
+    ground: GroundParameters | None = dataclasses.field(default_factory=GroundParameters)
+    gravity: list[float] = quantity((0.0, 0.0, -9.81), "m/s²", -100.0, 100.0)
+    total_duty: float = quantity(1.5, "of full duty", 0.01, 100.0)
+
+    @classmethod
+    def in_space(cls, limbs: int = 4) -> "RobotParameters":
+        """A robot of three or four limbs that bend about two axes, on a body that moves in space.
+
+        Raises:
+            ParameterError: for another number of limbs.
+        """
+        if limbs not in (3, 4):
+            raise ParameterError(
+                f"limbs is {limbs}; a robot in space has three or four by default, and any number "
+                "in a description of yours."
+            )
+        body = BodyParameters(mount="free")
+        if limbs == 3:
+            body.length = body.width = 0.09
+        return cls(body=body, limbs=_in_space(limbs), total_duty=3.0)
+
+    @classmethod
+    def of_limb(cls, limb: LimbParameters) -> "RobotParameters":
+        """A limb as a robot: alone on a welded body, its axes those of the world."""
+        return cls(
+            body=BodyParameters(mount="welded"),
+            limbs=[RobotLimb("limb", e1=[1.0, 0.0, 0.0], e2=[0.0, 1.0, 0.0], parameters=limb)],
+            ground=None,
+            gravity=list(limb.gravity),
+            total_duty=limb.total_duty,
+        )
+
+    @classmethod
+    def of(cls, robot: "RobotParameters | LimbParameters | str | Path | None") -> "RobotParameters":
+        """As `LimbParameters.of`; a limb becomes a robot `of_limb`."""
+        return super().of(cls.of_limb(robot) if isinstance(robot, LimbParameters) else robot)
+
+    @classmethod
+    def from_yaml(cls, text: str) -> "RobotParameters":
+        """Parses YAML text of a robot, or of a limb, which becomes a robot `of_limb`."""
+        if re.search(r"^segments:", text, re.MULTILINE):
+            return cls.of_limb(LimbParameters.from_yaml(text))
+        return super().from_yaml(text)
+
+    def oddities(self, where: str = "") -> list[str]:
+        """Return sentences on what is odd about the limbs, as `Described.oddities`."""
+        return [
+            oddity
+            for index, limb in enumerate(self.limbs)
+            for oddity in limb.parameters.oddities(
+                where if self.is_limb else f"{where}limbs[{index}].parameters."
+            )
+        ]
+
+    def without_provenance(self) -> "RobotParameters":
+        """Return these parameters without what made those of the limbs."""
+        limbs = [
+            dataclasses.replace(limb, parameters=limb.parameters.without_provenance())
+            for limb in self.limbs
+        ]
+        return dataclasses.replace(self, limbs=limbs)
+
+    def validate(self) -> None:
+        """Raise ParameterError for the first field that is out of its range."""
+        with raised_as(ParameterError):
+            validate(self)
+        body = self.body
+        if body.mount not in MOUNTS:
+            raise ParameterError(
+                f"body.mount is {body.mount!r}; it must be one of {', '.join(MOUNTS)}."
+            )
+        if body.inertia is not None and (
+            len(body.inertia) != 3 or 2 * max(body.inertia) > sum(body.inertia) * (1 + 1e-9)
+        ):
+            raise ParameterError(
+                f"body.inertia is {body.inertia}; it must be three moments about x, y and z, none "
+                "of them larger than the other two together."
+            )
+        sizes = {"length": body.length, "width": body.width, "height": body.height}
+        check_density(body.mass, sizes, "body")
+        size = max(sizes.values())
+        if body.moments.max() > body.mass * size**2:
+            raise ParameterError(
+                f"body.inertia is {body.inertia} kg·m², but that of {body.mass:g} kg at the far "
+                f"end of the body would be {body.mass * size**2:.2g} kg·m²; is it in other units?"
+            )
+        self._validate_gravity()
+        if not 1 <= len(self.limbs) <= MOST_LIMBS:
+            raise ParameterError(
+                f"limbs has {len(self.limbs)} elements; a robot has 1 to {MOST_LIMBS}."
+            )
+        names = [limb.name for limb in self.limbs]
+        for index, limb in enumerate(self.limbs):
+            where = f"limbs[{index}]"
+            check_name(names, index, where, "limb", taken="body")
+            with raised_as(ParameterError, f"{where}.parameters."):
+                limb.parameters.validate()
+            self._validate_place(limb, where)
+            first = self.limbs[0].parameters
+            for field in ("ambient_temperature", "temperature_limits"):
+                if getattr(limb.parameters, field) != getattr(first, field):
+                    raise ParameterError(
+                        f"{where}.parameters.{field} differs from that of limb {names[0]}; the "
+                        "limbs of a robot share the air and the limits of heat, so make them equal."
+                    )
+
+        wires = self.together.wire_names
+        if len(set(wires)) < len(wires):
+            raise ParameterError(
+                f"The names of limbs make the names of wires {', '.join(wires)}, of which some "
+                "are the same; give the limbs other names."
+            )
+        lengths = [limb.parameters.length for limb in self.limbs]
+        for index, (limb, length) in enumerate(zip(self.limbs, lengths, strict=True)):
+            if (far := np.abs(limb.position).max()) > FARTHEST * (size + length):
+                raise ParameterError(
+                    f"limbs[{index}].position is {limb.position} m, {far:g} m from the middle of "
+                    f"a body of {size:g} m; is it in other units?"
+                )
+        if self.feet.radius > min(lengths) / 2:
+            raise ParameterError(
+                f"feet.radius is {self.feet.radius:g} m, more than half of a limb's length; is it "
+                "in mm?"
+            )
+        carried = body.mass + sum(s.mass for s in self.together.segments)
+        if self.feet.mass > carried:
+            raise ParameterError(
+                f"feet.mass is {self.feet.mass:g} kg, more than all the rest of the robot, which "
+                f"is {carried:g} kg; is it in grams?"
+            )
+
+    def _validate_gravity(self) -> None:
+        _validate_vector(self.gravity, "gravity")
+        if self.ground and self.world_gravity[2] >= 0:
+            raise ParameterError(
+                f"gravity is {self.gravity} m/s², which does not press the robot on its ground; "
+                "its third number must be negative."
+            )
+        if self.body.mount == "planar" and self.gravity[1]:
+            raise ParameterError(
+                f"gravity is {self.gravity} m/s², out of the plane of x and z in which the body "
+                "moves; its second number must be 0."
+            )
+
+    def _validate_place(self, limb: RobotLimb, where: str) -> None:
+        for name in ("position", "e1", "e2"):
+            _validate_vector(getattr(limb, name), f"{where}.{name}")
+        lengths = [np.linalg.norm(axis) for axis in (limb.e1, limb.e2)]
+        if min(lengths) < SQUARE or abs(np.dot(limb.e1, limb.e2)) > SQUARE * np.prod(lengths):
+            raise ParameterError(
+                f"{where} has e1 = {limb.e1} and e2 = {limb.e2}; both must have a direction, at "
+                "right angles to each other."
+            )
+        if self.body.mount != "planar":
+            return
+        if any(segment.axes == 2 for segment in limb.parameters.segments):
+            raise ParameterError(
+                f"{where} bends in space, but the body moves in a plane; set body.mount to free, "
+                "or the axes of the limb's segments to 1."
+            )
+        if max(abs(limb.e1[1]), abs(limb.e2[1])) > SQUARE:
+            raise ParameterError(
+                f"{where} has e1 = {limb.e1} and e2 = {limb.e2}, out of the plane of x and z in "
+                "which the body moves; their second numbers must be 0."
+            )
+
+    def limb(self, name: str) -> LimbParameters:
+        """The parameters of a limb.
+
+        Raises:
+            ParameterError: if no limb has that name.
+        """
+        for limb in self.limbs:
+            if limb.name == name:
+                return limb.parameters
+        names = ", ".join(limb.name for limb in self.limbs)
+        raise ParameterError(f"This robot has no limb {name!r}; it has {names}.")
+
+    def limb_alone(self, name: str) -> LimbParameters:
+        """The parameters of a limb that is taken off, which carries its foot as payload.
+
+        Raises:
+            ParameterError: if no limb has that name.
+        """
+        limb = copy.deepcopy(self.limb(name))
+        limb.payload += self.feet.mass
+        return limb
+
+    def with_limbs(self, limbs: Mapping[str, LimbParameters]) -> "RobotParameters":
+        """This robot with limbs that were calibrated alone, as `limb_alone` has them, by name.
+
+        The air of the robot is as warm as on average for the limbs. The limits of heat are the
+        robot's.
+
+        Raises:
+            ParameterError: if no limb has such a name, or they do not fit the robot.
+        """
+        robot = copy.deepcopy(self)
+        ambient = float(np.mean([limb.ambient_temperature for limb in limbs.values()]))
+        for name in limbs:
+            robot.limb(name)  # which raises
+        for limb in robot.limbs:
+            if limb.name in limbs:
+                limb.parameters = copy.deepcopy(limbs[limb.name])
+                limb.parameters.payload = max(0.0, limb.parameters.payload - self.feet.mass)
+                limb.parameters.temperature_limits = copy.deepcopy(
+                    self.limb(limb.name).temperature_limits
+                )
+            limb.parameters.ambient_temperature = ambient
+        robot.validate()
+        return robot
+
+    @property
+    def is_limb(self) -> bool:
+        """Whether this is one limb that is held, and `together` describes all of it."""
+        return len(self.limbs) == 1 and self.body.mount == "welded"
+
+    @property
+    def together(self) -> LimbParameters:
+        """All limbs as one: their segments in order, with the limbs' names.
+
+        Whatever is about wires, joints and bends takes a robot by it: `Wires`, `Layout`,
+        recordings, supervisors and boards. Where the limbs are it does not say. Its ``board`` has
+        the serial numbers of all limbs' boards, if all were calibrated on one, or is the emulated
+        robot that all of them are of.
+        """
+        if self.is_limb:
+            limb = copy.deepcopy(self.limbs[0].parameters)
+            limb.gravity = (self.limbs[0].axes.T @ self.world_gravity + 0.0).tolist()
+            return limb
+        segments = []
+        for part in self.limbs:
+            own = part.parameters.segments
+            for number, segment in enumerate(own, 1):
+                name = part.name if len(own) == 1 else f"{part.name}_{number}"
+                segments.append(dataclasses.replace(segment, name=name))
+        first = self.limbs[0].parameters
+        return LimbParameters(
+            segments=segments,
+            board=self._board,
+            ambient_temperature=first.ambient_temperature,
+            temperature_limits=first.temperature_limits,
+            total_duty=self.total_duty,
+        )
+
+    @property
+    def _board(self) -> BoardIdentity:
+        boards = [limb.parameters.board for limb in self.limbs]
+        names = [limb.name for limb in self.limbs]
+        first = boards[0]
+        if isinstance(first, EmulatedLimb) and boards == [
+            dataclasses.replace(first, limb=name) for name in names
+        ]:
+            return dataclasses.replace(first, limb="")
+        numbers = [getattr(board, "serial_number", "") for board in boards]
+        return SerialBoard(", ".join(dict.fromkeys(numbers))) if all(numbers) else NoBoard()
+
+    @property
+    def world_gravity(self) -> np.ndarray:
+        """Gravity (3,) in the world, whose x is along the sloping ground, m/s²."""
+        slope = self.ground.slope if self.ground else 0.0
+        cosine, sine = np.cos(slope), np.sin(slope)
+        return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]) @ self.gravity
+
+    @property
+    def pose_size(self) -> int:
+        """Numbers of the body's pose: 3 if planar, 6 if free, 0 if welded."""
+        return {"welded": 0, "planar": 3, "free": 6}[self.body.mount]
+
+    @property
+    def force_size(self) -> int:
+        """Numbers of a foot's contact force: x and z if the body is planar, else x, y and z."""
+        return 2 if self.body.mount == "planar" else 3
+
+    @property
+    def joints_of(self) -> list[slice]:
+        """Places of each limb's joints among those of all."""
+        return slices([limb.parameters.num_joints for limb in self.limbs])
+
+    @property
+    def wires_of(self) -> list[slice]:
+        """Places of each limb's wires among those of all."""
+        return slices([len(limb.parameters.wires) for limb in self.limbs])
+
+    @property
+    def bends_of(self) -> list[slice]:
+        """Places of each limb's bends among those of all."""
+        return slices([sum(s.axes for s in limb.parameters.segments) for limb in self.limbs])
+
+
+def _validate_vector(value: list[float], name: str) -> None:
+    if len(value) != 3:
+        raise ParameterError(f"{name} is {value}; it must be three numbers, along x, y and z.")

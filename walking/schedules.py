@@ -1,0 +1,134 @@
+"""Schedules of gaits: what each foot does, phase by phase, and those that are worth trying.
+
+In text, a phase is a letter for each foot, and a space ends it: ``fs ss sf ss`` is a crawl of two
+feet, of which the first slides forward, then both stick while the body shifts, and so on.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from limb_systems.files.schema import shown
+from planners.transcription.solving import PlanningError
+from walking import RobotParameters
+from walking.gait import CONTACTS
+
+LETTERS = dict(zip("sfbdl", CONTACTS, strict=True))  # forward, backward, dragged, lifted
+
+Schedule = list[list[str]]
+
+
+def schedule_of(text: str, num_feet: int) -> Schedule:
+    """The contact of each foot in each phase (P, F), from text such as ``fs ss sf ss``.
+
+    Raises:
+        PlanningError: if it is not such text for so many feet.
+    """
+    phases = text.lower().split()
+    if not phases or any(len(phase) != num_feet or set(phase) - {*LETTERS} for phase in phases):
+        raise PlanningError(
+            f"The schedule is {shown(text)}; it must have phases of {num_feet} letters, one for "
+            "each foot, with spaces between: s if it sticks, f or b if it slides forward or "
+            "backward in a plane, d if it is dragged along in space, l if it is lifted."
+        )
+    return [[LETTERS[letter] for letter in phase] for phase in phases]
+
+
+def schedule_text(schedule: Sequence[Sequence[str]]) -> str:
+    """Text of a schedule, as `schedule_of` reads it."""
+    letters = {contact: letter for letter, contact in LETTERS.items()}
+    return " ".join("".join(letters[contact] for contact in phase) for phase in schedule)
+
+
+def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) -> None:
+    """Checks whether there can be a gait of a schedule.
+
+    Raises:
+        PlanningError: if it has other feet or contacts, or nothing holds the body at some time.
+    """
+    num_feet, in_space = len(robot.limbs), robot.body.mount == "free"
+    for phase in schedule:
+        if len(phase) != num_feet or set(phase) - {*CONTACTS}:
+            raise PlanningError(
+                f"The schedule has the phase {shown(list(phase))}; each phase must have one of "
+                f"{', '.join(CONTACTS)} for each of {num_feet} feet."
+            )
+    other = {"slide_forward", "slide_backward"} if in_space else {"slide"}
+    if other & {contact for phase in schedule for contact in phase}:
+        raise PlanningError(
+            f"The schedule {schedule_text(schedule)!r} has feet that slide forward or backward, "
+            "but the body moves in space; let them be dragged (d), where the planner finds along "
+            "what."
+            if in_space
+            else f"The schedule {schedule_text(schedule)!r} has feet that are dragged (d), but the "
+            "body moves in a plane; let them slide forward (f) or backward (b)."
+        )
+    for foot, contacts in enumerate(zip(*schedule, strict=True)):
+        if set(contacts) == {"stick"}:
+            raise PlanningError(
+                f"Foot {foot + 1} sticks in all phases of the schedule "
+                f"{schedule_text(schedule)!r}, so that the robot stays where it is; let it slide "
+                "or be lifted in one."
+            )
+    for number, phase in enumerate(schedule):
+        after = (number + 1) % len(schedule)
+        pairs = zip(phase, schedule[after], strict=True)
+        if not any(pair == ("stick", "stick") for pair in pairs):
+            raise PlanningError(
+                f"No foot sticks both in phase {number + 1} and in phase {after + 1} of the "
+                f"schedule {schedule_text(schedule)!r}, so that nothing holds the body when one "
+                "follows the other; put a phase between in which all feet stick."
+            )
+
+
+def sensible_schedules(robot: RobotParameters) -> list[Schedule]:
+    """Schedules that are worth trying, the best first.
+
+    In a plane feet move forward one after the other, from the rear or from the front; they slide,
+    or are lifted if three or more can stand on the others. Of four or more, every other one may
+    move at a time. Between their moves all stick, while the body shifts: where one foot begins to
+    slide as another ceases to, friction holds neither, and no such gait walked as planned.
+
+    In space feet are dragged. Four or more go one after the other along each side, from the rear,
+    without rests, as two or more others hold the body; or across it. Feet across each other, or on
+    one side, go together with rests. Three feet need rests. A cycle may begin at either side: a
+    robot turns to the left by one as well as it turns to the right by the other.
+    """
+    num_feet = len(robot.limbs)
+    if robot.body.mount == "free":
+        return _schedules_in_space(robot)
+    wave = [[foot] for foot in range(num_feet)]
+    orders = [wave] if num_feet < 3 else [wave, wave[::-1]]
+    if num_feet > 3:
+        orders.insert(0, [list(range(0, num_feet, 2)), list(range(1, num_feet, 2))])
+    return [
+        _schedule(order, contact, num_feet)
+        for contact in ("slide_forward", "swing")[: 1 if num_feet < 3 else 2]
+        for order in orders
+    ]
+
+
+def _schedules_in_space(robot: RobotParameters) -> list[Schedule]:
+    F, places = len(robot.limbs), np.array([limb.position[:2] for limb in robot.limbs])
+    sides = [np.flatnonzero(side).tolist() for side in (places[:, 1] > 0, places[:, 1] <= 0)]
+    left, right = (sorted(side, key=lambda foot: places[foot, 0]) for side in sides)
+    around = [*left, *right[::-1]]
+    across = [foot for pair in zip(left, right[::-1], strict=False) for foot in pair]
+    across += [foot for foot in around if foot not in across]
+    waves = [[*left, *right], [*right, *left], across, across[::-1]]
+    waves = waves[::2] if F == 3 else waves  # the others are these, begun at another foot
+    schedules = [_schedule([[foot] for foot in wave], "slide", F, rests=F < 4) for wave in waves]
+    if F > 3:
+        opposite = [around[::2], around[1::2]]
+        groups = opposite, opposite[::-1], [left, right]
+        schedules += [_schedule(each, "slide", F) for each in groups]
+    return [each for number, each in enumerate(schedules) if each not in schedules[:number]]
+
+
+def _schedule(order: list[list[int]], contact: str, num_feet: int, rests: bool = True) -> Schedule:
+    """Groups of feet that move in an order, with all sticking between them if there are rests."""
+    phases = []
+    for moving in order:
+        phases.append([contact if foot in moving else "stick" for foot in range(num_feet)])
+        phases += [["stick"] * num_feet] * rests
+    return phases
