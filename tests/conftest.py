@@ -267,9 +267,11 @@ def look_at(browser) -> Iterator[Callable[[Path], None]]:
         page.goto(path.as_uri())
         drawn = "Bokeh.documents.length == document.querySelectorAll('figure.chart').length"
         page.wait_for_function(f"{drawn} && Bokeh.documents.every(chart => chart.is_idle)")
-        for width in (420, 1280):
+        for width in (420, 1100, 1440):
             page.set_viewport_size({"width": width, "height": 800})
             assert page.evaluate("document.documentElement.scrollWidth") <= width
+        tables = "[...document.querySelectorAll('.table')]"
+        assert not page.evaluate(f"{tables}.some(table => table.scrollWidth > table.clientWidth)")
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 22, 22)"
         assert path.stat().st_size < 5e6
         assert complaints == []

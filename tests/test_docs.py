@@ -69,6 +69,7 @@ DOCUMENTS = [
     for path in (
         ROOT / "README.md",
         ROOT / "CONTRIBUTING.md",
+        ROOT / "benchmarks" / "README.md",
         ROOT / "examples" / "README.md",
         ROOT / "hardware" / "firmware" / "README.md",
         *sorted((ROOT / "docs").glob("*.md")),
@@ -172,6 +173,12 @@ def test_files_targets_and_symbols_that_are_named_exist():
             symbol = re.fullmatch(rf"({ANY_PACKAGE})(\.\w+)+", code)
             if symbol and not code.endswith((".html", ".csv", ".ino", ".yaml", ".png")):
                 assert exists(code), f"{name_of(path)} names {code}"
+
+
+def test_each_benchmark_has_its_line():
+    scripts = {path.name for path in (ROOT / "benchmarks").glob("*.py")}
+    listed = re.findall(r"`(\w+\.py)`", TEXTS[ROOT / "benchmarks" / "README.md"])
+    assert sorted(listed) == sorted(scripts)
 
 
 def exists(symbol):
