@@ -28,7 +28,7 @@ from hardware.emulation.sketches import ORDERS as SKETCH_ORDERS
 from hardware.emulation.specimen import emulated_limb
 from hardware.feed import Reading, RunHeader, board_reading
 from hardware.robot import board_check
-from hardware.robot.arm_check import CUT_OFF, check_supply, check_wires
+from hardware.robot.arm_check import check_supply, check_wires
 from hardware.robot.link import SerialPort, check_fit
 from hardware.robot.text_board import TextBoard
 from limb_systems import (
@@ -173,11 +173,11 @@ def _ask(question: str) -> str:
 
 
 def _supply(options: argparse.Namespace) -> tuple[float | None, bool | None]:
-    """The supply's voltage and whether there is a cut-off, as said by options or at a terminal."""
+    """Return the supply's voltage, V, and whether there is a cut-off; None where nobody answers."""
     voltage, cut_off = options.supply, options.cut_off
     if sys.stdin.isatty() and not options.json:
         if voltage is None:
-            said = _ask("Measured voltage of the wires' supply, V (Enter: not measured): ")
+            said = _ask("Measured voltage of the wires' supply, V (Enter: not measured, no heat): ")
             try:
                 voltage = float(said) if said else None
             except ValueError:
@@ -185,17 +185,6 @@ def _supply(options: argparse.Namespace) -> tuple[float | None, bool | None]:
         if cut_off is None:
             said = _ask("A thermal cut-off on the limb, in series with its wires, y or n? ")
             cut_off = said.lower() in ("y", "yes")
-    if voltage is None:
-        warnings.warn(
-            "Nobody has said what voltage the wires' supply has; heat goes with its square: "
-            "measure it, and give --supply VOLTS.",
-            stacklevel=2,
-        )
-    if cut_off is None:
-        warnings.warn(
-            f"Nobody has said that there is a cut-off: {CUT_OFF}; give --cut-off if there is one.",
-            stacklevel=2,
-        )
     return voltage, cut_off
 
 
@@ -456,7 +445,8 @@ COMMANDS = {
         "Tests whether the sensors work, and whether each wire warms its own thermocouple and "
         "bends the limb to its own side, and whether both thermocouples show the like. Takes two "
         "minutes, and heats each wire until the limb has bent by 6 to 8°. Before that it asks at a "
-        "terminal for what no board can see: the supply's voltage, and a thermal cut-off.",
+        "terminal for what no board can see: the supply's voltage, and a thermal cut-off. Where "
+        "nobody answers, it opens no port and heats nothing.",
         "board limb json",
         [
             Option(
@@ -464,7 +454,7 @@ COMMANDS = {
                 type=float,
                 metavar="VOLTS",
                 help="measured voltage of the wires' supply, which must be the limb's "
-                "supply_voltage if its file has one",
+                "supply_voltage if its file has one; without it nothing is heated",
             ),
             Option(
                 "--cut-off",
