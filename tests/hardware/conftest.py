@@ -28,7 +28,7 @@ LATE = (
     "no valid command came for 250 ms",
     "The simulation fell behind by",
     "Nothing new came from the board",
-    "is gone: Write timeout",
+    "was not ready for more data within",
     r"come 0\.\d+ s late",
     "did not get a command within",
     "this program sent no duty for 250 ms",
