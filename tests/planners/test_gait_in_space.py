@@ -18,9 +18,10 @@ from limb_systems import (
     add_robot,
 )
 from limb_systems.model.robot import set_positions
+from limb_systems.output import OutputError
 from planners import PlanningError, plan_gait
 from planners.gait.check import simulate_gait
-from planners.gait.courses import save_gaits
+from planners.gait.courses import load_gaits, save_gaits
 from planners.gait.schedules import schedule_of
 from planners.gait.walker import Walker
 from planners.gait.walking import walk
@@ -157,7 +158,15 @@ def test_a_robot_walks_to_a_place_with_contact(tmp_path, capsys):
         law.a1, law.a2, law.a3 = 4 * law.a1, 4 * law.a2, 4 * law.a3
     gait = plan_gait(robot, temperature_margin=5.0, check=False)
     check = dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
-    save_gaits({"ahead": dataclasses.replace(gait, check=check)}, folder)
+    gait = dataclasses.replace(gait, check=check)
+    save_gaits({"ahead": gait, "spot_left": gait, "mine": gait}, folder)
+    (folder / "notes.csv").write_text("mine")  # no gait
+    with pytest.raises(OutputError, match=r"mine\.csv exists; give another name, or --force"):
+        save_gaits({"ahead": gait}, folder)
+    save_gaits({"ahead": gait}, folder, force=True)
+    assert sorted(path.name for path in folder.iterdir()) == ["ahead.csv", "notes.csv"]
+    (folder / "notes.csv").unlink()
+    assert [*load_gaits(folder)] == ["ahead"]
     words = ["walk", str(folder), "--model", "--to", "0.02,0", "-o", str(output)]
     assert main([*words, "--plot", str(picture)]) == 0
     assert "arrived     yes" in capsys.readouterr().out
