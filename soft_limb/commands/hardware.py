@@ -555,9 +555,9 @@ COMMANDS = {
     "emulate": Command(
         _emulate,
         "Runs the board's firmware on an emulated board with an emulated limb, in real time, and "
-        "prints the port to connect to. Of a robot, each limb has a board of its own; NAME=PORT "
-        "is printed for each. Reads orders for faults from standard input, one in each "
-        f"line: {ORDERS}. Orders for the board of one limb begin with its name.",
+        "prints the port to connect to, and the next command. Of a robot, each limb has a board of "
+        "its own; NAME=PORT is printed for each. Reads orders for faults from standard input, one "
+        f"in each line: {ORDERS}. Orders for the board of one limb begin with its name.",
         "emulated extra physics limb force",
         [
             Option(

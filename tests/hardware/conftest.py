@@ -95,6 +95,7 @@ class Emulator(Board):
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
             )
         self.port = self.process.stdout.readline().strip()
+        self.next = self.process.stdout.readline().strip()
         assert self.port.startswith("/dev/")
 
     def renew(self):
