@@ -476,9 +476,9 @@ COMMANDS = {
     "replay": Command(
         _replay,
         "Drives a limb along a trajectory, open loop or by a controller: a robot in real time, or "
-        "without a port an emulated limb or the plan's model in simulated time. On a robot every "
-        "sample is written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the "
-        "plan has ended, and the report tells how many commands left more than 5 ms late.",
+        "without a port an emulated limb or the plan's model in simulated time. Every sample is "
+        "written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the plan has "
+        "ended. Of a robot, the report tells how many commands left more than 5 ms late.",
         "trajectory output driven text controller plot report live cool address json force",
         examples=[
             "soft-limb replay out/plan.csv -o out/recording.csv --plot out/tracking.png",
