@@ -9,6 +9,7 @@ takes time. No verdict depends on how fast the computer is.
 import contextlib
 import gc
 import os
+import resource
 import shutil
 import signal
 from collections.abc import Callable, Iterator
@@ -49,6 +50,25 @@ LONG = (
     "tests/test_docs.py",
     "tests/hardware/",
 )
+
+
+@pytest.fixture
+def full_disk() -> Callable[[int], contextlib.AbstractContextManager]:
+    """A context in which no file gets longer than so many bytes, as on a disk that is full then.
+
+    The operating system's word for it is "File too large" here.
+    """
+
+    @contextlib.contextmanager
+    def at(size: int) -> Iterator[None]:
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    return at
 
 
 def pytest_configure(config) -> None:

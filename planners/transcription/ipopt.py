@@ -26,7 +26,7 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
-from limb_systems.signals import SIGNALS
+from hardware.board.signals import SIGNALS
 
 OPTIONS = {
     "mu_strategy": "adaptive",
