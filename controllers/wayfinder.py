@@ -79,7 +79,6 @@ class Wayfinder(HeatFeedback):
         start = [0.0, len(made), 0.0, 0.0, *[np.nan] * 3, *np.tile(made, (len(made), 1)).ravel()]
         self.DeclareStateOutputPort("course", self.DeclareDiscreteState(start))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
-        self.set_name("wayfinder")
 
     def _time_in_plan(self, context) -> float:
         return context.get_discrete_state(2).value()[TIME]

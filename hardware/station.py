@@ -190,7 +190,6 @@ class Station(Diagram, Closed):
                 _export(builder, limb, name)
             builder.BuildInto(self)
             opened.pop_all()
-        self.set_name("station")
 
     # A reference to a part would keep the station alive, see limb_systems.model.ownership.
 

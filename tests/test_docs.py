@@ -341,6 +341,13 @@ def test_tables_of_ports_are_those_of_the_systems(systems):
         assert listed == interface(systems[name]), name
 
 
+def test_systems_leave_their_names_to_drake(systems):
+    """Two of a kind fit into one diagram; parts have names of the diagram that they are in."""
+    named = {name for name, system in systems.items() if system.get_name()}
+    parts = (*Limb().GetSystems(), *LimbTwin(extra=["memory"]).GetSystems())
+    assert named <= {class_name(part) for part in parts} | {"Hand"}
+
+
 def test_page_has_all_public_names_and_systems():
     for package in PACKAGES:
         module = importlib.import_module(package)

@@ -79,7 +79,6 @@ class Journal(LeafSystem):
         for signal in self.signals:
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))
-        self.set_name("journal")
         self.writer = TableWriter(path, Recording.KIND, empty.header(), columns)
 
     def _append(self, context):

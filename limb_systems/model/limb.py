@@ -67,13 +67,13 @@ class Limb(Diagram):
     __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(
-        self, parameters: LimbParameters | str | Path | None = None, *, name: str = "limb"
+        self, parameters: LimbParameters | str | Path | None = None, *, name: str = ""
     ):
         """
         Args:
             parameters: description of the limb, or its YAML file; the nominal limb if
                 None. The limb keeps a copy, its attribute ``parameters``.
-            name: name of the system; limbs in one diagram need different names.
+            name: name of the system; Drake gives it one in a diagram if empty.
 
         Raises:
             ParameterError: if a parameter is out of its range.
@@ -82,7 +82,7 @@ class Limb(Diagram):
         self.parameters = parameters = LimbParameters.of(parameters)
         self.source = "model"
         builder = DiagramBuilder()
-        manipulator = builder.AddSystem(make_manipulator(parameters))
+        manipulator = builder.AddNamedSystem("manipulator", make_manipulator(parameters))
         ports, duty = add_wires(builder, parameters, manipulator.get_state_output_port())
         builder.Connect(ports["torque"], manipulator.get_applied_generalized_force_input_port())
         builder.ExportInput(duty, "duty")
@@ -106,12 +106,12 @@ class LimbActuation(Diagram):
     __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(
-        self, parameters: LimbParameters | str | Path | None = None, *, name: str = "actuation"
+        self, parameters: LimbParameters | str | Path | None = None, *, name: str = ""
     ):
         """
         Args:
             parameters: description of the limb, or its YAML file; the nominal limb if None.
-            name: name of the system; systems in one diagram need different names.
+            name: name of the system; Drake gives it one in a diagram if empty.
 
         Raises:
             ParameterError: if a parameter is out of its range.
@@ -320,7 +320,6 @@ def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:
     add_limb(plant, parameters)
     plant.mutable_gravity_field().set_gravity_vector(parameters.gravity)
     plant.Finalize()
-    plant.set_name("manipulator")
     return plant
 
 

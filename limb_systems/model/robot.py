@@ -77,7 +77,7 @@ class Robot(Diagram):
         robot: RobotParameters | LimbParameters | str | Path | None = None,
         *,
         time_step: float = TIME_STEP,
-        name: str = "robot",
+        name: str = "",
     ):
         """
         Args:
@@ -85,7 +85,7 @@ class Robot(Diagram):
                 None. The system keeps a copy, its attribute ``robot``; its attribute
                 ``parameters`` is that of all limbs together.
             time_step: s, of the mechanics if there is a ground.
-            name: name of the system; robots in one diagram need different names.
+            name: name of the system; Drake gives it one in a diagram if empty.
 
         Raises:
             ParameterError: if a parameter is out of its range, or the limbs are too stiff for
@@ -127,8 +127,7 @@ def make_robot(
     if robot.ground:
         plant = add_contact_plant(builder, time_step)
     else:
-        plant = builder.AddSystem(MultibodyPlant(0.0))
-    plant.set_name("plant")
+        plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
     add_robot(plant, robot)
     plant.Finalize()
     if robot.ground:
