@@ -1,6 +1,7 @@
 """The robot, its emulated twin, and the replay of trajectories on them."""
 
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
+from hardware.drivers import LimbDriver
 from hardware.emulation.emulator import emulated_port
 from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.sensors import SensedLimb
@@ -9,7 +10,8 @@ from hardware.replay import ReplayError, present_readings, replay, watch
 from hardware.robot.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.robot.serial_limb import SerialLimb
 from hardware.robot.text_board import AnswerLine, DutyLine, TextBoard
-from hardware.station import LimbDriver, Scenario, Station, StationError, drive
+from hardware.scenario import Scenario, StationError
+from hardware.station import Station, drive
 
 __all__ = [
     "AnswerLine",
