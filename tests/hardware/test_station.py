@@ -157,6 +157,7 @@ def test_numbers_of_a_scenario_are_those_of_a_limbs_file(scenario):
     assert read.model_drivers["finger"].seed == 10
     assert read.simulator_config.to_drake(0.001).max_step_size == 10.0
     assert read.plant_config.to_drake().stiction_tolerance == 1e-3
+    assert not read.plant_config.to_drake().use_sampled_output_ports
     plant = Station(scenario).plant
     base = plant.GetFrameByName("base", plant.GetModelInstanceByName("thumb"))
     placed = base.CalcPoseInWorld(plant.CreateDefaultContext())
