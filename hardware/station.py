@@ -34,6 +34,8 @@ from limb_systems.simulation import (
     build,
     check_duty,
     check_positive,
+    end_of_samples,
+    jump_times,
     make_simulator,
 )
 
@@ -174,7 +176,7 @@ def drive(
             )
         if missing := [n for n in names if n.endswith(".duty") and n not in inputs]:
             raise StationError(f"{', '.join(missing)} is missing; each limb needs its duty.")
-        limbs = station.limbs
+        limbs, jumps = station.limbs, np.empty(0)
         for name, given in inputs.items():
             port = station.GetInputPort(name)
             signal = _signal(name, given, duration)
@@ -189,6 +191,7 @@ def drive(
                 if isinstance(given, Trajectory):
                     check_replayable(given, limb)
                 _check_duty(name, signal, duration, limb.parameters.total_duty)
+            jumps = np.append(jumps, jump_times(signal))
             source = builder.AddSystem(TrajectorySource(signal, int(with_rates)))
             builder.Connect(source.get_output_port(), port)
         outputs = map(station.get_output_port, range(station.num_output_ports()))
@@ -196,10 +199,11 @@ def drive(
             port.get_name(): LogVectorOutput(port, builder, 1 / sample_rate) for port in outputs
         }
         simulator = _simulator(station, build(builder))
-        advance(simulator, duration, real_time=station.real_time)
+        end = end_of_samples(duration, sample_rate)
+        advance(simulator, end, real_time=station.real_time, jumps=np.unique(jumps))
         logs = {name: sink.FindLog(simulator.get_context()) for name, sink in sinks.items()}
-    times = next(iter(logs.values())).sample_times()
-    return {"time": times} | {name: log.data() for name, log in logs.items()}
+    times = next(iter(logs.values())).sample_times().copy()
+    return {"time": times} | {name: log.data().copy() for name, log in logs.items()}
 
 
 def _simulator(station: Station, diagram: Diagram) -> Simulator:

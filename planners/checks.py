@@ -30,7 +30,7 @@ from limb_systems.files.samples import stretches
 from limb_systems.model.limb import make_manipulator
 from limb_systems.model.statics import HeldAngles, static_equilibrium
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
-from limb_systems.simulation import SimulationError, failure_told, make_simulator, sample_count
+from limb_systems.simulation import SimulationError, end_of_samples, failure_told, make_simulator
 from limb_systems.tracking import reference_distances
 from planners.task import Task
 from planners.transcription.program import reading_bounds
@@ -132,9 +132,8 @@ def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, 
     manipulator.SetPositionsAndVelocities(
         manipulator.GetMyMutableContextFromRoot(context), np.concatenate([angles, rates])
     )
-    num_samples = sample_count(duration, rate)
     with failure_told(simulator, duration):
-        simulator.AdvanceTo(max(duration, (num_samples - 1) / rate))
+        simulator.AdvanceTo(end_of_samples(duration, rate))
     log = sink.FindLog(context)
     return log.sample_times(), bend_angle(parameters, log.data()[:n])
 

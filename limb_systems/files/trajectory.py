@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import ClassVar
 
 import numpy as np
@@ -205,14 +205,25 @@ class Trajectory(Planned):
         return PiecewisePolynomial.CubicHermite(self.time, self.state, np.transpose(rates))
 
     def bend_angle_at(self, times: ArrayLike) -> np.ndarray:
-        """φ* at any times (M,), (F, M), rad.
+        """Return φ* at any times (M,), (F, M), rad; at one time, (F,), as ports take it.
 
         For the times of a recording, use it on `since_start`.
         """
-        if not np.isfinite(times).all():
-            raise LimbError("times must be finite.")
         joints = PiecewisePolynomial.CubicHermite(self.time, self.joint_angles, self.joint_rates)
-        return bend_angle(self.parameters, joints.vector_values(np.asarray(times, float)))
+        return self._at(times, lambda at: bend_angle(self.parameters, joints.vector_values(at)))
+
+    def duty_at(self, times: ArrayLike) -> np.ndarray:
+        """Return the duty at any times (M,), (W, M); at one time, (W,), as ports take it."""
+        return self._at(times, self.duty_trajectory().vector_values)
+
+    @staticmethod
+    def _at(times: ArrayLike, values: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Return values at times, without their axis if that is one time."""
+        at = np.asarray(times, float)
+        if not np.isfinite(at).all():
+            raise LimbError("times must be finite.")
+        found = values(np.atleast_1d(at))
+        return found if at.ndim else found[:, 0]
 
     def is_same_plan(self, other: "Trajectory") -> bool:
         """Whether another trajectory has the same file, but for what made it."""

@@ -30,8 +30,8 @@ class LimbSystem(Protocol):
     - ``source``: a line of text that names the system in recordings of it.
     - ``real_time``: whether it must run in real time and be closed at the end
       by its method ``close``, as a robot must; False if left out.
-    - ``accuracy``: relative accuracy of the integrator that it needs; 1e-3 if
-      left out; None if its mechanics is in steps.
+    - ``accuracy``: accuracy of the integrator that it needs, an absolute error in
+      °C, rad and rad/s; 1e-3 if left out; None if its mechanics is in steps.
     """
 
     parameters: LimbParameters

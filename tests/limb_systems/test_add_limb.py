@@ -174,7 +174,7 @@ def test_what_does_not_fit_a_limb_is_refused():
         add_limb_actuation(builder, plant, free, parameters)
     with pytest.raises(LimbError, match=r"'limb' has no springs or no actuators.*add_springs"):
         add_limb_actuation(builder, plant, limp, parameters)
-    with pytest.raises(LimbError, match=r"instance of the limb 'arm' has other bodies.*: tool; give"):
+    with pytest.raises(LimbError, match=r"limb 'arm' has other bodies, too: tool; give"):
         add_limb_actuation(builder, plant, arm, parameters)
     parameters.segments[0].stiffness *= 1.5
     with pytest.raises(
