@@ -177,13 +177,12 @@ class PlantConfig(Strict):
         models = "point", "hydroelastic", "hydroelastic_with_fallback"
         _check_choice("contact_model", self.contact_model, models)
         if approximation is not None:
+            approximations = "sap", "similar", "lagged"
             refused = {"tamsi": TAMSI}
-            choices = "sap", "similar", "lagged"
-            _check_choice("discrete_contact_approximation", approximation, choices, refused)
+            _check_choice("discrete_contact_approximation", approximation, approximations, refused)
         surfaces = self.contact_surface_representation
         if surfaces is not None:
-            choices = "polygon", "triangle"
-            _check_choice("contact_surface_representation", surfaces, choices)
+            _check_choice("contact_surface_representation", surfaces, ("polygon", "triangle"))
         if not self.time_step:
             for name in (
                 "discrete_contact_approximation",
@@ -201,9 +200,11 @@ class PlantConfig(Strict):
     def to_drake(self) -> MultibodyPlantConfig:
         """Return Drake's settings."""
         given = dataclasses.asdict(self)
-        ours = {"discrete_contact_approximation": "sap"}
-        ours |= {"sap_near_rigid_threshold": NEAR_RIGID_THRESHOLD}
-        return MultibodyPlantConfig(**ours | _without_none(given))
+        ours = {
+            "discrete_contact_approximation": "sap",
+            "sap_near_rigid_threshold": NEAR_RIGID_THRESHOLD,
+        }
+        return MultibodyPlantConfig(**{**ours, **_without_none(given)})
 
 
 @dataclasses.dataclass

@@ -4,7 +4,7 @@ import contextlib
 import copy
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -120,7 +120,7 @@ def record(
     until: Callable[[Context], bool] | None = None,
     remark: Callable[[Context], str] | None = None,
     real_time: bool = False,
-    jumps: Sequence[float] = (),
+    jumps: ArrayLike = (),
     sample_rate: float = 20.0,
     accuracy: float | None = None,
     initial_state: ArrayLike | None = None,
@@ -365,7 +365,7 @@ def advance(
     until: Callable[[Context], bool] | None = None,
     remark: Callable[[Context], str] | None = None,
     real_time: bool = False,
-    jumps: Sequence[float] = (),
+    jumps: ArrayLike = (),
 ) -> None:
     """Simulates from time 0 to the end, s, bit by bit to show progress; arguments as of `record`.
 

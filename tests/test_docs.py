@@ -382,14 +382,19 @@ def test_parameters_on_the_page_are_the_nominal_ones():
         kind.from_yaml(other)
     kinds = [SegmentParameters, RestMemory, TipTangentSensor, WireParameters, LinearLaw]
     kinds += [HeatBounds, TemperatureLimits, LimbParameters]
-    fields = {name: field for kind in kinds for name, field in kind.__dataclass_fields__.items()}
-    ranges = {name: f.metadata for name, f in fields.items() if "unit" in f.metadata}
+    ranges = {
+        (name, kind.__name__): field.metadata
+        for kind in kinds
+        for name, field in kind.__dataclass_fields__.items()
+        if "unit" in field.metadata
+    }
     (rows,) = tables(TEXTS[PAGES["limb_systems"]], "field")
-    listed = {row[0].strip("`"): row[2:] for row in rows if row[3] != "text"}
+    numbers = [[cell.strip("`") for cell in row] for row in rows if row[4] != "text"]
+    listed = {(name, kind): (unit, text) for name, kind, _, unit, text in numbers}
     assert listed.keys() == ranges.keys()
-    for name, (unit, text) in listed.items():
-        assert unit == ranges[name]["unit"].replace("links", "1")
-        assert tuple(map(float, text.split(" to "))) == ranges[name]["range"]
+    for field, (unit, text) in listed.items():
+        assert unit == ranges[field]["unit"].replace("links", "1")
+        assert tuple(map(float, text.split(" to "))) == ranges[field]["range"]
 
 
 def test_excerpts_of_files_are_of_this_format():

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
+from limb_systems.files.plan_statements import plan_statements
 from limb_systems.files.samples import Planned, apart, sample_rate, signal
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb
@@ -89,6 +90,11 @@ class PlanCheck:
     highest_readings: list[float] = dataclasses.field(default_factory=list)
 
     @property
+    def added_constraints(self) -> list[str]:
+        """Names of the constraints that the task's ``customize`` added."""
+        return [terms.name for terms in self.added if terms.cost is None]
+
+    @property
     def is_missing(self) -> bool:
         """Whether the plan was never checked."""
         return math.isnan(self.largest_defect + self.largest_difference_deg + self.tolerance_deg)
@@ -158,8 +164,12 @@ class Trajectory(Planned):
         self.sample_rate = (len(self.time) - 1) / self.duration
 
     def summary(self) -> Summary:
-        """Duration, knots, range of the bend angle, and whether it passed its check."""
-        return Summary(
+        """Return what a plan is, how it was found and checked, and what limits it.
+
+        What the limits leave takes a second to find, and is in ``soft-limb show`` alone.
+        """
+        about = plan_statements(self)
+        shown = Summary(
             [
                 Entry("duration", self.duration, "s"),
                 Entry("samples", len(self.time), "", f"{len(self.time)} knots"),
@@ -167,6 +177,8 @@ class Trajectory(Planned):
                 self._check_entry,
             ]
         )
+        others = [entry for entry in about.entries if entry.name not in ("check", "plan")]
+        return shown + Summary([], [*others, *about.details])
 
     @property
     def state(self) -> np.ndarray:
