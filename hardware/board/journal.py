@@ -81,7 +81,6 @@ class Journal(LeafSystem):
         for signal in self.signals:
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))
-        self.set_name("journal")
         self.writer = TableWriter(path, Recording.KIND, empty.header(), columns, may_wait=may_wait)
 
     def _append(self, context):

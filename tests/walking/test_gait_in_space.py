@@ -182,6 +182,14 @@ def test_gait_feedback_is_refused_in_space(gaits):
         GaitFeedback(gaits["ahead"], 1)
 
 
+@pytest.mark.parametrize(
+    "goal", [[np.nan, 0.0], [np.inf, 0.0], [1e300, 0.0], [0.1], [0.1, 0.0, 0.0, 0.0], "0.1,0", None]
+)
+def test_goals_that_are_no_places_are_refused(gaits, goal):
+    with pytest.raises(LimbError, match=r"goals\[1\] is .*; it must be x and y in m"):
+        Wayfinder(gaits, [[0.1, 0.0, 0.0], goal])
+
+
 @pytest.mark.whole
 def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
     """Kinematics alone: each cycle makes 0.7 of the way, and turns aside by 3°.
