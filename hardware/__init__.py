@@ -8,14 +8,11 @@ from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError, present_readings, replay, watch
 from hardware.robot.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.robot.serial_limb import SerialLimb
-from hardware.robot.text_board import AnswerLine, DutyLine, TextBoard
 from hardware.station import LimbDriver, Scenario, Station, StationError, drive
 
 __all__ = [
-    "AnswerLine",
     "BoardInfo",
     "BoardLink",
-    "DutyLine",
     "HardwareError",
     "LimbDriver",
     "LimbTwin",
@@ -27,7 +24,6 @@ __all__ = [
     "SerialLimb",
     "Station",
     "StationError",
-    "TextBoard",
     "drive",
     "emulated_port",
     "present_readings",

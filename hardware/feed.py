@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 from hardware.firmware import guard
 from hardware.robot.link import HardwareError
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
-from hardware.robot.text_link import Link
+from hardware.robot.several_boards import Link
 from limb_systems import Layout, LimbParameters, LimbSystem, RobotParameters, Trajectory
 from limb_systems.band import Band, band
 from limb_systems.model.ownership import weak_method

@@ -204,8 +204,6 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
             f"{trajectory.time[np.argmax(total)]:.1f} s, but this limb's total_duty is {budget:g}; "
             "raise it if the supply and the limb are made for that, or plan another motion."
         )
-    if limb.text_board:
-        limb.text_board.check_plan(trajectory)
     measured, planned_start = present_readings(limb), trajectory.measured_temperature[:, 0]
     apart = np.abs(np.nan_to_num(measured - planned_start))
     most = int(np.argmax(apart))
@@ -233,8 +231,6 @@ def _check_controller(controller: System, limb: LimbSystem) -> None:
     if (size := controller.GetOutputPort("duty").size()) != num_wires:
         raise ReplayError(f"{name} has a duty for {size} wires, but the limb has {num_wires}.")
     inputs = [controller.get_input_port(i) for i in range(controller.num_input_ports())]
-    if isinstance(limb, SerialLimb) and limb.text_board:
-        limb.text_board.check_measures([port.get_name() for port in inputs], name)
     for port in inputs:
         if port.get_name() not in sizes:
             raise ReplayError(

@@ -15,13 +15,12 @@ import time
 import tty
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from hardware.emulation.emulated_board import EmulatedBoard, RunningTwin
 from hardware.emulation.robot_twin import RobotTwin
-from hardware.emulation.sketches import Cable, EmulatedSketch
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
 from limb_systems import LimbError
@@ -41,6 +40,19 @@ FAULTS: dict[str, dict[str, Any]] = {
     "reverse": {"share": -1.0},
     "hot": {"frozen": 115.0},
 }
+
+
+class Cable(Protocol):
+    """The board's end of a connection to a host."""
+
+    def read(self) -> bytes:
+        """The bytes from the host since the last call, possibly none."""
+
+    def write(self, data: bytes) -> None:
+        """Sends to the host; it may get lost."""
+
+    def unplug(self) -> None:
+        """Ends the connection for good."""
 
 
 class BadLine:
@@ -276,11 +288,10 @@ def emulate(
     twin: LimbTwin | RobotTwin,
     orders: list[str],
     log: Path | None = None,
-    make: Callable[..., Emulation | EmulatedSketch] = Emulation,
     *,
     limbs: Sequence[str] = (),
 ) -> None:
-    """Runs the firmware on an emulated board, or a sketch, until the process is stopped.
+    """Runs the firmware on an emulated board until the process is stopped.
 
     Prints the port to connect to, then carries out orders from standard input. With a board for
     each limb of a robot it prints NAME=PORT for each, and orders may begin with a limb's name;
@@ -290,7 +301,6 @@ def emulate(
         twin: the limb on the board, or the robot.
         orders: carried out at the start, see `Emulation.misbehave`.
         log: file with a line of JSON for each change of duty and each order.
-        make: makes the emulation, of a limb, a cable and a function for events.
         limbs: names of a robot's limbs that have a board each; one board has all if empty.
 
     Raises:
@@ -306,11 +316,11 @@ def emulate(
         if limbs:
             running = RunningTwin(twin)
             boards = {
-                limb: make(running, cable, functools.partial(note, limb=limb), limb=limb)
+                limb: Emulation(running, cable, functools.partial(note, limb=limb), limb=limb)
                 for limb, cable in cables.items()
             }
         else:
-            boards = {"": make(twin, cables[""], note)}
+            boards = {"": Emulation(twin, cables[""], note)}
 
         def obey(order: str) -> None:
             name, _, rest = order.strip().partition(" ")

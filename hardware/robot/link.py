@@ -180,11 +180,10 @@ class Closed:
 class SerialPort(Closed):
     """The host's end of a cable: a serial port that this program alone has."""
 
-    def __init__(self, port: str, baud_rate: int = BAUD_RATE):
+    def __init__(self, port: str):
         """
         Args:
             port: name of a serial port, or any URL of pyserial's.
-            baud_rate: bit/s.
 
         Raises:
             HardwareError: if it cannot be opened, or another program has it.
@@ -192,7 +191,7 @@ class SerialPort(Closed):
         self.port = port
         try:
             self._serial = serial.serial_for_url(
-                port, baud_rate, timeout=0.01, write_timeout=0.2, do_not_open=True
+                port, BAUD_RATE, timeout=0.01, write_timeout=0.2, do_not_open=True
             )
             with contextlib.suppress(AttributeError, ValueError):
                 self._serial.exclusive = True  # only for ports, not for URLs of sockets
@@ -214,16 +213,6 @@ class SerialPort(Closed):
     def receive(self) -> bytes:
         """The bytes that came, or none within 10 ms; HardwareError if the cable is gone."""
         return self._do(lambda: self._serial.read(max(1, self._serial.in_waiting)))
-
-    def handle(self) -> int:
-        """Its file descriptor; HardwareError, and closed, if it has none."""
-        try:
-            return self._serial.fileno()
-        except (AttributeError, OSError) as error:
-            self.close()
-            raise HardwareError(
-                f"{self.port} is no serial port of this computer, as a text board needs."
-            ) from error
 
     def now(self) -> float:
         """Time, s."""

@@ -16,6 +16,8 @@ from limb_systems import Layout, LimbError, LimbParameters
 from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.simulation import PERIOD
 
+Ports = str | Mapping[str, str]  # of a board, or of those of a robot's limbs by name
+
 
 def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParameters]:
     """The limbs of a robot by name, each with its segments of `RobotParameters.together`.
@@ -35,6 +37,16 @@ def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParam
             f"{', '.join(given)}; give a port for each limb, by its name."
         )
     return {name: dataclasses.replace(robot, segments=segments) for name, segments in limbs}
+
+
+def open_link(port: Ports, limb: LimbParameters) -> "Link":
+    """Open the link to the board of a limb, or the links to several boards, one for each limb.
+
+    Raises:
+        HardwareError: if a port cannot be opened.
+        LimbError: if there are several ports, but not for all limbs.
+    """
+    return BoardLink(port, limb) if isinstance(port, str) else SeveralBoards(port, limb)
 
 
 class SeveralBoards(Closed):
@@ -167,3 +179,6 @@ class SeveralBoards(Closed):
 def _rank(sample: Sample) -> tuple[bool, bool]:
     """Order of samples: a board that is off by itself, those that the host switched off, armed."""
     return sample.armed, sample.reason == guard.HOST
+
+
+Link = BoardLink | SeveralBoards

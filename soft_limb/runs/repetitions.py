@@ -13,8 +13,7 @@ from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError
 from hardware.robot.link import HardwareError
 from hardware.robot.serial_limb import SerialLimb
-from hardware.robot.text_board import TextBoard
-from hardware.robot.text_link import Ports, open_link
+from hardware.robot.several_boards import Ports, open_link
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.files.table_writer import unfinished_files
 from limb_systems.output import OutputError, check_folder
@@ -122,20 +121,18 @@ def rested_robots(
     port: Ports,
     trajectory: Trajectory,
     live: LivePage | None = None,
-    board: TextBoard | None = None,
 ) -> Callable[[], LimbSystem]:
     """The robot on a port for `repeat`, when its wires have cooled; a page says so.
 
     Args:
         port, trajectory, live: as for `repeat` and `SerialLimb`.
-        board: description of the board, if it speaks text.
     """
     tell = live.say if live else lambda _: None
 
     def rested() -> LimbSystem:
-        with open_link(port, trajectory.parameters, board) as link:
+        with open_link(port, trajectory.parameters) as link:
             wait_until_cool(lambda: link.sample().temperature, trajectory, tell=tell)
-        return SerialLimb(port, trajectory.parameters, board=board)
+        return SerialLimb(port, trajectory.parameters)
 
     return rested
 

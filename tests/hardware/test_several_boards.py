@@ -6,7 +6,6 @@ import pytest
 from hardware import BoardLink, HardwareError, ReplayError, SerialLimb
 from hardware.replay import check_replayable
 from hardware.robot.several_boards import SeveralBoards, limbs_of
-from hardware.robot.text_board import TextBoardError
 from limb_systems import LimbError, Recording, RobotLimb, RobotParameters, SerialBoard
 from planners import plan, references
 from soft_limb.command import main
@@ -80,8 +79,6 @@ def test_a_plan_is_replayed_on_all_boards_in_one_time(
         assert limb.GetOutputPort("front.sample_age").size() == 1
         with pytest.raises(ReplayError, match=r"the limb front000, twin0000, but .* is twin0000"):
             check_replayable(planned, limb)
-    with pytest.raises(TextBoardError, match="only if all of them speak the protocol"):
-        SerialLimb(ports, robot.together, board="examples/text_board.yaml")
 
 
 def test_boards_go_off_together(virtual_time, ports, boards, robot, record_property):
