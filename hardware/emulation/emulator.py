@@ -233,6 +233,8 @@ class Emulation:
                 board.fail(wire(name), **FAULTS[fault])
             case ["share" | "offset" | "drift" as field, name, value]:
                 board.fail(wire(name), **{field: float(value)})
+            case ["glitch", name, count]:
+                board.fail(wire(name), bad_frames=int(count))
             case ["jitter", name, value]:
                 board.fail(wire(name), noise=float(value))
             case ["weaken", share]:
@@ -276,8 +278,8 @@ ORDERS = (
     "creep SECONDS_PER_S, noise BYTES (cable); "
     "open WIRE, ground WIRE, supply WIRE, dead WIRE, garbled WIRE, hot WIRE, freeze WIRE, "
     "detach WIRE, reverse WIRE, share WIRE SHARE, offset WIRE CELSIUS, "
-    "drift WIRE CELSIUS_PER_S, jitter WIRE CELSIUS, chill CELSIUS (thermocouples and "
-    "amplifiers); "
+    "drift WIRE CELSIUS_PER_S, jitter WIRE CELSIUS, glitch WIRE FRAMES, chill CELSIUS "
+    "(thermocouples and amplifiers); "
     "freeze bend, stick bend [DEGREES], silence (bend sensor); weaken SHARE, short WIRE "
     "(supply and MOSFETs); stall SECONDS, stop clock, reset, restart (board); unplug, replay, "
     "mend, cool; WIRE is a wire's name, such as left"

@@ -56,7 +56,7 @@ class Sample:
     - ``armed``: whether the wires may be heated.
     - ``reason``: why they may not, one of the reasons of `hardware.firmware.guard`.
     - ``acknowledged``: sequence of the last command, modulo 65536.
-    - ``temperature``: V (W), °C.
+    - ``temperature``: V (W), °C; nan where the amplifier sent no reading.
     - ``tip_tangent``: α (A), as the bend sensors read it, rad.
     - ``duty``: applied (W); the board reduces what was commanded where a wire
       gets hot, or all of them ask for too much.
@@ -81,7 +81,8 @@ class Sample:
     def of(cls, header: Sequence, bends: Sequence, wires: Sequence, received: float) -> "Sample":
         """The sample in frames: values that begin a SAMPLE, all angles, and three of each wire."""
         sequence, ticks, challenge, state, reason, acknowledged = header
-        quarters, duty, warmest = zip(*wires, strict=True)
+        quarters, duty, warmest = map(np.array, zip(*wires, strict=True))
+        has_reading = quarters != protocol.NO_READING
         return cls(
             received=received,
             sequence=sequence,
@@ -90,10 +91,10 @@ class Sample:
             armed=state == guard.ARMED,
             reason=reason,
             acknowledged=acknowledged,
-            temperature=np.array(quarters) / 4,
+            temperature=np.where(has_reading, quarters / 4, np.nan),
             tip_tangent=np.deg2rad(np.array(bends) / 64),
-            duty=np.array(duty) / protocol.FULL_DUTY,
-            warmest=np.array(warmest, float),
+            duty=duty / protocol.FULL_DUTY,
+            warmest=warmest.astype(float),
         )
 
     @property

@@ -111,9 +111,9 @@ class VirtualTime:
             if hook() and hook in self._hooks:
                 self._hooks.remove(hook)
 
-    def _open(self, port: str, baud_rate: int = BAUD_RATE, has_thread: bool = True) -> Any:
+    def _open(self, port: str, has_thread: bool = True) -> Any:
         if port not in self.cables:
-            return SerialPort(port, baud_rate)
+            return SerialPort(port)
         return self.cables[port].open(has_thread)
 
     def _method_of_link(self):
