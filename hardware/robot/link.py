@@ -21,11 +21,13 @@ from limb_systems.signals import heed_signals
 
 BAUD_RATE = 115200
 STALE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered
+SILENT = 0.2  # s without a sample of one of several boards, after which the others are switched off
 # Share by which the board's clock may be slower than this computer's, as without a crystal.
 # A delay that grows as slowly as that shows by answers to commands, which this clock times.
 CLOCK_ERROR = 0.025
 SESSION_END = 0.5  # s, within which a session that nobody commands has ended
 ANSWER_TIME = 1.0  # s, within which a board answers
+READING_TIME = 0.5  # s, within which a thermocouple has been read again after a bad frame
 ARMING_TIME = 3.0  # s, in which a board that was just switched on has settled
 WAITING_FRAMES = 8
 FRAME_PAUSE = 0.01  # s, between those that arm, as many boards keep some 60 bytes that come
@@ -240,6 +242,27 @@ def _in_words(error: Exception) -> str:
     return os.strerror(number) if number else str(error)
 
 
+def _switched_off(port: str, sample: Sample) -> str:
+    return f"The board on {port} switched off: {sample.reason_text}."
+
+
+def present_temperature(link: Any) -> np.ndarray:
+    """Return V (W,), °C, of a link's newest sample in which every wire has a reading.
+
+    Raises:
+        HardwareError: if a wire has none for 0.5 s, or as `BoardLink.sample`.
+    """
+    end = time.monotonic() + READING_TIME
+    while np.isnan((sample := link.sample()).temperature).any():
+        if time.monotonic() > end:
+            raise HardwareError(
+                f"The board on {link.port} has no reading of each wire: {sample.reason_text}; look "
+                "at its thermocouples and amplifiers."
+            )
+        time.sleep(FRAME_PAUSE)
+    return sample.temperature
+
+
 def checked_duty(duty: np.ndarray, num_wires: int) -> np.ndarray:
     """A duty (W); HardwareError if it is out of [0, 1] or not a number."""
     duty = np.asarray(duty, float)
@@ -282,7 +305,8 @@ class BoardLink(Closed):
 
     - ``lost_samples``: number of samples that did not arrive.
     - ``delay``: time by which the newest sample was longer on its way than the fastest one, s.
-    - ``when_off``: called by a thread when the board is not armed any more or its cable is gone.
+    - ``when_off``: function that takes a sentence, called by a thread or a command when the board
+      is not armed any more or silent for 0.2 s, a command fails, or its cable is gone; or None.
     """
 
     def __init__(self, port: str, limb: LimbParameters | None = None):
@@ -299,7 +323,8 @@ class BoardLink(Closed):
         self.parser = protocol.Parser(protocol.BOARD_KINDS)
         self._assembly = Assembly()
         self.lost_samples = 0
-        self.when_off: Callable[[], None] = lambda: None
+        self.when_off: Callable[[str], None] | None = None
+        self._why_off = ""
         self._sample: Sample | None = None
         self._info: BoardInfo | None = None
         self._session, self._sequence = 0, 0
@@ -384,7 +409,7 @@ class BoardLink(Closed):
                 f"The board on {self.port} refuses to be armed: {sample.reason_text}. "
                 "Mend it, then clear the fault: python -m hardware status PORT --clear."
             )
-        self._session, self._sequence = sample.challenge, 0
+        self._session, self._sequence, self._why_off = sample.challenge, 0, ""
         self._unanswered.clear()
         self._restarts_when_armed = self._restarts
         values = [dataclasses.astuple(bound) for bound in bounds]
@@ -407,10 +432,19 @@ class BoardLink(Closed):
             KeyboardInterrupt: if a signal has ended the command that runs.
         """
         heed_signals()
+        try:
+            self._command(duty)
+        except HardwareError as error:
+            self._tell_off(str(error))
+            raise
+
+    def _command(self, duty: np.ndarray) -> None:
         sample = self.sample()
         duty = checked_duty(duty, len(sample.duty))
+        if self._why_off:
+            raise HardwareError(self._why_off)
         if not sample.armed:
-            raise HardwareError(f"The board on {self.port} switched off: {sample.reason_text}.")
+            raise HardwareError(_switched_off(self.port, sample))
         if self._restarts != self._restarts_when_armed:
             raise HardwareError(f"The time of the board on {self.port} went back; reset it.")
         self._check_answers(sample)
@@ -431,8 +465,13 @@ class BoardLink(Closed):
                 "arrive late or not at all."
             )
 
-    def disarm(self) -> None:
-        """Switches the wires off. Does not wait, and never raises."""
+    def disarm(self, why: str = "") -> None:
+        """Switches the wires off. Does not wait, and never raises.
+
+        Args:
+            why: sentence that the next command raises, if another board is the cause.
+        """
+        self._why_off = self._why_off or why
         with contextlib.suppress(HardwareError):
             self._send(protocol.encode(protocol.DISARM))
 
@@ -521,7 +560,17 @@ class BoardLink(Closed):
                 return
             self._failure = str(error)
             self._arrived.notify_all()
-        self.when_off()
+        self._tell_off(str(error))
+
+    def _tell_off(self, why: str) -> None:
+        if self.when_off:
+            self.when_off(why)
+
+    def _check_silence(self) -> None:
+        """Tells once if this is one of several boards, and no sample came for 0.2 s."""
+        sample = self._sample
+        if self.when_off and sample and sample.armed and not self._why_off and sample.age > SILENT:
+            self._tell_off(f"Nothing new came from the board on {self.port} for {SILENT:g} s.")
 
     def _write(self) -> None:
         while (frame := self._outgoing.get()) is not None:
@@ -541,6 +590,7 @@ class BoardLink(Closed):
                 with self._arrived:
                     self._take(kind, values)
                     self._arrived.notify_all()
+            self._check_silence()
 
     def _take(self, kind: int, values: tuple) -> None:
         if kind == protocol.INFO:
@@ -566,4 +616,4 @@ class BoardLink(Closed):
         self.delay = offset - self._clock_offset
         self._sample = sample
         if before and before.armed and not sample.armed:
-            self.when_off()
+            self._tell_off(_switched_off(self.port, sample))

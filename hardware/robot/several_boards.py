@@ -49,12 +49,27 @@ def open_link(port: Ports, limb: LimbParameters) -> "Link":
     return BoardLink(port, limb) if isinstance(port, str) else SeveralBoards(port, limb)
 
 
+def switch_off_together(links: Sequence[BoardLink]) -> None:
+    """Switch all boards off as soon as one is off, silent for 0.2 s or without a cable.
+
+    The thread that reads the board's samples does it. The next command to any of them raises what
+    was wrong with the first.
+    """
+
+    def disarm(why: str) -> None:
+        for link in links:
+            link.disarm(why)
+
+    for link in links:
+        link.when_off = disarm
+
+
 class SeveralBoards(Closed):
     """Connections to several boards, one for each limb of a robot, with the methods of `BoardLink`.
 
     Each method takes what the method of `BoardLink` takes, and raises what it raises, for any of
-    the boards. None gets a duty other than zero unless all are armed, and all are switched off as
-    soon as one of them is, or its cable is gone. Use it as a context manager, or `close` it.
+    the boards. None gets a duty other than zero unless all are armed, and all are switched off
+    together, see `switch_off_together`. Use it as a context manager, or `close` it.
 
     - ``port``: ports, as text.
     - ``names``: names of the limbs, in the robot's order.
@@ -80,6 +95,7 @@ class SeveralBoards(Closed):
                 opened.enter_context(BoardLink(ports[name], limb))
                 for name, limb in self._limbs.items()
             ]
+            switch_off_together(self._links)
             self._opened = opened.pop_all()
 
     @property
@@ -142,9 +158,8 @@ class SeveralBoards(Closed):
                     for link, arming in zip(self._links, armings, strict=True):
                         if arming.done() and not arming.exception():
                             link.command(np.zeros(len(link.sample().duty)))
-            for link, arming in zip(self._links, armings, strict=True):
+            for arming in armings:
                 arming.result()
-                link.when_off = self.disarm
 
     def command(self, duty: np.ndarray) -> None:
         """Sends each board its part of a duty (W), in [0, 1]; all are off if one fails."""
