@@ -22,6 +22,7 @@ from pydrake.systems.primitives import (
 from hardware.feed import LiveView, shown
 from hardware.firmware import guard
 from hardware.robot.journal import closing, journaled
+from hardware.robot.link import present_temperature
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
     EmulatedLimb,
@@ -134,10 +135,10 @@ def present_readings(limb: LimbSystem) -> np.ndarray:
     A plan that begins there takes them by `limb_systems.resting_state`.
 
     Raises:
-        HardwareError: if the robot does not answer.
+        HardwareError: if the robot does not answer, or a wire of it has no reading.
     """
     if isinstance(limb, SerialLimb):
-        return limb.link.sample().temperature
+        return present_temperature(limb.link)
     assert isinstance(limb, System)
     simulator, duty = Simulator(limb), limb.GetInputPort("duty")
     duty.FixValue(simulator.get_mutable_context(), np.zeros(duty.size()))
@@ -205,7 +206,7 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
             "raise it if the supply and the limb are made for that, or plan another motion."
         )
     measured, planned_start = present_readings(limb), trajectory.measured_temperature[:, 0]
-    apart = np.abs(np.nan_to_num(measured - planned_start))
+    apart = np.abs(measured - planned_start)
     most = int(np.argmax(apart))
     if apart[most] > OTHER_START:
         now = ",".join(f"{reading:.1f}" for reading in measured)

@@ -127,9 +127,10 @@ class Host:
         for came in self.steps(seconds):
             if came:
                 if self.last.duty.any() and (self.last.temperature > hottest).any():
+                    highest = np.nanmax(self.last.temperature)
                     raise StaysOnError(
-                        f"a wire is read at {np.nanmax(self.last.temperature):.0f} °C, hotter than any "
-                        "check makes it; look at wires and supply"
+                        f"a wire is read at {highest:.0f} °C, hotter than any check makes it; "
+                        "look at wires and supply"
                     )
                 if until(self.last):
                     return True

@@ -28,7 +28,7 @@ class SerialLimb(LeafSystem, Closed):
     For a limb of W wires and F bend angles, or all limbs together:
 
     - input 0 ``duty``: D (W), in [0, 1]
-    - output 0 ``measured_temperature``: V (W), °C
+    - output 0 ``measured_temperature``: V (W), °C; nan while an amplifier sends no reading
     - output 1 ``bend_angle``: φ (F), rad, what each segment's ``bend_sensor`` makes of
       the board's reading, such as α/2
     - output 2 ``sample_age``: time since the sample was received, s; the longest of all boards

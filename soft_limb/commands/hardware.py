@@ -93,7 +93,10 @@ def _state(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Summary:
     names = limb.wire_names
     if len(names) != info.channels:  # of another limb
         names = [f"wire {number + 1}" for number in range(info.channels)]
-    read = [f"{name} {V:.2f} °C" for name, V in zip(names, sample.temperature, strict=True)]
+    read = [
+        f"{name} {V:.2f} °C" if np.isfinite(V) else f"{name} has no reading"
+        for name, V in zip(names, sample.temperature, strict=True)
+    ]
     most = [f"{name} at most {T:.0f} °C" for name, T in zip(names, sample.warmest, strict=True)]
     texts = {
         "board": f"{info.serial_number}, firmware {info.firmware_version}",

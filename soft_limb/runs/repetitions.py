@@ -11,7 +11,7 @@ from controllers import Learner
 from controllers.learner import Repetition
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError
-from hardware.robot.link import HardwareError
+from hardware.robot.link import HardwareError, present_temperature
 from hardware.robot.serial_limb import SerialLimb
 from hardware.robot.several_boards import Ports, open_link
 from limb_systems import LimbSystem, Recording, Trajectory
@@ -131,7 +131,7 @@ def rested_robots(
 
     def rested() -> LimbSystem:
         with open_link(port, trajectory.parameters) as link:
-            wait_until_cool(lambda: link.sample().temperature, trajectory, tell=tell)
+            wait_until_cool(lambda: present_temperature(link), trajectory, tell=tell)
         return SerialLimb(port, trajectory.parameters)
 
     return rested
