@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hardware.robot.heat_rates import HeatRates, fit_heat_rates, warmth, without_gaps
-from hardware.robot.link import BoardLink, check_fit, present_temperature, shares_of
+from hardware.robot.link import BoardLink, check_fit, shares_of
 from limb_systems import Layout, LimbError, LimbParameters, bend_angle_from_tip_tangent
 from limb_systems.model.heat_bounds import SPREAD
 from limb_systems.simulation import PERIOD
@@ -233,14 +233,16 @@ def _heat(link: BoardLink, wire: int, towards: np.ndarray, how: Sequence[float])
     longest time, the rise and the bend.
     """
     duty, longest, rise, bend = how
-    cold = present_temperature(link)[wire]
     samples = [link.next_sample()]
+    cold = samples[0].temperature[wire]
     heated = duty * np.eye(len(samples[0].duty))[wire]
     while (now := len(samples) * PERIOD) < longest + REST:
         link.command(heated)
         samples.append(link.next_sample())
         turns = bend_angle_from_tip_tangent(samples[-1].tip_tangent - samples[0].tip_tangent)
-        risen = samples[-1].temperature[wire] - cold
+        reading = samples[-1].temperature[wire]
+        cold = reading if np.isnan(cold) else cold  # the first reading was bad
+        risen = reading - cold
         if now >= longest or risen >= rise or abs(towards @ turns) >= 1.2 * bend:
             heated, longest = np.zeros_like(heated), min(longest, now)
     readings = np.array([sample.temperature for sample in samples])

@@ -293,7 +293,7 @@ def model_like_recording():
 def test_status_says_how_the_board_is(virtual_time, emulator, capsys):
     assert main(["status", emulator.port]) == 0
     said = capsys.readouterr().out
-    assert "board       twin0000, firmware 4" in said
+    assert "board       twin0000, firmware 5" in said
     assert "off: it was just switched on" in said
     assert main(["status", emulator.port, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["armed"] is False
