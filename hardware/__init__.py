@@ -3,7 +3,6 @@
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from hardware.board.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.board.serial_limb import SerialLimb
-from hardware.board.text_board import AnswerLine, DutyLine, TextBoard
 from hardware.drivers import LimbDriver
 from hardware.emulation.emulator import emulated_port
 from hardware.emulation.sensors import SensedLimb
@@ -13,10 +12,8 @@ from hardware.scenario import Scenario, StationError
 from hardware.station import Station, drive
 
 __all__ = [
-    "AnswerLine",
     "BoardInfo",
     "BoardLink",
-    "DutyLine",
     "HardwareError",
     "LimbDriver",
     "LimbTwin",
@@ -27,7 +24,6 @@ __all__ = [
     "SerialLimb",
     "Station",
     "StationError",
-    "TextBoard",
     "drive",
     "emulated_port",
     "present_readings",
