@@ -152,7 +152,7 @@ def make_space(evaluation: Path) -> None:
 def make_gripper(_: Path) -> None:
     """The gripper of the example at four times, as it was simulated."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        example = runpy.run_path(str(FOLDER.parent / "examples" / "gripper.py"))
+        example = runpy.run_path(str(GRIPPER / "gripper.py"))
     seen, station = example["seen"], Station(example["FOLDER"] / "scenario.yaml")
     scene_graph, plant = station.GetSubsystemByName("scene_graph"), station.plant
     beams = [

@@ -5,7 +5,6 @@ from typing import Any
 
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from planners import references
-from planners.grip import Grip, grip
 from planners.nearest import nearest_bend_angle
 from planners.planning import Planner, plan
 from planners.task import Phase, Task, TaskError
@@ -15,7 +14,6 @@ from planners.transcription.solving import InfeasibleError, PlanningError
 
 __all__ = [
     "ExactHessianIpoptSolver",
-    "Grip",
     "InfeasibleError",
     "Phase",
     "Planner",
@@ -23,7 +21,6 @@ __all__ = [
     "Task",
     "TaskError",
     "TrajectoryProgram",
-    "grip",
     "nearest_bend_angle",
     "plan",
     "references",

@@ -32,7 +32,7 @@ def run(arguments, folder):
         contextlib.chdir(folder),
         contextlib.redirect_stdout(said),
         mock.patch.object(sys, "argv", words),
-        mock.patch.object(sys, "path", [str(EXAMPLES), *sys.path]),
+        mock.patch.object(sys, "path", [str(Path(words[0]).parent), *sys.path]),
     ):
         runpy.run_path(words[0], run_name="__main__")
     return said.getvalue()
@@ -237,7 +237,7 @@ def test_own_diagram(tmp_path):
 @pytest.mark.whole
 def test_gripper(tmp_path):
     """Contact, of which the plan knows the springs of the finger alone, confirms force and time."""
-    said = run([EXAMPLES / "gripper.py"], tmp_path)
+    said = run([EXAMPLES / "gripper" / "gripper.py"], tmp_path)
     planned, opens, force, free = (
         float(re.search(pattern, said)[1])
         for pattern in (

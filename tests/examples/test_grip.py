@@ -8,7 +8,8 @@ from scipy.optimize import minimize
 
 from limb_systems import LimbError, LimbParameters
 from limb_systems.kinematics import link_positions
-from planners import grip
+
+from grip import grip
 
 CENTER, RADIUS = np.array([0.085, 0.035]), 0.02
 
