@@ -66,6 +66,8 @@ class Limb(Diagram):
 
     __slots__ = ()  # see limb_systems.drake_python
 
+    is_model = True
+
     def __init__(
         self, parameters: LimbParameters | str | Path | None = None, *, name: str = "limb"
     ):

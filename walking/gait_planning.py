@@ -13,8 +13,8 @@ from pydrake.solvers import IpoptSolver, SolverOptions
 
 from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.solving import PlanningError
-from walking import Gait, GaitCheck, RobotParameters
 from walking.course import Course, check_course
+from walking.gait import Gait, GaitCheck
 from walking.gait_check import check_gait, with_friction
 from walking.gait_program import (
     LEAST_LOAD,
@@ -22,6 +22,7 @@ from walking.gait_program import (
     GaitProgram,
     usual_steadiness,
 )
+from walking.robot_parameters import RobotParameters
 from walking.schedules import check_schedule, sensible_schedules
 from walking.standing import LEAST_PIVOT, Stability, balance_of
 from walking.walker import check_walker

@@ -15,8 +15,9 @@ from limb_systems import LimbError
 from limb_systems.files.output import check_outputs
 from limb_systems.progress import Progress
 from planners.transcription.solving import PlanningError
-from walking import Gait, RobotParameters
+from walking.gait import Gait
 from walking.gait_planning import plan_gait
+from walking.robot_parameters import RobotParameters
 from walking.schedules import sensible_schedules
 
 AHEAD, SIDES = "ahead", {"left": 1.0, "right": -1.0}

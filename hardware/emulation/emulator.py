@@ -21,10 +21,9 @@ import numpy as np
 
 from hardware.emulation.emulated_board import EmulatedBoard, RunningTwin
 from hardware.emulation.sketches import Cable, EmulatedSketch
-from hardware.emulation.twin import LimbTwin
+from hardware.emulation.twin import EmulatedSystem
 from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
 from limb_systems import LimbError
-from walking.robot_twin import RobotTwin
 
 TURN = 0.001  # s, between two passes of the firmware's loop
 LONGEST_PASS = 0.05  # s, by which the board's clock goes on in one
@@ -133,7 +132,7 @@ class Emulation:
 
     def __init__(
         self,
-        twin: LimbTwin | RobotTwin | RunningTwin,
+        twin: EmulatedSystem | RunningTwin,
         cable: Cable,
         on_event: Callable[..., None] = lambda **_: None,
         clock: Callable[[], float] = time.monotonic,
@@ -273,7 +272,7 @@ ORDERS = (
 
 
 def emulate(
-    twin: LimbTwin | RobotTwin,
+    twin: EmulatedSystem,
     orders: list[str],
     log: Path | None = None,
     make: Callable[..., Emulation | EmulatedSketch] = Emulation,

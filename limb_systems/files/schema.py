@@ -215,6 +215,7 @@ def _parse(text: str) -> Any:
 
 def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE) -> Any:
     """A value of a type, from lists, dicts and texts, or from such a value, which is checked."""
+    schema = schema.registered() if hasattr(schema, "registered") else schema
     origin, arguments = typing.get_origin(schema), typing.get_args(schema)
     where = path or "the document"
     if origin is tuple:

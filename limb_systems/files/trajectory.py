@@ -157,6 +157,11 @@ class Trajectory(Planned):
             raise LimbError("a trajectory needs at least two knots.")
         self.sample_rate = (len(self.time) - 1) / self.duration
 
+    @property
+    def origin(self) -> str:
+        """What the joints of the limb show, and how they came about, for a caption."""
+        return "planned motion, nothing measured"
+
     def summary(self) -> Summary:
         """Duration, knots, range of the bend angle, and whether it passed its check."""
         return Summary(

@@ -6,12 +6,13 @@ import os
 import re
 from pathlib import Path
 
+from limb_systems.connected_limbs import FIELDS
+
 SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")
 MOST_NAMES = 50_000
 _HEAD = 4096  # bytes
 _TAIL = 16384  # bytes of a page, whose provenance is at its end
-# Fields at the top level that only a robot has, and those of a limb.
-_ROBOT = {"body", "limbs", "feet", "ground"}
+# Fields at the top level of a limb.
 _LIMB = {"ambient_temperature", "board", "calibration", "format", "gravity", "payload", "segments"}
 _LIMB |= {"supply_voltage", "temperature_limits", "total_duty"}
 
@@ -96,7 +97,7 @@ def kind_of_head(path: Path, head: str) -> str:
     if match := re.match(r"# limb (recording|trajectory|gait|learning), format ", head):
         return match[1]
     given = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
-    return "robot" if given & _ROBOT else "limb" if given & _LIMB else ""
+    return "robot" if given & FIELDS else "limb" if given & _LIMB else ""
 
 
 def fields_of(text: str) -> set[str]:

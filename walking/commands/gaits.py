@@ -31,24 +31,20 @@ from soft_limb.commands.options import (
     say_duration,
     shared,
 )
-from soft_limb.results.summaries import gait_summary, walk_summary
 from soft_limb.runs.jobs import local_executor, run_each
 from soft_limb.runs.rollout import OPEN, record_replay
-from walking import (
-    Gait,
-    GaitFeedback,
-    HeatFeedback,
-    Robot,
-    RobotParameters,
-    RobotTwin,
-    Wayfinder,
-    plan_gait,
-)
+from walking.commands.gait_summaries import gait_summary, walk_summary
 from walking.course import Course, check_course
+from walking.gait import Gait
 from walking.gait_check import fall_of
-from walking.gait_planning import check_request
+from walking.gait_feedback import GaitFeedback
+from walking.gait_planning import check_request, plan_gait
 from walking.gait_program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
 from walking.gait_set import AHEAD, TURNING, gait_files, load_gaits, plan_gaits, save_gaits
+from walking.heat_feedback import HeatFeedback
+from walking.robot import Robot
+from walking.robot_parameters import RobotParameters
+from walking.robot_twin import RobotTwin
 from walking.schedules import (
     Schedule,
     check_schedule,
@@ -59,7 +55,7 @@ from walking.schedules import (
 from walking.strides import StridesFit, fit_strides
 from walking.walk_trajectory import walk
 from walking.walker import check_walker
-from walking.wayfinder import NEAR
+from walking.wayfinder import NEAR, Wayfinder
 
 STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
 FIRST_STRIDES = 2  # after which the gait is planned again
