@@ -33,14 +33,25 @@ class SchemaError(LimbError):
     """A YAML document does not have the fields it should have, or a value is out of its range."""
 
 
-def quantity(default: Any, unit: str, low: float, high: float, *, rare: bool = False) -> Any:
+def quantity(
+    default: Any,
+    unit: str,
+    low: float,
+    high: float,
+    meaning: str = "",
+    prior: Any = None,
+    *,
+    rare: bool = False,
+) -> Any:
     """A dataclass field with its unit and the closed range of values that are accepted.
 
     Args:
         default: a number, or a tuple of the numbers of a list; `dataclasses.MISSING` for none.
+        meaning, prior: metadata of a field of a wire's law, see `WireLaw`.
         rare: whether files leave it out where it has its default, as of `rare`.
     """
     metadata = {"unit": unit, "range": (low, high), "rare": rare}
+    metadata |= {"meaning": meaning, "prior": prior}
     if isinstance(default, tuple):
         return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
