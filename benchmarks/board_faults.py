@@ -61,7 +61,7 @@ from limb_systems import (
 )
 from limb_systems.drake_python import declare_part
 from planners import Task, plan, references
-from soft_limb.runs.jobs import local_executor, run_each
+from soft_limb.runs.jobs import run_each
 from soft_limb.runs.rollout import CONTROLLERS, OPEN, controller_of
 
 STEP = 25  # ms, between two passes of the firmware's loop, a slow one
@@ -450,11 +450,8 @@ def main() -> None:
         run, show = run_ordinary, print_ordinary
         jobs = [(seed, NOISES[seed % 2]) for seed in range(options.limbs)]
     results = []
-    with (
-        contextlib.suppress(KeyboardInterrupt),  # which shows what there is
-        local_executor(options.jobs) as executor,
-    ):
-        for number, result in enumerate(run_each(run, jobs, executor), 1):
+    with contextlib.suppress(KeyboardInterrupt):  # which shows what there is
+        for number, result in enumerate(run_each(run, jobs, options.jobs), 1):
             results.append(result)
             for alarm in result.get("alarms", ()) if isinstance(result, dict) else ():
                 print(f"\nlimb {result['job'][0]}: {alarm}", file=sys.stderr)

@@ -36,7 +36,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
-from soft_limb.runs.jobs import local_executor
+from soft_limb.runs.jobs import run_each
 
 TRIALS = {"sag": 10, "ring_down": 3, "right": 1, "left": 1}
 HOLD = 1.0  # s before the release
@@ -155,11 +155,10 @@ def main() -> None:
     parser.add_argument("--twins", type=int, default=10)
     parser.add_argument("--seeds", type=int, default=100)
     options = parser.parse_args()
-    with local_executor(2) as executor:
-        print("twin  |φ - φ_sim|: mean  median    90%   |V - V_sim|: mean")
-        for seed, row in enumerate(executor.map(calibrate_twin, range(options.twins))):
-            print("{:>4}{:>18.2f}°{:>7.2f}°{:>6.2f}°{:>18.1f} °C".format(seed, *row), flush=True)
-        results = list(executor.map(estimates, range(options.seeds)))
+    print("twin  |φ - φ_sim|: mean  median    90%   |V - V_sim|: mean")
+    for seed, row in enumerate(run_each(calibrate_twin, range(options.twins), 2, in_order=True)):
+        print("{:>4}{:>18.2f}°{:>7.2f}°{:>6.2f}°{:>18.1f} °C".format(seed, *row), flush=True)
+    results = list(run_each(estimates, range(options.seeds), 2, in_order=True))
     if not results:
         return
     head = ("parameter", "true", "error: 50%", "90%", "bias/true", "bias/σ", "scatter/σ", "covered")

@@ -42,7 +42,7 @@ from hardware.board.link import Sample
 from hardware.board.reasons import REASONS
 from limb_systems import LimbError, LimbParameters, simulate
 from planners import plan, references
-from soft_limb.runs.jobs import local_executor, run_each
+from soft_limb.runs.jobs import run_each
 
 PAUSE = 180.0  # s without heat before each recording
 FAMILIES = {
@@ -205,10 +205,9 @@ def main() -> None:
         for seed, share, family in itertools.product(seeds, options.shares, options.family)
     ]
     results = []
-    with local_executor(options.jobs) as executor:
-        for result in run_each(take, jobs, executor):
-            results.append(result)
-            show(result)
+    for result in run_each(take, jobs, options.jobs):
+        results.append(result)
+        show(result)
     for family, share in itertools.product(options.family, options.shares):
         these = [r for r in results if (r["job"][0], r["job"][2]) == (family, share)]
         hottest = [max(T for _, T in r["steps"].values()) for r in these]

@@ -21,7 +21,6 @@ from hardware import LimbTwin
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, SegmentParameters, simulate
 from limb_systems.statics import static_equilibrium
-from soft_limb.runs.jobs import local_executor
 from walking import RobotParameters
 from walking.robot_twin import RobotSpecimen
 
@@ -88,8 +87,7 @@ def main() -> None:
     options = parser.parse_args()
     for name in options.limbs:
         cases = [(name, options.first + seed) for seed in range(options.seeds)]
-        with local_executor(1) as executor:
-            rows = np.concatenate(list(executor.map(errors, cases)))
+        rows = np.concatenate([errors(case) for case in cases])
         slow = rows[:, 4]
         print(f"{name}: {len(rows)} limbs; cold and slow, wires add {slow.mean() - 1:.1%} to k")
         said, of = ("sag", "ring-downs", "both"), {"rubber": 1.0, "cold limb": slow}

@@ -30,7 +30,7 @@ from limb_systems.wire_laws.threshold import ThresholdLaw
 from limb_systems.wire_laws.two_mass import TwoMassLaw
 from limb_systems.wire_laws.wire_law import WireLaw
 from planners import Planner, Task, references
-from soft_limb.runs.jobs import local_executor, run_each
+from soft_limb.runs.jobs import run_each
 
 LAWS: dict[str, type[WireLaw]] = {
     "linear": LinearLaw,
@@ -150,11 +150,8 @@ def main(arguments: list[str] | None = None) -> int:
     seeds = range(options.seed, options.seed + options.cases)
     results = []
     work, processes = functools.partial(solve, law=options.law), os.cpu_count() or 1
-    with (
-        local_executor(processes) as executor,
-        Progress("sweep", len(seeds), "cases") as progress,
-    ):
-        for result in run_each(work, seeds, executor):
+    with Progress("sweep", len(seeds), "cases") as progress:
+        for result in run_each(work, seeds, processes):
             results.append(result)
             progress.update(len(results))
 

@@ -41,7 +41,7 @@ from hardware import present_readings, replay, watch
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbError, band
 from limb_systems.progress import Progress
-from soft_limb.runs.jobs import local_executor, run_each
+from soft_limb.runs.jobs import run_each
 
 TOLD = re.compile(r"(?P<name>.+): predicted to (?P<bend>[\d.]+)° and (?P<heat>[\d.]+) °C")
 # Gravity does not bend limbs of the other physics.
@@ -138,11 +138,8 @@ def main() -> None:
     seeds = set(range(options.first, options.first + options.limbs))
     seeds -= {limb["seed"] for limb in limbs}
     work = functools.partial(take, physics=options.physics, ways=options.ways)
-    with (
-        local_executor(options.jobs) as executor,
-        Progress("limbs", len(seeds), "limbs") as progress,
-    ):
-        for done, limb in enumerate(run_each(work, sorted(seeds), executor), 1):
+    with Progress("limbs", len(seeds), "limbs") as progress:
+        for done, limb in enumerate(run_each(work, sorted(seeds), options.jobs), 1):
             limbs.append(limb)
             with options.file.open("a") as file:
                 file.write(json.dumps(limb, ensure_ascii=False) + "\n")

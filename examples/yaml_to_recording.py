@@ -3,7 +3,7 @@
     python examples/yaml_to_recording.py                            # an emulated board and limb
     python examples/yaml_to_recording.py [REFERENCE.csv] [-l LIMB.yaml] [-p PORT] [-o FOLDER]
 
-Numbers in brackets are the paper's equations. With a port (`soft-limb ports` lists them) the plan
+Numbers in brackets are the paper's equations. With a port (`soft-limb status` lists them) the plan
 goes to your robot, whose wires get hot. Ctrl-C switches the wires off, and every sample up to there
 is in `replay.unfinished.csv`. A reference is a CSV of time in s and bend angle in degrees.
 """

@@ -5,8 +5,7 @@ import dataclasses
 import functools
 import itertools
 import operator
-from collections.abc import Mapping
-from concurrent.futures import Executor
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ ON_THE_SPOT = 0.3, 0.2
 
 
 def plan_gaits(
-    robot: RobotParameters | str | Path, *, executor: Executor | None = None, **options: Any
+    robot: RobotParameters | str | Path, *, map_function: Callable = map, **options: Any
 ) -> dict[str, Gait]:
     """Gaits ahead, along arcs to the left and right, and on the spot, which follow each other.
 
@@ -40,7 +39,8 @@ def plan_gaits(
 
     Args:
         robot: description of a robot in space.
-        executor: plans the gaits that turn, one beside the other; one after the other if None.
+        map_function: takes a function and its arguments, as `map` does, and may call it for
+            several arguments at a time; it plans the gaits that turn.
         options: fields of `GaitRequest`.
 
     Returns:
@@ -62,8 +62,8 @@ def plan_gaits(
         signs = SIDES.values()
         arcs = [functools.partial(_along_arc, robot, sign, ahead, request) for sign in signs]
         spots = [functools.partial(_on_the_spot, robot, sign, request) for sign in signs]
-        gaits, each = {AHEAD: ahead}, executor.map if executor else map
-        planned = each(operator.call, [*arcs, *spots])
+        gaits = {AHEAD: ahead}
+        planned = map_function(operator.call, [*arcs, *spots])
         for number, (name, gait) in enumerate(zip(TURNING, planned, strict=True)):
             progress.update(2 + number)
             if gait:

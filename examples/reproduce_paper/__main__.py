@@ -23,7 +23,7 @@ from soft_limb.runs.jobs import load_module
 
 EXAMPLES = Path(__file__).parents[1]
 WITNESSES = EXAMPLES.parent / "tests" / "witnesses"
-sys.path[0] = str(EXAMPLES)  # where this folder is a package
+load_module("reproduce_paper", EXAMPLES)  # as a package, also on the workers of a cluster
 
 from reproduce_paper.experiment import Settings  # noqa: E402
 from reproduce_paper.reproduce import reproduce_in  # noqa: E402

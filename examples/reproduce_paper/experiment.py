@@ -3,8 +3,9 @@
 import copy
 import dataclasses
 import functools
+import operator
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from reproduce_paper.ways import (
     roll_out,
     roll_out_disturbed,
 )
-from soft_limb.runs.jobs import Evaluation
+from soft_limb.runs.jobs import run_each
 
 # Table I has the distance of each plan from its reference.
 warnings.filterwarnings("ignore", "The plan is far from its reference")
@@ -42,7 +43,6 @@ NUM_ROLLOUTS = 5  # of each plan of the calibrated model in open loop
 # Rollouts of a controller differ by the sensors' noise alone. Repetitions are those of learning.
 COUNTS = {OPEN_LOOP: 1, FEEDBACK: 2, REGULATOR: 2, FOLLOW: 1, LEARNING: 10}
 SMOOTHING_TIME = 0.5  # s, of taught bend angles
-NUM_STEPS = 4  # that `evaluate` tells
 
 VALIDATION, RAMPS = "Validation", "Ramps"
 # Files with the two motions of the hand, time in s and bend angle in degrees.
@@ -111,35 +111,40 @@ def hand_course(name: str) -> PiecewisePolynomial:
     )
 
 
-def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: None) -> Evaluation:
-    """Take a new limb through Secs. V to VII, and on to closed loop, for `run_all`.
+def evaluate(
+    settings: Settings,
+    num_processes: int = 1,
+    tell: Callable[[str], object] = lambda step: None,
+) -> Experiment:
+    """Take a new limb through Secs. V to VII, and on to closed loop.
 
     Each way to drive each plan begins where the limb was left by the recordings, the hand
     and a rest.
 
     Args:
         settings: what is done.
-        tell: function that is called before each of the `NUM_STEPS` steps, with its name.
+        num_processes: as for `run_each`.
+        tell: function that is called before each step, with its number of five and its name.
 
-    Returns:
-        An `Experiment`.
     """
-    tell("recording the limb as calibration wants it")
-    ((specimen, recordings),) = yield [functools.partial(record, settings)]
-    tell("calibrating the model to the recordings, and teaching motions by hand")
-    (calibration, models), (rested, taught) = yield [
+    tell("1/5 recording the limb as calibration wants it")
+    specimen, recordings = record(settings)
+    tell("2/5 calibrating the model to the recordings, and teaching motions by hand")
+    calls: list[Callable[[], Any]] = [
         functools.partial(fit, recordings, settings.compare),
         functools.partial(teach, specimen),
     ]
+    (calibration, models), (rested, taught) = call_all(calls, num_processes)
     start = present_readings(LimbTwin(specimen=rested))
     # Motion, loop that the plan is made for, and name of the model, empty for the calibrated one.
     wanted = [(motion, OPEN_LOOP, model) for motion in MOTIONS for model in models]
     wanted += [(motion, FEEDBACK, "") for motion in MOTIONS]
-    tell(f"planning motions: {len(wanted)}")
-    found = yield [
+    tell(f"3/5 planning motions: {len(wanted)}")
+    calls = [
         functools.partial(plan_motion, models[model], motion, taught, loop, start)
         for motion, loop, model in wanted
     ]
+    found = call_all(calls, num_processes)
     plans = dict(zip(wanted, found, strict=True))
     # Motion, way and model of each run, the longest first.
     runs = [
@@ -150,9 +155,9 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
     ]
     runs += [key for key in wanted if key[2]]
     num_runs = len(MOTIONS) + len(runs)
-    tell(f"driving the limb along its plans in several ways, and splitting the error: {num_runs}")
+    tell(f"4/5 driving the limb along its plans in several ways: {num_runs}")
     opened = {motion: plans[motion, OPEN_LOOP, ""] for motion in MOTIONS}
-    calls: list[Callable[[], Any]] = [functools.partial(open_loop, rested, calibration, opened)]
+    calls = [functools.partial(open_loop, rested, calibration, opened)]
     for motion, way, model in runs:
         trajectory = plans[motion, OPEN_LOOP if way == OPEN_LOOP else FEEDBACK, model]
         number = MOTIONS.index(motion)
@@ -160,7 +165,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
     fig5 = {loop: plans[VALIDATION, loop, ""] for loop in (OPEN_LOOP, FEEDBACK)}
     disturbances = DISTURBANCES if settings.disturb else ()
     calls += [functools.partial(roll_out_disturbed, rested, fig5, each) for each in disturbances]
-    (firsts, split), *driven = yield calls
+    (firsts, split), *driven = call_all(calls, num_processes)
     ways = {(motion, OPEN_LOOP, ""): way for motion, way in firsts.items()}
     ways |= zip(runs, driven, strict=False)
     return Experiment(
@@ -182,6 +187,11 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
             if model
         },
     )
+
+
+def call_all(calls: Sequence[Callable[[], Any]], num_processes: int) -> list[Any]:
+    """Make calls in several processes, and return their results."""
+    return list(run_each(operator.call, calls, num_processes, in_order=True))
 
 
 def record(settings: Settings) -> tuple[Specimen, dict[str, list[Recording]]]:

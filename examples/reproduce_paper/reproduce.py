@@ -1,12 +1,10 @@
 """The whole evaluation of emulated limbs, with its report, pictures and files."""
 
-import concurrent.futures
 import dataclasses
-import itertools
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from calibration import save_recordings
@@ -14,7 +12,7 @@ from limb_systems import write_meshcat_replay
 from limb_systems.files.output import write_atomically
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure, draw, save_figure
-from reproduce_paper.experiment import NUM_STEPS, RAMPS, Experiment, Settings, evaluate
+from reproduce_paper.experiment import RAMPS, Experiment, Settings, evaluate
 from reproduce_paper.figures import figures
 from reproduce_paper.report import EMULATED, write_report
 from reproduce_paper.tables import LUMPED, Summary, distance_table, summarize
@@ -22,7 +20,7 @@ from reproduce_paper.ways import FOLLOW, LEARNING, OPEN_LOOP
 from soft_limb.commands.options import print_table
 from soft_limb.reports.calibration_report import write_report as write_calibration_report
 from soft_limb.results.summaries import calibration_summary
-from soft_limb.runs.jobs import executor_of, run_all
+from soft_limb.runs.jobs import run_each
 
 
 def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = None) -> int:
@@ -37,20 +35,10 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
         Exit status 0.
     """
     started = time.perf_counter()
-    # Of each process, before it loads numpy: more threads would only wait for each other.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    steps = itertools.count(1)
-
-    def tell(step: str) -> None:
-        if len(jobs) == 1:
-            print(f"{next(steps)}/{NUM_STEPS + 1} {step} ...", flush=True)
-
-    with executor_of(cluster, min(os.cpu_count() or 1, 3 * len(jobs))) as executor:
-        # One more than can be worked on here, so that there is always something to do.
-        at_once = None if cluster else (os.cpu_count() or 1) + 1
-        summaries, shown = reproduce(jobs, executor, folder, at_once=at_once, tell=tell)
-        tell("drawing figures, and writing the report")
-        _draw(folder, summaries, shown, executor)
+    summaries, shown = reproduce(jobs, folder, os.cpu_count() or 1, cluster)
+    if len(jobs) == 1:
+        tell("5/5 drawing figures, and writing the report")
+    _draw(folder, summaries, shown)
     print(f"\n{calibration_summary(shown.calibration)}\n")
     for physics in dict.fromkeys(summary.physics for summary in summaries):
         title = "mean distance of the true bend from the reference"
@@ -63,39 +51,45 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
 
 
 def reproduce(
-    jobs: Sequence[Settings],
-    executor: concurrent.futures.Executor,
-    folder: Path,
-    *,
-    at_once: int | None = None,
-    tell: Callable[[str], object] = lambda step: None,
+    jobs: Sequence[Settings], folder: Path, num_processes: int, cluster: str | None = None
 ) -> tuple[list[Summary], Experiment]:
-    """Evaluate limbs on an executor; files are written where this is called.
+    """Evaluate limbs: a single one in several processes, and several limbs one in each process.
 
     Args:
         jobs: what is done with each limb.
-        executor: runs the calls, as for `soft_limb.runs.jobs.run_all`.
         folder: gets a folder of files of each limb, and ``results.json`` with the limbs that
             are finished.
-        at_once: number of limbs that are begun before one is finished; all if None.
-        tell: function that is called with the next step of a limb.
+        num_processes, cluster: as for `soft_limb.runs.jobs.run_each`.
 
     Returns:
         The numbers of each job, and the first one's experiment.
     """
-    found: dict[int, Summary] = {}
+    if len(jobs) == 1 and cluster is None:
+        experiments = iter([evaluate(jobs[0], num_processes, tell)])
+    else:
+        experiments = run_each(evaluate, jobs, num_processes, cluster=cluster)
+    found: dict[tuple[str, int], Summary] = {}
     shown = None
-    for number, experiment in run_all([evaluate(job, tell) for job in jobs], executor, at_once):
-        found[number] = summary = summarize(experiment)
-        shown = experiment if number == 0 else shown
+    for experiment in experiments:
+        summary = summarize(experiment)
+        key = (summary.physics, summary.seed)
+        found[key] = summary
+        if key == (jobs[0].physics, jobs[0].seed):
+            shown = experiment
         _save(experiment, folder / f"{_family(summary)}_{summary.seed}")
-        data = [dataclasses.asdict(found[done]) for done in sorted(found)]
+        done = [found[job.physics, job.seed] for job in jobs if (job.physics, job.seed) in found]
+        data = [dataclasses.asdict(each) for each in done]
         text = json.dumps(data, indent=1, ensure_ascii=False)
         write_atomically(folder / "results.json", text)
         if len(jobs) > 1:
             print(f"{len(found):>3} of {len(jobs)}: {_line(summary)}", flush=True)
     assert shown is not None
-    return [found[number] for number in range(len(jobs))], shown
+    return done, shown
+
+
+def tell(step: str) -> None:
+    """Print the next step of a single limb."""
+    print(f"{step} ...", flush=True)
 
 
 def save_picture(figure: Figure | list[Panel], path: Path) -> None:
@@ -120,18 +114,11 @@ def _line(summary: Summary) -> str:
     return f"{_family(summary)} {summary.seed}: {'; '.join(parts)}"
 
 
-def _draw(
-    folder: Path,
-    summaries: Sequence[Summary],
-    shown: Experiment,
-    executor: concurrent.futures.Executor,
-) -> None:
+def _draw(folder: Path, summaries: Sequence[Summary], shown: Experiment) -> None:
     """Write the pictures and the 3D replay of one limb, and the report of all."""
     pictures = figures(shown)
-    drawn = [
-        executor.submit(save_picture, figure, folder / f"{name}.png")
-        for name, (figure, _) in pictures.items()
-    ]
+    for name, (figure, _) in pictures.items():
+        save_picture(figure, folder / f"{name}.png")
     way = shown.ways[RAMPS][FOLLOW]
     replay, title = folder / "replay.html", "Ramps, on an emulated limb"
     write_meshcat_replay(replay, way.rollouts[0], plan=way.trajectory, title=title)
@@ -147,8 +134,6 @@ def _draw(
         if path.parent.name != "recordings":  # the calibration's page has these
             data[f"{path.parent.name}, {path.stem}"] = path
     write_report(folder / "report.html", summaries, shown, pictures, data)
-    for figure in drawn:
-        figure.result()
 
 
 def _save(experiment: Experiment, folder: Path) -> None:

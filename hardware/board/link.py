@@ -204,7 +204,7 @@ class SerialPort(Closed):
             if "Could not configure port" in reason:
                 reason = "it is no serial port"
             raise HardwareError(
-                f"Cannot open {port}: {reason}; soft-limb ports lists those of this computer."
+                f"Cannot open {port}: {reason}; soft-limb status lists those of this computer."
             ) from error
 
     def send(self, data: bytes) -> None:

@@ -1,8 +1,6 @@
 """What made a result: version, commit, command, parameters, seeds and time.
 
-A result is stamped when it is made, and keeps its stamp in every file it is written to:
-recordings and trajectories in their headers, calibrated limbs in their
-`CalibrationRecord`, what was learned, results of evaluations and pages.
+A result is stamped when it is made, and keeps its stamp in every file that it is written to.
 """
 
 import dataclasses
@@ -11,11 +9,9 @@ import functools
 import importlib.metadata
 import json
 import os
-import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +19,7 @@ from limb_systems.files.schema import load_typed
 from limb_systems.summary import Entry, Summary
 
 _ROOT = Path(__file__).parents[2]
-_PATIENCE = 5.0  # s, for git
 _LONGEST_COMMAND = 1000  # characters
-_SECRET = r"(?:token|password|passwd|secret|api.?key)"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,30 +46,29 @@ class Provenance:
 
     @classmethod
     def now(cls, parameters: Any = None, seed: int | None = None) -> "Provenance":
-        """The provenance of what is being made by this program.
+        """Return the provenance of what this program is making.
 
-        The first call in a process asks git, which takes some milliseconds: it is no
-        call for a loop that has to keep time.
+        The first call in a process asks git, which takes some milliseconds: make it before a
+        loop that has to keep time.
 
         Args:
-            parameters: `LimbParameters` of the limb, which know the seed of an emulated
-                one; None if there is no limb.
+            parameters: `LimbParameters` of the limb; None if there is no limb.
             seed: seed of the random numbers in what is done to the limb, if there are any.
         """
-        now = datetime.datetime.now(datetime.UTC)
+        version, commit = version_and_commit()
         return cls(
-            version=_version(),
-            commit=_commit(),
+            version=version,
+            commit=commit,
             command=command_line(sys.argv),
             parameters=parameters.digest if parameters else "",
-            time=now.strftime("%Y-%m-%dT%H:%M:%SZ"),
+            time=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
             limb_seed=getattr(parameters.board, "seed", None) if parameters else None,
             seed=seed,
         )
 
     @classmethod
     def from_json(cls, value: Any) -> "Provenance | None":
-        """The inverse of `dataclasses.asdict` for a JSON file; None from None.
+        """Invert `dataclasses.asdict` for a JSON file; None stays None.
 
         Raises:
             SchemaError: with one sentence naming the field.
@@ -83,72 +76,50 @@ class Provenance:
         return None if value is None else load_typed(cls, json.dumps(value, ensure_ascii=False))
 
     def summary(self) -> Summary:
-        """All that is known."""
-        return Summary(
-            [
-                Entry("made by", f"soft-limb {self.version}"),
-                Entry("commit", self.commit),
-                Entry("command", self.command),
-                Entry("made at", self.time),
-                Entry("parameters", self.parameters),
-                Entry("limb seed", self.limb_seed),
-                Entry("seed", self.seed),
-            ]
-        )
-
-
-def command_line(arguments: Sequence[str]) -> str:
-    """A program's arguments as one line for a shell, without what looks like a secret.
-
-    Args:
-        arguments: such as `sys.argv`.
-    """
-    program, *words = arguments or [""]
-    path = Path(program)
-    if path.name == "__main__.py":
-        said = ["python", "-m", path.parent.name]
-    elif path.suffix == ".py":
-        said = ["python", program]
-    elif program in ("", "-c", "-"):
-        said = ["python"]
-    else:
-        said = [path.name]  # an installed command, whose folder nobody types
-    secret = False
-    for word in words:
-        hidden = re.sub(r"(?<=://)[^/@\s]*@", "***@", word)
-        hidden = re.sub(rf"(?i)({_SECRET}[\w-]*=)[^&\s]*", r"\1***", hidden)
-        said.append("***" if secret else hidden)
-        secret = bool(re.fullmatch(rf"(?i)-+[\w-]*{_SECRET}[\w-]*", word))
-    line = "".join(c if c.isprintable() else "?" for c in shlex.join(said))
-    return line if len(line) <= _LONGEST_COMMAND else f"{line[: _LONGEST_COMMAND - 3]}..."
+        """Return all that is known."""
+        made_by = Entry("made by", f"soft-limb {self.version}")
+        names = ("commit", "command", "time", "parameters", "limb_seed", "seed")
+        labels = {"time": "made at", "limb_seed": "limb seed"}
+        return Summary([made_by, *(Entry(labels.get(n, n), getattr(self, n)) for n in names)])
 
 
 @functools.cache
-def _version() -> str:
+def version_and_commit() -> tuple[str, str]:
+    """Return the version of soft-limb and the commit of its checkout, see `Provenance`."""
     try:
-        return importlib.metadata.version("soft-limb")
+        version = importlib.metadata.version("soft-limb")
     except importlib.metadata.PackageNotFoundError:  # a copy that was never installed
-        return "unknown"
-
-
-@functools.cache
-def _commit() -> str:
+        version = "unknown"
     if not (_ROOT / ".git").exists():
-        return ""
-    # Those of a hook would lead to the repository that is committed to.
+        return version, ""
+    # The variables of a hook would lead to the repository that is committed to.
     environment = {name: value for name, value in os.environ.items() if name[:4] != "GIT_"}
-    describe = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
     try:
-        done = subprocess.run(
-            describe,
+        commit = subprocess.check_output(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
             cwd=_ROOT,
             env=environment | {"GIT_OPTIONAL_LOCKS": "0"},
             stdin=subprocess.DEVNULL,
-            capture_output=True,
+            stderr=subprocess.DEVNULL,
             text=True,
-            timeout=_PATIENCE,
-            check=True,
+            timeout=5.0,
         )
     except (OSError, subprocess.SubprocessError):
-        return ""
-    return done.stdout.strip()
+        return version, ""
+    return version, commit.strip()
+
+
+def command_line(arguments: list[str]) -> str:
+    """Return a program's arguments, such as `sys.argv`, as one line for a shell."""
+    path = Path(arguments[0] if arguments else "")
+    if path.name == "__main__.py":
+        program = ["python", "-m", path.parent.name]
+    elif path.suffix == ".py":
+        program = ["python", str(path)]
+    elif path.name in ("", "-", "-c"):
+        program = ["python"]
+    else:
+        program = [path.name]  # an installed command, whose folder nobody types
+    line = shlex.join([*program, *arguments[1:]])
+    line = "".join(c if c.isprintable() else "?" for c in line)
+    return line if len(line) <= _LONGEST_COMMAND else f"{line[: _LONGEST_COMMAND - 3]}..."

@@ -64,16 +64,20 @@ SIMULATED = 20.0  # times real time, about, of an emulated limb on an idle compu
 LONGEST_LESSON = 3600.0  # s, that a hand moves a limb
 
 
-def _ports(options: argparse.Namespace) -> int:
-    found = list_ports.comports()
-    texts = {port.device: port.description for port in found}
-    nothing = {"ports": "no serial ports; is the board plugged in?"}
+def _serial_ports() -> Summary:
+    """Return the serial ports of this computer."""
+    texts = {port.device: port.description for port in list_ports.comports()}
     values = [{"port": name, "description": text} for name, text in texts.items()]
-    print_summary(options, Summary.of(texts or nothing, {"ports": values}))
-    return 0
+    nothing = {"ports": "no serial ports; is the board plugged in?"}
+    return Summary.of(texts or nothing, {"ports": values})
 
 
 def _status(options: argparse.Namespace) -> int:
+    if options.port is None:
+        if options.clear or options.live:
+            raise LimbError("--clear and --live need the PORT of a board.")
+        print_summary(options, _serial_ports())
+        return 0
     limb = LimbParameters.of(options.limb)
     with BoardLink(options.port, limb) as link:
         info = link.info()
@@ -432,18 +436,15 @@ def _emulate(options: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "ports": Command(
-        _ports,
-        "Lists the serial ports of this computer.",
-        "json",
-        examples=["soft-limb ports"],
-    ),
     "status": Command(
         _status,
-        "Prints the state of a board.",
-        "board limb json live address",
-        [Option("--clear", action="store_true", help="clear a fault that is latched")],
-        examples=["soft-limb status /dev/ttyACM0"],
+        "Prints the state of a board, or without PORT the serial ports of this computer.",
+        "limb json live address",
+        [
+            shared("board", nargs="?"),
+            Option("--clear", action="store_true", help="clear a fault that is latched"),
+        ],
+        examples=["soft-limb status", "soft-limb status /dev/ttyACM0"],
     ),
     "arm-check": Command(
         _arm_check,

@@ -19,7 +19,6 @@ from soft_limb.commands.options import (
     say_duration,
     shared,
 )
-from soft_limb.runs.jobs import executor_of
 from soft_limb.runs.plan_run import task_named
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
 from soft_limb.runs.sweep import cases, means, sweep
@@ -41,11 +40,14 @@ def _sweep(options: argparse.Namespace) -> int:
     if options.force:
         options.output.unlink(missing_ok=True)
     say_duration(f"some seconds for each run, of {len(wanted)} in {options.jobs} at a time")
-    with (
-        executor_of(options.cluster, options.jobs) as executor,
-        Progress("sweep", len(wanted), "runs") as progress,
-    ):
-        rows = sweep(wanted, options.output, executor, progress.update)
+    with Progress("sweep", len(wanted), "runs") as progress:
+        rows = sweep(
+            wanted,
+            options.output,
+            progress.update,
+            num_processes=options.jobs,
+            cluster=options.cluster,
+        )
     if not options.json:
         title = "means over limbs of mean distances of the true bend, highest V and T"
         print_table(title, list(means(rows)))

@@ -127,8 +127,9 @@ def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]
 def _time_of(file: ResultFile) -> float:
     """Return when a file was made, or last changed if it does not say, s since 1970."""
     try:
-        return datetime.datetime.fromisoformat(file.provenance.time).timestamp()
-    except (AttributeError, ValueError):
+        made = file.provenance.time if file.provenance else ""
+        return datetime.datetime.fromisoformat(made).timestamp()
+    except ValueError:
         return file.path.stat().st_mtime
 
 
@@ -158,8 +159,10 @@ def find_origins(files: Sequence[ResultFile]) -> dict[ResultFile, list[ResultFil
         # The plan that the same command made beside it.
         if file.kind == RECORDING and file.provenance:
             made_by = (file.path.parent, file.provenance.command)
-            plans = [other for other in older if other.kind == TRAJECTORY and other.provenance]
-            found += [p for p in plans if (p.path.parent, p.provenance.command) == made_by]
+            for other in older:
+                made = other.provenance
+                if other.kind == TRAJECTORY and made:
+                    found += [other] * ((other.path.parent, made.command) == made_by)
         # The limb.
         if file.kind in (RECORDING, TRAJECTORY, GAIT):
             described = getattr(file.value, "robot", None) or file.value.parameters

@@ -1,6 +1,5 @@
 """Sweeps: every combination of limbs, motions, tasks and controllers, planned and driven."""
 
-import concurrent.futures
 import copy
 import csv
 import dataclasses
@@ -214,16 +213,18 @@ def run(case: Case) -> dict[str, str]:
 def sweep(
     wanted: Sequence[Case],
     file: Path,
-    executor: concurrent.futures.Executor,
     tell: Callable[[int], object] = lambda done: None,
+    *,
+    num_processes: int = 1,
+    cluster: str | None = None,
 ) -> list[dict[str, str]]:
     """Runs the cases that a file does not have yet, and writes each row when it is there.
 
     Args:
         wanted: with the same fields.
         file: table (.csv), which goes on where it ended; rows of other cases stay in it.
-        executor: as for `run_all`.
         tell: is called with how many of the rows there are.
+        num_processes, cluster: as for `run_each`.
 
     Returns:
         The rows of the cases, in their order.
@@ -243,7 +244,7 @@ def sweep(
     missing = [case for case, name in zip(wanted, names, strict=True) if key(name) not in found]
     done = len(wanted) - len(missing)
     tell(done)
-    for row in run_each(run, missing, executor):
+    for row in run_each(run, missing, num_processes, cluster=cluster):
         found[key(row)] = row
         with file.open("a", newline="", encoding="utf-8") as table:
             table.write(_table([list(row.values())]))

@@ -350,7 +350,7 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
     assert main(arguments) == 1
     said = capsys.readouterr()
     assert said.out == ""
-    assert "no_port: No such file or directory; soft-limb ports" in said.err
+    assert "no_port: No such file or directory; soft-limb status" in said.err
     monkeypatch.setattr("soft_limb.commands.calibration.open_link", mock.MagicMock())
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert main(arguments) == 1

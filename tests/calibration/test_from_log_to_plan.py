@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from own_limb import OwnLimb
+from logged_limb import OwnLimb
 
 from calibration import calibrate
 from limb_systems import LimbParameters, Recording, SaturatingLaw, Trajectory

@@ -7,8 +7,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from logged_limb import OwnLimb
 from loggers import logged
-from own_limb import OwnLimb
 
 from calibration import CalibrationError, calibrate
 from calibration.prediction.heated_run import HeatedRun

@@ -1,6 +1,5 @@
 """The paper's evaluation: its numbers, counted again by hand, and the split of the error."""
 
-import concurrent.futures
 import contextlib
 import copy
 import dataclasses
@@ -43,15 +42,6 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 LAWS = (LinearLaw,)  # plans for the others take several times as long
 
 
-class AtOnce(concurrent.futures.Executor):
-    """Runs what it is given in this thread, as Matplotlib draws in one thread alone."""
-
-    def submit(self, function, *arguments):
-        future = concurrent.futures.Future()
-        future.set_result(function(*arguments))
-        return future
-
-
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     """The folder that the demo leaves, and what it said, with few and short recordings."""
@@ -62,7 +52,7 @@ def demo(tmp_path_factory):
     with (
         # In this process, where recordings, fits and rests can be kept short, which take most of
         # the time.
-        mock.patch("soft_limb.runs.jobs.local_executor", return_value=AtOnce()),
+        mock.patch("os.cpu_count", return_value=1),
         mock.patch.multiple(
             experiments,
             collect_from_twin=collect,

@@ -239,7 +239,7 @@ def test_board_check_at_a_port(virtual_time, emulator, capsys):
     assert main(["board-check", emulator.port]) == 1
     assert "sent no sample for 1 s" in capsys.readouterr().err
     assert main(["board-check", "/dev/no_board"]) == 1
-    said = "error: Cannot open /dev/no_board: No such file or directory; soft-limb ports lists "
+    said = "error: Cannot open /dev/no_board: No such file or directory; soft-limb status lists "
     assert capsys.readouterr().err == f"{said}those of this computer.\n"
 
 

@@ -23,7 +23,7 @@ from hardware import LimbTwin
 from hardware.emulation.twin import specimens_of
 from limb_systems import ChordSensor, LimbParameters, SegmentParameters, simulate
 from limb_systems.limb import make_manipulator
-from soft_limb.runs.jobs import local_executor, run_each
+from soft_limb.runs.jobs import run_each
 
 EXACT = {  # a beam whose stiffness is even, and a sensor without errors
     **dict.fromkeys(("taper", "creep", "mullins", "softening", "stiffening", "friction"), 0.0),
@@ -144,6 +144,5 @@ def test_a_seed_is_one_limb_and_noise_is_by_numbers():
 
 
 def test_processes_know_the_physics_that_the_host_has_loaded():
-    with local_executor(1) as executor:
-        (kind,) = run_each(specimens_of, ["continuum"], executor)
-    assert kind is ContinuumSpecimen
+    kinds = list(run_each(specimens_of, ["continuum"] * 2, 2))
+    assert kinds == [ContinuumSpecimen] * 2

@@ -6,6 +6,7 @@ import functools
 import json
 import re
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -251,6 +252,19 @@ def model_like_recording():
         source="made up",
         sample_rate=20.0,
     )
+
+
+def test_status_without_a_port_lists_the_serial_ports(monkeypatch, capsys):
+    found = [SimpleNamespace(device="/dev/ttyACM0", description="J-Link")]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
+    assert main(["status"]) == 0
+    assert main(["status", "--json"]) == 0
+    assert main(["status", "--clear"]) == 1
+    said = capsys.readouterr()
+    text, as_json = said.out.splitlines()
+    assert text.split() == ["/dev/ttyACM0", "J-Link"]
+    assert json.loads(as_json)["ports"] == [{"port": "/dev/ttyACM0", "description": "J-Link"}]
+    assert "need the PORT of a board" in said.err
 
 
 def test_status_says_how_the_board_is(virtual_time, emulator, capsys):

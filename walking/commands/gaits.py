@@ -32,7 +32,7 @@ from soft_limb.commands.options import (
     say_duration,
     shared,
 )
-from soft_limb.runs.jobs import local_executor, run_each
+from soft_limb.runs.jobs import run_each
 from soft_limb.runs.rollout import OPEN, record_replay
 from walking.commands.gait_summaries import gait_summary, walk_summary
 from walking.course import check_course
@@ -135,13 +135,13 @@ def _gaits(options: argparse.Namespace) -> int:
     # Before they are planned, which takes minutes.
     check_outputs(gait_files(options.output), inputs=[options.robot], force=options.force)
     robot = RobotParameters.of(options.robot)
-    with local_executor(min(os.cpu_count() or 1, len(TURNING))) as executor:
-        gaits = plan_gaits(
-            robot,
-            executor=executor,
-            temperature_margin=options.margin,
-            sticking_share=options.sticking,
-        )
+    num_processes = min(os.cpu_count() or 1, len(TURNING))
+    gaits = plan_gaits(
+        robot,
+        map_function=functools.partial(run_each, num_processes=num_processes, in_order=True),
+        temperature_margin=options.margin,
+        sticking_share=options.sticking,
+    )
     files = save_gaits(gaits, options.output, force=options.force)
     entries = [Entry(name, sentence=repr(gait)) for name, gait in gaits.items()]
     print_summary(options, Summary(entries), files)
@@ -162,12 +162,10 @@ def _best_gait(
     """
     trials: list[_Trial] = [(schedule, None, "") for schedule in schedules]
     if len(schedules) > 1:
-        with (
-            local_executor(min(os.cpu_count() or 1, len(schedules))) as executor,
-            Progress("planning", len(schedules), "schedules") as progress,
-        ):
+        num_processes = min(os.cpu_count() or 1, len(schedules))
+        with Progress("planning", len(schedules), "schedules") as progress:
             trials = []
-            for trial in run_each(plan, schedules, executor):
+            for trial in run_each(plan, schedules, num_processes):
                 trials.append(trial)
                 done = [schedule for schedule, *_ in trials]
                 left = [schedule_text(each) for each in schedules if each not in done]
