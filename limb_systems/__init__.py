@@ -4,9 +4,8 @@ import importlib
 from typing import Any
 
 # ruff: noqa: E402 - what hides a package is said before it is imported
-from limb_systems.startup import check_shadows, let_ctrl_c_end_imports
+from limb_systems.shadows import check_shadows
 
-let_ctrl_c_end_imports()
 check_shadows()
 
 from limb_systems.band import Band, band

@@ -13,9 +13,9 @@ from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import Any
 
+from hardware.board.signals import SIGNALS, came, stop
 from limb_systems.errors import LimbError
 from limb_systems.files.schema import nearest
-from limb_systems.signals import SIGNALS, came, stop
 from soft_limb.results.folder import find, glance
 
 NEWEST = 12  # results that are listed without a command

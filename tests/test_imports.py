@@ -130,3 +130,8 @@ def test_no_modules_import_each_other_in_a_circle():
         graphlib.TopologicalSorter(eager).prepare()
     except graphlib.CycleError as error:
         raise AssertionError(" <- ".join(error.args[1])) from None
+
+
+def test_no_two_modules_have_one_name():
+    names = [path.name for path in FILES.values() if path.stem not in ("__init__", "__main__")]
+    assert [name for name in set(names) if names.count(name) > 1] == []

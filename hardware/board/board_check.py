@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hardware.board.link import Assembly, HardwareError, Sample, SerialPort, pulls_of
+from hardware.board.signals import heed_signals
 from hardware.firmware import from_host, protocol
 from limb_systems import LimbParameters
-from limb_systems.signals import heed_signals
 
 PASSED, FAILED, NOT_RUN = "passed", "failed", "not run"
 POLL = 0.01  # s, between two looks at what came

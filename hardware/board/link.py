@@ -14,10 +14,10 @@ import numpy as np
 import serial
 
 from hardware.board.reasons import REASONS
+from hardware.board.signals import heed_signals
 from hardware.firmware import firmware, from_host, guard, protocol
 from limb_systems import Layout, LimbError, LimbParameters
 from limb_systems.heat_bounds import HeatBounds
-from limb_systems.signals import heed_signals
 
 BAUD_RATE = 115200
 STALE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered

@@ -27,12 +27,12 @@ from hardware.board.link import (
     checked_duty,
 )
 from hardware.board.several_boards import SeveralBoards
+from hardware.board.signals import heed_signals
 from hardware.board.text_answers import AnswerCheck
 from hardware.board.text_board import BEND, UNUSED, TextBoard, TextBoardError
 from hardware.firmware import guard
 from limb_systems import LimbParameters
 from limb_systems.heat_bounds import HeatBounds
-from limb_systems.signals import heed_signals
 
 SILENCE = 0.5  # s, after which a board that should answer is given up
 LONGEST_LINE = 1000  # bytes

@@ -21,7 +21,7 @@ from soft_limb.commands.options import (
 )
 from soft_limb.runs.plan_run import task_named
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
-from soft_limb.runs.sweep import cases, means, sweep
+from soft_limb.runs.sweep_cases import cases, means, sweep
 
 
 def _sweep(options: argparse.Namespace) -> int:

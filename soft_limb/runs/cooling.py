@@ -5,11 +5,11 @@ import signal
 import warnings
 
 from hardware.board.serial_limb import SerialLimb
+from hardware.board.signals import came
 from hardware.emulation.twin import LimbTwin
 from hardware.live_feed import LiveView, Reading, RunHeader
 from hardware.replay import watch
 from limb_systems import LimbError, LimbSystem, Recording
-from limb_systems.signals import came
 
 COOL = 3.0  # °C, by which a wire may be warmer than at the start
 

@@ -11,9 +11,9 @@ from pydrake import trajectories
 
 from hardware import present_readings
 from hardware.board.journal import closing
+from hardware.board.signals import ended_at_once
 from limb_systems import LimbParameters, LimbSystem, Recording, Trajectory, resting_state
 from limb_systems.limb_system import check_limb
-from limb_systems.signals import ended_at_once
 from limb_systems.summary import Summary
 from planners import Task, plan, references
 from soft_limb.live.live_page import LivePage

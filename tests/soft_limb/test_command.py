@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from hardware.board.signals import heed_signals
 from limb_systems import Limb, LimbError, LimbParameters, simulate
-from limb_systems.signals import heed_signals
 from soft_limb.command import all_commands, main, run_command
 
 ROOT = Path(__file__).parents[2]
@@ -111,7 +111,7 @@ def run_script(text):
 def test_what_cannot_heed_signals_is_ended_at_once():
     script = """
 import os, signal
-from limb_systems.signals import ended_at_once
+from hardware.board.signals import ended_at_once
 from soft_limb.command import run_command
 def command():
     with ended_at_once():
