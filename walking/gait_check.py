@@ -16,8 +16,9 @@ from limb_systems import LimbParameters, Recording, simulate
 from limb_systems.limb_parameters import ParameterError
 from limb_systems.progress import Progress
 from limb_systems.simulation import PERIOD, SimulationError
-from walking import Gait, GaitVariation, Robot, RobotParameters
-from walking.robot import TIME_STEP
+from walking.gait import Gait, GaitVariation
+from walking.robot import TIME_STEP, Robot
+from walking.robot_parameters import RobotParameters
 
 # Strides of most gaits agree to 0.03% from the second on. Robots whose strides do not agree to
 # SETTLED do not repeat themselves, and are simulated for longer.

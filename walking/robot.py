@@ -73,6 +73,8 @@ class Robot(Diagram):
 
     __slots__ = ()  # see limb_systems.drake_python
 
+    is_model = True
+
     def __init__(
         self,
         robot: RobotParameters | LimbParameters | str | Path | None = None,
