@@ -25,7 +25,7 @@ from controllers.wayfinder import GOAL
 from hardware import replay
 from limb_systems import Gait, Robot, RobotParameters
 from planners import plan_gaits, walk
-from planners.gait.check import SPREAD_STEP, fall_of, with_other_parameters
+from planners.gait.check import fall_of, with_other_parameters
 from planners.gait.courses import AHEAD, load_gaits
 
 MARGIN = 5.0  # °C
@@ -60,7 +60,7 @@ def run(job: tuple[dict[str, Gait], int]) -> str:
     reached.clear()
     began = time.process_time()
     most = walk(ahead, int(LONGEST / ahead.period))
-    recording = replay(most, Robot(robot, time_step=SPREAD_STEP), controller=Watched(gaits, GOALS))
+    recording = replay(most, Robot(robot, time_step=4e-3), controller=Watched(gaits, GOALS))
     taken = time.process_time() - began
     missed = [
         *reached,

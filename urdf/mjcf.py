@@ -306,8 +306,8 @@ def _add_wires(
         if heat is None and not callback:
             raise ValueError(
                 f"The wire {name} has the law {type(wire.law).__name__}, which MJCF cannot "
-                "express; fit the limb with --law LinearLaw or TwoMassLaw, or write the law's C "
-                "code as well, by --callback FILE.c."
+                "express; write its C code as well (--callback FILE.c), or fit the limb with "
+                "--method paper, whose law MJCF can express."
             )
         tendon = _add(_section(root, "tendon"), "fixed", name=f"wire_{name}")
         shares = {"e2": wire.e2, "e3": wire.e3, "twist": 0.0}

@@ -449,7 +449,7 @@ class RobotParameters(Described):
 
     @property
     def standing_height(self) -> float:
-        """Height of the body's origin, m, where the lowest foot of straight limbs is at the ground."""
+        """Height of the body's origin, m, with the lowest foot of straight limbs on the ground."""
         return self.feet.radius - min(limb.straight_height for limb in self.limbs)
 
     @property

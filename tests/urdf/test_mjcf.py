@@ -1,5 +1,8 @@
 """Limbs and robots in MuJoCo, against the equations of motion, Drake, and MuJoCo's own figures."""
 
+import ctypes
+import shutil
+import subprocess
 from pathlib import Path
 
 import mujoco
@@ -24,6 +27,7 @@ from limb_systems import (
 )
 from limb_systems.model.dynamics import Dynamics
 from limb_systems.model.statics import HeldAngles
+from soft_limb.command import main
 from urdf import limb_mjcf, robot_mjcf
 
 STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -184,7 +188,7 @@ def test_the_checked_in_file_is_what_is_written_of_the_nominal_limb():
 def test_what_mjcf_cannot_express_is_refused_with_what_to_do():
     limb = LimbParameters()
     limb.segments[0].wires[1].law = HystereticLaw()
-    with pytest.raises(ValueError, match=r"The wire right has the law HystereticLaw.*--law"):
+    with pytest.raises(ValueError, match=r"The wire right has the law HystereticLaw.*--callback"):
         limb_mjcf(limb)
     limb = LimbParameters()
     limb.segments[0].rest_memory = RestMemory()
@@ -208,3 +212,46 @@ def test_a_robot_stands_on_feet_of_their_stiffness_and_creep(robot):
     assert (normal > 0).all()
     depth = -data.contact.dist
     assert depth == pytest.approx(normal / 1e4, rel=0.02)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+def test_hysteretic_wires_heat_and_pull_by_c_code(tmp_path, capsys):
+    limb = LimbParameters()
+    for wire in limb.segments[0].wires:
+        wire.law = HystereticLaw()
+    limb.save(tmp_path / "limb.yaml")
+    files = [tmp_path / name for name in ("limb.yaml", "limb.xml", "limb.c")]
+    yaml, xml, code = map(str, files)
+    assert main(["export", yaml, "-o", xml]) == 1
+    assert "--callback" in capsys.readouterr().err
+    assert main(["export", yaml, "-o", xml, "--callback", code]) == 0
+    library = str(tmp_path / "limb.so")
+    include = f"-I{mujoco.HEADERS_DIR}/.."
+    subprocess.run(
+        ["cc", "-O1", "-shared", "-fPIC", include, f"-I{mujoco.HEADERS_DIR}", code, "-o", library],
+        check=True,
+    )
+    callbacks = ctypes.CDLL(library)
+    model = mujoco.MjModel.from_xml_path(xml)
+    data, wires = mujoco.MjData(model), Wires(limb)
+    duty = np.array([0.1, 0.5])
+    mujoco.set_mjcb_act_dyn(callbacks.wire_rates)
+    mujoco.set_mjcb_act_bias(callbacks.wire_torque)
+    try:
+        data.ctrl[:] = duty
+        for _ in range(2000):
+            mujoco.mj_step(model, data)
+    finally:
+        mujoco.set_mjcb_act_dyn(None)
+        mujoco.set_mjcb_act_bias(None)
+    states = wires.under_duty(wires.cold_states, np.tile(duty, (2, 1)), np.array([0.0, 4.0]), 0.01)
+    expected = (states[-1] - wires.cold_states).reshape(-1, 2).T
+    np.testing.assert_allclose(data.act.reshape(2, -1)[:, :-1], expected, rtol=5e-3, atol=5e-3)
+    held = wires.levers @ np.array(
+        [
+            wire.law.torque(states[-1][number::2], 25.0, 0.0)
+            for number, wire in enumerate(limb.wires)
+        ]
+    )
+    np.testing.assert_allclose(data.qfrc_actuator, held, rtol=1e-2)
+    assert np.abs(held).max() > 1e-3
