@@ -51,9 +51,7 @@ def wire_callback(parameters: LimbParameters) -> str:
         law = wire.law
         cold = [*law.cold_states(ambient), ambient]
         act, duty, angle = ca.SX.sym("act", len(cold)), ca.SX.sym("duty"), ca.SX.sym("angle")
-        *states, reading = [
-            value + start for value, start in zip(ca.vertsplit(act), cold, strict=True)
-        ]
+        *states, reading = ca.vertsplit(act + ca.DM(cold))
         rates = ca.vertcat(*law.rates(states, duty, ambient), law.reading_rate(reading, states))
         torque = ca.SX(law.torque(states, ambient, angle))
         if ca.depends_on(torque, angle):

@@ -175,7 +175,7 @@ def _section(root: Element, name: str) -> Element:
     return SubElement(root, name) if found is None else found
 
 
-def _add_bodies(parent: Element, robot: Element, first: str, springs: dict) -> Element:
+def _add_bodies(parent: Element, robot, first: str, springs: dict) -> Element:
     """Add a link of a URDF and all that hangs on it, and return its body."""
     links = {link.get("name"): link for link in robot.findall("link")}
     joints = robot.findall("joint")
@@ -205,13 +205,13 @@ def _add_bodies(parent: Element, robot: Element, first: str, springs: dict) -> E
     return body
 
 
-def _place(element: Element) -> dict[str, str]:
+def _place(element) -> dict[str, str]:
     origin = element.find("origin")
     place = {"pos": origin.get("xyz"), "euler": origin.get("rpy", "0")}
     return {name: value for name, value in place.items() if any(map(float, value.split()))}
 
 
-def _add_inertia(body: Element, link: Element) -> None:
+def _add_inertia(body: Element, link) -> None:
     """Add the inertia of a link; MuJoCo misplaces the frame of a body that says none."""
     inertial = link.find("inertial")
     if inertial is None:
@@ -228,7 +228,7 @@ def _add_inertia(body: Element, link: Element) -> None:
     )
 
 
-def _add_shape(body: Element, shape: Element, link: str) -> None:
+def _add_shape(body: Element, shape, link: str) -> None:
     """Add a visual, or a collision with what is not of the same limb or robot."""
     (kind,) = shape.find("geometry")
     numbers = kind.get("size") or " ".join(filter(None, map(kind.get, ("radius", "length"))))
@@ -247,7 +247,7 @@ def _add_shape(body: Element, shape: Element, link: str) -> None:
 
 def _add_mount(body: Element, mount: str, height: float) -> None:
     """Add the joints by which a robot's body moves."""
-    joints = {
+    joints: dict[str, list[dict[str, Any]]] = {
         "planar": [
             {"name": "body_x", "type": "slide", "axis": (1, 0, 0)},
             {"name": "body_z", "type": "slide", "axis": (0, 0, 1), "ref": height},

@@ -184,8 +184,8 @@ COMMANDS = {
         _export,
         "Writes the duty of trajectories as CSV or as a C header, for a program of your own that "
         "holds each row for a period: a row is the plan's mean duty over the period. Writes limbs "
-        "as SDFormat, with their springs, as URDF, without, or as MJCF for MuJoCo, with springs and "
-        "heat.",
+        "as SDFormat, with their springs, as URDF, without, or as MJCF for MuJoCo, with springs "
+        "and heat.",
         "force",
         [
             Option(

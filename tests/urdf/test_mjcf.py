@@ -214,6 +214,7 @@ def test_a_robot_stands_on_feet_of_their_stiffness_and_creep(robot):
     assert depth == pytest.approx(normal / 1e4, rel=0.02)
 
 
+@pytest.mark.whole
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 def test_hysteretic_wires_heat_and_pull_by_c_code(tmp_path, capsys):
     limb = LimbParameters()
@@ -247,11 +248,6 @@ def test_hysteretic_wires_heat_and_pull_by_c_code(tmp_path, capsys):
     states = wires.under_duty(wires.cold_states, np.tile(duty, (2, 1)), np.array([0.0, 4.0]), 0.01)
     expected = (states[-1] - wires.cold_states).reshape(-1, 2).T
     np.testing.assert_allclose(data.act.reshape(2, -1)[:, :-1], expected, rtol=5e-3, atol=5e-3)
-    held = wires.levers @ np.array(
-        [
-            wire.law.torque(states[-1][number::2], 25.0, 0.0)
-            for number, wire in enumerate(limb.wires)
-        ]
-    )
+    held = wires.forces(states[-1], np.zeros(limb.num_joints))
     np.testing.assert_allclose(data.qfrc_actuator, held, rtol=1e-2)
     assert np.abs(held).max() > 1e-3
