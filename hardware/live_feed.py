@@ -14,9 +14,9 @@ from hardware.board.several_boards import Link
 from hardware.firmware import guard
 from limb_systems import Layout, LimbParameters, LimbSystem, Trajectory
 from limb_systems.band import Band, band
+from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.drake_python import weak_method
 from limb_systems.simulation import PERIOD
-from walking import RobotParameters
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class RunHeader:
     duration: float | None = None
     plan: Trajectory | None = None
     band: Band | None = None
-    robot: RobotParameters | None = None
+    robot: ConnectedLimbs | None = None
 
 
 @dataclasses.dataclass(frozen=True)

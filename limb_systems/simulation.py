@@ -26,10 +26,8 @@ from limb_systems.files.schema import shown
 from limb_systems.files.signal_table import TIMES, without_rounding
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.kinematics import bend_angle
-from limb_systems.limb import Limb
 from limb_systems.limb_system import ACCURACY, LimbSystem, check_limb
 from limb_systems.progress import Progress
-from walking.robot import Robot
 
 
 class SimulationError(LimbError):
@@ -155,7 +153,7 @@ def record(
     builder.Connect(duty, system.GetInputPort("duty"))
     # A Limb's bend angle follows from its joint state for all samples at once, so that the C++
     # loop does not call Python at each of them.
-    calculated = ["bend_angle"] if isinstance(system, Limb | Robot) else []
+    calculated = ["bend_angle"] if is_model(system) else []
     names = [n for n in (*Recording.MEASURED, *Recording.optional()) if n not in calculated]
     ports = {name: system.GetOutputPort(name) for name in names if system.HasOutputPort(name)}
     ports |= {"duty": duty} | ({"reference": reference} if reference else {})
@@ -174,7 +172,7 @@ def record(
     signals = {name: sink.FindLog(context).data().copy() for name, sink in sinks.items()}
     signals |= {name: signals[name][0] for name in TIMES if name in signals}
     signals["duty"] = without_rounding(signals["duty"])
-    if isinstance(system, Limb | Robot):
+    if is_model(system):
         angles = signals["joint_state"][: system.parameters.num_joints]
         signals["bend_angle"] = bend_angle(system.parameters, angles)
     times = np.minimum(np.arange(signals["duty"].shape[1]) / sample_rate, duration)
@@ -187,6 +185,11 @@ def record(
         provenance=provenance,
         **signals,
     )
+
+
+def is_model(system: LimbSystem) -> bool:
+    """Return whether a system is a model, whose bend angle follows from its joint state."""
+    return getattr(system, "is_model", False)
 
 
 def build(builder: DiagramBuilder) -> Diagram:
@@ -327,7 +330,7 @@ def warn_of_fast_duty(duty: trajectories.Trajectory, system: LimbSystem) -> None
     if len(jumps) < 2:
         return
     shortest = np.diff(jumps).min()
-    if isinstance(system, Limb | Robot):
+    if is_model(system):
         fastest, why = SHORTEST_PULSE, "its wires feel the mean alone, and all of it takes long"
     else:
         fastest, why = PERIOD, f"{type(system).__name__} takes duty at 20 Hz, or about so often"
@@ -347,7 +350,7 @@ def check_positive(name: str, value: Any, unit: str = "") -> None:
 
 def _set_state(system, context, state) -> None:
     state, size = np.asarray(state, float), context.num_continuous_states()
-    steps = isinstance(system, Robot) and context.num_discrete_state_groups()
+    steps = is_model(system) and context.num_discrete_state_groups()
     of_steps = context.get_discrete_state_vector().size() if steps else 0
     if state.shape != (of_steps + size,) or not np.isfinite(state).all():
         raise SimulationError(

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 
 from hardware.live_feed import Reading, RunHeader
 from limb_systems import joint_angles_from_bend_angle
-from limb_systems.views.limb_view import LimbView, ghosts_of_plan
+from limb_systems.views.limb_view import LimbView, ghosts_of_plan, view_of
 
 # The page around it says whether there is a connection, and there is nothing to control.
 STYLE = "<style>#status-message, .dg { display: none !important; }</style>"
@@ -37,7 +37,7 @@ class View:
         shown, ghosts = phase.robot or parameters, []
         if phase.plan and shown is parameters:
             ghosts = ghosts_of_plan(parameters, phase.plan)
-        limb = LimbView(shown, ghosts)
+        limb = view_of(shown, ghosts)
         meshcat = Meshcat(MeshcatParams(host="127.0.0.1", port=0, show_stats_plot=False))
         limb.add_to(meshcat)
         limb.set_scene(meshcat)
