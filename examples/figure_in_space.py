@@ -1,4 +1,4 @@
-"""A limb that draws with its tip as one figure: some poses by Drake's renderer, and the tips' paths.
+"""A limb that draws with its tip as one figure: poses by Drake's renderer, and the tips' paths.
 
     python examples/figure_in_space.py PLAN.csv RECORDING.csv [-o PICTURE.png]
 
