@@ -5,8 +5,7 @@ nothing else. The wires of an `OtherLimb` follow Liang and Rogers' cosine kineti
 heat that flows through three masses to a room by natural convection, a resistance that changes
 with the phase, and thermocouples that lag twice; its body is one bending mode on a cubic
 spring with a Maxwell element. Its numbers are ours, within what is published of such wires
-and silicones. It is an emulation, and not a measurement of a limb. `unseen_limbs.py` takes it
-from its first recording to its plans.
+and silicones. It is an emulation, and not a measurement of a limb.
 """
 
 import math

@@ -59,7 +59,6 @@ class FaultySensors(LeafSystem):
             )
             first += size
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
-        self.set_name("faulty_sensors")
 
     def _update(self, context, state) -> None:
         held = context.get_discrete_state_vector()[0]
@@ -91,4 +90,4 @@ def with_faulty_sensors(controller: System, fault: SensorFault) -> Diagram:
     names = ("measured_temperature", "bend_angle")
     num_wires, num_segments = (controller.GetInputPort(name).size() for name in names)
     sensors = FaultySensors(num_wires, num_segments, fault)
-    return behind(sensors, controller, "controller_with_faulty_sensors")
+    return behind(sensors, controller)

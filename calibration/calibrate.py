@@ -214,7 +214,9 @@ class Calibration(Summarized):
         if self.stiffness and self._further_sag:
             k = self.stiffness.stiffness
             share = k.standard_error / k.value
-            sentence = f"k is known to {share:.0%} only: {self._further_sag}."
+            # The next recording says it, if it is that.
+            todo = "" if self.next_recording == self._further_sag else f": {self._further_sag}"
+            sentence = f"k is known to {share:.0%} only{todo}."
             remarks.append(Remark("scatter" if share > SCATTER else "stiffness", sentence))
         if self.prediction:
             remarks += remarks_on_coverage(self.parameters, self.prediction.fit.predicted)

@@ -445,7 +445,6 @@ class LimbObserver(LeafSystem):
             "highest_temperature", W, weak_method(self._calc_highest_temperature)
         )
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
-        self.set_name("limb_observer")
 
     def _shown(self, calc):
         estimate = weak_method(self._estimate)

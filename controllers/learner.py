@@ -249,9 +249,7 @@ class Learner:
         builder = DiagramBuilder()
         source = builder.AddSystem(TrajectorySource(self.duty_trajectory()))
         builder.ExportOutput(source.get_output_port(), "duty")
-        diagram = builder.Build()
-        diagram.set_name("learned_duty")
-        return diagram
+        return builder.Build()
 
     def learned_trajectory(self) -> Trajectory:
         """The plan with the duty of the best repetition, and what the limb does under it.

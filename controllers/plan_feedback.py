@@ -96,7 +96,6 @@ class PlanFeedback(PlanController):
         later = np.pad(planned, ((0, ahead), (0, 0)), mode="edge")
         self._highest = sliding_window_view(later, ahead + 1, axis=0).max(axis=-1)
         self._warmer = WARMER if parameters.calibration else WARMER_UNCALIBRATED
-        self.set_name("plan_feedback")
 
     def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, model = self._plan.index(time), self._estimator.model
@@ -166,7 +165,6 @@ class PlanRegulator(PlanController):
         first = trajectory.bend_angle[:, :1].T
         planned = np.vstack([first, self._plan.bend_angle[:-1]])
         self._unlike_plan = self._estimator.model.bend_angle(self._plan.heat) - planned
-        self.set_name("plan_regulator")
 
     def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, N = self._plan.index(time), estimate.heat.size - len(caps)

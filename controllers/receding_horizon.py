@@ -71,7 +71,6 @@ class RecedingHorizon(PlanController):
         replans = self.DeclareDiscreteState(3)
         self.DeclareDiscreteState(packed(first))
         self.DeclareStateOutputPort("replans", replans)
-        self.set_name("receding_horizon")
 
     def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         counts, plan = state.value(2).copy(), unpacked(state.value(3), self._like)

@@ -109,7 +109,6 @@ class TemperatureSupervisor(LeafSystem):
             {self.discrete_state_ticket(caps), self.input_port_ticket(duty.get_index())},
         )
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
-        self.set_name("temperature_supervisor")
 
     def _update(self, context, state) -> None:
         readings = self.GetInputPort("measured_temperature").Eval(context)
@@ -155,4 +154,4 @@ def supervised(
             f"{wires}."
         )
     supervisor = TemperatureSupervisor(parameters, limit=limit)
-    return behind(supervisor, controller, f"supervised_{controller.get_name()}")
+    return behind(supervisor, controller)

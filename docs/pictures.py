@@ -251,9 +251,10 @@ COLLECTING = {
 def collecting_diagram() -> Diagram:
     """What `calibration.collect_equilibria` simulates, but for the recording."""
     builder = DiagramBuilder()
-    limb = builder.AddSystem(LimbTwin())
-    schedule = builder.AddSystem(EquilibriumSchedule([0.5]))
-    controller = builder.AddSystem(BendAngleController(limb.parameters, "right"))
+    limb = builder.AddNamedSystem("limb_twin", LimbTwin())
+    schedule = builder.AddNamedSystem("equilibrium_schedule", EquilibriumSchedule([0.5]))
+    controller = BendAngleController(limb.parameters, "right")
+    builder.AddNamedSystem("bend_angle_controller", controller)
     for name in ("bend_angle", "measured_temperature"):
         for system in (schedule, controller):
             builder.Connect(limb.GetOutputPort(name), system.GetInputPort(name))

@@ -25,15 +25,15 @@ class BendControl(LeafSystem):
 
     def __init__(self, trajectory):
         super().__init__()
-        plan = trajectory.since_start()
-        self._angle = references.from_samples(plan.time, plan.reference)
+        self._plan = trajectory.since_start()
         self.DeclareVectorInputPort("bend_angle", 1)
         self.DeclareDiscreteState(1)  # ∫ e dt, rad s
         self.DeclareStateOutputPort("duty", self.DeclareDiscreteState(2))
         self.DeclarePeriodicDiscreteUpdateEvent(0.05, 0.0, weak_method(self._update))
 
     def _update(self, context, state):
-        error = self._angle.value(context.get_time())[0] - self.get_input_port().Eval(context)
+        reference = self._plan.interpolated(self._plan.reference, context.get_time())
+        error = reference - self.get_input_port().Eval(context)
         state.set_value(0, state.value(0) + 0.05 * error)
         asked = (2.0 * error + 0.5 * state.value(0)) * [-1.0, 1.0]
         state.set_value(1, np.clip(asked, 0.0, 1.0))

@@ -3,11 +3,13 @@
 from hardware.board.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.board.serial_limb import SerialLimb
 from hardware.board.text_board import AnswerLine, DutyLine, TextBoard
+from hardware.drivers import LimbDriver
 from hardware.emulation.emulator import emulated_port
 from hardware.emulation.sensors import SensedLimb
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError, present_readings, replay, watch
-from hardware.station import LimbDriver, Scenario, Station, StationError, drive
+from hardware.scenario import Scenario, StationError
+from hardware.station import Station, drive
 
 __all__ = [
     "AnswerLine",

@@ -145,7 +145,6 @@ class Feed(LeafSystem):
         for name, size in sizes.items():
             self.DeclareVectorInputPort(name, size)
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._tell))
-        self.set_name("live")
 
     def _tell(self, context) -> None:
         signals = {

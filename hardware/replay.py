@@ -290,6 +290,7 @@ def _run(
             sample_rate,
             provenance=provenance,
             ended_by_hand=ended_by_hand,
+            may_wait=not (limb.real_time or live),
         ) as writer,
     ):
         recording = record(

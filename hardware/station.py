@@ -2,124 +2,47 @@
 
 import contextlib
 import dataclasses
-import warnings
-from collections.abc import Mapping
+import logging
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Union
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.geometry import Meshcat
-from pydrake.manipulation import ApplyDriverConfigs, ZeroForceDriver
-from pydrake.multibody.parsing import (
-    ModelDirective,
-    ModelDirectives,
-    Parser,
-    ProcessModelDirectives,
-)
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
-from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.manipulation import ApplyDriverConfigs
+from pydrake.multibody.parsing import Parser, ProcessModelDirectives
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 import urdf
 from hardware.board.link import Closed
 from hardware.board.serial_limb import SerialLimb
+from hardware.drivers import LimbDriver, export_limb
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import check_replayable
+from hardware.scenario import Scenario, StationError
 from limb_systems import (
-    LimbError,
-    LimbParameters,
     Trajectory,
     WireColors,
-    add_limb_actuation,
 )
-from limb_systems.contact import NEAR_RIGID_THRESHOLD, TIME_STEP, ContactForces
-from limb_systems.files.input import read_text
+from limb_systems.contact import ContactForces
 from limb_systems.files.schema import shown
 from limb_systems.simulation import (
     advance,
     build,
     check_duty,
     check_positive,
-    config_of_steps,
+    end_of_samples,
+    jump_times,
     make_simulator,
 )
 
 SIMULATED, EMULATED, BOARD = KINDS = ("simulated", "emulated", "board")
-OUTPUTS = "measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"
-TILTED = 0.5  # m/s², by which gravity in a description may differ from that in the plant
-
-
-class StationError(LimbError):
-    """A scenario is wrong, or a station cannot be made of it."""
-
-
-@dataclasses.dataclass
-class LimbDriver:
-    """Wires of a limb, as a driver of a scenario. Drake's `ApplyDriverConfigs` knows it, too.
-
-    - ``limb``: YAML file of its `LimbParameters`, from the scenario's folder; the nominal limb if
-      empty.
-    - ``seed``: seed of the limb where it is emulated.
-    - ``port``: serial port of its board.
-    """
-
-    limb: str = ""
-    seed: int = 0
-    port: str = ""
-
-    @property
-    def parameters(self) -> LimbParameters:
-        """Description of the limb."""
-        return LimbParameters.of(self.limb or None)
-
-
-def _plant_config() -> MultibodyPlantConfig:
-    """Contact as of robots."""
-    return MultibodyPlantConfig(
-        time_step=TIME_STEP,
-        discrete_contact_approximation="sap",
-        sap_near_rigid_threshold=NEAR_RIGID_THRESHOLD,
-    )
-
-
-@dataclasses.dataclass
-class Scenario:
-    """What there is, as in the scenarios of Drake's hardware_sim, without LCM and cameras.
-
-    - ``directives``: models and welds; ``package://soft_limb`` has the limb, ``package://scenario``
-      is the scenario's folder.
-    - ``model_drivers``: a driver for the model instances that have one, by name: `LimbDriver`, or
-      Drake's `ZeroForceDriver`.
-    - ``plant_config``, ``simulator_config``: settings of the simulation.
-    """
-
-    directives: list[ModelDirective] = dataclasses.field(default_factory=list)
-    model_drivers: Mapping[str, Union[LimbDriver, ZeroForceDriver]] = dataclasses.field(  # noqa: UP007 - Drake wants it so
-        default_factory=dict
-    )
-    plant_config: MultibodyPlantConfig = dataclasses.field(default_factory=_plant_config)
-    simulator_config: SimulatorConfig = dataclasses.field(default_factory=config_of_steps)
-
-    @classmethod
-    def load(cls, path: str | Path) -> "Scenario":
-        """Reads a YAML file.
-
-        Raises:
-            StationError: if it is none, or has other fields.
-        """
-        text = read_text(path, "scenario", StationError)
-        if not text.strip():
-            raise StationError(f"{path} is empty; a scenario has directives and model_drivers.")
-        try:
-            return yaml_load_typed(schema=cls, data=text, defaults=cls())
-        except Exception as error:  # Drake and PyYAML have many
-            raise StationError(f"{path}: {' '.join(str(error).split())}.") from error
 
 
 class Station(Diagram, Closed):
@@ -133,7 +56,8 @@ class Station(Diagram, Closed):
       ``left_finger.wire_temperature``: T (W), °C, and ``left_finger.joint_state``: [θ, θ̇] (2n)
 
     With simulated limbs also, for each limb, output ``left_finger.contact_force``: N, of whatever
-    touches it, along x, y and z of the world (3); for each other model instance that moves,
+    touches it, along x, y and z of the world (3), over the plant's step that begins with the state
+    that there is; for each other model instance that moves,
     output ``wrist.state``: of the plant; for each that has actuators without a driver, inputs
     ``wrist.actuation``, which may be left unconnected, and ``wrist.desired_state``, which its
     actuators with gains hold if it is connected.
@@ -163,7 +87,9 @@ class Station(Diagram, Closed):
         """
         super().__init__()
         folder = Path() if isinstance(scenario, Scenario) else Path(scenario).parent
-        if not isinstance(scenario, Scenario):
+        if isinstance(scenario, Scenario):
+            scenario.validate()
+        else:
             scenario = Scenario.load(scenario)
         if limbs not in KINDS:
             raise StationError(f"limbs is {limbs!r}; it must be one of {', '.join(KINDS)}.")
@@ -174,6 +100,11 @@ class Station(Diagram, Closed):
             for name, driver in scenario.model_drivers.items()
         }
         of_limbs = {name: d for name, d in drivers.items() if isinstance(d, LimbDriver)}
+        if not of_limbs:
+            raise StationError(
+                "The scenario has no limb: model_drivers must have a !LimbDriver for each model "
+                "that is one."
+            )
         self.real_time, self.scenario = limbs == BOARD, scenario
         self._is_simulated, self._names = limbs == SIMULATED, list(of_limbs)
         builder = DiagramBuilder()
@@ -187,10 +118,9 @@ class Station(Diagram, Closed):
                 if limbs == BOARD:
                     opened.callback(limb.close)
                 builder.AddNamedSystem(name, limb)
-                _export(builder, limb, name)
+                export_limb(builder, limb, name)
             builder.BuildInto(self)
             opened.pop_all()
-        self.set_name("station")
 
     # A reference to a part would keep the station alive, see limb_systems.drake_python.
 
@@ -249,7 +179,7 @@ def drive(
             )
         if missing := [n for n in names if n.endswith(".duty") and n not in inputs]:
             raise StationError(f"{', '.join(missing)} is missing; each limb needs its duty.")
-        limbs = station.limbs
+        limbs, jumps = station.limbs, np.empty(0)
         for name, given in inputs.items():
             port = station.GetInputPort(name)
             signal = _signal(name, given, duration)
@@ -264,6 +194,7 @@ def drive(
                 if isinstance(given, Trajectory):
                     check_replayable(given, limb)
                 _check_duty(name, signal, duration, limb.parameters.total_duty)
+            jumps = np.append(jumps, jump_times(signal))
             source = builder.AddSystem(TrajectorySource(signal, int(with_rates)))
             builder.Connect(source.get_output_port(), port)
         outputs = map(station.get_output_port, range(station.num_output_ports()))
@@ -271,34 +202,58 @@ def drive(
             port.get_name(): LogVectorOutput(port, builder, 1 / sample_rate) for port in outputs
         }
         simulator = _simulator(station, build(builder))
-        advance(simulator, duration, real_time=station.real_time)
+        end = end_of_samples(duration, sample_rate)
+        advance(simulator, end, real_time=station.real_time, jumps=np.unique(jumps))
         logs = {name: sink.FindLog(simulator.get_context()) for name, sink in sinks.items()}
-    times = next(iter(logs.values())).sample_times()
-    return {"time": times} | {name: log.data() for name, log in logs.items()}
+    times = next(iter(logs.values())).sample_times().copy()
+    return {"time": times} | {name: log.data().copy() for name, log in logs.items()}
 
 
 def _simulator(station: Station, diagram: Diagram) -> Simulator:
     """By the scenario's configuration, or by what limbs that are alone need."""
     if station.plant is not None:
         simulator = Simulator(diagram)
-        ApplySimulatorConfig(station.scenario.simulator_config, simulator)
+        config = station.scenario.simulator_config
+        time_step = station.scenario.plant_config.time_step
+        ApplySimulatorConfig(config.to_drake(time_step), simulator)
         return simulator
     accuracies = [limb.accuracy for limb in station.limbs.values()]
     return make_simulator(diagram, min(filter(None, accuracies), default=None))
 
 
 def _signal(name: str, given: Any, duration: float) -> trajectories.Trajectory:
-    """What an input is given, as a trajectory."""
+    """Return what an input is given as a trajectory of a column, from time 0.
+
+    Raises:
+        StationError: if it is none.
+    """
     if isinstance(given, Trajectory):
         return given.since_start().duty_trajectory()
     if isinstance(given, trajectories.Trajectory):
+        try:
+            shape = given.rows(), given.cols()
+        except RuntimeError:  # it is empty
+            shape = 0, 0
+        if shape[0] == 0 or shape[1] != 1:
+            raise StationError(
+                f"The input {name} is a trajectory of {shape[0]} x {shape[1]} numbers; it must "
+                "have a row for each number of the input, and one column."
+            )
+        if given.start_time() > 1e-6:
+            raise StationError(
+                f"The input {name} starts at {given.start_time():g} s, but a run begins at 0 s; "
+                "shift it, or say what is before."
+            )
         return given
     try:
         values = np.atleast_1d(np.asarray(given, float))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.ndim != 1 or not values.size or not np.isfinite(values).all():
         raise StationError(
-            f"The input {name} is {shown(given)}; it must be a plan, a trajectory or numbers."
-        ) from error
+            f"The input {name} is {shown(given)}; it must be a plan, a trajectory or a list of "
+            "finite numbers."
+        )
     held = np.column_stack([values, values])
     return trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], held)
 
@@ -321,43 +276,18 @@ def _check_duty(
         )
 
 
-def ApplyDriverConfig(
-    driver_config: LimbDriver | ZeroForceDriver,
-    model_instance_name: str,
-    sim_plant: MultibodyPlant,
-    models_from_directives: Mapping[str, Any],
-    lcms: Any,
-    builder: DiagramBuilder,
-) -> None:
-    """Adds the wires of a limb to a simulation, and exports their ports with the limb's name.
-
-    Args:
-        driver_config: description of the limb.
-        model_instance_name: name of the limb in the plant.
-        sim_plant: finalized, with the limb.
-        models_from_directives, lcms: not used.
-        builder: builder of the diagram that has the plant.
-
-    Raises:
-        ParameterError: if the limb in the plant is not that of the description.
-    """
-    limb = sim_plant.GetModelInstanceByName(model_instance_name)
-    wires = add_limb_actuation(builder, sim_plant, limb, driver_config.parameters)
-    _warn_of_gravity(sim_plant, limb, wires.parameters)
-    _export(builder, wires, model_instance_name)
-
-
 def _add_plant(
     builder: DiagramBuilder, scenario: Scenario, drivers: Mapping[str, Any], folder: Path
 ) -> None:
     """Adds the plant of a scenario with its drivers, and exports the ports of all models."""
     try:
-        plant, _ = AddMultibodyPlant(config=scenario.plant_config, builder=builder)
+        config = scenario.plant_config.to_drake()
+        plant, _ = AddMultibodyPlant(config=config, builder=builder)
         parser = Parser(plant)
         parser.package_map().PopulateFromFolder(str(Path(urdf.__file__).parent))
         parser.package_map().Add("scenario", str(folder.resolve()))
-        directives = ModelDirectives(directives=scenario.directives)
-        models = ProcessModelDirectives(directives, plant, parser)
+        with _refusing_replaced_inertia():
+            models = ProcessModelDirectives(scenario.to_drake(), plant, parser)
         plant.Finalize()
     except RuntimeError as error:
         raise StationError(f"The scenario: {' '.join(str(error).split())}") from error
@@ -389,6 +319,35 @@ def _add_plant(
             builder.ExportInput(plant.get_desired_state_input_port(model), f"{name}.desired_state")
 
 
+@contextlib.contextmanager
+def _refusing_replaced_inertia() -> Iterator[None]:
+    """Raise StationError if Drake's parser puts the inertia of a ball of water in a body's place.
+
+    It does so where moments break the triangle inequality, and says so in its log alone.
+    """
+    records: list[logging.LogRecord] = []
+
+    class Keeper(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            records.append(record)
+
+    log, keeper = logging.getLogger("drake"), Keeper()
+    log.addHandler(keeper)
+    try:
+        yield
+    finally:
+        log.removeHandler(keeper)
+    for record in records:
+        place, found, reason = record.getMessage().partition(" warning: While parsing inertia")
+        if found:
+            moments = reason.partition("principal moments of inertia:")[2].split("do not")[0]
+            raise StationError(
+                f"{place} the moments of inertia {', '.join(moments.split())} kg·m² are those of "
+                "no body, and Drake would take those of a ball of water; give moments of which "
+                "none is larger than the other two together."
+            )
+
+
 def _show(builder: DiagramBuilder, limbs: list[str], meshcat: Meshcat) -> None:
     """Shows what is simulated, with wires in the colour of their heat."""
     ApplyVisualizationConfig(VisualizationConfig(), builder, meshcat=meshcat)
@@ -398,21 +357,6 @@ def _show(builder: DiagramBuilder, limbs: list[str], meshcat: Meshcat) -> None:
         builder.Connect(wires.GetOutputPort("wire_temperature"), colors.get_input_port())
 
 
-def _warn_of_gravity(
-    plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
-) -> None:
-    """Warns if plans of a limb would be for another direction of gravity than in the plant."""
-    base = plant.GetFrameByName("base", limb).CalcPoseInWorld(plant.CreateDefaultContext())
-    there = base.rotation().inverse() @ plant.gravity_field().gravity_vector()
-    if np.linalg.norm(there - parameters.gravity) > TILTED:
-        warnings.warn(
-            f"Gravity is {np.round(there, 2).tolist()} m/s² in the base of the limb "
-            f"{plant.GetModelInstanceName(limb)!r} and {list(parameters.gravity)} in its "
-            "description, for which it is planned; give the description the same gravity.",
-            stacklevel=2,
-        )
-
-
 def _limb_alone(name: str, driver: LimbDriver, kind: str) -> LimbTwin | SerialLimb:
     """An emulated limb, or one on a board."""
     if kind == EMULATED:
@@ -420,10 +364,3 @@ def _limb_alone(name: str, driver: LimbDriver, kind: str) -> LimbTwin | SerialLi
     if not driver.port:
         raise StationError(f"The driver of {name} has no port; give its board's serial port.")
     return SerialLimb(driver.port, driver.parameters)
-
-
-def _export(builder: DiagramBuilder, limb: System, name: str) -> None:
-    """Exports the ports of a limb, with its name before theirs."""
-    builder.ExportInput(limb.GetInputPort("duty"), f"{name}.duty")
-    for output in filter(limb.HasOutputPort, OUTPUTS):
-        builder.ExportOutput(limb.GetOutputPort(output), f"{name}.{output}")

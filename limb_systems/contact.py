@@ -53,7 +53,6 @@ class ContactForces(LeafSystem):
         self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         size = self._num_groups * len(self._axes)
         self.DeclareVectorOutputPort("contact_force", size, weak_method(self._calc))
-        self.set_name("contact_forces")
 
     def _calc(self, context, output):
         results = self.get_input_port().Eval(context)

@@ -1,5 +1,6 @@
 """The limb of Fig. 3 as one Drake diagram, and in anybody's plant; its manipulator, (1)-(2)."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from urdf import limb_sdf
 # kg, far below the rounding error of a limb's mass. Drake 1.58 divides by the mass of each body
 # when it evaluates a plant in symbols.
 NEGLIGIBLE_MASS = 1e-20
+OWN_BODY = re.compile(r"base|payload|(link|cross|root)_[0-9]+")  # names of a limb's bodies
 
 
 class Limb(Diagram):
@@ -68,14 +70,12 @@ class Limb(Diagram):
 
     is_model = True
 
-    def __init__(
-        self, parameters: LimbParameters | str | Path | None = None, *, name: str = "limb"
-    ):
+    def __init__(self, parameters: LimbParameters | str | Path | None = None, *, name: str = ""):
         """
         Args:
             parameters: description of the limb, or its YAML file; the nominal limb if
                 None. The limb keeps a copy, its attribute ``parameters``.
-            name: name of the system; limbs in one diagram need different names.
+            name: name of the system; Drake gives it one in a diagram if empty.
 
         Raises:
             ParameterError: if a parameter is out of its range.
@@ -84,7 +84,7 @@ class Limb(Diagram):
         self.parameters = parameters = LimbParameters.of(parameters)
         self.source = "model"
         builder = DiagramBuilder()
-        manipulator = builder.AddSystem(make_manipulator(parameters))
+        manipulator = builder.AddNamedSystem("manipulator", make_manipulator(parameters))
         ports, duty = add_wires(builder, parameters, manipulator.get_state_output_port())
         builder.Connect(ports["torque"], manipulator.get_applied_generalized_force_input_port())
         builder.ExportInput(duty, "duty")
@@ -107,13 +107,11 @@ class LimbActuation(Diagram):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(
-        self, parameters: LimbParameters | str | Path | None = None, *, name: str = "actuation"
-    ):
+    def __init__(self, parameters: LimbParameters | str | Path | None = None, *, name: str = ""):
         """
         Args:
             parameters: description of the limb, or its YAML file; the nominal limb if None.
-            name: name of the system; systems in one diagram need different names.
+            name: name of the system; Drake gives it one in a diagram if empty.
 
         Raises:
             ParameterError: if a parameter is out of its range.
@@ -253,8 +251,15 @@ def _check_model(
     plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
 ) -> list[RevoluteJoint]:
     """The joints of a limb; raises ParameterError if it is not as described."""
-    joints, layout = _checked_joints(plant, limb, parameters), Layout(parameters)
     name = plant.GetModelInstanceName(limb)
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(limb)]
+    others = [body.name() for body in bodies if not OWN_BODY.fullmatch(body.name())]
+    if others:
+        raise ParameterError(
+            f"The model instance of the limb {name!r} has other bodies, too: {', '.join(others)}; "
+            "give them a model instance of their own, by plant.AddModelInstance."
+        )
+    joints, layout = _checked_joints(plant, limb, parameters), Layout(parameters)
     indices = map(ForceElementIndex, range(plant.num_force_elements()))
     elements = map(plant.get_force_element, indices)
     springs = {e.joint().index(): e for e in elements if isinstance(e, RevoluteSpring)}
@@ -271,7 +276,7 @@ def _check_model(
             "the world, before the plant is finalized."
         )
     stiffness = [springs[joint.index()].default_stiffness() for joint in joints]
-    mass = sum(plant.get_body(body).default_mass() for body in plant.GetBodyIndices(limb))
+    mass = sum(body.default_mass() for body in bodies)
     names = [f"stiffness of {joint.name()}" for joint in joints]
     for what, unit, found, described in (
         ("mass", "kg", mass, layout.body_masses.sum()),
@@ -322,7 +327,6 @@ def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:
     add_limb(plant, parameters)
     plant.mutable_gravity_field().set_gravity_vector(parameters.gravity)
     plant.Finalize()
-    plant.set_name("manipulator")
     return plant
 
 

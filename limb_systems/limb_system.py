@@ -30,8 +30,8 @@ class LimbSystem(Protocol):
     - ``source``: a line of text that names the system in recordings of it.
     - ``real_time``: whether it must run in real time and be closed at the end
       by its method ``close``, as a robot must; False if left out.
-    - ``accuracy``: relative accuracy of the integrator that it needs; 1e-3 if
-      left out; None if its mechanics is in steps.
+    - ``accuracy``: accuracy of the integrator that it needs, an absolute error in
+      °C, rad and rad/s; 1e-3 if left out; None if its mechanics is in steps.
     """
 
     parameters: LimbParameters
@@ -87,7 +87,7 @@ def check_limb(system: System) -> LimbSystem:
     return system
 
 
-def behind(part: System, controller: System, name: str) -> Diagram:
+def behind(part: System, controller: System) -> Diagram:
     """Return a controller with another system between it and a limb, with a controller's ports.
 
     Output ports of each system are connected to the input ports of the other that have the same
@@ -97,7 +97,6 @@ def behind(part: System, controller: System, name: str) -> Diagram:
     Args:
         part: such as a supervisor of duty, or sensors with a fault; it becomes part of the diagram.
         controller: with the output ``duty``; it becomes part of the diagram.
-        name: name of the diagram.
     """
     builder, exported = DiagramBuilder(), set()
     for system in (part, controller):
@@ -105,16 +104,14 @@ def behind(part: System, controller: System, name: str) -> Diagram:
     for sink, source in ((part, controller), (controller, part)):
         for index in range(sink.num_input_ports()):
             port = sink.get_input_port(index)
-            name_of_port = port.get_name()
-            if source.HasOutputPort(name_of_port):
-                builder.Connect(source.GetOutputPort(name_of_port), port)
-            elif name_of_port in exported:
-                builder.ConnectInput(name_of_port, port)
+            name = port.get_name()
+            if source.HasOutputPort(name):
+                builder.Connect(source.GetOutputPort(name), port)
+            elif name in exported:
+                builder.ConnectInput(name, port)
             else:
-                builder.ExportInput(port, name_of_port)
-                exported.add(name_of_port)
+                builder.ExportInput(port, name)
+                exported.add(name)
     last = part if part.HasOutputPort("duty") else controller
     builder.ExportOutput(last.GetOutputPort("duty"), "duty")
-    diagram = builder.Build()
-    diagram.set_name(name)
-    return diagram
+    return builder.Build()

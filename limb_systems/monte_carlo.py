@@ -21,6 +21,9 @@ from limb_systems.limb_parameters import (
 from limb_systems.rubber import ramp
 from limb_systems.wire_laws.wire_law import WireLaw, runge_kutta
 
+SHORTER = 2, 4  # steps in place of one that is too long
+DIVERGED = 1e4  # °C, beyond which a simulation has diverged
+
 
 def draw_ensemble(parameters: LimbParameters, count: int) -> list[LimbParameters]:
     """Limbs with parameters around the calibrated ones, as likely as their covariance says.
@@ -201,7 +204,27 @@ class OpenLoop:
         return _of_sets(heat[:, 0], which), _of_sets(heat[:, -1], which), bends
 
     def _heat(self, law: WireLaw, room: np.ndarray, heat: np.ndarray) -> np.ndarray:
-        """States of the wires and V (K + 1, X + 1, B, R, W) from the start, runs in their order."""
+        """States of the wires and V (K + 1, X + 1, B, R, W) from the start, runs in their order.
+
+        A law whose heat, stress and transformation act on each other may be too fast for the step.
+        Sets that diverge by it are simulated again in shorter steps.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            course = self._heat_in_steps(law, room, heat, 1)
+            for per_step in SHORTER:
+                diverged = ~(np.abs(course) < DIVERGED).all(axis=(0, 1, 3, 4))
+                if not diverged.any():
+                    break
+                own = _with_arrays(law, lambda field: field[diverged])  # noqa: B023 - used at once
+                course[:, :, diverged] = self._heat_in_steps(
+                    own, room[diverged], heat[:, diverged], per_step
+                )
+        return course
+
+    def _heat_in_steps(
+        self, law: WireLaw, room: np.ndarray, heat: np.ndarray, per_step: int
+    ) -> np.ndarray:
+        """The same, by so many shorter steps in each step."""
         course = np.empty((len(self._duty) + 1, *heat.shape))
         course[0] = heat
         remembered = {
@@ -217,8 +240,9 @@ class OpenLoop:
                 heat = np.ascontiguousarray(course[number, ..., :going_on, :])
                 rates, shape = self._heat_rates(law, room[:, :going_on]), heat.shape[1:]
             duty = _full(levels[:going_on], shape)
-            heat = runge_kutta(rates, heat, (duty, duty, duty), self.step)
-            _keep_within(remembered, heat)
+            for _ in range(per_step):
+                heat = runge_kutta(rates, heat, (duty, duty, duty), self.step / per_step)
+                _keep_within(remembered, heat)
             course[number + 1, ..., :going_on, :] = heat
             course[number + 1, ..., going_on:, :] = course[number, ..., going_on:, :]
         return course

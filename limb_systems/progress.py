@@ -4,7 +4,10 @@ import contextlib
 import contextvars
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+
+EARLY = 0.1  # share of long work, after which it is said how long the rest takes
+LONG = 5.0  # s, from which on it is said
 
 _part = contextvars.ContextVar("part", default="")
 
@@ -17,6 +20,31 @@ def part_of_work(name: str) -> Iterator[None]:
         yield
     finally:
         _part.reset(token)
+
+
+class TimeLeft:
+    """Says once how long the rest of some work takes, by how long its first tenth took here."""
+
+    def __init__(self, total: float, announce: Callable[[str], object]):
+        """
+        Args:
+            total: amount of work, in any unit.
+            announce: is called with the time in words, if it is long.
+        """
+        self._total, self._announce = total, announce
+        self._begin = time.monotonic()
+        self._done = 0.0
+        self._is_said = False
+
+    def add(self, amount: float) -> None:
+        """Count work as done."""
+        self._done += amount
+        if self._is_said or self._done < EARLY * self._total:
+            return
+        self._is_said = True
+        left = (time.monotonic() - self._begin) * (self._total / self._done - 1.0)
+        if left > LONG:
+            self._announce(f"about {float(f'{left:.1g}'):.0f} s are left")
 
 
 class Progress:

@@ -3,6 +3,7 @@
 import contextlib
 import copy
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -35,14 +36,18 @@ class SimulationError(LimbError):
 
 # The chain has eigenvalues to -15 000 1/s beside the wires' -0.07 1/s. Of
 # Drake's implicit schemes this one needs the fewest evaluations here: a third
-# of those of implicit_euler at accuracy 1e-3 (benchmarks/simulation.py).
+# of those of implicit_euler at accuracy 1e-3 (benchmarks/simulation_speed.py).
 INTEGRATION_SCHEME = "radau3"
 MAX_STEP_SIZE = 0.1  # s
 # With nonlinear torque, Newton's method leaves errors that do not decrease with the step, and the
-# error control holds on to steps of 1e-5 s; so steps are at least of this size times the cube root
-# of the accuracy. From steps seven times as large on, where a stiff limb is released from a right
-# angle, the method finds no solution, and Drake tries the smallest step for ever.
-MIN_STEP_SIZE = 0.002
+# error control would hold on to the smallest steps for ever; with steps of this size such limbs
+# are simulated more accurately than with smaller ones. From three times as large ones on, where a
+# stiff limb is released from a right angle, the method finds no solution.
+MIN_STEP_SIZE = 5e-4  # s
+SWING_ACCURACY = 1e-3  # of an amplitude: after 30 periods the energy is right within 0.3%
+BESIDE_JUMP = 1e-9  # s, before and after a jump of the duty, where steps end and begin
+SMALLEST_JUMP = 1e-6  # of duty
+SHORTEST_PULSE = 1e-3  # s, of duty that is worth its simulation
 PERIOD = 0.05  # s, of samples and commands of a robot, and so of what observes and controls one
 ENDED = SimulatorStatus.ReturnReason.kReachedTerminationCondition  # by a system of the diagram
 
@@ -65,8 +70,9 @@ def simulate(
             duty (W,). A trajectory starts at its own start time.
         duration: s; for a trajectory by default all of it.
         sample_rate: rate of the recording, Hz.
-        accuracy: relative accuracy of the implicit integrator; the system's
-            own if None.
+        accuracy: accuracy of the implicit integrator, an absolute error of each state in
+            a step: °C, rad and rad/s; the system's own if None. Swings that are not much
+            larger are damped; `swing_accuracy` is what keeps them.
         initial_state: all continuous states of the system, of a `Robot` its state; by default
             those of its default context: for a `Limb` at rest and at ambient.
 
@@ -86,6 +92,7 @@ def simulate(
     applied, duration = _duty_over_time(duty, duration, len(system.parameters.wires))
     num_samples = sample_count(duration, sample_rate)
     check_duty(applied, np.minimum(np.arange(num_samples) / sample_rate, duration))
+    warn_of_fast_duty(applied, system)
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(applied))
     builder.AddSystem(system)
@@ -94,6 +101,7 @@ def simulate(
         system,
         source.get_output_port(),
         duration,
+        jumps=jump_times(applied),
         sample_rate=sample_rate,
         accuracy=accuracy,
         initial_state=initial_state,
@@ -110,6 +118,7 @@ def record(
     until: Callable[[Context], bool] | None = None,
     remark: Callable[[Context], str] | None = None,
     real_time: bool = False,
+    jumps: ArrayLike = (),
     sample_rate: float = 20.0,
     accuracy: float | None = None,
     initial_state: ArrayLike | None = None,
@@ -130,6 +139,7 @@ def record(
         remark: function of the diagram's context; text for the progress line.
         real_time: whether to run in real time although the system does not need
             it, for example because a person watches.
+        jumps: times at which the duty jumps, s, which no step of the integrator may cover.
         sample_rate, accuracy, initial_state: as for `simulate`.
         provenance: provenance of the recording; this call's if None.
 
@@ -155,12 +165,11 @@ def record(
     context = simulator.get_mutable_context()
     if initial_state is not None:
         _set_state(system, system.GetMyMutableContextFromRoot(context), initial_state)
-    num_samples = sample_count(duration, sample_rate)
-    # Drake's clock ticks at multiples of the period, which round their own way.
-    end = max(duration, (num_samples - 1) * (1 / sample_rate))
-    advance(simulator, end, until, remark, real_time or system.real_time)
+    end = end_of_samples(duration, sample_rate)
+    advance(simulator, end, until, remark, real_time or system.real_time, jumps)
 
-    signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
+    # Copies, as the logs are Drake's.
+    signals = {name: sink.FindLog(context).data().copy() for name, sink in sinks.items()}
     signals |= {name: signals[name][0] for name in TIMES if name in signals}
     signals["duty"] = without_rounding(signals["duty"])
     if is_model(system):
@@ -223,7 +232,7 @@ def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulat
         simulator,
     )
     integrator = simulator.get_mutable_integrator()
-    integrator.set_requested_minimum_step_size(MIN_STEP_SIZE * accuracy ** (1 / 3))
+    integrator.set_requested_minimum_step_size(MIN_STEP_SIZE)
     integrator.set_throw_on_minimum_step_size_violation(False)
     return simulator
 
@@ -285,9 +294,52 @@ def check_duty(duty: trajectories.Trajectory, times: np.ndarray) -> None:
         )
 
 
+def swing_accuracy(amplitude: float) -> float:
+    """Return the accuracy at which swings of an amplitude of the joints, rad, keep their energy."""
+    return min(ACCURACY, SWING_ACCURACY * amplitude)
+
+
 def sample_count(duration: float, rate: float) -> int:
     """Return the number of samples from time 0 to a duration, s, at a rate, Hz."""
     return int(np.floor(duration * rate + 1e-6)) + 1
+
+
+def end_of_samples(duration: float, rate: float) -> float:
+    """Return when the last of `sample_count` samples is taken, and the duration is over, s.
+
+    Drake's clock ticks at multiples of the period, which round their own way.
+    """
+    return max(duration, (sample_count(duration, rate) - 1) * (1 / rate))
+
+
+def jump_times(duty: trajectories.Trajectory) -> np.ndarray:
+    """Return the times (J,), s, at which a piecewise trajectory jumps."""
+    if not isinstance(duty, trajectories.PiecewiseTrajectory):
+        return np.empty(0)
+    breaks = np.array(duty.get_segment_times())[1:-1]
+    if not len(breaks):
+        return breaks
+    before = duty.vector_values(breaks - BESIDE_JUMP)
+    after = duty.vector_values(breaks + BESIDE_JUMP)
+    return breaks[np.abs(after - before).max(axis=0) > SMALLEST_JUMP]
+
+
+def warn_of_fast_duty(duty: trajectories.Trajectory, system: LimbSystem) -> None:
+    """Warn if duty jumps faster than a system makes sense of it."""
+    jumps = jump_times(duty)
+    if len(jumps) < 2:
+        return
+    shortest = np.diff(jumps).min()
+    if is_model(system):
+        fastest, why = SHORTEST_PULSE, "its wires feel the mean alone, and all of it takes long"
+    else:
+        fastest, why = PERIOD, f"{type(system).__name__} takes duty at 20 Hz, or about so often"
+    if shortest < 0.99 * fastest:
+        warnings.warn(
+            f"The duty jumps after {1e3 * shortest:.3g} ms already: {why}. Give its mean over the "
+            "periods of the pulses.",
+            stacklevel=3,
+        )
 
 
 def check_positive(name: str, value: Any, unit: str = "") -> None:
@@ -316,8 +368,12 @@ def advance(
     until: Callable[[Context], bool] | None = None,
     remark: Callable[[Context], str] | None = None,
     real_time: bool = False,
+    jumps: ArrayLike = (),
 ) -> None:
     """Simulates from time 0 to the end, s, bit by bit to show progress; arguments as of `record`.
+
+    Steps of the integrator end just before each jump of the duty, and begin anew just after it:
+    error control would step over pulses that are shorter than its steps.
 
     Raises:
         SimulationError: if the integrator fails.
@@ -330,7 +386,11 @@ def advance(
             # In real time each step begins when its events are due, and ends halfway to the next.
             # Waiting here and not in the Simulator lets other threads and signals come through.
             step, ahead = (PERIOD, PERIOD / 2) if real_time else (1.0, 0.0)
-            for due in np.append(np.arange(0.0, end - 1e-9, step), end):
+            stops = np.arange(0.0, end - 1e-9, step)
+            if not real_time:
+                beside = np.add.outer(jumps, [-BESIDE_JUMP, BESIDE_JUMP]).ravel()
+                stops = np.union1d(stops, beside[(beside > 0.0) & (beside < end)])
+            for due in np.append(stops, end):
                 if real_time:
                     time.sleep(max(0.0, start + due - time.monotonic()))
                 status = simulator.AdvanceTo(min(due + ahead, end))

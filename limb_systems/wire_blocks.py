@@ -55,7 +55,6 @@ class JouleHeating(AffineSystem):
         N, W = B.shape
         super().__init__(A=A, B=B, f0=wires.rates(np.zeros(N), np.zeros(W)), C=np.eye(N))
         self.configure_default_state(wires.cold_states)
-        self.set_name("joule_heating")
 
 
 class ThermocoupleLag(AffineSystem):
@@ -88,7 +87,6 @@ class ThermocoupleLag(AffineSystem):
             C=np.eye(W),
         )
         self.configure_default_state(np.full(W, parameters.ambient_temperature))
-        self.set_name("thermocouple_lag")
 
 
 class TorqueMap(AffineSystem):
@@ -116,7 +114,6 @@ class TorqueMap(AffineSystem):
         nothing, straight = np.zeros(wires.num_states), np.zeros(n)
         _, slopes = wires.force.first(np.concatenate([nothing, straight]))
         super().__init__(D=slopes[:, : wires.num_states], y0=wires.forces(nothing, straight))
-        self.set_name("torque_map")
 
 
 def _affine(parameters: LimbParameters, property_name: str, what: str) -> Wires:
@@ -235,10 +232,6 @@ def make_blocks(parameters: LimbParameters) -> tuple[System, System, System]:
         torque_map = VectorFunction(
             lambda states: wires.forces(states, straight), [wires.num_states], n
         )
-    for block, name in zip(
-        (heating, lag, torque_map), ("joule_heating", "thermocouple_lag", "torque_map"), strict=True
-    ):
-        block.set_name(name)
     return heating, lag, torque_map
 
 
@@ -258,7 +251,10 @@ def add_wires(
     """
     layout = Layout(parameters)
     n, num_wires, num_bends = layout.num_joints, layout.num_wires, layout.num_bends
-    heating, lag, torque_map = map(builder.AddSystem, make_blocks(parameters))
+    heating, lag, torque_map = make_blocks(parameters)
+    builder.AddNamedSystem("joule_heating", heating)
+    builder.AddNamedSystem("thermocouple_lag", lag)
+    builder.AddNamedSystem("torque_map", torque_map)
     bend = builder.AddNamedSystem(
         "bend_angle", VectorFunction(lambda state: layout.bend_angle(state[:n]), [2 * n], num_bends)
     )

@@ -56,6 +56,12 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
 
 
 def nearest_bend_angle(trajectory: Trajectory) -> np.ndarray | None:
-    """The bend angles φ (F, K) of `nearest_plan`, rad; None if there is none."""
+    """Return the bend angles φ (F, K) of `nearest_plan`, rad; None if there is none.
+
+    There is none either for a plan with constraints of one's own, which limit it, too, and which
+    its file does not have.
+    """
+    if trajectory.check.added_constraints:
+        return None
     found = nearest_plan(trajectory)
     return found and found[0]

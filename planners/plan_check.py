@@ -28,7 +28,12 @@ from limb_systems import (
 )
 from limb_systems.files.signal_table import stretches
 from limb_systems.limb import make_manipulator
-from limb_systems.simulation import SimulationError, failure_told, make_simulator, sample_count
+from limb_systems.simulation import (
+    SimulationError,
+    end_of_samples,
+    failure_told,
+    make_simulator,
+)
 from limb_systems.statics import HeldAngles, static_equilibrium
 from limb_systems.tracking import reference_distances
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE
@@ -132,9 +137,8 @@ def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, 
     manipulator.SetPositionsAndVelocities(
         manipulator.GetMyMutableContextFromRoot(context), np.concatenate([angles, rates])
     )
-    num_samples = sample_count(duration, rate)
     with failure_told(simulator, duration):
-        simulator.AdvanceTo(max(duration, (num_samples - 1) / rate))
+        simulator.AdvanceTo(end_of_samples(duration, rate))
     log = sink.FindLog(context)
     return log.sample_times(), bend_angle(parameters, log.data()[:n])
 

@@ -18,7 +18,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from limb_systems import Layout, LimbError, LimbParameters, Recording
 from limb_systems.errors import raised_as
 from limb_systems.files.first_line import first_line
-from limb_systems.files.input import LARGEST_TABLE, read_text
+from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS, read_text
 from limb_systems.kinematics import tip_of_angles
 
 IN_SPACE = (
@@ -198,6 +198,11 @@ def _parse(text: str) -> np.ndarray:
             cells.pop()
         if not cells:
             continue
+        if len(cells) > MOST_COLUMNS:
+            raise LimbError(
+                f"line {number} has {len(cells)} columns; a reference has a time and an angle for "
+                f"each bend, and no robot has more than {MOST_COLUMNS}. Is a table transposed?"
+            )
         values = [_number(cell, separator) for cell in cells]
         if not rows and not any(value is not None for value in values):
             continue  # titles

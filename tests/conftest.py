@@ -9,6 +9,7 @@ takes time. No verdict depends on how fast the computer is.
 import contextlib
 import gc
 import os
+import resource
 import shutil
 import signal
 from collections.abc import Callable, Iterator
@@ -49,6 +50,25 @@ LONG = (
     "tests/test_docs.py",
     "tests/hardware/",
 )
+
+
+@pytest.fixture
+def full_disk() -> Callable[[int], contextlib.AbstractContextManager]:
+    """A context in which no file gets longer than so many bytes, as on a disk that is full then.
+
+    The operating system's word for it is "File too large" here.
+    """
+
+    @contextlib.contextmanager
+    def at(size: int) -> Iterator[None]:
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    return at
 
 
 def pytest_configure(config) -> None:
@@ -267,9 +287,11 @@ def look_at(browser) -> Iterator[Callable[[Path], None]]:
         page.goto(path.as_uri())
         drawn = "Bokeh.documents.length == document.querySelectorAll('figure.chart').length"
         page.wait_for_function(f"{drawn} && Bokeh.documents.every(chart => chart.is_idle)")
-        for width in (420, 1280):
+        for width in (420, 1100, 1440):
             page.set_viewport_size({"width": width, "height": 800})
             assert page.evaluate("document.documentElement.scrollWidth") <= width
+        tables = "[...document.querySelectorAll('.table')]"
+        assert not page.evaluate(f"{tables}.some(table => table.scrollWidth > table.clientWidth)")
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 22, 22)"
         assert path.stat().st_size < 5e6
         assert complaints == []

@@ -69,6 +69,7 @@ DOCUMENTS = [
     for path in (
         ROOT / "README.md",
         ROOT / "CONTRIBUTING.md",
+        ROOT / "benchmarks" / "README.md",
         ROOT / "examples" / "README.md",
         ROOT / "hardware" / "firmware" / "README.md",
         *sorted((ROOT / "docs").glob("*.md")),
@@ -172,6 +173,12 @@ def test_files_targets_and_symbols_that_are_named_exist():
             symbol = re.fullmatch(rf"({ANY_PACKAGE})(\.\w+)+", code)
             if symbol and not code.endswith((".html", ".csv", ".ino", ".yaml", ".png")):
                 assert exists(code), f"{name_of(path)} names {code}"
+
+
+def test_each_benchmark_has_its_line():
+    scripts = {path.name for path in (ROOT / "benchmarks").glob("*.py")}
+    listed = re.findall(r"`(\w+\.py)`", TEXTS[ROOT / "benchmarks" / "README.md"])
+    assert sorted(listed) == sorted(scripts)
 
 
 def exists(symbol):
@@ -337,6 +344,13 @@ def test_tables_of_ports_are_those_of_the_systems(systems):
         assert listed == interface(systems[name]), name
 
 
+def test_systems_leave_their_names_to_drake(systems):
+    """Two of a kind fit into one diagram; parts have names of the diagram that they are in."""
+    named = {name for name, system in systems.items() if system.get_name()}
+    parts = (*Limb().GetSystems(), *LimbTwin(extra=["memory"]).GetSystems())
+    assert named <= {class_name(part) for part in parts} | {"Hand"}
+
+
 def test_page_has_all_public_names_and_systems():
     for package in PACKAGES:
         module = importlib.import_module(package)
@@ -372,14 +386,19 @@ def test_parameters_on_the_page_are_the_nominal_ones():
         kind.from_yaml(other)
     kinds = [SegmentParameters, RestMemory, TipTangentSensor, WireParameters, LinearLaw]
     kinds += [HeatBounds, TemperatureLimits, LimbParameters]
-    fields = {name: field for kind in kinds for name, field in kind.__dataclass_fields__.items()}
-    ranges = {name: f.metadata for name, f in fields.items() if "unit" in f.metadata}
+    ranges = {
+        (name, kind.__name__): field.metadata
+        for kind in kinds
+        for name, field in kind.__dataclass_fields__.items()
+        if "unit" in field.metadata
+    }
     (rows,) = tables(TEXTS[PAGES["limb_systems"]], "field")
-    listed = {row[0].strip("`"): row[2:] for row in rows if row[3] != "text"}
+    numbers = [[cell.strip("`") for cell in row] for row in rows if row[4] != "text"]
+    listed = {(name, kind): (unit, text) for name, kind, _, unit, text in numbers}
     assert listed.keys() == ranges.keys()
-    for name, (unit, text) in listed.items():
-        assert unit == ranges[name]["unit"].replace("links", "1")
-        assert tuple(map(float, text.split(" to "))) == ranges[name]["range"]
+    for field, (unit, text) in listed.items():
+        assert unit == ranges[field]["unit"].replace("links", "1")
+        assert tuple(map(float, text.split(" to "))) == ranges[field]["range"]
 
 
 def test_excerpts_of_files_are_of_this_format():

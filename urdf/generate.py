@@ -12,13 +12,12 @@ BRACKET_COLOR, BODY_COLOR = "0.25 0.27 0.3 1", "0.36 0.42 0.50 1"
 # N/m and s, of contact: a foot that carries 0.25 N sinks in by 25 µm.
 CONTACT_STIFFNESS, RELAXATION_TIME = 2e4, 0.01
 # Of the silicone's surface: friction on smooth things; Pa, hydroelastic modulus, of soft casting
-# silicones, which have 0.1 to 0.6 MPa; m, the edges of its mesh; s/m and s, of contact.
+# silicones, which have 0.1 to 0.6 MPa; s/m and s, of contact.
 SILICONE = {
     "mu_dynamic": 0.8,
     "mu_static": 0.8,
     "compliant_hydroelastic": None,
     "hydroelastic_modulus": 2e5,
-    "mesh_resolution_hint": 0.01,
     "hunt_crossley_dissipation": 20.0,
     "relaxation_time": 0.01,
 }

@@ -85,7 +85,6 @@ class GaitFeedback(PlanFeedback):
         F = model.num_bends
         start = [0.0, 1.0, 1.0, np.nan, *[np.inf] * F, *[-np.inf] * F]
         self.DeclareStateOutputPort("correction", self.DeclareDiscreteState(start))
-        self.set_name("gait_feedback")
 
     def _time_in_plan(self, context) -> float:
         return context.get_discrete_state(2).value()[TIME]

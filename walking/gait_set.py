@@ -106,18 +106,39 @@ def _never_falls(gait: Gait) -> bool:
 
 
 def gait_files(folder: Path) -> list[Path]:
-    """The files of a folder that gaits of a robot may be written to."""
-    return [folder / f"{name}.csv" for name in (AHEAD, *TURNING)]
+    """Return the files of a folder that a set of gaits may replace: its own, and other gaits."""
+    named = [folder / f"{name}.csv" for name in (AHEAD, *TURNING)]
+    return named + [file for file in sorted(set(folder.glob("*.csv")) - {*named}) if _is_gait(file)]
 
 
 def save_gaits(gaits: Mapping[str, Gait], folder: Path, *, force: bool = False) -> list[Path]:
-    """Save gaits as files of a folder, by their names, and return these."""
+    """Save gaits as files of a folder, by their names, and return these.
+
+    The folder has no other gaits afterwards, which `load_gaits` would take for gaits of this set.
+
+    Args:
+        force: whether gaits that are in the folder may be replaced and removed.
+
+    Raises:
+        OutputError: if there are gaits in the folder, and ``force`` is false; or as `Gait.save`.
+    """
     files = [folder / f"{name}.csv" for name in gaits]
-    check_outputs(files, force=force)
+    others = [file for file in gait_files(folder) if file not in files and file.exists()]
+    check_outputs([*files, *others], force=force)
     folder.mkdir(parents=True, exist_ok=True)
     for gait, file in zip(gaits.values(), files, strict=True):
         gait.save(file)
+    for file in others:
+        file.unlink()
     return files
+
+
+def _is_gait(file: Path) -> bool:
+    """Whether a file is a gait that can be read."""
+    with contextlib.suppress(LimbError):
+        Gait.load(file)
+        return True
+    return False
 
 
 def load_gaits(folder: Path) -> dict[str, Gait]:

@@ -39,7 +39,6 @@ class HeatFeedback(PlanController):
         parameters = LimbParameters.of(parameters or trajectory.parameters)
         self._plan, self._duration = SampledPlan(trajectory, parameters), trajectory.duration
         super().__init__(parameters, self._plan.duty[0])
-        self.set_name("heat_feedback")
 
     def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, model = self._plan.index(time), self._estimator.model

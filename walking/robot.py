@@ -64,7 +64,8 @@ class Robot(Diagram):
     - output ``body_pose``, unless the body is welded: x, z, m, and θ, rad, from +x towards +z, in
       the plane; or x, y, z, m, and roll, pitch and yaw, rad
     - output ``contact_force``, if there is a ground: force from the ground on each foot, N, along x
-      and z (2L), or along x, y and z (3L) if the body is not planar
+      and z (2L), or along x, y and z (3L) if the body is not planar; over the mechanics' step that
+      begins with the state that there is
     - state: [positions, velocities] of the plant, the body's first, and x (N), V (W) of the wires;
       by default at rest, at the rest angles, at ambient temperature, with the lowest foot of
       straight limbs at the ground; limbs that are not alike then first settle
@@ -79,7 +80,7 @@ class Robot(Diagram):
         robot: RobotParameters | LimbParameters | str | Path | None = None,
         *,
         time_step: float = TIME_STEP,
-        name: str = "robot",
+        name: str = "",
     ):
         """
         Args:
@@ -87,7 +88,7 @@ class Robot(Diagram):
                 None. The system keeps a copy, its attribute ``robot``; its attribute
                 ``parameters`` is that of all limbs together.
             time_step: s, of the mechanics if there is a ground.
-            name: name of the system; robots in one diagram need different names.
+            name: name of the system; Drake gives it one in a diagram if empty.
 
         Raises:
             ParameterError: if a parameter is out of its range, or the limbs are too stiff for
@@ -115,6 +116,7 @@ def add_contact_plant(builder: DiagramBuilder, time_step: float = TIME_STEP) -> 
     plant, _ = AddMultibodyPlantSceneGraph(builder, time_step)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
     plant.set_sap_near_rigid_threshold(NEAR_RIGID_THRESHOLD)
+    plant.SetUseSampledOutputPorts(False)  # forces are those by the state that there is
     return plant
 
 
@@ -129,8 +131,7 @@ def make_robot(
     if robot.ground:
         plant = add_contact_plant(builder, time_step)
     else:
-        plant = builder.AddSystem(MultibodyPlant(0.0))
-    plant.set_name("plant")
+        plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
     add_robot(plant, robot)
     plant.Finalize()
     if robot.ground:

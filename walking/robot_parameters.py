@@ -40,8 +40,8 @@ class BodyParameters(Strict):
       "welded" if it is fixed to the world.
     - ``length``, ``width``, ``height``: along x (forward), y and z (up), m.
     - ``mass``: kg; its centre is that of the box.
-    - ``inertia``: moments of inertia about x, y and z through the centre, kg·m²; those of a
-      homogeneous box if None.
+    - ``inertia``: moments of inertia about x, y and z through the centre, kg·m², none of them
+      larger than the other two together but for rounding; those of a homogeneous box if None.
     """
 
     mount: str = "planar"
@@ -57,7 +57,9 @@ class BodyParameters(Strict):
     def moments(self) -> np.ndarray:
         """Moments of inertia about x, y and z (3,), kg·m²."""
         if self.inertia is not None:
-            return np.array(self.inertia)
+            given = np.array(self.inertia)
+            # A plate's, rounded, may break the triangle inequality; Drake would then replace all.
+            return np.minimum(given, given.sum() - given)
         squares = np.square([self.length, self.width, self.height])
         return self.mass / 12 * (squares.sum() - squares)
 

@@ -121,7 +121,6 @@ class RobotTwin(Diagram):
             for joint, angle in zip(limb_joints(plant, true), specimen.rest_angles(), strict=True):
                 joint.set_default_angle(angle)
         builder.BuildInto(self)
-        self.set_name("robot_twin")
 
     @classmethod
     def of(cls, robot: RobotParameters, seed: int = 0, *, truth: bool = False) -> "RobotTwin":

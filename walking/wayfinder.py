@@ -11,6 +11,7 @@ from pydrake.systems.framework import EventStatus
 from controllers.estimator import StateEstimate
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.drake_python import weak_method
+from limb_systems.files.schema import shown
 from limb_systems.simulation import PERIOD
 from walking.gait import Gait, GaitCheck, along_heading, travels
 from walking.gait_check import MOST_TILT
@@ -19,6 +20,7 @@ from walking.walk_trajectory import walk
 
 NEAR = 0.015  # m, of a place at which the robot is there
 FACING = np.deg2rad(8.0)  # rad, of a heading that is asked for
+FARTHEST = 1000.0  # m and rad, of a goal
 LEARNED = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
 SLOWEST = 1e-6  # m/s and rad/s, of robots that turn to one side alone, or not at all
@@ -60,8 +62,8 @@ class Wayfinder(HeatFeedback):
             parameters: description of all limbs together; the gaits' if None.
 
         Raises:
-            LimbError: if a gait failed its check or is of a robot in the plane, or there is no
-                goal.
+            LimbError: if a gait failed its check or is of a robot in the plane, if there is no
+                goal, or one is not two or three finite numbers within 1 km.
         """
         self._gaits = list(gaits.values())
         if not goals:
@@ -71,7 +73,7 @@ class Wayfinder(HeatFeedback):
         for name, gait in gaits.items():
             if not gait.check.is_missing and (failure := gait.check.failure()):
                 raise LimbError(f"The gait {name!r} failed its check and is not walked: {failure}")
-        self._goals = np.array([[*goal, np.nan][:3] for goal in goals])
+        self._goals = np.array([_checked(goal, index) for index, goal in enumerate(goals)])
         trajectory, self._begins, self._lasts = joined(self._gaits)
         super().__init__(trajectory, parameters=parameters)
         made = np.array([gait.displacement for gait in self._gaits])
@@ -79,7 +81,6 @@ class Wayfinder(HeatFeedback):
         start = [0.0, len(made), 0.0, 0.0, *[np.nan] * 3, *np.tile(made, (len(made), 1)).ravel()]
         self.DeclareStateOutputPort("course", self.DeclareDiscreteState(start))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
-        self.set_name("wayfinder")
 
     def _time_in_plan(self, context) -> float:
         return context.get_discrete_state(2).value()[TIME]
@@ -167,6 +168,20 @@ class Wayfinder(HeatFeedback):
         if context.get_discrete_state(2).value()[GOAL] >= len(self._goals):
             return EventStatus.ReachedTermination(self, "the robot has arrived")
         return EventStatus.DidNothing()
+
+
+def _checked(goal: Sequence[float], index: int) -> list[float]:
+    """Return a goal's x, y, m, and heading, rad, or NaN; LimbError if it is no place."""
+    try:
+        place = np.asarray(goal, float)
+    except (TypeError, ValueError):
+        place = np.empty(0)
+    if place.shape not in ((2,), (3,)) or not (np.abs(place) <= FARTHEST).all():  # NaN is not
+        raise LimbError(
+            f"goals[{index}] is {shown(goal)}; it must be x and y in m, or x, y and a heading in "
+            f"rad, finite and at most {FARTHEST:g} in size."
+        )
+    return [*place, np.nan][:3]
 
 
 def joined(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarray]:

@@ -72,7 +72,6 @@ class BendAngleController(LeafSystem):
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._update))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
         declare_part(self, "duty", state, slice(1 + wires.num_wires, 1 + 2 * wires.num_wires))
-        self.set_name("bend_angle_controller")
 
     def _update(self, context, discrete_state):
         state = context.get_discrete_state_vector().value()
@@ -137,7 +136,6 @@ class EquilibriumSchedule(LeafSystem):
         self.DeclareVectorOutputPort(
             "set_point", 1, weak_method(self._calc), {self.discrete_state_ticket(state)}
         )
-        self.set_name("equilibrium_schedule")
 
     def is_finished(self, context: Context) -> bool:
         """Whether the last angle was held, in the system's own context."""

@@ -212,7 +212,6 @@ class LimitedDuty(_WarmedDuty):
         self._shape = (len(self._law.states), MEMBERS, 1, len(parameters.wires))
         super().__init__(duty, np.zeros(int(np.prod(self._shape))))
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
-        self.set_name("limited_duty")
 
     def _start(self, context, discrete_state):
         measured = self.get_input_port().Eval(context)
@@ -261,7 +260,6 @@ class DutyUntilWarm(_WarmedDuty):
         # A robot has read nothing yet when it is initialized.
         super().__init__(duty, np.full(duty.rows(), np.nan))
         self._rise = rise
-        self.set_name("duty_until_warm")
 
     def _limited(self, known, duty, wanted, measured):
         cold = np.where(np.isnan(known), measured, known)

@@ -46,11 +46,13 @@ from hardware import LimbTwin, SerialLimb
 from hardware.live_feed import LiveView
 from limb_systems import HystereticLaw, LimbError, LimbParameters, Recording
 from limb_systems.files.table_writer import is_unfinished
-from limb_systems.progress import Progress, part_of_work
+from limb_systems.progress import Progress, TimeLeft, part_of_work
 from limb_systems.simulation import PERIOD
 
 SAG_TRIALS, RING_DOWNS = 10, 3
-SPEED = 70.0  # heated time of an emulated limb over the computing time of the whole collection
+# Computing time of an emulated limb's recordings, as s of a heated one that takes as long: of any
+# recording, and of the calibration after each excitation.
+WORK, CALIBRATION_WORK = 15.0, 150.0
 SAG_PAUSE = 20.0  # s, after which rubber has forgotten the sag to the other side
 PROTOCOLS = ("all", "excitation", "paper")
 UP: dict[float, str] = {
@@ -286,8 +288,8 @@ def collect_from_twin(
         sag_trials, ring_downs: numbers of recordings.
         protocol: "paper" for the recordings of Sec. V, "excitation" for `excitations` in
             place of equilibria, or "all".
-        tell: is called with about how long it takes, and after each excitation, with how well
-            it was predicted.
+        tell: is called with how many recordings there are, after the first of them with about
+            how long the others take, and after each excitation with how well it was predicted.
         live: page on which the limb is shown, in real time: for an hour.
 
     Returns:
@@ -307,8 +309,14 @@ def collect_from_twin(
         ring_downs=ring_downs,
         emulated=True,
     )
-    seconds = sum(plan.heated_time for plan in plans) / SPEED
-    tell(f"{len(plans)} recordings of an emulated limb, which take about {seconds:.2g} s")
+    tell(f"{len(plans)} recordings of an emulated limb")
+    work = {
+        plan.name: WORK
+        + plan.heated_time
+        + CALIBRATION_WORK * (plan.excites and plan.kind != "motion")
+        for plan in plans
+    }
+    time_left = TimeLeft(sum(work.values()), tell)
     say = live.say if live else lambda _: None
     recordings: dict[str, list[Recording]] = {"sag": [], "ring_down": []}
     knowledge = None
@@ -332,6 +340,7 @@ def collect_from_twin(
         recordings.setdefault(plan.kind, []).append(recording)
         if knowledge:
             tell(f"{plan.name}: {knowledge.add(recording, plan.kind)}")
+        time_left.add(work[plan.name])
     return recordings
 
 

@@ -27,6 +27,7 @@ from limb_systems import (
 )
 from limb_systems.bend_sensor import chord_angle
 from limb_systems.kinematics import rest_joint_angles
+from limb_systems.simulation import swing_accuracy
 from limb_systems.statics import static_equilibrium
 
 RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
@@ -532,11 +533,18 @@ def _fit_recording(parameters, recording: Recording):
         for wire in limb.wires:  # they stay cold, and laws with memory take four times as long
             wire.law = LinearLaw()
         room = np.full(len(limb.wires), limb.ambient_temperature)
-        angles = rest_joint_angles(limb)
-        angles = angles + joint_angles_from_bend_angle(limb, released * towards)
+        swing = joint_angles_from_bend_angle(limb, released * towards)
+        angles = rest_joint_angles(limb) + swing
         cold = Wires(limb).cold_states
         state = np.concatenate([angles, np.zeros_like(angles), cold, room])
-        model = simulate(Limb(limb), 0 * room, duration, sample_rate=rate, initial_state=state)
+        model = simulate(
+            Limb(limb),
+            0 * room,
+            duration,
+            sample_rate=rate,
+            accuracy=swing_accuracy(np.abs(swing).max()),
+            initial_state=state,
+        )
         assert model.joint_state is not None  # a model's
         seen = sensor.apparent_bends(limb.segments[0].chain, model.joint_state[: limb.num_joints])
         return fit_damped_sinusoid(model.time, towards @ seen)

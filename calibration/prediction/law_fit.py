@@ -471,8 +471,9 @@ class _Problem:
             for index in range(count):
                 moved[1 + size + index, size + index :: count] += step[size + index :: count]
             self._simulated = x.copy(), self._simulate(moved)
-        whitened = self._whitened(self._simulated[1])
         # Steps into what cannot be simulated are refused by the solver if they are far off.
+        with np.errstate(over="ignore", invalid="ignore"):
+            whitened = self._whitened(self._simulated[1])
         readings = np.nan_to_num(whitened[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
         change = whitened[:, 1:] - whitened[:, :1]
         errors, rows, row, column = [], [], 0, size

@@ -22,6 +22,7 @@ from limb_systems import (
     TwoMassLaw,
     WireLaw,
 )
+from limb_systems.progress import LONG, TimeLeft
 
 LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
     LinearLaw,
@@ -38,7 +39,6 @@ HELD_OUT = 0.12, 0.4  # of each recording, of its time and heat: least and most 
 MOST_HEAT = 0.6  # of a wire's heat, which judges at most
 BLOCK = 10.0  # s, after which errors of prediction count as independent
 AT_BOUND = 0.02  # by which a fitted value may stay inside its bound and count as at it
-LONG = 5.0  # s, from which on it is said how long fits take
 WORTH = 0.1  # of a scale: laws that differ by less predict alike
 
 
@@ -250,7 +250,8 @@ def fit_by_prediction(
         segment: the described one, with its stiffness as calibrated.
         ambient: T0, °C.
         tell: is called with what is being done.
-        announce: is called with how long it will take, in words, if it takes long.
+        announce: is called with how long it will take, in words, if it takes long: by the first
+            step of a fit, and again by the first fits.
     """
     runs = {kind: [HeatedRun.of(r) for r in group] for kind, group in recordings.items() if group}
     motions, both = runs.pop("motion", []), runs.get("both", [])
@@ -283,6 +284,7 @@ def fit_by_prediction(
                 f"comparing {len(laws)} law{'s' * (len(laws) > 1)} of the wires by {heated:.0f} "
                 f"min of heated recordings takes about {float(f'{expected:.1g}'):.0f} s"
             )
+        time_left = TimeLeft(expected, announce)
         candidates, best = compare_laws(
             laws,
             rest,
@@ -292,6 +294,7 @@ def fit_by_prediction(
             options=options,
             continued=continued,
             tell=tell,
+            fitted=lambda law: time_left.add(last if law is laws[-1] else first),
         )
         fit = best.fit
         tell(f"{best.name}, all recordings")
@@ -325,6 +328,7 @@ def compare_laws(
     options: Sequence[str] = OPTIONS,
     continued: bool = False,
     tell: Callable[[str], object] = lambda remark: None,
+    fitted: Callable[[type[WireLaw]], object] = lambda law: None,
 ) -> tuple[list[Candidate], Candidate]:
     """Fits laws, then the best of them with options of the rubber, and judges all.
 
@@ -336,6 +340,7 @@ def compare_laws(
         options: options of the rubber that are tried.
         continued: whether the judges are other samples of the same recordings, in their order.
         tell: is called with what is being done.
+        fitted: is called with each law when it is fitted and judged.
 
     Returns:
         All candidates, and the simplest that no other beats.
@@ -356,6 +361,7 @@ def compare_laws(
         )
         judged = fit.continued(judges) if continued else fit.predict(judges)
         candidates.append(Candidate(fit, judged))
+        fitted(law)
         return candidates[-1]
 
     for law in laws:

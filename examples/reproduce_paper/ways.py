@@ -113,7 +113,7 @@ def roll_out_disturbed(
         feedback, changes = PlanFeedback(trajectory), SENSOR_DISTURBANCES[disturbance]
         size = feedback.GetInputPort("bend_angle").size()
         path = BendPath(size, start=trajectory.duration / 2, **changes)
-        controller = behind(path, feedback, "behind_bend_path")
+        controller = behind(path, feedback)
     elif disturbance in LIMB_DISTURBANCES:
         controller = PlanFeedback(trajectory)
         ways[OPEN_LOOP] = plans[OPEN_LOOP], None
@@ -171,7 +171,6 @@ class BendPath(LeafSystem):
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._fill))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
         self.DeclareVectorOutputPort("bend_angle", size, weak_method(self._calc))
-        self.set_name("bend_path")
 
     def _is_absent(self, context) -> bool:
         return self._start <= context.get_time() < self._end

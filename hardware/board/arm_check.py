@@ -10,7 +10,8 @@ from limb_systems import Layout, LimbError, LimbParameters, bend_angle_from_tip_
 from limb_systems.heat_bounds import SPREAD
 from limb_systems.simulation import PERIOD
 
-ROOM = (5.0, 45.0)  # °C, that cold wires may have
+COLD = (5.0, 45.0)  # °C, that cold wires may have
+MOST_REST = 30.0  # degrees, that a limb at rest may be bent
 RISE = 3.0  # °C, at least, that is heat
 # First any limb is warmed by some degrees, then as far as it takes to bend it.
 CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, CONTACT_TOTAL = 0.1, 30.0, 10.0, 0.3  # s and °C
@@ -41,34 +42,62 @@ def check_supply(
     cut_off: bool | None,
     say: Callable[[bool, str], None],
 ) -> bool:
-    """Return whether wires may be heated by their supply, as far as a person has said.
+    """Return whether the supply may heat wires: a person has to say so, and no answer is a no.
 
     Args:
         parameters: the limb's description, whose ``supply_voltage`` it is compared with.
-        voltage: measured voltage of the supply, V; None if it was not said.
-        cut_off: whether a thermal cut-off is in series with the wires; None if it was not said.
+        voltage: measured voltage of the supply, V; None if nobody answered.
+        cut_off: whether a thermal cut-off is in series with the wires; None if nobody answered.
         say: takes whether it is good, and a sentence.
 
     Raises:
         LimbError: if the voltage is no positive number.
     """
-    passed = True
-    if voltage is not None:
+    # The voltage must be known, and that of the calibration, if there was one.
+    if voltage is None:
+        is_voltage_good = False
+        say(
+            False,
+            "nobody has said which voltage the wires' supply has, and heat goes with its square: "
+            "measure it, and give --supply VOLTS",
+        )
+    else:
         if not 0.1 <= voltage <= 1000.0:
             raise LimbError(
                 f"The supply's voltage is {voltage:g} V; it must be from 0.1 to 1000 V."
             )
-        what = f"the supply has {voltage:.3g} V"
-        if not (known := parameters.supply_voltage):
-            say(True, f"{what}; write supply_voltage: {voltage:g} into the limb's file to compare")
-        else:
-            heat = (voltage / known) ** 2
-            passed = SAME_HEAT[0] <= heat <= SAME_HEAT[1]
-            what += f", and {known:.3g} V when the limb was calibrated: {heat:.0%} of its heat"
-            say(passed, what if passed else f"{what}; set it to {known:.3g} V, or calibrate anew")
-    if cut_off is not None:
-        say(cut_off, "a thermal cut-off is on the limb" if cut_off else f"no cut-off: {CUT_OFF}")
-    return passed and cut_off is not False
+        is_voltage_good = _judge_voltage(voltage, parameters.supply_voltage, say)
+    # A cut-off must be there.
+    if cut_off:
+        say(True, "a thermal cut-off is on the limb")
+    elif cut_off is None:
+        say(
+            False,
+            "nobody has said that a thermal cut-off is on the limb, in series with its wires; give "
+            f"--cut-off if there is one: {CUT_OFF}",
+        )
+    else:
+        say(False, f"no cut-off: {CUT_OFF}")
+    return is_voltage_good and bool(cut_off)
+
+
+def _judge_voltage(voltage: float, calibrated: float, say: Callable[[bool, str], None]) -> bool:
+    """Return whether a supply gives the heat of the calibration, at whose voltage, V, it was."""
+    measured = f"the supply has {voltage:.3g} V"
+    if not calibrated:
+        say(
+            True,
+            f"{measured}; write supply_voltage: {voltage:g} into the limb's file to compare",
+        )
+        return True
+    heat = (voltage / calibrated) ** 2
+    is_good = SAME_HEAT[0] <= heat <= SAME_HEAT[1]
+    what = (
+        f"{measured}, and {calibrated:.3g} V when the limb was calibrated: {heat:.0%} of its heat, "
+        f"where {SAME_HEAT[0]:.0%} to {SAME_HEAT[1]:.0%} are accepted"
+    )
+    say(is_good, what if is_good else f"{what}; set it to {calibrated:.3g} V, or calibrate anew")
+    return is_good
 
 
 def check_wires(
@@ -105,10 +134,16 @@ def check_wires(
     judge(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
     samples = [link.next_sample() for _ in range(10)]
     for side, V in zip(names, np.mean([s.temperature for s in samples], axis=0), strict=True):
-        judge(ROOM[0] < V < ROOM[1], f"{side} thermocouple reads {V:.1f} °C, as in a room")
+        is_cold = COLD[0] <= V <= COLD[1]
+        what = (
+            f"{side} thermocouple reads {V:.1f} °C; cold wires have {COLD[0]:g} to {COLD[1]:g} °C"
+        )
+        judge(is_cold, what if is_cold else f"{what}: let them cool, or look at its type and poles")
     bends = np.mean([bend_angle_from_tip_tangent(s.tip_tangent) for s in samples], axis=0)
     for bend in bends:
-        judge(abs(bend) < np.deg2rad(30.0), f"bend sensor reads {np.rad2deg(bend):+.1f}° at rest")
+        degrees = np.rad2deg(bend)
+        what = f"bend sensor reads {degrees:+.1f}° at rest, where {MOST_REST:g}° are accepted"
+        judge(abs(degrees) <= MOST_REST, what)
     towards = shares_of(parameters).T
 
     def heat(*how: float) -> list[Heating]:
@@ -168,24 +203,33 @@ def _judge_heat(
     most: Sequence[float],
     judge: Callable[[bool, str], None],
 ) -> None:
-    """Whether the wires heat as described, or at least none alone does not."""
-    least = [bound / SPREAD["most_heating"] * SPREAD["least_heating"] for bound in most]
-    low = [
-        shown < SPREAD["least_heating"] * bound for shown, bound in zip(heating, least, strict=True)
-    ]
+    """Judge whether each wire heats as its description says, °C/s at full duty.
+
+    Args:
+        heating: what each thermocouple showed.
+        most: upper bound of each wire's kind, which is `SPREAD` above its description.
+    """
+    # Short, cool heatings tell the heat no better than wires of one kind differ. Rounded as they
+    # are said, so that no verdict disagrees with its sentence.
+    lowest = [round(b * SPREAD["least_heating"] ** 2 / SPREAD["most_heating"], 1) for b in most]
+    highest = [round(bound / SPREAD["least_heating"], 1) for bound in most]
+    heating = [round(float(value), 1) for value in heating]
+    is_low = [shown < low for shown, low in zip(heating, lowest, strict=True)]
     for wire, side in enumerate(names):
-        shown = f"{side} wire shows {heating[wire]:.1f} °C/s at full duty, where its kind has " \
-            f"{least[wire]:.0f} to {most[wire]:.0f}"  # fmt: skip
-        if low[wire] and not all(low):
-            judge(False, f"{shown}, and another one shows that. {WHAT_TO_DO}")
-        elif low[wire] or heating[wire] > most[wire] / SPREAD["least_heating"]:
-            judge(
-                True,
-                f"{shown}: the limb is unlike its description, or all thermocouples are wrong; "
-                "if you are sure of them, describe its wires by their a2",
-            )
-        else:
+        shown = (
+            f"{side} wire shows {heating[wire]:.1f} °C/s at full duty, where {lowest[wire]:.1f} to "
+            f"{highest[wire]:.1f} are accepted for its description"
+        )
+        if lowest[wire] <= heating[wire] <= highest[wire]:
             judge(True, shown)
+        elif is_low[wire] and not all(is_low):
+            judge(False, f"{shown}, and another one shows that. {WHAT_TO_DO}")
+        else:
+            judge(
+                False,
+                f"{shown}: the limb is unlike its description, or all thermocouples are wrong; "
+                f"if you are sure of them, describe the wire by a2: {heating[wire]:.1f}",
+            )
 
 
 def _judge_likeness(

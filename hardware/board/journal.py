@@ -46,6 +46,7 @@ class Journal(LeafSystem):
         has_reference: bool = False,
         provenance: Provenance | None = None,
         kind: str = "",
+        may_wait: bool = False,
     ):
         """
         Args:
@@ -55,6 +56,7 @@ class Journal(LeafSystem):
             has_reference: whether there is an input for the bend angle that is asked for.
             provenance: origin of the recording; None if it is not known.
             kind: kind of the recording, as of `Recording`.
+            may_wait: as for `TableWriter`.
 
         Raises:
             OutputError: if no file can be made there.
@@ -79,8 +81,7 @@ class Journal(LeafSystem):
         for signal in self.signals:
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))
-        self.set_name("journal")
-        self.writer = TableWriter(path, Recording.KIND, empty.header(), columns)
+        self.writer = TableWriter(path, Recording.KIND, empty.header(), columns, may_wait=may_wait)
 
     def _append(self, context):
         duty, *others = (
@@ -106,6 +107,7 @@ def journaled(
     provenance: Provenance | None = None,
     ended_by_hand: bool = False,
     kind: str = "",
+    may_wait: bool = False,
 ) -> Iterator[TableWriter | None]:
     """A context in which a diagram is built and run, with a journal of its limb.
 
@@ -118,7 +120,7 @@ def journaled(
         path: file; there is no journal if it is None.
         duty: the port that drives the limb.
         reference: port of the bend angle that is asked for.
-        provenance, kind: as for `Journal`.
+        provenance, kind, may_wait: as for `Journal`.
         ended_by_hand: whether what there is when Ctrl-C comes is a recording: the file then
             gets its name.
 
@@ -135,6 +137,7 @@ def journaled(
         has_reference=reference is not None,
         provenance=provenance,
         kind=kind,
+        may_wait=may_wait,
     )
     writer = journal.writer
     try:

@@ -5,6 +5,7 @@ import contextlib
 import dataclasses
 import os
 import queue
+import termios
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ STALE = 0.25  # s, age after which a sample must not be used, nor a command be u
 # Share by which the board's clock may be slower than this computer's, as without a crystal.
 # A delay that grows as slowly as that shows by answers to commands, which this clock times.
 CLOCK_ERROR = 0.025
+WRITE_TIMEOUT = 0.2  # s, after which a port must be ready for more
 SESSION_END = 0.5  # s, within which a session that nobody commands has ended
 ANSWER_TIME = 1.0  # s, within which a board answers
 ARMING_TIME = 3.0  # s, in which a board that was just switched on has settled
@@ -37,6 +39,9 @@ RESET_CAUSES = {
     firmware.LOCKUP_RESET: "lock-up of its processor",
     firmware.UNKNOWN_RESET: "unknown",
 }
+
+# pyserial's own errors are OSErrors, but it lets through those of line settings.
+PORT_ERRORS = (OSError, termios.error)
 
 Answer = TypeVar("Answer")
 
@@ -192,12 +197,12 @@ class SerialPort(Closed):
         self.port = port
         try:
             self._serial = serial.serial_for_url(
-                port, baud_rate, timeout=0.01, write_timeout=0.2, do_not_open=True
+                port, baud_rate, timeout=0.01, write_timeout=WRITE_TIMEOUT, do_not_open=True
             )
             with contextlib.suppress(AttributeError, ValueError):
                 self._serial.exclusive = True  # only for ports, not for URLs of sockets
             self._serial.open()
-        except (serial.SerialException, ValueError, OSError) as error:
+        except (ValueError, *PORT_ERRORS) as error:
             if "exclusively lock" in str(error):
                 raise HardwareError(f"{port} is in use by another program.") from error
             reason = _in_words(error)
@@ -208,7 +213,7 @@ class SerialPort(Closed):
             ) from error
 
     def send(self, data: bytes) -> None:
-        """Sends bytes; HardwareError if the cable is gone."""
+        """Send bytes; HardwareError if the cable is gone, or the port not ready in time."""
         self._do(lambda: self._serial.write(data))
 
     def receive(self) -> bytes:
@@ -235,17 +240,25 @@ class SerialPort(Closed):
 
     def close(self) -> None:
         """Closes the port; a second call does nothing."""
-        with contextlib.suppress(serial.SerialException, OSError):
+        with contextlib.suppress(*PORT_ERRORS):
             self._serial.close()
 
     def _do(self, action: Callable[[], Any]) -> Any:
         try:
             return action()
-        except (serial.SerialException, OSError, TypeError) as error:
+        except serial.SerialTimeoutException as error:
+            # It waits after the last byte, too: all of them may have left.
+            raise HardwareError(
+                f"{self.port} was not ready for more data within {WRITE_TIMEOUT:g} s of a write; "
+                "is the board hung, or this computer too busy?"
+            ) from error
+        except (TypeError, *PORT_ERRORS) as error:
             raise HardwareError(f"The cable to {self.port} is gone: {_in_words(error)}.") from error
 
 
 def _in_words(error: Exception) -> str:
+    if isinstance(error, termios.error):
+        return str(error.args[-1])
     number = getattr(error, "errno", None)
     return os.strerror(number) if number else str(error)
 

@@ -126,7 +126,6 @@ class SerialLimb(LeafSystem, Closed):
         declare_part(self, "measurement", state, slice(0, read))
         for place, name in enumerate(boards, size):
             self.DeclareVectorOutputPort(f"{name}.sample_age", 1, _shown_age(place), tickets)
-        self.set_name("serial_limb")
 
     @property
     def text_board(self) -> TextBoard | None:

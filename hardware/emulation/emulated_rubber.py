@@ -59,7 +59,6 @@ class EmulatedRubber(SymbolicVectorSystem):
                 force.append(stiffness * (spring - segment.viscous_share * (theta - q)))
                 rate.append((theta - q) / segment.relaxation_time)
         super().__init__(state=state, input=joint_state, dynamics=rate, output=[*force, *relaxed])
-        self.set_name("rubber")
 
 
 class RestShift(LeafSystem):
@@ -114,7 +113,6 @@ class RestShift(LeafSystem):
             {self.discrete_state_ticket(state)},
         )
         self.DeclareStateOutputPort("state", state)
-        self.set_name("rest_shift")
 
     def _split(self, context) -> list[np.ndarray]:
         state = context.get_discrete_state_vector().value()
@@ -164,7 +162,6 @@ class Hand(LeafSystem):
         self.DeclareVectorOutputPort(
             "generalized_force", parameters.num_joints, weak_method(self._calc)
         )
-        self.set_name("hand")
 
     def _calc(self, context, output):
         time, num_joints = context.get_time(), self._layout.num_joints

@@ -102,7 +102,6 @@ class ShapeMemoryWires(LeafSystem):
             weak_method(self._calc_duty),
             {self.input_port_ticket(InputPortIndex(0))},
         )
-        self.set_name("shape_memory_wires")
 
     def _step(self, context, discrete_state):
         strain = self._strain @ self.get_input_port(1).Eval(context)[: self._num_joints]

@@ -24,6 +24,7 @@ from hardware.emulation.sketches import Cable, EmulatedSketch
 from hardware.emulation.twin import EmulatedSystem
 from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
 from limb_systems import LimbError
+from limb_systems.files.output import naming
 
 TURN = 0.001  # s, between two passes of the firmware's loop
 LONGEST_PASS = 0.05  # s, by which the board's clock goes on in one
@@ -281,9 +282,9 @@ def emulate(
 ) -> None:
     """Runs the firmware on an emulated board, or a sketch, until the process is stopped.
 
-    Prints the port to connect to, then carries out orders from standard input. With a board for
-    each limb of a robot it prints NAME=PORT for each, and orders may begin with a limb's name;
-    others are for all boards.
+    Prints the port to connect to, and the command that shows whether the board answers there;
+    then carries out orders from standard input. With a board for each limb of a robot it prints
+    NAME=PORT for each, and orders may begin with a limb's name; others are for all boards.
 
     Args:
         twin: the limb on the board, or the robot.
@@ -298,8 +299,9 @@ def emulate(
     with open(log or os.devnull, "w", encoding="utf-8") as file:
 
         def note(**event) -> None:
-            file.write(json.dumps(event) + "\n")
-            file.flush()
+            with naming(log or os.devnull):
+                file.write(json.dumps(event) + "\n")
+                file.flush()
 
         cables = {limb: PseudoTerminal() for limb in limbs or [""]}
         if limbs:
@@ -320,6 +322,9 @@ def emulate(
             obey(order)
         for limb, cable in cables.items():
             print(f"{limb}={cable.port}" if limb else cable.port, flush=True)
+        if make is Emulation:
+            for cable in cables.values():
+                print(f"next        soft-limb status {cable.port}", flush=True)
         # Without a buffer, because `select` does not see lines in a buffer.
         source = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
         listening = True

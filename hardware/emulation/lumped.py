@@ -70,11 +70,11 @@ def add_physics(
     parameters, state = specimen.description, specimen.state
     layout = Layout(parameters)
     num_wires, num_joints = layout.num_wires, layout.num_joints
-    wires = builder.AddSystem(ShapeMemoryWires(specimen, wire_period))
-    rubber = builder.AddSystem(EmulatedRubber(specimen))
-    lag = builder.AddSystem(ThermocoupleLag(specimen.mechanics()))
+    wires = builder.AddNamedSystem("shape_memory_wires", ShapeMemoryWires(specimen, wire_period))
+    rubber = builder.AddNamedSystem("rubber", EmulatedRubber(specimen))
+    lag = builder.AddNamedSystem("thermocouple_lag", ThermocoupleLag(specimen.mechanics()))
     lag.configure_default_state(state.get("measured", np.full(num_wires, specimen.ambient)))
-    bend_angle = builder.AddSystem(exact_bend(parameters))
+    bend_angle = builder.AddNamedSystem("exact_bend", exact_bend(parameters))
     split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
     one = np.eye(num_joints)
     rate = one / max(SMOOTHING_TIME, wire_period / 2)
@@ -83,15 +83,15 @@ def add_physics(
     builder.Connect(wires.GetOutputPort("generalized_force"), smooth.get_input_port())
     forces = [smooth.get_output_port(), split.get_output_port(0)]
     if hand is not None:
-        holding = builder.AddSystem(Hand(parameters, hand))
+        holding = builder.AddNamedSystem("hand", Hand(parameters, hand))
         builder.Connect(joint_state, holding.get_input_port())
         forces.append(holding.get_output_port())
     if remembers := any(segment.memory_share for segment in specimen.segments):
-        rest = builder.AddSystem(RestShift(specimen, wire_period))
+        rest = builder.AddNamedSystem("rest_shift", RestShift(specimen, wire_period))
         builder.Connect(wires.GetOutputPort("state"), rest.get_input_port())
         forces.append(rest.GetOutputPort("generalized_force"))
     total = builder.AddSystem(Adder(len(forces), num_joints))
-    cut_out = builder.AddSystem(CutOut(num_wires, wire_period))
+    cut_out = builder.AddNamedSystem("heater_cut_out", CutOut(num_wires, wire_period))
     drawn = specimen.segments
     readings = limb_sensors(
         parameters,
@@ -104,7 +104,8 @@ def add_physics(
     if body_pose:
         readings.append(camera(body_pose.size()))
     (draws,) = state.get("draws", [0.0])
-    sensors = builder.AddSystem(SampledSensors(readings, specimen.noise, int(draws)))
+    sampled = SampledSensors(readings, specimen.noise, int(draws))
+    sensors = builder.AddNamedSystem("sensors", sampled)
     measurement = sensors.GetOutputPort("measurement")
 
     builder.Connect(cut_out.GetOutputPort("duty"), wires.GetInputPort("duty"))
@@ -156,7 +157,7 @@ def add_physics(
     joined = builder.AddNamedSystem("memory_inputs", Multiplexer(list(sizes.values())))
     for index, port in enumerate(parts.values()):
         builder.Connect(port, joined.get_input_port(index))
-    keeper = builder.AddSystem(_Memory(specimen, sizes))
+    keeper = builder.AddNamedSystem("memory", _Memory(specimen, sizes))
     builder.Connect(joined.get_output_port(), keeper.get_input_port())
     return ports, cut_out.GetInputPort("duty")
 
@@ -197,7 +198,6 @@ class CutOut(LeafSystem):
             tickets | {self.input_port_ticket(duty.get_index())},
         )
         self.DeclareStateOutputPort("cut_out", state)
-        self.set_name("heater_cut_out")
 
     def _look(self, context, discrete_state):
         limit = context.get_numeric_parameter(0)[0]
@@ -227,7 +227,6 @@ class _Memory(LeafSystem):
         self._parts = dict(zip(sizes, slices([*sizes.values()]), strict=True))
         self.DeclareVectorInputPort("state", sum(sizes.values()))
         self.DeclarePerStepPublishEvent(weak_method(self._remember))
-        self.set_name("memory")
 
     def _remember(self, context):
         state = self.get_input_port(0).Eval(context)

@@ -130,7 +130,6 @@ class SampledSensors(LeafSystem):
             "measurement", size, weak_method(self._calc), {self.xd_ticket()}
         )
         self.DeclareStateOutputPort("draws", draws)
-        self.set_name("sensors")
 
     def _start(self, context, state):
         for index, (sensor, part) in enumerate(zip(self._sensors, self._parts, strict=True)):
@@ -167,11 +166,9 @@ class SampledSensors(LeafSystem):
 def exact_bend(parameters: LimbParameters) -> System:
     """Return a system from [θ, θ̇] (2n), rad and rad/s, to what exact bend sensors show (F), rad."""
     layout, n = Layout(parameters), parameters.num_joints
-    shown = VectorFunction(
+    return VectorFunction(
         lambda state: layout.recorded_bend_angle(state[:n]), [2 * n], layout.num_bends
     )
-    shown.set_name("exact_bend")
-    return shown
 
 
 def limb_sensors(
@@ -262,10 +259,11 @@ class SensedLimb(Diagram):
             bend_noise=[sensor.noise for sensor in described],
             bend_drift=[sensor.drift for sensor in described],
         )
-        sensors = builder.AddSystem(SampledSensors(readings, Noise(np.random.default_rng(seed))))
+        noise = Noise(np.random.default_rng(seed))
+        sensors = builder.AddNamedSystem("sensors", SampledSensors(readings, noise))
         shown = limb.GetOutputPort("bend_angle")
         if limb.HasOutputPort("joint_state"):
-            exact = builder.AddSystem(exact_bend(limb.parameters))
+            exact = builder.AddNamedSystem("exact_bend", exact_bend(limb.parameters))
             builder.Connect(limb.GetOutputPort("joint_state"), exact.get_input_port())
             shown = exact.get_output_port()
         builder.Connect(shown, sensors.GetInputPort("bend_angle"))
@@ -274,4 +272,3 @@ class SensedLimb(Diagram):
         for name in ("measured_temperature", "bend_angle", "measurement"):
             builder.ExportOutput(sensors.GetOutputPort(name), name)
         builder.BuildInto(self)
-        self.set_name("sensed_limb")

@@ -148,7 +148,8 @@ class LimbTwin(Diagram):
         if specimen.build:
             specimen.build(builder, **options)
         else:
-            manipulator = builder.AddSystem(make_manipulator(specimen.mechanics()))
+            plant = make_manipulator(specimen.mechanics())
+            manipulator = builder.AddNamedSystem("manipulator", plant)
             angles = specimen.state.get("joints", specimen.rest_angles())[: layout.num_joints]
             manipulator.SetDefaultPositions(angles)
             force = manipulator.get_applied_generalized_force_input_port()
@@ -156,7 +157,6 @@ class LimbTwin(Diagram):
             _, duty = add_physics(builder, specimen, state, force, **options)
             builder.ExportInput(duty, "duty")
         builder.BuildInto(self)
-        self.set_name("limb_twin")
 
     @classmethod
     def of(cls, parameters: LimbParameters, seed: int = 0) -> "LimbTwin":

@@ -7,7 +7,7 @@ of this MicroPython are worked around here. See `firmware` for what a board is.
 import machine
 
 WIRES = 2  # up to six, of which the chip has pins here for PWM and chip selects
-AXES = 1  # bend angles of each bend sensor
+AXES = 1  # bend angles of each Bend Labs sensor, 1 or 2
 # P0.11 to P0.16: gates of the MOSFETs of left and right, and of further wires
 HEATERS = (11, 12, 13, 14, 15, 16)[:WIRES]
 # P0.03, P0.04, P0.28 to P0.31: MAX31855 of left and right, and of further wires
@@ -15,7 +15,7 @@ CHIP_SELECTS = (3, 4, 28, 29, 30, 31)[:WIRES]
 SUPPLY = 22  # P0.22: the charge pump that holds the relay in the wires' supply
 SCK, MOSI, MISO = 25, 23, 24  # P0.25, P0.23, P0.24; the amplifiers have no MOSI
 SCL, SDA = 27, 26  # P0.27, P0.26
-BEND_ADDRESSES = (0x12,)  # of the bend sensors, the one at the base first
+BEND_ADDRESSES = (0x12,) if AXES == 1 else (0x13,)  # as sold; the sensor at the base first
 PWM_FREQUENCY = 1000  # Hz
 
 _PWM_ENABLES = (0x4001C500, 0x40021500)  # of the devices, each of which drives four gates
@@ -32,6 +32,7 @@ def gates_low():
 gates_low()  # before the other imports, which take a while on the board
 
 import os  # noqa: E402
+import struct  # noqa: E402
 import time  # noqa: E402
 
 import micropython  # noqa: E402
@@ -44,6 +45,13 @@ from .firmware import (  # noqa: E402
     UNKNOWN_RESET,
     WATCHDOG_RESET,
 )
+
+# What the maker's drivers send and read, of both sensors: a number and 2 bytes for each angle. Its
+# counts are 1/64 degree of one axis, and 1/32 degree of two.
+_TRANSFER = 1 + 2 * AXES
+_BEND_SCALE = AXES  # of a count, in 1/64 degree
+_MOST_COUNTS = 32767 // _BEND_SCALE
+_RUN_FREELY = b"\x00\x01" + bytes(_TRANSFER - 2)
 
 _PERIOD = 1000000000 // PWM_FREQUENCY  # ns
 
@@ -117,7 +125,7 @@ class Board:
         self._ticks = time.ticks_ms()
         for address in BEND_ADDRESSES:
             try:
-                self._i2c.writeto(address, b"\x00\x01\x00")  # run freely
+                self._i2c.writeto(address, _RUN_FREELY)
             except OSError:
                 pass  # its silence is noticed at the first sample
 
@@ -185,8 +193,13 @@ class Board:
         data = b"\0"
         try:
             for address in BEND_ADDRESSES:
-                answer = self._i2c.readfrom(address, 1 + 2 * AXES)
-                data += answer[1:] if answer[0] == 0 else b""
+                answer = self._i2c.readfrom(address, _TRANSFER)
+                if answer[0] != 0:  # no sample
+                    return b""
+                for count in struct.unpack(f"<{AXES}h", answer[1:]):
+                    if not -_MOST_COUNTS <= count <= _MOST_COUNTS:  # no limb bends by 512 degrees
+                        return b""
+                    data += struct.pack("<h", _BEND_SCALE * count)
         except OSError:
             return b""
         return data

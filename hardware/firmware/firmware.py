@@ -7,8 +7,8 @@ A board is an object with
 - ``receive()``: bytes from the host, maybe none;
 - ``send(data)``: bytes to the host, which may get lost; it does not wait;
 - ``read_thermocouple(wire)``: the 4 bytes of its MAX31855;
-- ``read_bend()``: the 3 bytes of the bend sensor, with 2 more for each angle after the first,
-  or none if one is silent;
+- ``read_bend()``: a byte 0, and 2 bytes for each angle, in 1/64 degree, low byte first; no bytes
+  if a bend sensor is silent;
 - ``set_duty(wire, duty)``: PWM, duty in [0, 1];
 - ``keep_supply()``: holds the relay in the wires' supply for some passes of the loop;
 - ``feed()``: the watchdog;

@@ -30,9 +30,10 @@ def _signed(bits, width):
 
 
 def bends(data, angles=1):
-    """Tip tangent angles in 1/64 degrees from the bytes of Bend Labs sensors; None if invalid.
+    """Tip tangent angles in 1/64 degree from what a board's ``read_bend`` gives; None if invalid.
 
-    A sample is the byte 0 and a signed 16-bit number for each angle, low byte first.
+    A sample is the byte 0 and a signed 16-bit number for each angle, low byte first, as the
+    one-axis sensor of Bend Labs sends it.
     """
     if len(data) != 1 + 2 * angles or data[0] != 0:
         return None

@@ -27,7 +27,7 @@ import numpy as np
 
 from limb_systems.errors import LimbError
 from limb_systems.files.first_line import FirstLine, first_line
-from limb_systems.files.input import LARGEST_TABLE
+from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS
 
 FORMAT_VERSION = 3
 KILLED = "the program that recorded it was killed"
@@ -193,6 +193,10 @@ def _parse_rows(
     lines: list[str], first_line: int, readings: tuple[str, ...]
 ) -> dict[str, np.ndarray]:
     """Parses the line of names and the rows below it; errors name the line."""
+    if (num_columns := lines[0].count(",") + 1) > MOST_COLUMNS:
+        raise FileFormatError(
+            f"line {first_line} names {num_columns} columns; no robot has more than {MOST_COLUMNS}."
+        )
     names = lines[0].split(",")
     if len(set(names)) != len(names) or "time_s" not in names:
         raise FileFormatError(f"line {first_line} is not a list of column names with time_s.")

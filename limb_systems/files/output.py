@@ -1,5 +1,6 @@
 """Writing files."""
 
+import contextlib
 import itertools
 import os
 import tempfile
@@ -14,21 +15,36 @@ class OutputError(LimbError):
 
 
 def write_atomically(path: str | Path, content: str | bytes | Iterator[str]) -> None:
-    """Writes a file, text, its parts or bytes, whole or not at all, also if the process dies."""
+    """Write a file, text, its parts or bytes, whole or not at all, also if the process dies.
+
+    Raises:
+        OutputError: if it cannot be written, for example on a full disk; a file that was there
+            is as it was.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    with naming(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                for part in [content] if isinstance(content, str | bytes) else content:
+                    file.write(part.encode() if isinstance(part, str) else part)
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+
+
+@contextlib.contextmanager
+def naming(path: str | Path) -> Iterator[None]:
+    """A context whose OSErrors, such as that of a full disk, become OutputErrors with the path."""
     try:
-        with os.fdopen(handle, "wb") as file:
-            for part in [content] if isinstance(content, str | bytes) else content:
-                file.write(part.encode() if isinstance(part, str) else part)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+        yield
+    except OSError as error:
+        raise OutputError(f"Cannot write {path}: {error.strerror or error}.") from error
 
 
 def check_outputs(

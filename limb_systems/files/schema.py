@@ -96,7 +96,8 @@ def load_typed(schema: type[T], text: str) -> T:
 
     A field that is left out has its default; one without a default must be
     there. No field may be unknown. The metadata ``{"in_files": False}`` keep a field out of files,
-    and a text in place of False is the field's name there.
+    and a text in place of False is the field's name there. A class may have reasons, ``REFUSED``,
+    for which it does not take fields that other programs have.
 
     A value has the type of its field, whatever it looks like. Texts are of one line
     of printable characters, or of several if the field has the metadata
@@ -155,8 +156,10 @@ def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NONE) -> Any:
             _name_in_files(f): _plain(getattr(value, f.name), f.name, f.metadata) for f in fields
         }
         return {"_tag": f"!{type(value).__name__}", **plain} if isinstance(value, Tagged) else plain
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return [_plain(item, name, metadata) for item in value]
+    if isinstance(value, dict):
+        return {key: _plain(item, name, metadata) for key, item in value.items()}
     if isinstance(value, str):
         check_text(value, name, metadata)
     return float(value) if isinstance(value, float) else value  # not numpy's
@@ -230,10 +233,17 @@ def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE
     origin, arguments = typing.get_origin(schema), typing.get_args(schema)
     where = path or "the document"
     if origin is tuple:
-        if not isinstance(data, list) or len(data) != len(arguments):
+        if not isinstance(data, list | tuple) or len(data) != len(arguments):
             raise SchemaError(f"{where} must be a list of {len(arguments)}, but is {shown(data)}.")
         pairs = enumerate(zip(data, arguments, strict=True))
-        return tuple(_convert(value, kind, f"{path}[{i}]") for i, (value, kind) in pairs)
+        return tuple(_convert(value, kind, f"{path}[{i}]", metadata) for i, (value, kind) in pairs)
+    if origin is dict:
+        if not isinstance(data, dict):
+            raise SchemaError(f"{where} is {shown(data)}; it must have names with values.")
+        for key in data:
+            check_text(key, f"a name in {where}")
+        named = ((key, value) for key, value in data.items() if key != "_tag")
+        return {k: _convert(value, arguments[1], f"{path}.{k}", metadata) for k, value in named}
     if origin in (list, collections.abc.Sequence):
         if not isinstance(data, list):
             raise SchemaError(f"{where} is {shown(data)}; it must be a list.")
@@ -310,6 +320,8 @@ def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, A
     else:
         given = {key: value for key, value in data.items() if key != "_tag"}
     for key in given:
+        if reason := getattr(schema, "REFUSED", {}).get(key):
+            raise SchemaError(f"{prefix}{key} is refused: {reason}.")
         if key not in fields:
             unknown = f"{prefix}{key}" if key.isprintable() and len(key) < 80 else shown(key)
             raise SchemaError(

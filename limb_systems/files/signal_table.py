@@ -336,7 +336,7 @@ class Planned(Samples):
     @property
     def _check_entry(self) -> Entry:
         """Whether it passed its check."""
-        judged = "checked" if self.passed else "failed its check"
+        judged = "passed its check" if self.passed else "failed its check"
         return Entry("check", "not checked" if self.check.is_missing else judged)
 
     @property

@@ -14,12 +14,13 @@ import numpy as np
 
 from limb_systems.errors import raised_as
 from limb_systems.files.csv_format import TableText
-from limb_systems.files.output import OutputError
+from limb_systems.files.output import OutputError, naming
 
 MOST_WAITING = 1000  # rows: 50 s of a robot's samples
 SYNC_PERIOD = 1.0  # s
 CHUNK = 1 << 20  # bytes
 PATIENCE = 2.0  # s, that the end waits for the disk
+LONGEST_WAIT = 30.0  # s, that a row of a simulation waits for the disk
 
 _UNFINISHED = ".unfinished"
 
@@ -36,7 +37,7 @@ def unfinished_files(path: str | Path) -> set[Path]:
 
 
 class TableWriter:
-    """Writes a table row by row in a thread of its own, so that `append` never waits for the disk.
+    """Writes a table row by row in a thread of its own, so that a robot never waits for the disk.
 
     The table ``name.csv`` is in ``name.unfinished.csv`` until `finish` gives it its
     name, or in ``name.unfinished_2.csv`` and so on if that is taken: a file that is
@@ -50,12 +51,22 @@ class TableWriter:
     ``path`` is the path of the unfinished file.
     """
 
-    def __init__(self, path: str | Path, kind: str, header: str, names: Sequence[str]):
+    def __init__(
+        self,
+        path: str | Path,
+        kind: str,
+        header: str,
+        names: Sequence[str],
+        *,
+        may_wait: bool = False,
+    ):
         """
         Args:
             path: path of the finished file; one that is there is replaced by
                 `finish`, not before.
             kind, header, names: as for `TableText`.
+            may_wait: whether `append` may wait for the disk, as a simulation can, which is faster
+                than a disk.
 
         Raises:
             OutputError: if no file can be made there.
@@ -66,11 +77,10 @@ class TableWriter:
         self._rows: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._failure: OSError | None = None
         self._rename = self._ended = False
-        try:
+        self._longest_wait = LONGEST_WAIT if may_wait else 0.0
+        with naming(path):
             self._target.parent.mkdir(parents=True, exist_ok=True)
             self.path, self._file = self._open(self._target.parent)
-        except OSError as error:
-            raise OutputError(f"Cannot write {path}: {error}.") from error
         self._rows.put(self._text.head)
         # A daemon, because a program must end even if the disk never answers.
         self._thread = threading.Thread(target=self._write, name="journal", daemon=True)
@@ -88,6 +98,9 @@ class TableWriter:
             OutputError: if the disk is full, broken or stalled, or the file as
                 large as can be read.
         """
+        end = time.monotonic() + self._longest_wait
+        while self._rows.qsize() >= MOST_WAITING and not self._failure and time.monotonic() < end:
+            time.sleep(0.001)
         if self._failure:
             raise OutputError(f"Cannot write {self._target}: {self._failure}.")
         if self._rows.qsize() >= MOST_WAITING:

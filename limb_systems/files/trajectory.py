@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import ClassVar
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
+from limb_systems.files.plan_statements import plan_statements
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.signal_table import Planned, apart, sample_rate, signal
 from limb_systems.kinematics import bend_angle
@@ -89,6 +90,11 @@ class PlanCheck:
     highest_readings: list[float] = dataclasses.field(default_factory=list)
 
     @property
+    def added_constraints(self) -> list[str]:
+        """Names of the constraints that the task's ``customize`` added."""
+        return [terms.name for terms in self.added if terms.cost is None]
+
+    @property
     def is_missing(self) -> bool:
         """Whether the plan was never checked."""
         return math.isnan(self.largest_defect + self.largest_difference_deg + self.tolerance_deg)
@@ -163,8 +169,12 @@ class Trajectory(Planned):
         return "planned motion, nothing measured"
 
     def summary(self) -> Summary:
-        """Duration, knots, range of the bend angle, and whether it passed its check."""
-        return Summary(
+        """Return what a plan is, how it was found and checked, and what limits it.
+
+        What the limits leave takes a second to find, and is in ``soft-limb show`` alone.
+        """
+        about = plan_statements(self)
+        shown = Summary(
             [
                 Entry("duration", self.duration, "s"),
                 Entry("samples", len(self.time), "", f"{len(self.time)} knots"),
@@ -172,6 +182,8 @@ class Trajectory(Planned):
                 self._check_entry,
             ]
         )
+        others = [entry for entry in about.entries if entry.name not in ("check", "plan")]
+        return shown + Summary([], [*others, *about.details])
 
     @property
     def state(self) -> np.ndarray:
@@ -210,14 +222,25 @@ class Trajectory(Planned):
         return PiecewisePolynomial.CubicHermite(self.time, self.state, np.transpose(rates))
 
     def bend_angle_at(self, times: ArrayLike) -> np.ndarray:
-        """φ* at any times (M,), (F, M), rad.
+        """Return φ* at any times (M,), (F, M), rad; at one time, (F,), as ports take it.
 
         For the times of a recording, use it on `since_start`.
         """
-        if not np.isfinite(times).all():
-            raise LimbError("times must be finite.")
         joints = PiecewisePolynomial.CubicHermite(self.time, self.joint_angles, self.joint_rates)
-        return bend_angle(self.parameters, joints.vector_values(np.asarray(times, float)))
+        return self._at(times, lambda at: bend_angle(self.parameters, joints.vector_values(at)))
+
+    def duty_at(self, times: ArrayLike) -> np.ndarray:
+        """Return the duty at any times (M,), (W, M); at one time, (W,), as ports take it."""
+        return self._at(times, self.duty_trajectory().vector_values)
+
+    @staticmethod
+    def _at(times: ArrayLike, values: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Return values at times, without their axis if that is one time."""
+        at = np.asarray(times, float)
+        if not np.isfinite(at).all():
+            raise LimbError("times must be finite.")
+        found = values(np.atleast_1d(at))
+        return found if at.ndim else found[:, 0]
 
     def is_same_plan(self, other: "Trajectory") -> bool:
         """Whether another trajectory has the same file, but for what made it."""

@@ -79,7 +79,6 @@ class LimbVisualizer(LeafSystem):
             self.DeclareVectorInputPort("body_pose", pose_size)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, weak_method(self._publish))
         self.DeclareForcedPublishEvent(weak_method(self._publish))
-        self.set_name(f"{prefix or 'limb'}_visualizer")
 
     def _publish(self, context: Context) -> None:
         state, temperature, duty = (self.get_input_port(index) for index in range(3))
@@ -125,7 +124,6 @@ class WireColors(LeafSystem):
         self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
         self.DeclarePeriodicPublishEvent(PUBLISH_PERIOD, 0.0, weak_method(self._publish))
         self.DeclareForcedPublishEvent(weak_method(self._publish))
-        self.set_name(f"{limb}_wire_colors")
 
     def _publish(self, context) -> None:
         temperature = self.get_input_port().Eval(context)

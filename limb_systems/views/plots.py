@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
-from limb_systems.files.output import check_picture
+from limb_systems.files.output import check_picture, write_atomically
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Planned
 from limb_systems.files.trajectory import Trajectory
@@ -106,16 +106,19 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     One that ends with .pdf or .eps is for a paper: as wide as a column of two, 3.5 inches,
     with text of 8 pt, thin lines, and its fonts inside.
 
+    The file is written whole or not at all.
+
     Raises:
-        OutputError: if there is no such format.
+        OutputError: if there is no such format, or the file cannot be written.
     """
     path = Path(path)
     check_picture(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix.lower() in FOR_PAPERS:
         figure = _in_a_column(figure)
+    picture = io.BytesIO()
     with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):  # TrueType, as asked for
-        figure.savefig(path, dpi=150)
+        figure.savefig(picture, format=path.suffix[1:].lower(), dpi=150)
+    write_atomically(path, picture.getvalue())
 
 
 def _in_a_column(figure: Figure) -> Figure:

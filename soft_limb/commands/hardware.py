@@ -14,7 +14,7 @@ from serial.tools import list_ports
 from controllers.learner import Repetition
 from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
 from hardware.board import board_check
-from hardware.board.arm_check import CUT_OFF, check_supply, check_wires
+from hardware.board.arm_check import check_supply, check_wires
 from hardware.board.link import SerialPort, check_fit
 from hardware.board.text_board import TextBoard
 from hardware.emulation.emulator import ORDERS, Emulation, emulate
@@ -171,11 +171,11 @@ def _ask(question: str) -> str:
 
 
 def _supply(options: argparse.Namespace) -> tuple[float | None, bool | None]:
-    """The supply's voltage and whether there is a cut-off, as said by options or at a terminal."""
+    """Return the supply's voltage, V, and whether there is a cut-off; None where nobody answers."""
     voltage, cut_off = options.supply, options.cut_off
     if sys.stdin.isatty() and not options.json:
         if voltage is None:
-            said = _ask("Measured voltage of the wires' supply, V (Enter: not measured): ")
+            said = _ask("Measured voltage of the wires' supply, V (Enter: not measured, no heat): ")
             try:
                 voltage = float(said) if said else None
             except ValueError:
@@ -183,17 +183,6 @@ def _supply(options: argparse.Namespace) -> tuple[float | None, bool | None]:
         if cut_off is None:
             said = _ask("A thermal cut-off on the limb, in series with its wires, y or n? ")
             cut_off = said.lower() in ("y", "yes")
-    if voltage is None:
-        warnings.warn(
-            "Nobody has said what voltage the wires' supply has; heat goes with its square: "
-            "measure it, and give --supply VOLTS.",
-            stacklevel=2,
-        )
-    if cut_off is None:
-        warnings.warn(
-            f"Nobody has said that there is a cut-off: {CUT_OFF}; give --cut-off if there is one.",
-            stacklevel=2,
-        )
     return voltage, cut_off
 
 
@@ -451,7 +440,8 @@ COMMANDS = {
         "Tests whether the sensors work, and whether each wire warms its own thermocouple and "
         "bends the limb to its own side, and whether both thermocouples show the like. Takes two "
         "minutes, and heats each wire until the limb has bent by 6 to 8°. Before that it asks at a "
-        "terminal for what no board can see: the supply's voltage, and a thermal cut-off.",
+        "terminal for what no board can see: the supply's voltage, and a thermal cut-off. Where "
+        "nobody answers, it opens no port and heats nothing.",
         "board limb json",
         [
             Option(
@@ -459,7 +449,7 @@ COMMANDS = {
                 type=float,
                 metavar="VOLTS",
                 help="measured voltage of the wires' supply, which must be the limb's "
-                "supply_voltage if its file has one",
+                "supply_voltage if its file has one; without it nothing is heated",
             ),
             Option(
                 "--cut-off",
@@ -481,9 +471,9 @@ COMMANDS = {
     "replay": Command(
         _replay,
         "Drives a limb along a trajectory, open loop or by a controller: a robot in real time, or "
-        "without a port an emulated limb or the plan's model in simulated time. On a robot every "
-        "sample is written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the "
-        "plan has ended, and the report tells how many commands left more than 5 ms late.",
+        "without a port an emulated limb or the plan's model in simulated time. Every sample is "
+        "written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the plan has "
+        "ended. Of a robot, the report tells how many commands left more than 5 ms late.",
         "trajectory output driven text controller plot report live cool address json force",
         examples=[
             "soft-limb replay out/plan.csv -o out/recording.csv --plot out/tracking.png",
@@ -560,9 +550,9 @@ COMMANDS = {
     "emulate": Command(
         _emulate,
         "Runs the board's firmware on an emulated board with an emulated limb, in real time, and "
-        "prints the port to connect to. Of a robot, each limb has a board of its own; NAME=PORT "
-        "is printed for each. Reads orders for faults from standard input, one in each "
-        f"line: {ORDERS}. Orders for the board of one limb begin with its name.",
+        "prints the port to connect to, and the next command. Of a robot, each limb has a board of "
+        "its own; NAME=PORT is printed for each. Reads orders for faults from standard input, one "
+        f"in each line: {ORDERS}. Orders for the board of one limb begin with its name.",
         "emulated extra physics limb force",
         [
             Option(

@@ -82,10 +82,14 @@ def write_report(
     if to_do:
         parts.append(page.section("What to do next", page.items(to_do)))
     if validation := calibration.validation:
-        said = (
-            "The duty of a recording that was not used in any fit, simulated open loop. "
-            f"{validation_summary(validation).line()}."
-        )
+        judged = calibration.prediction.best.judged if calibration.prediction else []
+        what = "The duty of a recording that was not used in any fit, simulated open loop"
+        if len(judged) > 1:
+            what = (
+                f"The duties of {len(judged)} recordings, none of which was used in the fit that "
+                "predicts it, simulated open loop and shown one after the other"
+            )
+        said = f"{what}. {validation_summary(validation).line()}."
         shown = validation_panels(validation)
         parts.append(_section("Validation, Sec. V-D and Fig. 4", said, shown))
     parameters = [

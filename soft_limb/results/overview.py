@@ -1,5 +1,6 @@
 """All results in a folder, and what belongs together, as one page without a server."""
 
+import contextlib
 import dataclasses
 import datetime
 import itertools
@@ -126,11 +127,10 @@ def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]
 
 def _time_of(file: ResultFile) -> float:
     """Return when a file was made, or last changed if it does not say, s since 1970."""
-    try:
-        made = file.provenance.time if file.provenance else ""
-        return datetime.datetime.fromisoformat(made).timestamp()
-    except ValueError:
-        return file.path.stat().st_mtime
+    if file.provenance:
+        with contextlib.suppress(ValueError):
+            return datetime.datetime.fromisoformat(file.provenance.time).timestamp()
+    return file.path.stat().st_mtime
 
 
 def _facts(file: ResultFile) -> dict[str, str]:
@@ -158,11 +158,14 @@ def find_origins(files: Sequence[ResultFile]) -> dict[ResultFile, list[ResultFil
             found += _nearest(file, named)
         # The plan that the same command made beside it.
         if file.kind == RECORDING and file.provenance:
-            made_by = (file.path.parent, file.provenance.command)
-            for other in older:
-                made = other.provenance
-                if other.kind == TRAJECTORY and made:
-                    found += [other] * ((other.path.parent, made.command) == made_by)
+            found += [
+                other
+                for other in older
+                if other.kind == TRAJECTORY
+                and other.path.parent == file.path.parent
+                and other.provenance
+                and other.provenance.command == file.provenance.command
+            ]
         # The limb.
         if file.kind in (RECORDING, TRAJECTORY, GAIT):
             described = getattr(file.value, "robot", None) or file.value.parameters

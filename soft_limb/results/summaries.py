@@ -1,94 +1,38 @@
 """Plans, calibrations and what was learned, each told once, for terminals, JSON and pages."""
 
-import dataclasses
-
 import numpy as np
 
 from calibration import Calibration, Prediction, Validation
 from controllers import Learner
 from limb_systems import Trajectory
-from limb_systems.files.trajectory import AddedTerms
+from limb_systems.files.plan_statements import plan_statements
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances
-from planners import nearest_bend_angle
+from planners.nearest import nearest_bend_angle, nearest_plan
 from planners.plan_check import far_from_reference
-
-# Of a `PlanCheck`, numbers and texts that JSON has under their own names.
-_OF_CHECK = ["solver", "status", "iterations", "refinements", "cost", "guess_cost"]
-_OF_CHECK += ["largest_defect", "largest_difference_deg", "tolerance_deg"]
 
 
 def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
-    """How a plan was found and checked, how far it is from its reference, and what limits it.
+    """Return how a plan was found and checked, how far it is from its reference, and its limits.
 
     Args:
         quick: whether to leave out what the limits leave, which takes a second.
     """
-    check, parameters = trajectory.check, trajectory.parameters
-    segments, knots = len(parameters.segments), len(trajectory.time)
-    best = None if quick else nearest_bend_angle(trajectory)
-    distances = reference_distances(trajectory, nearest=best)
-    missed, nearest = np.rad2deg(distances.planned), _degrees(distances.nearest)
-    most = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference).max())
-    texts = {
-        "reference": f"missed by {missed:.2f}° on average, {most:.2f}° at most"
-        + ("" if nearest is None else f"; the limits leave {nearest:.2f}° on average"),
-        "limb": f"{segments} segment{'s' * (segments > 1)}, {parameters.num_joints} joints, "
-        f"{len(parameters.wires)} wires",
-        "plan": f"{trajectory.duration:g} s, {knots} knots, from request to checked plan in "
-        f"{check.total_time:.2f} s",
-        "solver": f"{check.solver}: {check.status} in {check.iterations} iterations, "
-        f"{check.solve_time:.2f} s; cost {check.cost:.6g} (at the start {check.guess_cost:.6g})",
-        "check": f"{'failed, ' * bool(check.failure())}simulated again: within "
-        f"{check.largest_difference_deg:.4f}° of the plan (allowed {check.tolerance_deg:g}°); "
-        f"largest defect {check.largest_defect:.1e}",
-    }
-    if check.is_missing:
-        texts["solver"], texts["check"] = f"{check.solver or 'unknown'}: {check.status}", "none"
-    if check.highest_readings:
-        texts["band"] = (
-            f"of limbs alike: φ is read within ±{check.bend_band_deg:.2f}° of the plan (95%), V up "
-            f"to {max(check.highest_readings):.0f} °C (99.5%)"
-        )
-    stretches: dict[str, list[str]] = {}
-    for active in check.active_constraints:
-        stretches.setdefault(active.bound, []).append(f"{active.start:.1f}-{active.end:.1f}")
-    at = {bound: f"at {', '.join(times)} s" for bound, times in stretches.items()}
-    added = [_added(terms, at) for terms in check.added]
-    width = max(map(len, at), default=0)
-    lines = [f"{bound:<{width}}  {times}" for bound, times in at.items()]
-    texts["limits"] = "\n".join(["the plan runs along", *lines]) if lines else "none is active"
-    texts["added"] = "\n".join(added)
-    values = {
-        "duration_s": trajectory.duration,
-        "knots": knots,
-        **{name: getattr(check, name) for name in _OF_CHECK},
-        "solve_time_s": check.solve_time,
-        "total_time_s": check.total_time,
-        "reference_missed_mean_deg": float(missed),
-        "reference_missed_largest_deg": float(most),
-        "nearest_distance_deg": nearest,
-        "far_from_reference": far_from_reference(trajectory),
-        "bend_band_deg": check.bend_band_deg if check.highest_readings else None,
-        "highest_readings_c": check.highest_readings,
-        "active_constraints": [
-            {"bound": active.bound, "start_s": active.start, "end_s": active.end}
-            for active in check.active_constraints
-        ],
-        "added": [dataclasses.asdict(terms) for terms in check.added],
-    }
-    return Summary.of(texts, values)
-
-
-def _added(terms: AddedTerms, active: dict[str, str]) -> str:
-    """Return a line on terms of one's own, and take what it says from the active constraints."""
-    if terms.cost is None:
-        times = active.pop(terms.name, None)
-        kind, state = "constraint", f"active {times}" if times else "not active"
-    else:
-        kind, state = "cost", f"{terms.cost:.3g}"
-    number = kind if terms.number == 1 else f"{terms.number} {kind}s"
-    return f"{terms.name} ({number}): {state}"
+    found = None if quick else nearest_plan(trajectory)
+    distances = reference_distances(trajectory, nearest=None if found is None else found[0])
+    nearest, said = _degrees(distances.nearest), ""
+    if nearest is not None:
+        if constraints := trajectory.check.added_constraints:
+            said = f"; without {', '.join(constraints)}, the limits would leave {nearest:.2f}°"
+            nearest = None  # what all of them leave is not known
+        else:
+            said = f"; the limits leave {nearest:.2f}°"
+        said += " on average"
+    more = [
+        Entry("nearest_distance_deg", nearest, "", None),
+        Entry("far_from_reference", far_from_reference(trajectory), "", None),
+    ]
+    return plan_statements(trajectory, said) + Summary([], more)
 
 
 def distances_summary(distances: ReferenceDistances) -> Summary:

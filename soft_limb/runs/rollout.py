@@ -14,6 +14,7 @@ from hardware.board.serial_limb import DEADLINE, SerialLimb
 from hardware.replay import replay
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.drake_python import weak_method
+from limb_systems.files.output import OutputError
 from limb_systems.limb_system import check_limb
 from limb_systems.simulation import PERIOD
 from limb_systems.summary import Entry, Summary
@@ -201,13 +202,19 @@ def record_replay(
     controller: System | None = None,
     live: LivePage | None = None,
 ) -> Recording:
-    """Replays a plan into a file, which is written on the way if the replay may be stopped."""
+    """Replay a plan into a file, to which each sample goes on the way, see `TableWriter`.
+
+    Raises:
+        OutputError: as for `replay`; what was recorded until then is in an unfinished file.
+    """
     is_slow = check_limb(limb).real_time or live is not None
-    recording = replay(
-        trajectory, limb, controller=controller, journal=output if is_slow else None, live=live
-    )
+    recording = replay(trajectory, limb, controller=controller, journal=output, live=live)
     if not is_slow:
-        recording.save(output)
+        try:
+            recording.save(output)  # again, with what an emulation knows besides
+        except OutputError as error:
+            error.add_note(f"What was measured is in {output}, without what only emulations show.")
+            raise
     return recording
 
 

@@ -257,13 +257,13 @@ def _rows(file: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     if not file.exists():
         return []
     with file.open(newline="", encoding="utf-8") as table:
-        reader = csv.reader(table)
-        if next(reader, None) != columns:
+        reader = csv.DictReader(table)
+        if reader.fieldnames != columns:
             raise LimbError(
                 f"{file} is not the table of a sweep of these fields; give another name, or "
                 "--force to replace it."
             )
-        return [dict(zip(columns, row, strict=True)) for row in reader if len(row) == len(columns)]
+        return [row for row in reader if None not in row.values()]  # a row may be half-written
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:

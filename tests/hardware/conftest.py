@@ -28,7 +28,7 @@ LATE = (
     "no valid command came for 250 ms",
     "The simulation fell behind by",
     "Nothing new came from the board",
-    "is gone: Write timeout",
+    "was not ready for more data within",
     r"come 0\.\d+ s late",
     "did not get a command within",
     "this program sent no duty for 250 ms",
@@ -95,6 +95,7 @@ class Emulator(Board):
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
             )
         self.port = self.process.stdout.readline().strip()
+        self.next = self.process.stdout.readline().strip()
         assert self.port.startswith("/dev/")
 
     def renew(self):

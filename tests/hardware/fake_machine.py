@@ -6,6 +6,7 @@ the chip's product specification, not of a board that was measured.
 """
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -24,7 +25,7 @@ RAM = range(0x20000000, 0x20010000)
 
 CLOCK_START, CLOCK_STOP = 0x40000008, 0x4000000C
 CLOCK_STATE, CLOCK_SOURCE = 0x40000418, 0x40000518
-BEND_ADDRESS = 0x12  # of the sensor
+BEND_ADDRESS, TWO_AXIS_ADDRESS = 0x12, 0x13  # of Bend Labs' sensors
 
 BYTE_TIME = 87  # us on the line
 WRAP = 1 << 30  # of the port's ticks
@@ -96,8 +97,11 @@ class Chip:
             if not prompt and len(self.uart.incoming) < 63:
                 self.uart.incoming.append(byte)
 
-    def load_board(self, monkeypatch):
-        """The board file as a new module, as at each start of the board."""
+    def load_board(self, monkeypatch, **settings):
+        """The board file as a new module, as at each start of the board.
+
+        settings: constants at its top, as an owner of the board changes them.
+        """
         modules = {
             "machine": machine_module(self),
             "micropython": SimpleNamespace(kbd_intr=self._set_interrupt_character),
@@ -106,7 +110,11 @@ class Chip:
             monkeypatch.setitem(sys.modules, name, module)
         spec = importlib.util.spec_from_file_location("hardware.firmware.board_nrf52dk", BOARD_FILE)
         board = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(board)
+        source = BOARD_FILE.read_text(encoding="utf-8")
+        for name, value in settings.items():
+            source, count = re.subn(rf"(?m)^{name} = \S+", f"{name} = {value}", source)
+            assert count == 1, name
+        exec(compile(source, BOARD_FILE, "exec"), vars(board))
         # CPython's own have none of what the port's have; nothing of them is used at the import.
         board.os = SimpleNamespace(urandom=lambda n: bytes(range(1, n + 1)), dupterm=self._dupterm)
         board.time = SimpleNamespace(
@@ -264,11 +272,15 @@ class I2c:
 
     def writeto(self, address, data):
         self._check(address)
+        frame = self.chip.i2c_devices[address]
+        assert len(data) == len(frame), "the sensor takes frames as long as those it sends"
         self.chip.i2c_writes.append((address, data))
 
     def readfrom(self, address, count):
         self._check(address)
-        return self.chip.i2c_devices[address][:count]
+        frame = self.chip.i2c_devices[address]
+        assert count == len(frame), "would read a part of a frame, or past its end"
+        return frame
 
 
 class Uart:

@@ -440,7 +440,7 @@ def test_bend_bytes():
 
 
 if __name__ == "__main__":
-    print(sys.implementation.name)
+    print(sys.implementation.name, ".".join(map(str, sys.implementation.version)))
     tests = [(name, test) for name, test in globals().items() if name.startswith("test_")]
     for name, test in tests:
         print(name)

@@ -2,16 +2,19 @@
 
 import re
 import runpy
+import struct
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 import fake_machine as fake
 
-from hardware.firmware import firmware, readings
+from hardware.board.link import Assembly
+from hardware.firmware import firmware, protocol, readings
 
 VERSIONS = [(1, 24), (1, 25), (1, 26), (1, 27), (1, 28)]
 
@@ -179,6 +182,30 @@ def test_bend_sensor_that_is_silent(newest, monkeypatch):
     assert board.read_bend() == b""
     newest.i2c_devices[fake.BEND_ADDRESS] = b"\x00\x40\x00"
     assert board.read_bend() == b"\x00\x40\x00"
+
+
+@pytest.mark.parametrize(
+    ("axes", "address", "counts_per_degree", "angles"),
+    [(1, 0x12, 64, [45.0]), (1, 0x12, 64, [-30.0]), (2, 0x13, 32, [45.0, -30.0])],
+)
+def test_angles_of_bend_labs_sensors(newest, monkeypatch, axes, address, counts_per_degree, angles):
+    """Address, frames and counts as in the maker's drivers, one_axis_ads and two_axis_ads."""
+    counts = [round(counts_per_degree * angle) for angle in angles]
+    newest.i2c_devices = {address: struct.pack(f"<b{axes}h", 0, *counts)}
+    board = newest.load_board(monkeypatch, AXES=axes).Board()
+    assert newest.i2c_writes == [(address, bytes([0, 1] + [0] * (2 * axes - 1)))]
+    program = firmware.Firmware(board)
+    for _ in range(100):
+        newest.now += 2000  # us
+        program.step()
+    parser, assembly = protocol.Parser(protocol.BOARD_KINDS), Assembly()
+    taken = [assembly.take(*frame, 0.0) for frame in parser.feed(bytes(newest.uart.line))]
+    samples = [sample for sample in taken if sample]
+    assert samples
+    for sample in samples:
+        assert np.rad2deg(sample.tip_tangent) == pytest.approx(angles, abs=1e-9)
+    newest.i2c_devices[address] = struct.pack(f"<b{axes}h", 0, *[-32768] * axes)
+    assert readings.bends(board.read_bend(), axes) is None
 
 
 def test_time_goes_on_when_the_ports_ticks_wrap(monkeypatch):

@@ -266,6 +266,7 @@ def test_simulation_that_falls_behind(virtual_time, emulator, record_property):
 
 
 def test_second_program_on_a_port_is_refused(real_emulator, capsys):
+    assert real_emulator.next.split() == ["next", "soft-limb", "status", real_emulator.port]
     with BoardLink(real_emulator.port):
         assert main(["status", real_emulator.port]) == 1
     said = capsys.readouterr().err

@@ -3,7 +3,7 @@
 import random
 import struct
 
-import fuzz
+import frame_fuzzing
 import pytest
 
 from hardware.firmware import firmware, from_host, guard, heat, protocol
@@ -96,7 +96,7 @@ class Episode(PaperBoard):
         if rng.random() < 0.01:
             self.asked = rng.choice([(0.3, 0.3), (0.5, 0.0), (0.0, 0.9), (0.0, 0.0), (1.0, 0.2)])
         frame = self.frame()
-        self.incoming = frame if rng.random() < 0.9 else fuzz.mutate(frame, rng) + frame
+        self.incoming = frame if rng.random() < 0.9 else frame_fuzzing.mutate(frame, rng) + frame
         self.program.step()
         self.sent.clear()
 

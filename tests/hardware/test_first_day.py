@@ -1,5 +1,6 @@
 """What arm-check finds; benchmarks/first_day.py goes on from there to replays."""
 
+import io
 import re
 
 import first_day
@@ -63,46 +64,97 @@ def test_thermocouples_are_compared_by_heat_and_by_bend():
 
 
 @pytest.mark.parametrize(
+    ("shown", "good"),
+    [
+        ((14.4, 14.4), [False, False]),  # both: nobody can tell which is wrong
+        ((14.46, 27.1), [True, True]),
+        ((14.4, 20.0), [False, True]),
+        ((16.1, 16.1), [True, True]),
+        ((20.0, 27.2), [True, False]),
+    ],
+)
+def test_a_verdict_on_heat_agrees_with_the_range_that_it_names(shown, good):
+    """Of a described 20 °C/s, 85% of 85% to 115% over 85%."""
+    said = []
+    most = [LimbParameters().heat_bounds[0].most_heating] * 2
+    arm_check._judge_heat(["left", "right"], shown, most, lambda ok, what: said.append((ok, what)))
+    assert [ok for ok, _ in said] == good
+    for (ok, what), heating in zip(said, shown, strict=True):
+        number = r"([\d.]+)"
+        found = re.search(rf"shows {number} °C/s .* where {number} to {number} are accepted", what)
+        value, low, high = map(float, found.groups())
+        assert value == pytest.approx(heating, abs=0.05)
+        assert ok == (low <= value <= high)
+
+
+@pytest.mark.parametrize(
     ("calibrated_at", "voltage", "cut_off", "good", "said"),
     [
-        (0.0, None, None, True, []),
-        (
-            0.0,
-            7.0,
-            True,
-            True,
-            ["ok the supply has 7 V; write supply_voltage: 7 into", "ok a ther"],
-        ),
+        (0.0, None, None, False, ["no nobody has said which voltage", "no nobody .* cut-off"]),
+        (0.0, None, True, False, ["no nobody has said which voltage", "ok a thermal cut-off"]),
+        (0.0, 7.0, None, False, ["ok the supply has 7 V; write supply_voltage: 7", "no nobody"]),
+        (0.0, 7.0, True, True, ["ok the supply has 7 V; write supply_voltage: 7", "ok a thermal"]),
         (
             7.0,
             9.9,
-            None,
+            True,
             False,
-            ["no the supply has 9.9 V, .*: 200% of its heat; set it to 7 V, or"],
+            ["no the supply has 9.9 V, .*: 200% of its heat, .*; set it to 7 V"],
         ),
         (
             7.0,
-            7.0,
-            False,
-            False,
-            ["ok the supply", "no no cut-off: only a thermal cut-off in series"],
+            7.4,
+            True,
+            True,
+            ["ok the supply .* 112% of its heat, where 85% to 115% are", "ok a"],
         ),
+        (7.0, 7.0, False, False, ["ok the supply", "no no cut-off: only a thermal cut-off in"]),
     ],
 )
-def test_what_a_person_says_of_the_supply(calibrated_at, voltage, cut_off, good, said):
+def test_no_answer_about_the_supply_is_a_no(calibrated_at, voltage, cut_off, good, said):
     limb, heard = LimbParameters(supply_voltage=calibrated_at), []
     say = lambda ok, what: heard.append(f"{'ok' if ok else 'no'} {what}")  # noqa: E731
     assert check_supply(limb, voltage, cut_off, say) == good
-    assert len(heard) == len(said)
+    assert len(heard) == 2
     assert all(map(re.match, said, heard)), heard
 
 
-def test_a_command_that_is_told_of_no_cut_off_does_not_open_the_port(capsys):
-    assert main(["arm-check", "/dev/null", "--supply", "7", "--no-cut-off"]) == 1
-    assert "FAILED   no cut-off" in capsys.readouterr().out
-    assert main(["arm-check", "/dev/null", "--supply", "-7"]) == 1
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("", "FAILED   nobody has said that a thermal cut-off is on the limb"),
+        ("--supply 7", "FAILED   nobody has said that a thermal cut-off is on the limb"),
+        ("--cut-off", "FAILED   nobody has said which voltage the wires' supply has"),
+        ("--supply 7 --no-cut-off", "FAILED   no cut-off"),
+        ("--json", '"passed": false'),
+        ("--supply -7 --cut-off", "supply's voltage is -7 V; it must be from 0.1"),
+    ],
+)
+def test_no_port_is_opened_without_leave_to_heat(words, said, monkeypatch, capsys):
+    opened = []
+    monkeypatch.setattr("soft_limb.commands.hardware.BoardLink", opened.append)
+    monkeypatch.setattr("sys.stdin", io.StringIO())  # as of </dev/null
+    assert main(["arm-check", "/dev/null", *words.split()]) == 1
+    assert not opened
+    assert said in "".join(capsys.readouterr())
+
+
+@pytest.mark.parametrize(
+    ("answers", "is_opened"),
+    [("7\ny\n", True), ("7\n\n", False), ("\ny\n", False), ("7\nn\n", False), ("", False)],
+)
+def test_a_person_at_a_terminal_has_to_answer_yes(answers, is_opened, monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    opened = []
+
+    def refuse(*_):
+        opened.append(True)
+        raise LimbError("there is no board")
+
+    monkeypatch.setattr("soft_limb.commands.hardware.BoardLink", refuse)
+    monkeypatch.setattr("sys.stdin", Terminal(answers))
     assert main(["arm-check", "/dev/null"]) == 1
-    said = capsys.readouterr().err
-    assert "supply's voltage is -7 V; it must be from 0.1" in said
-    assert "warning: Nobody has said what voltage the wires' supply has" in said
-    assert "Cannot open /dev/null" in said
+    assert bool(opened) == is_opened

@@ -1,17 +1,20 @@
 """Boards that are none, are others' or are hung, as the host's end of the cable tells."""
 
+import errno
 import itertools
 import os
+import termios
 import threading
 import tty
 
 import numpy as np
 import pytest
+import serial
 from pydrake.systems.analysis import Simulator
 
 from calibration import collect_sag
 from hardware import BoardLink, HardwareError, LimbTwin, SerialLimb
-from hardware.board.link import Assembly
+from hardware.board.link import Assembly, SerialPort
 from hardware.board.reasons import REASONS
 from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.firmware import guard, protocol, readings
@@ -58,6 +61,39 @@ def test_a_port_without_a_board_is_named(pseudo_terminal, monkeypatch):
     message = "does not answer after the port was opened"  # but may be opened again
     with BoardLink(port) as link, pytest.raises(HardwareError, match=message):
         link.sample()
+
+
+def test_a_write_that_times_out_is_told_from_a_cable_that_is_gone(pseudo_terminal):
+    """Nobody reads; the terminal keeps some KiB."""
+    _, port = pseudo_terminal
+    with SerialPort(port) as cable:
+        with pytest.raises(HardwareError, match=rf"^{port} was not ready for more data within 0.2"):
+            cable.send(bytes(100_000))
+        assert cable.receive() == b""
+
+
+def test_errors_of_line_settings_are_hardware_errors(pseudo_terminal, monkeypatch):
+    """Those of termios, which are no OSErrors: when it is opened, asked and closed."""
+    _, port = pseudo_terminal
+
+    def fail(*_):
+        raise termios.error(errno.EIO, "Input/output error")
+
+    for name in ("tcsetattr", "tcflush"):
+        with monkeypatch.context() as patch:
+            patch.setattr(termios, name, fail)
+            with pytest.raises(
+                HardwareError, match=f"Cannot open {port}: Input/output error; soft"
+            ):
+                SerialPort(port, 9600)
+    with SerialPort(port) as cable:
+        monkeypatch.setattr(serial.Serial, "in_waiting", property(fail))
+        with pytest.raises(
+            HardwareError, match=f"^The cable to {port} is gone: Input/output error"
+        ):
+            cable.receive()
+        monkeypatch.setattr(serial.Serial, "close", fail)
+        cable.close()
 
 
 def test_a_board_of_another_version_is_refused(board):

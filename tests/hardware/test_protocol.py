@@ -1,6 +1,6 @@
-"""Parser and guard under fire; benchmarks/fuzz.py is the longer version."""
+"""Parser and guard under fire; benchmarks/frame_fuzzing.py is the longer version."""
 
-import fuzz
+import frame_fuzzing
 from firmware_checks import four_wires
 
 from hardware.firmware import from_host, heat, protocol
@@ -9,7 +9,7 @@ BOUNDS = [heat.NOMINAL, (0.005, 0.5, 60.0, 100.0, 4.0)]
 
 
 def test_random_and_mutated_frames_change_nothing():
-    counts = fuzz.fuzz(15_000, seed=1)
+    counts = frame_fuzzing.fuzz(15_000, seed=1)
     assert counts["accepted by chance"] == 0
     assert counts["accepted as sent"] > 50  # what is not damaged gets through
 
@@ -17,7 +17,7 @@ def test_random_and_mutated_frames_change_nothing():
 def test_whatever_frames_and_sensors_say_no_wire_has_duty_that_it_must_not():
     """On boards with two wires, and with four that bend about two axes."""
     for board in (None, four_wires().board):
-        counts = fuzz.fuzz_guard(6_000, seed=2, paper=board)
+        counts = frame_fuzzing.fuzz_guard(6_000, seed=2, paper=board)
         assert counts["steps with duty"] > 250
         assert counts["steps latched"] > 150
         assert counts["resets"] >= 1

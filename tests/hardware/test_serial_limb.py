@@ -307,14 +307,16 @@ def test_replay_tells_its_timing_in_words_and_in_json(emulator, short_plan, tmp_
 def test_arm_check_heats_nothing_that_is_hot(virtual_time, emulator, capsys):
     emulator.order("hot left")
     virtual_time.sleep(0.2)
-    assert main(["arm-check", emulator.port]) == 1
-    assert "FAILED   left thermocouple reads 115.0 °C" in capsys.readouterr().out
+    arm_check = ["arm-check", emulator.port, "--supply", "7", "--cut-off"]
+    assert main(arm_check) == 1
+    said = capsys.readouterr().out
+    assert "FAILED   left thermocouple reads 115.0 °C; cold wires have 5 to 45 °C" in said
     assert emulator.duty() == [0.0, 0.0]
-    assert main(["arm-check", emulator.port, "--json"]) == 1
+    assert main([*arm_check, "--json"]) == 1
     said = json.loads(capsys.readouterr().out)
     assert said["passed"] is False
-    assert [check["passed"] for check in said["checks"]] == [True, False, True, True]
-    assert "left thermocouple reads 115.0 °C" in said["checks"][1]["what"]
+    assert [check["passed"] for check in said["checks"]] == [True] * 3 + [False, True, True]
+    assert "left thermocouple reads 115.0 °C" in said["checks"][3]["what"]
 
 
 def test_orders_that_come_together_are_obeyed_but_for_those_that_make_no_sense(real_emulator):

@@ -2,9 +2,21 @@
 
 import numpy as np
 import pytest
+from pydrake.geometry import (
+    AddCompliantHydroelasticPropertiesForHalfSpace,
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    HalfSpace,
+    ProximityProperties,
+)
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    ContactModel,
+    CoulombFriction,
+    MultibodyPlant,
+)
 from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
@@ -112,6 +124,30 @@ def test_a_limb_in_space_does_not_collide_with_itself():
     assert np.abs(bend).max() > 0.1
 
 
+@pytest.mark.parametrize(("is_rigid", "makes_surfaces"), [(True, True), (False, False)])
+def test_a_limb_makes_hydroelastic_contact_with_rigid_ground_alone(is_rigid, makes_surfaces):
+    """Drake has no surface between two compliant shapes of which one is a half space."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+    plant.set_contact_model(ContactModel.kHydroelasticWithFallback)
+    ground = ProximityProperties()
+    AddContactMaterial(None, None, CoulombFriction(0.5, 0.5), ground)
+    if is_rigid:
+        AddRigidHydroelasticProperties(ground)
+    else:
+        AddCompliantHydroelasticPropertiesForHalfSpace(0.02, 1e6, ground)
+    top = RigidTransform([0.0, 0.0, -0.009])  # the limb, 2 cm wide, reaches 1 mm below it
+    plant.RegisterCollisionGeometry(plant.world_body(), top, HalfSpace(), "ground", ground)
+    add_limb(plant)
+    plant.SetUseSampledOutputPorts(False)
+    plant.Finalize()
+    diagram = builder.Build()
+    context = plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
+    results = plant.get_contact_results_output_port().Eval(context)
+    assert (results.num_hydroelastic_contacts() > 0) == makes_surfaces
+    assert (results.num_point_pair_contacts() > 0) != makes_surfaces
+
+
 def test_the_package_has_the_nominal_limb_by_its_url():
     plant = MultibodyPlant(1e-3)
     parser = Parser(plant)
@@ -128,6 +164,8 @@ def test_what_does_not_fit_a_limb_is_refused():
     text = limb_urdf(parameters.segments)
     (limp,) = Parser(plant).AddModelsFromString(text, "urdf")
     finger = add_limb(plant, parameters, "finger")
+    arm = add_limb(plant, parameters, "arm")
+    plant.AddRigidBody("tool", arm, SpatialInertia.SolidSphereWithMass(0.01, 0.02))
     (free,) = Parser(plant, "free").AddModelsFromString(limb_sdf(parameters.segments), "sdf")
     plant.Finalize()
     with pytest.raises(
@@ -136,6 +174,8 @@ def test_what_does_not_fit_a_limb_is_refused():
         add_limb_actuation(builder, plant, free, parameters)
     with pytest.raises(LimbError, match=r"'limb' has no springs or no actuators.*add_springs"):
         add_limb_actuation(builder, plant, limp, parameters)
+    with pytest.raises(LimbError, match=r"limb 'arm' has other bodies, too: tool; give"):
+        add_limb_actuation(builder, plant, arm, parameters)
     parameters.segments[0].stiffness *= 1.5
     with pytest.raises(
         LimbError, match=r"joint_1 of the limb 'finger' is 0.1246 N·m/rad in the pl"

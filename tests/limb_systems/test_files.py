@@ -211,6 +211,11 @@ def test_cells_that_are_no_finite_numbers_are_refused_with_their_place(tmp_path,
                 refuse_sealed(lines, f"line {TOP + 4}")
 
 
+def test_more_columns_than_any_robot_has_are_refused_at_the_header(lines, refuse_sealed):
+    lines[TOP] += ",a" * 10**6
+    refuse_sealed(lines, f"line {TOP + 1} names 10000", "columns; no robot has more than 50000")
+
+
 def test_readings_that_are_missing_come_back(tmp_path, lines, refuse_sealed):
     """As an empty cell, which is written, or as nan; those of a trajectory are refused."""
     set_cell(lines, 1, "bend_angle_deg", "")

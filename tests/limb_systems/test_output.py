@@ -1,14 +1,19 @@
 """What cannot or must not be written is refused before the work."""
 
+import errno
 import json
 import os
+import re
 from pathlib import Path
 
 import pytest
 
-from limb_systems import Limb, LimbParameters, simulate
-from limb_systems.files.output import OutputError, check_folder, check_outputs
+from limb_systems import Limb, LimbParameters, simulate, write_meshcat_replay
+from limb_systems.files.output import OutputError, check_folder, check_outputs, write_atomically
+from limb_systems.views.panels import Curve, Panel
+from limb_systems.views.plots import draw, save_figure
 from soft_limb.command import main
+from soft_limb.reports.page import write_page
 
 
 @pytest.fixture
@@ -47,6 +52,35 @@ def test_folders_without_permission_are_refused(folder, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
     with pytest.raises(OutputError, match="is a folder that you may not write to"):
         check_folder(folder / "new")
+
+
+def test_a_full_disk_leaves_what_was_there_and_is_named(tmp_path, full_disk):
+    figure = draw([Panel("a line", [Curve("one", [0.0, 1.0], [0.0, 1.0], "black")])])
+    recording = simulate(Limb(), [0.0, 0.0], 10.0)
+    writers = {
+        "table.csv": recording.save,
+        "picture.png": lambda path: save_figure(figure, path),
+        "picture.pdf": lambda path: save_figure(figure, path),
+        "replay.html": lambda path: write_meshcat_replay(path, recording, frames_per_second=1.0),
+        "report.html": lambda path: write_page(path, "A page", [], None),
+        "limb.yaml": LimbParameters().save,
+    }
+    for name, write in writers.items():
+        path = tmp_path / name
+        path.write_text("old")
+        said = f"Cannot write {path}: File too large."
+        with full_disk(100), pytest.raises(OutputError, match=f"^{re.escape(said)}$"):
+            write(path)
+        assert path.read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == len(writers)
+    with pytest.raises(OutputError, match=r"^Cannot write .*old.csv: No space left on device\.$"):
+        write_atomically(tmp_path / "old.csv", no_space())
+    assert not (tmp_path / "old.csv").exists()
+
+
+def no_space():
+    yield "a part"
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 @pytest.fixture

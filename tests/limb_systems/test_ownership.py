@@ -31,6 +31,15 @@ def limb_of_a_program():
     return TrajectoryProgram(LimbParameters(), np.linspace(0.0, 1.0, 3)).limb
 
 
+def two_in_a_diagram():
+    """Drake would refuse systems of one name."""
+    builder = DiagramBuilder()
+    for make in [Limb, LimbTwin, Robot, LimbActuation, lambda: JouleHeating(LimbParameters())]:
+        for _ in range(2):
+            builder.AddSystem(make())
+    return builder.Build()
+
+
 GRIPPER = Path(__file__).parents[2] / "examples" / "gripper" / "scenario.yaml"
 
 
@@ -44,6 +53,7 @@ def test_system_is_freed():
         limb_of_a_program,
         lambda: LimbActuation().ToAutoDiffXd(),
         Robot,
+        two_in_a_diagram,
         lambda: Station(GRIPPER),
     ]:
         system = make()

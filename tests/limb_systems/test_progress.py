@@ -4,7 +4,7 @@ import io
 
 import pytest
 
-from limb_systems.progress import Progress, part_of_work
+from limb_systems.progress import Progress, TimeLeft, part_of_work
 
 
 class Terminal(io.StringIO):
@@ -30,6 +30,21 @@ def test_nothing_is_shown_for_short_work_or_without_a_terminal(monkeypatch, cloc
             clock[0] += step
             progress.update(done)
     assert terminal.getvalue() == ""
+
+
+def test_the_time_that_is_left_is_that_of_this_computer(clock):
+    """Half as fast from the second part on, of which nothing is known when it is said."""
+    said = []
+    time_left = TimeLeft(100.0, said.append)
+    for seconds in (5.0, 4.0, 8.0, 8.0):
+        clock[0] += seconds
+        time_left.add(6.0)
+    assert said == ["about 70 s are left"]  # 9 s for 12 of 100
+
+    quick = TimeLeft(10.0, said.append)
+    clock[0] += 1.0
+    quick.add(5.0)
+    assert len(said) == 1
 
 
 def test_terminal_line_is_kept_up_to_date_and_cleared(monkeypatch, clock):

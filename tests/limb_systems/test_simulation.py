@@ -6,9 +6,10 @@ motion by an explicit integrator at tight accuracy.
 
 import numpy as np
 import pytest
+import scipy.linalg
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
@@ -16,9 +17,18 @@ from limb_systems import (
     LimbError,
     LimbParameters,
     SegmentParameters,
+    ThresholdLaw,
     simulate,
 )
-from limb_systems.simulation import SimulationError, record
+from limb_systems.limb import make_manipulator
+from limb_systems.simulation import (
+    SimulationError,
+    end_of_samples,
+    jump_times,
+    make_simulator,
+    record,
+    swing_accuracy,
+)
 
 
 def small_limb(**segment) -> Limb:
@@ -74,6 +84,68 @@ def test_pulse_between_two_samples_is_not_stepped_over():
     np.testing.assert_allclose(recording.wire_temperature[0, :2], 25.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("frequency", [10.0, 20.0, 50.0])
+def test_pwm_heats_as_its_mean(frequency):
+    """Error control would step over most pulses of 2 ms; the ripple of T is 0.4 °C and less."""
+    on = np.arange(0.0, 20.0, 1 / frequency)
+    breaks = np.append(np.column_stack([on, on + 0.1 / frequency]).ravel(), 20.0)
+    levels = np.append(np.tile([[0.0, 0.0], [1.0, 0.0]], len(on)), [[0.0], [0.0]], axis=1)
+    pulses = simulate(small_limb(), PiecewisePolynomial.ZeroOrderHold(breaks, levels))
+    mean = simulate(small_limb(), [0.0, 0.1], 20.0)
+    missed = pulses.wire_temperature - mean.wire_temperature
+    np.testing.assert_allclose(missed, 0.0, atol=0.11 * 20.0 / frequency)
+    np.testing.assert_allclose(pulses.bend_angle, mean.bend_angle, atol=2.5e-3 * 20.0 / frequency)
+
+
+def test_duty_that_is_faster_than_a_system_takes_it_is_said():
+    breaks = np.arange(0.0, 0.1, 5e-4)
+    fast = PiecewisePolynomial.ZeroOrderHold(breaks, np.arange(2 * len(breaks)).reshape(2, -1) % 2)
+    with pytest.warns(UserWarning, match="jumps after 0.5 ms already: its wires feel the mean"):
+        simulate(small_limb(), fast)
+    slower = PiecewisePolynomial.ZeroOrderHold(
+        40 * breaks, np.tile([[0.0], [1.0]], 200).reshape(2, -1)
+    )
+    assert not len(jump_times(slower))
+
+
+def energy(limb: LimbParameters, joint_state: np.ndarray) -> float:
+    plant = make_manipulator(limb)
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, joint_state)
+    return plant.CalcPotentialEnergy(context) + plant.CalcKineticEnergy(context)
+
+
+@pytest.mark.parametrize("amplitude", [1e-2, 1e-3])
+def test_small_swings_keep_their_energy_at_the_accuracy_for_them(amplitude):
+    """At 16 Hz, by the first mode's own decay; radau3 at 1e-3 would take 15% and 70% of it."""
+    limb = LimbParameters(gravity=[0.0, 0.0, 0.0])
+    limb.segments[0].stiffness, limb.segments[0].damping = 1.4752, 1e-6
+    plant = make_manipulator(limb)
+    masses = plant.CalcMassMatrix(plant.CreateDefaultContext())
+    squares, modes = scipy.linalg.eigh(1.4752 * np.eye(5), masses)
+    swing = amplitude * modes[:, 0] / np.abs(modes[:, 0]).max()
+    state = np.concatenate([swing, np.zeros(5), np.full(4, 25.0)])
+    accuracy = swing_accuracy(amplitude)
+    seen = simulate(Limb(limb), [0.0, 0.0], 2.0, accuracy=accuracy, initial_state=state)
+    left = energy(limb, seen.joint_state[:, -1]) / energy(limb, seen.joint_state[:, 0])
+    assert left == pytest.approx(np.exp(-2.0 * squares[0] * 1e-6 / 1.4752), abs=4e-3)
+
+
+def test_a_law_with_a_threshold_is_not_simulated_in_the_smallest_steps():
+    """Those that the error control would hold on to are 0.1 ms, in which 60 s take minutes."""
+    limb = LimbParameters()
+    for wire in limb.wires:
+        wire.law = ThresholdLaw()
+    builder = DiagramBuilder()
+    system = builder.AddSystem(Limb(limb))
+    duty = builder.AddSystem(ConstantVectorSource([0.0, 0.3]))
+    builder.Connect(duty.get_output_port(), system.GetInputPort("duty"))
+    LogVectorOutput(system.GetOutputPort("joint_state"), builder, 0.05)
+    simulator = make_simulator(builder.Build(), 1e-4)
+    simulator.AdvanceTo(2.0)
+    assert simulator.get_num_steps_taken() < 2000  # 9400 with smallest steps of 0.1 ms
+
+
 def explicit_bend_angle(limb, duty, times, initial_state) -> np.ndarray:
     simulator = Simulator(limb)
     ApplySimulatorConfig(
@@ -117,6 +189,15 @@ def test_a_stiff_limb_that_is_released_from_a_right_angle_is_simulated_to_its_en
     bend = recording.bend_angle[0]
     assert bend.min() < -0.02  # it swings beyond where it ends
     assert abs(bend[-1]) < 1e-3
+
+
+def test_the_last_tick_of_drakes_clock_is_within_a_simulation():
+    """For example the 96th of 20 Hz, which is later than 96 / 20 s by rounding."""
+    assert 96 * (1 / 20) > 96 / 20
+    for rate in (7.0, 20.0, 30.0, 100.0):
+        for count in range(1, 500):
+            end = end_of_samples(count / rate, rate)
+            assert count * (1 / rate) <= end < count / rate + 1e-9
 
 
 # Refusals

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from pydrake.systems.primitives import PassThrough
 
 from calibration import validate
 from hardware import replay
@@ -47,6 +48,18 @@ def test_a_recording_that_starts_late_is_validated_alike(fig5_plan):
     np.testing.assert_array_equal(validation.simulation.time, late.time)
 
 
+def test_what_a_plan_has_at_a_time_is_a_vector_that_ports_take(fig5_plan):
+    """An array of shape (1, 1), such as Drake's trajectories of one row give, is none to 1.58."""
+    bend, duty = fig5_plan.bend_angle_at(7.3), fig5_plan.duty_at(7.3)
+    np.testing.assert_array_equal(bend, fig5_plan.bend_angle_at([7.3])[:, 0])
+    np.testing.assert_array_equal(duty, fig5_plan.duty_at([7.3])[:, 0])
+    for value in (bend, duty, fig5_plan.interpolated(fig5_plan.reference, 7.3)):
+        port = PassThrough(len(value)).get_input_port()
+        context = port.get_system().CreateDefaultContext()
+        port.FixValue(context, value)
+        np.testing.assert_array_equal(port.Eval(context), value)
+
+
 def test_states_between_knots_have_the_slopes_of_the_dynamics(fig5_plan):
     states = fig5_plan.state_trajectory()
     np.testing.assert_allclose(states.vector_values(fig5_plan.time), fig5_plan.state, atol=1e-9)
@@ -58,5 +71,5 @@ def test_states_between_knots_have_the_slopes_of_the_dynamics(fig5_plan):
     expected = law.a1 * (fig5_plan.wire_temperature - 25.0) + law.a2 * fig5_plan.duty
     np.testing.assert_allclose(heat, expected[:, 1:-1], atol=1e-6)
     middle = fig5_plan.time[3:5].mean()
-    duty = fig5_plan.duty_trajectory().value(middle)[:, 0]  # linear between knots
+    duty = fig5_plan.duty_at(middle)  # linear between knots
     np.testing.assert_allclose(duty, fig5_plan.duty[:, 3:5].mean(axis=1), atol=1e-12)

@@ -60,6 +60,7 @@ def test_csv_that_is_no_reference_is_refused(tmp_path):
         ("0;1.000,5\n", "line 1 has '1.000,5'"),
         ("# limb trajectory, format 1\n", "is a plan already, for soft-limb replay"),
         ("format: 2\nsegments:\n- links: 5\n", "describes a limb, and is given with -l"),
+        (f"t{',a' * 10**6}\n", "line 1 has 1000001 columns; .* Is a table transposed"),
         ("", "this one has 0 times and 0 angles|Cannot read"),
     ]:
         path = tmp_path / "reference.csv"

@@ -27,6 +27,7 @@ from planners import (
     PlanningError,
     Task,
     TrajectoryProgram,
+    nearest_bend_angle,
     plan,
     planning,
     references,
@@ -276,6 +277,10 @@ def test_what_one_added_is_in_the_summary_and_in_the_file(tmp_path):
         texts = plan_summary(loaded).texts()
         assert "duty" in texts["limits"]
         assert "gentle" not in texts["limits"]
+        # What its own constraints leave cannot be told from a file.
+        assert "the limits leave" not in texts["reference"]
+        assert nearest_bend_angle(loaded) is None
+        assert loaded.summary().texts().keys() >= {"check", "limits", "added", "reference"}
         lines = texts["added"].split("\n")
         T, duty = found.wire_temperature, found.duty
         assert lines[:2] == [
@@ -291,7 +296,12 @@ def test_what_one_added_is_in_the_summary_and_in_the_file(tmp_path):
             ("gentle (81 constraints)", np.linalg.norm(duty, axis=0) > 0.4 - 1e-3),
         ):
             edges = np.flatnonzero(np.diff(is_active, prepend=False, append=False)).reshape(-1, 2)
-            times = [f"{found.time[a]:.1f}-{found.time[b - 1]:.1f}" for a, b in edges]
+            times = [
+                f"{found.time[a]:.1f}-{found.time[b - 1]:.1f}"
+                if b - a > 1
+                else f"{found.time[a]:.1f}"
+                for a, b in edges
+            ]
             expected.append(f"{name}: active at {', '.join(times)} s")
         assert described == expected
     assert "added" not in plan_summary(plan(cold_parameters(), ramp_to_20_degrees())).texts()

@@ -29,7 +29,7 @@ def test_plans_and_writes_a_trajectory_pictures_and_a_report(quick, tmp_path, ca
     assert trajectory.duration == 6.0
     assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in pictures)
     said = capsys.readouterr().out
-    assert "check       simulated again: within 0.0" in said
+    assert "check       passed, simulated again: within 0.0" in said
     assert f"written     {output}, {pictures[0]}, {pictures[1]}, {report}\n" in said
     for active in trajectory.check.active_constraints:
         assert re.search(rf"^ {{12}}{active.bound} +at .*{active.start:.1f}", said, re.MULTILINE)

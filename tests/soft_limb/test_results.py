@@ -122,7 +122,7 @@ def test_show_says_what_each_file_is_and_what_made_it(folder, capsys):
 
     assert main(["show", *wanted]) == 0
     said = capsys.readouterr().out
-    check = "check       simulated again: within 0.0400° of the plan (allowed 0.1°); largest defect"
+    check = "check       passed, simulated again: within 0.0400° of the plan (allowed 0.1°)"
     assert check in said
     assert len(re.findall(r"^made at +2030-01-31T12:00:00Z$", said, re.MULTILINE)) == 5
     assert re.search(r"^limb seed   7$", said, re.MULTILINE)

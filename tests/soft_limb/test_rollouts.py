@@ -8,6 +8,7 @@ import pytest
 
 from hardware import LimbTwin
 from limb_systems import LimbParameters, Recording, Trajectory, simulate
+from limb_systems.files.output import OutputError
 from planners import plan, references
 from soft_limb.command import main
 from soft_limb.runs.rollout import DEADLINE, Rollout, roll_out
@@ -33,6 +34,37 @@ def test_replay_by_a_controller_says_so(short_plan, tmp_path, capsys):
     assert np.abs(recording.duty - planned).max() > 0.02
     # Every 0.25 s, from the start to the last moment.
     assert said["replans"] == {"begun": 8, "late": 0, "failed": 0}
+
+
+def test_an_emulated_replay_on_a_full_disk_keeps_what_was_measured(
+    short_plan, tmp_path, full_disk, monkeypatch, capsys
+):
+    """It gets full on the way, or when all is written again with what only emulations show."""
+    short_plan.save(tmp_path / "plan.csv")
+    output, unfinished = tmp_path / "recording.csv", tmp_path / "recording.unfinished.csv"
+    words = ["replay", str(tmp_path / "plan.csv"), "-o", str(output), "--emulated", "3"]
+    assert main(words) == 0
+    whole = Recording.load(output)
+    header = output.read_text().index("time_s")
+    output.unlink()
+
+    with full_disk(header + 1500):
+        assert main(words) == 1
+    said = capsys.readouterr().err
+    assert f"error: Cannot write {output}: " in said
+    assert not output.exists()
+    kept = Recording.load(unfinished, unfinished=True)
+    assert len(kept.time) > 5
+    np.testing.assert_array_equal(kept.duty, whole.duty[:, : len(kept.time)])
+
+    def save(recording, path):
+        raise OutputError(f"Cannot write {path}: No space left on device.")
+
+    monkeypatch.setattr(Recording, "save", save)
+    assert main(words) == 1
+    said = capsys.readouterr().err
+    assert f"error: Cannot write {output}: No space left on device.\nWhat was measured is" in said
+    np.testing.assert_array_equal(Recording.load(output).bend_angle, whole.bend_angle)
 
 
 def test_deadlines_that_were_missed_are_counted(short_plan, tmp_path):

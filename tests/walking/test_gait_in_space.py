@@ -9,6 +9,7 @@ from pydrake.math import RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 
 from limb_systems import LimbError, Recording
+from limb_systems.files.output import OutputError
 from planners import PlanningError
 from soft_limb.command import main
 from walking import (
@@ -21,7 +22,7 @@ from walking import (
     plan_gait,
 )
 from walking.gait_check import simulate_gait
-from walking.gait_set import save_gaits
+from walking.gait_set import load_gaits, save_gaits
 from walking.robot import set_positions
 from walking.schedules import schedule_of
 from walking.walk_trajectory import walk
@@ -158,7 +159,15 @@ def test_a_robot_walks_to_a_place_with_contact(tmp_path, capsys):
         law.a1, law.a2, law.a3 = 4 * law.a1, 4 * law.a2, 4 * law.a3
     gait = plan_gait(robot, temperature_margin=5.0, check=False)
     check = dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
-    save_gaits({"ahead": dataclasses.replace(gait, check=check)}, folder)
+    gait = dataclasses.replace(gait, check=check)
+    save_gaits({"ahead": gait, "spot_left": gait, "mine": gait}, folder)
+    (folder / "notes.csv").write_text("mine")  # no gait
+    with pytest.raises(OutputError, match=r"mine\.csv exists; give another name, or --force"):
+        save_gaits({"ahead": gait}, folder)
+    save_gaits({"ahead": gait}, folder, force=True)
+    assert sorted(path.name for path in folder.iterdir()) == ["ahead.csv", "notes.csv"]
+    (folder / "notes.csv").unlink()
+    assert [*load_gaits(folder)] == ["ahead"]
     words = ["walk", str(folder), "--model", "--to", "0.02,0", "-o", str(output)]
     assert main([*words, "--plot", str(picture)]) == 0
     assert "arrived     yes" in capsys.readouterr().out
@@ -171,6 +180,14 @@ def test_a_robot_walks_to_a_place_with_contact(tmp_path, capsys):
 def test_gait_feedback_is_refused_in_space(gaits):
     with pytest.raises(LimbError, match="use heat feedback"):
         GaitFeedback(gaits["ahead"], 1)
+
+
+@pytest.mark.parametrize(
+    "goal", [[np.nan, 0.0], [np.inf, 0.0], [1e300, 0.0], [0.1], [0.1, 0.0, 0.0, 0.0], "0.1,0", None]
+)
+def test_goals_that_are_no_places_are_refused(gaits, goal):
+    with pytest.raises(LimbError, match=r"goals\[1\] is .*; it must be x and y in m"):
+        Wayfinder(gaits, [[0.1, 0.0, 0.0], goal])
 
 
 @pytest.mark.whole

@@ -59,6 +59,29 @@ def test_a_simulation_takes_the_steps_of_the_mechanics():
     assert simulator.get_num_steps_taken() == 50
 
 
+def test_the_first_sample_has_the_contact_force_of_a_robot_that_stands():
+    simulator = make_simulator(robot := Robot(), None)
+    context = simulator.get_mutable_context()
+    robot.GetInputPort("duty").FixValue(context, COLD)
+    simulator.AdvanceTo(1.0)
+    steps, heat = context.get_discrete_state_vector(), context.get_continuous_state_vector()
+    standing = np.concatenate([steps.CopyToVector(), heat.CopyToVector()])
+    recording = simulate(Robot(), COLD, 0.1, initial_state=standing)
+    on_each = np.full(recording.contact_force[1::2].shape, 0.05 * 9.81 / 2)
+    np.testing.assert_allclose(recording.contact_force[1::2], on_each, rtol=2e-3)
+
+
+def test_a_plate_rounded_to_ten_digits_keeps_its_inertia():
+    robot = RobotParameters()
+    robot.body.inertia = [2e-6, 9e-6, 1.100000001e-5]
+    body = Robot(robot).GetSubsystemByName("plant").GetBodyByName("body")
+    moments = body.default_rotational_inertia().get_moments()
+    np.testing.assert_allclose(moments, [2e-6, 9e-6, 1.1e-5], rtol=1e-9)
+    robot.body.inertia[2] = 1.10001e-5
+    with pytest.raises(LimbError, match="none of them larger than the other two together"):
+        Robot(robot)
+
+
 @pytest.mark.parametrize("mount", ["planar", "free"])
 def test_the_ground_carries_the_weight(mount):
     robot = RobotParameters()

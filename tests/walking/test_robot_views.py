@@ -13,6 +13,7 @@ from PIL import Image
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from limb_systems import LimbError, Recording, wire_color, write_meshcat_replay
+from limb_systems.files.output import OutputError
 from limb_systems.views.panels import motion_panels
 from limb_systems.views.plots import draw
 from walking import (
@@ -288,8 +289,12 @@ def test_a_gait_in_space_is_drawn_where_drake_has_it():
     np.testing.assert_allclose(tip, 0.021 * picture[:, :2] @ way / np.linalg.norm(way), atol=1e-6)
 
 
-def test_a_loop_shows_a_walk_faster_than_it_is(tmp_path):
+def test_a_loop_shows_a_walk_faster_than_it_is(tmp_path, full_disk):
     animate_walk(gait_in_space(), tmp_path / "walk.gif", cycles=2, pace=16.0)
+    whole = (tmp_path / "walk.gif").read_bytes()
+    with full_disk(4096), pytest.raises(OutputError, match=r"Cannot write .*walk\.gif"):
+        animate_walk(gait_in_space(), tmp_path / "walk.gif", cycles=1, pace=32.0)
+    assert (tmp_path / "walk.gif").read_bytes() == whole
     with Image.open(tmp_path / "walk.gif") as loop:
         assert loop.n_frames == 24 / 16.0 * 10
         assert loop.info["duration"] == 100

@@ -298,9 +298,9 @@ class ContinuumSpecimen(Specimen):
         # The limb keeps its own period, except for fast samples and pauses.
         is_pause = wire_period > SIMULATION_PERIOD
         period = wire_period if is_pause else min(PERIOD, 1 / bend_rate)
-        limb = builder.AddSystem(ContinuumLimb(self, period, hand))
-        sensors = builder.AddSystem(WalkingSensors(self, bend_rate))
-        cut_out = builder.AddSystem(CutOut(len(self.wires), wire_period))
+        limb = builder.AddNamedSystem("shape_memory_wires", ContinuumLimb(self, period, hand))
+        sensors = builder.AddNamedSystem("sensors", WalkingSensors(self, bend_rate))
+        cut_out = builder.AddNamedSystem("heater_cut_out", CutOut(len(self.wires), wire_period))
         for name in ("thermocouples", "bend"):
             builder.Connect(limb.GetOutputPort(name), sensors.GetInputPort(name))
         builder.Connect(
@@ -657,7 +657,6 @@ class ContinuumLimb(LeafSystem):
             weak_method(self._calc_duty),
             {self.input_port_ticket(duty.get_index())},
         )
-        self.set_name("shape_memory_wires")  # by which a board finds the wires' temperature
 
     def _unused(self) -> dict[str, np.ndarray]:
         """The state of a limb that was never used, by the names of its parts."""
@@ -851,7 +850,6 @@ class WalkingSensors(LeafSystem):
         declare_part(self, "measured_temperature", readings, slice(0, num_wires))
         declare_part(self, "bend_angle", readings, slice(num_wires, num_wires + num_bends))
         self.DeclareStateOutputPort("measurement", readings)
-        self.set_name("sensors")
 
     def _draw(self, state, count: int) -> np.ndarray:
         draws = state.get_mutable_value(2)

@@ -1,5 +1,6 @@
 """A robot that walks, as a picture of some moments of a cycle and its heat, or as a short loop."""
 
+import io
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import ConvexHull
 
 from limb_systems.errors import LimbError
-from limb_systems.files.output import OutputError
+from limb_systems.files.output import OutputError, check_folder, write_atomically
 from limb_systems.files.recording import Recording
 from limb_systems.layout import Layout
 from limb_systems.limb_parameters import LimbParameters
@@ -105,7 +106,8 @@ def animate_walk(
         pace: how many times as fast as the robot the loop is.
 
     Raises:
-        OutputError: if the path does not end with .gif.
+        OutputError: if the path does not end with .gif, or the file cannot be written; it is
+            written whole or not at all.
         LimbError: if the robot's body does not move, or the recording lacks what is to be shown.
     """
     path = Path(path)
@@ -127,6 +129,7 @@ def animate_walk(
     scale.tick_params(labelsize=8)
     clock = figure.text(0.02, 0.4 / whole, "", fontsize=9)
     writer = _LoopWriter(fps=FRAMES_PER_SECOND)
+    check_folder(path.parent)
     path.parent.mkdir(parents=True, exist_ok=True)
     with writer.saving(figure, path, PIXELS_PER_INCH):
         for time, scene in zip(times, scenes, strict=True):
@@ -142,10 +145,19 @@ class _LoopWriter(PillowWriter):
     _frames: list[Any]
 
     def finish(self) -> None:
-        """Write the file."""
+        """Write the file, whole or not at all."""
         colors = self._frames[len(self._frames) // 2].quantize(COLORS, method=2)  # an octree
-        self._frames = [frame.quantize(palette=colors, dither=0) for frame in self._frames]
-        super().finish()
+        first, *others = (frame.quantize(palette=colors, dither=0) for frame in self._frames)
+        loop = io.BytesIO()
+        first.save(
+            loop,
+            format="GIF",
+            save_all=True,
+            append_images=others,
+            duration=1000 // self.fps,  # ms
+            loop=0,  # for ever
+        )
+        write_atomically(self.outfile, loop.getvalue())
 
 
 def _shades(parameters: LimbParameters) -> ScalarMappable:

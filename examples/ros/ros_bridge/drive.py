@@ -154,7 +154,7 @@ class Driver:
         return {
             "time_s": time,
             **_named("reference_{}_rad", plan.interpolated(plan.reference, time)),
-            **_named("planned_{}_rad", plan.bend_angle_at([time])[:, 0]),
+            **_named("planned_{}_rad", plan.bend_angle_at(time)),
             **_named("duty_{}", plan.interpolated(plan.duty, time), self._parameters.wire_names),
         }
 

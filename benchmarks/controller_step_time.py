@@ -6,7 +6,7 @@ fifth step of a `RecedingHorizon` plans the next 10 s, too. The limb is not cali
 is the costliest, `CoupledLaw`, with rubber that stiffens. So is a limb with three wires that
 draws a circle, without gravity and lying across it.
 
-    python benchmarks/controller_steps.py
+    python benchmarks/controller_step_time.py
 """
 
 import os

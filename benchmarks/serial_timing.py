@@ -5,7 +5,7 @@ controller, by how much commands left late, how many by more than 5 ms, how many
 samples were lost and how many plans of a horizon were late; the target on an
 idle machine is 99% within 5 ms, and none lost.
 
-    python benchmarks/serial_replay.py [--controller open-loop plan-feedback] [--repetitions 3]
+    python benchmarks/serial_timing.py [--controller open-loop plan-feedback] [--repetitions 3]
 """
 
 import argparse

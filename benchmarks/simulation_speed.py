@@ -9,7 +9,7 @@ have two joints for each link, or three with twists, and three wires.
 The emulated limb has events at 50 Hz and physics in Python; its row is that
 of `simulate` on it.
 
-    python benchmarks/simulation.py
+    python benchmarks/simulation_speed.py
 """
 
 import time

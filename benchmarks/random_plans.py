@@ -9,7 +9,7 @@ added, so that coarse ones differ from their simulation by what they differ.
 With `--law`, the wires have one of the laws of wires in warm silicone; every
 other limb has wires as those in published recordings, which heat faster.
 
-    python benchmarks/sweep.py [--cases 300] [--seed 0] [--law linear]
+    python benchmarks/random_plans.py [--cases 300] [--seed 0] [--law linear]
 """
 
 import argparse

@@ -9,7 +9,7 @@ all that sensors may read and with time passing, through the firmware: whatever
 comes, there is no duty unless the board is armed, its command fresh and its
 wires within their bounds.
 
-    python benchmarks/fuzz.py [--frames 1000000] [--seed 0]
+    python benchmarks/frame_fuzzing.py [--frames 1000000] [--seed 0]
 """
 
 import argparse

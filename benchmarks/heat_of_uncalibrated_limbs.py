@@ -4,7 +4,7 @@ The plan is of the nominal limb. The limbs are emulated ones of three kinds of p
 share no law with the model. Shown are the highest true temperature of each limb, °C, and the mean
 distance of the bend from the plan, °.
 
-    python benchmarks/not_calibrated.py [--limbs 4]
+    python benchmarks/heat_of_uncalibrated_limbs.py [--limbs 4]
 """
 
 import argparse

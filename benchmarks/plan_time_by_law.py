@@ -3,14 +3,14 @@
 Whole plans from request to check, all laws in turn, so that the ratios to the
 paper's law hold on a busy machine as well; medians of the repetitions.
 
-    python benchmarks/laws.py [--repetitions 5]
+    python benchmarks/plan_time_by_law.py [--repetitions 5]
 """
 
 import argparse
 import time
 
 import numpy as np
-from sweep import LAWS
+from random_plans import LAWS
 
 from limb_systems import LimbParameters, Trajectory
 from planners import Task, plan, references

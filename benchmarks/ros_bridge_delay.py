@@ -8,7 +8,7 @@ commands left for the board. Then a third process writes on the command topic as
 first valid duties, then arrays of the wrong length, and starts of a plan on the other topic. The
 targets are 99% within 20 ms, none lost, and no other duty.
 
-    python benchmarks/bridge.py [--seconds 60]
+    python benchmarks/ros_bridge_delay.py [--seconds 60]
 """
 
 import argparse

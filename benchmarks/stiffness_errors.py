@@ -4,7 +4,7 @@ k is compared with two stiffnesses of the emulated limb: k of its rubber, and k 
 sags as the cold limb does, whose wires resist the bend as well. A planar limb of the model has no
 such wires, so that its k contains them.
 
-    nice python benchmarks/stiffness.py [--seeds 8] [--first 0] [crawler nominal broad]
+    nice python benchmarks/stiffness_errors.py [--seeds 8] [--first 0] [crawler nominal broad]
 """
 
 import argparse

@@ -3,7 +3,7 @@
 The gripper of examples/gripper.py, with other forces, balls, hands and wires. The plan is that of
 a free finger by `planners.grip`; the simulation is Drake's, with hydroelastic contact.
 
-    python benchmarks/grips.py
+    python benchmarks/grip_forces.py
 """
 
 import copy
