@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calibration.remarks import CalibrationError
-from hardware.board.heat_rates import HeatRates, acceptable, fit_heat_rates, lagged
+from hardware.board.heat_rates import HeatRates, acceptable, fit_heat_rates, lagged, without_gaps
 from hardware.firmware import heat
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
 from limb_systems.heat_bounds import ANY_WIRE, SPREAD, HeatBounds
@@ -158,7 +158,7 @@ class _WireHeat:
 
     def __init__(self, recording: Recording, wire: int):
         applied = recording.heating_duty
-        readings = recording.measured_temperature[wire]
+        readings = without_gaps(recording.measured_temperature[wire])
         start = readings[recording.time < recording.time[0] + heat.AVERAGING_TIME].mean()
         stride = max(1, round(heat.LONGEST_STEP * recording.sample_rate))
         # What is applied from one sample to the next, and read at the end of a step.

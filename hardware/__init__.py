@@ -2,7 +2,6 @@
 
 from hardware.board.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.board.serial_limb import SerialLimb
-from hardware.board.text_board import AnswerLine, DutyLine, TextBoard
 from hardware.drivers import LimbDriver
 from hardware.emulation.emulator import emulated_port
 from hardware.emulation.sensors import SensedLimb
@@ -12,10 +11,8 @@ from hardware.scenario import Scenario, StationError
 from hardware.station import Station, drive
 
 __all__ = [
-    "AnswerLine",
     "BoardInfo",
     "BoardLink",
-    "DutyLine",
     "HardwareError",
     "LimbDriver",
     "LimbTwin",
@@ -26,7 +23,6 @@ __all__ = [
     "SerialLimb",
     "Station",
     "StationError",
-    "TextBoard",
     "drive",
     "emulated_port",
     "present_readings",

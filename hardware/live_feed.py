@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from hardware.board.link import HardwareError
 from hardware.board.serial_limb import DEADLINE, SerialLimb
-from hardware.board.text_link import Link
+from hardware.board.several_boards import Link
 from hardware.firmware import guard
 from limb_systems import Layout, LimbParameters, LimbSystem, Trajectory
 from limb_systems.band import Band, band

@@ -20,6 +20,7 @@ from pydrake.systems.primitives import (
 )
 
 from hardware.board.journal import closing, journaled
+from hardware.board.link import present_temperature
 from hardware.board.serial_limb import SerialLimb
 from hardware.firmware import guard
 from hardware.live_feed import LiveView, shown
@@ -134,10 +135,10 @@ def present_readings(limb: LimbSystem) -> np.ndarray:
     A plan that begins there takes them by `limb_systems.resting_state`.
 
     Raises:
-        HardwareError: if the robot does not answer.
+        HardwareError: if the robot does not answer, or a wire of it has no reading.
     """
     if isinstance(limb, SerialLimb):
-        return limb.link.sample().temperature
+        return present_temperature(limb.link)
     assert isinstance(limb, System)
     simulator, duty = Simulator(limb), limb.GetInputPort("duty")
     duty.FixValue(simulator.get_mutable_context(), np.zeros(duty.size()))
@@ -204,10 +205,8 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
             f"{trajectory.time[np.argmax(total)]:.1f} s, but this limb's total_duty is {budget:g}; "
             "raise it if the supply and the limb are made for that, or plan another motion."
         )
-    if limb.text_board:
-        limb.text_board.check_plan(trajectory)
     measured, planned_start = present_readings(limb), trajectory.measured_temperature[:, 0]
-    apart = np.abs(np.nan_to_num(measured - planned_start))
+    apart = np.abs(measured - planned_start)
     most = int(np.argmax(apart))
     if apart[most] > OTHER_START:
         now = ",".join(f"{reading:.1f}" for reading in measured)
@@ -233,8 +232,6 @@ def _check_controller(controller: System, limb: LimbSystem) -> None:
     if (size := controller.GetOutputPort("duty").size()) != num_wires:
         raise ReplayError(f"{name} has a duty for {size} wires, but the limb has {num_wires}.")
     inputs = [controller.get_input_port(i) for i in range(controller.num_input_ports())]
-    if isinstance(limb, SerialLimb) and limb.text_board:
-        limb.text_board.check_measures([port.get_name() for port in inputs], name)
     for port in inputs:
         if port.get_name() not in sizes:
             raise ReplayError(

@@ -22,6 +22,7 @@ from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 import urdf
 from hardware.board.link import Closed
 from hardware.board.serial_limb import SerialLimb
+from hardware.board.several_boards import switch_off_together
 from hardware.drivers import LimbDriver, export_limb
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import check_replayable
@@ -61,6 +62,8 @@ class Station(Diagram, Closed):
     output ``wrist.state``: of the plant; for each that has actuators without a driver, inputs
     ``wrist.actuation``, which may be left unconnected, and ``wrist.desired_state``, which its
     actuators with gains hold if it is connected.
+
+    Boards are switched off together as soon as one of them fails, by `switch_off_together`.
 
     - ``real_time``: whether it has boards, and so must run in real time and be closed at the end.
     """
@@ -108,6 +111,7 @@ class Station(Diagram, Closed):
         self.real_time, self.scenario = limbs == BOARD, scenario
         self._is_simulated, self._names = limbs == SIMULATED, list(of_limbs)
         builder = DiagramBuilder()
+        links: list[Any] = []  # to boards
         with contextlib.ExitStack() as opened:  # closed again if one does not answer
             if limbs == SIMULATED:
                 _add_plant(builder, scenario, drivers, folder)
@@ -117,8 +121,10 @@ class Station(Diagram, Closed):
                 limb = _limb_alone(name, driver, limbs)
                 if limbs == BOARD:
                     opened.callback(limb.close)
+                    links.append(limb.link)
                 builder.AddNamedSystem(name, limb)
                 export_limb(builder, limb, name)
+            switch_off_together(links)
             builder.BuildInto(self)
             opened.pop_all()
 

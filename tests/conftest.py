@@ -35,7 +35,6 @@ REAL_TIME = (
     "tests/hardware/test_faults.py",
     "tests/hardware/test_live_page.py",
     "tests/hardware/test_serial_limb.py",
-    "tests/hardware/test_text_board.py",
     "tests/examples/test_bridge.py",
 )
 CALIBRATION = "tests/calibration/"  # its tests share recordings that take long to make

@@ -80,6 +80,7 @@ class BendAngleController(LeafSystem):
         error = set_point[0] - bend_angle[0]
         cut_out = measured >= self._cut_out - 5.0 * was_cut_out
         taper = np.minimum(np.maximum((self._cut_out - measured) / TAPER, 0.0), 1.0)
+        taper = np.nan_to_num(taper)  # no duty without a reading
         limit = np.where(cut_out, 0.0, MAXIMUM_DUTY * taper) * np.abs(self._direction)
         command = self._proportional * error + self._integral * integral
         towards = np.sign(error)
@@ -149,6 +150,8 @@ class EquilibriumSchedule(LeafSystem):
         state = context.get_discrete_state_vector().value()
         (index, held, settled), average = state[:3], state[3:]
         now = np.concatenate([self.get_input_port(i).Eval(context) for i in range(2)])
+        average = np.where(np.isfinite(average), average, now)
+        now = np.where(np.isfinite(now), now, average)  # a board may miss a reading
         average = average + PERIOD / self.AVERAGING_TIME * (now - average)
         slope = (now[1:] - average[1:]) / self.AVERAGING_TIME  # of a ramp, in the end
         near = np.abs(average[0] - self._angle(index)) < self.NEAR

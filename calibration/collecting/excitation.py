@@ -220,7 +220,9 @@ class LimitedDuty(_WarmedDuty):
             states, self._law.cold_states(0.0), self._law.states, strict=True
         ):
             # Silicone is at most as warm as what the thermocouple reads.
-            row[...] = measured if self._law.is_temperature(name) else cold
+            row[...] = np.nan_to_num(measured, nan=self._highest)
+            if not self._law.is_temperature(name):
+                row[...] = cold
         discrete_state.set_value(np.append(states.ravel(), np.zeros(self._num_wires)))
 
     def _limited(self, known, duty, wanted, measured):
@@ -237,7 +239,7 @@ class LimitedDuty(_WarmedDuty):
         cooling, heating = self._law.rates(list(states), off_and_on, self._rooms)[0]
         room = (self._highest - states[0]) / REACTION_TIME
         duty = ((room - cooling) / (heating - cooling)).min(axis=(0, 1))
-        taper = (self._highest - 5.0 - measured) / TAPER
+        taper = np.nan_to_num((self._highest - 5.0 - measured) / TAPER)  # no duty without a reading
         return np.minimum(np.maximum(np.minimum(duty, taper), 0.0), 1.0)
 
 
@@ -264,4 +266,4 @@ class DutyUntilWarm(_WarmedDuty):
     def _limited(self, known, duty, wanted, measured):
         cold = np.where(np.isnan(known), measured, known)
         share = np.clip((1 - (measured - cold) / self._rise) / RISE_TAPER, 0.0, 1.0)
-        return cold, share * wanted
+        return cold, np.nan_to_num(share) * wanted  # no duty without a reading

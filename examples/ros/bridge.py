@@ -17,7 +17,7 @@ from hardware.replay import check_replayable
 from limb_systems import LimbError, LimbParameters, LimbSystem, Trajectory
 from limb_systems.files.output import check_outputs
 from soft_limb.command import run_words
-from soft_limb.commands.options import Command, Option, shared, text_board
+from soft_limb.commands.options import Command, Option, shared
 
 
 def _bridge(options: argparse.Namespace) -> int:
@@ -31,11 +31,9 @@ def _bridge(options: argparse.Namespace) -> int:
     parameters = LimbParameters.of(options.limb or (plan.parameters if plan else None))
     name = options.name
     topics = Topics(options.duty, f"{name}/run", options.sensors, f"{name}/plan", f"{name}/state")
-    if board := text_board(options):
-        board.check_measures(["measured_temperature"], "The bridge")
     limb: LimbSystem
     if options.port:
-        limb = SerialLimb(options.port, parameters, board=board)
+        limb = SerialLimb(options.port, parameters)
     else:
         limb = LimbTwin.of(parameters, options.emulated)
     try:
@@ -55,7 +53,7 @@ COMMAND = Command(
     "real time. Publishes what is measured and what the limb does at 20 Hz, and takes its "
     "duty, or starts and stops a plan. A duty that is older than 250 ms is not applied, and "
     "one that is out of range, or of another writer, neither. Needs no ROS 2 build.",
-    "port text emulated limb force",
+    "port emulated limb force",
     [
         Option("--plan", type=Path, help="trajectory that may be started (.csv)"),
         shared("output", required=False, help="recording to write (.csv)"),

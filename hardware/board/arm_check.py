@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hardware.board.heat_rates import HeatRates, fit_heat_rates, warmth
+from hardware.board.heat_rates import HeatRates, fit_heat_rates, warmth, without_gaps
 from hardware.board.link import BoardLink, check_fit, shares_of
 from limb_systems import Layout, LimbError, LimbParameters, bend_angle_from_tip_tangent
 from limb_systems.heat_bounds import SPREAD
@@ -133,7 +133,7 @@ def check_wires(
     check_fit(parameters, info, link.port)
     judge(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
     samples = [link.next_sample() for _ in range(10)]
-    for side, V in zip(names, np.mean([s.temperature for s in samples], axis=0), strict=True):
+    for side, V in zip(names, np.nanmean([s.temperature for s in samples], axis=0), strict=True):
         is_cold = COLD[0] <= V <= COLD[1]
         what = (
             f"{side} thermocouple reads {V:.1f} °C; cold wires have {COLD[0]:g} to {COLD[1]:g} °C"
@@ -278,16 +278,20 @@ def _heat(link: BoardLink, wire: int, towards: np.ndarray, how: Sequence[float])
     """
     duty, longest, rise, bend = how
     samples = [link.next_sample()]
+    cold = samples[0].temperature[wire]
     heated = duty * np.eye(len(samples[0].duty))[wire]
     while (now := len(samples) * PERIOD) < longest + REST:
         link.command(heated)
         samples.append(link.next_sample())
         turns = bend_angle_from_tip_tangent(samples[-1].tip_tangent - samples[0].tip_tangent)
-        risen = samples[-1].temperature[wire] - samples[0].temperature[wire]
+        reading = samples[-1].temperature[wire]
+        cold = reading if np.isnan(cold) else cold  # the first reading was bad
+        risen = reading - cold
         if now >= longest or risen >= rise or abs(towards @ turns) >= 1.2 * bend:
             heated, longest = np.zeros_like(heated), min(longest, now)
+    readings = np.array([sample.temperature for sample in samples])
     return (
         np.array([sample.duty for sample in samples]),
-        np.array([sample.temperature for sample in samples]),
+        np.apply_along_axis(without_gaps, 0, readings),
         np.array([bend_angle_from_tip_tangent(s.tip_tangent) for s in samples]) @ towards,
     )

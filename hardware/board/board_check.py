@@ -126,10 +126,11 @@ class Host:
         """
         for came in self.steps(seconds):
             if came:
-                if self.last.duty.any() and self.last.temperature.max() > hottest:
+                if self.last.duty.any() and (self.last.temperature > hottest).any():
+                    highest = np.nanmax(self.last.temperature)
                     raise StaysOnError(
-                        f"a wire is read at {self.last.temperature.max():.0f} °C, hotter than any "
-                        "check makes it; look at wires and supply"
+                        f"a wire is read at {highest:.0f} °C, hotter than any check makes it; "
+                        "look at wires and supply"
                     )
                 if until(self.last):
                     return True
@@ -162,7 +163,7 @@ def _answers(host: Host) -> str:
         return "no INFO came after three HELLO"
     version, period, limit, _, channels, angles, cause = host.infos[-1]
     bends = len(host.fresh().tip_tangent)
-    good = (version, period, channels, angles) == (4, 50, len(host.names), bends)
+    good = (version, period, channels, angles) == (5, 50, len(host.names), bends)
     return (
         ""
         if good and 0 < limit <= 440 and cause <= 5

@@ -104,6 +104,13 @@ def fit_heat_rates(
     return HeatRates(heating, cooling, faster * cooling)
 
 
+def without_gaps(readings: np.ndarray) -> np.ndarray:
+    """Return readings (K,) with values interpolated where there is none, nan, as of a bad frame."""
+    samples = np.arange(len(readings))
+    known = np.isfinite(readings)
+    return np.interp(samples, samples[known], readings[known])
+
+
 def warmth(duty: np.ndarray, cooling: float, share: float, interval: float) -> np.ndarray:
     """Temperature above the room of a wire whose a2 is one, after each step (K), °C."""
     from scipy.signal import lfilter  # as above

@@ -22,12 +22,14 @@ from limb_systems.heat_bounds import HeatBounds
 
 BAUD_RATE = 115200
 STALE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered
+SILENT = 0.2  # s without a sample of one of several boards, after which the others are switched off
 # Share by which the board's clock may be slower than this computer's, as without a crystal.
 # A delay that grows as slowly as that shows by answers to commands, which this clock times.
 CLOCK_ERROR = 0.025
 WRITE_TIMEOUT = 0.2  # s, after which a port must be ready for more
 SESSION_END = 0.5  # s, within which a session that nobody commands has ended
 ANSWER_TIME = 1.0  # s, within which a board answers
+READING_TIME = 0.5  # s, within which a thermocouple has been read again after a bad frame
 ARMING_TIME = 3.0  # s, in which a board that was just switched on has settled
 WAITING_FRAMES = 8
 FRAME_PAUSE = 0.01  # s, between those that arm, as many boards keep some 60 bytes that come
@@ -61,7 +63,7 @@ class Sample:
     - ``armed``: whether the wires may be heated.
     - ``reason``: why they may not, one of the reasons of `hardware.firmware.guard`.
     - ``acknowledged``: sequence of the last command, modulo 65536.
-    - ``temperature``: V (W), °C.
+    - ``temperature``: V (W), °C; nan where the amplifier sent no reading.
     - ``tip_tangent``: α (A), as the bend sensors read it, rad.
     - ``duty``: applied (W); the board reduces what was commanded where a wire
       gets hot, or all of them ask for too much.
@@ -86,7 +88,8 @@ class Sample:
     def of(cls, header: Sequence, bends: Sequence, wires: Sequence, received: float) -> "Sample":
         """The sample in frames: values that begin a SAMPLE, all angles, and three of each wire."""
         sequence, ticks, challenge, state, reason, acknowledged = header
-        quarters, duty, warmest = zip(*wires, strict=True)
+        quarters, duty, warmest = map(np.array, zip(*wires, strict=True))
+        has_reading = quarters != protocol.NO_READING
         return cls(
             received=received,
             sequence=sequence,
@@ -95,10 +98,10 @@ class Sample:
             armed=state == guard.ARMED,
             reason=reason,
             acknowledged=acknowledged,
-            temperature=np.array(quarters) / 4,
+            temperature=np.where(has_reading, quarters / 4, np.nan),
             tip_tangent=np.deg2rad(np.array(bends) / 64),
-            duty=np.array(duty) / protocol.FULL_DUTY,
-            warmest=np.array(warmest, float),
+            duty=duty / protocol.FULL_DUTY,
+            warmest=warmest.astype(float),
         )
 
     @property
@@ -185,11 +188,10 @@ class Closed:
 class SerialPort(Closed):
     """The host's end of a cable: a serial port that this program alone has."""
 
-    def __init__(self, port: str, baud_rate: int = BAUD_RATE):
+    def __init__(self, port: str):
         """
         Args:
             port: name of a serial port, or any URL of pyserial's.
-            baud_rate: bit/s.
 
         Raises:
             HardwareError: if it cannot be opened, or another program has it.
@@ -197,7 +199,7 @@ class SerialPort(Closed):
         self.port = port
         try:
             self._serial = serial.serial_for_url(
-                port, baud_rate, timeout=0.01, write_timeout=WRITE_TIMEOUT, do_not_open=True
+                port, BAUD_RATE, timeout=0.01, write_timeout=WRITE_TIMEOUT, do_not_open=True
             )
             with contextlib.suppress(AttributeError, ValueError):
                 self._serial.exclusive = True  # only for ports, not for URLs of sockets
@@ -219,16 +221,6 @@ class SerialPort(Closed):
     def receive(self) -> bytes:
         """The bytes that came, or none within 10 ms; HardwareError if the cable is gone."""
         return self._do(lambda: self._serial.read(max(1, self._serial.in_waiting)))
-
-    def handle(self) -> int:
-        """Its file descriptor; HardwareError, and closed, if it has none."""
-        try:
-            return self._serial.fileno()
-        except (AttributeError, OSError) as error:
-            self.close()
-            raise HardwareError(
-                f"{self.port} is no serial port of this computer, as a text board needs."
-            ) from error
 
     def now(self) -> float:
         """Time, s."""
@@ -261,6 +253,27 @@ def _in_words(error: Exception) -> str:
         return str(error.args[-1])
     number = getattr(error, "errno", None)
     return os.strerror(number) if number else str(error)
+
+
+def _switched_off(port: str, sample: Sample) -> str:
+    return f"The board on {port} switched off: {sample.reason_text}."
+
+
+def present_temperature(link: Any) -> np.ndarray:
+    """Return V (W,), °C, of a link's newest sample in which every wire has a reading.
+
+    Raises:
+        HardwareError: if a wire has none for 0.5 s, or as `BoardLink.sample`.
+    """
+    end = time.monotonic() + READING_TIME
+    while np.isnan((sample := link.sample()).temperature).any():
+        if time.monotonic() > end:
+            raise HardwareError(
+                f"The board on {link.port} has no reading of each wire: {sample.reason_text}; look "
+                "at its thermocouples and amplifiers."
+            )
+        time.sleep(FRAME_PAUSE)
+    return sample.temperature
 
 
 def checked_duty(duty: np.ndarray, num_wires: int) -> np.ndarray:
@@ -305,7 +318,8 @@ class BoardLink(Closed):
 
     - ``lost_samples``: number of samples that did not arrive.
     - ``delay``: time by which the newest sample was longer on its way than the fastest one, s.
-    - ``when_off``: called by a thread when the board is not armed any more or its cable is gone.
+    - ``when_off``: function that takes a sentence, called by a thread or a command when the board
+      is not armed any more or silent for 0.2 s, a command fails, or its cable is gone; or None.
     """
 
     def __init__(self, port: str, limb: LimbParameters | None = None):
@@ -322,7 +336,8 @@ class BoardLink(Closed):
         self.parser = protocol.Parser(protocol.BOARD_KINDS)
         self._assembly = Assembly()
         self.lost_samples = 0
-        self.when_off: Callable[[], None] = lambda: None
+        self.when_off: Callable[[str], None] | None = None
+        self._why_off = ""
         self._sample: Sample | None = None
         self._info: BoardInfo | None = None
         self._session, self._sequence = 0, 0
@@ -407,7 +422,7 @@ class BoardLink(Closed):
                 f"The board on {self.port} refuses to be armed: {sample.reason_text}. "
                 "Mend it, then clear the fault: soft-limb status PORT --clear."
             )
-        self._session, self._sequence = sample.challenge, 0
+        self._session, self._sequence, self._why_off = sample.challenge, 0, ""
         self._unanswered.clear()
         self._restarts_when_armed = self._restarts
         values = [dataclasses.astuple(bound) for bound in bounds]
@@ -430,10 +445,19 @@ class BoardLink(Closed):
             KeyboardInterrupt: if a signal has ended the command that runs.
         """
         heed_signals()
+        try:
+            self._command(duty)
+        except HardwareError as error:
+            self._tell_off(str(error))
+            raise
+
+    def _command(self, duty: np.ndarray) -> None:
         sample = self.sample()
         duty = checked_duty(duty, len(sample.duty))
+        if self._why_off:
+            raise HardwareError(self._why_off)
         if not sample.armed:
-            raise HardwareError(f"The board on {self.port} switched off: {sample.reason_text}.")
+            raise HardwareError(_switched_off(self.port, sample))
         if self._restarts != self._restarts_when_armed:
             raise HardwareError(f"The time of the board on {self.port} went back; reset it.")
         self._check_answers(sample)
@@ -454,8 +478,13 @@ class BoardLink(Closed):
                 "arrive late or not at all."
             )
 
-    def disarm(self) -> None:
-        """Switches the wires off. Does not wait, and never raises."""
+    def disarm(self, why: str = "") -> None:
+        """Switches the wires off. Does not wait, and never raises.
+
+        Args:
+            why: sentence that the next command raises, if another board is the cause.
+        """
+        self._why_off = self._why_off or why
         with contextlib.suppress(HardwareError):
             self._send(protocol.encode(protocol.DISARM))
 
@@ -544,7 +573,17 @@ class BoardLink(Closed):
                 return
             self._failure = str(error)
             self._arrived.notify_all()
-        self.when_off()
+        self._tell_off(str(error))
+
+    def _tell_off(self, why: str) -> None:
+        if self.when_off:
+            self.when_off(why)
+
+    def _check_silence(self) -> None:
+        """Tells once if this is one of several boards, and no sample came for 0.2 s."""
+        sample = self._sample
+        if self.when_off and sample and sample.armed and not self._why_off and sample.age > SILENT:
+            self._tell_off(f"Nothing new came from the board on {self.port} for {SILENT:g} s.")
 
     def _write(self) -> None:
         while (frame := self._outgoing.get()) is not None:
@@ -564,6 +603,7 @@ class BoardLink(Closed):
                 with self._arrived:
                     self._take(kind, values)
                     self._arrived.notify_all()
+            self._check_silence()
 
     def _take(self, kind: int, values: tuple) -> None:
         if kind == protocol.INFO:
@@ -589,4 +629,4 @@ class BoardLink(Closed):
         self.delay = offset - self._clock_offset
         self._sample = sample
         if before and before.armed and not sample.armed:
-            self.when_off()
+            self._tell_off(_switched_off(self.port, sample))

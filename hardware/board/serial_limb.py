@@ -8,9 +8,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from hardware.board.link import STALE, Closed, HardwareError, check_fit
-from hardware.board.several_boards import SeveralBoards
-from hardware.board.text_board import TextBoard
-from hardware.board.text_link import Ports, TextLink, open_link
+from hardware.board.several_boards import Ports, SeveralBoards, open_link
 from limb_systems import Layout, LimbParameters, NoBoard, SerialBoard
 from limb_systems.drake_python import declare_part, weak_method
 from limb_systems.limb_system import ACCURACY
@@ -30,7 +28,7 @@ class SerialLimb(LeafSystem, Closed):
     For a limb of W wires and F bend angles, or all limbs together:
 
     - input 0 ``duty``: D (W), in [0, 1]
-    - output 0 ``measured_temperature``: V (W), °C
+    - output 0 ``measured_temperature``: V (W), °C; nan while an amplifier sends no reading
     - output 1 ``bend_angle``: φ (F), rad, what each segment's ``bend_sensor`` makes of
       the board's reading, such as α/2
     - output 2 ``sample_age``: time since the sample was received, s; the longest of all boards
@@ -51,8 +49,7 @@ class SerialLimb(LeafSystem, Closed):
     range, or the simulation is more than 0.1 s late. For a period before that, the
     outputs show the last sample, so that it is recorded. To switch the wires off,
     call `close` or use the system as a context manager. If this process dies, the
-    board switches off after 250 ms; to a text board another process sends zero, and what
-    it does not measure is nan.
+    board switches off after 250 ms.
 
     A limb that is only watched goes on without samples for up to 3 s: readings are nan from
     0.25 s on, and come again with the next sample.
@@ -71,7 +68,6 @@ class SerialLimb(LeafSystem, Closed):
         parameters: LimbParameters | str | Path | None = None,
         *,
         heated: bool = True,
-        board: TextBoard | str | Path | None = None,
     ):
         """
         Args:
@@ -81,17 +77,14 @@ class SerialLimb(LeafSystem, Closed):
                 the nominal limb if None. Of a robot, `RobotParameters.together`.
             heated: whether the board is armed. If not, the limb is only watched
                 and its ``duty`` ignored, for example for teaching.
-            board: description of a board that speaks text, or its YAML file; a board
-                with the protocol if None.
 
         Raises:
             HardwareError: if no board with a known firmware answers.
             LimbError: if the limb has not as many wires and bend angles as the board.
-            TextBoardError: if the description of a text board is wrong, or of another limb.
         """
         super().__init__()
         self.parameters = LimbParameters.of(parameters)
-        self.link = open_link(port, self.parameters, board)
+        self.link = open_link(port, self.parameters)
         try:
             self.info = self.link.info()
             check_fit(self.parameters, self.info, self.link.port)
@@ -126,11 +119,6 @@ class SerialLimb(LeafSystem, Closed):
         declare_part(self, "measurement", state, slice(0, read))
         for place, name in enumerate(boards, size):
             self.DeclareVectorOutputPort(f"{name}.sample_age", 1, _shown_age(place), tickets)
-
-    @property
-    def text_board(self) -> TextBoard | None:
-        """The description of its board, if that speaks text."""
-        return self.link.board if isinstance(self.link, TextLink) else None
 
     def close(self) -> None:
         """Switches the wires off and closes the port."""

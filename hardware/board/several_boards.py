@@ -16,6 +16,8 @@ from limb_systems import Layout, LimbError, LimbParameters
 from limb_systems.heat_bounds import HeatBounds
 from limb_systems.simulation import PERIOD
 
+Ports = str | Mapping[str, str]  # of a board, or of those of a robot's limbs by name
+
 
 def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParameters]:
     """The limbs of a robot by name, each with its segments of `RobotParameters.together`.
@@ -37,12 +39,37 @@ def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParam
     return {name: dataclasses.replace(robot, segments=segments) for name, segments in limbs}
 
 
+def open_link(port: Ports, limb: LimbParameters) -> "Link":
+    """Open the link to the board of a limb, or the links to several boards, one for each limb.
+
+    Raises:
+        HardwareError: if a port cannot be opened.
+        LimbError: if there are several ports, but not for all limbs.
+    """
+    return BoardLink(port, limb) if isinstance(port, str) else SeveralBoards(port, limb)
+
+
+def switch_off_together(links: Sequence[BoardLink]) -> None:
+    """Switch all boards off as soon as one is off, silent for 0.2 s or without a cable.
+
+    The thread that reads the board's samples does it. The next command to any of them raises what
+    was wrong with the first.
+    """
+
+    def disarm(why: str) -> None:
+        for link in links:
+            link.disarm(why)
+
+    for link in links:
+        link.when_off = disarm
+
+
 class SeveralBoards(Closed):
     """Connections to several boards, one for each limb of a robot, with the methods of `BoardLink`.
 
     Each method takes what the method of `BoardLink` takes, and raises what it raises, for any of
-    the boards. None gets a duty other than zero unless all are armed, and all are switched off as
-    soon as one of them is, or its cable is gone. Use it as a context manager, or `close` it.
+    the boards. None gets a duty other than zero unless all are armed, and all are switched off
+    together, see `switch_off_together`. Use it as a context manager, or `close` it.
 
     - ``port``: ports, as text.
     - ``names``: names of the limbs, in the robot's order.
@@ -68,6 +95,7 @@ class SeveralBoards(Closed):
                 opened.enter_context(BoardLink(ports[name], limb))
                 for name, limb in self._limbs.items()
             ]
+            switch_off_together(self._links)
             self._opened = opened.pop_all()
 
     @property
@@ -130,9 +158,8 @@ class SeveralBoards(Closed):
                     for link, arming in zip(self._links, armings, strict=True):
                         if arming.done() and not arming.exception():
                             link.command(np.zeros(len(link.sample().duty)))
-            for link, arming in zip(self._links, armings, strict=True):
+            for arming in armings:
                 arming.result()
-                link.when_off = self.disarm
 
     def command(self, duty: np.ndarray) -> None:
         """Sends each board its part of a duty (W), in [0, 1]; all are off if one fails."""
@@ -167,3 +194,6 @@ class SeveralBoards(Closed):
 def _rank(sample: Sample) -> tuple[bool, bool]:
     """Order of samples: a board that is off by itself, those that the host switched off, armed."""
     return sample.armed, sample.reason == guard.HOST
+
+
+Link = BoardLink | SeveralBoards

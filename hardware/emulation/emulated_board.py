@@ -37,6 +37,7 @@ class Thermocouple:
     - ``offset``, ``drift``: °C that it reads too much, and °C/s by which that grows.
     - ``noise``: standard deviation that is added to its noise, °C.
     - ``word``: word that its amplifier sends, whatever it reads.
+    - ``bad_frames``: number of frames that its amplifier will send as if it were open.
     """
 
     faults: int = 0
@@ -46,6 +47,7 @@ class Thermocouple:
     drift: float = 0.0
     noise: float = 0.0
     word: int | None = None
+    bad_frames: int = 0
 
 
 class RunningTwin:
@@ -205,8 +207,12 @@ class EmulatedBoard:
             temperature = fault.frozen
         junction = round(16 * (room + AMPLIFIERS - self.chill)) & 0xFFF
         quarters = round(4 * (temperature - self.chill)) & 0x3FFF
-        word = quarters << 18 | junction << 4 | fault.faults
-        word |= 0x10000 if fault.faults else 0
+        faults = fault.faults
+        if fault.bad_frames:
+            fault.bad_frames -= 1
+            faults |= 1
+        word = quarters << 18 | junction << 4 | faults
+        word |= 0x10000 if faults else 0
         return struct.pack(">I", word if fault.word is None else fault.word)
 
     def read_bend(self) -> bytes:

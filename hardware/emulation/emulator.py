@@ -15,12 +15,11 @@ import time
 import tty
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from hardware.emulation.emulated_board import EmulatedBoard, RunningTwin
-from hardware.emulation.sketches import Cable, EmulatedSketch
 from hardware.emulation.twin import EmulatedSystem
 from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
 from limb_systems import LimbError
@@ -41,6 +40,19 @@ FAULTS: dict[str, dict[str, Any]] = {
     "reverse": {"share": -1.0},
     "hot": {"frozen": 115.0},
 }
+
+
+class Cable(Protocol):
+    """The board's end of a connection to a host."""
+
+    def read(self) -> bytes:
+        """The bytes from the host since the last call, possibly none."""
+
+    def write(self, data: bytes) -> None:
+        """Sends to the host; it may get lost."""
+
+    def unplug(self) -> None:
+        """Ends the connection for good."""
 
 
 class BadLine:
@@ -221,6 +233,8 @@ class Emulation:
                 board.fail(wire(name), **FAULTS[fault])
             case ["share" | "offset" | "drift" as field, name, value]:
                 board.fail(wire(name), **{field: float(value)})
+            case ["glitch", name, count]:
+                board.fail(wire(name), bad_frames=int(count))
             case ["jitter", name, value]:
                 board.fail(wire(name), noise=float(value))
             case ["weaken", share]:
@@ -264,8 +278,8 @@ ORDERS = (
     "creep SECONDS_PER_S, noise BYTES (cable); "
     "open WIRE, ground WIRE, supply WIRE, dead WIRE, garbled WIRE, hot WIRE, freeze WIRE, "
     "detach WIRE, reverse WIRE, share WIRE SHARE, offset WIRE CELSIUS, "
-    "drift WIRE CELSIUS_PER_S, jitter WIRE CELSIUS, chill CELSIUS (thermocouples and "
-    "amplifiers); "
+    "drift WIRE CELSIUS_PER_S, jitter WIRE CELSIUS, glitch WIRE FRAMES, chill CELSIUS "
+    "(thermocouples and amplifiers); "
     "freeze bend, stick bend [DEGREES], silence (bend sensor); weaken SHARE, short WIRE "
     "(supply and MOSFETs); stall SECONDS, stop clock, reset, restart (board); unplug, replay, "
     "mend, cool; WIRE is a wire's name, such as left"
@@ -276,11 +290,10 @@ def emulate(
     twin: EmulatedSystem,
     orders: list[str],
     log: Path | None = None,
-    make: Callable[..., Emulation | EmulatedSketch] = Emulation,
     *,
     limbs: Sequence[str] = (),
 ) -> None:
-    """Runs the firmware on an emulated board, or a sketch, until the process is stopped.
+    """Runs the firmware on an emulated board until the process is stopped.
 
     Prints the port to connect to, and the command that shows whether the board answers there;
     then carries out orders from standard input. With a board for each limb of a robot it prints
@@ -290,7 +303,6 @@ def emulate(
         twin: the limb on the board, or the robot.
         orders: carried out at the start, see `Emulation.misbehave`.
         log: file with a line of JSON for each change of duty and each order.
-        make: makes the emulation, of a limb, a cable and a function for events.
         limbs: names of a robot's limbs that have a board each; one board has all if empty.
 
     Raises:
@@ -307,11 +319,11 @@ def emulate(
         if limbs:
             running = RunningTwin(twin)
             boards = {
-                limb: make(running, cable, functools.partial(note, limb=limb), limb=limb)
+                limb: Emulation(running, cable, functools.partial(note, limb=limb), limb=limb)
                 for limb, cable in cables.items()
             }
         else:
-            boards = {"": make(twin, cables[""], note)}
+            boards = {"": Emulation(twin, cables[""], note)}
 
         def obey(order: str) -> None:
             name, _, rest = order.strip().partition(" ")
@@ -322,9 +334,8 @@ def emulate(
             obey(order)
         for limb, cable in cables.items():
             print(f"{limb}={cable.port}" if limb else cable.port, flush=True)
-        if make is Emulation:
-            for cable in cables.values():
-                print(f"next        soft-limb status {cable.port}", flush=True)
+        for cable in cables.values():
+            print(f"next        soft-limb status {cable.port}", flush=True)
         # Without a buffer, because `select` does not see lines in a buffer.
         source = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
         listening = True

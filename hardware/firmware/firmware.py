@@ -142,7 +142,8 @@ class Firmware:
             values = [self._sequence, first, len(self._wires)]
             for wire in self._wires[first : first + protocol.GROUP]:
                 ticks = int(protocol.FULL_DUTY * self._applied[wire] + 0.5)
-                values += [self._quarters[wire], ticks, subject.warmest(wire)]
+                quarters = protocol.NO_READING if self._faults[wire] else self._quarters[wire]
+                values += [quarters, ticks, subject.warmest(wire)]
             frames.append(protocol.encode(protocol.CHANNELS, *values))
         for _ in (1, 2):  # one may get lost, and a host that hears nothing may not heat
             for frame in frames:

@@ -45,6 +45,8 @@ LEAD = 2.5  # AVERAGING_TIMEs, by which average and thermocouple do
 WARMEST = 105.0  # °C, of a wire, at which there is no duty
 TAPER = 5.0  # °C below that, over which the duty is reduced
 HOT_SAMPLES = 4  # above that limit: two readings, so that noise alone does not do it
+BAD_SAMPLES = 3  # in series: two bad readings, each of which is in two samples, as for HOT_SAMPLES;
+# a single bad frame of an amplifier comes of a MOSFET that switches near it
 HIGHEST = 127.0  # °C, the most that a wire may have by the heat that it was given
 OUTDONE = 1.5  # times the heat of the most, by which a supply may be too high
 LAST_TAPER = 10.0  # °C below HIGHEST, of a reading and what is hidden from it
@@ -90,7 +92,7 @@ class Guard:
         self._samples, self._sampled, self._faulty = 0, now, False
         self._temperatures = self._averages = self._trends = self._junctions = None
         self._offsets, self._rooms = [0.0] * channels, [0.0] * channels
-        self._hot = [0] * channels
+        self._hot, self._bad = [0] * channels, [0] * channels
         self._bends, self._alike = [None] * angles, [0] * angles
         self._tips, self._tips_before = [None] * angles, [0.0] * angles
         self._shares = [[0.0] * channels] * angles
@@ -150,7 +152,7 @@ class Guard:
             return
         self.acknowledged = sequence
         self._heard, self._answered, self._late = now, max(self._answered, now - age), False
-        self._asked = list(duty)
+        self._asked = duty
         self._apply(now)
 
     def disarm(self, now):
@@ -175,12 +177,14 @@ class Guard:
         """Checks a sample of all sensors.
 
         temperatures: readings of each wire, °C; junctions, faults: temperatures, °C, and fault
-        bits of their amplifiers; bends: raw readings, or None if a sensor does not answer.
+        bits of their amplifiers; with a fault they are those of the reading before. bends: raw
+        readings, or None if a sensor does not answer.
         """
-        self._faulty = False
+        self._faulty = any(faults)
         self._account(now)
         elapsed = now - self._sampled
-        self._average(temperatures, junctions, elapsed)
+        if self._samples or not self._faulty:  # it begins with a reading of each wire
+            self._average(temperatures, junctions, elapsed)
         for wire in self._wires:
             self._check_wire(wire, temperatures[wire], faults[wire], elapsed, now)
         if bends is None:
@@ -188,8 +192,10 @@ class Guard:
         for angle in self._angles if bends else ():
             self._check_bend(angle, bends[angle], elapsed, now)
         self._given = [0.0] * len(self.duty)
-        self._temperatures, self._sampled = list(temperatures), now
-        self._samples += 1
+        self._sampled = now
+        if self._averages:
+            self._temperatures = temperatures
+            self._samples += 1
         self._apply(now)
 
     def _average(self, temperatures, junctions, elapsed):
@@ -215,15 +221,20 @@ class Guard:
             self._rooms[wire] = self._amplifiers + offset
 
     def _check_wire(self, wire, temperature, faults, elapsed, now):
-        if faults & 1:
-            self.trip(THERMOCOUPLE_OPEN, now)
-        elif faults & 2:
-            self.trip(THERMOCOUPLE_TO_GROUND, now)
-        elif faults & 4:
-            self.trip(THERMOCOUPLE_TO_SUPPLY, now)
-        elif faults:
-            self.trip(AMPLIFIER, now)
-        self._hot[wire] = self._hot[wire] + 1 if temperature > TEMPERATURE_LIMIT else 0
+        self._bad[wire] = self._bad[wire] + 1 if faults else 0
+        if self._bad[wire] >= BAD_SAMPLES:
+            if faults & 1:
+                self.trip(THERMOCOUPLE_OPEN, now)
+            elif faults & 2:
+                self.trip(THERMOCOUPLE_TO_GROUND, now)
+            elif faults & 4:
+                self.trip(THERMOCOUPLE_TO_SUPPLY, now)
+            else:
+                self.trip(AMPLIFIER, now)
+        if not self._averages:
+            return
+        if not faults:
+            self._hot[wire] = self._hot[wire] + 1 if temperature > TEMPERATURE_LIMIT else 0
         if self._hot[wire] >= HOT_SAMPLES:
             self.trip(OVER_TEMPERATURE, now)
         if self._temperatures and abs(temperature - self._temperatures[wire]) > LARGEST_JUMP:
@@ -253,7 +264,7 @@ class Guard:
         highest = HIGHEST - max(room, self._amplifiers, WARM_ROOM)  # if in doubt, it is warm
         allowed = observer.allowed_duty(highest) if self.proven[wire] else heat.LITTLE_DUTY
         allowed = min(allowed, tapered, self._moving(wire, temperature, now))
-        self._allowed[wire] = max(0.0, allowed)
+        self._allowed[wire] = 0.0 if faults else max(0.0, allowed)
 
     def _prove(self, wire):
         """Believes a thermocouple that follows heat: its wire is about as warm as it says."""

@@ -6,11 +6,12 @@ Runs under MicroPython and CPython alike, hence the plain style.
 import math
 import struct
 
-VERSION = 4
+VERSION = 5
 MAX_PAYLOAD = 24  # bytes; with its CRC and every byte escaped a frame stays below 64
 MOST_CHANNELS, MOST_ANGLES = 8, 6  # of a board
 GROUP = 4  # channels in a CHANNELS, at most
 FULL_DUTY = 10000  # a duty of 1 in a frame
+NO_READING = -0x8000  # in place of a temperature
 
 # From the host to the board.
 HELLO, ARM, COMMAND, DISARM, CLEAR, BOUNDS = KINDS = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
@@ -35,8 +36,8 @@ LAYOUTS = {
     # sequence, time in ms, challenge, state, fault, acknowledged sequence; tip tangents in
     # 1/64 degrees
     SAMPLE: ("HIHBBH", "h"),
-    # sequence, first channel, channels in all; of each channel: temperature in 1/4 °C, applied
-    # duty in 1/10000, the most that it can have in °C
+    # sequence, first channel, channels in all; of each channel: temperature in 1/4 °C or
+    # NO_READING, applied duty in 1/10000, the most that it can have in °C
     CHANNELS: ("HBB", "hHB"),
 }
 

@@ -19,8 +19,7 @@ from calibration.collecting.measurement_protocol import PROTOCOLS
 from calibration.recordings.files import folder_of_limb, read_folder, usable
 from calibration.recordings.recording_checks import check_recording, check_without_gaps
 from hardware import LimbTwin, SerialLimb
-from hardware.board.text_board import TextBoard
-from hardware.board.text_link import open_link
+from hardware.board.link import BoardLink
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.connected_limbs import ConnectedLimbs, connected, load_described
@@ -35,7 +34,6 @@ from soft_limb.commands.options import (
     print_summary,
     save_panels,
     shared,
-    text_board,
 )
 from soft_limb.live.live_page import LivePage
 from soft_limb.reports.calibration_report import (
@@ -64,11 +62,8 @@ def _collect(options: argparse.Namespace) -> int:
             raise OutputError(
                 f"{recorded[0]} holds recordings; give another folder, or --force to replace them."
             )
-    board = text_board(options)
     for name, limb in limbs.items() if options.port else ():
-        if board:
-            board.check_measures(board.unmeasured, "Calibration")
-        with open_link(_port(options, name), limb, board) as link:  # before it is mounted in vain
+        with BoardLink(_port(options, name), limb) as link:  # before it is mounted in vain
             link.sample()
     written: list[Path] = []
     if robot:
@@ -78,7 +73,7 @@ def _collect(options: argparse.Namespace) -> int:
         written += [
             path
             for name, limb in limbs.items()
-            for path in _collect_limb(options, limb, robot, name, board, live)
+            for path in _collect_limb(options, limb, robot, name, live)
         ]
     told = _fit_next(options.output, [*folders.values()])
     print_summary(options, told, None if options.port else written)
@@ -90,7 +85,6 @@ def _collect_limb(
     limb: LimbParameters,
     robot: ConnectedLimbs | None,
     name: str,
-    board: TextBoard | None,
     live: LivePage | None,
 ) -> list[Path]:
     """Record one limb, of a robot if it has a name; return the files of an emulated limb."""
@@ -106,7 +100,7 @@ def _collect_limb(
         if options.port:
             port = _port(options, name)
             collect_from_robot(
-                lambda parameters: SerialLimb(port, parameters, board=board),
+                lambda parameters: SerialLimb(port, parameters),
                 limb,
                 folder,
                 lambda what: _ask(f"{about}{what}", live),
@@ -263,7 +257,7 @@ COMMANDS = {
         "minute. A limb that bends in space is mounted turned about its axis by 0°, 90°, 180° and "
         "270°, in place of sag, equilibria, pulses and ramps. The limbs of a robot are taken off "
         "and recorded one after the other, each into the folder of its name.",
-        "folder port text emulated extra physics live address force",
+        "folder port emulated extra physics live address force",
         [
             shared(
                 "limb",

@@ -1,7 +1,6 @@
 """Commands of robots and emulated limbs: runs along plans, teaching, and checks of the board."""
 
 import argparse
-import functools
 import sys
 import time
 import warnings
@@ -16,10 +15,7 @@ from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, Serial
 from hardware.board import board_check
 from hardware.board.arm_check import check_supply, check_wires
 from hardware.board.link import SerialPort, check_fit
-from hardware.board.text_board import TextBoard
-from hardware.emulation.emulator import ORDERS, Emulation, emulate
-from hardware.emulation.sketches import KINDS, EmulatedSketch
-from hardware.emulation.sketches import ORDERS as SKETCH_ORDERS
+from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
 from hardware.emulation.twin import EmulatedSystem
 from hardware.live_feed import Reading, RunHeader, board_reading
@@ -50,7 +46,6 @@ from soft_limb.commands.options import (
     save_panels,
     say_duration,
     shared,
-    text_board,
 )
 from soft_limb.live.live_page import DONE, LivePage
 from soft_limb.reports.plan_report import write_rollout_report
@@ -96,7 +91,10 @@ def _state(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Summary:
     names = limb.wire_names
     if len(names) != info.channels:  # of another limb
         names = [f"wire {number + 1}" for number in range(info.channels)]
-    read = [f"{name} {V:.2f} °C" for name, V in zip(names, sample.temperature, strict=True)]
+    read = [
+        f"{name} {V:.2f} °C" if np.isfinite(V) else f"{name} has no reading"
+        for name, V in zip(names, sample.temperature, strict=True)
+    ]
     most = [f"{name} at most {T:.0f} °C" for name, T in zip(names, sample.warmest, strict=True)]
     texts = {
         "board": f"{info.serial_number}, firmware {info.firmware_version}",
@@ -218,13 +216,13 @@ def _board_check(options: argparse.Namespace) -> int:
 
 def _replay(options: argparse.Namespace) -> int:
     outputs = checked_outputs(options, options.trajectory)
-    trajectory, board = Trajectory.load(options.trajectory), text_board(options)
+    trajectory = Trajectory.load(options.trajectory)
     with live_page(options) as live:
         if live:
             live.say(f"Replay of {options.trajectory}, controller {options.controller}")
         rollout = roll_out(
             trajectory,
-            lambda: _limb(trajectory.parameters, options, board),
+            lambda: _limb(trajectory.parameters, options),
             options.output,
             controller=options.controller,
             real_time=bool(options.port),
@@ -248,12 +246,10 @@ def _end(live: LivePage | None, rollout: Rollout, options: argparse.Namespace) -
         live.end(rollout.recording.interrupted or DONE)
 
 
-def _limb(
-    planned: LimbParameters, options: argparse.Namespace, board: TextBoard | None
-) -> LimbSystem:
+def _limb(planned: LimbParameters, options: argparse.Namespace) -> LimbSystem:
     """The robot on a port, the model of the plan, or an emulated limb."""
     if options.port:
-        return SerialLimb(options.port, planned, board=board)
+        return SerialLimb(options.port, planned)
     return Limb(planned) if options.model else _twin(planned, options)
 
 
@@ -282,11 +278,10 @@ def _follow(options: argparse.Namespace) -> int:
     check_outputs(outputs, inputs=inputs, force=options.force)
     limb = LimbParameters.of(options.limb)
     task = options.task and task_named(options.task, limb)
-    board = text_board(options)
     with live_page(options) as live:
         rollout, summary = teach_and_go(
             options.reference,
-            lambda planned: _limb(planned, options, board),
+            lambda planned: _limb(planned, options),
             options.output,
             limb=limb,
             task=task,
@@ -305,8 +300,6 @@ def _learn(options: argparse.Namespace) -> int:
     if options.repetitions < 1:
         raise ReplayError(f"--repetitions is {options.repetitions}; it must be 1 or more.")
     trajectory, folder = Trajectory.load(options.trajectory), options.output
-    if board := text_board(options):
-        board.check_measures(board.unmeasured, "Learning")
     learner = repetitions.learner_in(folder, trajectory, force=options.force)
     if far := far_from_reference(trajectory):
         warnings.warn(far, stacklevel=1)
@@ -332,7 +325,7 @@ def _learn(options: argparse.Namespace) -> int:
     try:
         with live_page(options) as live:
             if options.port:
-                limbs = repetitions.rested_robots(options.port, trajectory, live, board)
+                limbs = repetitions.rested_robots(options.port, trajectory, live)
             elif options.model:
                 limbs = lambda: Limb(trajectory.parameters)  # noqa: E731 - before any heat
             else:
@@ -354,7 +347,7 @@ def _taught_limb(options: argparse.Namespace) -> tuple[LimbSystem, float]:
     if options.emulated is None:
         if options.hand:
             raise LimbError("--hand moves an emulated limb; give its seed: --emulated SEED.")
-        return SerialLimb(options.port, limb, heated=False, board=text_board(options)), options.time
+        return SerialLimb(options.port, limb, heated=False), options.time
     if options.hand:
         motion = reference_from_file(options.hand, 0.5)
     elif Layout(limb).is_planar:
@@ -370,8 +363,6 @@ def _teach(options: argparse.Namespace) -> int:
     output = checked_outputs(options, options.limb)
     if (options.port is None) == (options.emulated is None):
         raise LimbError("Give the PORT of a board, or --emulated SEED for an emulated limb.")
-    if board := text_board(options):
-        board.check_measures(["bend_angle"], "Teaching")
     if not 0 < options.time <= LONGEST_LESSON:
         raise LimbError(
             f"--time is {options.time:g} s; it must be above 0 and at most {LONGEST_LESSON:g} s."
@@ -411,16 +402,15 @@ def _emulate(options: argparse.Namespace) -> int:
     twin: EmulatedSystem
     limbs = []
     if options.robot:
-        if options.limb or options.sketch or options.physics != "lumped":
-            raise LimbError("--limb, --sketch and --physics are for a limb; leave ROBOT out.")
+        if options.limb or options.physics != "lumped":
+            raise LimbError("--limb and --physics are for a limb; leave ROBOT out.")
         robot = ConnectedLimbs.registered().of(options.robot)
         twin = connected("emulation")(robot, seed=options.emulated, extra=options.extra)
         limbs = [] if options.one_board else [limb.name for limb in robot.limbs]
     else:
         limb = LimbParameters.of(options.limb)
         twin = LimbTwin(limb, seed=options.emulated, extra=options.extra, physics=options.physics)
-    sketch = options.sketch and functools.partial(EmulatedSketch, options.sketch)
-    emulate(twin, options.do, options.log, sketch or Emulation, limbs=limbs)
+    emulate(twin, options.do, options.log, limbs=limbs)
     return 0
 
 
@@ -474,7 +464,7 @@ COMMANDS = {
         "without a port an emulated limb or the plan's model in simulated time. Every sample is "
         "written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the plan has "
         "ended. Of a robot, the report tells how many commands left more than 5 ms late.",
-        "trajectory output driven text controller plot report live cool address json force",
+        "trajectory output driven controller plot report live cool address json force",
         examples=[
             "soft-limb replay out/plan.csv -o out/recording.csv --plot out/tracking.png",
             "soft-limb replay out/plan.csv -o out/recording.csv -p /dev/ttyACM0",
@@ -486,7 +476,7 @@ COMMANDS = {
         "feedback, and drives it as near to that as it can, or by another controller along the "
         "plan; a robot in real time. The folder has plan.csv, recording.csv, tracking.png and "
         "report.html.",
-        "reference folder limb driven text smooth knot-rate live cool address json force",
+        "reference folder limb driven smooth knot-rate live cool address json force",
         [
             shared("controller", default=NEAREST),
             shared("task", help=f"{TASK_HELP}; closed-loop if left out"),
@@ -501,7 +491,7 @@ COMMANDS = {
         "does not pay. The folder has a recording of each repetition, a picture, a report, the "
         "best duty as a trajectory, learned.csv, and what was learned: started again, it goes on "
         "from there.",
-        "trajectory folder driven text live address json force",
+        "trajectory folder driven live address json force",
         [
             Option(
                 "-n",
@@ -517,7 +507,7 @@ COMMANDS = {
         _teach,
         "Records while the limb is moved by hand. The recording is a reference: soft-limb plan "
         "RECORDING -o plan.csv plans it.",
-        "text output limb live address force",
+        "output limb live address force",
         [
             shared("board", nargs="?"),
             Option(
@@ -564,12 +554,6 @@ COMMANDS = {
             Option("--one-board", action="store_true", help="with all limbs of the robot"),
             Option(
                 "--do", action="append", default=[], metavar="ORDER", help="an order to start with"
-            ),
-            Option(
-                "--sketch",
-                choices=KINDS,
-                help="in place of the firmware a sketch that speaks text, as docs/hardware.md "
-                f"describes them; its orders are: {SKETCH_ORDERS}",
             ),
             Option(
                 "--log", type=Path, help="file for changes of duty and orders, a line of JSON each"

@@ -8,9 +8,8 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from hardware.board.text_board import TextBoard, TextBoardError
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from limb_systems.errors import LimbError
 from limb_systems.files.output import check_outputs
@@ -69,7 +68,16 @@ class Command:
             group = parser.add_mutually_exclusive_group() if isinstance(entry, list) else parser
             for option in entry if isinstance(entry, list) else [entry]:
                 group.add_argument(*option.names, **option.settings)
+        parser.add_argument("--board", type=_refuse_text_board, help=argparse.SUPPRESS)
         return parser
+
+
+def _refuse_text_board(path: str) -> NoReturn:
+    """Raise ArgumentTypeError: ``--board FILE`` described boards that are no longer driven."""
+    raise argparse.ArgumentTypeError(
+        f"{path} describes a board that speaks lines of text, and such boards are no longer "
+        "driven: put the firmware on yours as docs/firmware_in_c.md says, and leave --board out"
+    )
 
 
 def shared(key: str, **settings: Any) -> Option:
@@ -131,12 +139,6 @@ SHARED: dict[str, Option | list[Option]] = {
         action=_AddPort,
         help=f"of the robot, {PORT_HELP}, or NAME=PORT for each limb that has a board of its own; "
         "an emulated limb if left out",
-    ),
-    "text": Option(
-        "--board",
-        type=Path,
-        metavar="FILE",
-        help="description of the board on the port, if it speaks lines of text (.yaml)",
     ),
     "emulated": Option(
         "--emulated",
@@ -210,19 +212,6 @@ def count(text: str) -> int:
     if not re.fullmatch(r"[1-9]\d{0,3}", text):
         raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 to 9999")
     return int(text)
-
-
-def text_board(options: argparse.Namespace) -> TextBoard | None:
-    """The description of a board that a command was given, if any.
-
-    Raises:
-        TextBoardError: if it is wrong, or there is no port.
-    """
-    if options.board is None:
-        return None
-    if not options.port:
-        raise TextBoardError("--board describes the board on a port; give that, too: --port PORT.")
-    return TextBoard.of(options.board)
 
 
 @contextlib.contextmanager

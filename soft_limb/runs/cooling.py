@@ -31,7 +31,7 @@ def cool_down(limb: LimbSystem, recording: Recording, live: LiveView, longest: f
         return
     try:
         after = (
-            SerialLimb(limb.port, limb.parameters, heated=False, board=limb.text_board)
+            SerialLimb(limb.port, limb.parameters, heated=False)
             if isinstance(limb, SerialLimb)
             else limb.again()
         )

@@ -9,10 +9,9 @@ import numpy as np
 
 from controllers import Learner
 from controllers.learner import Repetition
-from hardware.board.link import HardwareError
+from hardware.board.link import HardwareError, present_temperature
 from hardware.board.serial_limb import SerialLimb
-from hardware.board.text_board import TextBoard
-from hardware.board.text_link import Ports, open_link
+from hardware.board.several_boards import Ports, open_link
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError
 from limb_systems import LimbSystem, Recording, Trajectory
@@ -122,20 +121,18 @@ def rested_robots(
     port: Ports,
     trajectory: Trajectory,
     live: LivePage | None = None,
-    board: TextBoard | None = None,
 ) -> Callable[[], LimbSystem]:
     """The robot on a port for `repeat`, when its wires have cooled; a page says so.
 
     Args:
         port, trajectory, live: as for `repeat` and `SerialLimb`.
-        board: description of the board, if it speaks text.
     """
     tell = live.say if live else lambda _: None
 
     def rested() -> LimbSystem:
-        with open_link(port, trajectory.parameters, board) as link:
-            wait_until_cool(lambda: link.sample().temperature, trajectory, tell=tell)
-        return SerialLimb(port, trajectory.parameters, board=board)
+        with open_link(port, trajectory.parameters) as link:
+            wait_until_cool(lambda: present_temperature(link), trajectory, tell=tell)
+        return SerialLimb(port, trajectory.parameters)
 
     return rested
 

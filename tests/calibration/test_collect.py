@@ -23,7 +23,7 @@ from calibration import (
     kind_of,
     load_recordings,
 )
-from calibration.collecting.excitation import mountings
+from calibration.collecting.excitation import DutyUntilWarm, mountings
 from calibration.prediction.heated_run import HeatedRun
 from hardware import LimbTwin
 from limb_systems import (
@@ -126,6 +126,38 @@ def test_a_hot_wire_gets_less_and_then_nothing_until_it_has_cooled():
     assert shares[1:3] == [0.0, 0.0]
     assert shares[3] > 0.0
     assert Controlled("both", -40).duty(0.1, measured_temperature=[95.0, 25.0])[0] == 0.0
+
+
+def test_a_wire_without_a_reading_gets_no_duty():
+    """Until it is read again: a board may miss a reading."""
+    controlled, wanted = Controlled("both", 2), PiecewisePolynomial([[0.3], [0.3]])
+    before = controlled.duty(0.1)
+    missed = controlled.duty(0.1, measured_temperature=[25.0, np.nan])
+    assert (before > 0.0).all()
+    assert missed[0] > 0.0
+    assert missed[1] == 0.0
+    assert (controlled.duty(0.1, measured_temperature=[25.0, 25.0]) > 0.0).all()
+    limb = LimbParameters()
+    names, covariance = ["left.a2", "right.a2"], np.diag([1.0, 1.0]).tolist()
+    limb.calibration = CalibrationRecord(names, [20.0, 20.0], [1.0, 1.0], covariance)
+    for system in (LimitedDuty(limb, wanted), DutyUntilWarm(wanted, 10.0)):
+        context = system.CreateDefaultContext()
+        measured = system.get_input_port().FixValue(context, [25.0, 25.0])
+        simulator = Simulator(system, context)
+        for readings in ([25.0, 25.0], [25.0, np.nan], [25.0, 25.0]):
+            measured.GetMutableData().set_value(readings)
+            simulator.AdvanceTo(context.get_time() + 0.1)
+            duty = system.get_output_port().Eval(context)
+            assert (duty == 0.0).tolist() == np.isnan(readings).tolist()
+    schedule = EquilibriumSchedule([0.1], 60.0)
+    context = schedule.CreateDefaultContext()
+    schedule.GetInputPort("bend_angle").FixValue(context, [0.1])
+    measured = schedule.GetInputPort("measured_temperature").FixValue(context, [25.0, np.nan])
+    simulator = Simulator(schedule, context)
+    simulator.AdvanceTo(1.0)
+    measured.GetMutableData().set_value([25.0, 25.0])
+    simulator.AdvanceTo(20.0)
+    assert schedule.is_finished(context)
 
 
 def first_change(measured_slope: float, angle_error_deg: float) -> tuple[float, bool]:

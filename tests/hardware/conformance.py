@@ -38,7 +38,7 @@ WEAK = (0.2, 0.2, 10.0, 10.0, 0.1)  # and far less
 HIDING = (0.2, 0.5, 4.0, 8.0, 0.1)  # and so little that no thermocouple need show it
 BUDGET = (0.005, 0.5, 4.0, 100.0, 0.1)  # by which any wire may be far warmer than it is
 
-VERSION = 4
+VERSION = 5
 WARM = 80.0  # °C, of a reading at which a check gives up
 
 
@@ -205,7 +205,7 @@ def _damaged_frames_are_ignored(bench: Bench) -> None:
     """A frame with a wrong CRC, or of another version, length or type, has no effect."""
     hello, kinds = bytes((VERSION, 1)), (0x00, 0x07, 0x42, 0x81, 0x82, 0xFF)
     cases = {f"a CRC that is wrong by {n:02X}": [_framed(hello, n)] for n in (0x01, 0x80)}
-    cases |= {f"a HELLO of version {n}": [_framed(bytes((n, 1)))] for n in (2, 3, 5)}
+    cases |= {f"a HELLO of version {n}": [_framed(bytes((n, 1)))] for n in (2, 4, 6)}
     cases |= {f"a HELLO with {n} bytes more": [_framed(hello + bytes(n))] for n in (1, 24)}
     cases |= {f"a frame of type {n:02X}": [_framed(bytes((VERSION, n)))] for n in kinds}
     _expect_answers(bench, 0, cases)
@@ -602,7 +602,7 @@ def _expect_latch(
     """A fault must latch within a time, s, for its reason; the highest reading until then, °C."""
     with bench.fault(order, by_hand):
         bench.sees(lambda sample: sample.latched or sample.temperature.max() > 118.0, seconds)
-        hottest = max(sample.temperature.max() for sample in bench.samples)
+        hottest = np.nanmax([sample.temperature for sample in bench.samples])
         _expect_off(bench.last, f"with readings up to {hottest:.1f} °C", reason)
     return hottest
 
@@ -628,6 +628,25 @@ for _what, *_fault in (
     _by = "hand" if _fault[2] else "order"
     _name, _sentence = f"{_what} latches".replace(" ", "-"), f"A fault latches: {_what}."
     _added(_name, _sentence, "what-a-board-must-do", _by, _latches)
+
+
+@_rule("what-a-board-must-do", "order")
+def _bad_reading_is_borne(bench: Bench) -> None:
+    """A single bad reading is sent as none, and ends the duty of its wire alone until the next."""
+    bench.arm()
+    bench.hold(bench.every(GENTLE), 0.2)
+    bench.tell("glitch {0} 1", "")
+    start = len(bench.samples)
+    bench.hold(bench.every(GENTLE), 0.5)
+    bad = [sample for sample in bench.samples[start:] if np.isnan(sample.temperature).any()]
+    expect(
+        len(bad) == 2 and all(np.isnan(sample.temperature[0]) for sample in bad),
+        f"{len(bad)} samples had no reading; expected the two samples of one",
+    )
+    for sample in bad:
+        _expect_duty(sample, [0.0, *bench.every(GENTLE)[1:]], "without a reading")
+    expect(bench.last.armed, f"{state_of(bench.last)} after it; expected it to be armed")
+    _expect_duty(bench.last, bench.every(GENTLE), "after the next reading")
 
 
 @_rule("what-a-board-must-do", "order")

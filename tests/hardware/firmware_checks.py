@@ -28,6 +28,7 @@ class PaperBoard:
         self.junctions = [ROOM] * self.channels
         self.errors = [0.0] * self.channels  # °C, of the readings
         self.faults = [0] * self.channels
+        self.bad_frames = [0] * self.channels  # that come next, as of an open thermocouple
         self.reserved = 0  # bits that no amplifier sends
         self.bend = 0
         self.silent = False
@@ -59,7 +60,10 @@ class PaperBoard:
     def read_thermocouple(self, wire):
         quarters = int(4 * (self.temperatures[wire] + self.errors[wire]) + 0.5) & 0x3FFF
         word = quarters << 18 | int(16 * self.junctions[wire]) << 4 | self.faults[wire]
-        if self.faults[wire]:
+        if self.bad_frames[wire]:
+            self.bad_frames[wire] -= 1
+            word = readings.OPEN  # and no temperature, which nobody may use
+        if self.faults[wire] or word == readings.OPEN:
             word |= 0x10000
         return struct.pack(">I", word | self.reserved)
 
@@ -151,7 +155,7 @@ def test_a_session_from_greeting_to_disarming():
     host.send(protocol.HELLO)
     host.run(1)
     ((_, info),) = protocol.Parser((protocol.INFO,)).feed(host.board.sent[-1])
-    assert info == (4, 50, 440, b"paper\0\0\0", 2, 1, firmware.POWER_ON)
+    assert info == (5, 50, 440, b"paper\0\0\0", 2, 1, firmware.POWER_ON)
     host.arm(total=0.8)
     assert host.board.held > host.board.now - 5  # the supply's relay
     host.run(300, (1.0, 0.6))
@@ -191,6 +195,46 @@ def test_two_readings_above_the_limit_are_too_hot_and_one_is_not():
                     arm(subject, now)
                 subject.sample(now, [105.0, reading], [30.0, 30.0], [0, 0], [now])
         assert subject.reason == reason, subject.reason
+
+
+def test_two_bad_readings_in_series_latch_and_one_is_borne():
+    """Its wire has no duty meanwhile, the other one has, and its heat is counted on."""
+    for bad, reason in ((1, guard.NONE), (2, guard.THERMOCOUPLE_OPEN)):
+        host = Host()
+        host.arm()
+        host.run(2000, (0.2, 0.5))
+        warm = host.guard.observers[1].most
+        host.board.bad_frames[1] = bad
+        host.run(100 - host.board.now % 100, (0.2, 0.5))  # to the next readings
+        while host.board.duty[1]:
+            host.run(1, (0.2, 0.5))
+        start = host.board.now
+        host.run(90, (0.2, 0.5))
+        assert host.board.duty == [0.2, 0.0]
+        assert host.guard.observers[1].most < warm + 2.0
+        while host.board.duty == [0.2, 0.0]:
+            host.run(1, (0.2, 0.5))
+        assert 95 <= host.board.now - start <= 105
+        assert host.guard.reason == reason
+        assert host.board.duty == ([0.2, 0.5] if bad == 1 else [0.0, 0.0])
+
+
+def test_a_board_may_begin_with_a_bad_reading():
+    """There is no reading before it; and it is not armed with one."""
+    for bad, reason in ((1, guard.NONE), (2, guard.THERMOCOUPLE_OPEN)):
+        board = PaperBoard()
+        board.bad_frames[0] = bad
+        host = Host(board)
+        host.arm()
+        assert host.guard.reason == reason
+    host = Host()
+    host.board.bad_frames[0] = 1
+    host.run(110)
+    host.arm()
+    assert host.guard.state == guard.DISARMED
+    host.run(100)
+    host.arm()
+    assert host.guard.state == guard.ARMED
 
 
 def rising(rate, until):
@@ -337,7 +381,7 @@ def test_each_of_four_wires_is_guarded():
 
     for wire in range(4):
         for change, reason, heated, limit in (
-            (open_it, guard.THERMOCOUPLE_OPEN, wire + 1, 101),
+            (open_it, guard.THERMOCOUPLE_OPEN, wire + 1, 201),  # the second reading
             (jump, guard.TEMPERATURE_JUMP, wire + 1, 101),
             (conduct, guard.TOO_WARM, wire + 1, 3000),
             (detach, guard.NOT_WARMING, wire, 1600),

@@ -48,11 +48,14 @@ class PaperRobot(PaperBoard):
                 self.faults, self.words, self.errors = (
                     [what] * self.channels for what in (0, None, 0.0)
                 )
+                self.bad_frames = [0] * self.channels
                 self.drift = self.drifted = 0.0
                 self.detached, self.silent, self.bends = False, False, None
                 self.hung, self.stopped = 0, None
             case "open" | "ground" | "supply":
                 self.faults[wire] = {"open": 1, "ground": 2, "supply": 4}[name]
+            case "glitch":
+                self.bad_frames[wire] = int(words[1])
             case "dead" | "garbled":
                 self.words[wire] = {"dead": 0, "garbled": 8}[name]
             case "offset":

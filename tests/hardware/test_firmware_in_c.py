@@ -51,11 +51,12 @@ class Episode(PaperBoard):
     def mend(self):
         self.frozen, self.stuck, self.silent, self.standing = [None, None], None, False, 0
         self.faults, self.reserved, self.errors = [0, 0], 0, [0.0, 0.0]
+        self.bad_frames = [0, 0]
 
     def go_wrong(self):
         rng, wire = self.rng, self.rng.randrange(2)
         self.mend()
-        match rng.randrange(9):
+        match rng.randrange(10):
             case 0:
                 self.frozen[wire] = super().read_thermocouple(wire)
             case 1:
@@ -74,6 +75,8 @@ class Episode(PaperBoard):
                 self.standing = rng.choice([50, 60])  # passes
             case 8:
                 self.drift[wire] = rng.choice([0.0, 6.0, 30.0])
+            case 9:
+                self.bad_frames[wire] = rng.choice([1, 1, 2])
 
     def read_thermocouple(self, wire):
         return self.frozen[wire] or super().read_thermocouple(wire)

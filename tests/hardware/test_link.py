@@ -97,7 +97,7 @@ def test_errors_of_line_settings_are_hardware_errors(pseudo_terminal, monkeypatc
 
 
 def test_a_board_of_another_version_is_refused(board):
-    for version, said in ((3, "flash the board with"), (5, "use a newer version of this")):
+    for version, said in ((4, "flash the board with"), (6, "use a newer version of this")):
         with BoardLink(board.port) as link:
             board.write(protocol.frame(version, protocol.INFO, bytes(17)))
             with pytest.raises(HardwareError, match=f"speaks version {version} .* this .* {said}"):
@@ -106,9 +106,9 @@ def test_a_board_of_another_version_is_refused(board):
 
 def test_a_board_with_other_channels_is_refused(virtual_time, board):
     with BoardLink(board.port) as link:
-        board.write(greeting(4, channels=4))
+        board.write(greeting(5, channels=4))
         assert link.info().channels == 4
-    virtual_time.when(lambda: True, lambda: board.write(greeting(4, channels=4)), after=0.3)
+    virtual_time.when(lambda: True, lambda: board.write(greeting(5, channels=4)), after=0.3)
     with pytest.raises(
         LimbError, match=r"has 2 wires and 1 bend angles, but the board on .* has 4 channels"
     ):

@@ -27,26 +27,26 @@ def test_frames_are_these_bytes():
     """A number or an order of bytes that changes makes old boards and hosts deaf."""
     arming = from_host.encode_arming(0x7E03, BOUNDS, 1.25, (16, 0))
     for frame, known in (
-        (protocol.encode(protocol.HELLO), "7e04016de7b2527e"),
-        (arming[0], "7e04067d237d5e002a005f00a406fc08f40110c1a477747e"),
-        (arming[1], "7e04067d237d5e010500f40170171027a00f0048571f3a7e"),
-        (arming[2], "7e04027d237d5e02d430515c07dde0cf7e"),
+        (protocol.encode(protocol.HELLO), "7e05012cd6a94b7e"),
+        (arming[0], "7e05067d237d5e002a005f00a406fc08f4011050351fda7e"),
+        (arming[1], "7e05067d237d5e010500f40170171027a00f00d9c677947e"),
+        (arming[2], "7e05027d237d5e02d430515c44c99bd87e"),
         (
             from_host.encode_command(0x1234, 70000, 123456, (0.5, 1.0)),
-            "7e047d233412701140e201008813102778bb21767e",
+            "7e057d233412701140e20100881310270e5a2eeb7e",
         ),
-        (protocol.encode(protocol.CLEAR, 0x7D7E), "7e04057d5e7d5d59d3e5377e"),
+        (protocol.encode(protocol.CLEAR, 0x7D7E), "7e05057d5e7d5d3cb4598f7e"),
         (
-            protocol.encode(protocol.INFO, 4, 50, 440, b"mine0001", 2, 1, 1),
-            "7e048104003200b8016d696e653030303102010130a4ea917e",
+            protocol.encode(protocol.INFO, 5, 50, 440, b"mine0001", 2, 1, 1),
+            "7e058105003200b8016d696e65303030310201012befaec17e",
         ),
         (
             protocol.encode(protocol.SAMPLE, 7, 350, 4711, 1, 0, 9, -640),
-            "7e048207005e01000067120100090080fd6a1436cb7e",
+            "7e058207005e01000067120100090080fdfb855e657e",
         ),
         (
             protocol.encode(protocol.CHANNELS, 7, 0, 2, 101, 5000, 25, -3, 10000, 127),
-            "7e0483070000026500881319fdff10277fefe5d6f77e",
+            "7e0583070000026500881319fdff10277f7d5e74be597e",
         ),
     ):
         assert frame.hex() == known
@@ -58,7 +58,7 @@ def test_the_longest_frames_come_through_and_fit_into_packets():
         (protocol.BOUNDS, (a, 7, a, a, a, a, a, 0x7E)),
         (protocol.ARM, (a, 8, a, a)),
         (protocol.COMMAND, (a, a, 0x7D7D7D7D, *8 * [a])),
-        (protocol.INFO, (4, 50, 440, b"\x7e" * 8, 8, 1, 6)),
+        (protocol.INFO, (5, 50, 440, b"\x7e" * 8, 8, 1, 6)),
         (protocol.SAMPLE, (a, 0x7E7E7E7E, a, 1, 0, a, *6 * [a])),
         (protocol.CHANNELS, (a, 4, 8, *4 * [a, a, 0x7E])),
     ):

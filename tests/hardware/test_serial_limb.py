@@ -13,7 +13,7 @@ import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import collect_from_robot
-from hardware import LimbTwin, ReplayError, SerialLimb, replay
+from hardware import HardwareError, LimbTwin, ReplayError, SerialLimb, replay
 from hardware.replay import check_replayable
 from limb_systems import (
     EmulatedLimb,
@@ -27,6 +27,7 @@ from limb_systems import (
 from limb_systems.progress import Progress
 from planners import plan, references
 from soft_limb.command import main
+from soft_limb.runs.rollout import controller_of
 from walking import BodyParameters, RobotLimb, RobotParameters
 
 from .conftest import SimulatedBoard, VirtualBoard, start_heating, wait_for
@@ -92,6 +93,40 @@ def test_replay_sends_the_plan_and_records_all_of_it(virtual_time, emulator, sho
     for name in ("bend_angle", "applied_duty", "board_time", "sample_age"):
         np.testing.assert_array_equal(getattr(journal, name), getattr(recording, name))
     np.testing.assert_allclose(journal.time, recording.time, atol=1e-9)
+
+
+@pytest.mark.parametrize("controller", ["open-loop", "plan-feedback"])
+def test_a_bad_reading_is_recorded_as_none_and_ends_no_run(
+    controller, virtual_time, emulator, short_plan, tmp_path
+):
+    emulator.order("glitch left 1")
+    virtual_time.when(
+        lambda: emulator.duty()[1] > 0.05, lambda: emulator.order("glitch right 1"), after=1.0
+    )
+    limb = SerialLimb(emulator.port, short_plan.parameters)
+    recording = replay(
+        short_plan,
+        limb,
+        controller=controller_of(controller, short_plan),
+        journal=tmp_path / "journal.csv",
+    )
+    assert recording.interrupted == ""
+    assert len(recording.time) == 81
+    has_no_reading = np.isnan(recording.measured_temperature)
+    assert has_no_reading.sum(axis=1).tolist() == [0, 2]  # of the left wire it was before
+    assert not recording.applied_duty[1, has_no_reading[1]].any()
+    assert recording.applied_duty[1, np.roll(has_no_reading[1], 4)].all()
+    assert np.isfinite(recording.duty).all()
+    journal = Recording.load(tmp_path / "journal.csv")
+    np.testing.assert_array_equal(np.isnan(journal.measured_temperature), has_no_reading)
+
+
+def test_a_wire_without_a_reading_is_not_taken_for_cold(virtual_time, emulator, short_plan):
+    with SerialLimb(emulator.port, short_plan.parameters) as limb:
+        emulator.order("open right")
+        virtual_time.sleep(0.3)
+        with pytest.raises(HardwareError, match="no reading of each wire: a thermocouple is open"):
+            check_replayable(short_plan, limb)
 
 
 def test_emulated_limb_is_the_same_behind_a_board_and_in_a_simulation():
@@ -270,7 +305,7 @@ def test_status_without_a_port_lists_the_serial_ports(monkeypatch, capsys):
 def test_status_says_how_the_board_is(virtual_time, emulator, capsys):
     assert main(["status", emulator.port]) == 0
     said = capsys.readouterr().out
-    assert "board       twin0000, firmware 4" in said
+    assert "board       twin0000, firmware 5" in said
     assert "off: it was just switched on" in said
     assert main(["status", emulator.port, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["armed"] is False

@@ -1,11 +1,21 @@
 """A robot whose limbs have boards of their own: they heat together, and go off together."""
 
+import re
+
 import numpy as np
 import pytest
 
-from hardware import BoardLink, HardwareError, ReplayError, SerialLimb
+from hardware import (
+    BoardLink,
+    HardwareError,
+    LimbDriver,
+    ReplayError,
+    Scenario,
+    SerialLimb,
+    Station,
+    drive,
+)
 from hardware.board.several_boards import SeveralBoards, limbs_of
-from hardware.board.text_board import TextBoardError
 from hardware.replay import check_replayable
 from limb_systems import LimbError, Recording, SerialBoard
 from planners import plan, references
@@ -18,6 +28,19 @@ NAMES = ["rear", "front"]
 DUTY = [0.02, 0.08, 0.06, 0.04]  # another one for each wire
 HEARTBEAT = 0.3  # s, as in test_faults.py
 BY_HOST = 0.06  # s, before the heartbeat
+LONGEST = 0.25  # s from a board's fault until the other one is off
+AFTER_KNOWN = 0.01  # s from when a fault is known until the other board is off
+# Faults of a board, and what the error says of it.
+FAULTS = {
+    "unplug": "The cable to",
+    "restart": "it was just switched on",
+    "reset": "it was reset",
+    "open left": "a thermocouple is open",
+    "stall 0.19": "restarted by itself|Nothing new came",  # as its watchdog is early or late
+    "stall 1.0": "restarted by itself|Nothing new came",
+    "drop 1.0": "Nothing new came from the board",
+    "delay 0.4": "Nothing new came from the board",
+}
 
 
 @pytest.fixture
@@ -81,8 +104,6 @@ def test_a_plan_is_replayed_on_all_boards_in_one_time(
         assert limb.GetOutputPort("front.sample_age").size() == 1
         with pytest.raises(ReplayError, match=r"the limb front000, twin0000, but .* is twin0000"):
             check_replayable(planned, limb)
-    with pytest.raises(TextBoardError, match="only if all of them speak the protocol"):
-        SerialLimb(ports, robot.together, board="examples/text_board.yaml")
 
 
 def test_boards_go_off_together(virtual_time, ports, boards, robot, record_property):
@@ -143,3 +164,42 @@ def test_boards_go_off_together(virtual_time, ports, boards, robot, record_prope
         SeveralBoards(ports, robot.together)
     with BoardLink(rear.port) as link:  # is free, and off
         assert not link.sample().armed
+
+
+@pytest.mark.parametrize("kind", ["robot", "station"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_board_that_fails_switches_the_other_off_at_once(
+    fault, kind, virtual_time, ports, boards, robot, monkeypatch, record_property
+):
+    """Of a robot, and of a station; times are from the fault, and from when the host knows it."""
+    rear, front = boards
+    known, since = [], []
+    tell_off = BoardLink._tell_off
+
+    def note(link, why):
+        known.append(virtual_time.monotonic())
+        tell_off(link, why)
+
+    def fail():
+        known.clear()
+        since.append(front.order(fault))
+
+    monkeypatch.setattr(BoardLink, "_tell_off", note)
+    virtual_time.when(lambda: any(rear.duty()) and any(front.duty()), fail, after=0.31)
+    if kind == "station":
+        drivers = {name: LimbDriver(port=port) for name, port in ports.items()}
+        station = Station(Scenario(model_drivers=drivers), "board")
+        with pytest.raises(HardwareError) as ended:
+            drive(station, {f"{name}.duty": [0.05, 0.05] for name in NAMES}, 3.0)
+        said = str(ended.value)
+    else:
+        with SeveralBoards(ports, robot.together) as link:
+            said = Heating(virtual_time, link, DUTY).failure()
+    assert re.search(FAULTS[fault], said)
+    assert front.port in said
+    seconds = rear.off_after(since[0])
+    after_known = rear.off_after(known[0])
+    record_property("off after", f"{1000 * seconds:.0f} ms, known {1000 * after_known:.0f} ms")
+    print(f"\n{kind}, {fault}: {1000 * seconds:.0f} ms, {1000 * after_known:.0f} ms after known")
+    assert seconds <= LONGEST
+    assert after_known <= AFTER_KNOWN

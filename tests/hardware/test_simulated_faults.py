@@ -27,8 +27,8 @@ NOISE = 8 * "noise 4000;"  # random bytes
 FAULTS = [
     ("open right", guard.THERMOCOUPLE_OPEN, 0.102),
     ("ground right", guard.THERMOCOUPLE_TO_GROUND, 0.102),
-    ("supply left", guard.THERMOCOUPLE_TO_SUPPLY, 0.102),
-    ("garbled left", guard.AMPLIFIER, 0.102),
+    ("supply left", guard.THERMOCOUPLE_TO_SUPPLY, 0.202),  # the left wire, which is cold
+    ("garbled left", guard.AMPLIFIER, 0.202),
     ("hot right", guard.TEMPERATURE_JUMP, 0.102),
     ("silence", guard.BEND_SILENT, 0.052),
     ("freeze bend", guard.BEND_STUCK, 0.552),  # ten samples alike

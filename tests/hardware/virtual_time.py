@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hardware import HardwareError
-from hardware.board.link import BAUD_RATE, BoardLink, SerialPort
+from hardware.board.link import BoardLink, SerialPort
 from hardware.emulation.emulator import TURN
 
 HANG = 600.0  # s of the computer, after which threads of the host are given up
@@ -105,15 +105,17 @@ class VirtualTime:
         for cable in cables:
             if cable.board:
                 cable.board.step()
+            if self._turns % 10 == 0:
+                cable.time_out()
         for cable in cables:
             cable.settle()
         for hook in list(self._hooks):
             if hook() and hook in self._hooks:
                 self._hooks.remove(hook)
 
-    def _open(self, port: str, baud_rate: int = BAUD_RATE, has_thread: bool = True) -> Any:
+    def _open(self, port: str, has_thread: bool = True) -> Any:
         if port not in self.cables:
-            return SerialPort(port, baud_rate)
+            return SerialPort(port)
         return self.cables[port].open(has_thread)
 
     def _method_of_link(self):
@@ -168,7 +170,7 @@ class VirtualCable:
         self.board: Any = None  # makes a pass by ``step``
         self._to_board, self._to_host = b"", b""
         self._changed = threading.Condition()
-        self._is_open = self._is_unplugged = self._has_thread = False
+        self._is_open = self._is_unplugged = self._has_thread = self._timed_out = False
         self._idle, self._reader = True, None
         time.cables[port] = self
 
@@ -190,6 +192,13 @@ class VirtualCable:
         with self._changed:
             self._is_unplugged = True
             self._changed.notify_all()
+
+    def time_out(self) -> None:
+        """Lets the host's thread see that nothing came, as it does each 10 ms at a serial port."""
+        with self._changed:
+            if self._has_thread:
+                self._timed_out, self._idle = True, False
+                self._changed.notify_all()
 
     def settle(self) -> None:
         """Waits until the host's thread has taken what came."""
@@ -227,9 +236,12 @@ class VirtualCable:
         with self._changed:
             if self._has_thread:
                 self._reader = threading.current_thread()
-                self._idle = not self._to_host
+                self._idle = not (self._to_host or self._timed_out)
                 self._changed.notify_all()
-                self._changed.wait_for(lambda: self._to_host or self._is_unplugged, 0.01)
+                self._changed.wait_for(
+                    lambda: self._to_host or self._is_unplugged or self._timed_out, 0.01
+                )
+                self._timed_out = False
             if self._is_unplugged:
                 raise HardwareError(f"The cable to {self.port} is gone: it was unplugged.")
             data, self._to_host = self._to_host, b""

@@ -173,6 +173,9 @@ def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(
         with pytest.raises(SystemExit) as ended:
             main(words)
         assert ended.value.code == 2
+    with pytest.raises(SystemExit):  # what drove a board that speaks text
+        main(["replay", "plan.csv", "-o", "recording.csv", "--board", "my_board.yaml"])
+    assert "put the firmware on yours" in capsys.readouterr().err
     assert main([]) == 2
     assert "plan the feasible trajectory" in capsys.readouterr().err
     assert main(["plan", "nowhere.csv", "-o", "nowhere/plan.csv"]) == 1

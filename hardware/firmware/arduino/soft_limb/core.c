@@ -15,7 +15,7 @@ compiler fuse them, and then the last bits depend on the chip. */
 /* The reasons for these numbers are in guard.py, heat.py and docs/protocol.md. Times are in ms. */
 enum { AVERAGING_TIME = 1000, HEARTBEAT = 250, LONGEST_HOLD = 290 };
 enum { STILL_BEGIN = 5000, STILL_END = 10000, STILL_LATEST = 15000 };
-enum { SETTLING_SAMPLES = 10, HOT_SAMPLES = 4, STUCK_SAMPLES = 10 };
+enum { SETTLING_SAMPLES = 10, HOT_SAMPLES = 4, BAD_SAMPLES = 3, STUCK_SAMPLES = 10 };
 enum { THERMOCOUPLE_TURN = 2 }; /* samples: a MAX31855 needs 100 ms between readings to convert */
 enum { LONGEST_STANDSTILL = 50 }; /* passes of the loop */
 
@@ -63,8 +63,8 @@ static real most_of(real a, real b)
 
 /* Frames: a struct is a payload; version and type come before it, the CRC after it. */
 
-enum { SAMPLE_PERIOD = 50 /* ms */, FULL_DUTY = 10000 };
-enum { VERSION = 4, FLAG = 0x7E, ESCAPE = 0x7D, FLIP = 0x20 };
+enum { SAMPLE_PERIOD = 50 /* ms */, FULL_DUTY = 10000, NO_READING = -0x8000 };
+enum { VERSION = 5, FLAG = 0x7E, ESCAPE = 0x7D, FLIP = 0x20 };
 enum { HELLO = 0x01, ARM = 0x02, COMMAND = 0x03, DISARM = 0x04, CLEAR = 0x05, BOUNDS = 0x06 };
 enum { INFO = 0x81, SAMPLE = 0x82, CHANNEL_VALUES = 0x83 }; /* to the host; those above are from it */
 
@@ -84,7 +84,7 @@ struct clear {
     uint16_t challenge;
 };
 struct info {
-    uint16_t version, sample_period; /* 4, 50 ms */
+    uint16_t version, sample_period; /* 5, 50 ms */
     int16_t limit;                   /* 1/4 °C */
     uint8_t serial_number[8], channels, angles, reset_cause;
 };
@@ -100,7 +100,7 @@ struct channel_values {
     uint16_t sequence; /* of the SAMPLE */
     uint8_t first, channels;
     struct {
-        int16_t temperature; /* 1/4 °C */
+        int16_t temperature; /* 1/4 °C, or NO_READING */
         uint16_t duty;       /* applied, 1/10000 */
         uint8_t warmest;     /* °C */
     } channel[CHANNELS];
@@ -515,21 +515,30 @@ static real allowed_by_motion(struct guard *g, struct channel *c, real temperatu
     return ((real)STILL_END - still) / (STILL_END - STILL_BEGIN);
 }
 
+static uint8_t reason_of(uint8_t faults)
+{
+    if (faults & 1)
+        return THERMOCOUPLE_OPEN;
+    if (faults & 2)
+        return THERMOCOUPLE_TO_GROUND;
+    return faults & 4 ? THERMOCOUPLE_TO_SUPPLY : AMPLIFIER_FAULT;
+}
+
 static void check_wire(struct guard *g, int i, real temperature, uint8_t faults, uint32_t elapsed,
                        uint32_t now)
 {
     struct channel *c = &g->channel[i];
-    if (faults & 1)
-        trip(g, THERMOCOUPLE_OPEN, now);
-    else if (faults & 2)
-        trip(g, THERMOCOUPLE_TO_GROUND, now);
-    else if (faults & 4)
-        trip(g, THERMOCOUPLE_TO_SUPPLY, now);
-    else if (faults)
-        trip(g, AMPLIFIER_FAULT, now);
-    if (temperature <= TEMPERATURE_LIMIT)
+    if (!faults)
+        c->bad = 0;
+    else if (c->bad < BAD_SAMPLES)
+        c->bad++;
+    if (c->bad >= BAD_SAMPLES)
+        trip(g, reason_of(faults), now);
+    if (!g->begun)
+        return;
+    if (!faults && temperature <= TEMPERATURE_LIMIT)
         c->hot = 0;
-    else if (c->hot < HOT_SAMPLES)
+    else if (!faults && c->hot < HOT_SAMPLES)
         c->hot++;
     if (c->hot >= HOT_SAMPLES)
         trip(g, OVER_TEMPERATURE, now);
@@ -557,7 +566,7 @@ static void check_wire(struct guard *g, int i, real temperature, uint8_t faults,
     real room = most_of(most_of(c->room, amplifiers), WARM_ROOM); /* if in doubt, it is warm */
     real allowed = c->proven ? allowed_duty(&c->wire, HIGHEST - room) : LITTLE_DUTY;
     allowed = least_of(least_of(allowed, tapered), allowed_by_motion(g, c, temperature, now));
-    c->allowed = most_of(0, allowed);
+    c->allowed = faults ? 0 : most_of(0, allowed);
 }
 
 static void check_bend(struct guard *g, int answers, int16_t bend, real share, uint32_t now)
@@ -601,8 +610,13 @@ static void take_sample(struct guard *g, uint32_t now, const struct thermocouple
     uint32_t elapsed = now - g->sampled;
     real share = least_of(1, elapsed / R(AVERAGING_TIME));
     g->faulty = 0;
+    for (int i = 0; i < CHANNELS; i++)
+        g->faulty |= readings[i].faults != 0;
     account(g, now);
-    average(g, temperatures, junctions, share);
+    if (g->samples || !g->faulty) { /* it begins with a reading of each wire */
+        average(g, temperatures, junctions, share);
+        g->begun = 1;
+    }
     for (int i = 0; i < CHANNELS; i++)
         check_wire(g, i, temperatures[i], readings[i].faults, elapsed, now);
     check_bend(g, bend_answers, bend, share, now);
@@ -611,7 +625,7 @@ static void take_sample(struct guard *g, uint32_t now, const struct thermocouple
         g->channel[i].temperature = temperatures[i];
     }
     g->sampled = now;
-    if (g->samples <= SETTLING_SAMPLES)
+    if (g->begun && g->samples <= SETTLING_SAMPLES)
         g->samples++;
     apply_duty(g, now);
 }
@@ -653,7 +667,8 @@ static void send_sample(struct firmware *f)
     };
     struct channel_values values = {.sequence = f->sequence, .channels = CHANNELS};
     for (int i = 0; i < CHANNELS; i++) {
-        values.channel[i].temperature = f->thermocouple[i].quarters;
+        const struct thermocouple *reading = &f->thermocouple[i];
+        values.channel[i].temperature = reading->faults ? NO_READING : reading->quarters;
         values.channel[i].duty = (uint16_t)(FULL_DUTY * f->applied[i] + R(0.5));
         values.channel[i].warmest = warmest(&g->channel[i]);
     }

@@ -71,7 +71,8 @@ struct wire { /* how warm it is at least and at most, by its duty; °C above the
 
 struct channel { /* a wire and its thermocouple; °C */
     struct wire wire;
-    uint8_t proven, hot; /* whether it has followed some heat; samples above the limit */
+    uint8_t proven; /* whether it has followed some heat */
+    uint8_t hot, bad; /* samples in series that are above the limit, that have no reading */
     int8_t side;         /* to which the wire bends the limb: 1 right, -1 left, 0 before an ARM */
     real duty, asked, allowed;
     real given; /* duty times ms since the last sample */
@@ -82,7 +83,7 @@ struct channel { /* a wire and its thermocouple; °C */
 
 struct guard {
     uint8_t state, reason, late, faulty;
-    uint8_t samples;              /* how many were taken, up to 11 */
+    uint8_t begun, samples;       /* all wires were read; how many samples since, up to 11 */
     uint8_t bend_known, alike;    /* alike: readings of the bend that were the same */
     int16_t bend;                 /* 1/64 degrees */
     uint16_t challenge, session;
