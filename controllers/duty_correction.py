@@ -329,4 +329,5 @@ class DutyCorrection:
             variables = np.append(x[k], excess[k])
             prog.AddLinearConstraint(bounded, np.full(len(bounded), -np.inf), most[k], variables)
         result = ClarabelSolver().Solve(prog)
-        return result.GetSolution(c) if result.is_success() else None
+        # Drake returns a vector for the matrix of one wire.
+        return result.GetSolution(c).reshape(c.shape) if result.is_success() else None

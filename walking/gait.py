@@ -68,6 +68,7 @@ class GaitCheck:
     - ``steadiness``: least stiffness against pitch, as a multiple of weight times limb length.
     - ``sticking_share``: share of μ that feet that stick may use.
     - ``remark``: why it is not as steady as asked for; empty if it is.
+    - ``checked_by``: the engines that simulated it; empty if none did.
     """
 
     solver: str = ""
@@ -82,6 +83,7 @@ class GaitCheck:
     steadiness: float = math.nan
     sticking_share: float = math.nan
     remark: str = ""
+    checked_by: str = ""
 
     @property
     def is_missing(self) -> bool:

@@ -452,6 +452,11 @@ class RobotParameters(ConnectedLimbs):
         return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]) @ self.gravity
 
     @property
+    def standing_height(self) -> float:
+        """Height of the body's origin, m, with the lowest foot of straight limbs on the ground."""
+        return self.feet.radius - min(limb.straight_height for limb in self.limbs)
+
+    @property
     def pose_size(self) -> int:
         """Numbers of the body's pose: 3 if planar, 6 if free, 0 if welded."""
         return {"welded": 0, "planar": 3, "free": 6}[self.body.mount]

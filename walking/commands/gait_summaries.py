@@ -43,6 +43,7 @@ def gait_summary(gait: Gait) -> Summary:
             "phases": "\n".join(phases),
             "solver": found,
             "steadiness": "; ".join(steadiness) if np.isfinite(check.steadiness) else "",
+            "checked by": check.checked_by,
             "failure": failure or "",
             "spread": "; ".join(spread),
         },
