@@ -13,7 +13,6 @@ a few of the knots are enough for that.
 import copy
 import dataclasses
 
-import casadi as ca
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike
@@ -26,10 +25,9 @@ from pydrake.solvers import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbParameters, LinearLaw, Wires
-from limb_systems.model.smooth_function import SmoothFunction
 from limb_systems.model.statics import HeldAngles
 from planners.task import Task
-from planners.transcription.collocation import ANGLE_SCALE, heat_defects
+from planners.transcription.collocation import ANGLE_SCALE, heat_block
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import (
@@ -232,18 +230,7 @@ class QuasiStaticProgram(PlanProgram):
         return blocks
 
     def _heat_block(self) -> ConstraintBlock:
-        """(17) of the heat, as `heat_defects`."""
-        wires = self.wires
-        y0, y1 = (ca.SX.sym(name, self.heat.shape[1]) for name in ("y0", "y1"))
-        D0, D1 = (ca.SX.sym(name, wires.num_wires) for name in ("D0", "D1"))
-        h = ca.SX.sym("h")
-        points = np.column_stack(
-            [self.heat[:-1], self.duty[:-1], self.heat[1:], self.duty[1:], self.time_steps]
-        )
-        defects = SmoothFunction(
-            heat_defects(wires, y0, D0, y1, D1, h), ca.vertcat(y0, D0, y1, D1, h)
-        )
-        return FunctionBlock(defects, points, scales=wires.heat_scales / 1.5)
+        return heat_block(self.wires, self.heat, self.duty, self.time_steps)
 
     def _targets(self, reference: np.ndarray) -> np.ndarray:
         return reference.T
@@ -342,10 +329,6 @@ class QuasiStaticProgram(PlanProgram):
             **self.wires.signals(states),
             "measured_temperature": readings,
         }
-
-    def largest_defect(self, x: np.ndarray) -> float:
-        """The largest violation of (17) of the heat, scaled, or of φ = φ(x), rad."""
-        return max(float(np.abs(block.evaluate(x)).max()) for block in self.blocks)
 
 
 def linear_limb(parameters: LimbParameters) -> LimbParameters:
