@@ -295,14 +295,11 @@ class PlanProgram:
         if task.duty_hold:
             held = times[:-1] >= times[-1] - task.duty_hold - 1e-9
             held[-1] = True
-            for k in np.flatnonzero(held).tolist():
-                for pair in duty[k : k + 2].T:
-                    prog.AddLinearEqualityConstraint(np.array([[1.0, -1.0]]), [0.0], pair)
+            pairs = np.stack([duty[:-1][held], duty[1:][held]], axis=-1).reshape(-1, 2)
+            add_at_knots(prog, np.array([[1.0, -1.0]]), 0.0, 0.0, pairs)
         prog.AddBoundingBoxConstraint(0.0, 1.0 - task.duty_margin, duty.ravel())  # (18)
         if parameters.total_duty < W:
-            one, most = np.ones((1, W)), [parameters.total_duty]
-            for of_knot in duty:
-                prog.AddLinearConstraint(one, [-np.inf], most, of_knot)
+            add_at_knots(prog, np.ones((1, W)), -np.inf, parameters.total_duty, duty)
         warm = warm_bounds(parameters, times, parameters.temperature_limits.warm_up_time)
         hot = np.full(len(warm), parameters.temperature_limits.maximum - task.temperature_margin)
         hot[:W] = np.inf  # of the given initial state
@@ -325,9 +322,7 @@ class PlanProgram:
                 )
             A, B, c = wires.affine_rates()
             rate, limit = np.hstack([A, B])[:W], task.max_temperature_rate  # (6)
-            for k in range(len(times)):
-                variables = np.r_[x[k], duty[k]]
-                prog.AddLinearConstraint(rate, -limit - c[:W], limit - c[:W], variables)
+            add_at_knots(prog, rate, -limit - c[:W], limit - c[:W], np.hstack([x, duty]))
         return warm_up
 
 
@@ -409,10 +404,9 @@ class TrajectoryProgram(PlanProgram):
     def _add_rate_limits(self, limits: np.ndarray) -> None:
         n = self.parameters.num_joints
         # The initial state is given, so its rate cannot be planned.
-        for k in np.flatnonzero(np.isfinite(limits[1:])) + 1:
-            most = np.full(len(self._to_bends), limits[k])
-            rates = self._states[k, n : 2 * n]
-            self.prog.AddLinearConstraint(self._to_bends, -most, most, rates)
+        limited = np.flatnonzero(np.isfinite(limits[1:])) + 1
+        most, rates = limits[limited, None], self._states[limited, n : 2 * n]
+        add_at_knots(self.prog, self._to_bends, -most, most, rates)
 
     def _make_blocks(self) -> list[ConstraintBlock]:
         is_free = self.task.stretch is not None
@@ -446,6 +440,27 @@ class TrajectoryProgram(PlanProgram):
             **self.wires.signals(states),
             "measured_temperature": measured,
         }
+
+
+def add_at_knots(
+    prog: MathematicalProgram,
+    A: np.ndarray,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    variables: np.ndarray,
+) -> None:
+    """Add lower <= A v_k <= upper at some knots as one constraint.
+
+    Args:
+        A: (m, size).
+        lower, upper: bounds (knots, m), or what becomes them by broadcasting.
+        variables: v (knots, size).
+    """
+    shape = len(variables), len(A)
+    rows = scipy.sparse.kron(scipy.sparse.identity(shape[0]), A, "csc")
+    bounds = [np.broadcast_to(bound, shape).ravel() for bound in (lower, upper)]
+    if len(variables):
+        prog.AddConstraint(LinearConstraint(rows, *bounds), variables.ravel())
 
 
 def add_soft_bounds(

@@ -32,6 +32,7 @@ from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import (
     PlanProgram,
+    add_at_knots,
     reading_bounds,
 )
 from planners.transcription.solving import InfeasibleError, solve_program
@@ -246,9 +247,9 @@ class QuasiStaticProgram(PlanProgram):
         limits = np.append(limits[:-2], limits[-2:].min())
         for k in np.flatnonzero(np.isfinite(limits)):
             rows = np.array([[-1.0, 1.0, -limits[k]], [1.0, -1.0, -limits[k]]])
-            for pair in self._tracked[k : k + 2].T:
-                variables = [*pair, self._time_steps[k]]
-                self.prog.AddLinearConstraint(rows, np.full(2, -np.inf), np.zeros(2), variables)
+            steps = np.repeat(self._time_steps[k], len(self._to_bends))
+            variables = np.column_stack([*self._tracked[k : k + 2], steps])
+            add_at_knots(self.prog, rows, -np.inf, 0.0, variables)
 
     def guess(self) -> np.ndarray:
         """All decision variables under the best duty for wires that are about linear.
