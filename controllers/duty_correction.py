@@ -16,8 +16,8 @@ from scipy.signal import lfilter
 from controllers.plan_controller import within_total
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, Trajectory
-from limb_systems.band import temperature_margin
 from limb_systems.model.kinematics import bend_angle, joint_angles_from_bend_angle
+from limb_systems.plan_band import temperature_margin
 from planners.transcription.descent import descend, first_that_reduces
 
 ROUNDING = 1e-9  # s, of knots and nodes at the same time

@@ -1,36 +1,8 @@
 """The robot, its emulated twin, and the replay of trajectories on them."""
 
-import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
-from hardware.emulation.emulator import emulated_port
-from hardware.emulation.robot_twin import RobotTwin
-from hardware.emulation.sensors import SensedLimb
-from hardware.emulation.twin import LimbTwin
-from hardware.replay import ReplayError, present_readings, replay, watch
-from hardware.robot.link import BoardInfo, BoardLink, HardwareError, Sample
-from hardware.robot.serial_limb import SerialLimb
-from hardware.robot.text_board import AnswerLine, DutyLine, TextBoard
-from hardware.station import LimbDriver, Scenario, Station, StationError, drive
+import lazy_loader
 
-__all__ = [
-    "AnswerLine",
-    "BoardInfo",
-    "BoardLink",
-    "DutyLine",
-    "HardwareError",
-    "LimbDriver",
-    "LimbTwin",
-    "ReplayError",
-    "RobotTwin",
-    "Sample",
-    "Scenario",
-    "SensedLimb",
-    "SerialLimb",
-    "Station",
-    "StationError",
-    "TextBoard",
-    "drive",
-    "emulated_port",
-    "present_readings",
-    "replay",
-    "watch",
-]
+import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
+
+# What `__init__.pyi` imports, each name when it is first used: some take a second.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

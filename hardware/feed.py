@@ -13,8 +13,8 @@ from hardware.robot.link import HardwareError
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from hardware.robot.text_link import Link
 from limb_systems import Layout, LimbParameters, LimbSystem, RobotParameters, Trajectory
-from limb_systems.band import Band, band
 from limb_systems.model.ownership import weak_method
+from limb_systems.plan_band import Band, band
 from limb_systems.simulation import PERIOD
 
 

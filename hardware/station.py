@@ -28,7 +28,7 @@ from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 import urdf
 from hardware.emulation.twin import LimbTwin
-from hardware.replay import check_replayable
+from hardware.replaying import check_replayable
 from hardware.robot.link import Closed
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
@@ -234,7 +234,7 @@ def drive(
     Raises:
         StationError: if the station has no such port, an input has another size, or a limb no duty,
             one that ends before the duration, or one beyond its ``total_duty``.
-        ReplayError: if a plan must not be replayed on its limb, as `hardware.replay` says.
+        ReplayError: if a plan must not be replayed on its limb, as `hardware.replaying` says.
         LimbError: if duty leaves [0, 1], or the simulation or a board fails.
     """
     with station:

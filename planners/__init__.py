@@ -1,35 +1,8 @@
 """Feasible trajectories from references, by direct collocation (Sec. VI)."""
 
-import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
-from planners import references
-from planners.gait.check import check_gait
-from planners.gait.courses import plan_gaits
-from planners.gait.gait import plan_gait
-from planners.gait.walking import walk
-from planners.grip import Grip, grip
-from planners.nearest import nearest_bend_angle
-from planners.planning import Planner, plan
-from planners.task import Phase, Task, TaskError
-from planners.transcription.ipopt import ExactHessianIpoptSolver
-from planners.transcription.program import TrajectoryProgram
-from planners.transcription.solving import InfeasibleError, PlanningError
+import lazy_loader
 
-__all__ = [
-    "ExactHessianIpoptSolver",
-    "Grip",
-    "InfeasibleError",
-    "Phase",
-    "Planner",
-    "PlanningError",
-    "Task",
-    "TaskError",
-    "TrajectoryProgram",
-    "check_gait",
-    "grip",
-    "nearest_bend_angle",
-    "plan",
-    "plan_gait",
-    "plan_gaits",
-    "references",
-    "walk",
-]
+import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
+
+# What `__init__.pyi` imports, each name when it is first used: some take a second.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -8,12 +8,10 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from limb_systems.errors import LimbError
-from limb_systems.schema import nearest
 from limb_systems.signals import SIGNALS, came, stop
 from soft_limb.results.folder import find, glance
 
@@ -131,11 +129,22 @@ def _door(prog: str, names: Sequence[str]) -> argparse.ArgumentParser:
         + f"\n{prog} COMMAND --help explains each of them.\n{EXIT_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, help="show program's version number and exit"
+    )
     _add_import_option(parser)
     parser.add_argument("command", type=_among(names), metavar="COMMAND", help="one of those below")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
     return parser
+
+
+class _Version(argparse.Action):
+    """Prints the version, which takes long to find."""
+
+    def __call__(self, parser, *_: Any) -> None:
+        from importlib.metadata import version
+
+        parser.exit(message=f"soft-limb {version('soft-limb')}\n")
 
 
 def _among(names: Sequence[str]) -> Callable[[str], str]:
@@ -144,6 +153,8 @@ def _among(names: Sequence[str]) -> Callable[[str], str]:
     def check(name: str) -> str:
         if name in names:
             return name
+        from limb_systems.schema import nearest  # takes long to import
+
         raise argparse.ArgumentTypeError(
             f"there is no command {name!r}{nearest(name, names)}; --help lists all."
         )

@@ -66,7 +66,7 @@ class PlanCheck:
     - ``added``: what the task's ``customize`` added.
     - ``bend_band_deg``: mean half-width of the band about the bend angle in which 95% of
       all limbs are read that the calibration cannot tell from this one, degrees; 0 if it
-      is not known. See `limb_systems.band`.
+      is not known. See `limb_systems.plan_band`.
     - ``highest_readings``: the highest reading of each wire, °C, that 995 of 1000
       of these limbs stay below; empty if it is not known.
     """

@@ -39,7 +39,7 @@ from planners.transcription.solving import InfeasibleError, solve_program
 
 CHECK_STEP = 0.5  # s, of an integration that says whether limits can be met
 # s, between the knots of a start that is not convex: plans with half of it are as good a start.
-SPACING = 0.3
+SPACING = 0.15
 LEAST_BETA = 1e-6  # N·m/°C, of wires that are taken to be linear
 
 
@@ -155,11 +155,10 @@ def solve_quasi_static(
     Raises:
         InfeasibleError: if it has no solution.
     """
-    wires, some = held.wires, np.arange(len(times))
-    if not (wires.rates_are_affine and wires.torque_is_affine):
-        num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
-        grid = np.linspace(times[0], times[-1], num_intervals + 1)
-        some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
+    wires = held.wires
+    num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
+    grid = np.linspace(times[0], times[-1], num_intervals + 1)
+    some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
     task = dataclasses.replace(
         task,
         max_bend_rate=None,

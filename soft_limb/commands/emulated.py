@@ -22,9 +22,9 @@ from soft_limb.commands.options import (
     shared,
 )
 from soft_limb.results.summaries import plan_summary
+from soft_limb.runs import CONTROLLERS, OPEN
 from soft_limb.runs.jobs import executor_of
 from soft_limb.runs.planning import plan_from_files, task_named
-from soft_limb.runs.rollout import CONTROLLERS, OPEN
 from soft_limb.runs.sweep import cases, means, sweep
 
 PLAN, REPORT = "first_plan.csv", "report.html"

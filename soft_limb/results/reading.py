@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from controllers import Learner
 from limb_systems.errors import LimbError
 from limb_systems.files.gait import Gait
 from limb_systems.files.recording import Recording
@@ -118,6 +117,8 @@ def _gait(path: Path, _text: str, _quick: bool) -> Read:
 
 
 def _learning(path: Path, _text: str, quick: bool) -> Read:
+    from controllers import Learner  # takes long to import
+
     learner = Learner.load(path)
     plan = learner.trajectory
     more = Summary([Entry("plan", plan.summary().line()), _identity(plan.parameters)])

@@ -1,18 +1,18 @@
 """Plans, calibrations and what was learned, each told once, for terminals, JSON and pages."""
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibration import Calibration, Prediction, Validation
-from controllers import Learner
 from limb_systems import Gait, Recording, Trajectory
 from limb_systems.files.trajectory import AddedTerms
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances
-from planners import nearest_bend_angle
-from planners.checks import far_from_reference
-from planners.gait.check import fall_of, strides_of
+
+if TYPE_CHECKING:
+    from calibration import Calibration, Prediction, Validation
+    from controllers import Learner
 
 # Of a `PlanCheck`, numbers and texts that JSON has under their own names.
 _OF_CHECK = ["solver", "status", "iterations", "refinements", "cost", "guess_cost"]
@@ -27,6 +27,9 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
     """
     check, parameters = trajectory.check, trajectory.parameters
     segments, knots = len(parameters.segments), len(trajectory.time)
+    from planners import nearest_bend_angle  # takes long to import
+    from planners.checks import far_from_reference
+
     best = None if quick else nearest_bend_angle(trajectory)
     distances = reference_distances(trajectory, nearest=best)
     missed, nearest = np.rad2deg(distances.planned), _degrees(distances.nearest)
@@ -148,6 +151,8 @@ def walk_summary(gait: Gait, recording: Recording, cycles: int, start: float) ->
     summary = recording.summary()
     if recording.body_pose is None:
         return summary
+    from planners.gait.check import fall_of, strides_of  # takes long to import
+
     fall, end = fall_of(recording, gait, start)
     cycles = max(0, min(cycles, int((end - start) / gait.period + 1e-6)))
     planned, unit = (np.rad2deg(gait.turn), "°") if gait.on_the_spot else (1e3 * gait.stride, " mm")
@@ -192,7 +197,7 @@ def _degrees(distance: float | None) -> float | None:
     return None if distance is None else float(np.rad2deg(distance))
 
 
-def repetitions_summary(learner: Learner, *, quick: bool = False) -> Summary:
+def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
     """How near each repetition came to the reference and to the plan, and why learning ended.
 
     Args:
@@ -214,6 +219,8 @@ def repetitions_summary(learner: Learner, *, quick: bool = False) -> Summary:
     undone = sum(repetition.failed for repetition in learner.repetitions)
     said = f"mean |φ* - φ| {errors}{f'; undone: {undone}' * bool(undone)}" if values else "none"
     plan = learner.trajectory
+    from planners import nearest_bend_angle  # takes long to import
+
     distances = reference_distances(plan, nearest=None if quick else nearest_bend_angle(plan))
     return Summary(
         [
@@ -225,7 +232,7 @@ def repetitions_summary(learner: Learner, *, quick: bool = False) -> Summary:
     )
 
 
-def calibration_summary(calibration: Calibration) -> Summary:
+def calibration_summary(calibration: "Calibration") -> Summary:
     """Whether to plan with a calibration, what to do next, and what was calibrated."""
     estimates, stiffness = calibration.estimates, calibration.stiffness
     values = {
@@ -258,12 +265,12 @@ def calibration_summary(calibration: Calibration) -> Summary:
     return Summary([*entries, validated])
 
 
-def ranked(calibration: Calibration) -> list[str]:
+def ranked(calibration: "Calibration") -> list[str]:
     """The remarks on a calibration, each after its severity."""
     return [f"{remark.severity.name.lower()}: {remark}" for remark in calibration.remarks]
 
 
-def _laws(prediction: Prediction | None) -> Entry:
+def _laws(prediction: "Prediction | None") -> Entry:
     """The laws that were compared, and how well each predicts what it was not fitted to."""
     if prediction is None:
         return Entry("laws")
@@ -286,7 +293,7 @@ def _laws(prediction: Prediction | None) -> Entry:
     return Entry("laws", values, sentence="\n".join(lines))
 
 
-def validation_summary(validation: Validation) -> Summary:
+def validation_summary(validation: "Validation") -> Summary:
     """The errors of a validation."""
     degrees = [validation.mean, validation.median, validation.percentile_90]
     mean, median, most = np.rad2deg(degrees).tolist()

@@ -6,7 +6,7 @@ import warnings
 
 from hardware.emulation.twin import LimbTwin
 from hardware.feed import LiveView, Reading, RunHeader
-from hardware.replay import watch
+from hardware.replaying import watch
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import LimbError, LimbSystem, Recording
 from limb_systems.signals import came

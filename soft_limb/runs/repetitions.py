@@ -10,7 +10,7 @@ import numpy as np
 from controllers import Learner
 from controllers.learner import Repetition
 from hardware.emulation.twin import LimbTwin
-from hardware.replay import ReplayError
+from hardware.replaying import ReplayError
 from hardware.robot.link import HardwareError
 from hardware.robot.serial_limb import SerialLimb
 from hardware.robot.text_board import TextBoard

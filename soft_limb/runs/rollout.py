@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import System
 
-from controllers import PlanFeedback, PlanRegulator, RecedingHorizon
+import controllers
+from controllers import RecedingHorizon
 from controllers.estimator import Estimator
-from hardware.replay import replay
+from hardware.replaying import replay
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.model.limb_system import check_limb
@@ -21,14 +22,8 @@ from limb_systems.tracking import ReferenceDistances, reference_distances, track
 from planners import nearest_bend_angle
 from soft_limb.live.page import LivePage
 from soft_limb.results.summaries import distances_summary
+from soft_limb.runs import CONTROLLERS, OPEN
 
-OPEN = "open-loop"
-CONTROLLERS = {
-    OPEN: None,
-    "plan-feedback": PlanFeedback,
-    "plan-regulator": PlanRegulator,
-    "receding-horizon": RecedingHorizon,
-}
 # The controller that has come nearest to references, on limbs of several physics.
 NEAREST = "receding-horizon"
 UNEXPLAINED_TIME = 5.0  # s, that a bend may be read otherwise than explained before a user is told
@@ -214,9 +209,9 @@ def record_replay(
 def controller_of(name: str, trajectory: Trajectory, *, real_time: bool = False) -> System | None:
     """A controller by its key in `CONTROLLERS`; None for open loop."""
     kind = CONTROLLERS[name]
-    if kind is RecedingHorizon:
+    if kind == "RecedingHorizon":
         return _CountingHorizon(trajectory, real_time)
-    return kind(trajectory) if kind else None
+    return getattr(controllers, kind)(trajectory) if kind else None
 
 
 def reduced_time(recording: Recording) -> float:

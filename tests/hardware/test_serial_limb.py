@@ -13,7 +13,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import collect_from_robot
 from hardware import LimbTwin, ReplayError, SerialLimb, replay
-from hardware.replay import check_replayable
+from hardware.replaying import check_replayable
 from limb_systems import (
     BodyParameters,
     EmulatedLimb,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hardware import BoardLink, HardwareError, ReplayError, SerialLimb
-from hardware.replay import check_replayable
+from hardware.replaying import check_replayable
 from hardware.robot.several_boards import SeveralBoards, limbs_of
 from hardware.robot.text_board import TextBoardError
 from limb_systems import LimbError, Recording, RobotLimb, RobotParameters, SerialBoard

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 
 from limb_systems import (
     HystereticLaw,

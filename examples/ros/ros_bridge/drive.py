@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from hardware.firmware import guard
-from hardware.replay import START_TOLERANCE
+from hardware.replaying import START_TOLERANCE
 from hardware.robot.journal import journaled
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
 from limb_systems.model.limb_system import check_limb

@@ -1,0 +1,34 @@
+"""Feasible trajectories from references, by direct collocation (Sec. VI)."""
+
+from . import references
+from .gait.check import check_gait
+from .gait.courses import plan_gaits
+from .gait.gait import plan_gait
+from .gait.walking import walk
+from .grip import Grip, grip
+from .nearest import nearest_bend_angle
+from .planning import Planner, plan
+from .task import Phase, Task, TaskError
+from .transcription.ipopt import ExactHessianIpoptSolver
+from .transcription.program import TrajectoryProgram
+from .transcription.solving import InfeasibleError, PlanningError
+
+__all__ = [
+    "ExactHessianIpoptSolver",
+    "Grip",
+    "InfeasibleError",
+    "Phase",
+    "Planner",
+    "PlanningError",
+    "Task",
+    "TaskError",
+    "TrajectoryProgram",
+    "check_gait",
+    "grip",
+    "nearest_bend_angle",
+    "plan",
+    "plan_gait",
+    "plan_gaits",
+    "references",
+    "walk",
+]
