@@ -62,7 +62,8 @@ from controller_steps import steps
 from limb_systems import Limb, simulate
 trajectory = planned(with_law(CoupledLaw), task=Task.closed_loop(with_law(CoupledLaw)))[0]
 time.perf_counter = time.process_time
-seconds = steps(RecedingHorizon(trajectory), simulate(Limb(trajectory.parameters), trajectory, 20.0))
+recording = simulate(Limb(trajectory.parameters), trajectory)
+seconds = steps(RecedingHorizon(trajectory), recording)
 measured = {"seconds": float(np.percentile(seconds[::5], 99))}
 """
 IN_SPACE = "LimbParameters.in_space(), references.circle(np.radians(12.0), 50.0)"

@@ -55,7 +55,7 @@ class PlanCheck:
     - ``total_time``: time from the request to the checked plan, s.
     - ``refinements``: how often knots were added to meet the tolerance.
     - ``cost``, ``guess_cost``: value of eqn (15) at the plan and at the quasi-static guess.
-    - ``largest_defect``: largest defect of the collocation constraints as Drake evaluates
+    - ``largest_defect``: largest defect of the collocation constraints as the planner evaluates
       them, acceleration scaled by M(0)/k to rad, others by their time step.
     - ``broken_constraint``: a constraint of the task's ``customize`` that does not hold,
       and by how much; empty if all do.

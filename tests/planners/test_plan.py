@@ -11,10 +11,12 @@ from pydrake.trajectories import PiecewisePolynomial
 from limb_systems import (
     Limb,
     LimbParameters,
+    bend_angle,
     SegmentParameters,
     joint_angles_from_bend_angle,
     simulate,
 )
+from limb_systems.model.dynamics import dynamics_of
 from limb_systems.model.statics import HeldAngles
 from planners import (
     InfeasibleError,
@@ -22,6 +24,7 @@ from planners import (
     PlanningError,
     Task,
     checks,
+    radau,
     nearest_bend_angle,
     plan,
     planning,
@@ -107,6 +110,8 @@ def test_dynamics_hold_by_drakes_own_constraints(fig5_plan):
 
 def test_an_accurate_simulation_of_the_duty_stays_within_a_tenth_of_a_degree(fig5_plan):
     recording = simulate(Limb(), fig5_plan, sample_rate=50.0, accuracy=1e-6)
+    checked = bend_angle(LimbParameters(), radau.simulate_plan(fig5_plan, recording.time))
+    np.testing.assert_allclose(np.rad2deg(checked), np.rad2deg(recording.bend_angle), atol=1e-3)
     planned = fig5_plan.bend_angle_at(recording.time)
     difference = np.rad2deg(np.abs(recording.bend_angle - planned)).max()
     assert difference < 0.1
@@ -206,7 +211,7 @@ def test_a_simulation_that_goes_elsewhere_is_noticed(fig5_plan, monkeypatch):
     """The check simulates the limb that the plan names, not the program's equations."""
     other = LimbParameters()
     other.segments[0].wire("right").law.beta *= 1.02
-    monkeypatch.setattr(checks, "Limb", lambda _: Limb(other))
+    monkeypatch.setattr(radau, "dynamics_of", lambda _: dynamics_of(other))
     _, differences = checks.simulated_differences(fig5_plan)
     assert np.rad2deg(differences.max()) > 0.3
 
