@@ -174,7 +174,7 @@ def roll_out(
     driver = controller_of(controller, trajectory, real_time=real_time)
     limb = make_limb()
     if kind := CONTROLLERS[controller]:
-        limb.source += f", driven by {kind.__name__}"
+        limb.source += f", driven by {kind}"
     recording = record_replay(trajectory, limb, output, controller=driver, live=live)
     robot = limb if isinstance(limb, SerialLimb) else None
     return Rollout(
