@@ -57,7 +57,7 @@ class Steps:
 
     - ``times``: where the steps begin and end (K + 1,), s.
     - ``start``: [q, v] where each begins (K, 2n).
-    - ``accelerations``: of the stages (K, 3, n).
+    - ``accelerations``: q̈ at the stages (K, 3, n).
     """
 
     times: np.ndarray

@@ -146,7 +146,8 @@ class _Version(argparse.Action):
     def __call__(self, parser, *_: Any) -> None:
         from importlib.metadata import version
 
-        parser.exit(message=f"soft-limb {version('soft-limb')}\n")
+        print(f"soft-limb {version('soft-limb')}")
+        parser.exit()
 
 
 def _command_name(name: str) -> str:

@@ -115,8 +115,8 @@ class MotionDefects:
             -motion(q1, v1, x1, a1),
             -motion(q_middle, v_middle, x_middle, a_middle),
         )
-        by, given = (ca.vertcat(z, h), None) if self._is_free else (z, h)
-        self._equations = SmoothFunction(equations, ca.vertcat(by, a0, a1, a_middle), given)
+        by, step = (ca.vertcat(z, h), None) if self._is_free else (z, h)
+        self._equations = SmoothFunction(equations, ca.vertcat(by, a0, a1, a_middle), step)
 
     def _lay_out_jacobian(self) -> None:
         """Set where the nonzeros of `jacobian` are: those of θ, of θ̇ by the motion and the heat."""

@@ -407,7 +407,7 @@ class _ScaledProblem:
         replaced = {binding for block in blocks for binding in block.replaces}
         others = _Constraints(prog, [b for b in curved if b not in replaced])
         self._curved: list[ConstraintBlock] = [others, *blocks]
-        self._in_order = [*self._curved, self._linear]
+        self._in_order: list[Any] = [*self._curved, self._linear]
         self.lower, self.upper = _bounds(prog)
         self.scale = np.ones(prog.num_vars())
         for index, value in prog.GetVariableScaling().items():
