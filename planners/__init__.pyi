@@ -1,7 +1,6 @@
 """Feasible trajectories from references, by direct collocation (Sec. VI)."""
 
 from . import references
-from .grip import Grip, grip
 from .nearest import nearest_bend_angle
 from .planning import Planner, plan
 from .task import Phase, Task, TaskError
@@ -11,7 +10,6 @@ from .transcription.solving import InfeasibleError, PlanningError
 
 __all__ = [
     "ExactHessianIpoptSolver",
-    "Grip",
     "InfeasibleError",
     "Phase",
     "Planner",
@@ -19,7 +17,6 @@ __all__ = [
     "Task",
     "TaskError",
     "TrajectoryProgram",
-    "grip",
     "nearest_bend_angle",
     "plan",
     "references",

@@ -42,7 +42,7 @@ class View:
         limb.add_to(meshcat)
         limb.set_scene(meshcat)
         wires = np.zeros(len(parameters.wires))
-        limb.show(meshcat, np.zeros(parameters.num_joints), wires, 0.0)
+        limb.show(meshcat, np.zeros(parameters.num_joints), 0.0)
         limb.show_heat(meshcat, wires)
         self.page = meshcat.StaticHtml().replace("</head>", f"{STYLE}</head>")
         self._limb = limb
@@ -56,7 +56,7 @@ class View:
             return []
         told: Any = _Told()
         angles = joint_angles_from_bend_angle(self._parameters, reading.bend_angle)
-        limb.show(told, angles, np.array(reading.duty), reading.time)
+        limb.show(told, angles, reading.time)
         limb.show_heat(told, np.array(reading.measured_temperature))
         return told.commands
 

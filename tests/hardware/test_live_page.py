@@ -323,7 +323,7 @@ def test_the_view_is_what_meshcat_shows(motion):
     context = visualizer.CreateDefaultContext()
     reading = Reading(7.0, [0.3], [60.0, 30.0], [0.2, 0.6])
     angles = joint_angles_from_bend_angle(motion.parameters, reading.bend_angle)
-    inputs = (np.append(angles, 0.0 * angles), reading.measured_temperature, reading.duty)
+    inputs = (np.append(angles, 0.0 * angles), reading.measured_temperature)
     for index, values in enumerate(inputs):
         visualizer.get_input_port(index).FixValue(context, values)
     context.SetTime(reading.time)
@@ -332,7 +332,7 @@ def test_the_view_is_what_meshcat_shows(motion):
     told.begin(RunHeader("a limb", motion.parameters, 110.0, plan=motion))
     told = told.commands(reading)
     kinds = [command["type"] for command in told]
-    assert (kinds.count("set_transform"), kinds.count("set_property")) == (15, 12)
+    assert (kinds.count("set_transform"), kinds.count("set_property")) == (16, 10)
     for command in told:
         path, name = command["path"], command.get("property")
         said = command["value"] if name else command["matrix"]
