@@ -15,8 +15,8 @@ import numpy as np
 import calibration
 from hardware import LimbTwin
 from limb_systems import LimbError, LimbParameters
-from limb_systems.logs.importing import import_logs
-from limb_systems.logs.mapping import LogMapping
+from calibration.import_logs.importing import import_logs
+from calibration.import_logs.mapping import LogMapping
 from soft_limb.reports.calibration import write_report
 from soft_limb.results.summaries import calibration_summary
 

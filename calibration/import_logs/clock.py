@@ -112,7 +112,7 @@ def _clock_step(steps: np.ndarray) -> float:
         return 0.0
     multiples = later / step
     short = later <= GAP
-    whole = np.abs(multiples - np.round(multiples)) < 0.05
+    whole = np.abs(multiples - np.round(multiples)) < 0.1
     varied = np.round(multiples[short]).std() > 0.1
     return step if varied and whole[short].mean() > 0.98 else 0.0
 

@@ -104,26 +104,42 @@ class Responses:
         """The gains in standard errors (M, W); 0 for wires that were not heated."""
         return self.gains / self.errors
 
-    def warmed_by(self, wire: int) -> int | None:
-        """Return the thermocouple that a wire clearly warms more than all others; None if none.
+    def pairs(self) -> list[int | None]:
+        """Return the thermocouple that each wire clearly warms (W,); None where none is clear.
 
-        A single thermocouple has to be warmed more by this wire than by all others.
+        A wire warms its thermocouple more than others do, or warms it more than the others, by
+        `FACTOR` and by `MARGIN` standard errors, among those that are not paired yet.
         """
-        gains = self.gains[:, wire]
-        errors = self.errors[:, wire]
-        if not len(gains) or not np.isfinite(errors).all():
-            return None
-        best = int(np.argmax(gains))
-        others = np.delete(gains, best)
-        other_errors = np.delete(errors, best)
-        if len(gains) == 1:
-            others = np.delete(self.gains[0], wire)
-            other_errors = np.nan_to_num(np.delete(self.errors[0], wire), posinf=0.0)
-        # Far more than the others, and far more than by chance.
-        lead = gains[best] - FACTOR * np.maximum(others, 0.0)
-        chance = np.hypot(errors[best], FACTOR * other_errors)
-        clear = gains[best] > MARGIN * errors[best] and bool((lead > MARGIN * chance).all())
-        return best if clear else None
+        found: list[int | None] = [None] * self.gains.shape[1]
+        wires = [int(i) for i in np.flatnonzero(np.isfinite(self.errors).all(axis=0))]
+        sensors = list(range(len(self.gains)))
+        while pair := next(
+            ((j, i) for i in wires for j in sensors if self._is_clear(j, i, sensors, wires)), None
+        ):
+            sensor, wire = pair
+            found[wire] = sensor
+            wires.remove(wire)
+            sensors.remove(sensor)
+        return found
+
+    def _is_clear(self, sensor: int, wire: int, sensors: list[int], wires: list[int]) -> bool:
+        """Whether a thermocouple is clearly of a wire, among others."""
+        gain = self.gains[sensor, wire]
+        error = self.errors[sensor, wire]
+        if gain <= MARGIN * error:
+            return False
+        leads = []
+        for others in (
+            [(other, wire) for other in sensors if other != sensor],
+            [(sensor, other) for other in wires if other != wire],
+        ):
+            gains = np.array([self.gains[other] for other in others])
+            errors = np.array([self.errors[other] for other in others])
+            lead = gain - FACTOR * np.maximum(gains, 0.0)
+            if (lead <= 0.0).any():
+                return False
+            leads += [(lead > MARGIN * np.hypot(error, FACTOR * errors)).all()] if others else []
+        return not leads or any(leads)
 
 
 def _regression(

@@ -50,11 +50,11 @@ def _shape_memory(table: LogTable, limbs: list[int]) -> list[Proposal]:
     sensors = [name for name in sensors if np.ptp(np.nan_to_num(table.numbers(name))) > 0]
     readings = np.array([steps.means(table.numbers(name)[kept]) for name in sensors])
     warmed = Responses.of(times=steps.times, heats=heats, signals=readings)
-    evident = [warmed.warmed_by(index) for index in range(len(wires))]
+    evident = warmed.pairs()
     pairs = [OPEN if sensors else ""] * len(wires)
     notes = []
     for index, sensor in enumerate(evident):
-        if sensor is not None and evident.count(sensor) == 1:
+        if sensor is not None:
             pairs[index] = sensors[sensor]
             notes.append(f"MCPtemp of {duties[index]}: {sensors[sensor]}, which warms with it")
     for index, wire in enumerate(wires):

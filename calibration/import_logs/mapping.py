@@ -1,9 +1,12 @@
 """A mapping from the columns of a log to a limb's duty, temperatures and bend; its YAML file."""
 
 import dataclasses
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from calibration.import_logs.table import DELIMITERS, LogError, LogTable
 from limb_systems.errors import raised_as
@@ -251,6 +254,31 @@ class LogMapping(Strict):
     def question(self) -> str:
         """The fields that must be given before the log can be read, in a sentence, if any."""
         return f"the mapping leaves open {', '.join(self.open_fields)}." if self.open_fields else ""
+
+    def with_answers(self, answers: dict[str, str]) -> "LogMapping":
+        """Return the mapping with further fields, such as ``{"wires[0].duty": "pwm_left"}``.
+
+        The answer "none" to a field of a wire leaves out the wire.
+
+        Raises:
+            LogError: if a field cannot have its answer.
+        """
+        document = yaml.safe_load(dump_typed(self))
+        left_out = set()
+        for field, answer in answers.items():
+            target = document
+            *parents, last = re.findall(r"\w+", field)
+            for parent in parents:
+                target = target[int(parent)] if parent.isdigit() else target[parent]
+            if answer == "none" and parents[:1] == ["wires"]:
+                left_out.add(int(parents[1]))
+            else:
+                value = yaml.safe_load(answer) if answer.startswith("[") else answer.strip("'\"")
+                target[last] = value
+        wires = enumerate(document["wires"])
+        document["wires"] = [wire for index, wire in wires if index not in left_out]
+        with raised_as(LogError):
+            return load_typed(LogMapping, yaml.safe_dump(document, allow_unicode=True))
 
     def save(self, path: str | Path, remarks: Iterable[str] = ()) -> None:
         """Write YAML, with remarks above it as comments."""

@@ -56,6 +56,8 @@ LIKELY_RATES = (0.4, 201.0)  # Hz, by which units without a name are told apart
 DURATIONS = (5.0, 2e5)  # s
 ABSURD = 1e9  # that no number but a time's is beyond
 MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
+POWERS = {"power", "pow", "leistung", "heizleistung"}  # in W, or shares
+SHARES = {"duty", "duties", "tastgrad"}
 VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 ROOMS = {"C": (2.0, 42.0), "F": (35.0, 110.0), "K": (275.0, 315.0)}  # of limbs that rest
 COLDEST = {"C": (-10.0, 80.0), "F": (15.0, 180.0), "K": (260.0, 360.0)}  # of a log that starts warm
@@ -218,6 +220,7 @@ class _Log:
         temperatures = self._temperatures(duties)
         wires = self._wires(duties)
         full, inverted = self._full(duties)
+        self.temperatures = temperatures
         self.shares = np.array([c.heat for c in duties]).reshape(len(duties), len(self.steps.times))
         self._pair(wires, duties, temperatures)
         bend = self._bend([*duties, *temperatures], points)
@@ -413,31 +416,19 @@ class _Log:
             )
             return 0.0, False
         words = {word for c in duties for word in c.name.words}
-        units = {c.name.unit for c in duties}
-        ranges = {m[1] for c in duties if (m := re.search(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", c.text + c.name.unit))}
-        likely = next((f for f in FULLS if most <= 1.001 * f), 0.0)
-        whole = bool((values % 1 == 0).all())
-        percent = {"%", "percent", "pct", "prozent"} & (units | words)
-        sure = True
-        choices = [f"{likely:g}"]
-        if {c.name.quantity for c in duties} & {"power"}:
-            sure = False
-        elif len(ranges) == 1:
-            likely = float(ranges.pop())
-            sure = most <= 1.001 * likely
-        elif percent:
-            likely = 100.0
-            sure = 1.0 < most <= 100.1
+        percent = {"%", "percent", "pct", "prozent"} & (words | {c.name.unit for c in duties})
+        found = [re.search(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", c.text + c.name.unit) for c in duties]
+        ranges = {match[1] for match in found if match}
+        is_power = any(c.name.quantity == "power" for c in duties) or not words.isdisjoint(POWERS)
+        likely = _full_by_numbers(values, words)
+        choices = [f"{full:g}" for full in FULLS if most <= 1.001 * full][:3]
+        if len(ranges) == 1 and most <= 1.001 * float(min(ranges)):
+            return float(ranges.pop()), False
+        if percent:
+            if 1.0 < most <= 100.1:
+                return 100.0, False
             choices = ["100", "1"]
-        elif likely == 100.0 and not (whole and most == 100.0):
-            # Whole numbers may be counts of 8 bits, small numbers volts.
-            sure = not whole and most > VOLTS
-            counted = whole and _is_of_counts(values)
-            likely, sure = (255.0, True) if counted and "pwm" in words else (likely, sure)
-            choices = ["100", "255"]
-        elif not likely:
-            sure = False
-        if sure:
+        elif likely and not is_power:
             return likely, False
         self.ask("full", f"the most in {names} is {most:g}: what is full duty?", choices)
         return 0.0, False
@@ -482,8 +473,7 @@ class _Log:
             return
         heats = self._heats(wires, duties)
         found = Responses.of(self.steps.times, heats, np.array([c.means for c in temperatures]))
-        by_heat = [found.warmed_by(i) for i in range(len(wires))]
-        by_heat = [w if by_heat.count(w) == 1 else None for w in by_heat]
+        by_heat = found.pairs()
         labels = [c.name.label for c in duties]
         own_labels = [c.name.label for c in temperatures]
         same_numbers = sorted(labels) == sorted(own_labels) and len(set(labels)) == len(labels)
@@ -697,7 +687,7 @@ class _Log:
             self.ask("bend.measures", f"{column.text} is an orientation: of the tip's tangent, which is "
                      "halved, or is it the bend angle?", [TIP_TANGENT, BEND_ANGLE, CHORD])
         rest = float(np.median(values[:10]))
-        warmed = max((c.span for c in self.of_role(TEMPERATURE)), default=0.0)
+        warmed = max((c.span for c in self.temperatures), default=0.0)
         small = float(np.abs(values - np.median(values)).max()) < RADIANS
         hot = self.shares.any() and warmed > HOT
         units = {"rad": np.rad2deg(1.0), "mrad": np.rad2deg(1e-3), "mdeg": 1e-3}
@@ -780,6 +770,13 @@ class _Log:
             if column in duties or column.text in self.notes or not column.name.is_measured:
                 continue
             heat_like = column.looks_like_heat or (column.role == DUTY and column.span > 0)
+            bare = [i for i, wire in enumerate(wires[: len(duties)]) if not wire.temperature]
+            for index in bare if column.span and not heat_like and column.role != BEND else ():
+                found = Responses.of(self.steps.times, self.shares[[index]], column.means[None])
+                strong = abs(correlation(self.shares[index], column.means)) > 0.6
+                if strong and found.votes[0, 0] > MARGIN:
+                    self._ask_temperature(index, wires[index], [column], "it warms with it")
+                    break
             if not heat_like or column.role in (TIME, FRAME, TEMPERATURE):
                 continue
             if duties and _is_explained(column, duties):
@@ -810,11 +807,29 @@ def _can_be(unit: str, columns: list[_Column]) -> bool:
     )
 
 
-def _is_of_counts(values: np.ndarray) -> bool:
-    """Whether whole numbers are all rounded hundredths of 255, which numbers in per cent are not."""
+def _full_by_numbers(values: np.ndarray, words: set[str]) -> float:
+    """Return the number of full duty by what numbers there are of duty; 0 if they do not tell.
+
+    Programs set duty in hundredths: whole numbers that are all rounded hundredths of 255 are
+    counts of 8 bits, and not by chance if there are some of them.
+    """
+    most = float(values.max())
     levels = np.unique(values[values > 0])
-    hundredths = np.round(levels / 2.55)
-    return bool(len(levels) > 8 and (np.round(2.55 * hundredths) == levels).all())
+    if most <= 1.0:
+        return 1.0
+    if (values % 1 != 0).any():
+        return 100.0 if VOLTS < most <= 100.1 else 0.0
+    if most in FULLS:
+        return most
+    if most <= 100.0 and not words.isdisjoint(SHARES) and len(levels) > 3 and (levels % 5 == 0).all():
+        return 100.0
+    fits = []
+    for full in FULLS[2:]:
+        hundredths = full * np.round(levels * 100 / full) / 100
+        if most <= full and (np.abs(hundredths - levels) < 0.5 + 1e-6).all():
+            fits.append(full)
+    enough = 2 if most > 100.0 or ("pwm" in words and (levels % 5 != 0).any()) else 8
+    return fits[0] if len(fits) == 1 and len(levels) > enough else 0.0
 
 
 def _order(label: str) -> tuple[int, str]:

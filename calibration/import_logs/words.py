@@ -84,7 +84,7 @@ TEMPERATURE_UNITS = {
     "K": {"°k", "k", "kelvin"},
 }
 _WORDS_AS_UNITS = ("in", "min", "rh", "a", "g", "s", "m", "h", "n", "j")  # rather words in names
-_PER_SECOND = re.compile(r"(deg|rad|°|mm|m|c|k)[_ ]?(per|p|/|_)_?s(ec)?\b")
+_PER_SECOND = re.compile(r"(?<![a-z])(deg|rad|°|mm|m|c|k)[_ ]?(per|p|/|_)_?s(ec)?\b")
 _PARTS = re.compile(
     r"[A-ZÄÖÜ]?[a-zäöüßéèê]+|[A-ZÄÖÜ]+(?![a-zäöüé])|\d+|%|[^\x00-ɏ]+"
 )

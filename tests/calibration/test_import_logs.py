@@ -8,11 +8,11 @@ import re
 import numpy as np
 import pytest
 
+from calibration.import_logs import signals as reading
+from calibration.import_logs import table
+from calibration.import_logs.importing import import_logs
+from calibration.import_logs.mapping import LogMapping
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
-from limb_systems.logs import reading, table
-from limb_systems.logs.guess import limbs_in_log
-from limb_systems.logs.importing import import_logs
-from limb_systems.logs.mapping import LogMapping
 from limb_systems.model.bend_sensor import chord_angle
 from soft_limb.command import main
 
@@ -280,7 +280,7 @@ def test_a_warm_log_of_another_encoding_and_clock(tmp_path, clock, encoding):
 def test_a_long_log_is_read_in_blocks_and_cut_where_it_is_cold(tmp_path, truth, monkeypatch):
     path = write(tmp_path / "log.csv", NAMES, signals(truth))
     _, (whole,), _ = read(path)
-    monkeypatch.setattr(table, "BLOCK", 7)
+    monkeypatch.setattr(table, "BLOCK", 300)
     monkeypatch.setattr(reading, "MOST", 1500)
     _, parts, remarks = read(path)
     assert [round(part.time[-1]) for part in parts] == [125, 115]
@@ -329,7 +329,7 @@ def test_signed_duty_and_one_wire(tmp_path, truth):
     )
     assert recording.parameters.wire_names == ["right"]
     two = Recording.from_log(
-        tmp_path / "b.csv", limbs_in_log(tmp_path / "b.csv")[0].mapping, LimbParameters()
+        tmp_path / "b.csv", import_logs([tmp_path / "b.csv"])[0].limb.mapping, LimbParameters()
     )
     assert np.isnan(two.measured_temperature[0]).all()
 
@@ -374,7 +374,7 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
         ["time_s", "duty", "temp_c", "bend_deg"],
         [truth.time, truth.duty[1], truth.temperature[1], np.rad2deg(truth.bend)],
     )
-    mapping = limbs_in_log(path)[0].mapping
+    mapping = import_logs([path])[0].limb.mapping
     mapping.save(tmp_path / "m.yaml", ["a remark"])
     assert LogMapping.load(tmp_path / "m.yaml") == mapping
     text = (tmp_path / "m.yaml").read_text()
