@@ -14,7 +14,7 @@ from calibration.import_logs.mapping import LogMapping
 from calibration.import_logs.propose import Proposal, propose
 from calibration.import_logs.signals import read_log
 from calibration.import_logs.table import LogError, LogTable, read_table
-from calibration.import_logs.words import Dictionary, standard_dictionary
+from calibration.import_logs.words import Dictionary
 from limb_systems.errors import raised_as
 from limb_systems.files.recording import Recording
 from limb_systems.model.parameters import LimbParameters
@@ -83,7 +83,7 @@ def limbs_in_log(
     """
     with raised_as(LogError, f"{path}: "):
         known = known_logger(table)
-        return known or [propose(table, parameters, dictionary or standard_dictionary())]
+        return known or [propose(table, parameters, dictionary or Dictionary())]
 
 
 def import_logs(

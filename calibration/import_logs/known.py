@@ -9,13 +9,14 @@ from calibration.import_logs.evidence import MARGIN, Responses, Steps
 from calibration.import_logs.mapping import (
     BEND_ANGLE,
     CHORD,
+    OPEN,
     TIP_TANGENT,
     BendColumns,
     LogMapping,
     TimeColumn,
     WireColumns,
 )
-from calibration.import_logs.propose import OPEN, Proposal, Question, base_direction
+from calibration.import_logs.propose import Proposal, Question, base_direction
 from calibration.import_logs.signals import bends_of
 from calibration.import_logs.table import LogTable
 

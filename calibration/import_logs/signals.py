@@ -4,10 +4,11 @@ import copy
 import dataclasses
 import itertools
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from calibration.import_logs.cells import number
 from calibration.import_logs.clock import (
     GAP,
     aligned_offset,
@@ -71,12 +72,12 @@ def read_log(
     Raises:
         LogError: if the log is not as the mapping says.
     """
-    if question := mapping.question:
-        raise LogError(f"{path}: {question}")
+    if mapping.open_fields:
+        raise LogError(f"{path}: the mapping leaves open {', '.join(mapping.open_fields)}.")
     table = table or read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
     with raised_as(LogError, f"{path}: "):
         if is_reversed(stamps(table, mapping.time, mapping.rate)):
-            table = table.oldest_first()
+            table = table.rows(slice(None, None, -1))
         limb = described(mapping, parameters)
         return _parts(table, mapping, limb, Path(path))
 
@@ -114,8 +115,7 @@ def described(mapping: LogMapping, parameters: LimbParameters | None) -> LimbPar
     return limb
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Signals:
+class _Signals(NamedTuple):
     """What a log shows in its rows.
 
     - ``times``: (K,), s.
@@ -128,12 +128,6 @@ class _Signals:
     duty: np.ndarray
     readings: np.ndarray
     rate: float
-
-    def part(self, rows: slice) -> "_Signals":
-        """Return some rows."""
-        return _Signals(
-            self.times[rows], self.duty[:, rows], self.readings[:, rows], self.rate
-        )
 
 
 def _parts(
@@ -168,8 +162,13 @@ def _parts(
             said = f"{_rows(end - start)} from {times[start]:.0f} s on"
             remarks.append(f"{said} are too few to keep.")
             continue
-        part = signals.part(slice(start, end))
-        even = resampled(part.times - part.times[0], part.duty, part.readings, part.rate)
+        part = slice(start, end)
+        even = resampled(
+            times[part] - times[start],
+            signals.duty[:, part],
+            signals.readings[:, part],
+            signals.rate,
+        )
         where = f", part {number}" if len(cuts) > 2 else ""
         about = {"parameters": limb, "source": f"log {path.name}{where}"}
         parts.append({**even, **about, "sample_rate": signals.rate})
@@ -198,7 +197,7 @@ def _signals(
     if lost := int(len(kept) - kept.sum()):
         said = f"{_rows(lost)} left out"
         remarks.append(f"{said}, whose time is missing, repeated or earlier than before.")
-    table = _with_rows(table, kept)
+    table = table if kept.all() else table.rows(kept)
     is_rate_of_rows = not mapping.time.column or mapping.time.unit == FRAMES
     rate = 0.0 if is_rate_of_rows else mapping.rate
     rate = rate or usual_rate(times)
@@ -235,17 +234,6 @@ def _signals(
     return _Signals(times, duty[:, first:], readings[:, first:], rate)
 
 
-def _with_rows(table: LogTable, kept: np.ndarray) -> LogTable:
-    """Return a table with some rows (K,)."""
-    if kept.all():
-        return table
-    return dataclasses.replace(
-        table,
-        values=[column[kept] for column in table.values],
-        dates={name: moments[kept] for name, moments in table.dates.items()},
-    )
-
-
 def _joined(
     times: np.ndarray, table: LogTable, mapping: LogMapping, path: Path
 ) -> tuple[np.ndarray, LogTable, float]:
@@ -254,7 +242,7 @@ def _joined(
     assert join
     other = read_table(path.parent / join.file)
     other_times, kept = times_of(other, join.time, join.rate)
-    other = _with_rows(other, kept)
+    other = other.rows(kept)
     offset = _offset(times, table, other_times, other, mapping, join)
     # Rows of both files in the order of time; a cell is empty where its file has no row.
     order = np.argsort(np.concatenate([times, offset + other_times]), kind="stable")
@@ -273,7 +261,7 @@ def _joined(
     shared = (together >= start) & (together <= end) & np.append(True, np.diff(together) > 0)
     if shared.sum() < 2:
         raise LogError(f"{join.file} and the log have no time in common; correct join.offset.")
-    return together[shared] - start, _with_rows(both, shared), usual_rate(other_times)
+    return together[shared] - start, both.rows(shared), usual_rate(other_times)
 
 
 def _offset(
@@ -319,9 +307,7 @@ def _rows(count: int) -> str:
     return f"{count} row{'s' * (count != 1)}"
 
 
-def _duty(
-    table: LogTable, column: str, sign: float, mapping: LogMapping
-) -> tuple[np.ndarray, int]:
+def _duty(table: LogTable, column: str, sign: float, mapping: LogMapping) -> tuple[np.ndarray, int]:
     """Return duty (K,), in [0, 1], held where it is missing; and in how many rows it is."""
     values = _without(table.numbers(column), mapping.missing)
     missing = np.isnan(values)
@@ -361,16 +347,7 @@ def _temperature(table: LogTable, column: str, unit: str, mapping: LogMapping) -
 
 def _without(values: np.ndarray, missing: list[str]) -> np.ndarray:
     """Return numbers with nan for those that stand for no reading; words are nan already."""
-    numbers = [float(text) for text in missing if _is_float(text)]
-    return np.where(np.isin(values, numbers), np.nan, values)
-
-
-def _is_float(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return np.where(np.isin(values, [number(text) for text in missing]), np.nan, values)
 
 
 def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:

@@ -81,20 +81,14 @@ class LogTable:
     def only(self, names: set[str]) -> "LogTable":
         """Return the table with some of its columns; the others then need no memory."""
         kept = [index for index, name in enumerate(self.names) if name in names]
-        return dataclasses.replace(
-            self,
-            names=[self.names[index] for index in kept],
-            units=[self.units[index] for index in kept],
-            values=[self.values[index] for index in kept],
-        )
+        own = {f: [getattr(self, f)[i] for i in kept] for f in ("names", "units", "values")}
+        return dataclasses.replace(self, **own)
 
-    def oldest_first(self) -> "LogTable":
-        """Return the table with its rows in the other order."""
-        return dataclasses.replace(
-            self,
-            values=[column[::-1] for column in self.values],
-            dates={name: column[::-1] for name, column in self.dates.items()},
-        )
+    def rows(self, which: np.ndarray | slice) -> "LogTable":
+        """Return the table with some of its rows, or with its rows in another order."""
+        values = [column[which] for column in self.values]
+        dates = {name: moments[which] for name, moments in self.dates.items()}
+        return dataclasses.replace(self, values=values, dates=dates)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,21 +109,15 @@ class _Form:
     labels: tuple[str, ...] = ()
     score: float = 0.0
 
-    @property
-    def is_plain(self) -> bool:
-        """Whether cells are what stands between delimiters, and no more."""
-        return not (self.stamped or self.labels)
-
     def cells(self, line: str) -> list[str]:
         """Return the cells of a line; none if it is of another form."""
-        first = []
-        if self.stamped and (stamp := _STAMP.match(line)):
-            first = [stamp[1]]
-            line = line[stamp.end() :]
+        stamp = _STAMP.match(line) if self.stamped else None
+        first = [stamp[1]] if stamp else []
+        line = line[stamp.end() :] if stamp else line
         if not self.labels:
             return [*first, *split(line, self.delimiter)]
         found = _labelled(line, self.delimiter)
-        if not found or tuple(label for label, _ in found) != self.labels:
+        if tuple(label for label, _ in found) != self.labels:
             return []
         return [*first, *(value for _, value in found)]
 
@@ -139,28 +127,28 @@ class _Form:
         full = [line for line in lines if line.strip()]
         start = max(0, (len(full) - LOOKED_AT) // 2)
         full = full[start : start + LOOKED_AT]
-        form = cls(delimiter, decimal or ".")
-        if not full:
-            return form
         # Terminals write a time before each line; sketches write a label before each number.
-        stamped = sum(bool(_STAMP.match(line)) for line in full) > 0.9 * len(full)
-        form = dataclasses.replace(form, stamped=stamped)
-        rests = [line[_stamp_end(line) :] for line in full] if stamped else full
-        labels = Counter(tuple(label for label, _ in _labelled(r, delimiter)) for r in rests)
-        usual, count = labels.most_common(1)[0]
-        if usual and count > 0.8 * len(full):
-            form = dataclasses.replace(form, labels=usual)
+        stamps = [_STAMP.match(line) for line in full]
+        stamped = sum(map(bool, stamps)) > 0.9 * len(full) > 0
+        rests = [
+            line[stamp.end() :] if stamp and stamped else line
+            for line, stamp in zip(full, stamps, strict=True)
+        ]
+        found = Counter(tuple(label for label, _ in _labelled(r, delimiter)) for r in rests)
+        labels, count = found.most_common(1)[0] if found else ((), 0)
+        labels = labels if count > 0.8 * len(full) else ()
+        form = cls(delimiter, decimal or ".", 0, stamped, labels)
         # The form fits as well as its rows are numbers of one decimal mark.
         rows = [form.cells(line) for line in full]
-        width, count = Counter(map(len, rows)).most_common(1)[0]
-        if width < 2:
+        width, count = Counter(map(len, rows)).most_common(1)[0] if rows else (0, 0)
+        cells = [cell for row in rows if len(row) == width > 1 for cell in row if cell]
+        if not cells:
             return form
-        cells = [cell for row in rows if len(row) == width for cell in row if cell]
         marks = [decimal] if decimal else [".", ","]
-        shares = [np.mean([_is_written(cell, mark) for cell in cells]) for mark in marks]
-        best = int(np.argmax(shares))
-        score = float(shares[best]) * count / len(rows) if cells else 0.0
-        return dataclasses.replace(form, decimal=marks[best], width=width, score=score)
+        shares = [float(np.mean([_is_written(cell, mark) for cell in cells])) for mark in marks]
+        mark = marks[int(np.argmax(shares))]
+        score = max(shares) * count / len(rows)
+        return dataclasses.replace(form, decimal=mark, width=width, score=score)
 
 
 def read_table(
@@ -187,7 +175,7 @@ def read_table(
     head, rows = _head(lines, form, names_line or 0, path)
     if names_line is None:
         names_line = 0 if form.labels else _names_line(head, form.width)
-    names = _names(head, names_line, form, rows[0])
+    names = _names(head, names_line, form, form.cells(rows[0]))
     if len(names) != form.width:
         raise LogError(
             f"{path} has {len(names)} names in line {names_line}, but {form.width} cells in the "
@@ -200,7 +188,9 @@ def read_table(
     if len(values[0]) < FEWEST_ROWS:
         raise LogError(f"{path} has only {len(values[0])} rows of numbers.")
     named_dates = {names[index]: moments for index, moments in dates.items()}
-    return LogTable(names, units, values, named_dates, form.delimiter, form.decimal, names_line, odd)
+    return LogTable(
+        names, units, values, named_dates, form.delimiter, form.decimal, names_line, odd
+    )
 
 
 def split(line: str, delimiter: str) -> list[str]:
@@ -222,11 +212,6 @@ def unique(names: list[str]) -> list[str]:
         seen[name] += 1
         found.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
     return found
-
-
-def _stamp_end(line: str) -> int:
-    stamp = _STAMP.match(line)
-    return stamp.end() if stamp else 0
 
 
 def _labelled(line: str, delimiter: str) -> list[tuple[str, str]]:
@@ -288,30 +273,25 @@ def _sample(path: Path, size: int, encoding: str) -> list[str]:
 
 def _lines(path: Path, size: int, encoding: str) -> Iterator[list[str]]:
     """Yield the lines of a log in blocks, without their ends."""
+    count = 0
+    rest = ""
     with (
         path.open(encoding=encoding, errors="replace") as text,
         Progress(f"reading {path.name}", round(size / 1e6, 1), "MB") as progress,
     ):
-        rest = ""
-        count = 0
         while piece := text.read(BLOCK):
-            *lines, rest = (rest + piece).split("\n")
-            for number, line in enumerate([*lines, rest] if max_length(lines, rest) else (), 1):
-                if len(line) >= LONGEST_LINE:
-                    raise LogError(
-                        f"{path} has more than {LONGEST_LINE} characters in line {count + number}; "
-                        "a row of a log is shorter: save the log with a line for each row."
-                    )
+            lines = (rest + piece).split("\n")
+            longest = int(np.argmax(list(map(len, lines))))
+            if len(lines[longest]) >= LONGEST_LINE:
+                raise LogError(
+                    f"{path} has more than {LONGEST_LINE} characters in line {count + longest + 1}; "
+                    "a row of a log is shorter: save the log with a line for each row."
+                )
+            rest = lines.pop()
             count += len(lines)
             progress.update(text.buffer.tell() / 1e6)
             yield lines
-        if rest:
-            yield [rest]
-
-
-def max_length(lines: list[str], rest: str) -> bool:
-    """Whether a line is too long for a log."""
-    return max(map(len, [*lines, rest])) >= LONGEST_LINE
+        yield [rest] if rest else []
 
 
 def _head(
@@ -349,40 +329,31 @@ def _names_line(head: list[list[str]], width: int) -> int:
         for number in range(len(head), 0, -1):
             row = head[number - 1]
             full = [cell for cell in row if cell]
-            if len(row) not in widths or not full or _is_row_of_units(head, number):
-                continue
-            if sum(map(is_name, full)) > 0.5 * len(full):
+            known = sum(map(is_unit, row))
+            below = number > 1 and len(head[number - 2]) == len(row)  # of names, maybe
+            is_of_units = known == len(row) or (known >= 0.5 * len(row) and below)
+            if len(row) in widths and not is_of_units and sum(map(is_name, full)) > 0.5 * len(full):
                 return number
     return 0
 
 
-def _is_row_of_units(head: list[list[str]], number: int) -> bool:
-    """Whether a line has units, below a line of as many names."""
-    row = head[number - 1]
-    above = head[number - 2] if number > 1 else []
-    known = sum(map(is_unit, row))
-    return known == len(row) or (known >= 0.5 * len(row) and len(above) == len(row))
-
-
-def _names(head: list[list[str]], names_line: int, form: _Form, first_line: str) -> list[str]:
+def _names(head: list[list[str]], names_line: int, form: _Form, row: list[str]) -> list[str]:
     """Return the names of the columns, as many as the head has."""
     if form.labels:
         return ["time"] * form.stamped + list(form.labels)
     if not names_line:
-        return [""] * form.width
-    names = _as_many_as(head[names_line - 1], form, form.cells(first_line))
-    if form.stamped and names and is_moment(names[0]):
+        return ["time"] * form.stamped + [""] * (form.width - form.stamped)
+    names = _as_many_as(head[names_line - 1], form, row)
+    if form.stamped and is_moment(names[0]):
         names[0] = "time"
-    # Names that are there twice, such as X and Y of points, begin with what the rows above say.
+    # Names that are there twice, such as X and Y of points, begin with what a row above says.
     repeated = {name for name, count in Counter(names).items() if count > 1 and name}
-    above = [row for row in head[: names_line - 1] if len(row) == len(names)]
-    above.sort(key=lambda row: not {"name", "bodyparts"} & {cell.lower() for cell in row[:2]})
-    for row in above if repeated else ():
-        joined = [
-            f"{cell} {name}" if name in repeated and cell != name else name
-            for cell, name in zip(row, names, strict=True)
-        ]
-        if len(set(filter(None, joined))) == len(list(filter(None, joined))):
+    above = [own for own in head[: names_line - 1] if len(own) == len(names)]
+    above.sort(key=lambda own: not {"name", "bodyparts"} & {cell.lower() for cell in own[:2]})
+    for own in above if repeated else ():
+        pairs = zip(own, names, strict=True)
+        joined = [f"{cell} {name}" if name in repeated else name for cell, name in pairs]
+        if len(set(joined) - {""}) == len(joined) - joined.count(""):
             return joined
     return names
 
@@ -401,9 +372,7 @@ def _as_many_as(names: list[str], form: _Form, row: list[str]) -> list[str]:
     return names
 
 
-def _units(
-    head: list[list[str]], names_line: int, form: _Form, sample: list[str]
-) -> list[str]:
+def _units(head: list[list[str]], names_line: int, form: _Form, sample: list[str]) -> list[str]:
     """Return the units of columns: of a row below the names or above them, or in each cell."""
     found = [""] * form.width
     below = head[names_line:]
@@ -455,7 +424,7 @@ def _columns(
 
 def _fast_numbers(lines: list[str], form: _Form, width: int) -> np.ndarray | None:
     """Return the numbers (rows, width) of lines of numbers and nothing else; None for others."""
-    if not form.is_plain or form.decimal != "." or not any(lines):
+    if form.stamped or form.labels or form.decimal != "." or not any(lines):
         return None
     try:
         found = np.loadtxt(

@@ -1,11 +1,9 @@
 """The dictionary: what the words and units in a column's name say."""
 
 import dataclasses
-import functools
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -85,9 +83,7 @@ TEMPERATURE_UNITS = {
 }
 _WORDS_AS_UNITS = ("in", "min", "rh", "a", "g", "s", "m", "h", "n", "j")  # rather words in names
 _PER_SECOND = re.compile(r"(?<![a-z])(deg|rad|°|mm|m|c|k)[_ ]?(per|p|/|_)_?s(ec)?\b")
-_PARTS = re.compile(
-    r"[A-ZÄÖÜ]?[a-zäöüßéèê]+|[A-ZÄÖÜ]+(?![a-zäöüé])|\d+|%|[^\x00-ɏ]+"
-)
+_PARTS = re.compile(r"[A-ZÄÖÜ]?[a-zäöüßéèê]+|[A-ZÄÖÜ]+(?![a-zäöüé])|\d+|%|[^\x00-ɏ]+")
 _CAPITALS = re.compile(r"[A-Z]{2,}")
 LABEL_LETTERS = "abcdegh"  # of wires, as in "PWM A"
 
@@ -154,10 +150,10 @@ class Dictionary:
         return [word]
 
 
-@functools.cache
-def standard_dictionary() -> Dictionary:
-    """The dictionary without a lab's own words."""
-    return Dictionary()
+def place_of_label(label: str) -> tuple[int, str]:
+    """Return the place of a wire among others: left, right, then by numbers or letters."""
+    place = {LEFT: 0, RIGHT: 1}.get(label, 2)
+    return place, label.zfill(3) if label.isdigit() else label
 
 
 def plain_unit(text: str) -> str:
@@ -301,10 +297,3 @@ def _role(text: str, words: list[str], quantity: str, known: Dictionary) -> str:
     if quantity == "share" and not roles:
         return DUTY
     return roles[0] if len(roles) == 1 and roles[0] in (TIME, FRAME) and not quantity else ""
-
-
-def own_words(own: Any) -> Dictionary:
-    """Return the dictionary with a lab's own words: a `Dictionary`, the path of its file or None."""
-    if own is None:
-        return standard_dictionary()
-    return own if isinstance(own, Dictionary) else Dictionary.load(own)

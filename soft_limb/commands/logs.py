@@ -9,7 +9,7 @@ from pathlib import Path
 from calibration.import_logs.importing import ImportedLog, import_logs
 from calibration.import_logs.mapping import LogMapping
 from calibration.import_logs.table import LogError
-from calibration.import_logs.words import Dictionary, standard_dictionary
+from calibration.import_logs.words import Dictionary
 from calibration.recordings.files import Usable, leaving_out, usable
 from calibration.recordings.kinds import kind_of
 from calibration.remarks import Remark
@@ -43,7 +43,7 @@ def _import(options: argparse.Namespace) -> int:
     check_folder(options.output)
     parameters = LimbParameters.load(options.limb) if options.limb else None
     given = LogMapping.load(options.mapping) if options.mapping else None
-    dictionary = Dictionary.load(options.words) if options.words else standard_dictionary()
+    dictionary = Dictionary.load(options.words) if options.words else None
     unread: list[str] = []
     logs = import_logs(options.logs, given, parameters, unread, dictionary)
     if sys.stdin.isatty() and not options.json:
@@ -176,7 +176,9 @@ COMMANDS = {
                 "they show, and heated or motion if their names begin so",
             ),
             Option("--mapping", type=Path, help="how to read the logs (.yaml)"),
-            Option("--words", type=Path, help="your words in columns' names (.yaml: duty: [brenner])"),
+            Option(
+                "--words", type=Path, help="your words in columns' names (.yaml: duty: [brenner])"
+            ),
         ],
         stopped="stopped; recordings that are there are whole",
         examples=["soft-limb import lab/*.csv -o out/recordings/"],

@@ -13,9 +13,11 @@ LABELS = (  # of the left and the right wire
     ("a", "b"), ("A", "B"),
 )  # fmt: skip
 SIDES = LABELS[:4]
-WITH_UNIT = set("s sec secs seconds sekunden ms us msec millis micros stamp celsius kelvin fahrenheit "
-                "degc degf power leistung yaw pitch roll imu orientation tilt neigung curvature krümmung courbure tip "
-                    "tangent alpha bendlabs chord".split())  # fmt: skip
+WITH_UNIT = set(
+    "s sec secs seconds sekunden ms us msec millis micros stamp celsius kelvin fahrenheit degc degf "
+    "power pow leistung heizleistung yaw pitch roll imu orientation tilt neigung curvature krümmung "
+    "courbure tip tangent alpha bendlabs chord".split()
+)
 DIGITS = {"C": (1.0, 0.0), "F": (1.8, 32.0), "K": (1.0, 273.15)}
 MOMENTS = ("%Y-%m-%d %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S.%f", "%H:%M:%S.%f", "%d-%b-%Y %H:%M:%S.%f")
 
@@ -71,12 +73,16 @@ def any_log(recording: Recording, seed: int) -> AnyLog:
     # Wires: one word for all of a role, and a label for each.
     labels = pick(LABELS)
     own_labels = labels if draw.uniform() < 0.6 else pick(LABELS)
-    own_labels = own_labels[::-1] if own_labels not in SIDES and draw.uniform() < 0.3 else own_labels
+    own_labels = (
+        own_labels[::-1] if own_labels not in SIDES and draw.uniform() < 0.3 else own_labels
+    )
     if labels not in SIDES and own_labels not in SIDES and labels != own_labels[::-1]:
         own_labels = pick([own_labels, labels])
     full = pick([1.0, 100.0, 255.0, 1023.0, 4095.0])
     unit = pick(["", "%"]) if full == 100.0 else ""
     pattern = name(DUTY, "@", unit)
+    while full > 255 and "pwm" in pattern.lower():  # which says that it is of 8 bits
+        pattern = name(DUTY, "@", unit)
     digits = 3 if full == 1.0 else int(draw.integers(3)) if full == 100.0 else 0
     for side, label, duty in zip(("left", "right"), labels, recording.duty, strict=True):
         columns[f"duty_{side}"] = [f"{full * d:.{digits}f}" for d in duty]
