@@ -147,8 +147,11 @@ def usual_rate(times: np.ndarray) -> float:
     together = 1 / float(np.mean(steps[steps <= max(GAP, float(np.median(steps)))]))
     rate = 1 / float(np.median(steps))
     rate = min(together if _clock_step(steps) or rate >= BURSTS * together else rate, FASTEST)
-    near = round(rate) if rate > 3 else round(rate, 1)
-    return float(near) if near and abs(rate / near - 1) < 0.03 else rate
+    for found, margin in ((rate, 0.005), (together, 0.02), (rate, 0.03)):
+        near = round(found) if found > 3 else round(found, 1)
+        if near and abs(found / near - 1) < margin:
+            return float(near)
+    return rate
 
 
 def is_coarse(times: np.ndarray) -> bool:

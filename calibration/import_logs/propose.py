@@ -35,6 +35,8 @@ HOT = 20.0  # °C of warming, with which a limb bends by more than that in degre
 STILL = 0.02  # movement of a point that is fixed, in shares of the tip's
 HEATED = 1.0  # s of full duty, with which a wire counts as heated
 FIXED = set("clamp mount frame ground fix fixed origin klemme wall".split())
+BASES = set("base basis root fuß wurzel".split())
+LEAST_TURN = 0.85  # of the turn of a limb's first link, if it were bent evenly
 UNIT_OF_BEND = {"rad": np.rad2deg(1.0), "mrad": np.rad2deg(1e-3), "mdeg": 1e-3}
 
 
@@ -307,7 +309,7 @@ class _Log:
         likely = [f"{full:g}" for full in FULLS if most <= 1.001 * full][:3]
         # A wire that is at its most while it rests or cools is off there.
         resting = [(c.shown == c.shown.max()).mean() > 0.05 and c.shown.min() > 0 for c in duties]
-        if all(resting) or any(self._cools(column) for column in duties):
+        if any(resting) or any(self._cools(column) for column in duties):
             text = (
                 f"{names}: the duty looks inverted, for it is at its most, {most:g}, where wires "
             )
@@ -432,7 +434,7 @@ class _Log:
         unit = OPEN
         if rest is not None:
             unit = next((u for u, (low, high) in ROOMS.items() if low <= rest <= high), OPEN)
-        elif lows and min(lows) < COLD:
+        elif lows and max(lows) < COLD:
             unit = "C"
         elif lows and min(lows) > 250.0:
             unit = "K"
@@ -521,8 +523,10 @@ class _Log:
         fixed = any(FIXED & set(x.name.words) for x, _ in points)
         for pair in points:
             self.notes |= {column.text: "of a point" for column in pair}
+        says_base = bool(BASES & set(points[0][0].name.words))
         # The base is the only point that does not move, and the first.
-        clear = (still[0] and not still[1:].any()) or not self.heats.any()
+        clear = still[0] and not still[1:].any() and (says_base or _bends_from_first(points))
+        clear |= not self.heats.any()
         if fixed or not clear:
             names = [f"[{', '.join(c.text for c in (*pair, *tip))}]" for pair in points[:-1]]
             text = "which point is the limb's base, and which its tip? Give x and y of the base, "
@@ -606,9 +610,11 @@ class _Log:
             errors = np.linalg.norm(lever * shown.errors[:, index]) or 1.0
             votes[number] = lever @ shown.gains[:, index] / errors
         sign = float(np.sign(votes.sum()))
-        if (sign * votes > MARGIN).all() and (sign > 0 or not bend.e2):
+        if (sign * votes > MARGIN).all():
             bend.scale *= sign
-            self.notes["sign"] = f"the right wire bends the limb to {'+' if sign > 0 else '-'}"
+            bend.scale_e3 *= sign
+            side = "away from its side" if sign < 0 else "to its side"
+            self.notes["sign"] = f"each wire bends the limb {side}, as the column counts it"
             return
         what = _list(bend.columns)
         text = (
@@ -650,6 +656,23 @@ class _Log:
             if not (c.name.role == DUTY and self.duties and _is_explained(c, self.duties))
             and c.name.role not in (TIME, FRAME)
         ]
+
+
+def _bends_from_first(points: list[tuple[_Column, _Column]]) -> bool:
+    """Whether links of a line turn as if it were clamped at its first point.
+
+    For constant curvature, links turn in proportion to the distance of their middles. Limbs bend
+    more near their base; a link that begins before the base turns less.
+    """
+    x, y = np.array([[column.means for column in pair] for pair in points]).swapaxes(0, 1)
+    lengths = np.nanmedian(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)), axis=1)
+    middles = np.cumsum(lengths) - lengths / 2
+    links = np.arctan2(np.diff(y, axis=0), np.diff(x, axis=0))
+    turned = links[:, ~np.isnan(links).any(axis=0)]
+    turned = np.unwrap(turned, axis=1) - turned[:, :1]
+    turns = turned.std(axis=1)
+    expected = turns[-1] * middles[0] / middles[-1]
+    return len(points) > 2 and bool(LEAST_TURN * expected < turns[0])
 
 
 def _full_by_numbers(values: np.ndarray, own: set[str]) -> float:
