@@ -28,8 +28,8 @@ from lab_logs import SIDES, Log, Truth
 from lab_tables import STYLES, UNSEEN, table
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import Limb, LimbParameters, Recording, simulate
 from calibration.import_logs.mapping import LogMapping, WireColumns
+from limb_systems import Limb, LimbParameters, Recording, simulate
 from limb_systems.model.bend_sensor import chord_angle
 
 TOLERANCE = 0.03  # of a factor

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 import calibration
-from hardware import LimbTwin
-from limb_systems import LimbError, LimbParameters
 from calibration.import_logs.importing import import_logs
 from calibration.import_logs.mapping import LogMapping
+from hardware import LimbTwin
+from limb_systems import LimbError, LimbParameters
 from soft_limb.reports.calibration import write_report
 from soft_limb.results.summaries import calibration_summary
 

@@ -25,7 +25,7 @@ VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 ABSURD = 1e9  # that no number but a time's is beyond
 MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
 ROOMS = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
-RANGES = {"C": (-10.0, 80.0, 200.0), "F": (15.0, 180.0, 400.0), "K": (260.0, 360.0, 480.0)}
+RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
 COLD = 35.0  # below which the readings of a log that starts warm are in °C
 SAME = 0.97  # correlation of two columns that show the same
 STRONG = 0.5  # correlation of a column with the heat that it follows
@@ -34,8 +34,8 @@ RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
 HOT = 20.0  # °C of warming, with which a limb bends by more than that in degrees
 STILL = 0.02  # movement of a point that is fixed, in shares of the tip's
 HEATED = 1.0  # s of full duty, with which a wire counts as heated
-FIXED = set("clamp mount frame ground fix fixed origin klemme wall".split())
-BASES = set("base basis root fuß wurzel".split())
+FIXED = {"clamp", "mount", "frame", "ground", "fix", "fixed", "origin", "klemme", "wall"}
+BASES = {"base", "basis", "root", "fuß", "wurzel"}
 LEAST_TURN = 0.85  # of the turn of a limb's first link, if it were bent evenly
 UNIT_OF_BEND = {"rad": np.rad2deg(1.0), "mrad": np.rad2deg(1e-3), "mdeg": 1e-3}
 
@@ -349,7 +349,7 @@ class _Log:
         for column in self._unnamed():
             is_warm = column.span and -10.0 < column.low < 320.0 and column.shown.max() < 620.0
             votes = column.votes(heats) if is_warm else np.zeros(1)
-            found += [column] if votes.max() > MARGIN and votes.min() >= 0.0 else []
+            found += [column] if votes.max() > MARGIN and votes.min() > -MARGIN else []
         return self._like(found, "wires[0].temperature", "the temperature of a wire")
 
     def _pair(self) -> None:
@@ -429,19 +429,17 @@ class _Log:
     def _units(self) -> None:
         """Give thermocouples their unit: that of their names if it can be, else one for all."""
         columns = {column.text: column for column in self.temperatures}
-        rest = self._rest()
-        lows = [column.low for column in self.temperatures]
-        unit = OPEN
-        if rest is not None:
-            unit = next((u for u, (low, high) in ROOMS.items() if low <= rest <= high), OPEN)
-        elif lows and max(lows) < COLD:
-            unit = "C"
-        elif lows and min(lows) > 250.0:
-            unit = "K"
         for index, wire in enumerate(self.wires):
             if not (column := columns.get(wire.temperature)):
                 continue
             said = column.name.temperature_unit
+            like = [c for c in self.temperatures if c.name.temperature_unit == said]
+            rest = _rest(like)
+            lows = [own.low for own in like]
+            # Limbs that rest are in a room; warm ones may be known by how cold they become.
+            unit = "C" if max(lows) < COLD else "K" if min(lows) > 250.0 else OPEN
+            if rest is not None:
+                unit = next((u for u, (low, high) in ROOMS.items() if low <= rest <= high), OPEN)
             wire.unit = said or unit
             coldest, warmest, hottest = RANGES[said] if said else (-np.inf, np.inf, np.inf)
             possible = coldest < column.low < warmest
@@ -452,15 +450,6 @@ class _Log:
                 text = f"unit of {wire.temperature}: C, F or K? It reads {column.low:.3g} to "
                 text += f"{column.shown.max():.3g}, which does not tell, or contradicts its name"
                 self.ask(f"wires[{index}].unit", text, list(RANGES), bool(said))
-
-    def _rest(self) -> float | None:
-        """Return the reading of thermocouples that are all in a room at first; None if not."""
-        units = {column.name.temperature_unit for column in self.temperatures}
-        first = [float(np.median(column.shown[:5])) for column in self.temperatures]
-        if not first or len(units) > 1 or np.ptp(first) > 3.0:
-            return None
-        cold = [start < c.low + 4.0 for start, c in zip(first, self.temperatures, strict=True)]
-        return float(np.mean(first)) if all(cold) else None
 
     # The bend.
 
@@ -516,7 +505,7 @@ class _Log:
         return pairs if len(pairs) > 1 else []
 
     def _line(self, points: list[tuple[_Column, _Column]]) -> BendColumns:
-        """Return the line from the base to the tip; a question if it is not clear which they are."""
+        """Return the line from the base to the tip; ask if it is not clear which they are."""
         tip = points[-1]
         moves = np.array([np.hypot(*(np.nanstd(c.means) for c in pair)) for pair in points])
         still = moves <= STILL * moves.max()
@@ -656,6 +645,13 @@ class _Log:
             if not (c.name.role == DUTY and self.duties and _is_explained(c, self.duties))
             and c.name.role not in (TIME, FRAME)
         ]
+
+
+def _rest(columns: list[_Column]) -> float | None:
+    """Return the reading of thermocouples that are all in a room at first; None if not."""
+    first = [float(np.median(column.shown[:5])) for column in columns]
+    cold = [start < column.low + 4.0 for start, column in zip(first, columns, strict=True)]
+    return float(np.mean(first)) if all(cold) and np.ptp(first) < 3.0 else None
 
 
 def _bends_from_first(points: list[tuple[_Column, _Column]]) -> bool:

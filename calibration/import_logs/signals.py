@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibration.import_logs.cells import number
+from calibration.import_logs import cells
 from calibration.import_logs.clock import (
     GAP,
     aligned_offset,
@@ -347,7 +347,7 @@ def _temperature(table: LogTable, column: str, unit: str, mapping: LogMapping) -
 
 def _without(values: np.ndarray, missing: list[str]) -> np.ndarray:
     """Return numbers with nan for those that stand for no reading; words are nan already."""
-    return np.where(np.isin(values, [number(text) for text in missing]), np.nan, values)
+    return np.where(np.isin(values, [cells.number(text) for text in missing]), np.nan, values)
 
 
 def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
@@ -430,7 +430,7 @@ def _cuts(times: np.ndarray, duty: np.ndarray) -> list[int]:
 
 
 def _short_enough(cuts: list[int], times: np.ndarray, duty: np.ndarray, rate: float) -> list[int]:
-    """Return further cuts, where wires are coldest, so that no part has more than `MOST` samples."""
+    """Return further cuts, where wires are coldest: no part has more than `MOST` samples."""
     found = [cuts[0]]
     heated = np.maximum.accumulate(np.where(duty.any(axis=0), times, times[0]))
     for cut in cuts[1:]:

@@ -284,8 +284,9 @@ def _lines(path: Path, size: int, encoding: str) -> Iterator[list[str]]:
             longest = int(np.argmax(list(map(len, lines))))
             if len(lines[longest]) >= LONGEST_LINE:
                 raise LogError(
-                    f"{path} has more than {LONGEST_LINE} characters in line {count + longest + 1}; "
-                    "a row of a log is shorter: save the log with a line for each row."
+                    f"{path} has more than {LONGEST_LINE} characters in line "
+                    f"{count + longest + 1}; a row of a log is shorter: save the log with a line for "
+                    "each row."
                 )
             rest = lines.pop()
             count += len(lines)
@@ -302,13 +303,13 @@ def _head(
     no_rows = LogError(f"{path} has no rows of numbers between delimiters; is it a log?")
     for block in blocks if form.width > 1 else ():
         in_a_row = 0
-        for number, line in enumerate(block):
+        for index, line in enumerate(block):
             row = form.cells(line)
             fits = len(row) == form.width and len(head) >= names_line
             in_a_row = in_a_row + 1 if fits and _is_of_numbers(row, form.decimal) else 0
             head.append(row)
             if in_a_row == ROWS_IN_A_ROW:
-                start = number + 1 - ROWS_IN_A_ROW
+                start = index + 1 - ROWS_IN_A_ROW
                 return head[:-ROWS_IN_A_ROW], block[start:]
             if len(head) > LONGEST_HEAD:
                 raise no_rows
@@ -326,14 +327,14 @@ def _is_of_numbers(row: list[str], decimal: str) -> bool:
 def _names_line(head: list[list[str]], width: int) -> int:
     """Return the number of the last line that has names for all cells; 0 if there is none."""
     for widths in ((width,), (width - 1, width + 1)):  # it may lack a cell, or begin with "#"
-        for number in range(len(head), 0, -1):
-            row = head[number - 1]
+        for line in range(len(head), 0, -1):
+            row = head[line - 1]
             full = [cell for cell in row if cell]
             known = sum(map(is_unit, row))
-            below = number > 1 and len(head[number - 2]) == len(row)  # of names, maybe
+            below = line > 1 and len(head[line - 2]) == len(row)  # of names, maybe
             is_of_units = known == len(row) or (known >= 0.5 * len(row) and below)
             if len(row) in widths and not is_of_units and sum(map(is_name, full)) > 0.5 * len(full):
-                return number
+                return line
     return 0
 
 

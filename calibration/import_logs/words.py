@@ -51,10 +51,7 @@ WORDS: dict[str, str] = {
     "humidity": "humidity feuchte rh",
     "counts": "adc count counts raw",
 }
-QUANTITIES = (
-    "voltage current power resistance length curvature pressure force torque rate acceleration "
-    "humidity counts"
-).split()
+QUANTITIES = tuple(list(WORDS)[-13:])
 UNITS = {  # of each quantity, in small letters
     TIME: "s ms us µs ns min h sec secs msec usec seconds sekunden millis micros",
     TEMPERATURE: "°c c degc deg_c deg°c °f f degf deg_f °k k kelvin celsius fahrenheit",

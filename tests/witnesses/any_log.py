@@ -13,11 +13,9 @@ LABELS = (  # of the left and the right wire
     ("a", "b"), ("A", "B"),
 )  # fmt: skip
 SIDES = LABELS[:4]
-WITH_UNIT = set(
-    "s sec secs seconds sekunden ms us msec millis micros stamp celsius kelvin fahrenheit degc degf "
-    "power pow leistung heizleistung yaw pitch roll imu orientation tilt neigung curvature krümmung "
-    "courbure tip tangent alpha bendlabs chord".split()
-)
+WITH_UNIT = """s sec secs seconds sekunden ms us msec millis micros stamp celsius kelvin fahrenheit
+degc degf power pow leistung heizleistung yaw pitch roll imu orientation tilt neigung curvature
+krümmung courbure tip tangent alpha bendlabs chord"""
 DIGITS = {"C": (1.0, 0.0), "F": (1.8, 32.0), "K": (1.0, 273.15)}
 MOMENTS = ("%Y-%m-%d %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S.%f", "%H:%M:%S.%f", "%d-%b-%Y %H:%M:%S.%f")
 
@@ -46,7 +44,7 @@ def any_log(recording: Recording, seed: int) -> AnyLog:
         return choices[int(draw.integers(len(choices)))]
 
     def name(role: str, label: str, unit: str) -> str:
-        words = [w for w in WORDS[role].split() if w.isascii() and w not in WITH_UNIT]
+        words = [w for w in WORDS[role].split() if w.isascii() and w not in WITH_UNIT.split()]
         word = pick(words)
         mark = pick(["_", " ", "."])
         parts = [word, label] if draw.uniform() < 0.7 else [label, word]
