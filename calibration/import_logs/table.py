@@ -283,10 +283,10 @@ def _lines(path: Path, size: int, encoding: str) -> Iterator[list[str]]:
             lines = (rest + piece).split("\n")
             longest = int(np.argmax(list(map(len, lines))))
             if len(lines[longest]) >= LONGEST_LINE:
+                place = f"{LONGEST_LINE} characters in line {count + longest + 1}"
                 raise LogError(
-                    f"{path} has more than {LONGEST_LINE} characters in line "
-                    f"{count + longest + 1}; a row of a log is shorter: save the log with a line for "
-                    "each row."
+                    f"{path} has more than {place}; a row of a log is shorter: save the log with "
+                    "a line for each row."
                 )
             rest = lines.pop()
             count += len(lines)
