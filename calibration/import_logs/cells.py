@@ -85,9 +85,11 @@ def _date(part: dict[str, str]) -> tuple[int, int, int]:
         return 1900, 1, 1
     # 31.12.2025, or 12/31/2025 unless there is no such month.
     american = part["mark"] == "/" and int(part["first"]) <= 12
-    month, day = (part["first"], part["second"]) if american else (part["second"], part["first"])
+    first = int(part["first"])
+    second = int(part["second"])
     year = int(part["last"])
-    return year if year > 99 else 2000 + year, int(month), int(day)
+    year = year if year > 99 else 2000 + year
+    return (year, first, second) if american else (year, second, first)
 
 
 def is_number(cell: str, decimal: str) -> bool:

@@ -88,7 +88,8 @@ class _Column:
         self.name = name
         self.text = name.text
         self.values = values
-        self.shown = values[~np.isnan(values)]
+        missing = np.isnan(values)
+        self.shown = values[~missing] if missing.any() else values
         self.steps = steps
         self.span = float(np.ptp(self.shown)) if len(self.shown) else 0.0
 
@@ -159,12 +160,14 @@ class _Log:
             self.times, self.kept = self.stamps, np.ones(table.num_rows, bool)
         self.steps = Steps.of(self.times)
         others = [n for n in names if n.text not in (self.time.column, self.time.fraction)]
-        numbers = [table.numbers(name.text)[self.kept] for name in others]
+        which = slice(None) if self.kept.all() else self.kept  # long logs are not copied
+        numbers = [table.numbers(name.text)[which] for name in others]
         self.missing = [v for v in MISSING if any(_stands_out(own, v) for own in numbers)]
         self.columns = []
         for name, values in zip(others, numbers, strict=True):
-            left_out = (np.abs(values) > ABSURD) | np.isin(values, self.missing)
-            column = _Column(name, np.where(left_out, np.nan, values), self.steps)
+            left_out = np.isin(values, self.missing) if self.missing else np.abs(values) > ABSURD
+            cleaned = np.where(left_out, np.nan, values) if left_out.any() else values
+            column = _Column(name, cleaned, self.steps)
             self.columns += [column] if len(column.shown) > 5 else []
 
     def ask(

@@ -3,6 +3,7 @@
 import codecs
 import csv
 import dataclasses
+import io
 import itertools
 import re
 from collections import Counter
@@ -81,8 +82,12 @@ class LogTable:
     def only(self, names: set[str]) -> "LogTable":
         """Return the table with some of its columns; the others then need no memory."""
         kept = [index for index, name in enumerate(self.names) if name in names]
-        own = {f: [getattr(self, f)[i] for i in kept] for f in ("names", "units", "values")}
-        return dataclasses.replace(self, **own)
+        return dataclasses.replace(
+            self,
+            names=[self.names[index] for index in kept],
+            units=[self.units[index] for index in kept],
+            values=[self.values[index] for index in kept],
+        )
 
     def rows(self, which: np.ndarray | slice) -> "LogTable":
         """Return the table with some of its rows, or with its rows in another order."""
@@ -276,7 +281,8 @@ def _lines(path: Path, size: int, encoding: str) -> Iterator[list[str]]:
     count = 0
     rest = ""
     with (
-        path.open(encoding=encoding, errors="replace") as text,
+        path.open("rb") as file,
+        io.TextIOWrapper(file, encoding, errors="replace") as text,
         Progress(f"reading {path.name}", round(size / 1e6, 1), "MB") as progress,
     ):
         while piece := text.read(BLOCK):
@@ -290,7 +296,7 @@ def _lines(path: Path, size: int, encoding: str) -> Iterator[list[str]]:
                 )
             rest = lines.pop()
             count += len(lines)
-            progress.update(text.buffer.tell() / 1e6)
+            progress.update(file.tell() / 1e6)
             yield lines
         yield [rest] if rest else []
 
@@ -382,7 +388,7 @@ def _units(head: list[list[str]], names_line: int, form: _Form, sample: list[str
         if len(row) == form.width and sum(bool(unit_quantity(cell)) for cell in row) >= 2:
             found = [cell if unit_quantity(cell) else "" for cell in row]
             break
-    for row in map(form.cells, sample):
+    for row in map(form.cells, sample[:LOOKED_AT]):
         for index, cell in enumerate(row if len(row) == form.width else []):
             amount = _AMOUNT.fullmatch(cell)
             if not found[index] and amount and unit_quantity(amount[1]):

@@ -1,6 +1,7 @@
 """The dictionary: what the words and units in a column's name say."""
 
 import dataclasses
+import functools
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -159,6 +160,7 @@ def plain_unit(text: str) -> str:
     return unit.replace("μ", "µ").replace("º", "°").replace("\u2103", "°c")
 
 
+@functools.lru_cache(maxsize=4096)
 def unit_quantity(text: str) -> str:
     """Return the quantity that a unit is of; empty if the unit is not known."""
     unit = plain_unit(text)

@@ -496,7 +496,7 @@ X_Value;PWM left;PWM right;TC left;TC right;Bend [deg];"""
         ("{0:%H:%M:%S.%f} -> " + ROW, f"23:58:03.0 -> {HEAD}"),
         ("[{0:%Y-%m-%d %H:%M:%S.%f}] " + ROW, HEAD),
         (
-            "t:{6:.1f}\tpwm_left:{1:.0f}\tpwm_right: {2:.0f}\tT_left:{3}\tT_right:{4}\tbend_deg:{5}",
+            "t:{6:.1f}|pwm_left:{1:.0f}|pwm_right: {2:.0f}|T_left:{3}|T_right:{4}|bend_deg:{5}",
             "",
         ),
         ("{6:.1f};{1:.0f};{2:.0f};{3:.2f};{4:.2f};{5:.3f};", LABVIEW),
