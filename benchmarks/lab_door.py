@@ -28,9 +28,9 @@ from lab_logs import SIDES, Log, Truth
 from lab_tables import STYLES, UNSEEN, table
 from pydrake.trajectories import PiecewisePolynomial
 
+from calibration.import_logs.mapping import LogMapping, WireColumns
 from limb_systems import Limb, LimbParameters, Recording, simulate
 from limb_systems.bend_sensor import chord_angle
-from limb_systems.logs.mapping import LogMapping, WireColumns
 
 TOLERANCE = 0.03  # of a factor
 OFFSET = 5.0  # °, that a limb may be bent at rest

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 import calibration
+from calibration.import_logs.importing import import_logs
+from calibration.import_logs.mapping import LogMapping
 from hardware import LimbTwin
 from limb_systems import LimbError, LimbParameters
-from limb_systems.logs.importing import import_logs
-from limb_systems.logs.mapping import LogMapping
 from soft_limb.reports.calibration_report import write_report
 from soft_limb.results.summaries import calibration_summary
 
@@ -24,7 +24,8 @@ from soft_limb.results.summaries import calibration_summary
 def log_emulated_limb(limb, folder):
     """What a lab's logger might write, of fewer and shorter equilibria than one should record."""
     few = {"num_angles": 2, "longest": 25, "cooling_time": 60, "ring_downs": 1, "protocol": "paper"}
-    csv = {"delimiter": ",", "comments": "", "header": "ms,pwm_l,pwm_r,temp_l,temp_r,bend_deg"}
+    header = "ms,pwm_l [0-255],pwm_r [0-255],temp_l,temp_r,bend_deg"
+    csv = {"delimiter": ",", "comments": "", "header": header}
     folder.mkdir(parents=True, exist_ok=True)
     for kind, group in calibration.collect_from_twin(LimbTwin(limb), **few).items():
         for number, r in enumerate(group, 1):

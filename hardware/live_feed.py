@@ -13,9 +13,9 @@ from hardware.board.serial_limb import DEADLINE, SerialLimb
 from hardware.board.several_boards import Link
 from hardware.firmware import guard
 from limb_systems import Layout, LimbParameters, LimbSystem, Trajectory
-from limb_systems.band import Band, band
 from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.drake_python import weak_method
+from limb_systems.plan_band import Band, band
 from limb_systems.simulation import PERIOD
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import copy
+import dataclasses
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -101,11 +102,38 @@ def simulate(
         system,
         source.get_output_port(),
         duration,
-        jumps=jump_times(applied),
-        sample_rate=sample_rate,
-        accuracy=accuracy,
-        initial_state=initial_state,
+        RecordOptions(
+            jumps=jump_times(applied),
+            sample_rate=sample_rate,
+            accuracy=accuracy,
+            initial_state=initial_state,
+        ),
     )
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class RecordOptions:
+    """How `record` runs a diagram, and what it records beside the limb.
+
+    - ``reference``: port of the desired bend angle (S), rad, to be recorded.
+    - ``until``: function of the diagram's context; the recording ends when it is true.
+    - ``remark``: function of the diagram's context; text for the progress line.
+    - ``real_time``: whether to run in real time although the system does not need it, for example
+      because a person watches.
+    - ``jumps``: times at which the duty jumps, s, which no step of the integrator may cover.
+    - ``sample_rate``, ``accuracy``, ``initial_state``: arguments of `simulate`.
+    - ``provenance``: provenance of the recording; this call's if None.
+    """
+
+    reference: OutputPort | None = None
+    until: Callable[[Context], bool] | None = None
+    remark: Callable[[Context], str] | None = None
+    real_time: bool = False
+    jumps: ArrayLike = ()
+    sample_rate: float = 20.0
+    accuracy: float | None = None
+    initial_state: ArrayLike | None = None
+    provenance: Provenance | None = None
 
 
 def record(
@@ -113,16 +141,7 @@ def record(
     system: LimbSystem,
     duty: OutputPort,
     duration: float,
-    *,
-    reference: OutputPort | None = None,
-    until: Callable[[Context], bool] | None = None,
-    remark: Callable[[Context], str] | None = None,
-    real_time: bool = False,
-    jumps: ArrayLike = (),
-    sample_rate: float = 20.0,
-    accuracy: float | None = None,
-    initial_state: ArrayLike | None = None,
-    provenance: Provenance | None = None,
+    options: RecordOptions | None = None,
 ) -> Recording:
     """Runs a diagram with a limb in it and records the limb.
 
@@ -134,14 +153,7 @@ def record(
         system: a `Limb`, or any other `LimbSystem`.
         duty: the port that drives the limb; it is connected here.
         duration: at most, s.
-        reference: port of the desired bend angle (S), rad, to be recorded.
-        until: function of the diagram's context; the recording ends when it is true.
-        remark: function of the diagram's context; text for the progress line.
-        real_time: whether to run in real time although the system does not need
-            it, for example because a person watches.
-        jumps: times at which the duty jumps, s, which no step of the integrator may cover.
-        sample_rate, accuracy, initial_state: as for `simulate`.
-        provenance: provenance of the recording; this call's if None.
+        options: how it is run; the defaults if None.
 
     Raises:
         SimulationError: if the integrator fails.
@@ -149,7 +161,10 @@ def record(
     """
     check_limb(system)
     check_positive("duration", duration, " s")
-    provenance = provenance or Provenance.now(system.parameters)  # before it has to keep time
+    options = options or RecordOptions()
+    sample_rate, reference = options.sample_rate, options.reference
+    # Before it has to keep time.
+    provenance = options.provenance or Provenance.now(system.parameters)
     builder.Connect(duty, system.GetInputPort("duty"))
     # A Limb's bend angle follows from its joint state for all samples at once, so that the C++
     # loop does not call Python at each of them.
@@ -159,14 +174,15 @@ def record(
     ports |= {"duty": duty} | ({"reference": reference} if reference else {})
     sinks = {name: LogVectorOutput(port, builder, 1 / sample_rate) for name, port in ports.items()}
     diagram = build(builder)
-    if accuracy is None:
-        accuracy = system.accuracy
-    simulator = make_simulator(diagram, accuracy)
+    simulator = make_simulator(
+        diagram, system.accuracy if options.accuracy is None else options.accuracy
+    )
     context = simulator.get_mutable_context()
-    if initial_state is not None:
-        _set_state(system, system.GetMyMutableContextFromRoot(context), initial_state)
+    if options.initial_state is not None:
+        _set_state(system, system.GetMyMutableContextFromRoot(context), options.initial_state)
     end = end_of_samples(duration, sample_rate)
-    advance(simulator, end, until, remark, real_time or system.real_time, jumps)
+    real_time = options.real_time or system.real_time
+    advance(simulator, end, options.until, options.remark, real_time, options.jumps)
 
     # Copies, as the logs are Drake's.
     signals = {name: sink.FindLog(context).data().copy() for name, sink in sinks.items()}

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from calibration.import_logs.evidence import correlation
 from calibration.recordings.kinds import (
     FREE_KINDS,
     GRAVITY_HINT,
@@ -23,7 +24,6 @@ from calibration.recordings.repair import (
 from calibration.remarks import CalibrationError
 from limb_systems import Recording
 from limb_systems.files.signal_table import stretches
-from limb_systems.logs.evidence import correlation
 from limb_systems.low_pass import low_pass
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed

@@ -23,19 +23,39 @@ def read_bytes(
     Raises:
         LimbError: of that type, with one sentence naming the file.
     """
+    check_file(path, what, largest, error_type)
     try:
-        # Before it is opened, because opening a pipe waits and opening a port resets its board.
-        status = os.stat(path)
-        if not stat.S_ISREG(status.st_mode):
-            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
-            raise error_type(f"Cannot read the {what}: {path} is {kind}, but must be a file.")
-        if status.st_size <= largest:
-            with open(path, "rb") as file:
-                if len(data := file.read(largest + 1)) <= largest:
-                    return data
+        with open(path, "rb") as file:
+            if len(data := file.read(largest + 1)) <= largest:
+                return data
     except (OSError, ValueError) as error:  # the latter for a path that no file can have
         raise error_type(f"Cannot read the {what}: {error}.") from error
-    raise error_type(
+    raise _too_large(path, what, largest, error_type)
+
+
+def check_file(
+    path: str | os.PathLike, what: str, largest: int, error_type: type[LimbError]
+) -> None:
+    """Refuse what is no file, or is beyond a limit, before it is opened; as `read_bytes`."""
+    try:
+        # Opening a pipe waits, and opening a port resets its board.
+        status = os.stat(path)
+        if stat.S_ISREG(status.st_mode):
+            with open(path, "rb"):
+                pass
+    except (OSError, ValueError) as error:  # the latter for a path that no file can have
+        raise error_type(f"Cannot read the {what}: {error}.") from error
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
+        raise error_type(f"Cannot read the {what}: {path} is {kind}, but must be a file.")
+    if status.st_size > largest:
+        raise _too_large(path, what, largest, error_type)
+
+
+def _too_large(
+    path: str | os.PathLike, what: str, largest: int, error_type: type[LimbError]
+) -> LimbError:
+    return error_type(
         f"Cannot read the {what}: {path} is larger than the {largest / 1e6:g} MB that are read."
     )
 

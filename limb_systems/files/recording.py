@@ -1,9 +1,9 @@
 """What was measured on a limb, model or robot, over time."""
 
 import dataclasses
-import warnings
+import importlib
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,13 +13,10 @@ from limb_systems.files.provenance import Provenance
 from limb_systems.files.schema import check_text, rare
 from limb_systems.files.signal_table import Samples, apart, sample_rate, signal
 from limb_systems.limb_parameters import LimbParameters
-from limb_systems.logs.guess import limbs_in_log
-from limb_systems.logs.mapping import LogMapping
-from limb_systems.logs.reading import read_log
-from limb_systems.logs.table import read_table
 from limb_systems.summary import Entry, Summary
 
 LONGEST_PERIOD, HIGHEST_RATE = 10_000.0, 1e6  # s and Hz, of samples
+LOG_IMPORT = "calibration.import_logs.importing"  # module that reads logs of other programs
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
@@ -197,35 +194,23 @@ class Recording(Samples):
     def from_log(
         cls,
         path: str | Path,
-        mapping: LogMapping | str | Path | None = None,
+        mapping: Any = None,
         parameters: LimbParameters | None = None,
     ) -> "Recording":
         """Reads a log of another program, as far as one limb goes without a gap.
 
-        What was left out is said in a warning; `limb_systems.logs` has all of it.
+        What was left out is said in a warning; `calibration.import_logs` has all of it.
 
         Args:
-            mapping: mapping of the log's columns, or its YAML file; what the log itself shows
-                if None.
+            mapping: a `LogMapping` of the log's columns, or its YAML file; what the log itself
+                shows if None.
             parameters: the limb's description; the nominal limb, with the wires of the mapping,
                 if None.
 
         Raises:
-            LogError: with one sentence, if it is no log or lacks what a recording needs.
+            LogError: with one sentence, if it is no log, lacks what a recording needs, or leaves
+                something open.
         """
-        said, table = [], None
-        if mapping is None:
-            table = read_table(path)
-            limb, *others = limbs_in_log(path, table)
-            mapping = limb.mapping
-            if others:
-                names = ", ".join(other.name for other in others)
-                said.append(f"This is {limb.name}; mappings would read {names}.")
-        elif not isinstance(mapping, LogMapping):
-            mapping = LogMapping.load(mapping)
-        parts, remarks = read_log(path, mapping, parameters, table)
-        if len(parts) > 1:
-            said.append(f"This is the longest of {len(parts)} parts.")
-        if said := [*said, *remarks]:
-            warnings.warn(f"{path}: {' '.join(said)}", stacklevel=2)
-        return cls(**max(parts, key=lambda part: part["time"][-1]))
+        # The import is above files, and files do not depend on it: it is found when it is called.
+        importing = importlib.import_module(LOG_IMPORT)
+        return importing.recording_from_log(path, mapping, parameters)

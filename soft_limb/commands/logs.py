@@ -6,14 +6,15 @@ import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
+from calibration.import_logs.importing import ImportedLog, import_logs
+from calibration.import_logs.mapping import LogMapping
+from calibration.import_logs.table import LogError
+from calibration.import_logs.words import Dictionary
 from calibration.recordings.files import Usable, leaving_out, usable
 from calibration.recordings.kinds import kind_of
 from calibration.remarks import Remark
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.files.output import check_folder, check_outputs, free_path
-from limb_systems.logs.guess import ASKS
-from limb_systems.logs.importing import ImportedLog, import_logs
-from limb_systems.logs.mapping import LogMapping
 from limb_systems.summary import Entry, Summary
 from soft_limb.commands.options import Command, Option, print_summary, shared
 
@@ -42,20 +43,24 @@ def _import(options: argparse.Namespace) -> int:
     check_folder(options.output)
     parameters = LimbParameters.load(options.limb) if options.limb else None
     given = LogMapping.load(options.mapping) if options.mapping else None
+    dictionary = Dictionary.load(options.words) if options.words else None
     unread: list[str] = []
-    logs = import_logs(options.logs, given, parameters, unread)
+    logs = import_logs(options.logs, given, parameters, unread, dictionary)
+    if sys.stdin.isatty() and not options.json:
+        _answer(logs, parameters)
     mappings = [options.output / log.limb.name / f"{log.stem}.mapping.yaml" for log in logs]
     files = [options.output / file for log in logs for file in log.files]
     every = [recording for log in logs for recording in log.recordings]
     recordings = dict(zip(files, every, strict=True))
     written = files if given else [*mappings, *files]
-    check_outputs(written, inputs=[*options.logs, options.mapping], force=options.force)
+    inputs = [*options.logs, options.mapping, options.words]
+    check_outputs(written, inputs=inputs, force=options.force)
     for log in logs:
         log.remarks.extend(map(str, _of_kind(log, options.kind)))
     told, heated = [], set()
     for log, mapping in zip(logs, mappings, strict=True):
         if not given:
-            about = [f"How soft-limb reads {log.path.name}.", *log.limb.notes]
+            about = [f"How soft-limb reads {log.path.name}.", *log.limb.notes, *_asked(log)]
             log.limb.mapping.save(mapping, about)
         own = usable_of(recording for recording in log.recordings if recording.kind)
         log.remarks.extend(f"soft-limb fit: {remark}" for remark in own.left_out)
@@ -66,12 +71,42 @@ def _import(options: argparse.Namespace) -> int:
             print(f"{summary}\n")
     for path, recording in recordings.items():
         recording.save(path)
-    failed = [log for log in logs if log.error]
+    failed = [log for log in logs if log.error or log.asks]
     text = "" if failed else "\n".join(_next(options.output, recordings, heated))
     print_summary(options, Summary.of({"next": text}, {"logs": told}), written)
     for error in unread:
         print(f"error: {error} It is left out.", file=sys.stderr)
     return ASKED if any(log.asks for log in failed) else int(bool(failed or unread))
+
+
+def _answer(logs: Iterable[ImportedLog], parameters: LimbParameters | None) -> None:
+    """Ask a person at the terminal what logs do not tell; Enter leaves a question open.
+
+    Answers to the questions of one log hold for all logs that have the same columns.
+    """
+    given: dict[tuple, dict[str, str]] = {}
+    for log in logs:
+        answers = given.setdefault((log.limb.name, *log.limb.columns), {})
+        questions = {question.field: question.lines for question in log.limb.questions}
+        fields = [*questions, *(f for f in log.limb.mapping.open_fields if f not in questions)]
+        for field in [field for field in fields if field not in answers]:
+            print(f"{log.path}", *questions.get(field, ["? not known"]), sep="\n")
+            print(f"{field} (Enter: leave it open): ", end="", flush=True)
+            if said := sys.stdin.readline().strip():
+                answers[field] = said
+        if not answers or not set(questions) <= set(answers):
+            continue
+        try:
+            log.limb.mapping = log.limb.mapping.with_answers(answers)
+            log.limb.questions = []
+            log.read(parameters)
+        except LogError as problem:
+            log.error = str(problem)
+
+
+def _asked(log: ImportedLog) -> list[str]:
+    """The questions of a log, with lines of the mapping ready to be edited."""
+    return [line for question in log.limb.questions for line in question.lines]
 
 
 def _of_kind(log: ImportedLog, kind: str | None) -> Iterator[Remark]:
@@ -106,9 +141,10 @@ def _next(
 def _summary(log: ImportedLog, mapping: Path) -> Summary:
     """What is in a log, and what was lost."""
     found = [recording.summary().line() for recording in log.recordings]
-    error = f"{log.error} Correct {mapping} and give it with --mapping." if log.error else ""
-    asked = [note for note in log.limb.notes if note.startswith(ASKS)]
-    notes = [note for note in log.limb.notes if note not in asked]
+    doubt = log.error or ("It leaves something open." if log.asks else "")
+    error = f"{doubt} Correct {mapping} and give it with --mapping." if doubt else ""
+    asked = _asked(log)
+    notes = log.limb.notes
     return Summary(
         [
             Entry("log", " ".join(filter(None, [str(log.path), log.limb.name]))),
@@ -124,11 +160,11 @@ def _summary(log: ImportedLog, mapping: Path) -> Summary:
 COMMANDS = {
     "import": Command(
         _import,
-        "Reads logs of other programs as recordings, which calibration takes. Some loggers of this "
-        "field are known; of any other table it says what it takes each column for, by name, range "
-        "and what follows the heat. It writes that as a mapping (NAME.mapping.yaml), which you may "
-        "correct and give back. Where names, units and numbers do not tell, or contradict each "
-        "other, it asks, and ends with exit status 2. Limbs that share a log get a folder each.",
+        "Reads logs of other programs as recordings, which calibration takes. Names say what a "
+        "column is; numbers confirm it. What names do not tell, or what numbers contradict, it "
+        "asks, at a terminal or with exit status 2. It writes what it took each column for as a "
+        "mapping (NAME.mapping.yaml), with the questions as comments; correct it and give it back. "
+        "Limbs that share a log get a folder each.",
         "folder json force",
         [
             Option("logs", nargs="+", metavar="LOG", type=Path, help="logs, tables of text"),
@@ -140,6 +176,9 @@ COMMANDS = {
                 "they show, and heated or motion if their names begin so",
             ),
             Option("--mapping", type=Path, help="how to read the logs (.yaml)"),
+            Option(
+                "--words", type=Path, help="your words in columns' names (.yaml: duty: [brenner])"
+            ),
         ],
         stopped="stopped; recordings that are there are whole",
         examples=["soft-limb import lab/*.csv -o out/recordings/"],

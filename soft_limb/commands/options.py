@@ -17,7 +17,7 @@ from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import Panel
 from soft_limb.command import EXIT_STATUS
 from soft_limb.live.live_page import LOOPBACK, LivePage
-from soft_limb.runs.rollout import CONTROLLERS, OPEN
+from soft_limb.runs import CONTROLLERS, OPEN
 
 
 class Option:

@@ -68,6 +68,7 @@ def way_panel(recording: Recording, goals: Sequence[Sequence[float]]) -> Panel:
         recording: recording of a robot in space whose body is seen.
         goals: places, whose first numbers are x and y, m.
     """
+    assert recording.body_pose is not None
     x, y = 1e3 * recording.body_pose[:2]
     places = 1e3 * np.array([goal[:2] for goal in goals]).T
     curves = [

@@ -2,18 +2,21 @@
 
 import dataclasses
 import datetime
+import io
 import json
 import re
 
 import numpy as np
 import pytest
+from any_log import any_log, faults
+from logged_limb import OwnLimb
 
+from calibration.import_logs import signals as reading
+from calibration.import_logs import table
+from calibration.import_logs.importing import import_logs
+from calibration.import_logs.mapping import LogMapping
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
 from limb_systems.bend_sensor import chord_angle
-from limb_systems.logs import reading, table
-from limb_systems.logs.guess import limbs_in_log
-from limb_systems.logs.importing import import_logs
-from limb_systems.logs.mapping import LogMapping
 from soft_limb.command import main
 
 LINKS = 4
@@ -95,6 +98,7 @@ def sma_log(path, truth, *, tags=True, pairs=(0, 1, 3, 2), limb=0, turned=20.0, 
             points.append(points[-1] + 60 * np.array([np.cos(middle), -np.sin(middle)]))
         directions = directions + down * 2 * bends[one]
     tagged = np.array(points).reshape(18, count) if tags else np.zeros((18, count))
+    tagged += tags * np.random.default_rng(0).normal(0.0, 0.01, tagged.shape)  # as cameras have it
     tagged[:, :6] = 0.0
     names = ["Timestamp (millisec since midnight today)", "Test time"]
     names += [f"pwm_duty_limb{k}_{w}" for k in (0, 1) for w in ("fwd", "rev")]
@@ -139,13 +143,15 @@ def test_bend_sensors_of_that_logger_show_the_tip_tangent(tmp_path, truth):
 
 def test_both_limbs_of_a_log_get_recordings(tmp_path, truth, capsys):
     path = sma_log(tmp_path / "two limbs.csv", truth)
+    # The logger's other limb gets the duty of one wire; its bend does not follow it.
     text = path.read_text().replace("limb1_fwd", "limb2_fwd").replace("limb0_rev", "limb1_fwd")
-    path.write_text(text.replace("limb2_fwd", "limb0_rev"))  # the other limb gets its duty
-    assert main(["import", str(path), "-o", str(tmp_path / "out"), "--json"]) == 0
+    path.write_text(text.replace("limb2_fwd", "limb0_rev"))
+    assert main(["import", str(path), "-o", str(tmp_path / "out"), "--json"]) == 2
     written = json.loads(capsys.readouterr().out)["written"]
     names = [name.removeprefix(str(tmp_path / "out")) for name in written]
     assert "/limb_0/two_limbs.csv" in names
-    assert "/limb_1/two_limbs.csv" in names
+    assert "/limb_1/two_limbs.mapping.yaml" in names
+    assert "/limb_1/two_limbs.csv" not in names
 
 
 def test_any_table_of_a_spreadsheet(tmp_path):
@@ -187,12 +193,12 @@ def test_counts_of_a_sensor_are_asked_for_and_then_read(tmp_path, truth, capsys)
     counts = np.round(2048 - 11.4 * np.rad2deg(truth.bend))
     path = write(
         tmp_path / "board.txt",
-        ["ms", "duty_r", "duty_l", "flex_raw", "tc0", "tc1"],
+        ["ms", "r (%)", "l (%)", "flex_raw", "tc0", "tc1"],
         [1000 * truth.time, 100 * truth.duty[1], 100 * truth.duty[0], counts, *truth.temperature],
         delimiter="\t",
     )
     assert main(["import", str(path), "-o", str(tmp_path / "out")]) == 2
-    assert "as a negative number" in capsys.readouterr().out
+    assert "how many degrees is a unit of flex_raw? Negative if" in capsys.readouterr().out
     mapping = tmp_path / "out" / "board.mapping.yaml"
     text = mapping.read_text()
     assert "scale: 0.0" in text
@@ -200,7 +206,7 @@ def test_counts_of_a_sensor_are_asked_for_and_then_read(tmp_path, truth, capsys)
     recording = Recording.from_log(path, mapping)
     check(recording, truth)
     mapping.write_text(mapping.read_text().replace("full: 100.0", "full: 10.0"))
-    with pytest.raises(LimbError, match=r"duty_l.*reaches 50.*correct its full"):
+    with pytest.raises(LimbError, match=r"l \(%\).*reaches 50.*correct its full"):
         Recording.from_log(path, mapping)
 
 
@@ -214,14 +220,14 @@ def signals(truth):
 @pytest.mark.parametrize(
     ("column", "name", "scale", "asked"),
     [
-        (5, "Voltage", 0.02, "? bend: .*Voltage is a voltage, by its name"),
-        (5, "sensor [kPa]", 0.1, "? bend: .*is a pressure, by its unit kPa"),
-        (5, "gyro_deg_s", 1.0, "? bend: .*gyro_deg_s is a rate"),
-        (5, "tip", 0.01, "? bend.scale is 0: give the degrees of a unit of tip"),
-        (2, "Current", 2.0, "? duty: Current is a current, by its name"),
-        (1, "heater_left [W]", 6.0, "? full: .*what is full duty"),
-        (0, "time_s", 1000.0, "? unit of time_s"),
-        (0, "sample", 10.0, "? time: no column is a time"),
+        (5, "Voltage", 0.02, "? no column seems to be the bend.*Voltage is a voltage"),
+        (5, "sensor [kPa]", 0.1, r"? no column.* sensor \[kPa\] is a pressure"),
+        (5, "gyro_deg_s", 1.0, "? no column seems.*gyro_deg_s is a rate"),
+        (5, "tip", 0.01, "? how many degrees is a unit of tip"),
+        (2, "Current", 2.0, "? Current is a current, but may be the heat of a wire"),
+        (1, "heater_left [W]", 6.0, r"? heater_left \[W\] is a power"),
+        (0, "time_s", 1000.0, "? unit of time_s. Its rows are too far apart"),
+        (0, "sample", 10.0, "? no column is a time that increases: give the rate of the frames"),
         (3, "temp_left_f", 1.0, "? unit of temp_left_f: C, F or K"),
     ],
 )
@@ -280,7 +286,7 @@ def test_a_warm_log_of_another_encoding_and_clock(tmp_path, clock, encoding):
 def test_a_long_log_is_read_in_blocks_and_cut_where_it_is_cold(tmp_path, truth, monkeypatch):
     path = write(tmp_path / "log.csv", NAMES, signals(truth))
     _, (whole,), _ = read(path)
-    monkeypatch.setattr(table, "BLOCK", 7)
+    monkeypatch.setattr(table, "BLOCK", 300)
     monkeypatch.setattr(reading, "MOST", 1500)
     _, parts, remarks = read(path)
     assert [round(part.time[-1]) for part in parts] == [125, 115]
@@ -329,7 +335,7 @@ def test_signed_duty_and_one_wire(tmp_path, truth):
     )
     assert recording.parameters.wire_names == ["right"]
     two = Recording.from_log(
-        tmp_path / "b.csv", limbs_in_log(tmp_path / "b.csv")[0].mapping, LimbParameters()
+        tmp_path / "b.csv", import_logs([tmp_path / "b.csv"])[0].limb.mapping, LimbParameters()
     )
     assert np.isnan(two.measured_temperature[0]).all()
 
@@ -354,10 +360,10 @@ def rows(names, form):
         (b"time,duty\n", "no rows of numbers"),
         (rows("time,duty,bend", "{0},{1},{2}") + b"\n1,2," + b"x" * 200_000, "in line 52"),
         (rows("time,duty", "{0},{1},{2}"), "has 2 names in line 1, but 3 cells"),
-        (b"x" * 10_000_000, "more than 100000 characters in line 1"),
-        (rows("time,duty,bend", "{0},{1},0"), "no column is known for the bend"),
-        (rows("ms,duty,bend", "5,{1},{2}"), "'ms' holds no time that increases"),
-        (rows("time,bend,temp", "{0},{2},22"), "no column is known for duty"),
+        (b"x" * 10_000_000, "no rows of numbers"),
+        (rows("time,duty,bend", "{0},{1},0"), "no column seems to be the bend"),
+        (rows("ms,duty,bend", "5,{1},{2}"), "no column is a time that increases"),
+        (rows("time,bend,temp", "{0},{2},22"), "no column seems to be a duty"),
     ],
 )
 def test_what_is_no_log_is_refused_in_a_sentence(tmp_path, content, said):
@@ -374,7 +380,7 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
         ["time_s", "duty", "temp_c", "bend_deg"],
         [truth.time, truth.duty[1], truth.temperature[1], np.rad2deg(truth.bend)],
     )
-    mapping = limbs_in_log(path)[0].mapping
+    mapping = import_logs([path])[0].limb.mapping
     mapping.save(tmp_path / "m.yaml", ["a remark"])
     assert LogMapping.load(tmp_path / "m.yaml") == mapping
     text = (tmp_path / "m.yaml").read_text()
@@ -386,7 +392,7 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
         ("scale: 1.0", "scale: 1000.0", r"bend would be up to .*correct bend\.scale"),
         ("unit: C", "unit: K", "'temp_c' is beyond -60 to 600 °C .* correct its unit"),
         ("temperature: temp_c", "temperature: duty", "'duty' is given for duty of the right wire"),
-        ("sign: 1.0", "sign: 0.5", "sign of the right wire is 0.5; it must be 1 or -1"),
+        ("sign: 1.0", "sign: 0.5", "sign of the right wire is 0.5; it must be one of 1, -1"),
     ):
         assert right in text
         (tmp_path / "m.yaml").write_text(text.replace(right, wrong))
@@ -395,3 +401,221 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
     mapping.wires.append(dataclasses.replace(mapping.wires[0], name="left", temperature=""))
     with pytest.raises(LimbError, match="'duty' is given for duty of the right wire and for duty"):
         dataclasses.replace(mapping)
+
+
+def moments(truth, form):
+    start = datetime.datetime(2026, 3, 3, 23, 58, 3)
+    return [(start + datetime.timedelta(seconds=round(t, 3))).strftime(form) for t in truth.time]
+
+
+@pytest.fixture(scope="module")
+def cases(truth):
+    """Columns of logs in forms that practitioners' programs write, by their names."""
+    counts = np.round(255 * truth.duty)
+    temperatures = truth.temperature
+    degrees = np.rad2deg(truth.bend)
+    base = [truth.time, *counts, *temperatures, degrees]
+    warm = truth.temperature + [[42.0], [26.0]] * np.exp(-truth.time / 200)
+    noise = np.random.default_rng(0).normal(0.0, 0.05, (6, len(truth.time)))
+    bent = 300 * np.array([np.cos(truth.bend), -np.sin(truth.bend)])
+    middle = 150 * np.array([np.cos(truth.bend / 2), -np.sin(truth.bend / 2)])
+    points = [*(noise[:2] - [[90.0], [0.0]]), *noise[2:4], *middle, *bent]
+    seconds = np.floor(truth.time)
+    names = "time_s pwm_left pwm_right T_left_C T_right_C bend_deg"
+    crossed = [base[k] for k in (0, 2, 1, 4, 3, 5)]
+    single = [f"{t:.3f}" for t in np.float32(270_000 + truth.time)]
+    relay = 1.0 * (counts[1] > 0)
+    marked = names.replace("bend_deg", "m1_x m1_y m2_x m2_y m3_x m3_y")
+    return {
+        "coil": ("time_s pwm_coil_R pwm_coil_L T_R_C T_L_C angle_deg", crossed),
+        "control": ("time_s control_left control_right T1 T2 angle_deg", base),
+        "things": ("time_s wire_left wire_right T1 T2 angle_deg", base),
+        "warm": (names, [*base[:3], *warm, base[5]]),
+        "inverted": (names, [base[0], *(255 - counts), *base[3:]]),
+        "swapped": ("time_s pwm_left pwm_right T_right_C T_left_C bend_deg", base),
+        "relay": (names.replace("pwm_right", "relay_2"), [*base[:2], relay, *base[3:]]),
+        "dropped": ("time_s pwm_left T_left_C T_right_C bend_deg", base[:2] + base[3:]),
+        "mixed units": (names.replace("_C", ""), [*base[:3], 1.8 * base[3] + 32, *base[4:]]),
+        "named rad": (names, [*base[:5], truth.bend]),
+        "no names": ("", base),
+        "single": (names, [single, *base[1:]]),
+        "ros": (
+            names.replace("time_s", "stamp_sec stamp_nanosec"),
+            [1.7e9 + seconds, np.round(1e9 * (truth.time - seconds)), *base[1:]],
+        ),
+        "matlab": (
+            "Time pwm_left pwm_right T_left T_right theta",
+            [moments(truth, "%d-%b-%Y %H:%M:%S.%f"), *base[1:]],
+        ),
+        "frames": (names.replace("time_s", "frame"), [np.arange(len(truth.time)), *base[1:]]),
+        "clamp": (marked.replace("m1_x", "m0_x m0_y m1_x"), [*base[:5], *points]),
+        "base": (marked, [*base[:5], *points[2:]]),
+        "piece": (names, [column[:250] for column in base]),
+    }
+
+
+@pytest.mark.parametrize(
+    ("case", "asked"),
+    [
+        ("coil", ""), ("warm", ""), ("no names", ""), ("single", ""), ("ros", ""), ("matlab", ""),
+        ("base", ""), ("control", ""),
+        ("things", ""),
+        ("inverted", "looks inverted"),
+        ("swapped", "names say T_left_C, but T_right_C warms with pwm_left"),
+        ("relay", "relay_2 may be the heat of a wire"),
+        ("dropped", "T_right_C is a temperature of no wire"),
+        ("mixed units", "unit of T_left: C, F or K"),
+        ("named rad", "degrees is a unit of bend_deg"),
+        ("frames", "the frames in frame"),
+        ("clamp", "which point is the limb's base"),
+        ("piece", "the sign of bend_deg|what is full duty"),
+    ],
+)  # fmt: skip
+def test_forms_of_practitioners_are_right_or_asked_about(tmp_path, truth, cases, case, asked):
+    names, columns = cases[case]
+    limb, recordings, _ = read(write(tmp_path / "log.csv", names.split(), columns, form="{:.13g}"))
+    assert bool(recordings) == (not asked)
+    assert bool(re.search(asked, " ".join(question.text for question in limb.questions)))
+    if recordings and case not in ("warm", "single"):
+        check(recordings[0], truth, tolerance_deg=0.3)
+        assert recordings[0].sample_rate == 10.0
+
+
+HEAD = "pwm_left,pwm_right,T_left,T_right,bend_deg"
+ROW = "{1:.0f},{2:.0f},{3:.2f},{4:.2f},{5:.3f}"
+LABELLED = "t:{6:.1f},pwm_left:{1:.0f},pwm_right: {2:.0f},T_left:{3},T_right:{4},bend_deg:{5}"
+LABVIEW = """Channels;5;;;;;
+Samples;9;9;9;9;9;
+Date;x;x;x;x;x;
+X_Value;PWM left;PWM right;TC left;TC right;Bend [deg];"""
+
+
+@pytest.mark.parametrize(
+    ("form", "head"),
+    [
+        ("{0:%H:%M:%S.%f} -> " + ROW, f"23:58:03.0 -> {HEAD}"),
+        ("[{0:%Y-%m-%d %H:%M:%S.%f}] " + ROW, HEAD),
+        (
+            "t:{6:.1f}|pwm_left:{1:.0f}|pwm_right: {2:.0f}|T_left:{3}|T_right:{4}|bend_deg:{5}",
+            "",
+        ),
+        ("{6:.1f};{1:.0f};{2:.0f};{3:.2f};{4:.2f};{5:.3f};", LABVIEW),
+    ],
+)
+def test_lines_of_terminals_sketches_and_labview(tmp_path, truth, form, head):
+    start = datetime.datetime(2026, 3, 3, 23, 58, 3)
+    signals_ = [np.round(255 * d) for d in truth.duty] + [
+        *truth.temperature,
+        np.rad2deg(truth.bend),
+    ]
+    lines = [
+        form.format(start + datetime.timedelta(seconds=round(t, 3)), *row, t)
+        for t, *row in zip(truth.time, *signals_, strict=True)
+    ]
+    path = tmp_path / "log.txt"
+    path.write_text("\n".join([*filter(None, [head]), *lines, ""]))
+    _, (recording,), _ = read(path)
+    check(recording, truth)
+
+
+def test_a_mapping_says_what_no_log_does(tmp_path, truth, cases):
+    """Frames at a rate, inverted duty, a camera's file, and signed commands of a limb in space."""
+    wires = "wires:\n- {name: left, duty: pwm_left, temperature: T_left_C}\n"
+    wires += "- {name: right, duty: pwm_right, temperature: T_right_C}\nfull: 255\n"
+    bend = "bend: {column: bend_deg}\n"
+
+    def by(text, columns, names, limb=None):
+        path = write(tmp_path / "log.csv", names.split(), columns, form="{:.13g}")
+        (tmp_path / "m.yaml").write_text(text)
+        return Recording.from_log(path, tmp_path / "m.yaml", limb)
+
+    names, columns = cases["frames"]
+    frames = "time: {column: frame, unit: frames}\nrate: 10\n"
+    check(by(frames + wires + bend, columns, names), truth)
+    check(by("rate: 10\n" + wires + bend, columns[1:], names.removeprefix("frame ")), truth)
+    names, columns = cases["inverted"]
+    time = "time: {column: time_s}\n"
+    check(by(f"{time}{wires}{bend}inverted: true\n", columns, names), truth)
+    # A camera that began 7.3 s later sees how warm the left wire is.
+    seen = np.arange(0.0, 200.0, 1 / 30)
+    later = np.searchsorted(truth.time, seen + 7.3) - 1
+    lamp = truth.temperature[0][later] / 2
+    shown = np.rad2deg(np.interp(seen + 7.3, truth.time, truth.bend))
+    write(tmp_path / "cam.csv", ["frame", "phi", "lamp"], [np.arange(len(seen)), shown, lamp])
+    camera = (
+        "bend: {column: phi}\njoin: {file: cam.csv, rate: 30, time: {column: frame, unit: frames}"
+    )
+    for offset in ("offset: 7.3", "align: [T_left_C, lamp]"):
+        read_ = by(
+            f"{time}{wires}{camera}, {offset}}}\n",
+            columns[:1] + [255 - c for c in columns[1:3]] + columns[3:5],
+            " ".join(NAMES[:1]) + " pwm_left pwm_right T_left_C T_right_C",
+        )
+        expected = np.rad2deg(np.interp(read_.time + 7.3, truth.time, truth.bend))
+        assert np.nanmedian(np.abs(np.rad2deg(read_.bend_angle[0]) - expected)) < 0.5
+    # Two signed commands for four wires, a sensor of two axes that is turned, no thermocouples.
+    signed = "".join(
+        f"- {{name: wire_{n}, duty: u{n % 2}, sign: {1 if n < 3 else -1}}}\n" for n in (1, 2, 3, 4)
+    )
+    command = truth.duty[1] - truth.duty[0]
+    recording = by(
+        f"{time}wires:\n{signed}bend: {{e2: ax, e3: ay, roll: 90}}\n",
+        [truth.time, command, -command, np.rad2deg(truth.bend), 0 * command],
+        "time_s u1 u0 ax ay",
+        LimbParameters.in_space(4),
+    )
+    heats = recording.duty.mean(axis=1)
+    np.testing.assert_allclose(
+        heats[[0, 2, 1, 3]], [*truth.duty.mean(axis=1)[::-1], *truth.duty.mean(axis=1)], rtol=0.02
+    )
+    assert np.abs(recording.bend_angle[0]).max() < 1e-9
+    assert np.abs(recording.bend_angle[1]).max() == pytest.approx(
+        np.abs(truth.bend).max(), rel=0.01
+    )
+
+
+def test_questions_are_answered_at_a_terminal(tmp_path, cases, capsys, monkeypatch):
+    """The mapping keeps the answers, and the same logger's next log needs none."""
+    names, columns = cases["frames"]
+    path = write(tmp_path / "log.csv", names.split(), columns)
+    terminal = io.StringIO("10\n")
+    terminal.isatty = lambda: True
+    monkeypatch.setattr("sys.stdin", terminal)
+    assert main(["import", str(path), "-o", str(tmp_path / "out")]) == 0
+    assert "rate (Enter: leave it open): " in capsys.readouterr().out
+    mapping = tmp_path / "out" / "log.mapping.yaml"
+    words = ["import", str(path), "-o", str(tmp_path / "next"), "--mapping", str(mapping)]
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert main(words) == 0
+
+
+def test_words_of_a_lab(tmp_path, cases):
+    names, columns = cases["relay"]
+    path = write(tmp_path / "log.csv", names.replace("pwm", "brenner").split(), columns)
+    (tmp_path / "words.yaml").write_text("duty: [brenner, relay]\n")
+    words = ["import", str(path), "-o", str(tmp_path / "out")]
+    assert main(words) == 2
+    assert main([*words, "--force", "--words", str(tmp_path / "words.yaml")]) == 2
+    text = (tmp_path / "out" / "log.mapping.yaml").read_text()
+    assert "duty: brenner_left" in text
+
+
+def test_any_names_units_and_order_are_right_or_asked_about(tmp_path):
+    limb = OwnLimb(8)
+    draw = np.random.default_rng(3)
+    starts = np.arange(5.0, 190.0, 20.0)
+    levels = draw.uniform(0.15, 0.4, len(starts)).round(2)
+    pulses = [
+        (k % 2, level, s, 5.0) for k, (level, s) in enumerate(zip(levels, starts, strict=True))
+    ]
+    truth = limb.record(pulses, 200.0, 5.0)
+    read_ = 0
+    for seed in range(50):
+        log = any_log(truth, seed)
+        path = tmp_path / f"{seed}.csv"
+        path.write_bytes(log.content)
+        (imported,) = import_logs([path])
+        if imported.recordings:
+            read_ += 1
+            assert faults(imported.recordings, truth, log) == [], log.names
+    assert read_ > 5  # asking always is no way out

@@ -1,0 +1,177 @@
+"""Show what the numbers of a log tell: which thermocouple a duty warms, where a wire bends."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+MEMORY = 15.0  # s, over which a wire keeps its heat, roughly
+SLOW = 90.0  # s, over which silicone gives its heat back
+STEP = 0.5  # s, of the signals that are compared
+MOST_STEPS = 20_000
+MARGIN = 3.0  # standard errors that decide
+FACTOR = 1.5  # by which a wire warms its thermocouple more than others
+FEWEST = 12  # steps, from which on a regression tells anything
+HEATED = 1.0  # s of full duty, with which a wire counts as heated
+
+
+def forward_fill(duty: np.ndarray) -> np.ndarray:
+    """Fill missing duty (K,) with the last value; loggers that write only changes leave gaps."""
+    indices = np.arange(len(duty))
+    last_known = np.maximum.accumulate(np.where(np.isnan(duty), 0, indices))
+    return np.nan_to_num(duty[last_known])  # before the first value the wire is off
+
+
+def heat_of(times: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    """Return duty (..., K) through a low-pass filter; warmth and bend follow it."""
+    heat = np.zeros_like(duty)
+    added = duty[..., :-1] * -np.expm1(-np.diff(times) / MEMORY)
+    span = 20 * MEMORY  # within which the sum below keeps its digits
+    starts = np.flatnonzero(np.diff((times - times[0]) // span, prepend=-1.0))
+    for start, end in itertools.pairwise([*starts, len(times)]):
+        if start:
+            kept = np.exp((times[start - 1] - times[start]) / MEMORY)
+            heat[..., start] = kept * heat[..., start - 1] + added[..., start - 1]
+        grown = np.exp((times[start + 1 : end] - times[start]) / MEMORY)
+        since = np.cumsum(added[..., start : end - 1] * grown, axis=-1)
+        heat[..., start + 1 : end] = (heat[..., start, None] + since) / grown
+    return heat
+
+
+def correlation(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the correlation of two signals where both are there; 0 where one does not move."""
+    shown = ~(np.isnan(one) | np.isnan(other))
+    if shown.sum() < 5 or not np.ptp(one[shown]) or not np.ptp(other[shown]):
+        return 0.0
+    with np.errstate(all="ignore"):  # of numbers that are almost nothing
+        found = float(np.corrcoef(one[shown], other[shown])[0, 1])
+    return found if np.isfinite(found) else 0.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Steps:
+    """Times of a log's rows, and even steps to which signals are reduced to be compared.
+
+    - ``step_of_row``: number of the step of each row (K,).
+    - ``times``: (N,), s.
+    """
+
+    step_of_row: np.ndarray
+    times: np.ndarray
+
+    @classmethod
+    def of(cls, times: np.ndarray) -> "Steps":
+        """Return steps for rows at some times (K,), s, increasing."""
+        step = max(STEP, (times[-1] - times[0]) / MOST_STEPS, float(np.median(np.diff(times))))
+        step_of_row = ((times - times[0]) // step).astype(int)
+        return cls(step_of_row, step * np.arange(step_of_row[-1] + 1))
+
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """Return the mean of a signal (K,) in each step (N,); nan in steps without a reading."""
+        shown = ~np.isnan(values)
+        count = len(self.times)
+        sums = np.bincount(self.step_of_row[shown], values[shown], count)
+        numbers = np.bincount(self.step_of_row[shown], minlength=count)
+        return np.where(numbers > 0, sums / np.maximum(numbers, 1), np.nan)
+
+    def heat(self, duty: np.ndarray) -> np.ndarray:
+        """Return the heat of a duty (K,) in each step (N,)."""
+        return heat_of(self.times, forward_fill(self.means(forward_fill(duty))))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Responses:
+    """How signals respond to the heat of wires, by regression.
+
+    - ``gains``: change of each signal for a unit of heat of each wire (M, W).
+    - ``errors``: standard errors of the gains (M, W); infinite for wires that were not heated.
+    """
+
+    gains: np.ndarray
+    errors: np.ndarray
+
+    @classmethod
+    def of(cls, times: np.ndarray, heats: np.ndarray, signals: np.ndarray) -> "Responses":
+        """Return the responses of signals (M, N) to heats (W, N) at times (N,), s."""
+        gains = np.zeros((len(signals), len(heats)))
+        errors = np.full(gains.shape, np.inf)
+        for row, signal in enumerate(signals):
+            gains[row], errors[row] = _regression(times, heats, signal)
+        return cls(gains, errors)
+
+    @property
+    def votes(self) -> np.ndarray:
+        """The gains in standard errors (M, W); 0 for wires that were not heated."""
+        return self.gains / self.errors
+
+    def pairs(self) -> list[int | None]:
+        """Return the thermocouple that each wire clearly warms (W,); None where none is clear.
+
+        A wire warms its thermocouple more than others do, or warms it more than the others, by
+        `FACTOR` and by `MARGIN` standard errors, among those that are not paired yet.
+        """
+        found: list[int | None] = [None] * self.gains.shape[1]
+        wires = [int(i) for i in np.flatnonzero(np.isfinite(self.errors).all(axis=0))]
+        sensors = list(range(len(self.gains)))
+        while pair := next(
+            ((j, i) for i in wires for j in sensors if self._is_clear(j, i, sensors, wires)), None
+        ):
+            sensor, wire = pair
+            found[wire] = sensor
+            wires.remove(wire)
+            sensors.remove(sensor)
+        return found
+
+    def _is_clear(self, sensor: int, wire: int, sensors: list[int], wires: list[int]) -> bool:
+        """Whether a thermocouple is clearly of a wire, among others."""
+        gain = self.gains[sensor, wire]
+        error = self.errors[sensor, wire]
+        if gain <= MARGIN * error:
+            return False
+        leads = []
+        for others in (
+            [(other, wire) for other in sensors if other != sensor],
+            [(sensor, other) for other in wires if other != wire],
+        ):
+            gains = np.array([self.gains[other] for other in others])
+            errors = np.array([self.errors[other] for other in others])
+            lead = gain - FACTOR * np.maximum(gains, 0.0)
+            if (lead <= 0.0).any():
+                return False
+            leads += [(lead > MARGIN * np.hypot(error, FACTOR * errors)).all()] if others else []
+        return not leads or any(leads)
+
+
+def _regression(
+    times: np.ndarray, heats: np.ndarray, signal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return gains and their standard errors (W,) of a signal that follows heats (W, N).
+
+    What is left over is correlated from step to step: it is estimated, and taken into account.
+    """
+    gains = np.zeros(len(heats))
+    errors = np.full(len(heats), np.inf)
+    moving = np.ptp(heats, axis=1) > 1e-9
+    shown = ~np.isnan(signal)
+    if not moving.any() or shown.sum() < FEWEST:
+        return gains, errors
+    since = times - times[0]
+    decays = np.array([np.ones(len(times)), np.exp(-since / MEMORY), np.exp(-since / SLOW)])
+    factors = np.vstack([heats[moving], decays])[:, shown].T
+    wanted = signal[shown]
+    memory = 0.0
+    for _ in range(3):
+        # Without what is left over of the step before.
+        left_side = factors[1:] - memory * factors[:-1]
+        right_side = wanted[1:] - memory * wanted[:-1]
+        found, _, rank, _ = np.linalg.lstsq(left_side, right_side, rcond=1e-9)
+        left_over = wanted - factors @ found
+        memory = min(max(correlation(left_over[1:], left_over[:-1]), 0.0), 0.99)
+    freedom = len(right_side) - len(found)
+    if rank < len(found) or freedom < 3:
+        return gains, errors
+    variance = float(np.sum((right_side - left_side @ found) ** 2)) / freedom
+    spread = variance * np.diag(np.linalg.inv(left_side.T @ left_side))
+    gains[moving] = found[: moving.sum()]
+    errors[moving] = np.sqrt(np.maximum(spread[: moving.sum()], 0.0)) + 1e-12
+    return gains, errors

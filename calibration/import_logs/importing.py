@@ -1,0 +1,192 @@
+"""Import logs: several files of one limb tell more together than each alone."""
+
+import copy
+import dataclasses
+import re
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from calibration.import_logs.known import known_logger
+from calibration.import_logs.mapping import LogMapping
+from calibration.import_logs.propose import Proposal, propose
+from calibration.import_logs.signals import read_log
+from calibration.import_logs.table import LogError, LogTable, read_table
+from calibration.import_logs.words import Dictionary
+from limb_systems.errors import raised_as
+from limb_systems.files.recording import Recording
+from limb_systems.limb_parameters import LimbParameters
+
+
+@dataclasses.dataclass(eq=False)
+class ImportedLog:
+    """What a log tells of a limb.
+
+    - ``path``: path of the log.
+    - ``limb``: the limb in it, with the mapping by which it is read, and what is asked.
+    - ``recordings``: as far as duty is known without a gap, in parts; empty if something is asked,
+      or if the mapping has to be corrected.
+    - ``remarks``: what was lost, in sentences.
+    - ``error``: why the mapping has to be corrected; empty if it can be read.
+    """
+
+    path: Path
+    limb: Proposal
+    recordings: list[Recording] = dataclasses.field(default_factory=list)
+    remarks: list[str] = dataclasses.field(default_factory=list)
+    error: str = ""
+
+    @property
+    def asks(self) -> bool:
+        """Whether something is asked that the log does not tell."""
+        return bool(self.limb.questions or self.limb.mapping.open_fields)
+
+    @property
+    def stem(self) -> str:
+        """The log's name without its ending, of letters that all systems have in files' names."""
+        return re.sub(r"[^\w.-]+", "_", self.path.stem)
+
+    @property
+    def files(self) -> list[Path]:
+        """Names for the recordings, by the limb's and the log's."""
+        names = [self.stem]
+        if len(self.recordings) != 1:
+            names = [f"{self.stem}_{number}" for number in range(1, len(self.recordings) + 1)]
+        return [Path(self.limb.name) / f"{name}.csv" for name in names]
+
+    def read(self, parameters: LimbParameters | None = None, table: LogTable | None = None) -> None:
+        """Read the recordings by the mapping, if nothing is asked.
+
+        Raises:
+            LogError: if the log is not as the mapping says.
+        """
+        if self.asks:
+            return
+        parts, self.remarks = read_log(self.path, self.limb.mapping, parameters, table)
+        self.recordings = []
+        while parts:
+            self.recordings.append(Recording(**parts.pop(0)))
+
+
+def limbs_in_log(
+    path: str | Path,
+    table: LogTable,
+    parameters: LimbParameters | None = None,
+    dictionary: Dictionary | None = None,
+) -> list[Proposal]:
+    """Return the limbs in a log: of a known logger, or as its columns' names say.
+
+    Raises:
+        LogError: if it lacks columns of its logger.
+    """
+    with raised_as(LogError, f"{path}: "):
+        known = known_logger(table)
+        return known or [propose(table, parameters, dictionary or Dictionary())]
+
+
+def import_logs(
+    paths: Sequence[str | Path],
+    mapping: LogMapping | None = None,
+    parameters: LimbParameters | None = None,
+    unread: list[str] | None = None,
+    dictionary: Dictionary | None = None,
+) -> list[ImportedLog]:
+    """Read logs.
+
+    What is asked of a log that has little heat, another log with the same columns may tell. A log
+    whose name begins with "sag" and that has no heat is of a limb that is mounted so that gravity
+    bends it, to the side where it bends.
+
+    Args:
+        mapping: mapping of all of them; what they show themselves if None.
+        parameters: the limb's description; the nominal limb if None.
+        unread: gets why a log is left out that is no table of text with rows of numbers; if None,
+            none is left out.
+        dictionary: words of the columns' names; those of `words` if None.
+
+    Raises:
+        LogError: if a log is no table of text with rows of numbers, unless it is left out beside
+            another one; if it is not as the given mapping says.
+    """
+    files = list(dict.fromkeys(map(Path, paths)))
+    found: list[ImportedLog] = []
+    table: LogTable | None = None
+    for path in files:
+        try:
+            if mapping:
+                found.append(ImportedLog(path, Proposal("", mapping, [])))
+                continue
+            table = read_table(path)
+            limbs = limbs_in_log(path, table, parameters, dictionary)
+            found += [ImportedLog(path, limb) for limb in limbs]
+        except LogError as problem:
+            if unread is None or (path == files[-1] and not found):
+                raise
+            unread.append(str(problem))
+    _share([log.limb for log in found])
+    if table and len(files) == 1:  # the only one need not be read again
+        table = table.only(set().union(*(log.limb.mapping.columns for log in found)))
+    else:
+        table = None
+    for log in found:
+        try:
+            log.read(parameters, table)
+        except LogError as problem:
+            if mapping:
+                raise
+            log.error = str(problem)
+    return found
+
+
+def _share(limbs: list[Proposal]) -> None:
+    """Let logs with the same columns tell what others of them ask."""
+    for limb in limbs:
+        same = [other for other in limbs if _columns(other) == _columns(limb)]
+        # The base points to one direction in all of them.
+        if limb.mapping.bend.line:
+            limb.mapping.bend.zero = float(np.median([other.mapping.bend.zero for other in same]))
+        known = [other for other in same if other.is_heated and not other.questions]
+        doubts = any(question.is_contradiction for question in limb.questions)
+        if not known or doubts or (limb.is_heated and not limb.questions):
+            continue
+        own = limb.mapping
+        limb.mapping = copy.deepcopy(max(known, key=lambda other: other.mapping.full).mapping)
+        for field in ("delimiter", "decimal", "names_line", "time", "rate"):
+            setattr(limb.mapping, field, getattr(own, field))
+        limb.notes.append("what this log does not tell is as in another log of the same columns")
+        limb.questions = [q for q in limb.questions if q.field.split(".")[0] in ("time", "rate")]
+
+
+def _columns(limb: Proposal) -> tuple:
+    """Return what logs have in common that are read in the same way."""
+    return limb.name, tuple(limb.columns)
+
+
+def recording_from_log(
+    path: str | Path,
+    mapping: LogMapping | str | Path | None = None,
+    parameters: LimbParameters | None = None,
+) -> Recording:
+    """Return the longest recording of a log, as `Recording.from_log`."""
+    said = []
+    table = None
+    if mapping is None:
+        table = read_table(path)
+        limb, *others = limbs_in_log(path, table, parameters)
+        mapping = limb.mapping
+        if others:
+            names = ", ".join(other.name for other in others)
+            said.append(f"This is {limb.name}; mappings would read {names}.")
+        if limb.questions:
+            asked = " ".join(f"{question.text}." for question in limb.questions)
+            raise LogError(f"{path}: give in a mapping what the log does not tell: {asked}")
+    elif not isinstance(mapping, LogMapping):
+        mapping = LogMapping.load(mapping)
+    parts, remarks = read_log(path, mapping, parameters, table)
+    if len(parts) > 1:
+        said.append(f"This is the longest of {len(parts)} parts.")
+    if said := [*said, *remarks]:
+        warnings.warn(f"{path}: {' '.join(said)}", stacklevel=3)
+    return Recording(**max(parts, key=lambda part: part["time"][-1]))

@@ -1,0 +1,230 @@
+"""A mapping from the columns of a log to a limb's duty, temperatures and bend; its YAML file.
+
+`docs/logs.md` explains each field.
+"""
+
+import dataclasses
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from calibration.import_logs.table import DELIMITERS, LogError, LogTable
+from limb_systems.errors import raised_as
+from limb_systems.files.input import read_text
+from limb_systems.files.output import write_atomically
+from limb_systems.files.schema import Strict, dump_typed, load_typed, quantity, rare
+
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
+DATE = "date"  # unit of dates and times of day
+FRAMES = "frames"  # unit of numbers of frames at the mapping's rate
+CELSIUS = {"C": (1.0, 0.0), "F": (1 / 1.8, -32 / 1.8), "K": (1.0, -273.15)}  # factor, offset
+BEND_ANGLE, CHORD, TIP_TANGENT = "bend_angle", "chord", "tip_tangent"
+MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
+OPEN = "?"  # in place of what is not known
+
+
+@dataclasses.dataclass
+class TimeColumn(Strict):
+    """The column of time, none if rows come at a rate; ``fraction`` is added, as ``nanosec``."""
+
+    column: str = ""
+    unit: str = "s"
+    wraps_after: float = quantity(0.0, "s", 0.0, 1e9)
+    fraction: str = rare("")
+    fraction_unit: str = rare("ns")
+
+
+@dataclasses.dataclass
+class WireColumns(Strict):
+    """The columns of a wire; antagonistic wires may share a duty, one with the sign -1."""
+
+    name: str
+    duty: str
+    sign: float = quantity(1.0, "", -1.0, 1.0)
+    temperature: str = ""
+    unit: str = "C"
+
+
+@dataclasses.dataclass
+class BendColumns(Strict):
+    """The columns of an angle, of two angles of a limb in space, or of points in a picture."""
+
+    column: str = ""
+    e2: str = rare("")
+    e3: str = rare("")
+    line: list[str] = dataclasses.field(default_factory=list)
+    base_line: list[str] = dataclasses.field(default_factory=list)
+    zero: float = quantity(0.0, "", -1e12, 1e12)
+    zero_e3: float = quantity(0.0, "", -1e12, 1e12, rare=True)
+    scale: float = quantity(1.0, "", -1e6, 1e6)
+    scale_e3: float = quantity(0.0, "", -1e6, 1e6, rare=True)
+    measures: str = BEND_ANGLE
+    roll: float = quantity(0.0, "°", -360.0, 360.0, rare=True)
+    seen: str = rare("")
+
+    @property
+    def columns(self) -> list[str]:
+        """The columns that show the bend."""
+        own = [self.column, self.e2, self.e3, *self.line, *self.base_line]
+        return [column for column in own if column]
+
+
+@dataclasses.dataclass
+class JoinedLog(Strict):
+    """A second file of the same run, whose columns are used as the log's own."""
+
+    file: str
+    time: TimeColumn
+    rate: float = quantity(0.0, "Hz", 0.0, 1e6)
+    offset: float | None = None
+    align: list[str] = dataclasses.field(default_factory=list)
+
+
+@dataclasses.dataclass
+class LogMapping(Strict):
+    """A mapping from a log's columns, by their names or numbers, to a limb of one segment.
+
+    Raises:
+        LogError: at construction, if a field has none of its words, or two signals one column.
+    """
+
+    time: TimeColumn = dataclasses.field(default_factory=TimeColumn)
+    wires: list[WireColumns] = dataclasses.field(default_factory=list)
+    bend: BendColumns = dataclasses.field(default_factory=BendColumns)
+    full: float = quantity(1.0, "", 0.0, 1e9)
+    inverted: bool = rare(False)
+    rate: float = quantity(0.0, "Hz", 0.0, 1e6)
+    missing: list[str] = dataclasses.field(default_factory=list)
+    join: JoinedLog | None = None
+    delimiter: str = ","
+    decimal: str = "."
+    names_line: int = quantity(1, "", 0, 10_000)
+
+    def __post_init__(self) -> None:
+        bend = self.bend
+        allowed: list[tuple[str, Any, Iterable]] = [
+            ("time.unit", self.time.unit, [*SECONDS, DATE, FRAMES, OPEN]),
+            ("time.fraction_unit", self.time.fraction_unit, SECONDS),
+            ("bend.measures", bend.measures, [*MEASURES, OPEN]),
+            ("decimal", self.decimal, (".", ",")),
+            ("delimiter", self.delimiter, DELIMITERS),
+            ("the number of columns in bend.line", len(bend.line), (0, 4)),
+            ("the number of columns in bend.base_line", len(bend.base_line), (0, 4, 6)),
+            (
+                "the number of columns in join.align",
+                len(self.join.align if self.join else ()),
+                (0, 2),
+            ),
+        ]
+        for wire in self.wires:
+            allowed.append((f"unit of the {wire.name} wire", wire.unit, [*CELSIUS, OPEN]))
+            allowed.append((f"sign of the {wire.name} wire", wire.sign, (1, -1)))
+        for where, value, known in allowed:
+            if value not in known:
+                words = ", ".join(str(word) for word in known if word != OPEN)
+                shown = repr(value) if isinstance(value, str) else f"{value:g}"
+                raise LogError(f"{where} is {shown}; it must be one of {words}.")
+        ways = [bool(bend.column), bool(bend.e2 and bend.e3), bool(bend.line)]
+        if sum(ways) != 1 or bool(bend.e2) != bool(bend.e3):
+            raise LogError("bend must have either a column, e2 and e3, or a line.")
+        if not self.wires:
+            raise LogError("wires must have at least one wire.")
+        names = [wire.name for wire in self.wires if wire.name != OPEN]
+        if twice := next((name for name in names if names.count(name) > 1), ""):
+            raise LogError(f"wires has two wires of the name {twice!r}.")
+        self._check_columns()
+
+    def _check_columns(self) -> None:
+        """Raise LogError if a column stands for two signals."""
+        signals = [("time", self.time.column, 0.0)]
+        signals += [("the bend", column, 0.0) for column in self.bend.columns]
+        for wire in self.wires:
+            signals.append((f"duty of the {wire.name} wire", wire.duty, wire.sign))
+            signals.append((f"temperature of the {wire.name} wire", wire.temperature, 0.0))
+        taken: dict[str, tuple[str, float]] = {}
+        for signal, column, sign in signals:
+            other, sign_of_other = taken.setdefault(column, (signal, sign))
+            # A signed column heats one wire by its positive numbers, another by its negative ones.
+            if column not in ("", OPEN) and other != signal and not sign * sign_of_other < 0:
+                raise LogError(
+                    f"the column {column!r} is given for {other} and for {signal}; give "
+                    "each its own."
+                )
+
+    @classmethod
+    def of(
+        cls,
+        table: LogTable,
+        time: TimeColumn,
+        wires: list[WireColumns],
+        bend: BendColumns,
+        **more: Any,
+    ) -> "LogMapping":
+        """Return a mapping of these columns, in the table's form."""
+        for name in ("delimiter", "decimal", "names_line"):
+            more[name] = getattr(table, name)
+        return cls(time, wires, bend, **more)
+
+    @property
+    def columns(self) -> set[str]:
+        """The columns that it names, of both files."""
+        own = {self.time.column, self.time.fraction, self.bend.seen, *self.bend.columns}
+        own |= {column for wire in self.wires for column in (wire.duty, wire.temperature)}
+        return (own | set(self.join.align if self.join else ())) - {""}
+
+    @property
+    def open_fields(self) -> list[str]:
+        """The fields that the mapping leaves open, such as "wires[0].duty"."""
+        found = [f"time.{name}" for name in ("column", "unit") if getattr(self.time, name) == OPEN]
+        if not self.rate and (not self.time.column or self.time.unit == FRAMES):
+            found.append("rate")
+        for index, wire in enumerate(self.wires):
+            fields = ("name", "duty", "temperature", *(["unit"] if wire.temperature else []))
+            found += [f"wires[{index}].{f}" for f in fields if getattr(wire, f) == OPEN]
+        if not self.full and any(wire.duty for wire in self.wires):
+            found.append("full")
+        if OPEN in self.bend.columns:
+            found.append("bend.line" if self.bend.line else "bend.column")
+        found += ["bend.scale"] if not self.bend.scale else []
+        found += ["bend.measures"] if self.bend.measures == OPEN else []
+        return found
+
+    def with_answers(self, answers: dict[str, str]) -> "LogMapping":
+        """Return the mapping with further fields, such as ``{"wires[0].duty": "pwm_left"}``.
+
+        The answer "none" to a field of a wire leaves out the wire.
+
+        Raises:
+            LogError: if a field cannot have its answer.
+        """
+        document = yaml.safe_load(dump_typed(self))
+        left_out = set()
+        for field, answer in answers.items():
+            target = document
+            *parents, last = re.findall(r"\w+", field)
+            for parent in parents:
+                target = target[int(parent)] if parent.isdigit() else target[parent]
+            target[last] = answer.strip("'\"")
+            if answer.startswith("["):
+                target[last] = [column.strip() for column in answer.strip("[]").split(",")]
+            if answer == "none" and parents[:1] == ["wires"]:
+                left_out.add(int(parents[1]))
+        wires = enumerate(document["wires"])
+        document["wires"] = [wire for index, wire in wires if index not in left_out]
+        with raised_as(LogError):
+            return load_typed(LogMapping, yaml.safe_dump(document, allow_unicode=True))
+
+    def save(self, path: str | Path, remarks: Iterable[str] = ()) -> None:
+        """Write YAML, with remarks above it as comments."""
+        comments = "".join(f"# {line}".rstrip() + "\n" for line in remarks)
+        write_atomically(path, comments + dump_typed(self))
+
+    @classmethod
+    def load(cls, path: str | Path) -> "LogMapping":
+        """Read YAML; LogError with one sentence that names the file and the field."""
+        text = read_text(path, "mapping", LogError)
+        with raised_as(LogError, f"{path}: "):
+            return load_typed(cls, text)

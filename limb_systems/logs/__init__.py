@@ -1,1 +1,0 @@
-"""Logs of other programs, read as recordings: tables of text, what their columns are, mappings."""
