@@ -69,7 +69,7 @@ from limb_systems.views.plots import save_figure
 from planners import Task, plan, references
 from planners.diagnostics import plot_diagnostics
 from soft_limb.command import main as main_command
-from soft_limb.live.live_page import LivePage
+from soft_limb.live_page import LivePage
 from urdf import limb_urdf
 from walking import Robot, RobotParameters, plan_gait
 from walking.views.walk_drawing import animate_walk, draw_walk
@@ -563,7 +563,6 @@ def photograph_live_page(evaluation: Path) -> None:
             kwargs={"controller": controller, "live": live},
         )
         run.start()
-        page.frame_locator("iframe").locator("#meshcat-pane canvas").wait_for()
         page.wait_for_timeout(10_000)
         page.screenshot(path=FOLDER / "live.png")
         run.join()

@@ -18,6 +18,8 @@ from limb_systems.drake_python import weak_method
 from limb_systems.simulation import PERIOD
 from walking import RobotParameters
 
+DONE = "done"  # why a run ended as it should
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RunHeader:
@@ -89,16 +91,16 @@ class Reading:
 class Message:
     """What is sent at once. The file of a new `RunHeader` goes with it.
 
-    - ``said``: sentence on what runs.
+    - ``activity``: sentence on what runs.
     - ``reading``: newest reading; None while no limb runs.
     """
 
-    said: str
+    activity: str
     reading: Reading | None
 
 
 class LiveView(Protocol):
-    """Shows a limb while it runs, and never waits; `soft_limb.live.live_page.LivePage` is one."""
+    """Shows a limb while it runs, and never waits; `soft_limb.live_page.LivePage` is one."""
 
     def begin(self, header: RunHeader) -> None:
         """Show a new recording, before its wires are heated."""
