@@ -16,7 +16,6 @@ from limb_systems import Layout, LimbParameters, LimbSystem, Trajectory
 from limb_systems.band import Band, band
 from limb_systems.drake_python import weak_method
 from limb_systems.simulation import PERIOD
-from walking import RobotParameters
 
 DONE = "done"  # why a run ended as it should
 
@@ -30,7 +29,6 @@ class RunHeader:
     - ``limit``: reading at which the heaters are switched off, °C.
     - ``duration``: longest duration, s; None if it has no end.
     - ``plan``, ``band``: plan that the limb follows, and its band; or None.
-    - ``robot``: the robot whose limbs these are; or None.
     """
 
     source: str
@@ -39,7 +37,6 @@ class RunHeader:
     duration: float | None = None
     plan: Trajectory | None = None
     band: Band | None = None
-    robot: RobotParameters | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -224,7 +221,6 @@ def shown(
             duration,
             plan.since_start() if plan else None,
             band(plan) if plan else None,
-            getattr(limb, "robot", None),
         )
     )
     feed = builder.AddSystem(Feed(live, limb, has_reference=reference is not None))

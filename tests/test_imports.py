@@ -29,7 +29,6 @@ KNOW_WALKING = (
     "hardware.emulation.emulated_board",
     "hardware.emulation.emulator",
     "hardware.emulation.twin",
-    "hardware.live_feed",
 )
 # Commands on robots consist of what those on limbs consist of.
 WALKING_COMMANDS = "walking.commands"
