@@ -13,7 +13,7 @@ import numpy as np
 
 from planners import PlanningError
 from walking import Gait, RobotParameters, plan_gait
-from walking.gait_check import simulate_gait
+from walking.gait_check import simulate_gait, simulate_in_drake
 from walking.schedules import sensible_schedules
 
 ROW = "{:<7}{:<20}{:<28}{:>7}{:>7}  {:<15}{:>6}"
@@ -59,7 +59,7 @@ def main() -> None:
                 print(ROW.format(limbs, name, f"none: {error}", *[""] * 4), flush=True)
                 continue
             taken = time.process_time() - began
-            made = simulate_gait(gait, "", robot, CYCLES)
+            made = simulate_gait(gait, "", robot, CYCLES, simulated=simulate_in_drake)
             shares = f"{min(made.strides):.3f}-{max(made.strides):.3f}" if made.strides else ""
             aside = f"{max(made.aside, default=math.nan):.1%}"
             how = f"{taken:.1f}", f"{gait.check.iterations}"

@@ -22,14 +22,13 @@ import numpy as np
 
 from limb_systems import LimbError, LimbParameters, SegmentParameters
 from limb_systems.progress import Progress
-from limb_systems.wire_laws.two_mass_laws import (
-    CoupledLaw,
-    HystereticLaw,
-    SaturatingLaw,
-    ThresholdLaw,
-    TwoMassLaw,
-)
-from limb_systems.wire_laws.wire_law import LinearLaw, WireLaw
+from limb_systems.wire_laws.coupled import CoupledLaw
+from limb_systems.wire_laws.hysteretic import HystereticLaw
+from limb_systems.wire_laws.linear import LinearLaw
+from limb_systems.wire_laws.saturating import SaturatingLaw
+from limb_systems.wire_laws.threshold import ThresholdLaw
+from limb_systems.wire_laws.two_mass import TwoMassLaw
+from limb_systems.wire_laws.wire_law import WireLaw
 from planners import Planner, Task, references
 from soft_limb.runs.jobs import run_each
 

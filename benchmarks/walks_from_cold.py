@@ -22,7 +22,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 
 from controllers import PlanFeedback, TemperatureSupervisor
-from limb_systems.simulation import PERIOD, record
+from limb_systems.simulation import PERIOD, RecordOptions, record
 from walking import Gait, GaitFeedback, Robot, RobotParameters, plan_gait, walk
 from walking.gait_check import fall_of, with_friction, with_other_parameters
 from walking.gait_program import STEADINESS, STICKING_SHARE
@@ -78,7 +78,7 @@ def run(job: tuple[Gait, str, RobotParameters, list[float], str, int]) -> str:
 
     spent = time.process_time()
     longest = walked.duration * (1.5 if corrects else 1.0)
-    recording = record(builder, system, duty, longest, until=is_over)
+    recording = record(builder, system, duty, longest, RecordOptions(until=is_over))
     spent = time.process_time() - spent
     times, in_walk, amplitude, slowness = np.array(course).T
     begin = PERIOD * np.floor((walked.duration - cycles * gait.period) / PERIOD + 0.5)

@@ -22,7 +22,7 @@ import numpy as np
 
 from hardware import replay
 from walking import Gait, Robot, RobotParameters, Wayfinder, plan_gaits, walk
-from walking.gait_check import SPREAD_STEP, fall_of, with_other_parameters
+from walking.gait_check import fall_of, with_other_parameters
 from walking.gait_set import AHEAD, load_gaits
 from walking.wayfinder import GOAL
 
@@ -58,7 +58,7 @@ def run(job: tuple[dict[str, Gait], int]) -> str:
     reached.clear()
     began = time.process_time()
     most = walk(ahead, int(LONGEST / ahead.period))
-    recording = replay(most, Robot(robot, time_step=SPREAD_STEP), controller=Watched(gaits, GOALS))
+    recording = replay(most, Robot(robot, time_step=4e-3), controller=Watched(gaits, GOALS))
     taken = time.process_time() - began
     missed = [
         *reached,

@@ -1,6 +1,5 @@
 """Calibration of a limb from its recordings (Sec. V)."""
 
-import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from calibration.calibrate import Calibration, calibrate
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
 from calibration.collecting.collect import (

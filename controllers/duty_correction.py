@@ -11,13 +11,13 @@ import dataclasses
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
-from scipy.signal import lfilter
 
 from controllers.plan_controller import within_total
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, Trajectory
 from limb_systems.band import temperature_margin
 from limb_systems.kinematics import bend_angle, joint_angles_from_bend_angle
+from limb_systems.low_pass import low_pass
 from planners.transcription.sequential_convex import descend, first_that_reduces
 
 ROUNDING = 1e-9  # s, of knots and nodes at the same time
@@ -176,7 +176,7 @@ class DutyCorrection:
         _, by_heat, _ = self.model.linearized_step(self.model.cold, np.zeros(W))
         lags = []
         for row, wire in zip(by_heat[-W:], range(W), strict=True):
-            shown = lfilter([row[wire]], [1.0, -row[wire - W]], self._shares, axis=0)
+            shown = low_pass(self._shares, row[wire - W], row[wire], axis=0)
             lags.append(np.pad(shown, ((1, 0), (0, 0)))[::STEPS])
         return np.array(lags)
 
@@ -329,4 +329,5 @@ class DutyCorrection:
             variables = np.append(x[k], excess[k])
             prog.AddLinearConstraint(bounded, np.full(len(bounded), -np.inf), most[k], variables)
         result = ClarabelSolver().Solve(prog)
-        return result.GetSolution(c) if result.is_success() else None
+        # Drake returns a vector for the matrix of one wire.
+        return result.GetSolution(c).reshape(c.shape) if result.is_success() else None

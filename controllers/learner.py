@@ -27,6 +27,7 @@ from limb_systems import Layout, LimbError, Provenance, Recording, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.errors import raised_as
 from limb_systems.files.csv_format import FileFormatError
+from limb_systems.files.first_line import FirstLine
 from limb_systems.files.input import LARGEST_TABLE, read_bytes
 from limb_systems.files.output import write_atomically
 from limb_systems.tracking import reference_distances, tracking_errors
@@ -54,7 +55,7 @@ COOLER = 3.0  # °C, by which bounds are lowered after a wire was read too hot
 WORTH = 0.05  # of the sensor's error; by what another repetition must change the bend at least
 MOST_INTERRUPTED, MOST_FAILURES = 3, 5  # in a row; the latter with those that were not better
 SHORTEST = 0.25  # of a step, after repetitions that were not better
-_FIRST_LINE = "# limb learning, format 6, sha256 "
+_FIRST_LINE = f"{FirstLine('learning', 6)}, sha256 "
 
 
 def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:

@@ -1,6 +1,5 @@
 """The robot, its emulated twin, and the replay of trajectories on them."""
 
-import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from hardware.board.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.board.serial_limb import SerialLimb
 from hardware.drivers import LimbDriver

@@ -35,7 +35,7 @@ from limb_systems import (
 )
 from limb_systems.drake_python import weak_method
 from limb_systems.limb_system import check_limb
-from limb_systems.simulation import PERIOD, record
+from limb_systems.simulation import PERIOD, RecordOptions, record
 
 CUT_OUT_READ = 0.2  # s before the end, in which the reading at which a limb has cut out is
 # °C, by which a wire may differ from where the plan starts without a warning, and at all.
@@ -295,11 +295,13 @@ def _run(
             limb,
             duty,
             duration,
-            until=is_over if until else None,
-            real_time=live is not None,
-            sample_rate=sample_rate,
-            remark=_remark(limb) if limb.real_time else None,
-            provenance=provenance,
+            RecordOptions(
+                until=is_over if until else None,
+                real_time=live is not None,
+                sample_rate=sample_rate,
+                remark=_remark(limb) if limb.real_time else None,
+                provenance=provenance,
+            ),
         )
         end = recording.time[-1]
         last = recording.measured_temperature[:, recording.time >= end - CUT_OUT_READ].max(axis=1)

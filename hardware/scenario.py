@@ -211,7 +211,8 @@ class PlantConfig(Strict):
 class SimulationConfig(Strict):
     """Settings of the simulator, of Drake's `SimulatorConfig`.
 
-    - ``integration_scheme``: of heat if the plant is in steps; explicit_euler by default, and
+    - ``integration_scheme``: the scheme that integrates heat if the plant is in steps;
+      explicit_euler by default, and
       radau3 if it is not in steps.
     - ``max_step_size``: s.
     - ``use_error_control``: whether steps heed the accuracy; if the scheme can, by default.

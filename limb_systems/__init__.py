@@ -4,9 +4,8 @@ import importlib
 from typing import Any
 
 # ruff: noqa: E402 - what hides a package is said before it is imported
-from limb_systems.startup import check_shadows, let_ctrl_c_end_imports
+from limb_systems.shadows import check_shadows
 
-let_ctrl_c_end_imports()
 check_shadows()
 
 from limb_systems.band import Band, band
@@ -57,14 +56,13 @@ from limb_systems.views.limb_view import wire_color
 from limb_systems.views.limb_visualizer import LimbVisualizer, WireColors
 from limb_systems.views.replay_page import write_meshcat_replay
 from limb_systems.wire_blocks import JouleHeating, ThermocoupleLag, TorqueMap
-from limb_systems.wire_laws.two_mass_laws import (
-    CoupledLaw,
-    HystereticLaw,
-    SaturatingLaw,
-    ThresholdLaw,
-    TwoMassLaw,
-)
-from limb_systems.wire_laws.wire_law import LinearLaw, WireLaw
+from limb_systems.wire_laws.coupled import CoupledLaw
+from limb_systems.wire_laws.hysteretic import HystereticLaw
+from limb_systems.wire_laws.linear import LinearLaw
+from limb_systems.wire_laws.saturating import SaturatingLaw
+from limb_systems.wire_laws.threshold import ThresholdLaw
+from limb_systems.wire_laws.two_mass import TwoMassLaw
+from limb_systems.wire_laws.wire_law import WireLaw
 from limb_systems.wires import Wires
 
 __all__ = [

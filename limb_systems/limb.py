@@ -24,7 +24,7 @@ from limb_systems.kinematics import rest_joint_angles
 from limb_systems.layout import Layout
 from limb_systems.limb_parameters import LimbParameters, ParameterError
 from limb_systems.wire_blocks import add_wires
-from limb_systems.wire_laws.wire_law import LinearLaw
+from limb_systems.wire_laws.linear import LinearLaw
 from urdf import limb_sdf
 
 # kg, far below the rounding error of a limb's mass. Drake 1.58 divides by the mass of each body
@@ -67,6 +67,8 @@ class Limb(Diagram):
     """
 
     __slots__ = ()  # see limb_systems.drake_python
+
+    is_model = True
 
     def __init__(self, parameters: LimbParameters | str | Path | None = None, *, name: str = ""):
         """

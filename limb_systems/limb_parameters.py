@@ -18,7 +18,8 @@ from limb_systems.files.provenance import Provenance
 from limb_systems.files.schema import Strict, Tagged, quantity, rare, validate
 from limb_systems.heat_bounds import BOUNDED, HeatBounds
 from limb_systems.segment_chain import SegmentChain
-from limb_systems.wire_laws.wire_law import LinearLaw, WireLaw
+from limb_systems.wire_laws.linear import LinearLaw
+from limb_systems.wire_laws.wire_law import WireLaw
 
 FORMAT = 2  # of the YAML file
 MOST_SEGMENTS, MOST_JOINTS = 50, 500

@@ -2,6 +2,7 @@
 
 import contextlib
 import copy
+import dataclasses
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -26,10 +27,8 @@ from limb_systems.files.schema import shown
 from limb_systems.files.signal_table import TIMES, without_rounding
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.kinematics import bend_angle
-from limb_systems.limb import Limb
 from limb_systems.limb_system import ACCURACY, LimbSystem, check_limb
 from limb_systems.progress import Progress
-from walking.robot import Robot
 
 
 class SimulationError(LimbError):
@@ -103,11 +102,38 @@ def simulate(
         system,
         source.get_output_port(),
         duration,
-        jumps=jump_times(applied),
-        sample_rate=sample_rate,
-        accuracy=accuracy,
-        initial_state=initial_state,
+        RecordOptions(
+            jumps=jump_times(applied),
+            sample_rate=sample_rate,
+            accuracy=accuracy,
+            initial_state=initial_state,
+        ),
     )
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class RecordOptions:
+    """How `record` runs a diagram, and what it records beside the limb.
+
+    - ``reference``: port of the desired bend angle (S), rad, to be recorded.
+    - ``until``: function of the diagram's context; the recording ends when it is true.
+    - ``remark``: function of the diagram's context; text for the progress line.
+    - ``real_time``: whether to run in real time although the system does not need it, for example
+      because a person watches.
+    - ``jumps``: times at which the duty jumps, s, which no step of the integrator may cover.
+    - ``sample_rate``, ``accuracy``, ``initial_state``: arguments of `simulate`.
+    - ``provenance``: provenance of the recording; this call's if None.
+    """
+
+    reference: OutputPort | None = None
+    until: Callable[[Context], bool] | None = None
+    remark: Callable[[Context], str] | None = None
+    real_time: bool = False
+    jumps: ArrayLike = ()
+    sample_rate: float = 20.0
+    accuracy: float | None = None
+    initial_state: ArrayLike | None = None
+    provenance: Provenance | None = None
 
 
 def record(
@@ -115,16 +141,7 @@ def record(
     system: LimbSystem,
     duty: OutputPort,
     duration: float,
-    *,
-    reference: OutputPort | None = None,
-    until: Callable[[Context], bool] | None = None,
-    remark: Callable[[Context], str] | None = None,
-    real_time: bool = False,
-    jumps: ArrayLike = (),
-    sample_rate: float = 20.0,
-    accuracy: float | None = None,
-    initial_state: ArrayLike | None = None,
-    provenance: Provenance | None = None,
+    options: RecordOptions | None = None,
 ) -> Recording:
     """Runs a diagram with a limb in it and records the limb.
 
@@ -136,14 +153,7 @@ def record(
         system: a `Limb`, or any other `LimbSystem`.
         duty: the port that drives the limb; it is connected here.
         duration: at most, s.
-        reference: port of the desired bend angle (S), rad, to be recorded.
-        until: function of the diagram's context; the recording ends when it is true.
-        remark: function of the diagram's context; text for the progress line.
-        real_time: whether to run in real time although the system does not need
-            it, for example because a person watches.
-        jumps: times at which the duty jumps, s, which no step of the integrator may cover.
-        sample_rate, accuracy, initial_state: as for `simulate`.
-        provenance: provenance of the recording; this call's if None.
+        options: how it is run; the defaults if None.
 
     Raises:
         SimulationError: if the integrator fails.
@@ -151,30 +161,34 @@ def record(
     """
     check_limb(system)
     check_positive("duration", duration, " s")
-    provenance = provenance or Provenance.now(system.parameters)  # before it has to keep time
+    options = options or RecordOptions()
+    sample_rate, reference = options.sample_rate, options.reference
+    # Before it has to keep time.
+    provenance = options.provenance or Provenance.now(system.parameters)
     builder.Connect(duty, system.GetInputPort("duty"))
     # A Limb's bend angle follows from its joint state for all samples at once, so that the C++
     # loop does not call Python at each of them.
-    calculated = ["bend_angle"] if isinstance(system, Limb | Robot) else []
+    calculated = ["bend_angle"] if is_model(system) else []
     names = [n for n in (*Recording.MEASURED, *Recording.optional()) if n not in calculated]
     ports = {name: system.GetOutputPort(name) for name in names if system.HasOutputPort(name)}
     ports |= {"duty": duty} | ({"reference": reference} if reference else {})
     sinks = {name: LogVectorOutput(port, builder, 1 / sample_rate) for name, port in ports.items()}
     diagram = build(builder)
-    if accuracy is None:
-        accuracy = system.accuracy
-    simulator = make_simulator(diagram, accuracy)
+    simulator = make_simulator(
+        diagram, system.accuracy if options.accuracy is None else options.accuracy
+    )
     context = simulator.get_mutable_context()
-    if initial_state is not None:
-        _set_state(system, system.GetMyMutableContextFromRoot(context), initial_state)
+    if options.initial_state is not None:
+        _set_state(system, system.GetMyMutableContextFromRoot(context), options.initial_state)
     end = end_of_samples(duration, sample_rate)
-    advance(simulator, end, until, remark, real_time or system.real_time, jumps)
+    real_time = options.real_time or system.real_time
+    advance(simulator, end, options.until, options.remark, real_time, options.jumps)
 
     # Copies, as the logs are Drake's.
     signals = {name: sink.FindLog(context).data().copy() for name, sink in sinks.items()}
     signals |= {name: signals[name][0] for name in TIMES if name in signals}
     signals["duty"] = without_rounding(signals["duty"])
-    if isinstance(system, Limb | Robot):
+    if is_model(system):
         angles = signals["joint_state"][: system.parameters.num_joints]
         signals["bend_angle"] = bend_angle(system.parameters, angles)
     times = np.minimum(np.arange(signals["duty"].shape[1]) / sample_rate, duration)
@@ -187,6 +201,11 @@ def record(
         provenance=provenance,
         **signals,
     )
+
+
+def is_model(system: LimbSystem) -> bool:
+    """Return whether a system is a model, whose bend angle follows from its joint state."""
+    return getattr(system, "is_model", False)
 
 
 def build(builder: DiagramBuilder) -> Diagram:
@@ -327,7 +346,7 @@ def warn_of_fast_duty(duty: trajectories.Trajectory, system: LimbSystem) -> None
     if len(jumps) < 2:
         return
     shortest = np.diff(jumps).min()
-    if isinstance(system, Limb | Robot):
+    if is_model(system):
         fastest, why = SHORTEST_PULSE, "its wires feel the mean alone, and all of it takes long"
     else:
         fastest, why = PERIOD, f"{type(system).__name__} takes duty at 20 Hz, or about so often"
@@ -347,7 +366,7 @@ def check_positive(name: str, value: Any, unit: str = "") -> None:
 
 def _set_state(system, context, state) -> None:
     state, size = np.asarray(state, float), context.num_continuous_states()
-    steps = isinstance(system, Robot) and context.num_discrete_state_groups()
+    steps = is_model(system) and context.num_discrete_state_groups()
     of_steps = context.get_discrete_state_vector().size() if steps else 0
     if state.shape != (of_steps + size,) or not np.isfinite(state).all():
         raise SimulationError(

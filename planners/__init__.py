@@ -3,7 +3,6 @@
 import importlib
 from typing import Any
 
-import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from planners import references
 from planners.grip import Grip, grip
 from planners.nearest import nearest_bend_angle

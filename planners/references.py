@@ -17,6 +17,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import Layout, LimbError, LimbParameters, Recording
 from limb_systems.errors import raised_as
+from limb_systems.files.first_line import first_line
 from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS, read_text
 from limb_systems.kinematics import tip_of_angles
 
@@ -169,9 +170,10 @@ def _load(
 
 def _foreign(text: str) -> str | None:
     """What a file of ours is, if it is not a table of numbers."""
-    if text.startswith("# limb trajectory"):
+    ours = first_line(text)
+    if ours and ours.kind == "trajectory":
         return "is a plan already, for soft-limb replay; a reference is a CSV or a recording"
-    if text.startswith("# limb recording"):
+    if ours and ours.kind == "recording":
         return "is a recording; references.from_recording makes a reference of it"
     if re.search(r"^segments:", text, re.MULTILINE):
         return "describes a limb, and is given with -l; a reference is a CSV or a recording"

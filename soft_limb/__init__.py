@@ -1,3 +1,5 @@
 """The application: commands, runs of limbs, reports, and what results are."""
 
-import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
+from soft_limb.startup import let_ctrl_c_end_imports
+
+let_ctrl_c_end_imports()

@@ -2,13 +2,14 @@
 
 import argparse
 import datetime
+import functools
 import importlib
 import os
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from importlib.metadata import version
+from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,7 @@ EXIT_STATUS = (
 )
 
 # For each command: its module in `soft_limb.commands`, which is imported when the command runs,
-# and what it does. Those of `WALKING` are in `walking.commands`.
-WALKING = "gaits"
+# and what it does.
 COMMANDS = {
     "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
     "collect": ("calibration", "record all that calibration needs"),
@@ -41,15 +41,24 @@ COMMANDS = {
     "board-check": ("hardware", "test that a board refuses what it must and ends duty in time"),
     "recover": ("hardware", "finish the recording of a program that was killed"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
-    "gait": ("gaits", "plan how a robot of several limbs walks"),
-    "gaits": ("gaits", "plan the gaits by which a robot in space gets anywhere"),
-    "walk": ("gaits", "walk by a gait: a robot, or an emulated one, from cold wires"),
     "sweep": ("sweep", "plan and drive many emulated limbs, motions, tasks and controllers"),
     "show": ("results", "say what files are, and what made them"),
     "compare": ("results", "say how plans, recordings or limbs differ"),
     "export": ("results", "write plans and limbs for programs of your own"),
     "runs": ("results", "write one page about all results in a folder"),
 }
+
+
+@functools.cache
+def all_commands() -> dict[str, tuple[str, str]]:
+    """Return `COMMANDS` with the full names of their modules, and what other packages register.
+
+    These name a dict like it as an entry point of the group ``soft_limb.commands``.
+    """
+    found = {name: (f"soft_limb.commands.{home}", what) for name, (home, what) in COMMANDS.items()}
+    for entry in entry_points(group="soft_limb.commands"):
+        found |= entry.load()
+    return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -69,9 +78,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.print_help(sys.stderr)
         return 2
     chosen = parser.parse_args(words)
-    module, _ = COMMANDS[chosen.command]
-    folder = "walking.commands" if module == WALKING else "soft_limb.commands"
-    command = importlib.import_module(f"{folder}.{module}").COMMANDS[chosen.command]
+    module, _ = all_commands()[chosen.command]
+    command = importlib.import_module(module).COMMANDS[chosen.command]
     return run_words(command, f"soft-limb {chosen.command}", chosen.arguments, chosen.modules)
 
 
@@ -114,12 +122,13 @@ def _print_results() -> bool:
 
 def _top_level_parser() -> argparse.ArgumentParser:
     """Return the parser up to the name of a command, whose module need not be imported for it."""
-    width = max(map(len, COMMANDS))
+    commands = all_commands()
+    width = max(map(len, commands))
     parser = argparse.ArgumentParser(
         prog="soft-limb",
         description="Calibrates, plans for and drives soft limbs that are bent by heat.",
         epilog="commands:\n"
-        + "".join(f"  {name:<{width}}  {what}\n" for name, (_, what) in COMMANDS.items())
+        + "".join(f"  {name:<{width}}  {what}\n" for name, (_, what) in commands.items())
         + f"\nsoft-limb COMMAND --help explains each of them.\n{EXIT_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -132,10 +141,10 @@ def _top_level_parser() -> argparse.ArgumentParser:
 
 def _command_name(name: str) -> str:
     """Return the name of a command, or say which name is near."""
-    if name in COMMANDS:
+    if name in all_commands():
         return name
     raise argparse.ArgumentTypeError(
-        f"there is no command {name!r}{nearest(name, list(COMMANDS))}; --help lists all."
+        f"there is no command {name!r}{nearest(name, list(all_commands()))}; --help lists all."
     )
 
 

@@ -654,13 +654,13 @@ def serve(messages: socket.socket, program: int, open_browser: bool) -> None:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 
     # Take in messages until the program ends.
-    def take_messages(*_) -> None:
+    def take_messages(*_event) -> None:
         with contextlib.suppress(BlockingIOError, ConnectionError):
             while True:
-                data, files, *_ = socket.recv_fds(messages, MAX_DATAGRAM_SIZE, 1)
+                data, files, _, _ = socket.recv_fds(messages, MAX_DATAGRAM_SIZE, 1)
                 run.take(data, files)
 
-    def end(*_) -> None:
+    def end(*_event) -> None:
         take_messages()
         loop.remove_handler(sys.stdin.fileno())
         run.end(sys.stdin.read())

@@ -48,7 +48,7 @@ from limb_systems import (
 )
 from limb_systems.files.csv_format import FORMAT_VERSION
 from limb_systems.files.signal_table import column_names
-from soft_limb.command import COMMANDS, main
+from soft_limb.command import all_commands, main
 from soft_limb.commands.options import SHARED
 from walking import (
     GaitFeedback,
@@ -61,8 +61,8 @@ from walking import (
 )
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
-ANY_PACKAGE = "|".join((*PACKAGES, "walking", "soft_limb"))
+PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware", "walking")
+ANY_PACKAGE = "|".join((*PACKAGES, "soft_limb"))
 PAGES = {name: ROOT / "docs" / f"{name}.md" for name in PACKAGES}
 DOCUMENTS = [
     path
@@ -241,7 +241,7 @@ def test_page_has_the_shared_options_and_all_commands():
         {code for row in rows for code in re.findall(r"`([^`]+)`", row[0])}
         for rows in (options, commands)
     )
-    assert named == set(COMMANDS)
+    assert named == set(all_commands())
     groups = (entry if isinstance(entry, list) else [entry] for entry in SHARED.values())
     shared = {name for group in groups for option in group for name in option.names}
     assert listed - {"--import"} == {name for name in shared if name.startswith("-")}
@@ -374,7 +374,8 @@ def test_pictures_have_the_systems_of_the_diagrams():
 
 
 def test_parameters_on_the_page_are_the_nominal_ones():
-    codes = (code for code, _ in blocks(TEXTS[PAGES["limb_systems"]], "yaml"))
+    pages = [TEXTS[PAGES[package]] for package in ("limb_systems", "walking")]
+    codes = (code for page in pages for code, _ in blocks(page, "yaml"))
     text, *others = sorted(codes, key=lambda code: "limbs:" in code)
     assert LimbParameters.from_yaml(text) == LimbParameters()
     # Tags aside: no field is left out on the page.

@@ -88,6 +88,11 @@ def robot_urdf(robot: Any) -> str:
     Args:
         robot: such as `limb_systems.RobotParameters`.
     """
+    return document(robot_element(robot))
+
+
+def robot_element(robot: Any) -> Element:
+    """The root of `robot_urdf`, with its argument."""
     element = _root("robot")
     body, box = robot.body, _box(robot.body.length, robot.body.width, robot.body.height)
     link = SubElement(element, "link", name="body")
@@ -109,7 +114,7 @@ def robot_urdf(robot: Any) -> str:
             _add_collision(foot, ball, _of_ground(robot.ground))
     if robot.ground:
         _filter_collisions(element, ["body", *(f"{limb.name}_foot" for limb in robot.limbs)])
-    return document(element)
+    return element
 
 
 def _root(name: str) -> Element:

@@ -10,6 +10,7 @@ _HOMES = {
     "GaitCheck": "walking.gait",
     "GaitFeedback": "walking.gait_feedback",
     "GaitPhase": "walking.gait",
+    "GaitRequest": "walking.gait_request",
     "GaitVariation": "walking.gait",
     "GroundParameters": "walking.robot_parameters",
     "HeatFeedback": "walking.heat_feedback",

@@ -8,7 +8,7 @@ import numpy as np
 from limb_systems import Wires, tip_position
 from limb_systems.statics import HeldAngles
 from planners.transcription.solving import PlanningError
-from walking import RobotParameters
+from walking.robot_parameters import RobotParameters
 
 LEAST_TURN = 0.05  # rad, of robots that turn as far as they can
 MOST_TURN = np.pi / 2  # rad, in a cycle

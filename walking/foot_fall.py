@@ -11,6 +11,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from walking.gait import GaitPhase
 from walking.robot import make_robot, set_positions
+from walking.robot_parameters import RobotParameters
 
 # m/s, and m/s for each N along the ground, twice that by which feet that stick creep in Drake.
 SLOWEST, CREEP = 2e-4, 8.4e-4
@@ -36,11 +37,13 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
             or fewer than two samples.
     """
     robot, forces = recording.robot, recording.contact_force
-    if robot is None or recording.joint_state is None or forces is None or len(forces[0]) < 2:
+    missing = recording.joint_state is None or forces is None or len(forces[0]) < 2
+    if missing or not isinstance(robot, RobotParameters):
         raise LimbError(
             "What feet do follows from two or more samples of a robot's joint angles and contact "
             "forces, which this recording does not have."
         )
+    assert forces is not None
     velocity, noise = _velocity(recording)
     speed = np.linalg.norm(velocity, axis=1)  # (L, K-1)
     of_feet = forces.reshape(len(robot.limbs), -1, len(recording.time))
@@ -87,7 +90,7 @@ def _slip(recording: Recording) -> np.ndarray:
     A foot that rolls does not slip: its centre goes as far as it turns.
     """
     robot, joint_state = recording.robot, recording.joint_state
-    assert robot is not None
+    assert isinstance(robot, RobotParameters)
     assert joint_state is not None
     builder = DiagramBuilder()  # it keeps the plant
     plant = make_robot(builder, robot)

@@ -19,6 +19,7 @@ VIOLATION_TOLERANCE = 1e-6
 STRIDE_TOLERANCE = 0.05  # share of the planned stride by which each simulated one may differ
 
 ASIDE_TOLERANCE = 0.1  # share of the planned stride, aside of it
+REPLAYED = 3  # cycles that a page replays
 
 
 @dataclasses.dataclass
@@ -67,6 +68,7 @@ class GaitCheck:
     - ``steadiness``: least stiffness against pitch, as a multiple of weight times limb length.
     - ``sticking_share``: share of μ that feet that stick may use.
     - ``remark``: why it is not as steady as asked for; empty if it is.
+    - ``checked_by``: the engines that simulated it; empty if none did.
     """
 
     solver: str = ""
@@ -81,6 +83,7 @@ class GaitCheck:
     steadiness: float = math.nan
     sticking_share: float = math.nan
     remark: str = ""
+    checked_by: str = ""
 
     @property
     def is_missing(self) -> bool:
@@ -141,6 +144,7 @@ class Gait(Planned):
     """
 
     KIND: ClassVar[str] = "gait"
+    HOLDS_DUTY: ClassVar[bool] = True
 
     robot: RobotParameters = dataclasses.field()  # without the default of `Samples`
     phases: list[GaitPhase]
@@ -251,6 +255,15 @@ class Gait(Planned):
         times = np.append((starts + self.time[:-1]).ravel(), cycles * self.period)
         duty = np.hstack([*[self.duty[:, :-1]] * cycles, self.duty[:, :1]])
         return PiecewisePolynomial.ZeroOrderHold(times, without_rounding(duty))
+
+    @property
+    def origin(self) -> str:
+        """What the joints of the limbs show, and how they came about, for a caption."""
+        return f"planned gait, {REPLAYED} cycles, nothing measured"
+
+    def for_replay(self) -> "Gait":
+        """Return the cycles that a page replays."""
+        return self.repeated(REPLAYED)
 
     def repeated(self, cycles: int) -> "Gait":
         """Some cycles, one after the other, as one."""

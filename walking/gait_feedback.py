@@ -12,7 +12,7 @@ from controllers.estimator import StateEstimate
 from controllers.plan_feedback import PlanFeedback
 from limb_systems import LimbError, LimbParameters
 from limb_systems.simulation import PERIOD
-from walking import Gait
+from walking.gait import Gait
 from walking.walk_trajectory import walk
 
 GAIN = 0.5  # of the stride's relative error, by which amplitude changes: strides change twice so

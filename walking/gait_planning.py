@@ -6,27 +6,27 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from pydrake.solvers import IpoptSolver, SolverOptions
 
 from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.solving import PlanningError
-from walking import Gait, GaitCheck, RobotParameters
 from walking.course import Course, check_course
+from walking.gait import Gait, GaitCheck
 from walking.gait_check import check_gait, with_friction
 from walking.gait_program import (
     LEAST_LOAD,
-    STICKING_SHARE,
     GaitProgram,
     usual_steadiness,
 )
+from walking.gait_request import GaitRequest
+from walking.robot_parameters import RobotParameters
 from walking.schedules import check_schedule, sensible_schedules
 from walking.standing import LEAST_PIVOT, Stability, balance_of
 from walking.walker import check_walker
 
-INTERVALS, MOST_INTERVALS = 24, 240
 # °C above ambient, of the wires of a robot that stands; in space also these, as in the middle of a
 # wire's transformation programs may fail that have a solution.
 START_WARMTH, OTHER_WARMTHS = 40.0, (55.0, 30.0)
@@ -58,21 +58,8 @@ TOO_SOFT = (
 
 def plan_gait(
     robot: RobotParameters | str | Path | None = None,
-    *,
-    turn: float = 0.0,
-    stride: float | None = None,
-    speed: float | None = None,
-    schedule: Sequence[Sequence[str]] | None = None,
-    objective: Literal["speed", "energy"] = "speed",
-    temperature_margin: float = 0.0,
-    steadiness: float | None = None,
-    sticking_share: float = STICKING_SHARE,
-    intervals: int = INTERVALS,
-    near: Gait | None = None,
-    begins_as: Gait | None = None,
-    check: bool = True,
-    spread: bool = True,
-    explain: bool = True,
+    request: GaitRequest | None = None,
+    **changes: Any,
 ) -> Gait:
     """The fastest periodic motion of a robot, or the one that heats least per distance.
 
@@ -83,59 +70,47 @@ def plan_gait(
 
     Args:
         robot: description of the robot, or the path of its YAML file; the crawler if None.
-        turn: turn of the body to the left in a cycle, rad; as far as it can if infinite. To the
-            right it is negative.
-        stride: travel in a cycle, m; 0 on the spot. If None, the one that is fastest, or none if
-            the turn is infinite.
-        speed: speed that it has, at the least heat, m/s; the fastest if None.
-        schedule: what each foot does in each phase (P, F), of `CONTACTS`. If None, in a plane the
-            first of `sensible_schedules`, and in space the first that walks as planned.
-        objective: "speed" for the largest stride by period, "energy" for the least duty, summed
-            over time and wires, by stride.
-        temperature_margin: how far T stays below T_max, °C.
-        steadiness: least stiffness against pitch in a plane, as a multiple of weight times limb
-            length. Less is faster, but more of the robots that are not quite as described fall. If
-            None, 25, or 12.5 if all limbs are calibrated.
-        sticking_share: share of μ that feet that stick may use, at most 1. More is faster, but
-            the robot stands still if friction differs more from foot to foot.
-        intervals: number of intervals between knots, shared by the phases.
-        near: a gait of a robot or a course that differs little, of this schedule, to start from.
-        begins_as: a gait of this robot, with whose heat it begins, so that one may follow the
-            other; with its own if None.
-        check, spread: whether to check it by `check_gait`, and with its spread.
-        explain: whether to find out, in up to a minute, why there is no gait, if there is none.
+        request: what is asked for; the defaults of `GaitRequest` if None.
+        changes: fields of `GaitRequest`, in place of those of the request, such as ``turn=0.2``.
 
     Raises:
         PlanningError: if there is no such motion, with what stays violated, or if the robot does
             not walk as planned in simulation.
         ParameterError: if the robot's description is wrong.
     """
+    # Check what is asked for.
     robot = RobotParameters.of(robot)
+    request = dataclasses.replace(request or GaitRequest(), **changes)
     check_walker(robot)
-    course = Course(turn, stride, speed)
-    check_course(robot, course)
-    in_space = robot.body.mount == "free"
-    schedules = [schedule] if schedule else sensible_schedules(robot)[: None if in_space else 1]
-    steadiness = usual_steadiness(robot) if steadiness is None else steadiness
-    for number, each in enumerate(schedules, 1):
-        check_schedule(each, robot)
-        check_request(
-            robot, each, objective, temperature_margin, steadiness, sticking_share, intervals
-        )
+    check_course(robot, request.course)
+    schedules: Sequence[Sequence[Sequence[str]]] = sensible_schedules(robot)
+    if request.schedule:
+        schedules = [request.schedule]
+    elif robot.body.mount != "free":
+        schedules = schedules[:1]
+    steadiness = usual_steadiness(robot) if request.steadiness is None else request.steadiness
+    # Take the first schedule that gives a gait.
+    for number, schedule in enumerate(schedules, 1):
+        check_schedule(schedule, robot)
+        request.validate(robot, schedule)
+        knots = np.linspace(0, request.intervals, len(schedule) + 1).round().astype(int)
         program = partial(
             GaitProgram,
             robot,
-            each,
-            np.diff(np.linspace(0, intervals, len(each) + 1).round().astype(int)).tolist(),
-            objective=objective if speed is None else "energy",
-            temperature_margin=temperature_margin,
-            sticking_share=sticking_share,
-            begins_as=begins_as,
+            schedule,
+            np.diff(knots).tolist(),
+            objective=request.objective if request.speed is None else "energy",
+            temperature_margin=request.temperature_margin,
+            sticking_share=request.sticking_share,
+            begins_as=request.begins_as,
         )
         is_last = number == len(schedules)
+        explain = request.explain and is_last
         try:
-            gait = _along(program, course, steadiness, near, explain=explain and is_last)
-            return _walking(gait, program, course, spread) if check else gait
+            gait = _along(program, request.course, steadiness, request.near, explain)
+            if request.check:
+                gait = _walking(gait, program, request.course, request.spread)
+            return gait
         except PlanningError:
             if is_last:
                 raise
@@ -249,37 +224,6 @@ def _steady(program: Callable[..., GaitProgram], steadiness: float, near: Gait |
         return gait
     gait.check.remark = f"no gait was found that is as steady as asked for, {steadiness:g}"
     return gait
-
-
-def check_request(
-    robot: RobotParameters,
-    schedule: Sequence[Sequence[str]],
-    objective: str,
-    temperature_margin: float,
-    steadiness: float | None,
-    sticking_share: float,
-    intervals: int = INTERVALS,
-) -> None:
-    """Raises PlanningError for what a gait cannot be asked for; see `plan_gait`."""
-    if objective not in ("speed", "energy"):
-        raise PlanningError(f"The objective is {objective!r}; it must be 'speed' or 'energy'.")
-    limits, ambient = robot.together.temperature_limits, robot.together.ambient_temperature
-    if not 0 <= temperature_margin < limits.maximum - ambient:
-        raise PlanningError(
-            f"temperature_margin is {temperature_margin:g} °C; it must be from 0 to less than "
-            f"{limits.maximum - ambient:g} °C, by which T_max is above ambient."
-        )
-    if steadiness is not None and not 0 < steadiness < np.inf:
-        raise PlanningError(f"steadiness is {steadiness:g}; it must be a positive number.")
-    if not 0 < sticking_share <= 1:
-        raise PlanningError(
-            f"sticking_share is {sticking_share:g}; it must be more than 0 and at most 1."
-        )
-    if not 2 * len(schedule) <= intervals <= MOST_INTERVALS:
-        raise PlanningError(
-            f"intervals is {intervals}; it must be from {2 * len(schedule)}, two for each phase, "
-            f"to {MOST_INTERVALS}."
-        )
 
 
 def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LONGEST_SOLVE) -> Gait:

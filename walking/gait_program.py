@@ -34,9 +34,9 @@ from limb_systems.smooth_function import SmoothFunction
 from planners.transcription.collocation import ANGLE_SCALE, heat_defects
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
-from walking import Gait, GaitCheck, GaitPhase, RobotParameters
 from walking.course import LEAST_TURN, MOST_TURN, Course
-from walking.gait import along_heading
+from walking.gait import Gait, GaitCheck, GaitPhase, along_heading
+from walking.robot_parameters import RobotParameters
 from walking.standing import (
     LEAST_PIVOT,
     LEAST_STIFFNESS,

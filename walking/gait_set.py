@@ -1,6 +1,7 @@
 """The gaits by which a robot gets anywhere on the ground: `plan_gaits`."""
 
 import contextlib
+import dataclasses
 import functools
 import itertools
 import operator
@@ -14,8 +15,10 @@ from limb_systems import LimbError
 from limb_systems.files.output import check_outputs
 from limb_systems.progress import Progress
 from planners.transcription.solving import PlanningError
-from walking import Gait, RobotParameters
+from walking.gait import Gait
 from walking.gait_planning import plan_gait
+from walking.gait_request import GaitRequest
+from walking.robot_parameters import RobotParameters
 from walking.schedules import sensible_schedules
 
 AHEAD, SIDES = "ahead", {"left": 1.0, "right": -1.0}
@@ -38,7 +41,7 @@ def plan_gaits(
         robot: description of a robot in space.
         map_function: takes a function and its arguments, as `map` does, and may call it for
             several arguments at a time; it plans the gaits that turn.
-        options: further arguments of `plan_gait`.
+        options: fields of `GaitRequest`.
 
     Returns:
         Checked gaits by name: ahead, left, right, spot_left and spot_right, as far as there are.
@@ -52,13 +55,13 @@ def plan_gaits(
         raise PlanningError(
             f"The body is {robot.body.mount}, so that it cannot turn; set body.mount to free."
         )
-    options = {"explain": False} | options
+    request = dataclasses.replace(GaitRequest(explain=False), **options)
     with Progress("planning", 1 + len(TURNING), "gaits") as progress:
-        ahead = plan_gait(robot, **options | {"spread": False})
+        ahead = plan_gait(robot, request, spread=False)
         progress.update(1, "that turn")
         signs = SIDES.values()
-        arcs = [functools.partial(_along_arc, robot, sign, ahead, options) for sign in signs]
-        spots = [functools.partial(_on_the_spot, robot, sign, options) for sign in signs]
+        arcs = [functools.partial(_along_arc, robot, sign, ahead, request) for sign in signs]
+        spots = [functools.partial(_on_the_spot, robot, sign, request) for sign in signs]
         gaits = {AHEAD: ahead}
         planned = map_function(operator.call, [*arcs, *spots])
         for number, (name, gait) in enumerate(zip(TURNING, planned, strict=True)):
@@ -75,24 +78,23 @@ def plan_gaits(
 
 
 def _along_arc(
-    robot: RobotParameters, sign: float, ahead: Gait, options: dict[str, Any]
+    robot: RobotParameters, sign: float, ahead: Gait, request: GaitRequest
 ) -> Gait | None:
     """The gait that begins with the heat of the one ahead, or else with its own."""
-    request = options | {"schedule": ahead.schedule, "near": ahead}
+    request = dataclasses.replace(request, turn=sign * ARC, schedule=ahead.schedule, near=ahead)
     for first in (ahead, None):
         with contextlib.suppress(PlanningError):
-            gait = plan_gait(robot, turn=sign * ARC, begins_as=first, **request)
+            gait = plan_gait(robot, request, begins_as=first)
             if _never_falls(gait):
                 return gait
     return None
 
 
-def _on_the_spot(robot: RobotParameters, sign: float, options: dict[str, Any]) -> Gait | None:
+def _on_the_spot(robot: RobotParameters, sign: float, request: GaitRequest) -> Gait | None:
     """The gait with the largest turn, of the first two schedules, that never falls."""
     for turn, schedule in itertools.product(ON_THE_SPOT, sensible_schedules(robot)[:2]):
         with contextlib.suppress(PlanningError):
-            request = options | {"schedule": schedule}
-            gait = plan_gait(robot, turn=sign * turn, stride=0.0, **request)
+            gait = plan_gait(robot, request, turn=sign * turn, stride=0.0, schedule=schedule)
             if _never_falls(gait):
                 return gait
     return None

@@ -73,6 +73,8 @@ class Robot(Diagram):
 
     __slots__ = ()  # see limb_systems.drake_python
 
+    is_model = True
+
     def __init__(
         self,
         robot: RobotParameters | LimbParameters | str | Path | None = None,
@@ -179,7 +181,7 @@ def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
         ]
         plant.AddJoint(PlanarJoint("body", *frames))
     add_joint_springs(plant, limb_joints(plant, robot), robot.together)
-    height = _standing_height(robot) if robot.ground else 0.0
+    height = robot.standing_height if robot.ground else 0.0
     if robot.body.mount == "planar":
         plant.GetJointByName("body").set_default_translation([0.0, height])
     elif robot.body.mount == "free":
@@ -342,8 +344,3 @@ def _pose_in_space(state: np.ndarray) -> np.ndarray:
     """x, y, z, roll, pitch and yaw of a free body, whose quaternion and position begin a state."""
     rotation = Quaternion(state[:4] / np.linalg.norm(state[:4]))
     return np.concatenate([state[4:7], RollPitchYaw(rotation).vector()])
-
-
-def _standing_height(robot: RobotParameters) -> float:
-    """Height of the body's origin, m, where the lowest foot of straight limbs is at the ground."""
-    return robot.feet.radius - min(limb.straight_height for limb in robot.limbs)

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
 
+from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import raised_as
-from limb_systems.files.described import Described, ParameterError, check_density, check_name
+from limb_systems.files.described import ParameterError, check_density, check_name
+from limb_systems.files.output import free_path
 from limb_systems.files.schema import Strict, quantity, validate
 from limb_systems.layout import slices
 from limb_systems.limb_parameters import (
@@ -165,7 +167,7 @@ def _rear_and_front() -> list[RobotLimb]:
 
 
 @dataclasses.dataclass
-class RobotParameters(Described):
+class RobotParameters(ConnectedLimbs):
     """A robot: a body, limbs on it, their feet, and the ground that they are on.
 
     ``RobotParameters()`` is a crawler of 50 g with two limbs that hang down from its body.
@@ -450,6 +452,11 @@ class RobotParameters(Described):
         return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]) @ self.gravity
 
     @property
+    def standing_height(self) -> float:
+        """Height of the body's origin, m, with the lowest foot of straight limbs on the ground."""
+        return self.feet.radius - min(limb.straight_height for limb in self.limbs)
+
+    @property
     def pose_size(self) -> int:
         """Numbers of the body's pose: 3 if planar, 6 if free, 0 if welded."""
         return {"welded": 0, "planar": 3, "free": 6}[self.body.mount]
@@ -458,6 +465,41 @@ class RobotParameters(Described):
     def force_size(self) -> int:
         """Numbers of a foot's contact force: x and z if the body is planar, else x, y and z."""
         return 2 if self.body.mount == "planar" else 3
+
+    def signal_columns(self) -> dict[str, list[str]]:
+        """Return the columns of ``body_pose`` and ``contact_force``, as far as there are such."""
+        poses = {"planar": "x_m z_m pitch_deg", "free": "x_m y_m z_m roll_deg pitch_deg yaw_deg"}
+        columns = {}
+        if self.body.mount in poses:
+            columns["body_pose"] = [f"body_{name}" for name in poses[self.body.mount].split()]
+        if self.ground:
+            axes = "xz" if self.force_size == 2 else "xyz"
+            columns["contact_force"] = [
+                f"contact_force_{limb.name}_{axis}_n" for limb in self.limbs for axis in axes
+            ]
+        return columns
+
+    def pose_rows(self) -> list[tuple[str, str, float]]:
+        """Return name, unit and scale from SI of each row of the body's pose."""
+        lengths, turns = {0: ("", ()), 3: ("xz", ("pitch",)), 6: ("xyz", ("roll", "pitch", "yaw"))}[
+            self.pose_size
+        ]
+        rows = [(axis, "mm", 1e3) for axis in lengths]
+        return rows + [(turn, "°", np.rad2deg(1.0)) for turn in turns]
+
+    def surroundings(self) -> str:
+        """Return what it stands on, in words."""
+        if self.ground is None:
+            return "no ground"
+        slope = np.rad2deg(self.ground.slope)
+        rises = f", rises by {slope:g}°" if slope else ""
+        return f"ground: a mark each 10 mm, μ = {self.ground.friction:g}{rises}"
+
+    def commands_after_fit(self, path: Path) -> list[list[str]]:
+        """Return the words of the command that plans a gait, if the robot walks in the plane."""
+        if self.body.mount != "planar" or not self.ground:
+            return []
+        return [["gait", str(path), "-o", str(free_path(Path("gait.csv")))]]
 
     @property
     def joints_of(self) -> list[slice]:

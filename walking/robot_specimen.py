@@ -12,7 +12,7 @@ import numpy as np
 
 from hardware.emulation.specimen import Specimen
 from limb_systems import NoBoard
-from walking import RobotParameters
+from walking.robot_parameters import RobotParameters
 
 
 class RobotSpecimen(Specimen):

@@ -13,7 +13,6 @@ from hardware.emulation.lumped import add_physics
 from hardware.emulation.twin import SPACE_ACCURACY, SWING_TIME, LimbTwin, rest
 from limb_systems import EmulatedLimb, Layout, LimbParameters
 from limb_systems.simulation import PERIOD
-from walking import RobotParameters
 from walking.robot import (
     TIME_STEP,
     add_plant,
@@ -22,6 +21,7 @@ from walking.robot import (
     export_limbs,
     limb_joints,
 )
+from walking.robot_parameters import RobotParameters
 from walking.robot_specimen import RobotSpecimen
 
 RESTING_STEP = 5e-3  # s, at most, of a robot that has cooled and slides no more

@@ -10,8 +10,8 @@ import numpy as np
 
 from limb_systems.files.schema import shown
 from planners.transcription.solving import PlanningError
-from walking import RobotParameters
 from walking.gait import CONTACTS
+from walking.robot_parameters import RobotParameters
 
 LETTERS = dict(zip("sfbdl", CONTACTS, strict=True))  # forward, backward, dragged, lifted
 

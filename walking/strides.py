@@ -19,9 +19,10 @@ from calibration.remarks import CalibrationError
 from limb_systems import Layout, Recording, Wires
 from limb_systems.kinematics import joint_angles_from_bend_angle
 from planners.transcription.quasi_static import readings_along
-from walking import Gait, RobotParameters
+from walking.gait import Gait
 from walking.gait_check import scale_limb, with_friction
 from walking.gait_program import SLIDES
+from walking.robot_parameters import RobotParameters
 from walking.standing import balance_of
 from walking.walker import Walker
 

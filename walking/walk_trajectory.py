@@ -10,7 +10,7 @@ from limb_systems.kinematics import joint_angles_from_bend_angle
 from limb_systems.simulation import PERIOD
 from limb_systems.statics import HeldAngles
 from planners.transcription.quasi_static import readings_along
-from walking import Gait
+from walking.gait import Gait
 
 SHORTEST_WARM_UP, LONGEST_WARM_UP = 1.0, 300.0  # s
 NEAR = 0.1  # °C

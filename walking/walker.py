@@ -15,7 +15,7 @@ from limb_systems.kinematics import Chain, rest_joint_angles
 from limb_systems.segment_chain import rotation
 from limb_systems.smooth_function import SmoothFunction, stated_once
 from planners.transcription.solving import PlanningError
-from walking import RobotParameters
+from walking.robot_parameters import RobotParameters
 
 
 class Walker:

@@ -13,8 +13,7 @@ from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.drake_python import weak_method
 from limb_systems.files.schema import shown
 from limb_systems.simulation import PERIOD
-from walking import Gait, GaitCheck
-from walking.gait import along_heading, travels
+from walking.gait import Gait, GaitCheck, along_heading, travels
 from walking.gait_check import MOST_TILT
 from walking.heat_feedback import HeatFeedback
 from walking.walk_trajectory import walk

@@ -15,7 +15,7 @@ from hardware.board.journal import journaled
 from hardware.live_feed import LiveView, shown
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Recording
 from limb_systems.limb_system import check_limb
-from limb_systems.simulation import record
+from limb_systems.simulation import RecordOptions, record
 
 LARGEST = np.deg2rad(45.0)  # of equilibria
 SAMPLE_RATE = 20.0  # Hz, but for ring-downs
@@ -202,11 +202,13 @@ def _record(
             limb,
             duty,
             duration,
-            reference=reference,
-            until=until,
-            real_time=live is not None,
-            sample_rate=sample_rate,
-            provenance=made,
+            RecordOptions(
+                reference=reference,
+                until=until,
+                real_time=live is not None,
+                sample_rate=sample_rate,
+                provenance=made,
+            ),
         )
     recording.kind = kind
     return recording

@@ -14,6 +14,7 @@ from calibration.recordings.repair import at_sample_times, despiked, interpolate
 from calibration.remarks import CalibrationError, Remark, remarks_on_estimate, remarks_on_start
 from limb_systems import LimbParameters, LinearLaw, Recording, joint_angles_from_bend_angle
 from limb_systems.files.signal_table import stretches
+from limb_systems.low_pass import low_pass
 
 RATES = {"a1": "1/s", "a2": "°C/s", "a3": "1/s"}
 WINDOW = 2.0  # s, least duration of an equilibrium
@@ -94,9 +95,6 @@ def simulate_heat(
         initial: T and V at the first sample, °C.
         delay: s by which duty takes effect later; there was none before the first sample.
     """
-    # scipy.signal takes longer to import than all the rest.
-    from scipy.signal import lfilter
-
     if delay:
         # Its mean over each interval.
         total = np.cumsum(duty) - duty[0]
@@ -106,9 +104,9 @@ def simulate_heat(
     rates = np.array([[law.a1, 0.0, law.a2], [-law.a3, law.a3, 0.0], [0.0, 0.0, 0.0]])
     step = expm(rates * period)
     start = np.array(initial) - ambient
-    wire = lfilter([1.0], [1.0, -step[0, 0]], np.append(start[0], step[0, 2] * duty[1:]))
+    wire = low_pass(np.append(start[0], step[0, 2] * duty[1:]), step[0, 0], 1.0)
     drive = step[1, 0] * wire[:-1] + step[1, 2] * duty[1:]
-    reading = lfilter([1.0], [1.0, -step[1, 1]], np.append(start[1], drive))
+    reading = low_pass(np.append(start[1], drive), step[1, 1], 1.0)
     return ambient + wire, ambient + reading
 
 

@@ -17,10 +17,11 @@ import numpy as np
 
 from calibration.prediction.heated_run import STEP
 from calibration.prediction.law_fit import AMBIENT_SPREAD, KNOWN, LawFit, Predicted
-from calibration.prediction.unknowns import LAG, Unknown
+from calibration.prediction.unknowns import Unknown
 from calibration.remarks import Remark
-from limb_systems import LimbParameters
+from limb_systems import LimbParameters, WireLaw
 from limb_systems.monte_carlo import OpenLoop, draw_ensemble, stacked
+from limb_systems.wire_laws.wire_law import COLD_HEATING, SLOW_HEATING
 
 MEMBERS = 64
 SUPPLY_SPREAD = 0.03  # of the heat for the same duty, from day to day
@@ -45,12 +46,12 @@ SWING = 0.3  # share of a wire's rise that is a swing
 FEWEST_SWINGS = 2  # that show hysteresis
 
 HEATED = "heat the {} wire alone from cold for 60 s and let it cool for 120 s"
-TELL = {  # recordings, and the parameters that they tell best
-    HEATED: ("a1", "a2", LAG, "silicone_warming", "silicone_cooling"),
-    "raise the duty of the {} wire alone slowly until it is as hot as it may be, and lower it as "
-    "slowly": (
-        *("beta", "full_torque", "knee", "width", "middle", "heating_middle", "cooling_middle"),
-    ),
+OF_LAWS = {  # recordings that tell fields of laws, see `Prior`
+    COLD_HEATING: HEATED,
+    SLOW_HEATING: "raise the duty of the {} wire alone slowly until it is as hot as it may be, and "
+    "lower it as slowly",
+}
+OF_SEGMENT = {  # recordings, and the parameters of the segment that they tell best
     "mount the limb horizontally, turned about its axis by 0°, 90°, 180° and 270°, and in each "
     "mounting hold each wire at four levels, then neighbouring pairs": (
         *("stiffness", "stiffness_ratio", "roll", "angle", "rest_angle_e3"),
@@ -242,17 +243,29 @@ def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") ->
     elif fit.untold:
         of_wire = [u for u in fit.untold if u.wire == fit.untold[0].wire]
         bond = "with a thermocouple on it, " if len(of_wire) == 1 else ""  # else it was not heated
-        return _said(fit, bond + HEATED, [u for u in of_wire if u.field in TELL[HEATED]])
+        return _said(
+            fit, bond + HEATED, [u for u in of_wire if told_by(fit.law, u.field) == HEATED]
+        )
     else:
         shares = dict(zip([u.name for u in fit.unknowns], fit.unknown_shares, strict=True))
         unknown = [u for u in fit.unknowns if shares[u.name] > KNOWN]
         for least in sorted(unknown, key=lambda u: -shares[u.name]):
-            for recording, fields in TELL.items():
-                if least.field in fields:
-                    alike = [u for u in unknown if u.field in fields and u.wire == least.wire]
-                    return _said(fit, recording, alike)
+            if recording := told_by(fit.law, least.field):
+                of_wire = [u for u in unknown if u.wire == least.wire]
+                alike = [u for u in of_wire if told_by(fit.law, u.field) == recording]
+                return _said(fit, recording, alike)
     lacking = {kind: said for kind, said in FURTHER.items() if kind not in kinds}
     return lacking.get("motion") or sag or lacking.get("ring_down", "")
+
+
+def told_by(law: type[WireLaw], field: str) -> str:
+    """Return the recording that tells an unknown of a law or of the segment best; empty if none."""
+    for recording, fields in OF_SEGMENT.items():
+        if field in fields:
+            return recording
+    found = law.__dataclass_fields__.get(field)  # type: ignore[attr-defined]
+    prior = found.metadata.get("prior") if found else None
+    return OF_LAWS.get(prior.told_by, "") if prior else ""
 
 
 def _said(fit: LawFit, recording: str, told: list[Unknown]) -> str:

@@ -7,55 +7,24 @@ from typing import Any
 import numpy as np
 
 from limb_systems import SegmentParameters, WireLaw
+from limb_systems.wire_laws.wire_law import Prior
 
-# What published recordings of limbs of this family, and their data sheets, lead one to
-# expect: a value where the description has none, by how much limbs differ from it, and by how
-# much the wires of one limb differ from each other. Both are standard deviations, of the
-# logarithm or, for temperatures, in °C. Wires of one limb are mostly alike, and are fitted as
-# such unless recordings say otherwise; a thermocouple may be badly bonded.
-PRIORS: dict[str, tuple[float, float, float]] = {
-    "a1": (-0.1, 0.8, 0.2),
-    "a2": (40.0, 0.8, 0.2),
-    "a3": (-0.6, 0.8, 0.5),
-    "silicone_warming": (0.01, 1.5, 0.3),
-    "silicone_cooling": (0.02, 1.2, 0.3),
-    "beta": (6e-4, 1.0, 0.2),
-    "full_torque": (0.04, 0.7, 0.2),
-    "knee": (50.0, 10.0, 4.0),
-    "middle": (70.0, 12.0, 4.0),
-    "heating_middle": (70.0, 12.0, 4.0),
-    "cooling_middle": (8.0, 0.7, 0.3),  # below heating_middle, °C
-    "width": (9.0, 0.4, 0.15),
-    # Parts of `CoupledLaw`. Latent heat: 6 to 20 J/g of NiTi wires and 0.5 to 0.9 J/(g K), of
-    # which coils in silicone show a part. Direct losses: of leads, and free convection by the
-    # fourth root of the temperature difference. Heating: resistance of austenite 10 to 20% below
-    # that of martensite, at constant current or voltage. Stress: 7 to 14 MPa/°C of such wires.
-    # Creep: silicones relax by a tenth or two within some seconds, alike for all wires.
-    "outer_warming": (0.005, 0.02, 0.002),
-    "outer_cooling": (0.008, 0.6, 0.2),
-    "direct_cooling": (0.01, 0.03, 0.003),
-    "convection": (1e-4, 3e-4, 3e-5),
-    "silicone_share": (0.1, 0.15, 0.1),
-    "heating_drop": (0.0, 0.1, 0.02),
-    "latent_heat": (8.0, 6.0, 1.0),
-    "backlash": (1.0, 1.5, 0.3),
-    "play_share": (0.5, 0.5, 0.05),
-    "stress_shift": (6.0, 6.0, 1.0),
-    "creep_share": (0.1, 0.15, 0.003),
-    "creep_rate": (0.25, 0.7, 0.02),
-    "rest_angle": (0.0, float(np.deg2rad(3.0)), 0.0),
-    "rest_angle_e3": (0.0, float(np.deg2rad(3.0)), 0.0),
-    "stiffness": (0.1246, 0.5, 0.0),
-    "stiffness_ratio": (1.0, 0.04, 0.0),  # a section cast to 1 or 2% of its width, squared
-    "angle": (0.0, float(np.deg2rad(2.0)), float(np.deg2rad(5.0))),
-    "roll": (0.0, float(np.deg2rad(6.0)), 0.0),
-    "stiffening": (0.08, 0.8, 0.0),
-    "shift": (float(np.deg2rad(1.5)), 0.5, 0.0),
-    "rate": (2.0, 0.5, 0.0),
+# Unknowns of the segment; those of wires have theirs in the metadata of the laws.
+PRIORS: dict[str, Prior] = {
+    "rest_angle": Prior(0.0, float(np.deg2rad(3.0)), 0.0),
+    "rest_angle_e3": Prior(0.0, float(np.deg2rad(3.0)), 0.0),
+    "stiffness": Prior(0.1246, 0.5, 0.0),
+    "stiffness_ratio": Prior(1.0, 0.04, 0.0),  # a section cast to 1 or 2% of its width, squared
+    "angle": Prior(0.0, float(np.deg2rad(2.0)), float(np.deg2rad(5.0))),
+    "roll": Prior(0.0, float(np.deg2rad(6.0)), 0.0),
+    "stiffening": Prior(0.08, 0.8, 0.0),
+    "shift": Prior(float(np.deg2rad(1.5)), 0.5, 0.0),
+    "rate": Prior(2.0, 0.5, 0.0),
 }
 LAG = "a3"  # of a thermocouple
 LEAST_BELOW, MOST_BELOW = 0.1, 60.0  # °C, of what is below another field, see `WireLaw.below`
-OTHER = (0.9, 0.3)  # spreads of what a law of one's own has
+OTHER = (0.9, 0.3)  # spreads of a field without a prior, such as of a law of one's own
+OTHER_TEMPERATURE = (12.0, 4.0)  # °C
 FASTEST = 4.0  # 1/s, of rates: the open-loop simulation's steps follow no faster ones
 REST_BOUND = np.deg2rad(60.0)
 # Options of the rubber, with the unit of each number.
@@ -75,7 +44,7 @@ class Unknown:
     - ``unit``: unit of the value.
     - ``form``: "+" or "-" if the fit has the logarithm of ± the value, "" if the value.
     - ``center``: expected value, as the fit has it.
-    - ``spread``, ``alike``: see `PRIORS`.
+    - ``spread``, ``alike``: see `Prior`.
     - ``low``, ``high``: bounds, as the fit has them.
     - ``below``: name of the unknown below which the value is, by what the fit has; "" if none.
     """
@@ -140,7 +109,7 @@ def unknowns_of(
         for index, wire in enumerate(segment.wires):
             default = _described(law(), field.name, above) or 0.0
             described = _described(wire.law, field.name, above)
-            center, spread, alike = _expected(segment, described, field.name, default, unit)
+            center, spread, alike = _expected(segment, described, field, default)
             center = np.log(max(abs(center), 1e-12)) if form else center
             margin = 1e-6 * (high - low)
             center = float(np.clip(center, low + margin, high - margin))
@@ -149,7 +118,7 @@ def unknowns_of(
             result.append(Unknown(name, field.name, index, unit, form, *numbers, below))
     for name, of_wire, unit, form, center, low, high in _of_segment(segment, rubber):
         what = name.split(".")[-1]
-        _, spread, alike = PRIORS[what]
+        _, spread, alike, _ = PRIORS[what]
         result.append(Unknown(name, what, of_wire, unit, form, center, spread, alike, low, high))
     return result
 
@@ -172,7 +141,7 @@ def _of_segment(
         yield name, None, unit, "+", center, center - 3.0, center + 3.0
     for option, units in RUBBER.items():
         for name, unit in units.items() if option in rubber else ():
-            yield name, None, unit, "+", np.log(PRIORS[name.split(".")[-1]][0]), -9.0, 3.0
+            yield name, None, unit, "+", np.log(PRIORS[name.split(".")[-1]].center), -9.0, 3.0
 
 
 def split_unknowns(
@@ -202,16 +171,16 @@ def _described(law: WireLaw, name: str, above: str) -> float | None:
 
 
 def _expected(
-    segment: SegmentParameters, described: float | None, name: str, default: float, unit: str
+    segment: SegmentParameters, described: float | None, field: dataclasses.Field, default: float
 ) -> tuple[float, float, float]:
-    value, spread, alike = PRIORS.get(name, (default, *OTHER))
+    """Center, spread and alikeness of a field of a law, see `Prior`."""
+    unit, prior = field.metadata["unit"], field.metadata.get("prior")
+    value, spread, alike, *_ = prior or (default, *(OTHER_TEMPERATURE if unit == "°C" else OTHER))
     if described is not None:
         value = described
     elif unit.startswith("N·m"):  # which bends a limb of any stiffness as far as the nominal one
         nominal = SegmentParameters()
         value *= segment.stiffness / nominal.stiffness * (nominal.links + 1) / (segment.links + 1)
-    if unit == "°C" and name not in PRIORS:
-        spread, alike = 12.0, 4.0
     return value, spread, alike
 
 

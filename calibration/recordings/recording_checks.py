@@ -24,6 +24,7 @@ from calibration.remarks import CalibrationError
 from limb_systems import Recording
 from limb_systems.files.signal_table import stretches
 from limb_systems.logs.evidence import correlation
+from limb_systems.low_pass import low_pass
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
@@ -253,11 +254,7 @@ def _resting_level(
 
 def _heat(recording: Recording) -> np.ndarray:
     """How warm wires are by their duty (W, K), as a share of what full duty comes to."""
-    # scipy.signal takes longer to import than all the rest.
-    from scipy.signal import lfilter
-
-    memory = np.exp(-1 / recording.sample_rate / COOLING_TIME)
-    return lfilter([1 - memory], [1, -memory], recording.duty, axis=1)
+    return low_pass(recording.duty, np.exp(-1 / recording.sample_rate / COOLING_TIME))
 
 
 def _exchanged(recording: Recording) -> tuple[int, int] | None:

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "build" / "docs-sources"
 SITES = ROOT / "build" / "docs"
 SITE = SITES / importlib.metadata.version("soft-limb")
-PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
+PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware", "walking")
 OTHERS = "docs/*.md"  # that have no other place
 NAVIGATION = {
     "Your limb in the room": [

@@ -7,6 +7,7 @@ import numpy as np
 
 from hardware.firmware import heat
 from limb_systems.heat_bounds import SPREAD, HeatBounds
+from limb_systems.low_pass import low_pass
 
 NARROWEST = 1.75  # times the slowest cooling of its kind, above which a wire's is not raised
 LAGS = 5.0  # time constants of the thermocouple, in which a wire may cool for that to be seen
@@ -122,7 +123,4 @@ def warmth(duty: np.ndarray, cooling: float, share: float, interval: float) -> n
 
 def lagged(signal: np.ndarray, rate: float, interval: float) -> np.ndarray:
     """A signal (K,) from zero behind a lag of the first order, 1/s, by Euler's method."""
-    from scipy.signal import lfilter  # as above
-
-    share = min(1.0, interval * rate)
-    return lfilter([share], [1.0, share - 1.0], signal)
+    return low_pass(signal, max(0.0, 1.0 - interval * rate))

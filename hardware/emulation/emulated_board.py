@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
-from hardware.emulation.twin import LimbTwin
+from hardware.emulation.twin import EmulatedSystem
 from hardware.firmware.firmware import POWER_ON
 from hardware.firmware.protocol import MOST_ANGLES, MOST_CHANNELS
 from limb_systems import Layout, LimbError
 from limb_systems.simulation import make_simulator
-from walking.robot_twin import RobotTwin
 
 LIMB_PERIOD = 0.02  # s, by which the limb is simulated at a time
 AMPLIFIERS = 1.0  # °C, by which they are warmer than the room
@@ -54,7 +53,7 @@ class Thermocouple:
 class RunningTwin:
     """An emulated limb or robot that is simulated bit by bit, for the boards that are on it."""
 
-    def __init__(self, twin: LimbTwin | RobotTwin):
+    def __init__(self, twin: EmulatedSystem):
         self.twin: Any = twin
         self._simulator = make_simulator(twin, twin.accuracy)
         self._context = self._simulator.get_mutable_context()
@@ -112,7 +111,7 @@ class EmulatedBoard:
 
     def __init__(
         self,
-        twin: LimbTwin | RobotTwin | RunningTwin,
+        twin: EmulatedSystem | RunningTwin,
         on_duty: Callable[[Sequence[float]], None],
         clock: Callable[[], float] = time.monotonic,
         limb: str = "",

@@ -20,11 +20,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from hardware.emulation.emulated_board import EmulatedBoard, RunningTwin
-from hardware.emulation.twin import LimbTwin
+from hardware.emulation.twin import EmulatedSystem
 from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
 from limb_systems import LimbError
 from limb_systems.files.output import naming
-from walking.robot_twin import RobotTwin
 
 TURN = 0.001  # s, between two passes of the firmware's loop
 LONGEST_PASS = 0.05  # s, by which the board's clock goes on in one
@@ -146,7 +145,7 @@ class Emulation:
 
     def __init__(
         self,
-        twin: LimbTwin | RobotTwin | RunningTwin,
+        twin: EmulatedSystem | RunningTwin,
         cable: Cable,
         on_event: Callable[..., None] = lambda **_: None,
         clock: Callable[[], float] = time.monotonic,
@@ -288,7 +287,7 @@ ORDERS = (
 
 
 def emulate(
-    twin: LimbTwin | RobotTwin,
+    twin: EmulatedSystem,
     orders: list[str],
     log: Path | None = None,
     *,

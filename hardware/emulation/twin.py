@@ -3,7 +3,7 @@
 import copy
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from pydrake import trajectories
@@ -12,9 +12,9 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from hardware.emulation.emulated_wires import LONGEST_STEP
 from hardware.emulation.lumped import add_physics
 from hardware.emulation.specimen import Specimen, emulated_limb
-from limb_systems import Layout, LimbError, LimbParameters, make_manipulator
+from limb_systems import Layout, LimbError, LimbParameters, LimbSystem, make_manipulator
+from limb_systems.connected_limbs import connected
 from limb_systems.simulation import PERIOD, make_simulator
-from walking.robot_specimen import RobotSpecimen
 
 # Kinds of specimens by their physics. A module with other physics adds its own specimen here.
 SPECIMENS: dict[str, type[Specimen]] = {Specimen.physics: Specimen}
@@ -27,6 +27,13 @@ STIFF = 500.0  # 1/s, rate √(k / (m l²)) of a link of mass m and length l; of
 # one in fifty got lost in it.
 STIFF_HELD, HELD_ACCURACY = 300.0, 1e-4  # 1/s as above
 SWING_TIME, REST_STEPS = 30.0, 270  # of a pause: s with fine steps, and least number of coarse ones
+
+
+class EmulatedSystem(LimbSystem, Protocol):
+    """An emulated limb, or emulated connected limbs, whose attribute ``robot`` describes these."""
+
+    def without_cut_out(self, context: Context) -> None:
+        """Let the heaters on in a Context, however hot: for a board that sees to it itself."""
 
 
 class LimbTwin(Diagram):
@@ -169,7 +176,7 @@ class LimbTwin(Diagram):
         if not board:
             return cls(parameters, seed=seed)
         if board.limb:
-            return cls(specimen=RobotSpecimen.of(board).limb(board.limb))
+            return cls(specimen=connected("specimen").of(board).limb(board.limb))
         return cls(specimen=specimens_of(board.physics).of(board))
 
     def again(

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.files.first_line import FirstLine, first_line
 from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS
 
 FORMAT_VERSION = 3
@@ -75,7 +76,7 @@ class TableText:
             names: names of the columns.
         """
         self.num_rows, self._size, self._digest = 0, 0, hashlib.sha256()
-        lines = [f"# limb {kind}, format {FORMAT_VERSION}"]
+        lines = [str(FirstLine(kind, FORMAT_VERSION))]
         lines += [f"# {line}" for line in header.splitlines()]
         self.head = self._counted("\n".join([*lines, ",".join(names)]) + "\n")
 
@@ -174,17 +175,17 @@ def parse_table(
 
 
 def _check_first_line(line: str, kind: str) -> None:
-    first = re.fullmatch(r"# limb (\w+), format ([0-9]{1,9})", line)
-    if not first:
+    found, wanted = first_line(line), FirstLine(kind, FORMAT_VERSION)
+    if not found or str(found) != line:
         raise FileFormatError(
-            f"this is not a limb {kind}: its first line is not "
-            f"'# limb {kind}, format {FORMAT_VERSION}'; {MAKERS[kind]}."
+            f"this is not a limb {kind}: its first line is not '{wanted}'; {MAKERS[kind]}."
         )
-    if first[1] != kind:
-        raise FileFormatError(f"this is not a limb {kind}, but a {first[1]}; {MAKERS[kind]}.")
-    if int(first[2]) != FORMAT_VERSION:
+    if found.kind != kind:
+        raise FileFormatError(f"this is not a limb {kind}, but a {found.kind}; {MAKERS[kind]}.")
+    if found.format != FORMAT_VERSION:
         raise FileFormatError(
-            f"this {kind} has format {first[2]}, but this program reads format {FORMAT_VERSION}."
+            f"this {kind} has format {found.format}, but this program reads format "
+            f"{FORMAT_VERSION}."
         )
 
 

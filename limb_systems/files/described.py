@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from limb_systems.errors import LimbError, raised_as
+from limb_systems.files.first_line import first_line
 from limb_systems.files.input import read_text
 from limb_systems.files.output import write_atomically
 from limb_systems.files.schema import Strict, dump_typed, load_typed
@@ -49,9 +50,9 @@ class Described(Strict):
             ParameterError: with one sentence naming the file and the field.
         """
         text = read_text(path, "parameters", ParameterError)
-        if ours := re.match(r"# limb (\w+), format", text):
+        if ours := first_line(text):
             raise ParameterError(
-                f"{path} is a {ours[1]}; what describes a limb is a YAML file, such as soft-limb "
+                f"{path} is a {ours.kind}; what describes a limb is a YAML file, such as soft-limb "
                 "fit or LimbParameters.save writes."
             )
         with raised_as(ParameterError, f"{path}: "):

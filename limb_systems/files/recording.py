@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.schema import check_text, rare
@@ -17,7 +18,6 @@ from limb_systems.logs.mapping import LogMapping
 from limb_systems.logs.reading import read_log
 from limb_systems.logs.table import read_table
 from limb_systems.summary import Entry, Summary
-from walking.robot_parameters import RobotParameters
 
 LONGEST_PERIOD, HIGHEST_RATE = 10_000.0, 1e6  # s and Hz, of samples
 
@@ -50,8 +50,8 @@ class Recording(Samples):
     - ``interrupted``: why it ended before its time, in a line of text, such as the
       fault of a board; empty if it did not.
     - ``provenance``: what made it; None if it is not known.
-    - ``robot``: the robot whose limbs these are, and ``parameters`` all of them together; None
-      if it is a limb.
+    - ``robot``: the connected limbs, such as a robot's, of which ``parameters`` is all together;
+      None if it is a limb.
     - ``body_pose``: pose of the robot's body, (3, K): x, z, m, and θ, rad, from +x towards +z; or
       (6, K): x, y, z, m, roll, pitch, yaw, rad; None if it is not known.
     - ``contact_force``: force from the ground on each foot, N, along x and z (2L, K), or along x,
@@ -72,7 +72,7 @@ class Recording(Samples):
     sample_rate: float = sample_rate(dataclasses.MISSING)
     parameters: LimbParameters = None  # type: ignore[assignment]  # those of the robot
     provenance: Provenance | None = None
-    robot: RobotParameters | None = None
+    robot: ConnectedLimbs | None = None
     kind: str = rare("")
     time: np.ndarray = signal()
     duty: np.ndarray = signal()
@@ -185,6 +185,13 @@ class Recording(Samples):
         if self.source.startswith("model") or any(s is not None for s in known_to_a_model):
             return "simulated"
         return "recorded"
+
+    @property
+    def origin(self) -> str:
+        """What the joints of the limb show, and how they came about, for a caption."""
+        if self.joint_state is None:
+            return f"{self.how} bend angle ({self.source}), drawn as constant curvature"
+        return f"{self.how} joint angles ({self.source}), nothing measured"
 
     @classmethod
     def from_log(

@@ -33,14 +33,25 @@ class SchemaError(LimbError):
     """A YAML document does not have the fields it should have, or a value is out of its range."""
 
 
-def quantity(default: Any, unit: str, low: float, high: float, *, rare: bool = False) -> Any:
+def quantity(
+    default: Any,
+    unit: str,
+    low: float,
+    high: float,
+    meaning: str = "",
+    prior: Any = None,
+    *,
+    rare: bool = False,
+) -> Any:
     """A dataclass field with its unit and the closed range of values that are accepted.
 
     Args:
         default: a number, or a tuple of the numbers of a list; `dataclasses.MISSING` for none.
+        meaning, prior: metadata of a field of a wire's law, see `WireLaw`.
         rare: whether files leave it out where it has its default, as of `rare`.
     """
     metadata = {"unit": unit, "range": (low, high), "rare": rare}
+    metadata |= {"meaning": meaning, "prior": prior}
     if isinstance(default, tuple):
         return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -218,6 +229,7 @@ def _parse(text: str) -> Any:
 
 def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE) -> Any:
     """A value of a type, from lists, dicts and texts, or from such a value, which is checked."""
+    schema = schema.registered() if hasattr(schema, "registered") else schema
     origin, arguments = typing.get_origin(schema), typing.get_args(schema)
     where = path or "the document"
     if origin is tuple:

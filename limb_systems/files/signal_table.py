@@ -12,7 +12,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.trajectories import PiecewisePolynomial
 
+from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import LimbError, raised_as
 from limb_systems.files.csv_format import FileFormatError, Table, TableText, parse_table
 from limb_systems.files.input import LARGEST_TABLE, read_bytes
@@ -25,7 +27,6 @@ from limb_systems.limb_parameters import LimbParameters
 from limb_systems.progress import Progress
 from limb_systems.summary import Entry, Summarized
 from limb_systems.wires import Wires
-from walking.robot_parameters import RobotParameters
 
 ROWS_AT_ONCE = 20_000  # rows that are texts at a time
 TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
@@ -40,15 +41,15 @@ RANGES = {  # a value outside these is a mistake, of units or of a sensor
 
 
 def column_names(
-    parameters: LimbParameters, robot: RobotParameters | None = None
+    parameters: LimbParameters, robot: ConnectedLimbs | None = None
 ) -> dict[str, list[str]]:
     """Names of the columns of each signal; the unit is in the name.
 
     Signals of joints are split into angles and rates. Columns of wires have the
     wires' names; with several segments, the number of the segment follows, and with
     several bends of a segment, what they are towards. The
-    signal ``other_wire_state`` is there only if wires have states other than T, and
-    ``body_pose`` and ``contact_force`` only if a robot has a body that moves, and a ground.
+    signal ``other_wire_state`` is there only if wires have states other than T. Connected limbs
+    have signals of their own.
     """
     wires, suffixes = parameters.wire_names, Layout(parameters).bend_suffixes
     joints = range(1, parameters.num_joints + 1)
@@ -66,21 +67,8 @@ def column_names(
         "joint_state": [f"joint_angle_{i}_deg" for i in joints]
         + [f"joint_rate_{i}_deg_s" for i in joints],
         **({"other_wire_state": [f"wire_state_{name}" for name in others]} if others else {}),
-        **(_columns_of_body(robot) if robot else {}),
+        **(robot.signal_columns() if robot else {}),
     }
-
-
-def _columns_of_body(robot: RobotParameters) -> dict[str, list[str]]:
-    poses = {"planar": "x_m z_m pitch_deg", "free": "x_m y_m z_m roll_deg pitch_deg yaw_deg"}
-    axes = "xz" if robot.force_size == 2 else "xyz"
-    columns = {
-        "body_pose": [f"body_{name}" for name in poses.get(robot.body.mount, "").split()],
-        "contact_force": [
-            f"contact_force_{limb.name}_{axis}_n" for limb in robot.limbs for axis in axes
-        ],
-    }
-    there = {"body_pose": robot.pose_size, "contact_force": robot.ground}
-    return {name: group for name, group in columns.items() if there[name]}
 
 
 def signal(default: Any = dataclasses.MISSING) -> Any:
@@ -111,12 +99,15 @@ class Samples(Summarized):
 
     KIND: ClassVar[str]  # in the first line of the file
     MEASURED: ClassVar[tuple[str, ...]] = ()  # signals that may leave their range, or be missing
+    HOLDS_DUTY: ClassVar[bool] = False  # whether duty is held from sample to sample, else linear
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field]]
 
     time: np.ndarray
+    duty: np.ndarray
     bend_angle: np.ndarray
+    measured_temperature: np.ndarray
     parameters: LimbParameters
-    robot: RobotParameters | None = None
+    robot: ConnectedLimbs | None = None
     provenance: Provenance | None
     interrupted = ""
 
@@ -128,7 +119,7 @@ class Samples(Summarized):
 
     @classmethod
     def columns_of(
-        cls, parameters: LimbParameters, robot: RobotParameters | None
+        cls, parameters: LimbParameters, robot: ConnectedLimbs | None
     ) -> dict[str, list[str]]:
         """`column_names` of the signals that these samples have."""
         signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}
@@ -285,6 +276,15 @@ class Samples(Summarized):
         return ""
 
     @property
+    def origin(self) -> str:
+        """What the joints of the limb show, and how they came about, for a caption."""
+        raise NotImplementedError
+
+    def for_replay(self) -> Self:
+        """Return the motion that a page replays."""
+        return self
+
+    @property
     def duration(self) -> float:
         """Time from the first to the last sample, s."""
         return float(self.time[-1] - self.time[0])
@@ -308,6 +308,10 @@ class Planned(Samples):
     joint_state: np.ndarray
     wire_temperature: np.ndarray
     other_wire_state: np.ndarray | None
+
+    def duty_trajectory(self) -> PiecewisePolynomial:
+        """Duty between the knots, for a `TrajectorySource`."""
+        raise NotImplementedError
 
     @property
     def joint_angles(self) -> np.ndarray:

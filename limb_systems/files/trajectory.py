@@ -163,6 +163,11 @@ class Trajectory(Planned):
             raise LimbError("a trajectory needs at least two knots.")
         self.sample_rate = (len(self.time) - 1) / self.duration
 
+    @property
+    def origin(self) -> str:
+        """What the joints of the limb show, and how they came about, for a caption."""
+        return "planned motion, nothing measured"
+
     def summary(self) -> Summary:
         """Return what a plan is, how it was found and checked, and what limits it.
 

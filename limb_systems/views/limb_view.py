@@ -1,10 +1,8 @@
-"""The limb or robot in 3D, described once: links, wires, ghosts and bars of duty, and the camera.
+"""The limb in 3D, described once: links, wires, ghosts and bars of duty, and the camera.
 
 The view is down on the bending plane: E1 points to the right and E2 up, so that
 a positive bend angle bends the limb up, as in a plot, towards its right wire. On limbs that
 bend in space it is from before their tip, with E3 up, so that the paths of tips are seen.
-Robots are seen from their right side, so that they walk to the right, on a ground with marks
-that is tilted as it slopes.
 """
 
 import dataclasses
@@ -29,8 +27,10 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
+from limb_systems.connected_limbs import ConnectedLimbs, connected
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
+from limb_systems.files.signal_table import Planned
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.kinematics import (
     joint_angles_from_bend_angle,
@@ -41,9 +41,6 @@ from limb_systems.layout import Layout
 from limb_systems.limb import add_limb
 from limb_systems.limb_parameters import LimbParameters, SegmentParameters
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR
-from walking.gait import Gait
-from walking.robot import PLANE, add_robot, set_positions
-from walking.robot_parameters import RobotParameters
 
 GHOST_OPACITY = 0.5
 DUTY_COLOR = (0.16, 0.18, 0.22)  # sRGB
@@ -52,11 +49,8 @@ WIRE_COLORS = np.array(
     [[0.30, 0.42, 0.60], [0.50, 0.32, 0.50], [0.86, 0.20, 0.16], [1.00, 0.54, 0.05]]
 )
 _TRACK_COLOR, _OUTLINE_COLOR = (0.93, 0.94, 0.95), (0.45, 0.47, 0.5)
-# The camera's azimuth and elevation, of limbs in a plane and in space, and of robots, °.
-_IN_PLANE, _IN_SPACE, _BESIDE = (0.0, 65.0), (45.0, 25.0), (0.0, 15.0)
-_GROUND_COLOR, _MARK_COLOR = (0.97, 0.98, 0.96), (0.62, 0.64, 0.66)
-MARK, FIFTH = 0.01, 5  # m, from mark to mark on the ground; each so many, one is wider
-_IN_SIGHT = 4.0  # lengths of a robot to go, to which the camera shows all of the way
+# The camera's azimuth and elevation, of limbs in a plane and in space, °.
+_IN_PLANE, _IN_SPACE = (0.0, 65.0), (45.0, 25.0)
 _ALONG = RotationMatrix.MakeYRotation(np.pi / 2)  # a cylinder's axis along E1
 _FIELD_OF_VIEW = np.radians(25.0)  # from top to bottom; narrow, so that lengths compare
 
@@ -152,12 +146,13 @@ def _rgb(code: str) -> tuple[float, ...]:
     return tuple(value / 255 for value in bytes.fromhex(code[1:]))
 
 
-def joint_angle_trajectory(motion: Recording | Trajectory | Gait) -> PiecewisePolynomial:
+def joint_angle_trajectory(motion: Recording | Planned) -> PiecewisePolynomial:
     """θ over time: cubic between samples where rates are known, else linear.
 
-    Between a gait's knots it is linear, as the body's pose, so that feet stay where they are.
+    Where duty is held between knots, as in gaits, it is linear, as the body's pose, so that feet
+    stay where they are.
     """
-    if isinstance(motion, Gait):
+    if isinstance(motion, Planned) and motion.HOLDS_DUTY:
         return PiecewisePolynomial.FirstOrderHold(motion.time, motion.joint_angles)
     if motion.joint_state is None:
         shown = ~np.isnan(motion.bend_angle).any(axis=0)
@@ -210,74 +205,93 @@ def _shape_in_words(parameters: LimbParameters) -> str:
     )
 
 
-class LimbView:
-    """A limb or a robot in 3D, its wires in the colour of their heat, with bars of duty.
+def view_of(
+    described: LimbParameters | ConnectedLimbs, ghosts: Sequence[Ghost] = (), root: str = ""
+) -> "LimbView":
+    """Return the view of a limb, or of connected limbs.
 
-    A limb may have ghosts. A robot is on its ground; the camera shows all of its way if that is
-    known and short, and else goes with it. `add_to` puts the view into a Meshcat, `set_scene`
-    sets the camera, and `show` moves it there, or wherever there are ``SetTransform`` and
-    ``SetProperty`` as Meshcat has them.
+    Args:
+        described: description of the limb or the limbs.
+        ghosts: poses to compare the limb's with.
+        root: beginning of the paths in Meshcat; empty, or ends with a slash.
+
+    Raises:
+        LimbError: if connected limbs are to have ghosts.
+    """
+    if isinstance(described, LimbParameters):
+        return LimbView(described, ghosts, root)
+    if described.is_limb:
+        return LimbView(described.together, ghosts, root)
+    if ghosts:
+        raise LimbError("A robot is shown without a plan beside it; leave the plan out.")
+    return connected("view")(described, root)
+
+
+class LimbView:
+    """A limb in 3D, its wires in the colour of their heat, with bars of duty.
+
+    It may have ghosts. `add_to` puts the view into a Meshcat, `set_scene` sets the camera, and
+    `show` moves it there, or wherever there are ``SetTransform`` and ``SetProperty`` as Meshcat has
+    them. What else has links and wires overrides the methods that begin with an underscore.
     """
 
-    def __init__(
-        self, limb: LimbParameters | RobotParameters, ghosts: Sequence[Ghost] = (), root: str = ""
-    ):
+    MODEL = "limb"  # name of the model in Meshcat
+    LIGHT = (-6.0, -2.0, 10.0)
+    _bodies_beside: Sequence[str] = ()  # names of bodies that are no links
+
+    def __init__(self, parameters: LimbParameters, ghosts: Sequence[Ghost] = (), root: str = ""):
         """
         Args:
-            limb: the limb, or the robot.
+            parameters: the limb.
             ghosts: poses to compare the limb's with.
             root: beginning of the paths in Meshcat; empty, or ends with a slash.
-
-        Raises:
-            LimbError: if a robot is to have ghosts.
         """
-        robot: RobotParameters | None = None
-        if isinstance(limb, RobotParameters):
-            robot, limb = None if limb.is_limb else limb, limb.together
-        if robot and ghosts:
-            raise LimbError("A robot is shown without a plan beside it; leave the plan out.")
-        self._parameters, self._robot, self._ghosts, self._root = limb, robot, ghosts, root
-        self._layout, self._follows = Layout(limb), True
+        self._parameters, self._ghosts, self._root = parameters, ghosts, root
+        self._layout = Layout(parameters)
         self._builder = DiagramBuilder()  # it keeps the plant
         self._plant, _ = self._add_plant(self._builder)
         self._context = self._plant.CreateDefaultContext()
-        model = "robot" if robot else "limb"
-        self._limb = f"{root}visualizer/{model}"
+        self._limb = f"{root}visualizer/{self.MODEL}"
         self._pieces: list[tuple[str, SegmentParameters, float]] = []  # bodies and their lengths
         self.wire_paths: list[list[str]] = []
         others: list[str] = []
-        limbs = {"": limb}
-        if robot:
-            others, limbs = ["body"], {f"{one.name}_": one.parameters for one in robot.limbs}
-        for prefix, one in limbs.items():
-            for segment, pieces in zip(one.segments, Layout(one).pieces, strict=True):
+        limbs = self._limbs()
+        for prefix, limb in limbs.items():
+            for segment, pieces in zip(limb.segments, Layout(limb).pieces, strict=True):
                 self._pieces += [(f"{prefix}{body}", segment, length) for body, length in pieces]
-            self.wire_paths += wire_paths(one, f"{self._limb}/{prefix}", model)
-            others += [f"{prefix}payload"] * bool(one.payload)
-            others += [f"{prefix}base", f"{prefix}foot"] if robot else []
-        names = [name for name, _, _ in self._pieces] + others
-        self._body = len(self._pieces)  # place of a robot's body among the bodies
+            self.wire_paths += wire_paths(limb, f"{self._limb}/{prefix}", self.MODEL)
+            others += [f"{prefix}payload"] * bool(limb.payload)
+        names = [name for name, _, _ in self._pieces] + others + [*self._bodies_beside]
         self._bodies = [self._plant.GetBodyByName(name) for name in names]
         # The length of the bars is 3 units.
-        self._unit = 0.1 * max(one.length for one in limbs.values())
-        planar = self._layout.is_planar
-        self._to_camera = seen_from(*(_BESIDE if robot else _IN_PLANE if planar else _IN_SPACE))
-        # The bars are in the plane of the bends, or of a robot's walk, or face the camera.
-        facing = PLANE.matrix() if robot else np.eye(3) if planar else self._to_camera.T
-        self._facing = RigidTransform(RotationMatrix(facing), np.zeros(3))
-        self._bar_foot = robot.body.height / 2 + 1.5 * self._unit if robot else -1.5 * self._unit
+        self._unit = 0.1 * max(limb.length for limb in limbs.values())
+        self._to_camera = seen_from(*self._eye())
+        self._facing = RigidTransform(RotationMatrix(self._bar_axes()), np.zeros(3))
+
+    def _limbs(self) -> dict[str, LimbParameters]:
+        """Return the limbs, by what the names of their bodies begin with."""
+        return {"": self._parameters}
+
+    def _eye(self) -> tuple[float, float]:
+        """Return azimuth and elevation of the camera, °."""
+        return _IN_PLANE if self._layout.is_planar else _IN_SPACE
+
+    def _bar_axes(self) -> np.ndarray:
+        """Return the axes (3, 3) of the bars: in the plane of the bends, or facing the camera."""
+        return np.eye(3) if self._layout.is_planar else self._to_camera.T
+
+    def _bar_foot(self) -> float:
+        """Return the position of the lower end of the bars, m."""
+        return -1.5 * self._unit
 
     def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
         """Put the limb into a scene, in place of one with the same root.
 
         Args:
-            base_pose: pose of the limb's frame (E1, E2, E3) in the world, or of the world of a
-                robot on level ground; the world's origin if None.
+            base_pose: pose of the limb's frame (E1, E2, E3) in the world; the world's origin if
+                None.
         """
         self._base_pose = base_pose or RigidTransform()
-        if self._robot and self._robot.ground:
-            slope = RotationMatrix.MakeYRotation(-self._robot.ground.slope)
-            self._base_pose = self._base_pose @ RigidTransform(slope, np.zeros(3))
         for folder in ("visualizer", "ghosts", "duty", "ground"):
             meshcat.Delete(f"{self._root}{folder}")
             meshcat.SetTransform(f"{self._root}{folder}", self._base_pose)
@@ -311,21 +325,13 @@ class LimbView:
             joint_angles: θ (n), rad.
             duty: D (W); the bars stay as they are if None.
             time: time for the ghosts, s.
-            body_pose: pose of a robot's body, as in `Recording`; that of a robot that stands on
-                straight limbs if None.
+            body_pose: pose of the body that limbs are on, as in `Recording`; where it is by default
+                if None.
         """
         poses = self._poses(joint_angles, body_pose)
         for body, pose in zip(self._bodies, poses, strict=True):
             meshcat.SetTransform(f"{self._limb}/{body.name()}", pose, time)
-        if self._robot:
-            center = poses[self._body].translation()
-            back = -center * [1.0, 1.0, 0.0] if self._follows else np.zeros(3)
-            step = FIFTH * MARK  # the marks repeat
-            for folder, moved in (("visualizer", back), ("ground", np.fmod(back, step))):
-                pose = self._base_pose @ RigidTransform(moved)
-                meshcat.SetTransform(f"{self._root}{folder}", pose, time)
-            pose = self._base_pose @ RigidTransform(center + back) @ self._facing
-            meshcat.SetTransform(f"{self._root}duty", pose, time)
+        self._move_scene(meshcat, poses, time)
         for ghost in self._ghosts:
             before = RigidTransform()
             ghostly = self._poses(ghost.joint_angles.value(time)[:, 0])
@@ -336,6 +342,9 @@ class LimbView:
             for name, value in zip(self._parameters.wire_names, duty, strict=True):
                 path = f"{self._root}duty/{name}/fill"
                 meshcat.SetProperty(path, "scale", [1.0, float(value), 1.0], time)
+
+    def _move_scene(self, meshcat: Meshcat, poses: list[RigidTransform], time: float) -> None:
+        """Move what is around the bodies, for their poses."""
 
     def show_heat(self, meshcat: Meshcat, temperature: np.ndarray) -> None:
         """Colour the wires by their temperatures (W), °C."""
@@ -353,8 +362,8 @@ class LimbView:
         `add_to`, and before `show`.
 
         Args:
-            joint_angles: θ, (n, K), rad; bends of up to 90°, 60° in space or 30° of robots if None.
-            body_pose: pose of a robot's body (3 or 6, K), as far as it is known.
+            joint_angles: θ, (n, K), rad; bends of up to 90°, or 60° in space, if None.
+            body_pose: pose of the body that limbs are on (3 or 6, K), as far as it is known.
 
         Returns:
             Width by height of the narrowest window that shows all of it.
@@ -370,23 +379,15 @@ class LimbView:
             meshcat.SetProperty("/Background/<object>", end, [0.975, 0.98, 0.985])
         meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.5)
         meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 1.7)
-        light = [-4.0, -10.0, 5.0] if self._robot else [-6.0, -2.0, 10.0]
-        meshcat.SetProperty("/Lights/FillLight/<object>", "position", light)
+        meshcat.SetProperty("/Lights/FillLight/<object>", "position", [*self.LIGHT])
 
         if joint_angles is None:
             towards = self._layout.bend_direction
-            largest = np.radians(30.0 if self._robot else 90.0 if self._layout.is_planar else 60.0)
-            angles = largest * np.linspace(-1.0, 1.0, 5)
+            angles = self._largest_bend() * np.linspace(-1.0, 1.0, 5)
             bends = [np.outer(towards == one, angles) for one in range(towards.max() + 1)]
             joint_angles = joint_angles_from_bend_angle(self._parameters, np.hstack(bends))
         limbs = _in_view.setdefault(meshcat, {})
-        if self._robot:
-            low, high = self._robot_reach(joint_angles, body_pose)
-            if self._robot.ground:
-                self._add_ground(meshcat, low, high)
-            corners = box_corners(low, high)
-        else:
-            corners = self._reach(joint_angles)
+        corners = self._reach(meshcat, joint_angles, body_pose)
         limbs[self._root] = self._base_pose @ corners
         corners = np.hstack(list(limbs.values()))
         target = (corners.min(axis=1) + corners.max(axis=1)) / 2
@@ -411,37 +412,27 @@ class LimbView:
         diagram = builder.Build()
         diagram.ForcedPublish(diagram.CreateDefaultContext())
         # From the tip on, each link of clear silicone hides what of the next is within it.
-        order, model = 0.0, "robot" if self._robot else "limb"
+        order = 0.0
         for name in () if self._layout.is_planar else ("silicone", "joint"):
             for body, _, _ in reversed(self._pieces):
-                path, order = f"{self._limb}/{body}/{model}/{name}/<object>", order + 1.0
+                path, order = f"{self._limb}/{body}/{self.MODEL}/{name}/<object>", order + 1.0
                 meshcat.SetProperty(path, "renderOrder", order)
                 meshcat.SetProperty(path, "material.side", 0.0)  # front only
 
+    def _largest_bend(self) -> float:
+        """Return the largest bend, rad, that the camera shows of a motion that is not known."""
+        return np.radians(90.0 if self._layout.is_planar else 60.0)
+
     def _add_plant(self, builder: DiagramBuilder) -> tuple[MultibodyPlant, SceneGraph]:
-        """Add the limb or the robot to a diagram."""
+        """Add the plant to a diagram."""
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-        if self._robot:
-            add_robot(plant, self._robot)
-        else:
-            add_limb(plant, self._parameters)
+        self._add_model(plant)
         plant.Finalize()
         return plant, scene_graph
 
-    def _add_ground(self, meshcat: Meshcat, low: np.ndarray, high: np.ndarray) -> None:
-        """Put the ground below a box from low to high (3,), m, with a mark each 10 mm along x."""
-        step, path = FIFTH * MARK, f"{self._root}ground"
-        first, last = np.floor(low[0] / step) - 1, np.ceil(high[0] / step) + 1
-        middle, depth = (low[1] + high[1]) / 2, 1.5 * (high[1] - low[1])
-        size = (last - first) * step, depth, MARK / 5
-        center = [(first + last) / 2 * step, middle, -size[2] / 2]
-        meshcat.SetObject(f"{path}/plane", Box(*size), Rgba(*_GROUND_COLOR))
-        meshcat.SetTransform(f"{path}/plane", RigidTransform(center))
-        for number in range(round((last - first) * FIFTH) + 1):
-            mark = Box(MARK * (0.05 if number % FIFTH else 0.15), depth, 1e-5)
-            meshcat.SetObject(f"{path}/mark_{number}", mark, Rgba(*_MARK_COLOR))
-            at = [first * step + number * MARK, middle, 1e-5]
-            meshcat.SetTransform(f"{path}/mark_{number}", RigidTransform(at))
+    def _add_model(self, plant: MultibodyPlant) -> None:
+        """Add the bodies to a plant."""
+        add_limb(plant, self._parameters)
 
     def _ghost_paths(self, ghost: Ghost) -> list[str]:
         """Meshcat paths of a ghost's links, each below that of the link which it hangs on."""
@@ -452,12 +443,13 @@ class LimbView:
     def _poses(
         self, joint_angles: np.ndarray, body_pose: np.ndarray | None = None
     ) -> list[RigidTransform]:
-        """Poses of the bodies in the limb's frame, or in the robot's world."""
-        if self._robot:
-            set_positions(self._plant, self._context, self._robot, body_pose, joint_angles)
-        else:
-            self._plant.SetPositions(self._context, joint_angles)
+        """Poses of the bodies in the limb's frame."""
+        self._set_positions(joint_angles, body_pose)
         return [self._plant.EvalBodyPoseInWorld(self._context, body) for body in self._bodies]
+
+    def _set_positions(self, joint_angles: np.ndarray, body_pose: np.ndarray | None) -> None:
+        """Put the plant into a pose."""
+        self._plant.SetPositions(self._context, joint_angles)
 
     def _add_ghost(self, meshcat: Meshcat, ghost: Ghost, level: int) -> None:
         """Put a ghost into the scene.
@@ -498,11 +490,11 @@ class LimbView:
             meshcat.SetProperty(f"{path}/strip/<object>", "material.side", 0.0)  # front only
 
     def _add_bars(self, meshcat: Meshcat) -> None:
-        """Put a bar for each wire beside the base, or above the body; its track is duty 1."""
+        """Put a bar for each wire beside the base; its track is duty 1."""
         unit, thin = self._unit, 0.02 * self._unit
         for name, x in zip(self._parameters.wire_names, self._bar_positions(), strict=True):
             path = f"{self._root}duty/{name}"
-            meshcat.SetTransform(path, RigidTransform([x, self._bar_foot, 0.0]))
+            meshcat.SetTransform(path, RigidTransform([x, self._bar_foot(), 0.0]))
             for part, margin, layer, color in (
                 ("outline", 0.12 * unit, 0, _OUTLINE_COLOR),
                 ("track", 0.06 * unit, 1, _TRACK_COLOR),
@@ -514,48 +506,20 @@ class LimbView:
                 meshcat.SetTransform(f"{path}/{part}", center)
 
     def _bar_positions(self) -> np.ndarray:
-        """Positions of the bars, m, with gaps between segments.
-
-        They are along E1, left of the base, or along x about the middle of a robot's body.
-        """
-        steps = np.full(len(self._parameters.wires), 0.95)
-        steps[[wires.start for wires in self._layout.wires_of]] = 1.25
-        places = np.cumsum(steps)
-        if self._robot:
-            return self._unit * (places - (places[0] + places[-1]) / 2)
+        """Positions of the bars along E1, left of the base, m, with gaps between segments."""
+        places = self._bar_steps()
         bracket = (0.6 if self._layout.is_planar else 1.2) * self._pieces[0][1].thickness
         return self._unit * (places - places[-1] - 0.7) - bracket
 
-    def _robot_reach(
-        self, joint_angles: np.ndarray, body_pose: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The ends (3,) of a box that the robot and its bars stay in, with a margin, m.
+    def _bar_steps(self) -> np.ndarray:
+        """Positions of the bars after each other, in units, with gaps between segments."""
+        steps = np.full(len(self._parameters.wires), 0.95)
+        steps[[wires.start for wires in self._layout.wires_of]] = 1.25
+        return np.cumsum(steps)
 
-        From here on the camera goes with the robot if it goes far, or nobody knows how far.
-        """
-        kept = np.unique(np.linspace(0, joint_angles.shape[1] - 1, 60).astype(int))
-        bodies = [
-            [
-                pose.translation()
-                for pose in self._poses(
-                    joint_angles[:, k], None if body_pose is None else body_pose[:, k]
-                )
-            ]
-            for k in kept
-        ]
-        places = np.array(bodies)  # (K, bodies, 3)
-        centers = places[:, [self._body]]
-        size = np.ptp(places - centers, axis=(0, 1)).max()
-        far = np.ptp(centers, axis=(0, 1))[:2].max() > _IN_SIGHT * size
-        self._follows = body_pose is None or bool(far)
-        if self._follows:
-            places = places - centers * [1.0, 1.0, 0.0]
-        margin = np.array([4.0, 3.0, 1.0]) * self._unit
-        low, high = places.min(axis=(0, 1)) - margin, places.max(axis=(0, 1)) + margin
-        high[2] = max(high[2], places[:, self._body, 2].max() + self._bar_foot + 4.0 * self._unit)
-        return low, high
-
-    def _reach(self, joint_angles: np.ndarray) -> np.ndarray:
+    def _reach(
+        self, meshcat: Meshcat, joint_angles: np.ndarray, body_pose: np.ndarray | None
+    ) -> np.ndarray:
         """The corners (3, 8) of a box that limb and bars stay in, with a margin, m."""
         ends = link_positions(self._parameters, joint_angles)[1:]
         facing = self._facing.rotation().matrix()

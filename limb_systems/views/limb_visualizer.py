@@ -4,11 +4,11 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
+from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.drake_python import weak_method
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.limb_parameters import LimbParameters
-from limb_systems.views.limb_view import LimbView, color_wires, ghosts_of_plan, wire_paths
-from walking.robot_parameters import RobotParameters
+from limb_systems.views.limb_view import color_wires, ghosts_of_plan, view_of, wire_paths
 
 PUBLISH_PERIOD = 1 / 32  # s, of a live view
 
@@ -41,7 +41,7 @@ class LimbVisualizer(LeafSystem):
 
     def __init__(
         self,
-        parameters: LimbParameters | RobotParameters,
+        parameters: LimbParameters | ConnectedLimbs,
         meshcat: Meshcat,
         plan: Trajectory | None = None,
         *,
@@ -66,10 +66,10 @@ class LimbVisualizer(LeafSystem):
         super().__init__()
         self._meshcat, self._root = meshcat, f"{prefix}/" if prefix else ""
         pose_size, shown = 0, parameters
-        if isinstance(parameters, RobotParameters):
-            pose_size, parameters = parameters.pose_size, parameters.together
+        if isinstance(parameters, ConnectedLimbs):
+            pose_size, parameters = len(parameters.pose_rows()), parameters.together
         ghosts = ghosts_of_plan(parameters, plan) if plan else []
-        self._view = LimbView(shown, ghosts, self._root)
+        self._view = view_of(shown, ghosts, self._root)
         self._view.add_to(meshcat, base_pose)
         self._view.set_scene(meshcat)
         self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from limb_systems.connected_limbs import connected
 from limb_systems.files.recording import Recording
+from limb_systems.files.signal_table import Planned, Samples
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.layout import Layout
 from limb_systems.limb_parameters import LimbParameters
@@ -24,19 +26,7 @@ from limb_systems.views.colors import (
     ROLLOUT_COLOR,
     wire_colors,
 )
-from walking.foot_fall import foot_fall
-from walking.gait import Gait, GaitPhase
-from walking.robot_parameters import RobotParameters
 
-# What a foot may do: in words, in colour, and how wide its bar is, px.
-CONTACTS = {
-    "stick": ("sticks", "#5b6b8c", 18.0),
-    "slide_forward": ("slides forward", "#2f9e6e", 18.0),
-    "slide_backward": ("slides backward", "#d83a4e", 18.0),
-    "slide": ("is dragged", "#8a63d2", 18.0),
-    "swing": ("swings", "#b0b6c0", 3.0),
-}
-_DASHES = {"x": "dashed", "y": "dotted", "z": "solid"}
 BAND = 1.96  # standard deviations that hold 95% of the rollouts
 TIME = "time (s)"
 
@@ -142,8 +132,8 @@ SIGNALS = {
 def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()) -> list[Panel]:
     """Fig. 5: bend angle, temperatures and duty of a plan and of its rollouts.
 
-    A robot's first recording has `robot_panels` before them. Time counts from the start of the
-    plan. Plans are dashed; the legend says whether
+    The first recording of connected limbs has `connected_panels` before them. Time counts from
+    the start of the plan. Plans are dashed; the legend says whether
     the rollouts were simulated, emulated or recorded. Several recordings are drawn as their
     mean and the band of 95%, mean ± 1.96 standard deviations, at the sample times of the
     first. Each segment has its own three panels; one that bends in space has one more for its
@@ -190,7 +180,7 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
     for bend in np.flatnonzero(layout.bend_direction):
         place = bend + 2 * layout.bend_segment[bend]  # two of heat and duty follow each segment
         panels.append(_path_panel(panels[place - 1], panels[place]))
-    return [*(panel for run in recordings[:1] for panel in robot_panels(run)), *panels]
+    return [*(panel for run in recordings[:1] for panel in connected_panels(run)), *panels]
 
 
 def _path_panel(across: Panel, up: Panel) -> Panel:
@@ -275,12 +265,12 @@ def _in_unit(signal: str, values: np.ndarray) -> np.ndarray:
     return np.rad2deg(values) if signal == "bend_angle" else values
 
 
-def motion_panels(motion: Recording | Gait) -> list[Panel]:
-    """Bend angles, temperatures and duty of a limb, or of each of a robot's, and `robot_panels`."""
+def motion_panels(motion: Recording | Planned) -> list[Panel]:
+    """Bend angles, temperatures and duty of a limb, or of each connected one, and their panels."""
 
     def curves(signal: str, row: int, wire: str, color: str) -> list[Curve]:
         values = _in_unit(signal, getattr(motion, signal)[row])
-        steps = signal == "duty" and isinstance(motion, Gait)
+        steps = signal == "duty" and motion.HOLDS_DUTY
         drawn = [Curve(f"{wire}{SIGNALS[signal].symbol}", motion.time, values, color, steps=steps)]
         if signal == "measured_temperature" and motion.wire_temperature is not None:
             heat = motion.wire_temperature[row]
@@ -290,85 +280,14 @@ def motion_panels(motion: Recording | Gait) -> list[Panel]:
     highest = np.full(2, motion.parameters.temperature_limits.maximum)
     limit = Curve("T_max", motion.time[[0, -1]], highest, NEUTRAL_COLOR, width=1.0)
     return [
-        *robot_panels(motion),
+        *connected_panels(motion),
         *measured_panels(motion.parameters, curves, None, limits=[limit]),
     ]
 
 
-def robot_panels(motion: Recording | Gait) -> list[Panel]:
-    """What the feet of a robot do, where its body is, and the contact forces, as far as known.
-
-    Nothing for a limb.
-    """
-    robot, time, panels = motion.robot, motion.time, []
-    if robot is None:
-        return []
-    forces, pose = motion.contact_force, motion.body_pose
-    if isinstance(motion, Gait):
-        panels.append(foot_fall_panel(robot, motion.phases, motion.period))
-    elif forces is not None and motion.joint_state is not None and len(time) > 1:
-        panels.append(foot_fall_panel(robot, foot_fall(motion), time[-1]))
-    if pose is not None:
-        in_space = robot.pose_size == 6
-        # On a ground z tells little, and x and y less beside it.
-        floats = in_space and robot.ground is None
-        for group in ("mm", "°"):
-            drawn = [
-                (name, scale * row)
-                for (name, unit, scale), row in zip(body_axes(robot), pose, strict=True)
-                if unit == group and (floats or name != "z")
-            ]
-            colors = wire_colors(3) if in_space else [ROLLOUT_COLOR]
-            curves = [
-                Curve(name, time, row, color)
-                for (name, row), color in zip(drawn, colors, strict=False)
-            ]
-            names = ", ".join(name for name, _ in drawn)
-            panels.append(Panel(f"body {names} ({group})", curves, 190))
-    if forces is not None:
-        of_feet = forces.reshape(len(robot.limbs), -1, len(time))
-        axes = "xz" if robot.force_size == 2 else "xyz"
-        curves = [
-            Curve(f"{limb.name.replace('_', ' ')}, {axis}", time, force, color, _DASHES[axis])
-            for limb, color, of_foot in zip(
-                robot.limbs, wire_colors(len(robot.limbs)), of_feet, strict=True
-            )
-            for axis, force in zip(axes, of_foot, strict=True)
-        ]
-        panels.append(Panel("contact force (N)", curves, 230 + 20 * (len(curves) // 6)))
-    return panels
-
-
-def body_axes(robot: RobotParameters) -> list[tuple[str, str, float]]:
-    """Name, unit and scale from SI of each row of a body's pose."""
-    in_space = robot.pose_size == 6
-    moves, turns = ("xyz", ("roll", "pitch", "yaw")) if in_space else ("xz", ("pitch",))
-    return [(axis, "mm", 1e3) for axis in moves] + [(turn, "°", np.rad2deg(1.0)) for turn in turns]
-
-
-def foot_fall_panel(robot: RobotParameters, phases: Sequence[GaitPhase], end: float) -> Panel:
-    """A bar for each foot over time, whose colour says what it does; the first is the lowest.
-
-    Args:
-        robot: the robot whose feet they are.
-        phases: what they do, one phase after the other.
-        end: end of the last phase, s.
-    """
-    ends = [*(phase.start for phase in phases[1:]), end]
-    curves = []
-    for contact, (name, color, width) in CONTACTS.items():
-        x: list[float] = []
-        y: list[float] = []
-        for number in range(len(robot.limbs)):
-            for phase, until in zip(phases, ends, strict=True):
-                if phase.contacts[number] == contact:
-                    x += [phase.start, until, until]
-                    y += [number, number, np.nan]  # no line to the next
-        if x:
-            curves.append(Curve(name, np.array(x), np.array(y), color, width=width))
-    feet = len(robot.limbs)
-    ticks = {number: limb.name.replace("_", " ") for number, limb in enumerate(robot.limbs)}
-    return Panel("foot", curves, 90 + 32 * feet, y_range=(-0.6, feet - 0.4), y_ticks=ticks)
+def connected_panels(motion: Samples) -> list[Panel]:
+    """Return the panels of what no single limb has in a motion; none for a limb."""
+    return connected("panels")(motion.robot, motion) if motion.robot else []
 
 
 def repetition_panels(

@@ -17,9 +17,9 @@ from matplotlib.text import Text
 
 from limb_systems.files.output import check_picture, write_atomically
 from limb_systems.files.recording import Recording
+from limb_systems.files.signal_table import Planned
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.views.panels import Panel, motion_panels, repetition_panels, tracking_panels
-from walking.gait import Gait
 
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 PIXELS = 125  # of a panel's height in an inch
@@ -44,7 +44,7 @@ def plot_tracking(
     return draw(tracking_panels(trajectory, recordings), title)
 
 
-def plot_motion(motion: Recording | Gait) -> Figure:
+def plot_motion(motion: Recording | Planned) -> Figure:
     """A recording or a gait as a picture; see `limb_systems.views.panels.motion_panels`."""
     return draw(motion_panels(motion))
 

@@ -14,6 +14,7 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from limb_systems.errors import LimbError
 from limb_systems.files.output import write_atomically
 from limb_systems.files.recording import Recording
+from limb_systems.files.signal_table import Planned
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.kinematics import bend_angle
 from limb_systems.layout import Layout
@@ -22,26 +23,20 @@ from limb_systems.views.colors import ROLLOUT_COLOR
 from limb_systems.views.limb_view import (
     DUTY_COLOR,
     GHOST_OPACITY,
-    MARK,
     WIRE_COLORS,
     Ghost,
-    LimbView,
     ghost_of_reference,
     ghosts_of_plan,
     joint_angle_trajectory,
     linear_wire_color,
+    view_of,
 )
-from limb_systems.views.panels import body_axes
 from limb_systems.views.template import template
-from walking.gait import Gait
-from walking.robot_parameters import RobotParameters
-
-CYCLES = 3  # of a gait
 
 
 def write_meshcat_replay(
     path: str | Path,
-    motion: Recording | Trajectory | Gait,
+    motion: Recording | Planned,
     *,
     plan: Trajectory | None = None,
     title: str = "",
@@ -58,7 +53,7 @@ def write_meshcat_replay(
 
 
 def replay_page(
-    motion: Recording | Trajectory | Gait,
+    motion: Recording | Planned,
     *,
     plan: Trajectory | None = None,
     title: str = "",
@@ -96,8 +91,7 @@ def replay_page(
         raise LimbError("A replay needs at least two samples.")
     if not (np.isfinite(frames_per_second) and frames_per_second > 0):
         raise LimbError(f"frames_per_second is {frames_per_second!r}; it must be positive.")
-    if isinstance(motion, Gait):
-        motion = motion.repeated(CYCLES)
+    motion = motion.for_replay()
     parameters, layout = motion.parameters, Layout(motion.parameters)
     robot = None if motion.robot is None or motion.robot.is_limb else motion.robot
     in_space = not (robot or layout.is_planar)
@@ -110,7 +104,7 @@ def replay_page(
     heat = motion.interpolated(temperature, times)
     duty = (
         motion.duty_trajectory().vector_values(times)
-        if isinstance(motion, Gait)
+        if isinstance(motion, Planned) and motion.HOLDS_DUTY
         else motion.interpolated(motion.duty, times)
     )
     pose = getattr(motion, "body_pose", None)
@@ -119,7 +113,7 @@ def replay_page(
     angles = joint_angle_trajectory(motion).vector_values(times)
     ghostly = [ghost.joint_angles.vector_values(times - start) for ghost in ghosts]
 
-    view = LimbView(robot or parameters, ghosts)
+    view = view_of(robot or parameters, ghosts)
     with _drake_silenced():
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
     view.add_to(meshcat)
@@ -144,7 +138,7 @@ def replay_page(
     gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
 
     # What each output of the caption says in each frame.
-    body = body_axes(robot) if robot and pose is not None else []
+    body = robot.pose_rows() if robot and pose is not None else []
     values = [np.rad2deg(bend_angle(parameters, each)).round(1) for each in (angles, *ghostly)]
     values += [
         (scale * row).round(1)[np.newaxis]
@@ -155,7 +149,7 @@ def replay_page(
     how = motion.how if isinstance(motion, Recording) else "planned"
     caption = template("replay.html", Path(__file__).parent / "templates").render(
         title=title,
-        motion=_motion_in_words(motion),
+        motion=motion.origin,
         poses=[(how, None)] + [(ghost.name, _css(ghost.color)) for ghost in ghosts],
         bends=[suffix.strip("_").replace("_", " ") for suffix in layout.bend_suffixes],
         in_space=in_space,
@@ -171,7 +165,7 @@ def replay_page(
         low=f"{parameters.ambient_temperature:g}",
         high=f"{parameters.temperature_limits.maximum:g}",
         colors=[f"rgb({_css(color)})" for color in WIRE_COLORS],
-        places=_ground_in_words(robot) if robot else _places_in_words(parameters),
+        places=robot.surroundings() if robot else _places_in_words(parameters),
         duty_rgb=_css(DUTY_COLOR),
         aspect=aspect,
     )
@@ -179,28 +173,17 @@ def replay_page(
     return page.replace("</body>", f"{caption}</body>")
 
 
-def _ghosts_beside(motion: Recording | Trajectory | Gait, plan: Trajectory | None) -> list[Ghost]:
+def _ghosts_beside(motion: Recording | Planned, plan: Trajectory | None) -> list[Ghost]:
     """The ghosts of a motion, over the time since the motion's start."""
     if plan is not None:
         # The time of a recording is that since the start of its plan.
         start = motion.time[0] if isinstance(motion, Recording) else 0.0
         return ghosts_of_plan(motion.parameters, plan, start)
-    if isinstance(motion, Gait) or motion.reference is None or motion.robot:
+    if motion.robot or not isinstance(motion, Recording | Trajectory) or motion.reference is None:
         return []
     ghost = ghost_of_reference(motion)
     ghost.joint_angles.shiftRight(-motion.time[0])
     return [ghost]
-
-
-def _motion_in_words(motion: Recording | Trajectory | Gait) -> str:
-    """What the limb itself shows, and how it came about."""
-    if isinstance(motion, Gait):
-        return f"planned gait, {CYCLES} cycles, nothing measured"
-    if isinstance(motion, Trajectory):
-        return "planned motion, nothing measured"
-    if motion.joint_state is None:
-        return f"{motion.how} bend angle ({motion.source}), drawn as constant curvature"
-    return f"{motion.how} joint angles ({motion.source}), nothing measured"
 
 
 def _places_in_words(parameters: LimbParameters) -> str:
@@ -218,15 +201,6 @@ def _places_in_words(parameters: LimbParameters) -> str:
     if list(downwards) == ["right, left"]:
         return "upper wire: right, lower wire: left"
     return f"wires from top to bottom: {'; '.join(downwards)}"
-
-
-def _ground_in_words(robot: RobotParameters) -> str:
-    """What a robot stands on."""
-    if robot.ground is None:
-        return "no ground"
-    slope = np.rad2deg(robot.ground.slope)
-    rises = f", rises by {slope:g}°" if slope else ""
-    return f"ground: a mark each {1e3 * MARK:g} mm, μ = {robot.ground.friction:g}{rises}"
 
 
 def _css(color: Sequence[float]) -> str:

@@ -8,14 +8,43 @@ all follow from the methods of a `WireLaw`. A new law needs one new subclass;
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.files.schema import Tagged, quantity
+from limb_systems.files.schema import Tagged
 
 TEMPERATURE_SCALE = 50.0  # °C, a typical change
+# Recordings that tell a field of a law best.
+COLD_HEATING = "heating of a cold wire"
+SLOW_HEATING = "slow heating and cooling"
+
+
+class Prior(NamedTuple):
+    """What published recordings of limbs of this family, and data sheets, lead one to expect.
+
+    - ``center``: expected value; of a field that is `WireLaw.below` another, how far below.
+    - ``spread``: standard deviation of limbs about it, of the logarithm, or of the value for
+      temperatures and for what may be zero.
+    - ``alike``: standard deviation of the wires of one limb about each other, likewise.
+    - ``told_by``: kind of the recording that tells it best; empty if none does.
+    """
+
+    center: float
+    spread: float
+    alike: float
+    told_by: str = ""
+
+
+# Of fields that several laws have.
+COOLING = Prior(-0.1, 0.8, 0.2, COLD_HEATING)  # 1/s
+HEATING = Prior(40.0, 0.8, 0.2, COLD_HEATING)  # °C/s
+LAG = Prior(-0.6, 0.8, 0.5, COLD_HEATING)  # 1/s; a thermocouple may be badly bonded
+TORQUE_RATE = Prior(6e-4, 1.0, 0.2, SLOW_HEATING)  # N·m/°C
+FULL_TORQUE = Prior(0.04, 0.7, 0.2, SLOW_HEATING)  # N·m
+MIDDLE = Prior(70.0, 12.0, 4.0, SLOW_HEATING)  # °C
+WIDTH = Prior(9.0, 0.4, 0.15, SLOW_HEATING)  # °C
 
 
 class WireLaw(Tagged):
@@ -29,6 +58,9 @@ class WireLaw(Tagged):
     smooth. A limb calls them once with symbols, which CasADi differentiates, and evaluates the
     code of the result.
 
+    The metadata of a field have its unit and range, see `quantity`; its ``meaning``, which the
+    documentation of the class lists; and its `Prior`, from which calibration starts.
+
     - ``states``: names of the wire's states, the wire temperature ``T``, °C,
       first. The value of each is a typical change, by which solvers scale it.
     - ``memory``: names of states that stay where T does, and so keep what happened to the
@@ -40,6 +72,21 @@ class WireLaw(Tagged):
     states: ClassVar[dict[str, float]] = {"T": TEMPERATURE_SCALE}
     memory: ClassVar[dict[str, tuple[float, float]]] = {}
     below: ClassVar[dict[str, str]] = {}
+
+    def __init_subclass__(cls, **options: Any):
+        super().__init_subclass__(**options)
+        # List the fields in the documentation, of bases, too.
+        fields: dict[str, Any] = {}
+        for base in reversed(cls.__mro__):
+            fields |= getattr(base, "__dataclass_fields__", {})
+        fields |= {n: v for n, v in vars(cls).items() if isinstance(v, dataclasses.Field)}
+        lines = []
+        for name, field in fields.items():
+            if meaning := field.metadata.get("meaning"):
+                unit = field.metadata["unit"]
+                lines.append(f"    - ``{name}``: {meaning}{f', {unit}' if unit != '1' else ''}.")
+        if lines:
+            cls.__doc__ = (cls.__doc__ or "").rstrip() + "\n\n" + "\n".join(lines) + "\n"
 
     @classmethod
     def is_temperature(cls, state: str) -> bool:
@@ -95,40 +142,6 @@ class WireLaw(Tagged):
             f"{type(self).__name__} does not say how fast its wire heats and cools; add the method "
             "typical_rates to it, or, if it is for a board only, heat_bounds to the wire."
         )
-
-
-@dataclasses.dataclass
-class LinearLaw(WireLaw):
-    """The paper's law: linear heat, linear lag, and torque proportional to temperature.
-
-    - ``a1``: cooling rate towards ambient, 1/s, negative (6).
-    - ``a2``: heating rate at full duty, °C/s (6).
-    - ``a3``: rate of the measurement lag, 1/s, negative (7).
-    - ``beta``: joint torque per degree above ambient, N·m/°C (4). The length
-      of the wire's lever is included.
-    """
-
-    a1: float = quantity(-0.07, "1/s", -10.0, -1e-4)
-    a2: float = quantity(20.0, "°C/s", 0.1, 1000.0)
-    a3: float = quantity(-1.0, "1/s", -100.0, -1e-3)
-    beta: float = quantity(4.7e-4, "N·m/°C", 1e-8, 1.0)
-
-    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
-        """β (T - T0), eqn (4)."""
-        return self.beta * (x[0] - T0)
-
-    def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
-        """Ṫ = a1 (T - T0) + a2 D, eqn (6)."""
-        return [self.a1 * (x[0] - T0) + self.a2 * D]
-
-    def reading_rate(self, V: Any, x: Sequence[Any] | np.ndarray) -> Any:
-        """V̇ = a3 (V - T), eqn (7)."""
-        return self.a3 * (V - x[0])
-
-    def typical_rates(self) -> dict[str, float]:
-        """Rates -a1, a2 and -a3 of the law."""
-        cooling = {"slowest_cooling": -self.a1, "fastest_cooling": -self.a1}
-        return {**cooling, "heating": self.a2, "reading": -self.a3}
 
 
 def runge_kutta(

@@ -26,8 +26,7 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
-from hardware.board.signals import SIGNALS
-
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # whose handlers may end a solve
 OPTIONS = {
     "mu_strategy": "adaptive",
     # For an objective that is scaled to at most 100. A tenth of this value makes costs ten times

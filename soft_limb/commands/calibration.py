@@ -23,7 +23,8 @@ from hardware.board.link import BoardLink
 from hardware.emulation.specimen import Specimen
 from hardware.live_feed import LiveView
 from limb_systems import LimbError, LimbParameters, Recording
-from limb_systems.files.output import OutputError, check_folder, check_outputs, free_path
+from limb_systems.connected_limbs import ConnectedLimbs, connected, load_described
+from limb_systems.files.output import OutputError, check_folder, check_outputs
 from limb_systems.progress import part_of_work
 from limb_systems.summary import Entry, Summary
 from soft_limb.commands.logs import fit_line, shell_line
@@ -41,17 +42,19 @@ from soft_limb.reports.calibration_report import (
     write_validation_report,
 )
 from soft_limb.results.summaries import calibration_summary, validation_summary
-from walking import RobotParameters
-from walking.robot_specimen import RobotSpecimen
 
 ROBOT = "robot.yaml"  # description of the robot, in the folder with the folders of its limbs
 
 
 def _collect(options: argparse.Namespace) -> int:
     check_folder(options.output)
-    described = RobotParameters.of(options.limb or LimbParameters())
-    robot = None if described.is_limb else described
-    limbs = _limbs_to_record(robot, options) if robot else {"": described.limbs[0].parameters}
+    described = load_described(options.limb)
+    robot: ConnectedLimbs | None = None
+    if isinstance(described, ConnectedLimbs):
+        robot = described
+        limbs = _limbs_to_record(robot, options)
+    else:
+        limbs = {"": described}
     folders = {name: options.output / name for name in limbs}
     if not options.port and not options.force:
         recorded = [folder for folder in folders.values() if any(folder.glob("*.csv"))]
@@ -80,7 +83,7 @@ def _collect(options: argparse.Namespace) -> int:
 def _collect_limb(
     options: argparse.Namespace,
     limb: LimbParameters,
-    robot: RobotParameters | None,
+    robot: ConnectedLimbs | None,
     name: str,
     live: LiveView | None,
 ) -> list[Path]:
@@ -105,7 +108,7 @@ def _collect_limb(
             )
             return []
         if robot:
-            specimen = RobotSpecimen(robot, options.emulated, options.extra).limb(name)
+            specimen = connected("specimen")(robot, options.emulated, options.extra).limb(name)
             twin = LimbTwin(specimen=specimen)
         else:
             of_limb = {"extra": options.extra, "physics": options.physics}
@@ -119,7 +122,7 @@ def _port(options: argparse.Namespace, name: str) -> str:
 
 
 def _limbs_to_record(
-    robot: RobotParameters, options: argparse.Namespace
+    robot: ConnectedLimbs, options: argparse.Namespace
 ) -> dict[str, LimbParameters]:
     """The limbs of a robot that are recorded, one after the other: all, or those with a port.
 
@@ -209,21 +212,23 @@ def _fit(options: argparse.Namespace) -> int:
         return 0
     robot.with_limbs(limbs).save(options.output)
     kept = [limb.name for limb in robot.limbs if limb.name not in limbs]
-    walks = shell_line("gait", options.output, "-o", free_path(Path("gait.csv")))
     told = [Entry(name, each.to_json(), "", f"{each}\n") for name, each in summaries.items()]
     told += [Entry("as_described", kept, sentence=", ".join(kept) or None)]
-    told += [Entry("next", sentence=walks)] * (robot.body.mount == "planar" and bool(robot.ground))
+    told += [
+        Entry("next", sentence=shell_line(*words))
+        for words in robot.commands_after_fit(options.output)
+    ]
     print_summary(options, Summary(told), outputs)
     return 0
 
 
-def _robot_recorded(options: argparse.Namespace) -> RobotParameters | None:
+def _robot_recorded(options: argparse.Namespace) -> ConnectedLimbs | None:
     """The robot whose limbs were recorded in the folders of a folder; None if it is of a limb."""
     path = options.limb or options.recordings / ROBOT
     if not options.limb and not path.is_file():
         return None
-    robot = RobotParameters.load(path)
-    return None if robot.is_limb else robot
+    described = load_described(path)
+    return described if isinstance(described, ConnectedLimbs) else None
 
 
 def _validate(options: argparse.Namespace) -> int:

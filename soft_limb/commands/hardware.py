@@ -18,6 +18,7 @@ from hardware.board.arm_check import check_supply, check_wires
 from hardware.board.link import SerialPort, check_fit
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
+from hardware.emulation.twin import EmulatedSystem
 from hardware.live_feed import DONE, LiveView, Reading, RunHeader, board_reading
 from limb_systems import (
     Layout,
@@ -29,6 +30,7 @@ from limb_systems import (
     Trajectory,
     bend_angle_from_tip_tangent,
 )
+from limb_systems.connected_limbs import ConnectedLimbs, connected
 from limb_systems.files.output import check_outputs
 from limb_systems.simulation import PERIOD
 from limb_systems.summary import Summary
@@ -52,7 +54,6 @@ from soft_limb.runs import repetitions
 from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.plan_run import FOLLOWED, NAMED, reference_from_file, task_named, teach_and_go
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out, troubles
-from walking import RobotTwin
 
 if TYPE_CHECKING:  # Bokeh takes long to import
     from soft_limb.live_page import LivePage
@@ -401,13 +402,14 @@ def _recover(options: argparse.Namespace) -> int:
 
 def _emulate(options: argparse.Namespace) -> int:
     check_outputs([options.log], inputs=[options.limb, options.robot], force=options.force)
-    twin: LimbTwin | RobotTwin
+    twin: EmulatedSystem
     limbs = []
     if options.robot:
         if options.limb or options.physics != "lumped":
             raise LimbError("--limb and --physics are for a limb; leave ROBOT out.")
-        twin = RobotTwin(options.robot, seed=options.emulated, extra=options.extra)
-        limbs = [] if options.one_board else [limb.name for limb in twin.robot.limbs]
+        robot = ConnectedLimbs.registered().of(options.robot)
+        twin = connected("emulation")(robot, seed=options.emulated, extra=options.extra)
+        limbs = [] if options.one_board else [limb.name for limb in robot.limbs]
     else:
         limb = LimbParameters.of(options.limb)
         twin = LimbTwin(limb, seed=options.emulated, extra=options.extra, physics=options.physics)

@@ -6,28 +6,42 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from limb_systems import LimbParameters
 from limb_systems.errors import LimbError
 from limb_systems.files.duty_export import write_c_header, write_rows
 from limb_systems.files.output import OutputError, check_outputs, write_atomically
 from limb_systems.summary import Summary
+from limb_systems.wire_callback import wire_callback
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
 from soft_limb.results.comparison import compare, comparison_page
 from soft_limb.results.overview import overview_page
 from soft_limb.results.read_result import LIMB, TRAJECTORY, read_result
-from urdf import limb_sdf, limb_urdf
+from urdf import limb_mjcf, limb_sdf, limb_urdf
 
 
 def _write_model(write: Callable[..., str], limb: LimbParameters, path: Path) -> None:
     write_atomically(path, write(limb.segments, path.stem, payload=limb.payload))
 
 
+def _write_mjcf(limb: LimbParameters, path: Path, callback: Path | None) -> None:
+    try:
+        model = limb_mjcf(limb, callback=callback is not None)
+    except ValueError as error:
+        raise LimbError(str(error)) from error
+    if callback:
+        write_atomically(callback, wire_callback(limb))
+    write_atomically(path, model)
+
+
+MJCF = "mjcf"
 _FORMATS: dict[str, tuple[str, str, Callable]] = {  # suffix, what is written so, and how
     "csv": (".csv", TRAJECTORY, write_rows),
     "c-header": (".h", TRAJECTORY, write_c_header),
     "sdf": (".sdf", LIMB, functools.partial(_write_model, limb_sdf)),
     "urdf": (".urdf", LIMB, functools.partial(_write_model, limb_urdf)),
+    MJCF: (".xml", LIMB, _write_mjcf),
 }
 
 
@@ -75,15 +89,20 @@ def _export(options: argparse.Namespace) -> int:
     outputs = [
         options.output if one else options.output / f"{path.stem}{suffix}" for path in options.files
     ]
-    check_outputs(outputs, inputs=options.files, force=options.force)
+    if options.callback and (name != MJCF or not one):
+        raise OutputError("--callback is the wires' C code for one limb, beside its .xml.")
+    beside = [options.callback] if options.callback else []
+    check_outputs(outputs + beside, inputs=options.files, force=options.force)
     results = [read_result(path) for path in options.files]
     for result in results:
         if result.kind != kind:
             raise LimbError(f"{result.path} is a {result.kind}; only a {kind} becomes {name}.")
-    how = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
+    how: tuple[Any, ...] = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
+    if name == MJCF:
+        how = (options.callback,)
     for result, path in zip(results, outputs, strict=True):
         write(result.value, path, *how)
-    print_summary(options, Summary([]), outputs)
+    print_summary(options, Summary([]), outputs + beside)
     return 0
 
 
@@ -137,7 +156,8 @@ COMMANDS = {
         _export,
         "Writes the duty of trajectories as CSV or as a C header, for a program of your own that "
         "holds each row for a period: a row is the plan's mean duty over the period. Writes limbs "
-        "as SDFormat, with their springs, or as URDF, without.",
+        "as SDFormat, with their springs, as URDF, without, or as MJCF for MuJoCo, with springs "
+        "and heat.",
         "force",
         [
             Option(
@@ -151,14 +171,21 @@ COMMANDS = {
             Option(
                 "--format",
                 choices=list(_FORMATS),
-                help="by default what the output's name ends with: .csv, .h, .sdf or .urdf; csv "
-                "in a folder",
+                help="by default what the output's name ends with: .csv, .h, .sdf, .urdf or "
+                ".xml; csv in a folder",
             ),
             Option(
                 "--rate",
                 type=float,
                 default=20.0,
                 help="rows per second (default %(default)g)",
+            ),
+            Option(
+                "--callback",
+                metavar="FILE.c",
+                type=Path,
+                help="of a limb as .xml: write C code for MuJoCo, too, for wires of laws that MJCF "
+                "cannot express",
             ),
             Option(
                 "--duty-max",
@@ -172,6 +199,7 @@ COMMANDS = {
         examples=[
             "soft-limb export out/plan.csv -o out/plan.h --duty-max 255",
             "soft-limb export out/limb.yaml -o out/limb.sdf",
+            "soft-limb export out/limb.yaml -o out/limb.xml",
         ],
     ),
 }

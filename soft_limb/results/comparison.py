@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
@@ -21,7 +22,6 @@ from planners import nearest_bend_angle
 from soft_limb.reports import page
 from soft_limb.results.read_result import LIMB, RECORDING, TRAJECTORY, ResultFile
 from soft_limb.results.summaries import distances_summary
-from walking.robot_parameters import RobotParameters
 
 NONE = "-"  # for a value that one of the runs does not have
 LONGEST = 60  # characters of a value in a table
@@ -225,7 +225,7 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
     return Comparison(results, changes, differences, *_tracking(results), curves)
 
 
-def flattened(parameters: LimbParameters | RobotParameters) -> dict[str, tuple[Any, str]]:
+def flattened(parameters: LimbParameters | ConnectedLimbs) -> dict[str, tuple[Any, str]]:
     """All numbers and texts of a limb or robot with units, by names such as "right.law.a1".
 
     Wires go by their names, and segments by their numbers if there are several. Of a

@@ -6,12 +6,15 @@ import os
 import re
 from pathlib import Path
 
+from limb_systems.connected_limbs import FIELDS
+from limb_systems.files.first_line import first_line
+
+TABLES = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
 SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")
 MOST_NAMES = 50_000
 _HEAD = 4096  # bytes
 _TAIL = 16384  # bytes of a page, whose provenance is at its end
-# Fields at the top level that only a robot has, and those of a limb.
-_ROBOT = {"body", "limbs", "feet", "ground"}
+# Fields at the top level of a limb.
 _LIMB = {"ambient_temperature", "board", "calibration", "format", "gravity", "payload", "segments"}
 _LIMB |= {"supply_voltage", "temperature_limits", "total_duty"}
 
@@ -93,10 +96,11 @@ def glance(path: Path) -> str:
 
 def kind_of_head(path: Path, head: str) -> str:
     """The kind of a table, or of the limb or robot that a YAML file describes; else empty."""
-    if match := re.match(r"# limb (recording|trajectory|gait|learning), format ", head):
-        return match[1]
+    ours = first_line(head)
+    if ours and ours.kind in TABLES:
+        return ours.kind
     given = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
-    return "robot" if given & _ROBOT else "limb" if given & _LIMB else ""
+    return "robot" if given & FIELDS else "limb" if given & _LIMB else ""
 
 
 def fields_of(text: str) -> set[str]:

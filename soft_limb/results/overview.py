@@ -17,7 +17,7 @@ from markupsafe import Markup
 from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
-from limb_systems.files.trajectory import Trajectory
+from limb_systems.files.signal_table import Samples
 from limb_systems.layout import Layout
 from limb_systems.views.colors import (
     PLAN_COLOR,
@@ -39,7 +39,6 @@ from soft_limb.results.read_result import (
     ResultFile,
     read_result,
 )
-from walking.gait import Gait
 
 PICTURE_POINTS = 150  # of a curve in a small picture
 WIDTH, HEIGHT = 240.0, 56.0  # of a panel of a small picture
@@ -198,7 +197,7 @@ def _nearest(file: ResultFile, named: Sequence[ResultFile]) -> list[ResultFile]:
 
 def small_picture(run: object) -> Markup:
     """Return the bends and temperatures of a recording, plan or gait in small, SVG."""
-    if not isinstance(run, Recording | Trajectory | Gait):
+    if not isinstance(run, Samples):
         return Markup()
     # Choose the samples.
     usable = np.flatnonzero(run.usable if isinstance(run, Recording) else np.ones(len(run.time)))
@@ -212,7 +211,7 @@ def small_picture(run: object) -> Markup:
     color = ROLLOUT_COLOR if isinstance(run, Recording) else PLAN_COLOR
     dashes = [DASHED if axis else "" for axis in Layout(run.parameters).bend_direction]
     bend_lines = [(row, color, dash) for row, dash in zip(bends, dashes, strict=True)]
-    reference = None if isinstance(run, Gait) else run.reference
+    reference = getattr(run, "reference", None)
     if reference is not None:
         bend_lines += [(row, REFERENCE_COLOR, "") for row in np.rad2deg(reference)]
     shades = wire_colors(len(wires))

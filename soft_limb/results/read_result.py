@@ -1,7 +1,9 @@
 """Read any file of soft-limb, and say what it is."""
 
 import dataclasses
+import functools
 import html
+import importlib.metadata
 import json
 import re
 from collections.abc import Callable
@@ -11,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from controllers import Learner
+from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TABLE, read_bytes
 from limb_systems.files.provenance import Provenance
@@ -21,13 +24,12 @@ from limb_systems.limb_parameters import EmulatedLimb, LimbParameters
 from limb_systems.summary import Entry, Summary
 from planners import Task, references
 from soft_limb.results.folder import fields_of, is_html, kind_of_head
-from soft_limb.results.summaries import gait_summary, plan_summary, repetitions_summary
-from walking.gait import Gait
-from walking.robot_parameters import RobotParameters
+from soft_limb.results.summaries import plan_summary, repetitions_summary
 
 RECORDING, TRAJECTORY, LEARNING = "recording", "trajectory", "learning"
 GAIT, LIMB, ROBOT, TASK, REPORT = "gait", "limb", "robot", "task", "report"
 REFERENCE = "reference"
+ENTRY_POINTS = "soft_limb.results"  # each a dict of readers by kind, such as `_READERS`
 
 
 class ResultError(LimbError):
@@ -43,8 +45,8 @@ class ResultFile:
       "reference".
     - ``summary``: what the file holds, without its provenance.
     - ``provenance``: what made it; None if it does not say.
-    - ``value``: a `Recording`, a `Trajectory`, a `Gait`, `LimbParameters` or `RobotParameters`;
-      None for other kinds.
+    - ``value``: a `Recording`, a `Trajectory`, `LimbParameters`, or what another package
+      reads; None for other kinds.
     """
 
     path: Path
@@ -92,41 +94,45 @@ def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
             f"{path} is no recording, trajectory, gait, limb, robot, task, reference, state of "
             "learning or report of soft-limb."
         )
-    value, made, summary = _READERS[kind](path, text, quick)
+    value, made, summary = _readers()[kind](path, text, quick)
     return ResultFile(path, kind, summary, made, value)
 
 
 Read = tuple[Any, Provenance | None, Summary]
 
 
+@functools.cache
+def _readers() -> dict[str, Callable[[Path, str, bool], Read]]:
+    """Return the readers of each kind, with those that packages register as entry points."""
+    readers = dict(_READERS)
+    for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
+        readers |= entry.load()
+    return readers
+
+
 def _recording(path: Path, _text: str, _quick: bool) -> Read:
     recording = Recording.load(path, unfinished=is_unfinished(path))
     rate = Entry("rate", float(recording.sample_rate), "Hz")
-    more = Summary([rate, _identity(recording.robot or recording.parameters)])
+    more = Summary([rate, identity_entry(recording.robot or recording.parameters)])
     return recording, recording.provenance, recording.summary() + more
 
 
 def _trajectory(path: Path, _text: str, quick: bool) -> Read:
     plan = Trajectory.load(path)
-    summary = plan_summary(plan, quick=quick) + Summary([_identity(plan.parameters)])
+    summary = plan_summary(plan, quick=quick) + Summary([identity_entry(plan.parameters)])
     return plan, plan.provenance, summary
-
-
-def _gait(path: Path, _text: str, _quick: bool) -> Read:
-    gait = Gait.load(path)
-    return gait, gait.provenance, gait_summary(gait) + Summary([_identity(gait.robot)])
 
 
 def _learning(path: Path, _text: str, quick: bool) -> Read:
     learner = Learner.load(path)
     plan = learner.trajectory
-    more = Summary([Entry("plan", plan.summary().line()), _identity(plan.parameters)])
+    more = Summary([Entry("plan", plan.summary().line()), identity_entry(plan.parameters)])
     return None, learner.provenance, repetitions_summary(learner, quick=quick) + more
 
 
-def _identity(parameters: LimbParameters | RobotParameters) -> Entry:
-    """Which limb or robot a file is about."""
-    if isinstance(parameters, RobotParameters):
+def identity_entry(parameters: LimbParameters | ConnectedLimbs) -> Entry:
+    """Return which limb or robot a file is about."""
+    if isinstance(parameters, ConnectedLimbs):
         limbs = ", ".join(limb.name for limb in parameters.limbs)
         return Entry("identity", f"robot with limbs {limbs}, digest {parameters.digest}")
     board = parameters.board
@@ -157,7 +163,7 @@ def _limb(path: Path, _text: str, _quick: bool) -> Read:
     entries = [
         Entry("segments", f"{len(limb.segments)}, {sum(s.links for s in limb.segments)} links"),
         Entry("wires", ", ".join(f"{name} {type(wire.law).__name__}" for name, wire in wires)),
-        _identity(limb),
+        identity_entry(limb),
     ]
     if record:
         made = record.provenance
@@ -168,19 +174,6 @@ def _limb(path: Path, _text: str, _quick: bool) -> Read:
             said = f"since it was calibrated: its digest was {made.parameters} then"
             entries.append(Entry("changed", said))
     return limb, made, Summary(entries)
-
-
-def _robot(path: Path, _text: str, _quick: bool) -> Read:
-    robot = RobotParameters.load(path)
-    body, ground = robot.body, robot.ground
-    stands = f"μ = {ground.friction:g}, slope {np.rad2deg(ground.slope):g}°" if ground else "none"
-    entries = [
-        Entry("body", f"{body.mount}, {1e3 * body.mass:g} g"),
-        *(Entry(limb.name, ", ".join(limb.parameters.wire_names)) for limb in robot.limbs),
-        Entry("ground", stands),
-        _identity(robot),
-    ]
-    return robot, None, Summary(entries)
 
 
 def _reference(path: Path, _text: str, _quick: bool) -> Read:
@@ -219,10 +212,8 @@ def _report(path: Path, text: str, _quick: bool) -> Read:
 _READERS: dict[str, Callable[[Path, str, bool], Read]] = {
     RECORDING: _recording,
     TRAJECTORY: _trajectory,
-    GAIT: _gait,
     LEARNING: _learning,
     LIMB: _limb,
-    ROBOT: _robot,
     TASK: _task,
     REFERENCE: _reference,
     REPORT: _report,

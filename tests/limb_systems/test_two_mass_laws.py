@@ -24,7 +24,7 @@ from limb_systems import (
 )
 from limb_systems.monte_carlo import OpenLoop, with_fields
 from limb_systems.simulation import make_simulator
-from limb_systems.wire_laws.two_mass_laws import BACKLASH
+from limb_systems.wire_laws.hysteretic import BACKLASH
 
 LAWS = [TwoMassLaw, ThresholdLaw, SaturatingLaw, HystereticLaw, CoupledLaw]
 ROOM = 25.0

@@ -133,7 +133,7 @@ def test_kinds_are_told_by_the_fields_that_there_are():
         {f.name for f in dataclasses.fields(c)} for c in (LimbParameters, RobotParameters)
     )
     assert limb == folder_of_results._LIMB
-    assert robot - limb == folder_of_results._ROBOT
+    assert robot - limb == folder_of_results.FIELDS
 
 
 def damaged(text: str) -> str:

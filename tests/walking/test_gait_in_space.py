@@ -162,7 +162,7 @@ def test_a_robot_walks_to_a_place_with_contact(tmp_path, capsys):
     gait = dataclasses.replace(gait, check=check)
     save_gaits({"ahead": gait, "spot_left": gait, "mine": gait}, folder)
     (folder / "notes.csv").write_text("mine")  # no gait
-    with pytest.raises(OutputError, match=r"mine\.csv exists; give another name, or --force"):
+    with pytest.raises(OutputError, match=r"ahead\.csv exists; give another name, or --force"):
         save_gaits({"ahead": gait}, folder)
     save_gaits({"ahead": gait}, folder, force=True)
     assert sorted(path.name for path in folder.iterdir()) == ["ahead.csv", "notes.csv"]

@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from limb_systems import LimbError, Recording, wire_color, write_meshcat_replay
 from limb_systems.files.output import OutputError
-from limb_systems.views.panels import CONTACTS, foot_fall_panel, motion_panels
+from limb_systems.views.panels import motion_panels
 from limb_systems.views.plots import draw
 from walking import (
     BodyParameters,
@@ -28,6 +28,7 @@ from walking import (
 )
 from walking.foot_fall import foot_fall
 from walking.robot_parameters import walking_limb
+from walking.views.robot_panels import CONTACT_BARS, foot_fall_panel
 from walking.views.walk_drawing import FRAMES, animate_walk, draw_walk
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "limb_systems"))
@@ -281,7 +282,7 @@ def test_a_gait_in_space_is_drawn_where_drake_has_it():
         near = np.delete(corners, np.argmin(corners @ to_eye), axis=0)
         assert rounded(faces) == seen(near)
     # The foot that is dragged in the first phase goes to where it is at the end of that phase.
-    name, violet = f"{gait.robot.limbs[0].name}_foot", to_rgba(CONTACTS["slide"][1])
+    name, violet = f"{gait.robot.limbs[0].name}_foot", to_rgba(CONTACT_BARS["slide"][1])
     (arrow,) = (p.get_xy() for p in moments[0].patches if p.get_facecolor() == violet)
     way = (turned[name].translation() - first[name].translation())[:2]
     tip = arrow[3] - picture @ first[name].translation()

@@ -1,1 +1,11 @@
-"""Commands on robots of several limbs, and the report of a gait."""
+"""Commands on robots of several limbs, and the report of a gait.
+
+`soft-limb` finds `COMMANDS` by an entry point, and imports a module when its command runs.
+"""
+
+_GAITS = "walking.commands.gaits"
+COMMANDS = {
+    "gait": (_GAITS, "plan how a robot of several limbs walks"),
+    "gaits": (_GAITS, "plan the gaits by which a robot in space gets anywhere"),
+    "walk": (_GAITS, "walk by a gait: a robot, or an emulated one, from cold wires"),
+}

@@ -9,7 +9,7 @@ import numpy as np
 from limb_systems.views.panels import motion_panels
 from limb_systems.views.replay_page import replay_page
 from soft_limb.reports import page
-from soft_limb.results.summaries import gait_summary
+from walking.commands.gait_summaries import gait_summary
 from walking.gait import Gait, GaitVariation
 
 

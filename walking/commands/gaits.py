@@ -1,6 +1,7 @@
 """Commands of robots that walk."""
 
 import argparse
+import dataclasses
 import functools
 import os
 import time
@@ -31,24 +32,21 @@ from soft_limb.commands.options import (
     say_duration,
     shared,
 )
-from soft_limb.results.summaries import gait_summary, walk_summary
 from soft_limb.runs.jobs import run_each
 from soft_limb.runs.rollout import OPEN, record_replay
-from walking import (
-    Gait,
-    GaitFeedback,
-    HeatFeedback,
-    Robot,
-    RobotParameters,
-    RobotTwin,
-    Wayfinder,
-    plan_gait,
-)
-from walking.course import Course, check_course
+from walking.commands.gait_summaries import gait_summary, walk_summary
+from walking.course import check_course
+from walking.gait import Gait
 from walking.gait_check import fall_of
-from walking.gait_planning import check_request
+from walking.gait_feedback import GaitFeedback
+from walking.gait_planning import plan_gait
 from walking.gait_program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
+from walking.gait_request import GaitRequest
 from walking.gait_set import AHEAD, TURNING, gait_files, load_gaits, plan_gaits, save_gaits
+from walking.heat_feedback import HeatFeedback
+from walking.robot import Robot
+from walking.robot_parameters import RobotParameters
+from walking.robot_twin import RobotTwin
 from walking.schedules import (
     Schedule,
     check_schedule,
@@ -59,7 +57,7 @@ from walking.schedules import (
 from walking.strides import StridesFit, fit_strides
 from walking.walk_trajectory import walk
 from walking.walker import check_walker
-from walking.wayfinder import NEAR
+from walking.wayfinder import NEAR, Wayfinder
 
 STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
 FIRST_STRIDES = 2  # after which the gait is planned again
@@ -84,30 +82,30 @@ def _gait(options: argparse.Namespace) -> int:
     check_walker(robot)
     stride = None if options.stride is None else 1e-3 * options.stride
     speed = None if options.speed is None else 1e-3 * options.speed
-    check_course(robot, Course(options.turn, stride, speed))
+    request = GaitRequest(
+        turn=options.turn,
+        stride=stride,
+        speed=speed,
+        objective=options.objective,
+        temperature_margin=options.margin,
+        steadiness=options.steadiness,
+        sticking_share=options.sticking,
+    )
+    check_course(robot, request.course)
     schedules = [schedule_of(text, len(robot.limbs)) for text in options.schedule]
     for schedule in schedules:
         check_schedule(schedule, robot)
     schedules = schedules or sensible_schedules(robot)
-    request = {
-        "turn": options.turn,
-        "stride": stride,
-        "speed": speed,
-    }
-    asked = {
-        "objective": options.objective,
-        "temperature_margin": options.margin,
-        "steadiness": options.steadiness,
-        "sticking_share": options.sticking,
-    }
-    check_request(robot, schedules[0], **asked)
+    request.validate(robot, schedules[0])
     each = "five to twenty" if options.quick else "ten to sixty"
     say_duration(
         f"some seconds for each of {len(schedules)} schedules, and {each} seconds to check one",
     )
     gait, refused = _best_gait(
         schedules,
-        functools.partial(_planned, robot, explain=len(schedules) == 1, **request, **asked),
+        functools.partial(
+            _planned, robot, dataclasses.replace(request, explain=len(schedules) == 1)
+        ),
         spread=not options.quick,
     )
     if gait is None:
@@ -191,10 +189,15 @@ def _pace(gait: Gait) -> str:
 
 
 def _planned(
-    robot: RobotParameters, schedule: Schedule, check: bool = False, **options: Any
+    robot: RobotParameters,
+    request: GaitRequest,
+    schedule: Schedule,
+    check: bool = False,
+    spread: bool = True,
 ) -> _Trial:
     try:
-        return schedule, plan_gait(robot, schedule=schedule, check=check, **options), ""
+        gait = plan_gait(robot, request, schedule=schedule, check=check, spread=spread)
+        return schedule, gait, ""
     except PlanningError as error:
         return schedule, None, str(error)
 

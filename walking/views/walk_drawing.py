@@ -22,13 +22,14 @@ from limb_systems.files.recording import Recording
 from limb_systems.layout import Layout
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.views.colors import NEUTRAL_COLOR, wire_colors
-from limb_systems.views.limb_view import FIFTH, MARK, box_corners, seen_from, wire_color
-from limb_systems.views.panels import CONTACTS, foot_fall_panel
+from limb_systems.views.limb_view import box_corners, seen_from, wire_color
 from limb_systems.views.plots import WIDTH, Figure, draw_panel, dress
 from walking.foot_fall import foot_fall
 from walking.gait import Gait
 from walking.robot import make_robot, set_positions
-from walking.robot_parameters import RobotLimb
+from walking.robot_parameters import RobotLimb, RobotParameters
+from walking.views.robot_panels import CONTACT_BARS, foot_fall_panel
+from walking.views.robot_view import FIFTH, MARK
 
 FRAMES = 6
 FRAMES_PER_SECOND, PIXELS_PER_INCH, COLORS = 10, 100, 256  # of a loop
@@ -194,7 +195,7 @@ class _Walk:
 
     def __init__(self, motion: Gait | Recording):
         robot, pose, state = motion.robot, motion.body_pose, motion.joint_state
-        if robot is None or robot.body.mount == "welded":
+        if not isinstance(robot, RobotParameters) or robot.body.mount == "welded":
             raise LimbError("A walk is drawn of a robot whose body moves.")
         if pose is None or state is None:
             raise LimbError(
@@ -383,7 +384,7 @@ class _Scene:
                 face = Polygon(corners, facecolor=color, linewidth=0, zorder=next(levels))
                 axis.add_patch(face)
         for limb, contact, dragged in zip(self.limbs, self._contacts, self._dragged, strict=True):
-            color, foot = CONTACTS[contact][1], limb.middle[-1, :2] - (2.0 + radius) * up
+            color, foot = CONTACT_BARS[contact][1], limb.middle[-1, :2] - (2.0 + radius) * up
             style = {"color": color, "ha": "center", "va": "top", "fontsize": 9 * large**0.5}
             axis.text(foot[0], foot[1], _ARROWS[contact], **style)
             if (far := np.linalg.norm(dragged[:2])) and contact == "slide":

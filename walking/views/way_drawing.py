@@ -12,6 +12,7 @@ from limb_systems.files.recording import Recording
 from limb_systems.views.colors import NEUTRAL_COLOR, PLAN_COLOR
 from limb_systems.views.plots import WIDTH, Figure
 from walking.gait import along_heading
+from walking.robot_parameters import RobotParameters
 
 BODIES = 12  # that are drawn along the way
 SHADES = "viridis"
@@ -29,7 +30,7 @@ def draw_way(recording: Recording, goals: Sequence[Sequence[float]], near: float
         LimbError: if the body is not seen, or moves in the vertical plane.
     """
     robot, pose = recording.robot, recording.body_pose
-    if robot is None or pose is None or len(pose) != 6:
+    if not isinstance(robot, RobotParameters) or pose is None or len(pose) != 6:
         raise LimbError("A way is drawn of a robot in space whose body is seen.")
     time, (x, y), yaw = recording.time, 1e3 * pose[:2], np.unwrap(pose[5])
     places = 1e3 * np.array([goal[:2] for goal in goals])

@@ -1,0 +1,137 @@
+"""Heat in wire and silicone, and torque of a transformation with hysteresis."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from limb_systems.files.schema import quantity
+from limb_systems.wire_laws.curves import logistic, softplus
+from limb_systems.wire_laws.saturating import SaturatingLaw
+from limb_systems.wire_laws.two_mass import _TwoMassHeat
+from limb_systems.wire_laws.wire_law import (
+    FULL_TORQUE,
+    MIDDLE,
+    SLOW_HEATING,
+    TEMPERATURE_SCALE,
+    WIDTH,
+    Prior,
+    WireLaw,
+)
+
+# Of the temperature that tells heating from cooling: b, ε, °C, and τ, s. A reversal costs 2 b
+# without transformation, which public records cannot tell from none. Paths are told from rest by
+# their direction down to a few mK/s, and τ is as short as the steps of simulations allow.
+BACKLASH, SOFTNESS, FOLLOWING = 1.0, 0.15, 0.3
+GRADUAL = 1.5  # ε, °C, and τ, s, of paths that turn so gradually that solvers follow them easily
+
+
+@dataclasses.dataclass
+class HystereticLaw(_TwoMassHeat):
+    """Heat in wire and silicone; torque follows the transformation, which has hysteresis.
+
+    The transformed share ξ follows one S-shaped curve while the wire heats and
+    another one while it cools, by Duhem's differential law, along the path of a
+    temperature B that follows T with a little backlash b, so that the path says
+    by itself whether it goes up or down, however slowly:
+
+        Ḃ = p(T - B) - p(B - T),  p(z) = (ε / τ) ln(1 + exp((z - b) / ε))
+        ξ̇ = (1 - ξ) s((T - T_h) / w) / w p(T - B) - ξ s((T_c - T) / w) / w p(B - T)
+        torque = M ξ
+
+    with the logistic function s. Both terms end where ξ does, and so it stays
+    from 0 to 1. While the temperature stays, so does ξ. The heat follows `TwoMassLaw`.
+
+    """
+
+    states: ClassVar[dict[str, float]] = {
+        **_TwoMassHeat.states,
+        "B": TEMPERATURE_SCALE,
+        "xi": 0.5,
+    }
+    memory: ClassVar[dict[str, tuple[float, float]]] = {"B": (-np.inf, np.inf), "xi": (0.0, 1.0)}
+    below: ClassVar[dict[str, str]] = {"cooling_middle": "heating_middle"}
+    turning: ClassVar[tuple[float, float]] = SOFTNESS, FOLLOWING
+
+    full_torque: float = quantity(
+        0.038, "N·m", 1e-8, 100.0, "M, joint torque of the transformed wire", FULL_TORQUE
+    )
+    heating_middle: float = quantity(
+        66.0,
+        "°C",
+        -20.0,
+        300.0,
+        "T_h, at which half of the wire is transformed as it heats",
+        MIDDLE,
+    )
+    cooling_middle: float = quantity(
+        58.0,
+        "°C",
+        -20.0,
+        300.0,
+        "T_c, at which half of the wire is transformed as it cools",
+        Prior(8.0, 0.7, 0.3, SLOW_HEATING),
+    )
+    width: float = quantity(9.0, "°C", 1.0, 100.0, "w, width of both curves", WIDTH)
+
+    def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
+        """See the class."""
+        T, _, B, xi = x
+        rise, fall = self._play(T, B, BACKLASH)
+        return [*super().rates(x[:2], D, T0), rise - fall, self._transforming(T, xi, rise, fall)]
+
+    def _play(self, T: Any, P: Any, half_width: Any) -> tuple[Any, Any]:
+        """Rates at which P rises and falls, °C/s, that follows T with a backlash ± half_width."""
+        # Both ways at once, because calls of numpy take longer than what they do.
+        ahead, (softness, following) = np.array([T - P, P - T]), self.turning
+        rise, fall = softness / following * softplus((ahead - half_width) / softness)
+        return rise, fall
+
+    @property
+    def _middle(self) -> Any:
+        """(T_h + T_c) / 2, °C."""
+        return 0.5 * (self.heating_middle + self.cooling_middle)
+
+    def _transforming(self, T: Any, xi: Any, rise: Any, fall: Any) -> Any:
+        """ξ̇, 1/s, where B rises or falls at these rates."""
+        beyond = np.array([T - self.heating_middle, self.cooling_middle - T])
+        heating, cooling = logistic(beyond / self.width)
+        return ((1.0 - xi) * heating * rise - xi * cooling * fall) / self.width
+
+    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
+        """M ξ."""
+        return self.full_torque * x[3]
+
+    def cold_states(self, T0: float) -> Sequence[float]:
+        """Nothing is transformed, and heat meets no backlash, so that plans see it act."""
+        return [T0, T0, T0 - BACKLASH, 0.0]
+
+    def easier(self) -> WireLaw:
+        """Return the law with a path that turns gradually."""
+        return _GradualLaw(**vars(self))
+
+    def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
+        """On the curve of heating, which starts at ambient temperature with ξ = 0."""
+        ends = [1.0 + np.exp((t - self.heating_middle) / self.width) for t in (T0, T)]
+        return [T, T0, T - BACKLASH, 1.0 - ends[0] / ends[1]]
+
+
+class _GradualLaw(HystereticLaw):
+    """The hysteretic law whose path turns gradually, for the start of plans."""
+
+    turning: ClassVar[tuple[float, float]] = GRADUAL, GRADUAL
+
+    def easier(self) -> WireLaw:
+        """Return the law without hysteresis, whose curve is midway between the two."""
+        return SaturatingLaw(**heat_fields(_TwoMassHeat, self), **midway(self))
+
+
+def heat_fields(heat: type[WireLaw], law: WireLaw) -> dict[str, float]:
+    """The fields of a law that say how its wire heats."""
+    return {field.name: getattr(law, field.name) for field in dataclasses.fields(heat)}  # type: ignore[arg-type]
+
+
+def midway(law: HystereticLaw) -> dict[str, float]:
+    """The curve of `SaturatingLaw` midway between those of heating and cooling."""
+    return {"full_torque": law.full_torque, "middle": law._middle, "width": law.width}

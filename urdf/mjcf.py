@@ -1,0 +1,388 @@
+"""Writes the MJCF of a limb or a robot, with springs, heat and wires; ``limb_5.xml`` is nominal."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from urdf.generate import document, limb_element, robot_element
+
+# N/m, N·s/m and ratio, of a foot on the ground. A foot that sticks creeps by 1 / (damping times
+# ratio) for each newton, 0.4 mm/s: as much as in Drake's SAP with steps of 1 ms.
+FOOT_STIFFNESS = 1e4
+FOOT_DAMPING = 100.0
+FRICTION_RATIO = 25.0
+IMPEDANCE = 0.9  # of a foot's contact, at any depth
+# kg and kg·m², of a thermocouple: a hinge whose angle is a temperature, which has no inertia.
+NEGLIGIBLE_INERTIA = 1e-9
+LINEARITY = 1e-9  # relative, to which the heat and the torque of a law are linear
+
+
+def limb_mjcf(
+    parameters: Any,
+    *,
+    thermocouples: bool = True,
+    timestep: float = 0.002,
+    integrator: str = "implicitfast",
+    callback: bool = False,
+) -> str:
+    """Return MJCF text of a limb that bends by the heat of its wires, clamped at its base.
+
+    Bodies, joints and shapes are those of `urdf.limb_urdf`. Each wire is a tendon ``wire_left``
+    and so on with an actuator of the same name, whose control is the duty in [0, 1] and whose
+    activation, times -a2 / a1, is T - T0. A law of two masses has a second actuator,
+    ``wire_left_2``, which gets the same control. The position of the joint
+    ``thermocouple_left`` is V in °C.
+
+    Args:
+        parameters: such as `limb_systems.LimbParameters`.
+        thermocouples: whether readings V are simulated.
+        timestep: s; the bend is right to 0.001° at 1 ms, and to 0.01° at 10 ms.
+        integrator: of MuJoCo; with "RK4" the stiff links blow up.
+        callback: whether wires of laws that MJCF cannot express are written for the C code of
+            `limb_systems.wire_callback`. Their activations are [x, V], less their cold values.
+
+    Raises:
+        ValueError: if MJCF cannot express the law of a wire, or the rubber's memory.
+    """
+    element = limb_element(parameters.segments, "limb", parameters.payload, 0.0)
+    options = {"timestep": timestep, "integrator": integrator, "gravity": parameters.gravity}
+    root, world = _root("limb", options)
+    names = [f"joint_{number}" for number in range(1, parameters.num_joints + 1)]
+    _add_bodies(world, element, "base", _springs(parameters, names))
+    _add_stiffening(root, parameters, names)
+    _add_wires(root, world, parameters, names, thermocouples, callback)
+    return document(root)
+
+
+def robot_mjcf(robot: Any, *, wires: bool = True, timestep: float = 0.002) -> str:
+    """Return MJCF text of a robot, on its ground if it has one, with limbs as of `limb_mjcf`.
+
+    Names begin with those of the limbs, as in ``wire_rear_left``. Feet stick, slide and creep as
+    in Drake's SAP contact with steps of 1 ms, and the sensor ``rear_foot`` is the force on a foot
+    along the world's axes. The position of a body in a plane is x, z and θ, as in Drake.
+
+    Args:
+        robot: such as `limb_systems.RobotParameters`.
+        wires: whether wires heat and pull; if not, apply the torque of any law at the joints.
+        timestep: s.
+
+    Raises:
+        ValueError: if MJCF cannot express the law of a wire, or the rubber's memory.
+        ImportError: without MuJoCo, if there is a ground, for whose contact it is asked.
+    """
+    options = {"timestep": timestep, "integrator": "discrete", "gravity": robot.world_gravity}
+    contact = {"cone": "elliptic", "impratio": FRICTION_RATIO}
+    root, world = _root("robot", options | contact)
+    together = robot.together
+    names = [
+        f"{limb.name}_joint_{number}"
+        for limb in robot.limbs
+        for number in range(1, limb.parameters.num_joints + 1)
+    ]
+    body = _add_bodies(world, robot_element(robot), "body", _springs(together, names))
+    height = robot.standing_height if robot.ground else 0.0
+    body.set("pos", _text(0.0, 0.0, height))
+    _add_mount(body, robot.body.mount, height)
+    if robot.ground:
+        friction = _text(robot.ground.friction)
+        _add(world, "geom", name="ground", type="plane", size=(0, 0, 1), friction=friction)
+        _add_feet(root, world, robot)
+    _add_stiffening(root, together, names)
+    if wires:
+        _add_wires(root, world, together, names, thermocouples=True, callback=False)
+    return document(root)
+
+
+def _root(name: str, options: dict[str, Any]) -> tuple[Element, Element]:
+    """Return an empty model and its world."""
+    root = Element("mujoco", model=name)
+    _add(root, "compiler", angle="radian", eulerseq="XYZ")  # roll, pitch and yaw, as in URDF
+    _add(root, "option", **options)
+    return root, SubElement(root, "worldbody")
+
+
+def _add(parent: Element, tag: str, **attributes: Any) -> Element:
+    """Add an element whose attributes are texts, numbers or sequences of numbers."""
+    texts = {
+        name: value if isinstance(value, str) else _text(*np.ravel(value))
+        for name, value in attributes.items()
+    }
+    return SubElement(parent, tag, texts)
+
+
+def _text(*numbers: float) -> str:
+    return " ".join(f"{float(number)!r}".removesuffix(".0") for number in numbers)
+
+
+def _of_joints(parameters: Any, names: Sequence[str]) -> list[tuple[Any, int, list[tuple]]]:
+    """Return each link's segment, its segment's number, and the kinds and names of its joints."""
+    links = []
+    remaining = iter(names)
+    for number, segment in enumerate(parameters.segments):
+        for kinds in segment.joints:
+            links.append((segment, number, [(kind, next(remaining)) for kind in kinds]))
+    return links
+
+
+def _cubic(segment: Any) -> float:
+    """Return the coefficient of θ³ in the torque of a joint that bends, N·m/rad³."""
+    return segment.stiffness * segment.stiffening / (segment.chain.equal_angle * math.pi / 4) ** 2
+
+
+def _springs(parameters: Any, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return the attributes of each joint's spring and damper."""
+    springs = {}
+    for segment, _, joints in _of_joints(parameters, names):
+        for kind, name in joints:
+            stiffness = [segment.joint_ratios[kind] * segment.stiffness]
+            if segment.stiffening and kind != "twist":
+                # Of two axes the rest of it is in the tendons of `_add_stiffening`.
+                share = 1.0 if segment.axes == 1 else 2 / 3
+                stiffness += [0.0, share * _cubic(segment)]
+            springs[name] = {
+                "stiffness": stiffness,
+                "springref": segment.joint_rest_angles[kind],
+                "damping": segment.joint_ratios[kind] * segment.damping,
+            }
+    return springs
+
+
+def _add_stiffening(root: Element, parameters: Any, names: Sequence[str]) -> None:
+    """Add, to each link that bends about two axes, cubic springs of the sum and the difference.
+
+    The torque c (x² + y²) x is that of a spring 2 c / 3 of x, and of c / 6 of x + y and of x - y.
+    """
+    for segment, _, joints in _of_joints(parameters, names):
+        if not segment.stiffening or segment.axes == 1:
+            continue
+        (x, one), (y, other) = [joint for joint in joints if joint[0] != "twist"]
+        for name, sign in (("sum", 1.0), ("difference", -1.0)):
+            rest = segment.joint_rest_angles[x] + sign * segment.joint_rest_angles[y]
+            direction = -1.0 if rest < 0 else 1.0  # MuJoCo takes no negative lengths
+            spring = {"springlength": abs(rest), "stiffness": [0.0, 0.0, _cubic(segment) / 6]}
+            tendons = _section(root, "tendon")
+            tendon = _add(tendons, "fixed", name=f"{name}_{one}", **spring)
+            _add(tendon, "joint", joint=one, coef=direction)
+            _add(tendon, "joint", joint=other, coef=direction * sign)
+
+
+def _section(root: Element, name: str) -> Element:
+    found = root.find(name)
+    return SubElement(root, name) if found is None else found
+
+
+def _add_bodies(parent: Element, robot, first: str, springs: dict) -> Element:
+    """Add a link of a URDF and all that hangs on it, and return its body."""
+    links = {link.get("name"): link for link in robot.findall("link")}
+    joints = robot.findall("joint")
+
+    def add(parent: Element, name: str, place: dict, turns: list) -> Element:
+        hanging = [joint for joint in joints if joint.find("parent").get("link") == name]
+        link = links[name]
+        if not len(link):  # between joints of one link, which are all in its body
+            (joint,) = hanging
+            return add(parent, joint.find("child").get("link"), place, [*turns, joint])
+        body = _add(parent, "body", name=name, **place)
+        for joint in turns:
+            axis = joint.find("axis").get("xyz")
+            _add(body, "joint", name=joint.get("name"), axis=axis, **springs[joint.get("name")])
+        _add_inertia(body, link)
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            _add_shape(body, shape, name)
+        for joint in hanging:
+            turns = [] if joint.get("type") == "fixed" else [joint]
+            add(body, joint.find("child").get("link"), _place(joint), turns)
+        return body
+
+    body = add(parent, first, {}, [])
+    for frame in robot.findall("frame"):
+        (on,) = (each for each in body.iter("body") if each.get("name") == frame.get("link"))
+        _add(on, "site", name=frame.get("name"), pos=frame.get("xyz"), size=1e-3)
+    return body
+
+
+def _place(element) -> dict[str, str]:
+    origin = element.find("origin")
+    place = {"pos": origin.get("xyz"), "euler": origin.get("rpy", "0")}
+    return {name: value for name, value in place.items() if any(map(float, value.split()))}
+
+
+def _add_inertia(body: Element, link) -> None:
+    """Add the inertia of a link; MuJoCo misplaces the frame of a body that says none."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        _add(body, "inertial", pos=(0, 0, 0), mass=0, diaginertia=(0, 0, 0))
+        return
+    origin = inertial.find("origin")
+    moments = inertial.find("inertia")
+    _add(
+        body,
+        "inertial",
+        pos="0 0 0" if origin is None else origin.get("xyz"),
+        mass=inertial.find("mass").get("value"),
+        diaginertia=" ".join(moments.get(name) for name in ("ixx", "iyy", "izz")),
+    )
+
+
+def _add_shape(body: Element, shape, link: str) -> None:
+    """Add a visual, or a collision with what is not of the same limb or robot."""
+    (kind,) = shape.find("geometry")
+    numbers = kind.get("size") or " ".join(filter(None, map(kind.get, ("radius", "length"))))
+    sizes = [float(number) for number in numbers.split()]
+    halved = slice(None) if kind.tag == "box" else slice(1, None)
+    sizes[halved] = [size / 2 for size in sizes[halved]]
+    given = {"type": kind.tag, "size": sizes, **_place(shape), "mass": 0}
+    if shape.tag == "visual":
+        color = shape.find("material/color").get("rgba")
+        _add(body, "geom", **given, contype="0", conaffinity="0", group="2", rgba=color)
+        return
+    properties = shape.find("drake:proximity_properties")
+    friction = properties.find("drake:mu_dynamic").get("value")
+    _add(body, "geom", name=link, **given, conaffinity="0", group="3", friction=friction)
+
+
+def _add_mount(body: Element, mount: str, height: float) -> None:
+    """Add the joints by which a robot's body moves."""
+    joints: dict[str, list[dict[str, Any]]] = {
+        "planar": [
+            {"name": "body_x", "type": "slide", "axis": (1, 0, 0)},
+            {"name": "body_z", "type": "slide", "axis": (0, 0, 1), "ref": height},
+            {"name": "body_pitch", "type": "hinge", "axis": (0, -1, 0)},  # turns +x to +z
+        ],
+        "free": [{"name": "body", "type": "free"}],
+        "welded": [],
+    }
+    for number, joint in enumerate(joints[mount]):
+        element = _add(body, "joint", **joint)
+        body.remove(element)
+        body.insert(number, element)
+
+
+def _add_feet(root: Element, world: Element, robot: Any) -> None:
+    """Give feet the stiffness and the damping of their contact, and sensors of its force.
+
+    MuJoCo has both as multiples of (1 - impedance) / m, with the inertia m that a foot has in the
+    straight robot.
+    """
+    import mujoco  # of robots alone
+
+    model = mujoco.MjModel.from_xml_string(document(root))
+    for limb in robot.limbs:
+        name = f"{limb.name}_foot"
+        scale = (1 - IMPEDANCE) * model.body(name).invweight0[0]
+        foot = next(geom for geom in world.iter("geom") if geom.get("name") == name)
+        foot.set("priority", "1")  # over the ground's
+        foot.set("solref", _text(-FOOT_STIFFNESS * scale, -FOOT_DAMPING * scale))
+        foot.set("solimp", _text(IMPEDANCE, IMPEDANCE, 1.0, 0.5, 1.0))
+        sensor = {"geom1": "ground", "geom2": name, "data": "force", "reduce": "netforce"}
+        _add(_section(root, "sensor"), "contact", name=name, **sensor)
+
+
+def _add_wires(
+    root: Element,
+    world: Element,
+    parameters: Any,
+    names: Sequence[str],
+    thermocouples: bool,
+    callback: bool,
+) -> None:
+    """Add a tendon and actuators for each wire, and the hinge of its thermocouple."""
+    links = _of_joints(parameters, names)
+    wires = [(n, wire) for n, segment in enumerate(parameters.segments) for wire in segment.wires]
+    for number, segment in enumerate(parameters.segments):
+        if segment.rest_memory:
+            raise ValueError(
+                f"segments[{number}] has rest_memory, which MJCF cannot express; leave it out of a "
+                "copy of the description."
+            )
+    for index, ((segment_number, wire), name) in enumerate(
+        zip(wires, parameters.wire_names, strict=True)
+    ):
+        heat = _LinearWire.of(wire.law)
+        if heat is None and not callback:
+            raise ValueError(
+                f"The wire {name} has the law {type(wire.law).__name__}, which MJCF cannot "
+                "express; write its C code as well (--callback FILE.c), or fit the limb with "
+                "--method paper, whose law MJCF can express."
+            )
+        tendon = _add(_section(root, "tendon"), "fixed", name=f"wire_{name}")
+        shares = {"e2": wire.e2, "e3": wire.e3, "twist": 0.0}
+        for _, of_segment, joints in links:
+            for kind, joint in joints if of_segment == segment_number else ():
+                if shares[kind]:
+                    lever = shares[kind] / math.hypot(wire.e2, wire.e3)
+                    _add(tendon, "joint", joint=joint, coef=lever)
+        pulls = {"tendon": f"wire_{name}", "ctrlrange": (0, 1)}
+        actuators = _section(root, "actuator")
+        if heat is None:
+            laws = {"dyntype": "user", "dynprm": index, "actdim": str(len(wire.law.states) + 1)}
+            force = {"gainprm": 0, "biastype": "user"}
+            _add(actuators, "general", name=f"wire_{name}", **pulls, **laws, **force)
+            continue
+        for number, (rate, warmth) in enumerate(zip(heat.rates, heat.warmths, strict=True), 1):
+            suffix = f"_{number}" if number > 1 else ""
+            filtered = {"dyntype": "filterexact", "dynprm": -1 / rate}
+            force = {"gainprm": heat.beta * warmth}
+            _add(actuators, "general", name=f"wire_{name}{suffix}", **pulls, **filtered, **force)
+        if thermocouples:
+            joint = f"thermocouple_{name}"
+            body = _add(world, "body", name=joint)
+            ambient = parameters.ambient_temperature
+            lag = {"stiffness": heat.beta, "damping": heat.beta / heat.lag}
+            at = {"axis": (0, 0, 1), "ref": ambient, "springref": ambient}
+            _add(body, "joint", name=joint, **at, **lag)
+            inertia = {"mass": NEGLIGIBLE_INERTIA, "diaginertia": [NEGLIGIBLE_INERTIA] * 3}
+            _add(body, "inertial", pos=(0, 0, 0), **inertia)
+            _add(tendon, "joint", joint=joint, coef=1)
+
+
+@dataclasses.dataclass
+class _LinearWire:
+    """A wire whose warmth, to which its torque is proportional, is a sum of filters of the duty.
+
+    - ``rates``: poles of the filters, 1/s, negative.
+    - ``warmths``: T - T0 of each filter at full duty in the end, °C.
+    - ``beta``: torque per degree, N·m/°C.
+    - ``lag``: rate of the reading, 1/s, positive.
+    """
+
+    rates: np.ndarray
+    warmths: np.ndarray
+    beta: float
+    lag: float
+
+    @classmethod
+    def of(cls, law: Any) -> "_LinearWire | None":
+        """Return the filters of a law, or None if its heat, torque or reading is not linear."""
+        size = len(law.states)
+
+        def evaluate(warmth: np.ndarray, duty: float, reading: float, angle: float) -> np.ndarray:
+            rates = law.rates(warmth, duty, 0.0)
+            torque = law.torque(warmth, 0.0, angle)
+            return np.array([*rates, torque, law.reading_rate(reading, warmth)], float)
+
+        # The slopes at cold wires, and what they predict of a warm wire.
+        points = np.eye(size + 3)
+        slopes = np.array([evaluate(point[:size], *point[size:]) for point in points]).T
+        warm = np.concatenate([np.linspace(80.0, 30.0, size), [0.7, 60.0, 0.4]])
+        expected = slopes @ warm
+        exact = evaluate(warm[:size], *warm[size:])
+        by_heat, by_duty = slopes[:size, :size], slopes[:size, size]
+        torque, reading = slopes[size : size + 2]
+        rates, modes = np.linalg.eig(by_heat)
+        scale = LINEARITY * (np.abs(exact) + np.abs(slopes) @ np.abs(warm))
+        is_native = (
+            (np.abs(exact - expected) <= scale).all()
+            and not torque[1:].any()  # by T alone
+            and not reading[1 : size + 1].any()
+            and np.isclose(reading[0], -reading[size + 1])  # V' = a3 (V - T)
+            and (np.isreal(rates) & (rates.real < 0)).all()
+        )
+        if not is_native:
+            return None
+        shares = modes[0].real * np.linalg.solve(modes, by_duty).real
+        return cls(rates.real, -shares / rates.real, float(torque[0]), float(reading[0]))
