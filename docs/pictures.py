@@ -8,6 +8,7 @@ drawn by hand.
 
 import argparse
 import contextlib
+import re
 import runpy
 import shutil
 import subprocess
@@ -563,7 +564,7 @@ def photograph_live_page(evaluation: Path) -> None:
             kwargs={"controller": controller, "live": live},
         )
         run.start()
-        page.wait_for_timeout(10_000)
+        page.get_by_text(re.compile(r"^10\.\d s of 12 s")).wait_for()
         page.screenshot(path=FOLDER / "live.png")
         run.join()
 

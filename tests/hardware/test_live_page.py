@@ -28,7 +28,7 @@ from limb_systems import LimbParameters, Recording, Trajectory
 from planners import plan, references
 from soft_limb import live_page
 from soft_limb.command import main
-from soft_limb.live_page import NUM_POINTS, LivePage, Page, Run
+from soft_limb.live_page import LivePage, Page, Run
 from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.repetitions import repeat
 from soft_limb.runs.rollout import roll_out
@@ -398,19 +398,21 @@ def tell(run, *readings):
         run.take(pickle.dumps(Message("a run", reading)), [])
 
 
-def test_curves_are_thinned_to_the_whole_run_or_its_last_minutes(motion):
+def test_curves_are_thinned_to_the_whole_run_or_its_last_minutes(monkeypatch, motion):
     """All of a run with an end, also while its wires cool; minutes of what has no end."""
+    monkeypatch.setattr(live_page, "NUM_POINTS", 150)  # a tenth, in a tenth of the time
+    monkeypatch.setattr(live_page, "WINDOW", 60.0)
     run = Run(0)
     early = Page(run)
     for duration, count, first, last in (
-        (20.0, 400, 0.0, 20.0),
-        (300.0, NUM_POINTS, 0.0, 300.0),
-        (None, 2 * NUM_POINTS, 100.0, 1300.0),
+        (5.0, 100, 0.0, 5.0),
+        (30.0, 150, 0.0, 30.0),
+        (None, 300, 10.0, 130.0),
     ):
         run.begin(RunHeader("a limb", motion.parameters, 110.0, duration))
         for step in range(round(20 * last)):
             tell(run, Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2))
-            if step % 1000 == 0:
+            if step % 500 == 0:
                 early.update()
         for page in (early, Page(run)):
             page.update()
@@ -419,13 +421,12 @@ def test_curves_are_thinned_to_the_whole_run_or_its_last_minutes(motion):
             assert times[0] == pytest.approx(first)
             assert times[-1] == pytest.approx(last, abs=0.5)
             np.testing.assert_allclose(np.diff(times), times[1] - times[0])
-    run.begin(RunHeader("a limb", motion.parameters, 110.0, 20.0))
-    for step in range(12_400):
-        cooling = step >= 400
-        tell(run, Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2, cooling=cooling))
+    run.begin(RunHeader("a limb", motion.parameters, 110.0, 5.0))
+    for step in range(1300):
+        tell(run, Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2, cooling=step >= 100))
     early.update()
     assert early.source.data["time"][:2] == [0.0, 0.05]
-    assert len(early.source.data["time"]) == 400 + NUM_POINTS
+    assert len(early.source.data["time"]) == 100 + 150
 
 
 def test_a_value_that_is_missing_is_a_gap_and_charts_that_fail_leave_the_texts(monkeypatch, motion):
