@@ -307,6 +307,8 @@ class Run:
 class Page:
     """What one browser shows of a run, as a Bokeh document.
 
+    Browsers cannot share a document: Bokeh sends new charts in full to the first of them only.
+
     - ``source``: readings of the curves, angles in degrees, columns numbered by bend or wire.
     """
 
