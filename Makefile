@@ -71,7 +71,7 @@ tables: evaluation
 	$(BIN)/python benchmarks/controller_step_time.py > build/evaluation/controller_steps.txt
 	$(BIN)/python benchmarks/plan_time_by_law.py > build/evaluation/laws.txt
 	$(BIN)/python benchmarks/board_faults.py faults --limbs 2 > build/evaluation/board_faults.txt
-	$(BIN)/python benchmarks/grip_forces.py > build/evaluation/grips.txt
+	$(BIN)/python examples/gripper/grip_forces.py > build/evaluation/grips.txt
 	$(BIN)/python benchmarks/gaits_in_space.py > build/evaluation/gaits_in_space.txt
 	$(BIN)/python docs/tables.py build/evaluation
 

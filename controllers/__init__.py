@@ -1,19 +1,6 @@
 """Feedback about a plan, receding horizon, temperature supervisor, learning over repetitions."""
 
-from controllers.estimator import LimbObserver
-from controllers.learner import Learner
-from controllers.plan_feedback import PlanFeedback, PlanRegulator
-from controllers.receding_horizon import RecedingHorizon
-from controllers.reduced_model import ReducedModel
-from controllers.temperature_supervisor import TemperatureSupervisor, supervised
+import lazy_loader
 
-__all__ = [
-    "Learner",
-    "LimbObserver",
-    "PlanFeedback",
-    "PlanRegulator",
-    "RecedingHorizon",
-    "ReducedModel",
-    "TemperatureSupervisor",
-    "supervised",
-]
+# What `__init__.pyi` imports, each name when it is first used: some take a second.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

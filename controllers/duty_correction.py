@@ -15,9 +15,9 @@ from pydrake.trajectories import PiecewisePolynomial
 from controllers.plan_controller import within_total
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, Trajectory
-from limb_systems.band import temperature_margin
 from limb_systems.kinematics import bend_angle, joint_angles_from_bend_angle
 from limb_systems.low_pass import low_pass
+from limb_systems.plan_band import temperature_margin
 from planners.transcription.sequential_convex import descend, first_that_reduces
 
 ROUNDING = 1e-9  # s, of knots and nodes at the same time

@@ -24,12 +24,12 @@ from scipy.signal import detrend
 from controllers.duty_correction import READING_MARGIN, DutyCorrection, Errors
 from controllers.estimator import DRIFT_TIME
 from limb_systems import Layout, LimbError, Provenance, Recording, Trajectory
-from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.errors import raised_as
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.files.first_line import FirstLine
 from limb_systems.files.input import LARGEST_TABLE, read_bytes
 from limb_systems.files.output import write_atomically
+from limb_systems.plan_band import MEAN_TO_DEVIATION
 from limb_systems.tracking import reference_distances, tracking_errors
 
 READING_NOISE = 0.3  # °C, of a mean of some readings of a thermocouple

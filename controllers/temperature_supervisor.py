@@ -7,9 +7,9 @@ from pydrake.systems.framework import Diagram, LeafSystem, System
 from controllers.estimator import Estimator, StateEstimate, packed
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters
-from limb_systems.band import temperature_margin
 from limb_systems.drake_python import weak_method
 from limb_systems.limb_system import behind
+from limb_systems.plan_band import temperature_margin
 from limb_systems.simulation import PERIOD
 
 HOLD = 0.5  # s, for which a duty must be harmless

@@ -19,64 +19,34 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Arc, Polygon, Rectangle
+from matplotlib.patches import Arc, Rectangle
 from matplotlib.transforms import Affine2D, Transform
-from pydrake.geometry import (
-    ClippingRange,
-    ColorRenderCamera,
-    LightParameter,
-    MakeRenderEngineVtk,
-    PerceptionProperties,
-    RenderCameraCore,
-    RenderEngineVtkParams,
-    Rgba,
-    Role,
-    RoleAssign,
-)
-from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPortIndex
-from pydrake.systems.sensors import CameraInfo
-from scipy.interpolate import CubicSpline
 
 from calibration import BendAngleController, EquilibriumSchedule
 from controllers import PlanFeedback
 from hardware import LimbTwin, Station, replay
-from limb_systems import (
-    Layout,
-    Limb,
-    LimbParameters,
-    Recording,
-    Trajectory,
-    simulate,
-    tip_position,
-    wire_color,
-)
-from limb_systems.kinematics import Chain, link_positions
-from limb_systems.tracking import reference_distances
-from limb_systems.views.colors import (
-    LEFT_RIGHT_COLORS,
-    PLAN_COLOR,
-    REFERENCE_COLOR,
-    ROLLOUT_COLOR,
-)
-from limb_systems.views.limb_view import ghost_of_reference, joint_angle_trajectory
+from limb_systems import Limb, LimbParameters, Recording, Trajectory, simulate
+from limb_systems.views.colors import LEFT_RIGHT_COLORS
 from limb_systems.views.plots import save_figure
 from planners import Task, plan, references
 from planners.diagnostics import plot_diagnostics
 from soft_limb.command import main as main_command
 from soft_limb.live_page import LivePage
 from urdf import limb_urdf
-from walking import Robot, RobotParameters, plan_gait
-from walking.views.walk_drawing import animate_walk, draw_walk
+from walking import Gait, Robot, RobotParameters, plan_gait
 from walking.walk_trajectory import walk
 
 FOLDER = Path(__file__).parent
+EXAMPLES = FOLDER.parent / "examples"
+sys.path[:0] = [str(EXAMPLES), str(EXAMPLES / "gripper")]
+
+from figure_in_space import draw_in_space  # noqa: E402
+from render_motion import Scene, animate, draw_moments  # noqa: E402
+
 STYLE = """
 bgcolor=white; nodesep=0.25; ranksep=0.35; fontname="Arial"; fontsize=13;
 node [shape=box, style="rounded,filled", fillcolor="#eef2fb", color="#3b4a6b",
@@ -118,20 +88,25 @@ def copy_evaluation(evaluation: Path) -> None:
 
 
 def make_walk(_: Path) -> None:
-    save_figure(draw_walk(plan_gait(RobotParameters(), spread=False)), FOLDER / "walk.png")
+    save_moments(plan_gait(RobotParameters(), spread=False), FOLDER / "walk.png")
 
 
 def make_walk_in_space(_: Path) -> None:
     """A robot of four limbs that walks ahead, heats its wires for a turn, and turns on the spot."""
     robot = RobotParameters.in_space()
     ahead, around = (plan_gait(robot, turn=turn, spread=False) for turn in (0.0, np.inf))
-    save_figure(draw_walk(ahead), FOLDER / "robot_in_space.png")
+    save_moments(ahead, FOLDER / "robot_in_space.png")
     duty = ahead.duty_trajectory(3)
     turn = walk(around, 3, heat=ahead.initial_heat, bend=ahead.bend_angle[:, 0]).duty_trajectory()
     turn.shiftRight(duty.end_time())
     duty.ConcatenateInTime(turn)
     motion = simulate(Robot(robot), duty, initial_state=ahead.initial_state)
-    animate_walk(motion, FOLDER / "walk_in_space.gif", pace=6.0)
+    animate(motion, FOLDER / "walk_in_space.gif", pace=6.0)
+
+
+def save_moments(gait: Gait, path: Path) -> None:
+    """Draw a gait at six moments, of which the last one is the first a stride further."""
+    save_figure(draw_moments(gait.repeated(2), np.linspace(0.0, gait.period, 6)), path)
 
 
 def make_space(evaluation: Path) -> None:
@@ -153,22 +128,11 @@ def make_space(evaluation: Path) -> None:
 def make_gripper(_: Path) -> None:
     """The gripper of the example at four times, as it was simulated."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        example = runpy.run_path(str(FOLDER.parent / "examples" / "gripper.py"))
+        example = runpy.run_path(str(EXAMPLES / "gripper" / "gripper.py"))
     seen, station = example["seen"], Station(example["FOLDER"] / "scenario.yaml")
     scene_graph, plant = station.GetSubsystemByName("scene_graph"), station.plant
-    beams = [
-        LightParameter(type="directional", frame="world", direction=direction, intensity=intensity)
-        for direction, intensity in (([0.2, 0.8, -0.6], 0.8), ([-0.3, 0.3, -1.0], 0.5))
-    ]
-    white = RenderEngineVtkParams(default_clear_color=[1.0, 1.0, 1.0], lights=beams)
-    scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(white))
-    size, depth = CameraInfo(340, 480, 0.5), ClippingRange(0.01, 5.0)  # px, rad; m
-    camera = ColorRenderCamera(RenderCameraCore("vtk", size, depth, RigidTransform()))
-    right, ahead = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.98, -0.2]) / np.hypot(0.98, 0.2)
-    axes = np.column_stack([right, np.cross(ahead, right), ahead])
-    pose = RigidTransform(RotationMatrix(axes), [0.0, -0.4, 0.17])
-    root = station.CreateDefaultContext()
-    scene, positions = (s.GetMyMutableContextFromRoot(root) for s in (scene_graph, plant))
+    center, to_eye, size = np.array([0.0, -0.008, 0.095]), [0.0, -0.98, 0.2], (340, 480)
+    scene = Scene(station, plant, scene_graph, center, 0.1, to_eye, size)
     shots = []
     for time in (11.0, 15.0, 18.0, 28.0):
         k = np.searchsorted(seen["time"], time)
@@ -177,28 +141,12 @@ def make_gripper(_: Path) -> None:
             if what in ("state", "joint_state"):
                 instance = plant.GetModelInstanceByName(model)
                 state = signal[: plant.num_positions(instance), k]
-                plant.SetPositions(positions, instance, state)
+                plant.SetPositions(scene.context, instance, state)
         for name, wires in station.limbs.items():
-            color_wires(scene_graph, scene, plant, name, wires.parameters, seen, k)
-        query = scene_graph.get_query_output_port().Eval(scene)
-        shot = query.RenderColorImage(camera, scene_graph.world_frame_id(), pose)
-        shots.append(shot.data[..., :3].copy())
+            heat = seen[f"{name}.wire_temperature"][:, k]
+            scene.color_wires(wires.parameters, heat, plant.GetModelInstanceByName(name))
+        shots.append(scene.picture())
     plt.imsave(FOLDER / "gripper.png", np.hstack(shots))
-
-
-def color_wires(scene_graph, scene, plant, name: str, parameters, seen, k: int) -> None:
-    """Give the wires of a simulated limb the colours of their temperatures at a sample."""
-    colors = wire_color(parameters, seen[f"{name}.wire_temperature"][:, k])
-    inspector, source = scene_graph.model_inspector(), plant.get_source_id()
-    for body in plant.GetBodyIndices(plant.GetModelInstanceByName(name)):
-        frame = plant.GetBodyFrameIdOrThrow(body)
-        for geometry in inspector.GetGeometries(frame, Role.kPerception):
-            for wire, color in zip(parameters.wire_names, colors, strict=True):
-                if inspector.GetName(geometry).endswith(f"wire_{wire}"):
-                    shown = PerceptionProperties()
-                    shown.AddProperty("phong", "diffuse", Rgba(*color))
-                    scene_graph.RemoveRole(scene, source, geometry, Role.kPerception)
-                    scene_graph.AssignRole(scene, source, geometry, shown, RoleAssign.kNew)
 
 
 def photograph_replay(evaluation: Path) -> None:
@@ -443,108 +391,6 @@ def _outline(visual, transform: Transform) -> Rectangle:
 def _millimetres(element, attribute: str = "xyz") -> np.ndarray:
     """The first two of an attribute's lengths, along E1 and E2."""
     return 1000 * np.array(element.get(attribute).split()[:2], float)
-
-
-# From where limbs in space are seen: to the right, up, and to the eye, in the limb's frame.
-TO_EYE = np.array([[0.707, 0.707, 0.0], [-0.299, 0.299, 0.906], [0.641, -0.641, 0.423]])
-
-
-def draw_in_space(plan: Trajectory, recording: Recording) -> Figure:
-    """A limb of one segment that draws with its tip: some poses, and the paths of tips."""
-    parameters, plan = recording.parameters, plan.since_start()
-    far = np.linalg.norm(plan.reference, axis=0)
-    begin = plan.time[np.argmax(far > 0.9 * far.max())]  # it waited, and approached
-    times = np.linspace(begin, recording.time[-1], 5)[:-1]
-    figure = Figure(figsize=(6.2, 4.6), layout="constrained")
-    axis = figure.subplots()
-    bracket = 1000 * np.array([6e-3, 0.02, 0.02])
-    for face in range(3):  # those that are seen end at +E1, -E2 and +E3
-        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        corners = np.insert(corners, face, (1, -1, 1)[face], axis=1) * bracket / 2
-        corners = TO_EYE[:2] @ (corners - [bracket[0] / 2, 0.0, 0.0]).T
-        axis.add_patch(Polygon(corners.T, facecolor=("0.30", "0.22", "0.42")[face]))
-    motion = joint_angle_trajectory(recording)
-    poses = [motion.value(time)[:, 0] for time in times]
-    *tips, depth = 1000 * TO_EYE @ tip_position(parameters, np.transpose(poses))
-    tips = np.transpose(tips)
-    for pose in np.argsort(depth):
-        state = recording.wire_temperature
-        heat = recording.measured_temperature if state is None else state
-        at = [np.interp(times[pose], recording.time, row) for row in heat]
-        _draw_pose(axis, parameters, poses[pose], wire_color(parameters, at))
-        outwards = tips[pose] - tips.mean(axis=0)
-        beside = tips[pose] + 12 * outwards / np.linalg.norm(outwards)
-        axis.text(*beside, f"{times[pose]:.0f} s", ha="center", va="center")
-        axis.update_datalim([beside])
-    for label, angles, color, style in (
-        ("reference", ghost_of_reference(plan).joint_angles, REFERENCE_COLOR, "-"),
-        ("plan", joint_angle_trajectory(plan), PLAN_COLOR, "--"),
-        (f"limb ({recording.how})", motion, ROLLOUT_COLOR, "-"),
-    ):
-        along = angles.vector_values(np.linspace(0, recording.time[-1], 999))
-        right, up, _ = 1000 * TO_EYE @ tip_position(parameters, along)
-        axis.plot(right, up, style, color=color, linewidth=1.6, label=f"tip of the {label}")
-    for name, end in zip(("E1", "E2", "E3"), TO_EYE[:2].T, strict=True):
-        reach = 118 if name == "E1" else 36
-        arrow = {"arrowstyle": "-|>", "color": "0.35", "linewidth": 1.0}
-        axis.annotate("", reach * end, (0, 0), arrowprops=arrow, zorder=0.5)
-        axis.text(*(reach + 6) * end, name, color="0.35", ha="center", va="center")
-        axis.update_datalim([(reach + 6) * end])
-    limits = parameters.temperature_limits
-    values = np.linspace(parameters.ambient_temperature, limits.maximum, 100)
-    colors = ListedColormap(wire_color(parameters, values))
-    shades = ScalarMappable(Normalize(values[0], values[-1]), colors)
-    scale = axis.inset_axes([-12, -58, 45, 2.5], transform=axis.transData)
-    figure.colorbar(shades, scale, orientation="horizontal", label="wire temperature (°C)")
-    axis.plot([-12, 8], [-42, -42], color="0.2", linewidth=2)
-    axis.text(-2, -41, "20 mm", ha="center")
-    axis.legend(loc="upper right", frameon=False)
-    missed = np.rad2deg(reference_distances(plan, [recording]).done)
-    axis.set_title(
-        f"mean distance of the bend from the circle, as read: {missed:.1f}°", fontsize=10
-    )
-    axis.set(aspect="equal")
-    axis.set_axis_off()
-    return figure
-
-
-def _draw_pose(axis, parameters: LimbParameters, joint_angles: np.ndarray, colors) -> None:
-    """Wires as they run, the farthest first, in clear silicone."""
-    (segment,) = parameters.segments
-    ends = link_positions(parameters, joint_angles)
-    layout = Layout(parameters)
-    placed = Chain(layout, ca.SX(joint_angles)).frames
-    frames = [ca.DM(placed[joint]).full() for joint in layout.last_joints]
-
-    def seen(e2: float, e3: float) -> np.ndarray:
-        """The curve of what runs at a place in the section, mm."""
-        middles = (ends[:-1] + ends[1:]) / 2 + [frame @ [0, e2, e3] for frame in frames]
-        first, last = ends[0] + [0, e2, e3], ends[-1] + frames[-1] @ [0, e2, e3]
-        points = 1000 * TO_EYE @ np.vstack([first, middles, last]).T
-        where = np.cumsum(np.append(0, np.linalg.norm(np.diff(points), axis=0)))
-        return CubicSpline(where, points, axis=1)(np.linspace(0, where[-1], 60))
-
-    def tube(curve: np.ndarray, radius: float, color, **style) -> None:
-        along = np.gradient(curve[:2], axis=1)
-        side = radius * np.array([-along[1], along[0]]) / np.linalg.norm(along, axis=0)
-        outline = np.hstack([curve[:2] + side, (curve[:2] - side)[:, ::-1]])
-        axis.add_patch(Polygon(outline.T, facecolor=color, linewidth=0, **style))
-
-    curves = [seen(wire.e2, wire.e3) for wire in segment.wires]
-    for wire in np.argsort([curve[2].mean() for curve in curves]):
-        for share in np.linspace(1.0, 0.2, 9):  # lighter towards the middle
-            shade = colors[wire] * (1.15 - 0.45 * share) + 0.12 * (1 - share)
-            tube(curves[wire], 1.5 * share, shade.clip(0, 1))
-    axial, radius = seen(0, 0), 500 * segment.thickness
-    clear = (1.0, "#6f86ab", 0.22), (0.9, "#c3cfe2", 0.25), (0.3, "white", 0.2)
-    for share, color, alpha in clear:
-        tube(axial, share * radius, color, alpha=alpha)
-    turn = np.linspace(0, 2 * np.pi, 60)
-    rim = (TO_EYE[:2] @ frames[-1] @ [0 * turn, np.cos(turn), np.sin(turn)]).T
-    ends_of = (axial, radius, "#e6ebf3"), *zip(curves, [1.5] * len(curves), colors, strict=True)
-    for curve, size, color in ends_of:
-        end = Polygon(curve[:2, -1] + size * rim, facecolor=color, edgecolor="#6f86ab", lw=0.6)
-        axis.add_patch(end)
 
 
 def photograph_live_page(evaluation: Path) -> None:

@@ -17,14 +17,13 @@ from limb_systems.views.plots import plot_motion, save_figure
 from planners import plan_gait
 from walking import GaitFeedback
 from walking.gait_check import strides_of
-from walking.views.walk_drawing import draw_walk
 from walking.walk_trajectory import walk
 
 
 def main(options):
     gait = plan_gait(options.robot, spread=False)
     gait.save(options.out / "gait.csv")
-    save_figure(draw_walk(gait), options.out / "gait.png")
+    save_figure(plot_motion(gait), options.out / "gait.png")
     print(gait.summary())
     robot = copy.deepcopy(gait.robot)
     robot.ground.friction *= options.friction

@@ -13,8 +13,8 @@ from hardware.board.serial_limb import DEADLINE, SerialLimb
 from hardware.board.several_boards import Link
 from hardware.firmware import guard
 from limb_systems import Layout, LimbParameters, LimbSystem, Trajectory
-from limb_systems.band import Band, band
 from limb_systems.drake_python import weak_method
+from limb_systems.plan_band import Band, band
 from limb_systems.simulation import PERIOD
 
 DONE = "done"  # why a run ended as it should

@@ -25,7 +25,7 @@ from hardware.board.serial_limb import SerialLimb
 from hardware.board.several_boards import switch_off_together
 from hardware.drivers import LimbDriver, export_limb
 from hardware.emulation.twin import LimbTwin
-from hardware.replay import check_replayable
+from hardware.replaying import check_replayable
 from hardware.scenario import Scenario, StationError
 from limb_systems import (
     Trajectory,
@@ -170,7 +170,7 @@ def drive(
     Raises:
         StationError: if the station has no such port, an input has another size, or a limb no duty,
             one that ends before the duration, or one beyond its ``total_duty``.
-        ReplayError: if a plan must not be replayed on its limb, as `hardware.replay` says.
+        ReplayError: if a plan must not be replayed on its limb, as `hardware.replaying` says.
         LimbError: if duty leaves [0, 1], or the simulation or a board fails.
     """
     with station:

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
@@ -308,6 +307,8 @@ def check_step(
     of_joints = step * (step * layout.stiffness - 2 * layout.damping)
     excess[[joint.velocity_start() for joint in joints]] = of_joints
     mass = 4 * plant.CalcMassMatrix(plant.CreateDefaultContext())
+    import scipy.linalg  # takes long to import
+
     if (highest := scipy.linalg.eigh(np.diag(excess), mass, eigvals_only=True)[-1]) >= 1.0:
         raise ParameterError(
             f"The limbs are too stiff for their mass and damping to be simulated in steps of "

@@ -1,13 +1,13 @@
 """Symbolic functions as numpy code, with exact first and second derivatives.
 
-CasADi differentiates an expression and lists the elementary operations of the result. Each
-operation becomes one line of Python, which numpy evaluates for all points at once, and Python's
-own numbers for a single point, where numpy's overhead would be most of the time.
+CasADi differentiates an expression and lists the elementary operations of the result. Numpy
+evaluates each operation for all points at once. For a single point, where numpy's overhead would be
+most of the time, each operation becomes one line of Python for its own numbers.
 """
 
 import functools
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -17,78 +17,72 @@ from limb_systems.errors import LimbError
 
 ca.GlobalOptions.setNumpyMode(1)  # numpy's functions of symbols return symbols
 
-# Functions that CasADi, Python and numpy know, with numpy's name where it is another one.
-_FUNCTIONS = {"acos": "arccos", "asin": "arcsin", "atan": "arctan", "atan2": "arctan2"}
+# CasADi's operations by their names: the code in Python, and what numpy calls for arrays.
+_FUNCTIONS = {"acos": "arccos", "asin": "arcsin", "atan": "arctan"}
 _FUNCTIONS |= {
     name: name for name in ["cos", "cosh", "exp", "log", "sin", "sinh", "sqrt", "tan", "tanh"]
 }
-# Python code of CasADi's operations, by their names in CasADi.
-_OPERATIONS = {
-    **{name.upper(): f"{name}({{0}})" for name in _FUNCTIONS},
-    "ATAN2": "atan2({0}, {1})",
-    "ASSIGN": "{0}",
-    "ADD": "{0} + {1}",
-    "SUB": "{0} - {1}",
-    "MUL": "{0} * {1}",
-    "DIV": "{0} / {1}",
-    "NEG": "-{0}",
-    "SQ": "{0} * {0}",
-    "TWICE": "{0} + {0}",
-    "INV": "1.0 / {0}",
-    "POW": "{0} ** {1}",
-    "CONSTPOW": "{0} ** {1}",
-    "FABS": "abs({0})",
-    "SIGN": "sign({0})",
-    "LT": "{0} < {1}",
-    "LE": "{0} <= {1}",
-    "AND": "{0} & {1}",
-    "NOT": "negated({0})",
-    "IF_ELSE_ZERO": "where({0}, {1}, 0.0)",
+
+
+def _copy(value: np.ndarray, out: np.ndarray) -> None:
+    out[...] = value
+
+
+def _where(condition: np.ndarray, value: np.ndarray, out: np.ndarray) -> None:
+    out[...] = np.where(condition, value, 0.0)
+
+
+_OPERATIONS: dict[str, tuple[str, Callable[..., Any]]] = {
+    **{
+        name.upper(): (f"{name}({{0}})", getattr(np, in_numpy))
+        for name, in_numpy in _FUNCTIONS.items()
+    },
+    "ATAN2": ("atan2({0}, {1})", np.arctan2),
+    "ASSIGN": ("{0}", _copy),
+    "ADD": ("{0} + {1}", np.add),
+    "SUB": ("{0} - {1}", np.subtract),
+    "MUL": ("{0} * {1}", np.multiply),
+    "DIV": ("{0} / {1}", np.divide),
+    "NEG": ("-{0}", np.negative),
+    "SQ": ("{0} * {0}", np.square),
+    "TWICE": ("{0} + {0}", lambda value, out: np.add(value, value, out)),
+    "INV": ("1.0 / {0}", lambda value, out: np.divide(1.0, value, out)),
+    "POW": ("{0} ** {1}", np.power),
+    "CONSTPOW": ("{0} ** {1}", np.power),
+    "FABS": ("abs({0})", np.absolute),
+    "SIGN": ("sign({0})", np.sign),
+    "LT": ("{0} < {1}", np.less),
+    "LE": ("{0} <= {1}", np.less_equal),
+    "AND": ("{0} and {1}", np.logical_and),
+    "NOT": ("not {0}", np.logical_not),
+    "IF_ELSE_ZERO": ("{1} if {0} else 0.0", _where),
 }
-_CODES = {getattr(ca, f"OP_{name}"): code for name, code in _OPERATIONS.items()}
-_OF_ARRAYS: dict[str, Any] = {
-    **{name: getattr(np, in_numpy) for name, in_numpy in _FUNCTIONS.items()},
-    **{"sign": np.sign, "negated": np.logical_not, "where": np.where},
-    **{"inf": np.inf, "nan": np.nan},
-}
+_BY_CODE = {getattr(ca, f"OP_{name}"): operation for name, operation in _OPERATIONS.items()}
 _OF_NUMBERS: dict[str, Any] = {
-    **{name: getattr(math, name) for name in _FUNCTIONS},
+    **{name: getattr(math, name) for name in [*_FUNCTIONS, "atan2"]},
     "sign": lambda value: math.copysign(1.0, value) if value else 0.0,
-    "negated": lambda condition: not condition,
-    "where": lambda condition, value, other: value if condition else other,
     **{"inf": math.inf, "nan": math.nan},
 }
 
-
-# Instructions from which on CasADi evaluates an expression itself: numpy takes longer for each, and
-# Python to compile them.
-LONG = 12000
+# CasADi evaluates expressions of so many instructions itself where points are few, because numpy
+# takes longer for each instruction, and Python to compile them.
+LONG, FEW = 12000, 100
+CHUNK = 1024  # points that numpy evaluates at once, so that they stay in the processor's cache
 
 
 class Compiled:
-    """Numpy code of symbolic expressions, or CasADi's own of long ones, of floats alone.
+    """Symbolic expressions as a list of instructions for arrays, and as Python code for numbers.
 
     Args:
         inputs: columns of symbols.
         outputs: expressions of them.
-
-    Raises:
-        LimbError: if an expression has an operation that is not smooth.
     """
 
     def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]):
-        outputs = ca.cse(list(outputs))
-        function = ca.Function("function", list(inputs), outputs)
-        self._sizes = [output.nnz() for output in outputs]
+        dense = [output.nz[:] for output in ca.cse(list(outputs))]
+        self._function = function = ca.Function("function", list(inputs), dense)
+        self._sizes = [output.numel() for output in dense]
         self._is_long = function.n_instructions() > LONG
-        if self._is_long:
-            dense = [output.nz[:] for output in outputs]
-            self._machine = ca.Function("function", list(inputs), dense)
-            return
-        code = compile(_source(function), "<symbolic function>", "exec")
-        self._of_numbers, self._of_arrays = (
-            _defined(code, names) for names in (_OF_NUMBERS, _OF_ARRAYS)
-        )
 
     def __call__(self, *inputs: np.ndarray) -> list[np.ndarray]:
         """Evaluate the expressions at any number of points.
@@ -99,59 +93,118 @@ class Compiled:
 
         Returns:
             The nonzeros of each expression (Z, ...).
+
+        Raises:
+            LimbError: if an expression has an operation that is not smooth.
         """
         shape, dtype = inputs[0].shape[1:], np.result_type(*inputs)
-        if self._is_long and 0 not in shape:
-            flat = [values.reshape(len(values), -1) for values in inputs]
-            found = self._machine.call(flat)
-            return [values.full().reshape(-1, *shape) for values in found]
-        if not shape and dtype.kind == "f":
+        if not shape and not self._is_long and dtype.kind == "f":
             lists = [[0.0] * size for size in self._sizes]
             try:
                 self._of_numbers(*(values.tolist() for values in inputs), *lists)
                 return [np.array(values) for values in lists]
             except (ArithmeticError, ValueError):
                 pass  # inf and nan, as for arrays
-        results = [np.empty((size, *shape), dtype) for size in self._sizes]
-        if self._is_long:
-            return results  # of no points
+        flat = [values.reshape(len(values), -1) for values in inputs]
+        num_points = flat[0].shape[1]
+        if self._is_long and 0 < num_points < FEW and dtype.kind == "f":
+            found = self._function.call(flat)
+            return [values.full().reshape(-1, *shape) for values in found]
+        results = [np.empty((size, num_points), dtype) for size in self._sizes]
         with np.errstate(all="ignore"):
-            self._of_arrays(*inputs, *results)
+            for start in range(0, num_points, CHUNK):
+                part = slice(start, start + CHUNK)
+                self._fill([values[:, part] for values in (*flat, *results)], dtype)
         if dtype.hasobject:  # constants among the values, too, become one of Drake's scalars
             results = [values + 0.0 * inputs[0].flat[0] for values in results]
-        return results
+        return [values.reshape(-1, *shape) for values in results]
+
+    def _fill(self, arrays: Sequence[np.ndarray], dtype: np.dtype) -> None:
+        """Evaluate the instructions at some points, from the inputs into the results."""
+        num_registers, constants, steps = self._instructions
+        rows = [*np.empty((num_registers, arrays[0].shape[1]), dtype), *constants]
+        for values in arrays:
+            rows.extend(values)
+        for operation, first, second, to in steps:
+            if second < 0:
+                operation(rows[first], rows[to])
+            else:
+                operation(rows[first], rows[second], rows[to])
+
+    @functools.cached_property
+    def _instructions(self) -> tuple[int, list[float], list[tuple]]:
+        """Number of registers, constants, and steps (operation, first, second or -1, to).
+
+        Operands are numbers of rows: the registers', then the constants, and those of inputs and
+        outputs.
+        """
+        instructions = list(_instructions(self._function))
+        constants = [value for code, value, _ in instructions if code == ca.OP_CONST]
+        num_registers = self._function.sz_w()
+        sizes = [self._function.numel_in(k) for k in range(self._function.n_in())] + self._sizes
+        starts = num_registers + len(constants) + np.cumsum([0, *sizes])
+        inputs, outputs = np.split(starts[:-1], [self._function.n_in()])
+        # A register stands for the row of an input or a constant until something is written to it.
+        row_of = list(range(num_registers))
+        steps: list[tuple] = []
+        next_constant = num_registers
+        for code, operands, to in instructions:
+            if code == ca.OP_CONST:
+                row_of[to[0]] = next_constant
+                next_constant += 1
+            elif code == ca.OP_INPUT:
+                row_of[to[0]] = int(inputs[operands[0]]) + operands[1]
+            elif code == ca.OP_OUTPUT:
+                row = int(outputs[to[0]]) + to[1]
+                steps.append((_copy, row_of[operands[0]], -1, row))
+            else:
+                first, second = (*(row_of[place] for place in operands), -1)[:2]
+                steps.append((_operation(code)[1], first, second, to[0]))
+                row_of[to[0]] = to[0]
+        return num_registers, constants, steps
+
+    @functools.cached_property
+    def _of_numbers(self) -> Callable[..., None]:
+        """The code of a function that fills lists o0, ... from lists of numbers i0, ..."""
+        function, scope = self._function, dict(_OF_NUMBERS)
+        arguments = [f"i{number}" for number in range(function.n_in())]
+        arguments += [f"o{number}" for number in range(function.n_out())]
+        lines = [f"def function({', '.join(arguments)}):"]
+        for code, operands, to in _instructions(function):
+            if code == ca.OP_OUTPUT:
+                lines.append(f" o{to[0]}[{to[1]}] = w{operands[0]}")
+            elif code == ca.OP_INPUT:
+                lines.append(f" w{to[0]} = i{operands[0]}[{operands[1]}]")
+            elif code == ca.OP_CONST:
+                lines.append(f" w{to[0]} = {operands!r}")
+            else:
+                names = [f"w{place}" for place in operands]
+                lines.append(f" w{to[0]} = {_operation(code)[0].format(*names)}")
+        exec("\n".join([*lines, " return"]), scope)
+        return scope["function"]
 
 
-def _source(function: ca.Function) -> str:
-    """The Python code of a CasADi function of inputs i0, ... that fills arrays o0, ..."""
-    arguments = [f"i{number}" for number in range(function.n_in())]
-    arguments += [f"o{number}" for number in range(function.n_out())]
-    lines = [f"def function({', '.join(arguments)}):"]
+def _instructions(function: ca.Function) -> Iterator[tuple]:
+    """The code, the operands, or the constant, and the places of the result of each instruction."""
     for number in range(function.n_instructions()):
-        operation = function.instruction_id(number)
-        inputs, outputs = function.instruction_input(number), function.instruction_output(number)
-        if operation == ca.OP_OUTPUT:
-            lines.append(f" o{outputs[0]}[{outputs[1]}] = w{inputs[0]}")
-        elif operation == ca.OP_INPUT:
-            lines.append(f" w{outputs[0]} = i{inputs[0]}[{inputs[1]}]")
-        elif operation == ca.OP_CONST:
-            lines.append(f" w{outputs[0]} = {function.instruction_constant(number)!r}")
-        elif operation in _CODES:
-            names = [f"w{place}" for place in inputs]
-            lines.append(f" w{outputs[0]} = {_CODES[operation].format(*names)}")
-        else:
-            codes = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
-            raise LimbError(
-                f"A law of a wire uses {codes[operation].removeprefix('OP_').lower()}, which is "
-                "not smooth; write it with powers, exp, log, tanh and the like."
-            )
-    return "\n".join([*lines, " return"])
+        code = function.instruction_id(number)
+        operands = (
+            function.instruction_constant(number)
+            if code == ca.OP_CONST
+            else function.instruction_input(number)
+        )
+        yield code, operands, function.instruction_output(number)
 
 
-def _defined(code: Any, names: dict[str, Any]) -> Callable[..., None]:
-    scope = dict(names)
-    exec(code, scope)
-    return scope["function"]
+def _operation(code: int) -> tuple[str, Callable[..., Any]]:
+    """The Python code and numpy's function of one of CasADi's operations."""
+    if code in _BY_CODE:
+        return _BY_CODE[code]
+    names = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
+    raise LimbError(
+        f"A law of a wire uses {names[code].removeprefix('OP_').lower()}, which is not smooth; "
+        "write it with powers, exp, log, tanh and the like."
+    )
 
 
 _MOST_STATED = 16
@@ -226,9 +279,9 @@ class SmoothFunction:
         result[..., columns, rows] = curved
         return result
 
-    def slopes(self, points: np.ndarray) -> np.ndarray:
+    def slopes(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
         """Derivatives by the points at the ``slope_places`` (..., Z)."""
-        return _outside(self._compiled_first(*_inside(points))[1])
+        return _outside(self._compiled_first(*_inside(points, *parameters))[1])
 
     def curvatures(
         self, points: np.ndarray, weights: np.ndarray, *parameters: np.ndarray

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from limb_systems.dynamics import equation_of_motion
+from limb_systems.dynamics import dynamics_of
 from limb_systems.errors import LimbError
 from limb_systems.kinematics import Chain
 from limb_systems.layout import Layout
@@ -73,7 +73,7 @@ class _Balance:
     def __init__(self, parameters: LimbParameters):
         self.wires, n = Wires(parameters), parameters.num_joints
         q, x, still = ca.SX.sym("q", n), ca.SX.sym("x", self.wires.num_states), ca.SX(n, 1)
-        residual = equation_of_motion(parameters, self.wires, q, still, still, x)
+        residual = dynamics_of(parameters).residual(q, still, x, still)
         self._residual = SmoothFunction(residual, ca.vertcat(q, x))  # of [θ, x]
         self._chords = SmoothFunction(Chain(Layout(parameters), q).bends(), q)  # φ (F,) of θ
 

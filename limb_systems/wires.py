@@ -1,6 +1,7 @@
 """All wires of a limb in their rubber: the heat (6)-(7) and the forces (4), stated in symbols."""
 
 import dataclasses
+from collections.abc import Hashable
 from typing import Any
 
 import casadi as ca
@@ -44,8 +45,7 @@ class Wires:
     """
 
     def __init__(self, parameters: LimbParameters):
-        plain = dataclasses.replace(parameters, calibration=None)
-        key = Wires, repr(plain), *(type(wire.law) for wire in parameters.wires)
+        key = Wires, *limb_key(parameters)
         self.__dict__.update(stated_once(key, lambda: self._stated(parameters)))
 
     def _stated(self, parameters: LimbParameters) -> dict[str, Any]:
@@ -276,6 +276,12 @@ class Wires:
         ]
         states[self._first_shift :] = self._rubber.settled(np.array(gained, float))
         return states
+
+
+def limb_key(parameters: LimbParameters) -> tuple[Hashable, ...]:
+    """Return what tells a limb from others whose equations differ, for `stated_once`."""
+    plain = dataclasses.replace(parameters, calibration=None)
+    return repr(plain), *(type(wire.law) for wire in parameters.wires)
 
 
 def num_wire_states(parameters: LimbParameters) -> int:

@@ -3,34 +3,16 @@
 import importlib
 from typing import Any
 
-from planners import references
-from planners.grip import Grip, grip
-from planners.nearest import nearest_bend_angle
-from planners.planning import Planner, plan
-from planners.task import Phase, Task, TaskError
-from planners.transcription.ipopt import ExactHessianIpoptSolver
-from planners.transcription.program import TrajectoryProgram
-from planners.transcription.solving import InfeasibleError, PlanningError
+import lazy_loader
 
-__all__ = [
-    "ExactHessianIpoptSolver",
-    "Grip",
-    "InfeasibleError",
-    "Phase",
-    "Planner",
-    "PlanningError",
-    "Task",
-    "TaskError",
-    "TrajectoryProgram",
-    "grip",
-    "nearest_bend_angle",
-    "plan",
-    "references",
-]
+import limb_systems  # noqa: F401 - what hides a package is said before it is imported
+
+# What `__init__.pyi` imports, each name when it is first used: some take a second.
+_own_name, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """`plan_gait`, which is in `walking`."""
+    """Return a public name; `plan_gait` is in `walking`."""
     if name == "plan_gait":
         return getattr(importlib.import_module("walking"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return _own_name(name)

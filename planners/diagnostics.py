@@ -32,11 +32,13 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     if Layout(parameters).is_planar:
         program = TrajectoryProgram(parameters, time)
         block, x = program.defects, program.variables(trajectory.state, trajectory.duty)
-        defects = program.defects_of(x)
+        motion, heat = (block.evaluate(x) for block in program.blocks)
+        places = block.rows % (len(time) - 1) * 2 * n + block.rows // (len(time) - 1)
+        defects = np.vstack([motion.reshape(2 * n, -1), heat.reshape(len(time) - 1, -1).T])
     else:  # which has heat alone
         program = QuasiStaticProgram(parameters, time, HeldAngles(parameters), Task())
         block, x = program.blocks[0], program.variables(trajectory.state[2 * n :], trajectory.duty)
-        defects = block.evaluate(x).reshape(len(time) - 1, -1).T
+        defects, places = block.evaluate(x).reshape(len(time) - 1, -1).T, block.rows
         sizes = {"wires": num_states, "V": len(parameters.wires)}
     ends = np.cumsum([*sizes.values()])[:-1]
     for label, rows in zip(sizes, np.split(np.abs(defects), ends), strict=True):
@@ -61,10 +63,11 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
         axis.set_xlabel("time (s)")
         dress(axis)
 
-    shown = block.rows < SHOWN_INTERVALS * sum(sizes.values())
+    # Rows interval by interval.
+    shown = places < SHOWN_INTERVALS * len(block.lower) // (len(time) - 1)
     shown &= ~np.isin(block.columns, program.time_steps)
     _, columns = np.unique(block.columns[shown], return_inverse=True)
-    jacobian_axis.plot(columns, block.rows[shown], "s", color="0.25", markersize=2.0)
+    jacobian_axis.plot(columns, places[shown], "s", color="0.25", markersize=2.0)
     share = len(block.rows) / (len(block.lower) * program.prog.num_vars())
     jacobian_axis.set_title(
         f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals\n"

@@ -4,15 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.symbolic import Expression, MakeVectorContinuousVariable
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import (
-    Adder,
-    LogVectorOutput,
-    SymbolicVectorSystem,
-    TrajectorySource,
-)
-from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
     ActiveConstraint,
@@ -21,31 +12,26 @@ from limb_systems import (
     LimbError,
     LimbParameters,
     Trajectory,
-    Wires,
     bend_angle,
     simulate,
-    split_state,
 )
+from limb_systems.dynamics import dynamics_of
 from limb_systems.files.signal_table import stretches
-from limb_systems.limb import make_manipulator
 from limb_systems.simulation import (
-    SimulationError,
-    end_of_samples,
-    failure_told,
-    make_simulator,
+    sample_count,
 )
 from limb_systems.statics import HeldAngles, static_equilibrium
 from limb_systems.tracking import reference_distances
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE
+from planners.radau import simulate_plan
 from planners.task import Task
 from planners.transcription.program import reading_bounds
 
-# Accuracy of the simulation that a plan is checked with: its bend angle is
+# Accuracy of Drake's simulation, where a plan is checked with it: its bend angle is
 # within 0.002° of that at accuracy 1e-6, for the Fig. 5 reference and for
 # steps to 170°. Ten times finer takes three times as long.
 CHECK_ACCURACY = 3e-4
 CHECK_RATE = 20.0  # Hz, of the comparison; the rate of the knots if that is higher
-HEAT_STEP = 1 / 30  # s, of the wires alone, between which their forces are linear
 
 # A limb swings about a quasi-static plan if its first mode is slower, its damping over its
 # stiffness larger, or what a jump of its bend rate makes it ring larger than this.
@@ -61,86 +47,28 @@ LITTLE = np.deg2rad(1.0)
 def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Return the distance between the bend angle of a plan and the simulation of its duty.
 
-    An accurate integrator simulates the duty from the first state of the plan.
+    The limb's own equations are integrated under its duty from the first state of the plan: see
+    `planners.radau`. A limb that this integrator cannot follow is simulated by Drake.
 
     Returns:
         Times (M,), s, and the largest difference of a segment (M,), rad.
     """
     rate = max(CHECK_RATE, 1 / np.diff(trajectory.time).min())
-    wires = Wires(trajectory.parameters)
-    runs_in_python = not (wires.rates_are_affine and wires.torque_is_affine)
-    if runs_in_python and not wires.laws_need_angle:
-        times, simulated = _heat_then_motion(trajectory, rate)
-    else:
+    parameters, plan = trajectory.parameters, trajectory.since_start()
+    times = np.arange(sample_count(plan.duration, rate)) / rate
+    try:
+        simulated = bend_angle(parameters, simulate_plan(plan, times))
+    except LimbError:  # the equations turn too suddenly; Drake's error control gets over that
         recording = simulate(
-            Limb(trajectory.parameters),
-            trajectory,
+            Limb(parameters),
+            plan,
             sample_rate=rate,
             accuracy=CHECK_ACCURACY,
-            initial_state=trajectory.state[:, 0],
+            initial_state=plan.state[:, 0],
         )
-        times, simulated = recording.time, recording.bend_angle
-    planned = trajectory.since_start().bend_angle_at(np.minimum(times, trajectory.duration))
+        simulated = recording.bend_angle
+    planned = plan.bend_angle_at(np.minimum(times, plan.duration))
     return times, np.abs(simulated - planned).max(axis=0)
-
-
-def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate a limb whose wires do not feel its angles: first the wires, then the chain.
-
-    The implicit integrator of the chain evaluates its systems very often. Laws that run in Python
-    are too slow for it, so the wires are simulated before it starts.
-
-    Returns:
-        Times (M,), s, and bend angles (S, M), rad.
-    """
-    parameters, plan = trajectory.parameters, trajectory.since_start()
-    angles, rates, states, _ = split_state(parameters, plan.state[:, 0])
-    duration, n, wires = plan.duration, parameters.num_joints, Wires(parameters)
-    counts = np.ceil(np.diff(plan.time) / HEAT_STEP - 1e-9).astype(int)
-    places = np.concatenate([k + np.arange(count) / count for k, count in enumerate(counts)])
-    times = np.append(np.interp(places, np.arange(len(plan.time)), plan.time), duration)
-    duty = plan.duty_trajectory().vector_values(times).T
-    courses = wires.under_duty(states, duty, times)
-    if (lost := ~np.isfinite(courses).all(axis=1)).any():
-        raise SimulationError(
-            f"The simulation stopped at {times[lost.argmax()]:.3g} s of {duration:g} s: the wires' "
-            "states are no numbers from there on."
-        )
-    straight = np.zeros(n)
-    forces = wires.forces(courses, np.zeros((1, n)))
-
-    builder = DiagramBuilder()
-    manipulator = builder.AddSystem(make_manipulator(parameters))
-    course = PiecewisePolynomial.FirstOrderHold(times, forces.T)
-    source = builder.AddSystem(TrajectorySource(course))
-    if wires.torque_needs_angle:
-        # What stiffens, as an expression that Drake evaluates in C++, with the state that it wants.
-        state = MakeVectorContinuousVariable(2 * n, "q")
-        cold = wires.cold_states
-        with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-            more = wires.forces(cold, state[:n]) - wires.forces(cold, straight)
-        unused = MakeVectorContinuousVariable(1, "unused")
-        rubber = builder.AddSystem(
-            SymbolicVectorSystem(state=unused, input=state, dynamics=[Expression(0.0)], output=more)
-        )
-        total = builder.AddSystem(Adder(2, n))
-        builder.Connect(manipulator.get_state_output_port(), rubber.get_input_port())
-        builder.Connect(rubber.get_output_port(), total.get_input_port(0))
-        builder.Connect(source.get_output_port(), total.get_input_port(1))
-        source = total
-    builder.Connect(
-        source.get_output_port(), manipulator.get_applied_generalized_force_input_port()
-    )
-    sink = LogVectorOutput(manipulator.get_state_output_port(), builder, 1 / rate)
-    simulator = make_simulator(builder.Build(), CHECK_ACCURACY)
-    context = simulator.get_mutable_context()
-    manipulator.SetPositionsAndVelocities(
-        manipulator.GetMyMutableContextFromRoot(context), np.concatenate([angles, rates])
-    )
-    with failure_told(simulator, duration):
-        simulator.AdvanceTo(end_of_samples(duration, rate))
-    log = sink.FindLog(context)
-    return log.sample_times(), bend_angle(parameters, log.data()[:n])
 
 
 def swings(trajectory: Trajectory) -> str | None:
@@ -151,10 +79,11 @@ def swings(trajectory: Trajectory) -> str | None:
     parameters, layout = trajectory.parameters, Layout(trajectory.parameters)
     if layout.is_planar:
         return None
-    held, plant = HeldAngles(parameters), make_manipulator(parameters)
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, held.rest_angles)
-    slowest = np.linalg.eigvals(held.compliance @ plant.CalcMassMatrix(context)).real.max()
+    held, dynamics = HeldAngles(parameters), dynamics_of(parameters)
+    at_rest = np.zeros(2 * parameters.num_joints + dynamics.num_states)
+    at_rest[: parameters.num_joints] = held.rest_angles
+    mass = dynamics.mass_and_load(at_rest)[0]
+    slowest = np.linalg.eigvals(held.compliance @ mass).real.max()
     first_mode = 1 / (2 * np.pi * np.sqrt(slowest))  # Hz
     lag = (layout.damping / layout.stiffness).max()
     rates = np.diff(trajectory.bend_angle) / np.diff(trajectory.time)

@@ -65,8 +65,8 @@ def plan(
 
     Where the plan differs from its simulation by more than the tolerance, knots are added and the
     program is solved again. A limb that is calibrated by prediction has a band of readings
-    (`limb_systems.band`). If they reach the limit of the board, the program is solved again with a
-    margin.
+    (`limb_systems.plan_band`). If they reach the limit of the board, the program is solved again
+    with a margin.
 
     Args:
         parameters: description of the limb, or its YAML file; the nominal limb if None.

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from limb_systems import LimbError, LimbParameters
-from limb_systems.band import LARGEST_MARGIN, temperature_margin
 from limb_systems.errors import raised_as
 from limb_systems.files.input import read_text
 from limb_systems.files.schema import load_typed
+from limb_systems.plan_band import LARGEST_MARGIN, temperature_margin
 
 
 class TaskError(LimbError):

@@ -9,13 +9,12 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from importlib.metadata import entry_points, version
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from hardware.board.signals import SIGNALS, came, stop
 from limb_systems.errors import LimbError
-from limb_systems.files.schema import nearest
 from soft_limb.results.folder import find, glance
 
 NEWEST = 12  # results that are listed without a command
@@ -132,17 +131,31 @@ def _top_level_parser() -> argparse.ArgumentParser:
         + f"\nsoft-limb COMMAND --help explains each of them.\n{EXIT_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, help="show program's version number and exit"
+    )
     _add_import_option(parser)
     parser.add_argument("command", type=_command_name, metavar="COMMAND", help="one of those below")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
     return parser
 
 
+class _Version(argparse.Action):
+    """Prints the version, which takes long to find."""
+
+    def __call__(self, parser, *_: Any) -> None:
+        from importlib.metadata import version
+
+        print(f"soft-limb {version('soft-limb')}")
+        parser.exit()
+
+
 def _command_name(name: str) -> str:
     """Return the name of a command, or say which name is near."""
     if name in all_commands():
         return name
+    from limb_systems.files.schema import nearest  # takes long to import
+
     raise argparse.ArgumentTypeError(
         f"there is no command {name!r}{nearest(name, list(all_commands()))}; --help lists all."
     )

@@ -92,13 +92,13 @@ def test_imports_in_functions_and_by_importlib_are_seen():
 def later():
     from limb_systems import files
     import urdf.generate as generate
-    importlib.import_module("hardware.replay")
+    importlib.import_module("hardware.replaying")
     __import__("planners")
     import_module(f"{package}.__main__")
 """
     name = "calibration.collecting.measurement_protocol"
     seen = imports_of(name, ast.parse(text))
-    wanted = {"limb_systems.files", "urdf.generate", "hardware.replay", *PACKAGES}
+    wanted = {"limb_systems.files", "urdf.generate", "hardware.replaying", *PACKAGES}
     assert seen == wanted
 
 

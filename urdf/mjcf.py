@@ -41,7 +41,7 @@ def limb_mjcf(
         parameters: such as `limb_systems.LimbParameters`.
         thermocouples: whether readings V are simulated.
         timestep: s; the bend is right to 0.001° at 1 ms, and to 0.01° at 10 ms.
-        integrator: of MuJoCo; with "RK4" the stiff links blow up.
+        integrator: MuJoCo's name of its integrator; with "RK4" the stiff links blow up.
         callback: whether wires of laws that MJCF cannot express are written for the C code of
             `limb_systems.wire_callback`. Their activations are [x, V], less their cold values.
 

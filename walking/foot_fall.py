@@ -4,8 +4,6 @@ import itertools
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
-from scipy.ndimage import uniform_filter1d
-from scipy.spatial.transform import Rotation
 
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
@@ -80,6 +78,8 @@ def _velocity(recording: Recording) -> tuple[np.ndarray, float]:
         noise = float(np.median(np.abs(np.diff(slip)), axis=-1).max()) / (0.674 * np.sqrt(2.0))
     if noise < SLOWEST * step:
         return slip / steps, 0.0
+    from scipy.ndimage import uniform_filter1d  # takes long to import
+
     velocity = uniform_filter1d(slip / steps, averaged, mode="nearest")
     return velocity, np.sqrt(2.0) * noise / (averaged * step)
 
@@ -104,6 +104,8 @@ def _slip(recording: Recording) -> np.ndarray:
             poses[foot, sample] = plant.EvalBodyPoseInWorld(context, body).GetAsMatrix34()
     moved = np.diff(poses[..., 3], axis=1)
     turned = poses[:, 1:, :, :3] @ np.swapaxes(poses[:, :-1, :, :3], -1, -2)
+    from scipy.spatial.transform import Rotation  # takes long to import
+
     turns = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_rotvec().reshape(moved.shape)
     slip = moved + np.cross(turns, [0.0, 0.0, -robot.feet.radius])
     return np.swapaxes(slip[..., :2], 1, 2)

@@ -49,7 +49,7 @@ def collect_equilibria(
         num_angles: number of equilibria.
         seed: seed of the random angles.
         longest: time for which each of them is held at most, s.
-        journal, live: file of the recording, and page, as for `hardware.replay`.
+        journal, live: file of the recording, and page, as for `hardware.replaying`.
 
     Returns:
         A recording with the set points φ_eq as its ``reference``.

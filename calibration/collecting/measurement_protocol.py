@@ -386,7 +386,7 @@ def collect_from_robot(
     Raises:
         LimbError: if there is no such protocol, or if a thermocouple shows no heat.
         HardwareError: if the robot fails on the way; it is off then.
-        OutputError: as for `hardware.replay`.
+        OutputError: as for `hardware.replaying`.
     """
     plans = planned_recordings(
         parameters,

@@ -13,7 +13,7 @@ from ros_bridge.drive import drive
 from ros_bridge.messages import Topics
 
 from hardware import LimbTwin, SerialLimb
-from hardware.replay import check_replayable
+from hardware.replaying import check_replayable
 from limb_systems import LimbError, LimbParameters, LimbSystem, Trajectory
 from limb_systems.files.output import check_outputs
 from soft_limb.command import run_words

@@ -360,7 +360,11 @@ def emulated_port(seed: int = 0) -> Iterator[str]:
     Args:
         seed: seed of the limb.
     """
-    command = [sys.executable, "-m", "hardware", "emulate", "--emulated", str(seed)]
+    program = (
+        f"from hardware import LimbTwin; from {__name__} import emulate; "
+        f"emulate(LimbTwin(seed={seed}), [])"
+    )
+    command = [sys.executable, "-c", program]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as board:
         assert board.stdout  # it is a pipe
         try:

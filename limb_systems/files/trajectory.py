@@ -56,7 +56,7 @@ class PlanCheck:
     - ``total_time``: time from the request to the checked plan, s.
     - ``refinements``: how often knots were added to meet the tolerance.
     - ``cost``, ``guess_cost``: value of eqn (15) at the plan and at the quasi-static guess.
-    - ``largest_defect``: largest defect of the collocation constraints as Drake evaluates
+    - ``largest_defect``: largest defect of the collocation constraints as the planner evaluates
       them, acceleration scaled by M(0)/k to rad, others by their time step.
     - ``broken_constraint``: a constraint of the task's ``customize`` that does not hold,
       and by how much; empty if all do.
@@ -67,7 +67,7 @@ class PlanCheck:
     - ``added``: what the task's ``customize`` added.
     - ``bend_band_deg``: mean half-width of the band about the bend angle in which 95% of
       all limbs are read that the calibration cannot tell from this one, degrees; 0 if it
-      is not known. See `limb_systems.band`.
+      is not known. See `limb_systems.plan_band`.
     - ``highest_readings``: the highest reading of each wire, °C, that 995 of 1000
       of these limbs stay below; empty if it is not known.
     """

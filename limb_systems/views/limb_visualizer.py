@@ -20,21 +20,20 @@ class LimbVisualizer(LeafSystem):
 
     - input 0 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
     - input 1 ``wire_temperature``: T (W), °C; or V, where T is not known
-    - input 2 ``duty``: D (W), in [0, 1], shown as bars beside the base; may be
-      left unconnected
-    - input 3 ``body_pose``: of a robot whose body moves, as the port of `Robot`; may be left
+    - input 2 ``body_pose``: of a robot whose body moves, as the port of `Robot`; may be left
       unconnected
 
     Connect them to the ports of a `Limb` or `Robot` with the same names. The view is
     updated periodically in simulated time; to watch in real time, call the
     simulator's ``set_target_realtime_rate(1.0)``.
 
-    With a plan, translucent ghosts show its reference (grey) and the plan
+    With a plan, ghosts, lines along the axis, show its reference (grey) and the plan
     itself (blue) as they are at the context's time, time 0 being the plan's
     start; after its end they stay in their last pose.
 
     Several limbs share a Meshcat, or a diagram, if each of their views has a
-    different ``prefix``; ``base_pose`` places them beside each other.
+    different ``prefix``; ``base_pose`` places them beside each other. The camera shows
+    the last one.
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -54,8 +53,8 @@ class LimbVisualizer(LeafSystem):
             parameters: the limb, or the robot.
             meshcat: scene to show it in; background, lights and camera are set.
             plan: trajectory to show as a ghost, with its reference.
-            prefix: beginning of the limb's paths in Meshcat, ``visualizer``, ``ghosts``
-                and ``duty``, and of the system's name.
+            prefix: beginning of the limb's paths in Meshcat, ``visualizer`` and ``ghosts``,
+                and of the system's name.
             base_pose: pose of the limb's frame (E1, E2, E3), or of the world of a robot, in
                 Meshcat's world; its origin if None.
             publish_period: time from one update of the view to the next, s.
@@ -74,22 +73,16 @@ class LimbVisualizer(LeafSystem):
         self._view.set_scene(meshcat)
         self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
         self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
-        self.DeclareVectorInputPort("duty", len(parameters.wires))
         if pose_size:
             self.DeclareVectorInputPort("body_pose", pose_size)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, weak_method(self._publish))
         self.DeclareForcedPublishEvent(weak_method(self._publish))
 
     def _publish(self, context: Context) -> None:
-        state, temperature, duty = (self.get_input_port(index) for index in range(3))
+        state, temperature, *placed = map(self.get_input_port, range(self.num_input_ports()))
         angles = state.Eval(context)[: state.size() // 2]
-        has_duty = duty.HasValue(context)
-        self._meshcat.SetProperty(f"{self._root}duty", "visible", has_duty)
-        shown = duty.Eval(context) if has_duty else None
-        pose = None
-        if self.num_input_ports() > 3 and self.get_input_port(3).HasValue(context):
-            pose = self.get_input_port(3).Eval(context)
-        self._view.show(self._meshcat, angles, shown, context.get_time(), pose)
+        pose = placed[0].Eval(context) if placed and placed[0].HasValue(context) else None
+        self._view.show(self._meshcat, angles, context.get_time(), pose)
         self._view.show_heat(self._meshcat, temperature.Eval(context))
 
 

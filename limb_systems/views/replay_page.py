@@ -21,8 +21,6 @@ from limb_systems.layout import Layout
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.views.colors import ROLLOUT_COLOR
 from limb_systems.views.limb_view import (
-    DUTY_COLOR,
-    GHOST_OPACITY,
     WIRE_COLORS,
     Ghost,
     ghost_of_reference,
@@ -65,10 +63,9 @@ def replay_page(
     button (or the space bar) to pause and a slider for the time, and shows φ,
     temperatures and duty at that time as numbers. If a recording has no joint
     angles, they follow from its bend angle by constant curvature, eqn (11). The
-    wires' colour shows T, or V where T is not known, and bars beside the base
-    show the duty. Translucent ghosts show the plan and its reference, or without
-    a plan the reference in the motion. In space the paths of all tips are shown, the motion's
-    own as far as it has come.
+    wires' colour shows T, or V where T is not known. Ghosts, lines along the axis, show
+    the plan and its reference, or without a plan the reference in the motion. In space
+    the paths of all tips are shown, the motion's own as far as it has come.
 
     A robot is on its ground, with a mark each 10 mm, and the page says where its body is. A gait
     is shown for some cycles.
@@ -117,7 +114,7 @@ def replay_page(
     with _drake_silenced():
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
     view.add_to(meshcat)
-    aspect = view.set_scene(meshcat, np.hstack([angles, *ghostly]), pose)
+    view.set_scene(meshcat, np.hstack([angles, *ghostly]), pose)
     if in_space:
         view.add_tip_path(meshcat, angles)
     meshcat.StartRecording(rate)
@@ -127,7 +124,7 @@ def replay_page(
     for frame in range(len(times)):
         time = (frame + 1e-6) / rate  # Drake rounds down
         placed = None if pose is None else pose[:, frame]
-        view.show(meshcat, angles[:, frame], duty[:, frame], time, placed)
+        view.show(meshcat, angles[:, frame], time, placed)
         for paths, color in zip(view.wire_paths, colors[:, frame], strict=True):
             for path in paths:
                 # Meshcat sets "color" on a path; an animation binds to its mesh.
@@ -159,15 +156,12 @@ def replay_page(
         values=np.vstack(values).tolist(),
         frames_per_second=repr(float(rate)),
         last_frame=len(times) - 1,
-        opacity=GHOST_OPACITY,
         provenance=motion.provenance and dataclasses.asdict(motion.provenance),
         signal="measured temperature" if measured else "wire temperature",
         low=f"{parameters.ambient_temperature:g}",
         high=f"{parameters.temperature_limits.maximum:g}",
         colors=[f"rgb({_css(color)})" for color in WIRE_COLORS],
         places=robot.surroundings() if robot else _places_in_words(parameters),
-        duty_rgb=_css(DUTY_COLOR),
-        aspect=aspect,
     )
     page = page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>")
     return page.replace("</body>", f"{caption}</body>")

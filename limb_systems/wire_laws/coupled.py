@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.optimize import brentq
 
 from limb_systems.files.schema import quantity
 from limb_systems.wire_laws.curves import logistic
@@ -193,6 +192,8 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
 
         def excess(free: float) -> float:
             return free + self.stress_shift * on_curve(free) - T
+
+        from scipy.optimize import brentq  # takes long to import
 
         free = brentq(excess, T - self.stress_shift - 1.0, T + 1.0) if self.stress_shift else T
         P, xi = free - self._half_loop, on_curve(free)

@@ -7,8 +7,8 @@ middle:
     x_c = (x0 + x1)/2 + h/8 (ẋ0 - ẋ1),    u_c = (u0 + u1)/2
     ẋ_c = 3/(2h) (x1 - x0) - (ẋ0 + ẋ1)/4 = f(x_c, u_c)
 
-`LimbDefects` evaluates the same equations for all intervals in numpy, with
-sparse derivatives, and differs in two ways that leave the solutions as they are:
+`MotionDefects` are these equations for the chain, for all intervals in numpy, with sparse
+derivatives. They differ in two ways that leave the solutions as they are:
 
 - The midpoint rate is θ̇_c = 3/(2h) (θ1 - θ0) - (θ̇0 + θ̇1)/4, which equals the
   θ̇_c above wherever the θ rows hold. The midpoint state is then linear in the
@@ -16,9 +16,7 @@ sparse derivatives, and differs in two ways that leave the solutions as they are
 - Rows are scaled to the size of the states: accelerations by K⁻¹ M(0), which
   turns them into the static deflections they stand for.
 
-A point is p = [θ, θ̇, y, D], with the heat y = [x, V] of the wires, at a knot or in the middle of an
-interval. F(p) = [θ̈, ẏ] alone is curved. The derivatives of the defects follow from the derivatives
-of F at the knots and in the middle.
+`heat_block` has the equations for the heat, which is no function of the motion.
 """
 
 import copy
@@ -29,34 +27,40 @@ import numpy as np
 from pydrake.solvers import Binding
 
 from limb_systems.dynamics import Dynamics
+from limb_systems.smooth_function import SmoothFunction
 from limb_systems.wires import Wires
+from planners.transcription.function_block import FunctionBlock
 
 ANGLE_SCALE = 0.1  # rad, a typical change, which is scaled to one
 
-_DIFFERENCE = 2e-6  # of central differences, as a share of a time step
 
+class MotionDefects:
+    """Defects of the chain's motion in the K - 1 intervals between K knots.
 
-class LimbDefects:
-    """Defects of a limb's trajectory at K knots as constraints of a program.
+    It is a `planners.transcription.ipopt.ConstraintBlock`. Rows are those of θ (n, K - 1), then
+    those of θ̇ (n, K - 1). An interval depends on z = [p0, p1, h], with p = [θ, θ̇, x, D] at its two
+    knots and its length h:
 
-    It is a `planners.transcription.ipopt.ConstraintBlock` of K - 1 times 2n + M rows, which are
-    in the order of a `Limb`'s states. An interval depends on the points at its knots
-    and on its length, [p0, p1, h].
+        3/(2h) (θ1 - θ0) - 3/4 (θ̇0 + θ̇1) + h/8 (a1 - a0)    times 8/h K⁻¹ M(0)
+        3/(2h) (θ̇1 - θ̇0) - (a0 + a1)/4 - a_c                 times K⁻¹ M(0)
+
+    The accelerations a at the knots and a_c in the middle solve the limb's equation of motion
+    r(θ, θ̇, x, a) = 0, whose derivatives give those of the accelerations: M ∂a = -∂r.
 
     Args:
-        dynamics: F.
-        heat_scales: typical changes of the heat (M,).
+        dynamics: the limb's `Dynamics`.
+        wires: the limb's `Wires`.
         states, duty, time_steps: indices of the knots' states (K, 2n + M) and
             duty (K, W), and of the time steps (K - 1), among the program's variables.
         typical_time_step: s, for the scaling of rows.
         replaces: the program's constraints that this stands for.
-        free_duration: whether the time steps vary, so that their curvature matters.
+        free_duration: whether the time steps vary; there are no derivatives by them if not.
     """
 
     def __init__(
         self,
         dynamics: Dynamics,
-        heat_scales: np.ndarray,
+        wires: Wires,
         states: np.ndarray,
         duty: np.ndarray,
         time_steps: np.ndarray,
@@ -64,161 +68,265 @@ class LimbDefects:
         replaces: Collection[Binding] = (),
         free_duration: bool = False,
     ):
-        self._dynamics, self.replaces = dynamics, replaces
-        self._free_duration = free_duration
-        self._points, self._time_steps = np.hstack([states, duty]), time_steps
-        self._typical_h, M, h = typical_time_step, len(heat_scales), typical_time_step
-        n = self._n = dynamics.num_joints
-        self._scale = np.zeros((2 * n + M, 2 * n + M))
-        self._scale[:n, :n] = 8 / h * dynamics.acceleration_to_angle
-        self._scale[n : 2 * n, n : 2 * n] = dynamics.acceleration_to_angle
-        self._scale[2 * n :, 2 * n :] = np.diag(h / heat_scales)
-        self._variables = np.column_stack([self._points[:-1], self._points[1:], time_steps])
-        self.lower = self.upper = np.zeros(len(time_steps) * (2 * n + M))
-        self._expanded: tuple | None = None
+        self._dynamics, self.replaces, self._is_free = dynamics, replaces, free_duration
+        self._n = n = dynamics.num_joints
+        self._points = np.hstack([states[:, : 2 * n + dynamics.num_states], duty])
+        self._time_steps, self._typical_h = time_steps, typical_time_step
+        self._variables = np.vstack([self._points[:-1].T, self._points[1:].T, time_steps])
+        self._on_rates = dynamics.acceleration_to_angle
+        self._on_angles = 8 / typical_time_step * self._on_rates
+        self.lower = self.upper = np.zeros(2 * n * len(time_steps))
+        self._kept: tuple | None = None
+        self._state_interval(wires)
+        self._lay_out_jacobian()
+        self._lay_out_hessian(is_whole=True)
 
-        P, pattern = self._points.shape[1], dynamics.pattern.astype(float)
-        heat = pattern[None, n:, 2 * n :]
-        self._to_middle = np.abs(_by_knots(np.eye(P)[None], n, heat, heat, 0.1)[0, :, :P])
-        nonzero = np.ones((2 * n + M, 2 * P + 1))
-        nonzero[:n, :-1] = np.tile(np.eye(n, P) + pattern[:n], 2)
-        nonzero[n:, :-1] = np.tile(np.eye(n + M, P, n) + pattern + pattern @ self._to_middle, 2)
-        self._nonzeros = nonzero.nonzero()
-        first_rows = (2 * n + M) * np.arange(len(time_steps))
-        self.rows = (first_rows[:, None] + self._nonzeros[0]).ravel()
-        self.columns = self._variables[:, self._nonzeros[1]].ravel()
-        self._lay_out_hessian(first_curved=0)
+    def _state_interval(self, wires: Wires) -> None:
+        """State in symbols what the heat does in the middle, and what has a curvature."""
+        n, N, P = self._n, wires.num_states, self._points.shape[1]
+        z, h = ca.SX.sym("z", 2 * P), ca.SX.sym("h")
+        parts = [*np.cumsum([0, n, n, N, wires.num_wires]).tolist()]
+        q0, v0, x0, D0 = ca.vertsplit(z[:P], parts)
+        q1, v1, x1, D1 = ca.vertsplit(z[P:], parts)
+        readings = ca.SX(wires.num_wires, 1)  # which heat nothing
+        change = wires.symbolic_heat(x0, readings, D0) - wires.symbolic_heat(x1, readings, D1)
+        q_middle = (q0 + q1) / 2 - h / 8 * (v1 - v0)
+        v_middle = 1.5 / h * (q1 - q0) - (v0 + v1) / 4
+        x_middle = (x0 + x1) / 2 + h / 8 * change[:N]
 
-    def _lay_out_hessian(self, first_curved: int) -> None:
-        """Sets where second derivatives are, by variables of points from a first one on."""
-        self._first_curved, P = first_curved, self._points.shape[1]
-        of_rates = self._dynamics.curvature.astype(float)
-        of_rates[:first_curved] = of_rates[:, :first_curved] = 0.0
-        by_step = self._free_duration and not first_curved
-        curved = np.full((2 * P + 1, 2 * P + 1), float(by_step))
-        by_middle = self._to_middle.T @ of_rates @ self._to_middle
-        curved[:-1, :-1] = np.tile(by_middle, (2, 2)) + np.kron(np.eye(2), of_rates)
-        self._hessian_nonzeros = rows, columns = np.tril(curved).nonzero()
-        self.hessian_rows = self._variables[:, rows].ravel()
-        self.hessian_columns = self._variables[:, columns].ravel()
+        # The heat at both knots, by which forces and states in the middle change.
+        self._heat = np.r_[2 * n : P, P + 2 * n : 2 * P]
+        heat, angles = ca.vertcat(x0, D0, x1, D1), ca.SX.sym("q", 3 * n)
+        at_begin, at_end, in_middle = ca.vertsplit(angles, n)
+        force = wires.symbolic_force
+        self._x_middle = SmoothFunction(x_middle, heat, h)
+        by, given = (ca.vertcat(heat, h), []) if self._is_free else (heat, [h])
+        self._force = SmoothFunction(force(x_middle, in_middle), by, ca.vertcat(in_middle, *given))
+        forces = ca.vertcat(force(x0, at_begin), force(x1, at_end), force(x_middle, in_middle))
+        self._forces = SmoothFunction(forces, heat, ca.vertcat(angles, h))
 
-    def with_curvature_of_heat(self) -> "LimbDefects":
+        # The rows but for the accelerations in the middle, and the equations of motion.
+        a0, a1, a_middle = (ca.SX.sym(name, n) for name in ("a0", "a1", "ac"))
+        motion = self._dynamics.residual
+        equations = ca.vertcat(
+            1.5 / h * (q1 - q0) + h / 8 * (a1 - a0),
+            1.5 / h * (v1 - v0),
+            -motion(q0, v0, x0, a0),
+            -motion(q1, v1, x1, a1),
+            -motion(q_middle, v_middle, x_middle, a_middle),
+        )
+        by, step = (ca.vertcat(z, h), None) if self._is_free else (z, h)
+        self._equations = SmoothFunction(equations, ca.vertcat(by, a0, a1, a_middle), step)
+
+    def _lay_out_jacobian(self) -> None:
+        """Set where the nonzeros of `jacobian` are: those of θ, of θ̇ by the motion and the heat."""
+        n, P, num_intervals = self._n, self._points.shape[1], len(self._time_steps)
+        rows, columns = self._dynamics.by_state.slope_places
+        self._moving, places = np.unique(columns, return_inverse=True)
+        self._slopes = rows, places
+        by_force = np.append(self._heat, 2 * P)[self._force.slope_places[1]]
+        at_knots = self._moving[2 * n :]
+        by_heat = {*by_force.tolist(), *at_knots.tolist(), *(P + at_knots).tolist()}
+        self._by_heat = np.array(sorted(by_heat | ({2 * P} if self._is_free else set())), int)
+        motion, each = np.arange(2 * n), np.arange(n)
+        blocks = [(each, np.r_[self._moving, P + self._moving])]
+        blocks += [(n + each, np.r_[motion, P + motion]), (n + each, self._by_heat)]
+        if self._is_free:
+            blocks.append((each, np.array([2 * P])))
+        grids = [np.array(np.meshgrid(*block, indexing="ij")).reshape(2, -1) for block in blocks]
+        self._pairs = rows, columns = np.hstack(grids)
+        self.rows = (rows[:, None] * num_intervals + np.arange(num_intervals)).ravel()
+        self.columns = self._variables[columns].ravel()
+
+    def _lay_out_hessian(self, is_whole: bool) -> None:
+        """Set where the nonzeros of `hessian` are, of the whole one or that of heat and duty."""
+        self._is_whole = is_whole
+        if is_whole:
+            size = 2 * self._points.shape[1] + self._is_free
+            self._curved = np.array(np.tril_indices(size))
+        else:
+            self._curved = self._heat[self._forces.curvature_places]
+        self.hessian_rows, self.hessian_columns = (
+            self._variables[places].ravel() for places in self._curved
+        )
+
+    def with_curvature_of_heat(self) -> "MotionDefects":
         """Return a copy whose ``hessian`` has the second derivatives by heat and duty alone."""
         block = copy.copy(self)
-        block._lay_out_hessian(first_curved=2 * self._n)
+        block._lay_out_hessian(is_whole=False)
         return block
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         """Scaled defects, all zero for a feasible trajectory."""
-        points, h = x[self._points], x[self._time_steps][:, None]
-        n, values = self._n, self._dynamics.values(points)
-        steps, sums = np.diff(points, axis=0), points[:-1] + points[1:]
-        rows = np.hstack(
-            [
-                1.5 / h * steps[:, :n] - 0.75 * sums[:, n : 2 * n],
-                1.5 / h * steps[:, n : n + values.shape[1]] - 0.25 * (values[:-1] + values[1:]),
-            ]
-        )
-        rows[:, :n] += h / 8 * np.diff(values[:, :n], axis=0)
-        rows[:, n:] -= self._dynamics.values(self._middle(points, values, h))
-        return (rows @ self._scale.T).ravel()
+        points, h, _, accelerations, _ = self._solved(x)
+        K, n = len(points), self._n
+        steps = np.diff(points[:, : 2 * n], axis=0) * (1.5 / h)
+        rates, at_knots = points[:, n : 2 * n], accelerations[:K]
+        of_angles = steps[:, :n] - 0.75 * (rates[:-1] + rates[1:])
+        of_angles += h / 8 * np.diff(at_knots, axis=0)
+        of_rates = steps[:, n:] - 0.25 * (at_knots[:-1] + at_knots[1:]) - accelerations[K:]
+        return np.vstack([self._on_angles @ of_angles.T, self._on_rates @ of_rates.T]).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Nonzeros of the derivative of `evaluate`."""
-        rows, columns = self._nonzeros
-        jacobian = self._jacobian(x[self._points], x[self._time_steps])
-        return jacobian[:, rows, columns].ravel()
+        points, h, places, accelerations, mass = self._solved(x)
+        K, n, P, h = len(points), self._n, points.shape[1], h[:, 0]
+        on_angles, on_rates = self._on_angles[..., None], self._on_rates[..., None]
+
+        # The scaled accelerations by what moves them, (n, ..., K) at the knots and in the middle.
+        mobility = -self._on_rates @ np.linalg.inv(mass)
+        slopes = np.zeros((len(places), n, len(self._moving)))
+        slopes[:, *self._slopes] = self._dynamics.by_state.slopes(places, accelerations)
+        slopes = np.moveaxis(mobility @ slopes, 0, -1)
+        first, second, middle = slopes[..., : K - 1], slopes[..., 1:K], slopes[..., K:]
+        forces = np.zeros((K - 1, n, 2 * P + 1))
+        rows, columns = self._force.slope_places
+        heat, angles = self._heat_at(points), places[K:, :n]
+        at = (
+            (np.column_stack([heat, h]), angles)
+            if self._is_free
+            else (heat, np.column_stack([angles, h]))
+        )
+        forces[:, rows, np.append(self._heat, 2 * P)[columns]] = self._force.slopes(*at)
+        by_heat = np.moveaxis(mobility[K:] @ forces[..., self._by_heat], 0, -1).copy()
+
+        # The rows of θ by each knot.
+        shares = h / self._typical_h
+        of_angles = np.empty((n, 2, len(self._moving), K - 1))
+        np.multiply(first, -shares, out=of_angles[:, 0])
+        np.multiply(second, shares, out=of_angles[:, 1])
+        of_angles[:, 0, :n] -= 1.5 / h * on_angles
+        of_angles[:, 1, :n] += 1.5 / h * on_angles
+        of_angles[:, :, n : 2 * n] -= 0.75 * on_angles[:, None]
+
+        # The rows of θ̇ by the motion of each knot, and by the heat.
+        by_angle, by_rate = middle[:, :n], middle[:, n : 2 * n]
+        motion = np.empty((n, 2, 2 * n, K - 1))
+        for knot, sign, own in ((0, -1.0, first), (1, 1.0, second)):
+            np.multiply(own[:, : 2 * n], -0.25, out=motion[:, knot])
+            motion[:, knot, :n] -= 0.5 * by_angle + sign * 1.5 / h * by_rate
+            motion[:, knot, n:] += 0.25 * by_rate + sign * (h / 8 * by_angle + 1.5 / h * on_rates)
+            at_knot = np.searchsorted(self._by_heat, knot * P + self._moving[2 * n :])
+            by_heat[:, at_knot] -= 0.25 * own[:, 2 * n :]
+        parts = [of_angles, motion, by_heat]
+
+        if self._is_free:  # by the time step, the last of ``by_heat``
+            steps, change = np.diff(points[:, : 2 * n], axis=0), np.diff(accelerations[:K], axis=0)
+            by_step = -1.5 / h[:, None] ** 2 * steps
+            to_middle = np.hstack([-steps[:, n:] / 8, by_step[:, :n]])
+            by_heat[:, -1] += self._on_rates @ by_step[:, n:].T
+            by_heat[:, -1] -= np.einsum("imk,km->ik", middle[:, : 2 * n], to_middle)
+            parts.append(self._on_angles @ (by_step[:, :n] + change / 8).T)
+        return np.concatenate([part.ravel() for part in parts])
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """Nonzeros of the Hessian of multipliers · `evaluate`."""
-        points, time_steps = x[self._points], x[self._time_steps]
-        n, P, h = self._n, points.shape[1], time_steps[:, None]
-        multipliers = multipliers.reshape(len(h), -1)
-        on_angles, on_values = np.split(multipliers @ self._scale, [n], axis=1)
-        _, slopes, middle, mid_slopes = self._expand(points, time_steps)
-        by_heat = mid_slopes[:, :, 2 * n : n + mid_slopes.shape[1]]
+        """Nonzeros of the Hessian of multipliers · `evaluate`.
 
-        # The weights of F at the knots: the rates of heat also move the heat in the middle.
-        on_middle = -np.einsum("ki,kij->kj", on_values, by_heat)
-        by_rates = h / 8 * np.hstack([-on_angles, on_middle])
-        weights = np.zeros((len(points), on_values.shape[1]))
-        weights[:-1] = by_rates - 0.25 * on_values
-        weights[1:] -= by_rates + 0.25 * on_values
-
-        first = self._first_curved
-        second = self._dynamics.second if not first else self._dynamics.second_by_heat
-        at_knots, curvature = second(points, weights), second(middle, -on_values)
-        heat = slopes[:, n:, 2 * n :]
-        for _ in range(2):
-            curvature = _by_knots(curvature, 0 if first else n, heat[:-1], heat[1:], h[:, :, None])
-            curvature = curvature.swapaxes(1, 2)
-        hessian = np.zeros((len(h), 2 * P + 1, 2 * P + 1))
-        curved = np.r_[first:P, P + first : 2 * P]
-        hessian[:, curved[:, None], curved] = curvature
-        # A knot's own curvature is in the interval that it begins, the last one's in the last.
-        hessian[:, first:P, first:P] += at_knots[:-1]
-        hessian[-1, P + first : -1, P + first : -1] += at_knots[-1]
-        if self._free_duration and not first:
-            moved = _DIFFERENCE * time_steps
-            above, below = (
-                np.einsum("ki,kij->kj", multipliers, self._jacobian(points, time_steps + side))
-                for side in (moved, -moved)
-            )
-            hessian[:, -1] = (above - below) / (2 * moved[:, None])
-        rows, columns = self._hessian_nonzeros
-        return hessian[:, rows, columns].ravel()
-
-    def _middle(self, points: np.ndarray, values: np.ndarray, h: np.ndarray) -> np.ndarray:
-        """Points (K - 1, P) in the middle of each interval, from those at the knots and F there."""
-        n = self._n
-        steps, middle = np.diff(points, axis=0), 0.5 * (points[:-1] + points[1:])
-        middle[:, n : 2 * n] = 1.5 / h * steps[:, :n] - 0.5 * middle[:, n : 2 * n]
-        middle[:, :n] -= h / 8 * steps[:, n : 2 * n]
-        middle[:, 2 * n : n + values.shape[1]] -= h / 8 * np.diff(values[:, n:], axis=0)
-        return middle
-
-    def _expand(self, points: np.ndarray, time_steps: np.ndarray) -> tuple[np.ndarray, ...]:
-        """F and its derivatives at the knots, the points in the middle, and its derivatives there.
-
-        IPOPT asks for Jacobian and Hessian at the same point, one after the other.
+        The rows' weights of the accelerations become weights λ of the equations of motion, by the
+        adjoint M λ = w.
         """
-        place = np.append(points.ravel(), time_steps)
-        if self._expanded is None or not np.array_equal(self._expanded[0], place):
-            values, slopes = self._dynamics.first(points)
-            middle = self._middle(points, values, time_steps[:, None])
-            self._expanded = place, (values, slopes, middle, self._dynamics.first(middle)[1])
-        return self._expanded[1]
+        if not self._curved.size:
+            return np.zeros(0)
+        points, h, places, accelerations, mass = self._solved(x)
+        K, n = len(points), self._n
+        of_angles, of_rates = multipliers.reshape(2, n, K - 1)
+        of_angles, of_rates = of_angles.T @ self._on_angles, of_rates.T @ self._on_rates
+        weights = np.zeros_like(accelerations)
+        weights[: K - 1] = -h / 8 * of_angles - 0.25 * of_rates
+        weights[1:K] += h / 8 * of_angles - 0.25 * of_rates
+        weights[K:] = -of_rates
+        adjoint = np.linalg.solve(mass, weights[..., None])[..., 0]
+        # A knot's own curvature is in the interval that it begins, the last one's in the last.
+        last = np.zeros((K - 1, n))
+        last[-1] = adjoint[K - 1]
+        weights = np.hstack([adjoint[: K - 1], last, adjoint[K:]])
+        if not self._is_whole:
+            angles = np.hstack([points[:-1, :n], points[1:, :n], places[K:, :n]])
+            parameters = np.hstack([angles, h])
+            return self._forces.curvatures(self._heat_at(points), weights, parameters).T.ravel()
+        return self._whole_hessian(x, np.hstack([of_angles, of_rates, weights]))
 
-    def _jacobian(self, points: np.ndarray, time_steps: np.ndarray) -> np.ndarray:
-        """Scaled derivatives (K - 1, 2n + M, 2P + 1) of the defects by [p0, p1, h]."""
-        values, slopes, _, mid_slopes = self._expand(points, time_steps)
-        n, P, h = self._n, points.shape[1], time_steps[:, None, None]
-        size, heat = values.shape[1], slopes[:, n:, 2 * n :]
-        on_angles, on_values = self._scale[:n, :n], self._scale[n:, n:]
-        # Scaled first, where they are fewer than in the rows.
-        slopes, scaled_middle = on_values @ slopes, on_values @ mid_slopes
-        rows = np.empty((len(h), n + size, 2 * P + 1))
-        np.multiply(slopes[:-1, :n], -h / self._typical_h, out=rows[:, :n, :P])
-        np.multiply(slopes[1:, :n], h / self._typical_h, out=rows[:, :n, P:-1])
-        _by_knots(-scaled_middle, n, heat[:-1], heat[1:], h, out=rows[:, n:, :-1])
-        slopes *= 0.25
-        for knot, sign, own in ((0, -1.0, slopes[:-1]), (P, 1.0, slopes[1:])):
-            rows[:, n:, knot : knot + P] -= own
-            rows[:, :n, knot : knot + n] += sign * 1.5 / h * on_angles
-            rows[:, :n, knot + n : knot + 2 * n] -= 0.75 * on_angles
-            rows[:, n:, knot + n : knot + n + size] += sign * 1.5 / h * on_values
+    def _whole_hessian(self, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """The nonzeros of the Hessian, by weights (K - 1, 5n) of the equations of an interval."""
+        points, h, places, accelerations, mass = self._solved(x)
+        K, n, P = len(points), self._n, points.shape[1]
+        size = 2 * P + self._is_free
 
-        steps, value_steps = np.diff(points, axis=0), np.diff(values, axis=0)
-        h = h[:, 0]
-        middle_by_step = np.zeros_like(steps)
-        middle_by_step[:, :n] = -steps[:, n : 2 * n] / 8
-        middle_by_step[:, n : 2 * n] = -1.5 / h**2 * steps[:, :n]
-        middle_by_step[:, 2 * n : n + size] = -value_steps[:, n:] / 8
-        by_step = -1.5 / h**2 * steps[:, : n + size]
-        by_step[:, :n] += value_steps[:, :n] / 8
-        by_step[:, n:] -= (mid_slopes @ middle_by_step[:, :, None])[:, :, 0]
-        rows[:, :, -1] = by_step @ self._scale.T
-        return rows
+        # The accelerations at both knots and in the middle (K - 1, 3n), and their slopes by z.
+        slopes = np.zeros((len(places), n, P))
+        rows, columns = self._dynamics.by_state.slope_places
+        slopes[:, rows, columns] = self._dynamics.by_state.slopes(places, accelerations)
+        slopes = -np.linalg.solve(mass, slopes)
+        along = np.zeros((K - 1, size + 3 * n, size))
+        along[:, :size] = np.eye(size)
+        along[:, size : size + n, :P] = slopes[: K - 1]
+        along[:, size + n : size + 2 * n, P : 2 * P] = slopes[1:K]
+        # The rows of θ̇ have those in the middle, which follow from their slopes.
+        of_rates = np.zeros((2 * n, 2 * P + 1, K - 1))
+        of_rates[*self._pairs] = self.jacobian(x).reshape(-1, K - 1)
+        of_rates = np.linalg.solve(self._on_rates, of_rates[n:].reshape(n, -1))
+        in_middle = -of_rates.reshape(n, -1, K - 1).transpose(2, 0, 1)[..., :size]
+        in_middle -= 0.25 * (along[:, size : size + n] + along[:, size + n : size + 2 * n])
+        in_middle[:, :, n : 2 * n] -= 1.5 / h[:, :, None] * np.eye(n)
+        in_middle[:, :, P + n : P + 2 * n] += 1.5 / h[:, :, None] * np.eye(n)
+        if self._is_free:
+            in_middle[:, :, -1] -= 1.5 / h**2 * np.diff(points[:, n : 2 * n], axis=0)
+        along[:, size + 2 * n :] = in_middle
+
+        a = accelerations
+        point = np.hstack([points[:-1], points[1:], h, a[: K - 1], a[1:K], a[K:]])
+        if self._is_free:
+            curved = self._equations.second(point, weights)
+        else:
+            curved = self._equations.second(np.delete(point, 2 * P, axis=1), weights, h)
+        hessian = along.swapaxes(1, 2) @ curved @ along
+        rows, columns = self._curved
+        return hessian[:, rows, columns].T.ravel()
+
+    def _solved(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The points at the knots (K, P), time steps (K - 1, 1), and the accelerations (2K - 1, n).
+
+        Before the accelerations are the states [θ, θ̇, x] (2K - 1, 2n + N) at the knots, then in
+        the middle, where they are; after them is M there. IPOPT asks for rows, Jacobian and Hessian
+        at the same point, one after the other.
+        """
+        points, h = x[self._points], x[self._time_steps][:, None]
+        place = np.append(points.ravel(), h)
+        if self._kept is not None and np.array_equal(self._kept[0], place):
+            return self._kept[1]
+        n, num_states = self._n, 2 * self._n + self._dynamics.num_states
+        steps, sums = np.diff(points, axis=0), points[:-1] + points[1:]
+        angles = 0.5 * sums[:, :n] - h / 8 * steps[:, n : 2 * n]
+        rates = 1.5 / h * steps[:, :n] - 0.25 * sums[:, n : 2 * n]
+        middle = np.hstack([angles, rates, self._x_middle.values(self._heat_at(points), h)])
+        places = np.vstack([points[:, :num_states], middle])
+        mass, load = self._dynamics.mass_and_load(places)
+        accelerations = -np.linalg.solve(mass, load[..., None])[..., 0]
+        self._kept = place, (points, h, places, accelerations, mass)
+        return self._kept[1]
+
+    def _heat_at(self, points: np.ndarray) -> np.ndarray:
+        """[x, D] at both knots of each interval (K - 1, 2 (N + W))."""
+        heat = points[:, 2 * self._n :]
+        return np.hstack([heat[:-1], heat[1:]])
+
+
+def heat_block(
+    wires: Wires, heat: np.ndarray, duty: np.ndarray, time_steps: np.ndarray
+) -> FunctionBlock:
+    """(17) of the heat, as `heat_defects`.
+
+    Args:
+        heat, duty, time_steps: indices of the knots' [x, V] (K, M) and duty (K, W), and of the
+            time steps (K - 1), among the program's variables.
+    """
+    y0, y1 = (ca.SX.sym(name, heat.shape[1]) for name in ("y0", "y1"))
+    D0, D1 = (ca.SX.sym(name, wires.num_wires) for name in ("D0", "D1"))
+    h = ca.SX.sym("h")
+    defects = heat_defects(wires, y0, D0, y1, D1, h)
+    points = np.column_stack([heat[:-1], duty[:-1], heat[1:], duty[1:], time_steps])
+    function = SmoothFunction(defects, ca.vertcat(y0, D0, y1, D1, h))
+    return FunctionBlock(function, points, scales=wires.heat_scales / 1.5)
 
 
 def heat_defects(
@@ -243,31 +351,3 @@ def heat_defects(
     middle = (first + second) / 2 + step / 8 * (before - after)
     in_middle = rates(middle, (duty + next_duty) / 2)
     return second - first - step / 6 * (before + 4 * in_middle + after)
-
-
-def _by_knots(
-    slopes: np.ndarray,
-    n: int,
-    first: np.ndarray,
-    second: np.ndarray,
-    h: np.ndarray | float,
-    out: np.ndarray | None = None,
-) -> np.ndarray:
-    """Turn derivatives by the point in the middle (K, m, P) into ones by the knots (K, m, 2P).
-
-    Args:
-        n: number of joints; points begin with their angles and rates.
-        first, second: derivatives of the heat's rates at the knots by [y, D], (K, M, M + W).
-        h: time steps (K, 1, 1).
-        out: where to write them.
-    """
-    P = slopes.shape[2]
-    if out is None:
-        out = np.empty((*slopes.shape[:2], 2 * P))
-    by_angle, by_rate, rest = np.split(slopes, [n, 2 * n], axis=2)
-    by_heat = h / 8 * rest[:, :, : first.shape[1]]
-    for knot, sign, heat in ((0, 1.0, first), (P, -1.0, second)):
-        out[:, :, knot : knot + n] = 0.5 * by_angle - sign * 1.5 / h * by_rate
-        out[:, :, knot + n : knot + 2 * n] = sign * h / 8 * by_angle - 0.25 * by_rate
-        out[:, :, knot + 2 * n : knot + P] = 0.5 * rest + sign * (by_heat @ heat)
-    return out

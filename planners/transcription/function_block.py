@@ -60,13 +60,13 @@ class FunctionBlock:
         self.lower, self.upper = (
             (bound / self._scales).ravel() for bound in bounds or np.zeros((2, K, Q))
         )
-        self.rows = (Q * np.arange(K)[:, None] + self._rows).ravel()
-        self.columns = points[:, columns].ravel()
+        self.rows = (Q * np.arange(K) + self._rows[:, None]).ravel()
+        self.columns = points.T[columns].ravel()
         if targets is not None:
             self.rows = np.append(self.rows, np.arange(K * Q))
             self.columns = np.append(self.columns, targets)
         self.hessian_rows, self.hessian_columns = (
-            points[:, variables].ravel() for variables in function.curvature_places
+            points.T[variables].ravel() for variables in function.curvature_places
         )
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
@@ -76,11 +76,12 @@ class FunctionBlock:
         return (values / self._scales).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        slopes = (self._function.slopes(x[self._points]) / self._scales[self._rows]).ravel()
+        slopes = self._function.slopes(x[self._points]).T / self._scales[self._rows, None]
+        slopes = slopes.ravel()
         if self._targets is None:
             return slopes
         return np.append(slopes, np.tile(-1.0 / self._scales, len(self._points)))
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         weights = multipliers.reshape(len(self._points), -1) / self._scales
-        return self._function.curvatures(x[self._points], weights).ravel()
+        return self._function.curvatures(x[self._points], weights).T.ravel()

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
+import scipy.sparse
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import (
     Binding,
@@ -273,13 +274,35 @@ class _Function(ca.Callback):
         return int(self._problem.raised is not None)
 
 
-def _sparsity(
-    shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray
-) -> tuple[ca.Sparsity, np.ndarray]:
-    """The sparsity of nonzeros, some at the same place, and which of its nonzeros each adds to."""
-    keys, places = np.unique(columns * shape[0] + rows, return_inverse=True)
-    starts = np.searchsorted(keys, shape[0] * np.arange(shape[1] + 1))
-    return ca.Sparsity(*shape, starts.tolist(), (keys % shape[0]).tolist()), places
+class _Places:
+    """Where the nonzeros of a sparse matrix are in CasADi's order, column by column.
+
+    Those at the same place add up.
+
+    - ``sparsity``: the places.
+
+    Args:
+        shape: of the matrix.
+        rows, columns: of each nonzero.
+    """
+
+    def __init__(self, shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray):
+        short = np.min_scalar_type(max(shape))  # short integers are sorted in no time
+        self._order = order = np.lexsort((rows.astype(short), columns.astype(short)))
+        rows, columns = rows[order], columns[order]
+        is_new = np.ones(len(order), bool)
+        is_new[1:] = (np.diff(rows) != 0) | (np.diff(columns) != 0)
+        self._starts = np.flatnonzero(is_new)
+        self._has_sums = len(self._starts) < len(order)
+        ends = np.cumsum(np.bincount(columns[is_new], minlength=shape[1]))
+        self.sparsity = ca.Sparsity(*shape, [0, *ends.tolist()], rows[is_new].tolist())
+
+    def fill(self, values: np.ndarray, out: np.ndarray) -> None:
+        """Write the values of the nonzeros in CasADi's order."""
+        if self._has_sums:
+            np.add.reduceat(values[self._order], self._starts, out=out)
+        else:
+            np.take(values, self._order, out=out)
 
 
 class _Evaluators:
@@ -299,12 +322,12 @@ class _Evaluators:
         self.size = sum(sizes)
         self._ends = np.cumsum(sizes)[:-1]
         numbers = np.split(np.arange(self.size), self._ends)
-        grids = [
-            np.meshgrid(rows, indices, indexing="ij")
-            for rows, (_, indices) in zip(numbers, self._parts, strict=False)
+        rows = [
+            np.repeat(of_part, len(indices))
+            for of_part, (_, indices) in zip(numbers, self._parts, strict=False)
         ]
-        self.rows = _concatenate([rows.ravel() for rows, _ in grids], int)
-        self.columns = _concatenate([columns.ravel() for _, columns in grids], int)
+        columns = [np.tile(part[1], size) for part, size in zip(self._parts, sizes, strict=True)]
+        self.rows, self.columns = _concatenate(rows, int), _concatenate(columns, int)
         pairs = [indices[np.array(np.tril_indices(len(indices)))] for _, indices in self._parts]
         self.hessian_rows = _concatenate([pair.max(axis=0) for pair in pairs], int)
         self.hessian_columns = _concatenate([pair.min(axis=0) for pair in pairs], int)
@@ -336,15 +359,30 @@ class _Constraints(_Evaluators):
         self.upper = _concatenate([evaluator.upper_bound() for evaluator, _ in self._parts])
 
 
-class _LinearConstraints(_Constraints):
-    """Linear constraints of a program, evaluated as one sparse product."""
+class _LinearConstraints:
+    """Linear constraints of a program as one sparse product.
+
+    - ``matrix``: A (m, num_vars).
+    - ``lower``, ``upper``: bounds of A x (m,).
+    """
 
     def __init__(self, prog: MathematicalProgram, bindings: Sequence[Binding]):
-        super().__init__(prog, bindings)
-        self.values = self.jacobian(np.zeros(prog.num_vars()))
-
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
-        return np.bincount(self.rows, self.values * x[self.columns], self.size)
+        rows, columns, values, lower, upper = [], [], [], [], []
+        size = 0
+        for binding in bindings:
+            evaluator = binding.evaluator()
+            indices = np.array(prog.FindDecisionVariableIndices(binding.variables()), int)
+            part = evaluator.get_sparse_A().tocoo()
+            rows.append(size + part.row)
+            columns.append(indices[part.col])
+            values.append(part.data)
+            lower.append(evaluator.lower_bound())
+            upper.append(evaluator.upper_bound())
+            size += part.shape[0]
+        places = _concatenate(rows, int), _concatenate(columns, int)
+        shape = size, prog.num_vars()
+        self.matrix = scipy.sparse.coo_array((_concatenate(values), places), shape)
+        self.lower, self.upper = _concatenate(lower), _concatenate(upper)
 
 
 class _ScaledProblem:
@@ -369,7 +407,7 @@ class _ScaledProblem:
         replaced = {binding for block in blocks for binding in block.replaces}
         others = _Constraints(prog, [b for b in curved if b not in replaced])
         self._curved: list[ConstraintBlock] = [others, *blocks]
-        self._blocks: list[ConstraintBlock] = [*self._curved, self._linear]
+        self._in_order: list[Any] = [*self._curved, self._linear]
         self.lower, self.upper = _bounds(prog)
         self.scale = np.ones(prog.num_vars())
         for index, value in prog.GetVariableScaling().items():
@@ -377,13 +415,13 @@ class _ScaledProblem:
         guess = np.clip(guess, self.lower, self.upper)
         self._cost_scale = min(1.0, 100.0 / max(abs(self.cost.evaluate(guess)), 1e-9))
         self._guess = guess / self.scale
-        self._starts = np.cumsum([0, *(len(block.lower) for block in self._blocks)])
-        self._rows = np.concatenate(
-            [start + b.rows for start, b in zip(self._starts, self._blocks, strict=False)]
-        )
-        self._columns = np.concatenate([block.columns for block in self._blocks])
-        self._g_lower = np.concatenate([block.lower for block in self._blocks])
-        self._g_upper = np.concatenate([block.upper for block in self._blocks])
+        self._starts = np.cumsum([0, *(len(block.lower) for block in self._in_order)])
+        rows = [b.rows + start for start, b in zip(self._starts, self._curved, strict=False)]
+        matrix = self._linear.matrix
+        self._rows = np.concatenate([*rows, matrix.row + self._starts[-2]])
+        self._columns = np.concatenate([*(block.columns for block in self._curved), matrix.col])
+        self._g_lower = np.concatenate([block.lower for block in self._in_order])
+        self._g_upper = np.concatenate([block.upper for block in self._in_order])
         self._on_iteration = on_iteration
         self.iterations = 0
         self.raised: BaseException | None = (
@@ -395,15 +433,17 @@ class _ScaledProblem:
             rows.append(np.maximum(block.hessian_rows, block.hessian_columns))
             columns.append(np.minimum(block.hessian_rows, block.hessian_columns))
         self._hessian_rows, self._hessian_columns = np.concatenate(rows), np.concatenate(columns)
+        self._jacobian_scale = self.scale[self._columns]
         self._hessian_scale = self.scale[self._hessian_rows] * self.scale[self._hessian_columns]
 
     def solve(self, options, multipliers):
         """The best y, IPOPT's status, and the multipliers of constraints and bounds."""
         _load_ipopt()
         n, m = len(self.scale), len(self._g_lower)
-        jacobian, self._in_jacobian = _sparsity((m, n), self._rows, self._columns)
+        self._in_jacobian = _Places((m, n), self._rows, self._columns)
         # CasADi wants the upper triangle.
-        hessian, self._in_hessian = _sparsity((n, n), self._hessian_columns, self._hessian_rows)
+        self._in_hessian = _Places((n, n), self._hessian_columns, self._hessian_rows)
+        jacobian, hessian = self._in_jacobian.sparsity, self._in_hessian.sparsity
         dense = ca.Sparsity.dense
         one, y, g, none = dense(1), dense(n), dense(m), ca.Sparsity(0, 0)
         cost = _Function(self, self._cost, [y, none], [one])
@@ -456,16 +496,17 @@ class _ScaledProblem:
 
     def _constraints(self, y, _, values):
         x = self.scale * y
-        values[:] = np.concatenate([block.evaluate(x) for block in self._blocks])
+        linear = self._linear.matrix @ x
+        np.concatenate([*(block.evaluate(x) for block in self._curved), linear], out=values)
 
     def _jacobian(self, y, _, values, jacobian):
         if values is not None:
             self._constraints(y, _, values)
         if jacobian is not None:
             x = self.scale * y
-            parts = [*(block.jacobian(x) for block in self._curved), self._linear.values]
-            nonzeros = np.concatenate(parts) * self.scale[self._columns]
-            jacobian[:] = np.bincount(self._in_jacobian, nonzeros, len(jacobian))
+            parts = [*(block.jacobian(x) for block in self._curved), self._linear.matrix.data]
+            nonzeros = np.concatenate(parts) * self._jacobian_scale
+            self._in_jacobian.fill(nonzeros, jacobian)
 
     def _hessian(self, y, _, cost_factor, multipliers, hessian):
         x = self.scale * y
@@ -473,7 +514,7 @@ class _ScaledProblem:
         for block, start in zip(self._curved, self._starts, strict=False):
             parts.append(block.hessian(x, multipliers[start : start + len(block.lower)]))
         nonzeros = np.concatenate(parts) * self._hessian_scale
-        hessian[:] = np.bincount(self._in_hessian, nonzeros, len(hessian))
+        self._in_hessian.fill(nonzeros, hessian)
 
     def _after_iteration(self, _y, cost, values, *_):
         if self._on_iteration:
@@ -490,29 +531,27 @@ class _Cost:
     """
 
     def __init__(self, prog: MathematicalProgram):
+        quadratic, linear = prog.quadratic_costs(), prog.linear_costs()
         self._b, self._c = np.zeros(prog.num_vars()), 0.0
         rows, columns, values = [], [], []
-        for binding in [*prog.quadratic_costs(), *prog.linear_costs()]:
-            evaluator = binding.evaluator()
-            indices = np.array(prog.FindDecisionVariableIndices(binding.variables()))
-            is_quadratic = hasattr(evaluator, "Q")
-            np.add.at(self._b, indices, evaluator.b() if is_quadratic else evaluator.a())
-            self._c += evaluator.c() if is_quadratic else evaluator.b()
-            if is_quadratic:
-                Q = evaluator.Q()
-                row, column = np.nonzero(Q)
-                rows.append(indices[row])
-                columns.append(indices[column])
-                values.append(Q[row, column])
+        for binding in quadratic:
+            evaluator, variables = binding.evaluator(), binding.variables()
+            indices = np.array(prog.FindDecisionVariableIndices(variables))
+            Q = evaluator.Q()
+            row, column = Q.nonzero()
+            rows.append(indices[row])
+            columns.append(indices[column])
+            values.append(Q[row, column])
+            np.add.at(self._b, indices, evaluator.b())
+            self._c += evaluator.c()
+        for binding in linear:
+            indices = prog.FindDecisionVariableIndices(binding.variables())
+            np.add.at(self._b, indices, binding.evaluator().a())
+            self._c += binding.evaluator().b()
         self._rows, self._columns = _concatenate(rows, int), _concatenate(columns, int)
         self._values = _concatenate(values)
-        known = len(prog.quadratic_costs()) + len(prog.linear_costs())
-        generic_costs = [
-            binding
-            for binding in (prog.GetAllCosts() if known < len(prog.GetAllCosts()) else [])
-            if not hasattr(binding.evaluator(), "Q") and not hasattr(binding.evaluator(), "a")
-        ]
-        self._generic = generic = _Evaluators(prog, generic_costs)
+        generic = _Evaluators(prog, [*prog.generic_costs(), *prog.l2norm_costs()])
+        self._generic = generic
         self._triangle = self._rows >= self._columns
         self.rows = np.append(self._rows[self._triangle], generic.hessian_rows)
         self.columns = np.append(self._columns[self._triangle], generic.hessian_columns)

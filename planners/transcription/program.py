@@ -1,11 +1,12 @@
 """The trajectory program, eqns (15)-(20), on Drake's DirectCollocation."""
 
+import functools
+
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike
 from pydrake.planning import DirectCollocation
 from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
-from pydrake.systems.analysis import BatchEvalTimeDerivatives
 
 from limb_systems import (
     Layout,
@@ -15,10 +16,10 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     split_state,
 )
-from limb_systems.dynamics import Dynamics
+from limb_systems.dynamics import dynamics_of
 from limb_systems.files.trajectory import AddedTerms
 from planners.task import Task, TaskError
-from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
+from planners.transcription.collocation import ANGLE_SCALE, MotionDefects, heat_block
 from planners.transcription.customized_terms import by_names, described, variables_at_bounds
 from planners.transcription.ipopt import ConstraintBlock
 
@@ -171,6 +172,10 @@ class PlanProgram:
         """Eqn (15), with the task's further costs."""
         return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
 
+    def largest_defect(self, x: np.ndarray) -> float:
+        """The largest violation of the ``blocks``, scaled: of (17), and of φ = φ(x), rad."""
+        return max(float(np.abs(block.evaluate(x)).max()) for block in self.blocks)
+
     def broken_constraint(self, x: np.ndarray) -> str:
         """Return the ``added`` constraint that is missed most, in words; "" if all hold."""
         worst, most = "", ADDED_TOLERANCE
@@ -290,14 +295,11 @@ class PlanProgram:
         if task.duty_hold:
             held = times[:-1] >= times[-1] - task.duty_hold - 1e-9
             held[-1] = True
-            for k in np.flatnonzero(held).tolist():
-                for pair in duty[k : k + 2].T:
-                    prog.AddLinearEqualityConstraint(np.array([[1.0, -1.0]]), [0.0], pair)
+            pairs = np.stack([duty[:-1][held], duty[1:][held]], axis=-1).reshape(-1, 2)
+            add_at_knots(prog, np.array([[1.0, -1.0]]), 0.0, 0.0, pairs)
         prog.AddBoundingBoxConstraint(0.0, 1.0 - task.duty_margin, duty.ravel())  # (18)
         if parameters.total_duty < W:
-            one, most = np.ones((1, W)), [parameters.total_duty]
-            for of_knot in duty:
-                prog.AddLinearConstraint(one, [-np.inf], most, of_knot)
+            add_at_knots(prog, np.ones((1, W)), -np.inf, parameters.total_duty, duty)
         warm = warm_bounds(parameters, times, parameters.temperature_limits.warm_up_time)
         hot = np.full(len(warm), parameters.temperature_limits.maximum - task.temperature_margin)
         hot[:W] = np.inf  # of the given initial state
@@ -320,9 +322,7 @@ class PlanProgram:
                 )
             A, B, c = wires.affine_rates()
             rate, limit = np.hstack([A, B])[:W], task.max_temperature_rate  # (6)
-            for k in range(len(times)):
-                variables = np.r_[x[k], duty[k]]
-                prog.AddLinearConstraint(rate, -limit - c[:W], limit - c[:W], variables)
+            add_at_knots(prog, rate, -limit - c[:W], limit - c[:W], np.hstack([x, duty]))
         return warm_up
 
 
@@ -330,11 +330,11 @@ class TrajectoryProgram(PlanProgram):
     """A `PlanProgram` of the chain's motion and the heat, on Drake's `DirectCollocation`.
 
     - ``collocation``: the `DirectCollocation` that built it; None without its constraints.
-    - ``limb``: the `Limb` whose dynamics are its constraints.
+    - ``limb``: the `Limb`, whose dynamics are its constraints.
     - ``states``: indices of x_k (K, 2n + M) among the decision variables, in the order of
       `Limb`: θ (n), rad; θ̇ (n), rad/s; the wires' states x (N), which begin with T (W), °C; and
       V (W), °C. ``heat`` has the last M = N + W of them.
-    - ``defects``: (17) as `LimbDefects`.
+    - ``defects``: (17) of the motion as `MotionDefects`.
 
     Args:
         parameters, times, task, measured_margin: as for `PlanProgram`.
@@ -353,11 +353,16 @@ class TrajectoryProgram(PlanProgram):
         measured_margin: ArrayLike = 0.0,
         with_constraints: bool = True,
     ):
-        self._with_constraints, self.limb = with_constraints, Limb(parameters)
+        self._with_constraints = with_constraints
         super().__init__(parameters, times, task, measured_margin)
+
+    @functools.cached_property
+    def limb(self) -> Limb:
+        return Limb(self.parameters)
 
     def _add_variables(self) -> None:
         num_knots, n = len(self.times), self.parameters.num_joints
+        num_states = 2 * n + len(self.wires.heat_scales)
         shortest, longest = self._shortest_and_longest_step()
         self.collocation = None
         if self._with_constraints:
@@ -380,7 +385,7 @@ class TrajectoryProgram(PlanProgram):
             self._states, self._duty = (
                 prog.NewContinuousVariables(num_knots * size, name).reshape(num_knots, size)
                 for size, name in (
-                    (self.limb.num_continuous_states(), "x"),
+                    (num_states, "x"),
                     (self.wires.num_wires, "u"),
                 )
             )
@@ -399,16 +404,15 @@ class TrajectoryProgram(PlanProgram):
     def _add_rate_limits(self, limits: np.ndarray) -> None:
         n = self.parameters.num_joints
         # The initial state is given, so its rate cannot be planned.
-        for k in np.flatnonzero(np.isfinite(limits[1:])) + 1:
-            most = np.full(len(self._to_bends), limits[k])
-            rates = self._states[k, n : 2 * n]
-            self.prog.AddLinearConstraint(self._to_bends, -most, most, rates)
+        limited = np.flatnonzero(np.isfinite(limits[1:])) + 1
+        most, rates = limits[limited, None], self._states[limited, n : 2 * n]
+        add_at_knots(self.prog, self._to_bends, -most, most, rates)
 
     def _make_blocks(self) -> list[ConstraintBlock]:
-        self._dynamics, is_free = Dynamics(self.parameters), self.task.stretch is not None
-        self.defects = LimbDefects(
-            self._dynamics,
-            self.wires.heat_scales,
+        is_free = self.task.stretch is not None
+        self.defects = MotionDefects(
+            dynamics_of(self.parameters),
+            self.wires,
             self.states,
             self.duty,
             self.time_steps,
@@ -416,8 +420,9 @@ class TrajectoryProgram(PlanProgram):
             replaces=self.prog.generic_constraints(),  # those of `DirectCollocation`
             free_duration=is_free,
         )
-        self.cheap_blocks = None if is_free else [self.defects.with_curvature_of_heat()]
-        return [self.defects]
+        heat = heat_block(self.wires, self.heat, self.duty, self.time_steps)
+        self.cheap_blocks = None if is_free else [self.defects.with_curvature_of_heat(), heat]
+        return [self.defects, heat]
 
     def variables(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """All decision variables, from states (2n + M, K) and duty (W, K)."""
@@ -436,41 +441,26 @@ class TrajectoryProgram(PlanProgram):
             "measured_temperature": measured,
         }
 
-    def defects_of(self, x: np.ndarray) -> np.ndarray:
-        """Violation of (17), with the dynamics of the limb's diagram, (2n + M, N - 1).
 
-        The defects of θ̇ are scaled by K⁻¹ M(0) to the static deflections that they stand for,
-        rad. The defects of θ are scaled by the time step, rad. The defects of the heat are scaled
-        by the time step and by typical changes, such as 50 °C.
-        """
-        h, states, duty = x[self.time_steps], x[self.states].T, x[self.duty].T
-        rates = self._time_derivatives(states, duty)
-        middle_states = (states[:, :-1] + states[:, 1:]) / 2 - h / 8 * np.diff(rates)
-        middle_rates = 1.5 / h * np.diff(states) - (rates[:, :-1] + rates[:, 1:]) / 4
-        middle_duty = (duty[:, :-1] + duty[:, 1:]) / 2
-        defects = middle_rates - self._time_derivatives(middle_states, middle_duty)
-        n = self.parameters.num_joints
-        return np.vstack(
-            [
-                defects[:n] * h,
-                self._dynamics.acceleration_to_angle @ defects[n : 2 * n],
-                defects[2 * n :] * h / self.wires.heat_scales[:, None],
-            ]
-        )
+def add_at_knots(
+    prog: MathematicalProgram,
+    A: np.ndarray,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    variables: np.ndarray,
+) -> None:
+    """Add lower <= A v_k <= upper at some knots as one constraint.
 
-    def largest_defect(self, x: np.ndarray) -> float:
-        """The largest of `defects_of`."""
-        return float(np.abs(self.defects_of(x)).max())
-
-    def _time_derivatives(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        return BatchEvalTimeDerivatives(
-            self.limb,
-            self.limb.CreateDefaultContext(),
-            np.zeros((1, states.shape[1])),
-            np.asfortranarray(states),
-            np.asfortranarray(duty),
-            self.limb.GetInputPort("duty").get_index(),
-        )
+    Args:
+        A: (m, size).
+        lower, upper: bounds (knots, m), or what becomes them by broadcasting.
+        variables: v (knots, size).
+    """
+    shape = len(variables), len(A)
+    rows = scipy.sparse.kron(scipy.sparse.identity(shape[0]), A, "csc")
+    bounds = [np.broadcast_to(bound, shape).ravel() for bound in (lower, upper)]
+    if len(variables):
+        prog.AddConstraint(LinearConstraint(rows, *bounds), variables.ravel())
 
 
 def add_soft_bounds(

@@ -13,7 +13,6 @@ a few of the knots are enough for that.
 import copy
 import dataclasses
 
-import casadi as ca
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike
@@ -26,21 +25,21 @@ from pydrake.solvers import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbParameters, LinearLaw, Wires
-from limb_systems.smooth_function import SmoothFunction
 from limb_systems.statics import HeldAngles
 from planners.task import Task
-from planners.transcription.collocation import ANGLE_SCALE, heat_defects
+from planners.transcription.collocation import ANGLE_SCALE, heat_block
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import (
     PlanProgram,
+    add_at_knots,
     reading_bounds,
 )
 from planners.transcription.solving import InfeasibleError, solve_program
 
 CHECK_STEP = 0.5  # s, of an integration that says whether limits can be met
 # s, between the knots of a start that is not convex: plans with half of it are as good a start.
-SPACING = 0.3
+SPACING = 0.15
 LEAST_BETA = 1e-6  # N·m/°C, of wires that are taken to be linear
 
 
@@ -156,11 +155,10 @@ def solve_quasi_static(
     Raises:
         InfeasibleError: if it has no solution.
     """
-    wires, some = held.wires, np.arange(len(times))
-    if not (wires.rates_are_affine and wires.torque_is_affine):
-        num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
-        grid = np.linspace(times[0], times[-1], num_intervals + 1)
-        some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
+    wires = held.wires
+    num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
+    grid = np.linspace(times[0], times[-1], num_intervals + 1)
+    some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
     task = dataclasses.replace(
         task,
         max_bend_rate=None,
@@ -232,18 +230,7 @@ class QuasiStaticProgram(PlanProgram):
         return blocks
 
     def _heat_block(self) -> ConstraintBlock:
-        """(17) of the heat, as `heat_defects`."""
-        wires = self.wires
-        y0, y1 = (ca.SX.sym(name, self.heat.shape[1]) for name in ("y0", "y1"))
-        D0, D1 = (ca.SX.sym(name, wires.num_wires) for name in ("D0", "D1"))
-        h = ca.SX.sym("h")
-        points = np.column_stack(
-            [self.heat[:-1], self.duty[:-1], self.heat[1:], self.duty[1:], self.time_steps]
-        )
-        defects = SmoothFunction(
-            heat_defects(wires, y0, D0, y1, D1, h), ca.vertcat(y0, D0, y1, D1, h)
-        )
-        return FunctionBlock(defects, points, scales=wires.heat_scales / 1.5)
+        return heat_block(self.wires, self.heat, self.duty, self.time_steps)
 
     def _targets(self, reference: np.ndarray) -> np.ndarray:
         return reference.T
@@ -259,9 +246,9 @@ class QuasiStaticProgram(PlanProgram):
         limits = np.append(limits[:-2], limits[-2:].min())
         for k in np.flatnonzero(np.isfinite(limits)):
             rows = np.array([[-1.0, 1.0, -limits[k]], [1.0, -1.0, -limits[k]]])
-            for pair in self._tracked[k : k + 2].T:
-                variables = [*pair, self._time_steps[k]]
-                self.prog.AddLinearConstraint(rows, np.full(2, -np.inf), np.zeros(2), variables)
+            steps = np.repeat(self._time_steps[k], len(self._to_bends))
+            variables = np.column_stack([*self._tracked[k : k + 2], steps])
+            add_at_knots(self.prog, rows, -np.inf, 0.0, variables)
 
     def guess(self) -> np.ndarray:
         """All decision variables under the best duty for wires that are about linear.
@@ -342,10 +329,6 @@ class QuasiStaticProgram(PlanProgram):
             **self.wires.signals(states),
             "measured_temperature": readings,
         }
-
-    def largest_defect(self, x: np.ndarray) -> float:
-        """The largest violation of (17) of the heat, scaled, or of φ = φ(x), rad."""
-        return max(float(np.abs(block.evaluate(x)).max()) for block in self.blocks)
 
 
 def linear_limb(parameters: LimbParameters) -> LimbParameters:

@@ -16,7 +16,7 @@ from limb_systems.files.output import check_outputs
 from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import Panel
 from soft_limb.command import EXIT_STATUS
-from soft_limb.runs.rollout import CONTROLLERS, OPEN
+from soft_limb.runs import CONTROLLERS, OPEN
 
 if TYPE_CHECKING:
     from soft_limb.live_page import LivePage

@@ -19,8 +19,8 @@ from soft_limb.commands.options import (
     say_duration,
     shared,
 )
+from soft_limb.runs import CONTROLLERS, OPEN
 from soft_limb.runs.plan_run import task_named
-from soft_limb.runs.rollout import CONTROLLERS, OPEN
 from soft_limb.runs.sweep_cases import cases, means, sweep
 
 

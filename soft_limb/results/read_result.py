@@ -124,6 +124,7 @@ def _trajectory(path: Path, _text: str, quick: bool) -> Read:
 
 
 def _learning(path: Path, _text: str, quick: bool) -> Read:
+
     learner = Learner.load(path)
     plan = learner.trajectory
     more = Summary([Entry("plan", plan.summary().line()), identity_entry(plan.parameters)])

@@ -1,15 +1,17 @@
 """Plans, calibrations and what was learned, each told once, for terminals, JSON and pages."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from calibration import Calibration, Prediction, Validation
-from controllers import Learner
 from limb_systems import Trajectory
 from limb_systems.files.plan_statements import plan_statements
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances
-from planners.nearest import nearest_bend_angle, nearest_plan
-from planners.plan_check import far_from_reference
+
+if TYPE_CHECKING:
+    from calibration import Calibration, Prediction, Validation
+    from controllers import Learner
 
 
 def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
@@ -18,6 +20,9 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
     Args:
         quick: whether to leave out what the limits leave, which takes a second.
     """
+    from planners.nearest import nearest_plan  # takes long to import
+    from planners.plan_check import far_from_reference
+
     found = None if quick else nearest_plan(trajectory)
     distances = reference_distances(trajectory, nearest=None if found is None else found[0])
     nearest, said = _degrees(distances.nearest), ""
@@ -59,7 +64,7 @@ def _degrees(distance: float | None) -> float | None:
     return None if distance is None else float(np.rad2deg(distance))
 
 
-def repetitions_summary(learner: Learner, *, quick: bool = False) -> Summary:
+def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
     """How near each repetition came to the reference and to the plan, and why learning ended.
 
     Args:
@@ -81,6 +86,8 @@ def repetitions_summary(learner: Learner, *, quick: bool = False) -> Summary:
     undone = sum(repetition.failed for repetition in learner.repetitions)
     said = f"mean |φ* - φ| {errors}{f'; undone: {undone}' * bool(undone)}" if values else "none"
     plan = learner.trajectory
+    from planners import nearest_bend_angle  # takes long to import
+
     distances = reference_distances(plan, nearest=None if quick else nearest_bend_angle(plan))
     return Summary(
         [
@@ -92,7 +99,7 @@ def repetitions_summary(learner: Learner, *, quick: bool = False) -> Summary:
     )
 
 
-def calibration_summary(calibration: Calibration) -> Summary:
+def calibration_summary(calibration: "Calibration") -> Summary:
     """Whether to plan with a calibration, what to do next, and what was calibrated."""
     estimates, stiffness = calibration.estimates, calibration.stiffness
     values = {
@@ -125,12 +132,12 @@ def calibration_summary(calibration: Calibration) -> Summary:
     return Summary([*entries, validated])
 
 
-def ranked(calibration: Calibration) -> list[str]:
+def ranked(calibration: "Calibration") -> list[str]:
     """The remarks on a calibration, each after its severity."""
     return [f"{remark.severity.name.lower()}: {remark}" for remark in calibration.remarks]
 
 
-def _laws(prediction: Prediction | None) -> Entry:
+def _laws(prediction: "Prediction | None") -> Entry:
     """The laws that were compared, and how well each predicts what it was not fitted to."""
     if prediction is None:
         return Entry("laws")
@@ -153,7 +160,7 @@ def _laws(prediction: Prediction | None) -> Entry:
     return Entry("laws", values, sentence="\n".join(lines))
 
 
-def validation_summary(validation: Validation) -> Summary:
+def validation_summary(validation: "Validation") -> Summary:
     """The errors of a validation."""
     degrees = [validation.mean, validation.median, validation.percentile_90]
     mean, median, most = np.rad2deg(degrees).tolist()

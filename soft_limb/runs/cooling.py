@@ -8,7 +8,7 @@ from hardware.board.serial_limb import SerialLimb
 from hardware.board.signals import came
 from hardware.emulation.twin import LimbTwin
 from hardware.live_feed import LiveView, Reading, RunHeader
-from hardware.replay import watch
+from hardware.replaying import watch
 from limb_systems import LimbError, LimbSystem, Recording
 
 COOL = 3.0  # °C, by which a wire may be warmer than at the start

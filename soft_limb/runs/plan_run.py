@@ -114,7 +114,7 @@ def teach_and_go(
 
     Raises:
         PlanningError: if there is no plan.
-        ReplayError, HardwareError, OutputError: as `hardware.replay.replay` does.
+        ReplayError, HardwareError, OutputError: as `hardware.replaying.replay` does.
         LimbError: if a file cannot be read.
     """
     plan_file, recording_file, picture, report = (Path(folder) / name for name in FOLLOWED)

@@ -14,7 +14,7 @@ from hardware.board.serial_limb import SerialLimb
 from hardware.board.several_boards import Ports, open_link
 from hardware.emulation.twin import LimbTwin
 from hardware.live_feed import LiveView
-from hardware.replay import ReplayError
+from hardware.replaying import ReplayError
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.files.output import OutputError, check_folder
 from limb_systems.files.table_writer import unfinished_files

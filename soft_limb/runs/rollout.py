@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import System
 
-from controllers import PlanFeedback, PlanRegulator, RecedingHorizon
+import controllers
+from controllers import RecedingHorizon
 from controllers.estimator import Estimator
 from hardware.board.serial_limb import DEADLINE, SerialLimb
 from hardware.live_feed import LiveView
-from hardware.replay import replay
+from hardware.replaying import replay
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.drake_python import weak_method
 from limb_systems.files.output import OutputError
@@ -22,14 +23,8 @@ from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from planners import nearest_bend_angle
 from soft_limb.results.summaries import distances_summary
+from soft_limb.runs import CONTROLLERS, OPEN
 
-OPEN = "open-loop"
-CONTROLLERS = {
-    OPEN: None,
-    "plan-feedback": PlanFeedback,
-    "plan-regulator": PlanRegulator,
-    "receding-horizon": RecedingHorizon,
-}
 # The controller that has come nearest to references, on limbs of several physics.
 NEAREST = "receding-horizon"
 UNEXPLAINED_TIME = 5.0  # s, that a bend may be read otherwise than explained before a user is told
@@ -180,7 +175,7 @@ def roll_out(
     driver = controller_of(controller, trajectory, real_time=real_time)
     limb = make_limb()
     if kind := CONTROLLERS[controller]:
-        limb.source += f", driven by {kind.__name__}"
+        limb.source += f", driven by {kind}"
     recording = record_replay(trajectory, limb, output, controller=driver, live=live)
     robot = limb if isinstance(limb, SerialLimb) else None
     return Rollout(
@@ -221,9 +216,9 @@ def record_replay(
 def controller_of(name: str, trajectory: Trajectory, *, real_time: bool = False) -> System | None:
     """A controller by its key in `CONTROLLERS`; None for open loop."""
     kind = CONTROLLERS[name]
-    if kind is RecedingHorizon:
+    if kind == "RecedingHorizon":
         return _CountingHorizon(trajectory, real_time)
-    return kind(trajectory) if kind else None
+    return getattr(controllers, kind)(trajectory) if kind else None
 
 
 def reduced_time(recording: Recording) -> float:

@@ -18,7 +18,7 @@ from pydrake import trajectories
 from hardware import LimbTwin
 from hardware.emulation.specimen import emulated_limb
 from hardware.emulation.twin import specimens_of
-from hardware.replay import replay
+from hardware.replaying import replay
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.files.output import write_atomically
 from limb_systems.files.schema import shown

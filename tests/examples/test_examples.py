@@ -11,11 +11,22 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from PIL import Image
+from render_motion import MotionScene
 from scipy.signal import lsim
 
 import calibration
 from hardware import LimbTwin
-from limb_systems import LimbParameters, LinearLaw, Recording, Trajectory, tip_position
+from limb_systems import (
+    Limb,
+    LimbParameters,
+    LinearLaw,
+    Recording,
+    Trajectory,
+    simulate,
+    tip_position,
+)
+from limb_systems.kinematics import link_positions
 
 from ..hardware.conftest import VirtualBoard
 from ..hardware.virtual_time import VirtualTime
@@ -32,7 +43,7 @@ def run(arguments, folder):
         contextlib.chdir(folder),
         contextlib.redirect_stdout(said),
         mock.patch.object(sys, "argv", words),
-        mock.patch.object(sys, "path", [str(EXAMPLES), *sys.path]),
+        mock.patch.object(sys, "path", [str(Path(words[0]).parent), *sys.path]),
     ):
         runpy.run_path(words[0], run_name="__main__")
     return said.getvalue()
@@ -210,6 +221,31 @@ def test_draw_in_space(tmp_path):
     for name in ("open_loop", "feedback"):
         assert (tmp_path / f"drawing_{name}.png").read_bytes().startswith(PNG)
         assert b"</html>" in (tmp_path / f"drawing_{name}.html").read_bytes()
+    files = "drawing.csv", "drawing_feedback.csv"
+    run([EXAMPLES / "figure_in_space.py", *files, "-o", "space.png"], tmp_path)
+    assert (tmp_path / "space.png").read_bytes().startswith(PNG)
+
+
+@pytest.mark.whole
+def test_render_motion(tmp_path):
+    """The hot wire is seen where the camera is said to see it, and a loop is as fast as asked."""
+    motion = simulate(Limb(), [0.0, 0.3], 8.0)
+    scene = MotionScene(motion, (640, 440))
+    picture = scene.at(8.0).astype(int)
+    rows, columns = np.nonzero(picture[..., 0] - picture[..., 2] > 60)  # red more than blue
+    ends = link_positions(motion.parameters, motion.joint_state[:5, -1])
+    right_wire = [0.0, motion.parameters.wires[1].e2, motion.parameters.segments[0].width / 2]
+    x, y = scene.pixels((ends[[0, -1]] + right_wire).T)
+    assert columns.min() == pytest.approx(x[0], abs=6)
+    assert columns.max() == pytest.approx(x[1], abs=12)
+    assert rows.min() == pytest.approx(y[1], abs=12)  # it bends up
+    motion.save(tmp_path / "motion.csv")
+    run([EXAMPLES / "render_motion.py", "motion.csv", "-o", "motion.png"], tmp_path)
+    assert (tmp_path / "motion.png").read_bytes().startswith(PNG)
+    arguments = [EXAMPLES / "render_motion.py", "motion.csv", "-o", "motion.gif", "--pace", "20"]
+    run(arguments, tmp_path)
+    with Image.open(tmp_path / "motion.gif") as loop:
+        assert (loop.n_frames, loop.info["duration"]) == (4, 100)
 
 
 @pytest.mark.whole
@@ -237,7 +273,7 @@ def test_own_diagram(tmp_path):
 @pytest.mark.whole
 def test_gripper(tmp_path):
     """Contact, of which the plan knows the springs of the finger alone, confirms force and time."""
-    said = run([EXAMPLES / "gripper.py"], tmp_path)
+    said = run([EXAMPLES / "gripper" / "gripper.py"], tmp_path)
     planned, opens, force, free = (
         float(re.search(pattern, said)[1])
         for pattern in (

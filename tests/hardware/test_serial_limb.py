@@ -14,7 +14,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import collect_from_robot
 from hardware import HardwareError, LimbTwin, ReplayError, SerialLimb, replay
-from hardware.replay import check_replayable
+from hardware.replaying import check_replayable
 from limb_systems import (
     EmulatedLimb,
     Limb,

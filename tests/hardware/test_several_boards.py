@@ -16,7 +16,7 @@ from hardware import (
     drive,
 )
 from hardware.board.several_boards import SeveralBoards, limbs_of
-from hardware.replay import check_replayable
+from hardware.replaying import check_replayable
 from limb_systems import LimbError, Recording, SerialBoard
 from planners import plan, references
 from soft_limb.command import main

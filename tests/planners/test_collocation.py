@@ -14,7 +14,7 @@ from limb_systems import (
     Wires,
 )
 from limb_systems.dynamics import Dynamics
-from planners.transcription.collocation import LimbDefects
+from planners.transcription.collocation import MotionDefects, heat_block
 
 TIME_STEP = 5e-4  # s, short enough for the fixed point that closes the θ rows below
 
@@ -33,7 +33,7 @@ def limbs() -> dict[str, LimbParameters]:
 
 
 class Trajectories:
-    """`LimbDefects` of K knots as functions of states (K, ..), duty (K, W) and time steps."""
+    """(17) of K knots as functions of states (K, ..), duty (K, W) and time steps."""
 
     def __init__(self, parameters, num_knots=2, time_step=TIME_STEP):
         wires = Wires(parameters)
@@ -41,26 +41,31 @@ class Trajectories:
         sizes = num_knots * num_states, num_knots * wires.num_wires, num_knots - 1
         ends = np.cumsum(sizes)
         states, duty, steps = np.split(np.arange(ends[-1]), ends[:-1])
-        shape = states.reshape(num_knots, -1), duty.reshape(num_knots, -1), steps
-        self.block = LimbDefects(
-            Dynamics(parameters), wires.heat_scales, *shape, time_step, free_duration=True
+        states, duty = states.reshape(num_knots, -1), duty.reshape(num_knots, -1)
+        motion = MotionDefects(
+            Dynamics(parameters), wires, states, duty, steps, time_step, free_duration=True
         )
-        self.num_states, self.num_variables = num_states, ends[-1]
+        heat = heat_block(wires, states[:, 2 * parameters.num_joints :], duty, steps)
+        self.blocks, self.num_variables = [motion, heat], ends[-1]
 
     def evaluate(self, *signals):
-        return self.block.evaluate(flat(*signals)).reshape(-1, self.num_states)
+        return np.concatenate([block.evaluate(flat(*signals)) for block in self.blocks])
 
     def jacobian(self, *signals):
-        result = np.zeros((len(self.block.lower), self.num_variables))
-        result[self.block.rows, self.block.columns] = self.block.jacobian(flat(*signals))
-        return result
+        results = []
+        for block in self.blocks:
+            results.append(np.zeros((len(block.lower), self.num_variables)))
+            results[-1][block.rows, block.columns] = block.jacobian(flat(*signals))
+        return np.vstack(results)
 
     def hessian(self, multipliers, *signals):
         result = np.zeros((self.num_variables, self.num_variables))
-        values = self.block.hessian(flat(*signals), multipliers)
-        rows, columns = self.block.hessian_rows, self.block.hessian_columns
-        low, high = np.minimum(rows, columns), np.maximum(rows, columns)
-        np.add.at(result, (high, low), values)
+        split = np.split(multipliers, [len(self.blocks[0].lower)])
+        for block, weights in zip(self.blocks, split, strict=True):
+            values = block.hessian(flat(*signals), weights)
+            rows, columns = block.hessian_rows, block.hessian_columns
+            low, high = np.minimum(rows, columns), np.maximum(rows, columns)
+            np.add.at(result, (high, low), values)
         return result + np.tril(result, -1).T
 
 
@@ -69,7 +74,7 @@ def flat(*signals):
 
 
 def test_defects_and_their_jacobian_agree_with_drakes_autodiff():
-    """θ rows are exact at once; rows of θ̇ where those of θ vanish, as in `LimbDefects`."""
+    """θ rows are exact at once; rows of θ̇ where those of θ vanish, as in `MotionDefects`."""
     generator = np.random.default_rng(1)
     for parameters in limbs().values():
         states, duty = random_state(parameters, generator, 2)
@@ -86,21 +91,23 @@ def test_defects_and_their_jacobian_agree_with_drakes_autodiff():
         def variables(states=states, duty=duty):
             return np.r_[TIME_STEP, states.ravel(), duty.ravel()]
 
-        ours = unscale @ defects.evaluate(states, duty, step)[0]
+        ours = unscale @ defects.evaluate(states, duty, step)
         theirs, exact = constraint.Eval(variables()), np.r_[:n, 2 * n : size]
         np.testing.assert_allclose(ours[exact], theirs[exact], rtol=1e-9, atol=1e-7)
         for _ in range(60):  # closes the θ rows
             states[1, :n] -= constraint.Eval(variables())[:n] * TIME_STEP / 1.5
         ours, theirs = (
-            unscale @ defects.evaluate(states, duty, step)[0],
+            unscale @ defects.evaluate(states, duty, step),
             constraint.Eval(variables()),
         )
         np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-5)
         assert np.abs(theirs).max() > 1.0  # it is no feasible point
 
+        heat_defects = theirs[2 * n :]
         theirs = ExtractGradient(constraint.Eval(InitializeAutoDiff(variables())[:, 0]))
         theirs = np.roll(theirs, -1, axis=1)  # the time step is Drake's first and our last variable
         ours = unscale @ defects.jacobian(states, duty, step)
+        ours[2 * n :, -1] -= heat_defects / TIME_STEP  # rows of heat are times the time step
         scale = np.abs(theirs).max(axis=0) + 1.0
         ours, theirs = ours / scale, theirs / scale
         np.testing.assert_allclose(ours[exact], theirs[exact], rtol=1e-8, atol=1e-8)
@@ -117,7 +124,7 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian():
         wires, n = Wires(parameters), parameters.num_joints
         signals = *random_state(parameters, generator, 3), generator.uniform(0.04, 0.06, 2)
         defects = Trajectories(parameters, 3, 0.05)
-        multipliers = generator.normal(size=len(defects.block.lower))
+        multipliers = generator.normal(size=sum(len(block.lower) for block in defects.blocks))
         scales = np.tile(np.r_[np.full(n, 0.1), np.ones(n), wires.heat_scales], 3)
         scales = np.r_[scales, np.ones(signals[1].size), np.full(2, 0.05)]
 
@@ -134,8 +141,9 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian():
         hessian = scales[:, None] * defects.hessian(multipliers, *signals) * scales
         np.testing.assert_allclose(hessian, quotient, atol=1e-6 * most)
         knots = np.arange(signals[0].size).reshape(3, -1)
-        others = np.r_[knots[:, : 2 * n].ravel(), -2:0]
+        others = knots[:, : 2 * n].ravel()
         quotient[others], quotient[:, others] = 0.0, 0.0
-        defects.block = defects.block.with_curvature_of_heat()
+        defects.blocks[0] = defects.blocks[0].with_curvature_of_heat()
         hessian = scales[:, None] * defects.hessian(multipliers, *signals) * scales
-        np.testing.assert_allclose(hessian, quotient, atol=1e-6 * most)
+        by_heat = hessian[:-2, :-2]  # not by the time steps
+        np.testing.assert_allclose(by_heat, quotient[:-2, :-2], atol=1e-6 * most)

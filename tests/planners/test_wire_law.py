@@ -136,7 +136,7 @@ def test_hysteresis_and_a_memory_of_the_rubber_are_planned_with_their_curvature(
 
 
 def test_the_check_simulates_wires_and_motion_as_the_whole_limb():
-    """Wires that are simulated before the motion against both in one diagram, ten times finer."""
+    """The integration of the limb's equations against Drake's diagram, ten times finer."""
     for name in ("threshold", "hysteretic"):
         limb = limb_with(TWO_MASS_LAWS[name](), TWO_MASS_LAWS[name]())
         limb.segments[0].stiffening = 0.4 if name == "threshold" else 0.0

@@ -47,20 +47,16 @@ def gait_verdict(gait: Gait) -> str:
 
 
 def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | None = None) -> None:
-    """Write one HTML page: verdict, picture, replay, the cycle's signals, check, and the robot.
+    """Write one HTML page: verdict, replay, the cycle's signals, check, and the robot.
 
     Args:
         path: path of the page.
         data: files that the page links to, by what they are.
     """
-    # Matplotlib takes as long to import as all the rest.
-    from walking.views.walk_drawing import draw_walk
-
-    check, what = gait.check, "The robot at six moments, its feet and its wires' heat"
+    check = gait.check
     height = 34 + max(0, len(gait.parameters.wire_names) - 4)  # of a replay and its caption, rem
     parts: list[page.Part] = [
         page.verdict(gait_verdict(gait)),
-        page.picture(draw_walk(gait), what),
         page.section("Replay", page.frame(replay_page(gait), "the robot in 3D", height)),
     ]
     if not check.is_missing:

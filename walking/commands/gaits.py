@@ -55,9 +55,10 @@ from walking.schedules import (
     sensible_schedules,
 )
 from walking.strides import StridesFit, fit_strides
+from walking.views.robot_panels import way_panel
 from walking.walk_trajectory import walk
 from walking.walker import check_walker
-from walking.wayfinder import NEAR, Wayfinder
+from walking.wayfinder import Wayfinder
 
 STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
 FIRST_STRIDES = 2  # after which the gait is planned again
@@ -117,12 +118,7 @@ def _gait(options: argparse.Namespace) -> int:
     if refused and not options.json:
         print_table("schedules that were not taken", refused)
     gait.save(options.output)
-    if options.plot:
-        # Matplotlib takes as long to import as all the rest.
-        from limb_systems.views.plots import save_figure
-        from walking.views.walk_drawing import draw_walk
-
-        save_figure(draw_walk(gait), options.plot)
+    save_panels(motion_panels(gait), options.plot)
     if options.report:
         from walking.commands.gait_report import gait_report
 
@@ -234,12 +230,7 @@ def _go(options: argparse.Namespace) -> int:
     cycles = int(3 * length / ahead.stride) + 30 * len(options.to)
     most = walk(ahead, cycles)
     recording = record_replay(most, robot, options.output, controller=controller)
-    if options.plot:
-        # Matplotlib takes as long to import as all the rest.
-        from limb_systems.views.plots import save_figure
-        from walking.views.way_drawing import draw_way
-
-        save_figure(draw_way(recording, options.to, NEAR), options.plot)
+    save_panels([way_panel(recording, options.to)], options.plot)
     pose = recording.body_pose
     assert pose is not None, "a Wayfinder sees the body"
     last = pose[:, np.isfinite(pose).all(axis=0)][:, -1]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from limb_systems.files.recording import Recording
-from limb_systems.views.colors import ROLLOUT_COLOR, wire_colors
+from limb_systems.views.colors import PLAN_COLOR, ROLLOUT_COLOR, wire_colors
 from limb_systems.views.panels import Curve, Panel
 from walking.foot_fall import foot_fall
 from walking.gait import Gait, GaitPhase
@@ -59,6 +59,22 @@ def robot_panels(robot: RobotParameters, motion: Recording | Gait) -> list[Panel
         ]
         panels.append(Panel("contact force (N)", curves, 230 + 20 * (len(curves) // 6)))
     return panels
+
+
+def way_panel(recording: Recording, goals: Sequence[Sequence[float]]) -> Panel:
+    """Return the way of a body over the ground, from above, and the places it was to go to.
+
+    Args:
+        recording: recording of a robot in space whose body is seen.
+        goals: places, whose first numbers are x and y, m.
+    """
+    x, y = 1e3 * recording.body_pose[:2]
+    places = 1e3 * np.array([goal[:2] for goal in goals]).T
+    curves = [
+        Curve("way of the body", x, y, ROLLOUT_COLOR),
+        Curve("places to go to", places[0], places[1], PLAN_COLOR, width=4.0, marks=True),
+    ]
+    return Panel("y (mm)", curves, 400, "x (mm)", equal=True)
 
 
 def foot_fall_panel(robot: RobotParameters, phases: Sequence[GaitPhase], end: float) -> Panel:

@@ -18,7 +18,7 @@ from pydrake.systems.primitives import PassThrough
 
 from hardware.board.journal import journaled
 from hardware.firmware import guard
-from hardware.replay import START_TOLERANCE
+from hardware.replaying import START_TOLERANCE
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
 from limb_systems.limb_system import check_limb
 from limb_systems.simulation import PERIOD, failure_told, make_simulator

@@ -4,11 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
+from grip import grip
 from scipy.optimize import minimize
 
 from limb_systems import LimbError, LimbParameters
 from limb_systems.kinematics import link_positions
-from planners import grip
 
 CENTER, RADIUS = np.array([0.085, 0.035]), 0.02
 

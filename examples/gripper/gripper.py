@@ -1,29 +1,31 @@
 """Two fingers on a lift grip a table-tennis ball, hold it up and let it go.
 
-    python examples/gripper.py
+    python examples/gripper/gripper.py
 
-All that is there is in gripper/scenario.yaml. The plan is that of one finger; contact is simulated.
+All that is there is in scenario.yaml. The plan is that of one finger; contact is simulated.
 """
 
 from pathlib import Path
 
 import numpy as np
+from grip import fingers_duty, grip
 from pydrake.trajectories import PiecewisePolynomial
 
 from hardware import Station, drive
 from limb_systems import LimbParameters
 from limb_systems.views.panels import Curve, Panel
 from limb_systems.views.plots import draw, save_figure
-from planners import Task, grip, plan, references
+from planners import Task, plan, references
 
-FOLDER, HOLDS, OPENS, END = Path(__file__).with_name("gripper"), 18.0, 23.0, 30.0  # s
+FOLDER = Path(__file__).parent
+HOLDS, OPENS, END = 18.0, 23.0, 30.0  # s
 LIFT = [0.0, 15.0, 17.0, 20.0, 22.0, END], [[0.0, 0.0, 0.05, 0.05, 0.0, 0.0]]  # s, m
 finger = LimbParameters.load(FOLDER / "finger.yaml")
 held = grip(finger, center=[0.085, 0.035], radius=0.02, force=0.1)  # m, from the base, and N
 bends = np.array([[0.0, 0.0, held.bend_angle, held.bend_angle, 0.0, 0.0]])
 motion = references.from_samples([0.0, 12.0, 14.0, OPENS, OPENS + 1.0, END], bends)
 planned = plan(finger, motion, task=Task(duty_weight=0.05))
-inputs = {f"{name}_finger.duty": planned for name in ("left", "right")}
+inputs = fingers_duty(planned)
 inputs["wrist.desired_state"] = PiecewisePolynomial.CubicShapePreserving(*LIFT, True)
 seen = drive(Station(FOLDER / "scenario.yaml"), inputs, END)
 

@@ -1,9 +1,9 @@
 """How planned grips come out in a simulation with contact: forces, and when the ball is free.
 
-The gripper of examples/gripper.py, with other forces, balls, hands and wires. The plan is that of
-a free finger by `planners.grip`; the simulation is Drake's, with hydroelastic contact.
+The gripper of gripper.py, with other forces, balls, hands and wires. The plan is that of
+a free finger by `grip`; the simulation is Drake's, with hydroelastic contact.
 
-    python benchmarks/grip_forces.py
+    python examples/gripper/grip_forces.py
 """
 
 import copy
@@ -12,12 +12,13 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from grip import fingers_duty, grip
 
 from hardware import Station, drive
 from limb_systems import HystereticLaw, LimbParameters, SaturatingLaw
-from planners import Task, grip, plan, references
+from planners import Task, plan, references
 
-FOLDER = Path(__file__).parents[1] / "examples" / "gripper"
+FOLDER = Path(__file__).parent
 ALONG, OPENS, END = 0.085, 22.0, 26.0  # m, s
 CASES = (  # ball's radius, distance of the finger from its centre, m; force, N; law
     ("light", 0.02, 0.035, 0.05, None),
@@ -60,7 +61,7 @@ def main() -> None:
         bends = np.array([[0.0, 0.0, held.bend_angle, held.bend_angle, 0.0, 0.0]])
         motion = references.from_samples([0.0, 12.0, 14.0, OPENS, OPENS + 1.0, END], bends)
         trajectory = plan(finger, motion, task=Task(duty_weight=0.05))
-        inputs = {f"{side}_finger.duty": trajectory for side in ("left", "right")}
+        inputs = fingers_duty(trajectory)
         with tempfile.TemporaryDirectory() as folder:
             made = station(finger, radius, distance, Path(folder))
             seen = drive(made, {**inputs, "wrist.desired_state": [0.0, 0.0]}, END)

@@ -17,13 +17,14 @@ import itertools
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.trajectories import PiecewisePolynomial
 from scipy.optimize import brentq
 
-from limb_systems import Layout, LimbParameters, Wires, bend_angle
+from limb_systems import Layout, LimbParameters, Trajectory, Wires, bend_angle
 from limb_systems.dynamics import equation_of_motion
 from limb_systems.kinematics import Chain
 from limb_systems.statics import HeldAngles
-from planners.transcription.solving import PlanningError
+from planners import PlanningError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +71,16 @@ def grip(
             wires, or cannot press so hard.
     """
     return _Finger(parameters, np.asarray(center, float), radius, margin).grip(force)
+
+
+def fingers_duty(planned: Trajectory) -> dict[str, Trajectory | PiecewisePolynomial]:
+    """Return the duty of both fingers of the gripper, whose wires change places from side to side.
+
+    Args:
+        planned: the plan of the left finger, which bends towards its right wire.
+    """
+    mirrored = PiecewisePolynomial.FirstOrderHold(planned.time, planned.duty[::-1])
+    return {"left_finger.duty": planned, "right_finger.duty": mirrored}
 
 
 class _Finger:

@@ -1,0 +1,301 @@
+"""A recording as moments beside each other, or as a GIF, by Drake's renderer, without a screen.
+
+    python examples/render_motion.py [RECORDING.csv] [-o PICTURE.png or .gif] [--pace FACTOR]
+
+It takes recordings of limbs and of robots. Wires have the colour of their temperature. Without a
+recording, the crawler's rear right wire is heated for 8 s.
+"""
+
+import argparse
+import io
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from PIL import Image
+from pydrake.geometry import (
+    Box,
+    ClippingRange,
+    ColorRenderCamera,
+    LightParameter,
+    MakeRenderEngineVtk,
+    PerceptionProperties,
+    RenderCameraCore,
+    RenderEngineVtkParams,
+    Rgba,
+    Role,
+    RoleAssign,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.sensors import CameraInfo
+
+from limb_systems import (
+    Layout,
+    LimbError,
+    LimbParameters,
+    Recording,
+    add_limb,
+    simulate,
+    wire_color,
+)
+from limb_systems.files.output import write_atomically
+from limb_systems.views.plots import save_figure
+from walking import Robot
+from walking.robot import add_robot, set_positions
+
+FIELD_OF_VIEW = 0.35  # rad, from top to bottom
+FRAMES_PER_SECOND = 10  # of a GIF
+GRID, LABELLED = 0.01, 0.05  # m, from line to line on the ground, and between darker lines
+LIGHTS = (  # frames, directions and intensities
+    ("camera", [0.2, 0.2, 1.0], 0.9),
+    ("world", [-0.3, 0.3, -1.0], 0.4),
+)
+IN_PLANE, IN_SPACE, BESIDE, OBLIQUE = (  # directions from limbs, and from robots, to the camera
+    [0.0, -0.45, 0.9],
+    [0.64, -0.64, 0.42],
+    [0.0, -1.0, 0.25],
+    [0.557, -0.663, 0.5],
+)
+
+
+class Scene:
+    """A plant in a diagram that is rendered on white.
+
+    - ``context``: the plant's own, in which to set positions.
+    - ``pose``: pose of the camera in the world, whose z points ahead and y down.
+    - ``camera``: size and field of view.
+    """
+
+    def __init__(
+        self,
+        diagram: Diagram,
+        plant: MultibodyPlant,
+        scene_graph: SceneGraph,
+        center: np.ndarray,
+        radius: float,
+        to_eye: np.ndarray,
+        size: tuple[int, int],
+    ):
+        """
+        Args:
+            center, radius: a ball that the camera sees whole, m.
+            to_eye: direction from the center to the camera.
+            size: width and height of pictures, px.
+        """
+        self._plant, self._scene_graph = plant, scene_graph
+        # Add the renderer.
+        lights = [
+            LightParameter(type="directional", frame=frame, direction=way, intensity=intensity)
+            for frame, way, intensity in LIGHTS
+        ]
+        params = RenderEngineVtkParams(default_clear_color=[1.0, 1.0, 1.0], lights=lights)
+        scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(params))
+        # Put the camera where it sees the ball.
+        self.camera = CameraInfo(*size, FIELD_OF_VIEW)
+        ahead = -np.asarray(to_eye) / np.linalg.norm(to_eye)
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        axes = np.column_stack([right, np.cross(ahead, right), ahead])
+        distance = radius / np.sin(FIELD_OF_VIEW / 2)
+        self.pose = RigidTransform(RotationMatrix(axes), center - distance * ahead)
+        # Contexts have a copy of the renderer.
+        self._root = diagram.CreateDefaultContext()
+        self.context = plant.GetMyMutableContextFromRoot(self._root)
+
+    def color_wires(
+        self,
+        parameters: LimbParameters,
+        temperature: np.ndarray,
+        instance: ModelInstanceIndex,
+        prefix: str = "",
+    ) -> None:
+        """Give the wires of a limb the colours of their temperatures (W), °C.
+
+        Args:
+            instance: model instance of the limb.
+            prefix: beginning of the names of its bodies.
+        """
+        inspector, plant = self._scene_graph.model_inspector(), self._plant
+        context = self._scene_graph.GetMyMutableContextFromRoot(self._root)
+        colors = iter(wire_color(parameters, temperature))
+        for segment, pieces in zip(parameters.segments, Layout(parameters).pieces, strict=True):
+            bodies = [plant.GetBodyByName(f"{prefix}{body}", instance) for body, _ in pieces]
+            frames = [plant.GetBodyFrameIdOrThrow(body.index()) for body in bodies]
+            for wire, color in zip(segment.wires, colors, strict=False):
+                properties = PerceptionProperties()
+                properties.AddProperty("phong", "diffuse", Rgba(*color))
+                for frame in frames:
+                    for shape in inspector.GetGeometries(frame, Role.kPerception):
+                        if inspector.GetName(shape).endswith(f"wire_{wire.name}"):
+                            source = plant.get_source_id()
+                            self._scene_graph.RemoveRole(context, source, shape, Role.kPerception)
+                            self._scene_graph.AssignRole(
+                                context, source, shape, properties, RoleAssign.kNew
+                            )
+
+    def picture(self) -> np.ndarray:
+        """Return what the camera sees (height, width, 3), 0 to 255."""
+        context = self._scene_graph.GetMyContextFromRoot(self._root)
+        query = self._scene_graph.get_query_output_port().Eval(context)
+        clipping = ClippingRange(0.01, 10.0)  # m
+        core = RenderCameraCore("vtk", self.camera, clipping, RigidTransform())
+        world = self._scene_graph.world_frame_id()
+        image = query.RenderColorImage(ColorRenderCamera(core), world, self.pose)
+        return image.data[..., :3].copy()
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """Return where points (3, K), m, are in pictures (2, K), px to the right and down."""
+        seen = self.camera.intrinsic_matrix() @ (self.pose.inverse() @ points)
+        return seen[:2] / seen[2]
+
+
+class MotionScene(Scene):
+    """A limb, or a robot on its ground, as it moves in a recording or a gait."""
+
+    def __init__(self, motion, size: tuple[int, int]):
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+        self._motion, self._robot = motion, motion.robot
+        if self._robot is None:
+            add_limb(plant, motion.parameters)
+            center, radius = np.zeros(3), 1.1 * motion.parameters.length
+            to_eye = IN_PLANE if Layout(motion.parameters).is_planar else IN_SPACE
+        else:
+            add_robot(plant, self._robot)
+            # Show all of the way.
+            way = self._places()
+            low, high = way.min(axis=1), way.max(axis=1)
+            height = max(limb.parameters.length for limb in self._robot.limbs)
+            margin = 0.6 * max(self._robot.body.length, self._robot.body.width) + 0.2 * height
+            center = [*(low + high)[:2] / 2, 0.45 * height]
+            radius = np.linalg.norm(high - low) / 2 + margin
+            to_eye = OBLIQUE if self._robot.pose_size == 6 else BESIDE
+            add_grid(plant, low - margin, high + margin)
+        plant.Finalize()
+        super().__init__(builder.Build(), plant, scene_graph, center, radius, to_eye, size)
+
+    def _places(self) -> np.ndarray:
+        """Return the places of the body (3, K), m."""
+        pose = self._motion.body_pose
+        if len(pose) == 6:
+            return pose[:3]
+        return np.array([pose[0], 0 * pose[0], pose[1]])
+
+    def at(self, time: float) -> np.ndarray:
+        """Return the picture (height, width, 3) at a time, s."""
+        motion, plant = self._motion, self._plant
+        joints = len(motion.joint_state) // 2
+        angles = motion.interpolated(motion.joint_state[:joints], time)
+        heat = motion.interpolated(motion.wire_temperature, time)
+        instance = ModelInstanceIndex(2)
+        if self._robot is None:
+            plant.SetPositions(self.context, angles)
+            self.color_wires(motion.parameters, heat, instance)
+            return self.picture()
+        pose = motion.interpolated(motion.body_pose, time)
+        set_positions(plant, self.context, self._robot, pose, angles)
+        for limb, wires in zip(self._robot.limbs, self._robot.wires_of, strict=True):
+            self.color_wires(limb.parameters, heat[wires], instance, f"{limb.name}_")
+        return self.picture()
+
+
+def add_grid(plant: MultibodyPlant, low: np.ndarray, high: np.ndarray) -> None:
+    """Draw lines on the ground between two corners (x, y), m; each fifth is darker."""
+    low, high = np.floor(low / LABELLED) * LABELLED, np.ceil(high / LABELLED) * LABELLED
+    middle, span = (low + high) / 2, high - low
+    for axis in range(2):
+        for at in np.arange(low[axis], high[axis] + GRID / 2, GRID):
+            is_dark = abs(at / LABELLED - round(at / LABELLED)) < 1e-6
+            shape = np.array([*span[:2], 1e-4])
+            shape[axis] = 0.0008 if is_dark else 0.0005
+            place = np.array([*middle[:2], -1e-4])
+            place[axis] = at
+            color = (0.62, 0.65, 0.7, 1.0) if is_dark else (0.84, 0.86, 0.89, 1.0)
+            name = f"grid_{axis}_{at:.3f}"
+            plant.RegisterVisualGeometry(
+                plant.world_body(), RigidTransform(place), Box(*shape), name, color
+            )
+
+
+def heat_scale(parameters: LimbParameters) -> ScalarMappable:
+    """Return the colours of wires over their temperature, for a colour bar."""
+    values = np.linspace(parameters.ambient_temperature, parameters.temperature_limits.maximum, 100)
+    return ScalarMappable(
+        Normalize(values[0], values[-1]), ListedColormap(wire_color(parameters, values))
+    )
+
+
+def draw_moments(motion, times: np.ndarray, columns: int = 3) -> Figure:
+    """Draw a motion at some times, s, beside each other."""
+    scene = MotionScene(motion, (640, 440))
+    rows = -(-len(times) // columns)
+    figure = Figure(figsize=(8.6, 0.2 + 2.0 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for axis in axes.flat:
+        axis.set_axis_off()
+    for axis, time in zip(axes.flat, times, strict=False):
+        axis.imshow(scene.at(time), interpolation="antialiased")
+        axis.set_title(f"{time:.1f} s", loc="left", fontsize=10)
+    scale = heat_scale(motion.parameters)
+    figure.colorbar(scale, ax=axes, label="wire temperature (°C)", aspect=30, pad=0.01)
+    return figure
+
+
+def animate(motion, path: Path, pace: float = 4.0) -> None:
+    """Write a motion as a GIF that loops, so many times as fast as the motion."""
+    scene = MotionScene(motion, (900, 540))
+    figure = Figure(figsize=(4.5, 3.2), dpi=100)
+    axis = figure.add_axes((0.0, 0.16, 1.0, 0.84))
+    axis.set_axis_off()
+    bar = figure.add_axes((0.4, 0.13, 0.4, 0.025))
+    figure.colorbar(heat_scale(motion.parameters), bar, orientation="horizontal")
+    bar.set_xlabel("wire temperature (°C)", fontsize=8)
+    bar.tick_params(labelsize=8)
+    clock = figure.text(0.02, 0.1, "", fontsize=9)
+    shown = axis.imshow(scene.at(motion.time[0]), interpolation="antialiased")
+    frames = []
+    for time in np.arange(motion.time[0], motion.time[-1], pace / FRAMES_PER_SECOND):
+        shown.set_data(scene.at(time))
+        clock.set_text(f"{time - motion.time[0]:.0f} s  ({pace:g} x as fast)")
+        picture = io.BytesIO()
+        figure.savefig(picture, format="png", dpi=100)
+        frames.append(Image.open(picture).convert("RGB").quantize(64))
+    loop = io.BytesIO()
+    frames[0].save(
+        loop,
+        format="GIF",
+        save_all=True,
+        append_images=frames[1:],
+        duration=1000 // FRAMES_PER_SECOND,
+        loop=0,
+    )
+    write_atomically(path, loop.getvalue())
+
+
+def main(options) -> None:
+    motion = options.recording or simulate(Robot(), [0.0, 0.3, 0.0, 0.0], 8.0)
+    if motion.joint_state is None or motion.wire_temperature is None:
+        raise LimbError("This recording has no joint angles, or no wire temperatures, to be shown.")
+    if options.out.suffix == ".gif":
+        animate(motion, options.out, options.pace)
+    else:
+        save_figure(draw_moments(motion, np.linspace(*motion.time[[0, -1]], 6)), options.out)
+    print(f"written     {options.out}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Renders a recording.")
+    parser.add_argument("recording", nargs="?", type=Recording.load)
+    parser.add_argument("-o", "--out", type=Path, default="out/motion.png")
+    parser.add_argument("--pace", type=float, default=4.0, help="how many times as fast a GIF is")
+    try:
+        main(parser.parse_args())
+    except LimbError as error:
+        sys.exit(f"error: {error}")
