@@ -149,18 +149,6 @@ def make_gripper(_: Path) -> None:
     plt.imsave(FOLDER / "gripper.png", np.hstack(shots))
 
 
-def photograph_replay(evaluation: Path) -> None:
-    """The 3D replay, at the moment at which the limb is bent the most."""
-    with browser_page(1280, 660) as page:
-        page.goto((evaluation / "replay.html").resolve().as_uri())
-        page.wait_for_function("document.querySelector('#controls input').max > 0")
-        page.wait_for_timeout(3000)  # until Meshcat has drawn
-        slider = page.locator("#controls input")
-        slider.evaluate("(e) => { e.value = 0.67 * e.max; e.oninput(); }")
-        page.wait_for_timeout(3000)
-        page.screenshot(path=FOLDER / "replay.png")
-
-
 def photograph_runs(evaluation: Path) -> None:
     """The page of what the evaluation left of one motion."""
     folder = evaluation / "limb_0" / "ramps"
@@ -433,7 +421,6 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "diagrams": make_diagrams,
     "plan": make_plan,
     "evaluation": copy_evaluation,
-    "replay": photograph_replay,
     "runs": photograph_runs,
     "live": photograph_live_page,
     "walk": make_walk,

@@ -266,7 +266,10 @@ def animate(motion, path: Path, pace: float = 4.0) -> None:
         clock.set_text(f"{time - motion.time[0]:.0f} s  ({pace:g} x as fast)")
         picture = io.BytesIO()
         figure.savefig(picture, format="png", dpi=100)
-        frames.append(Image.open(picture).convert("RGB").quantize(64))
+        frames.append(Image.open(picture).convert("RGB"))
+    # With one palette for all frames the colours of the scale stay as they are.
+    palette = frames[0].quantize(128, method=Image.Quantize.MAXCOVERAGE)
+    frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     loop = io.BytesIO()
     frames[0].save(
         loop,

@@ -377,22 +377,25 @@ class LimbView:
         meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 1.7)
         meshcat.SetProperty("/Lights/FillLight/<object>", "position", [*self.LIGHT])
 
-        # Enclose all links, however they bend, in a box, and the box in a ball.
+        # Enclose all bodies and ends of links, however they bend, in a box.
         if joint_angles is None:
             bends = np.tile(np.radians([-60.0, 0.0, 60.0]), (Layout(self._parameters).num_bends, 1))
             joint_angles = joint_angles_from_bend_angle(self._parameters, bends)
         places = []
         for k in np.unique(np.linspace(0, joint_angles.shape[1] - 1, _MOMENTS).astype(int)):
             self._set_positions(joint_angles[:, k], None if body_pose is None else body_pose[:, k])
-            poses = [self._plant.EvalBodyPoseInWorld(self._context, body) for body in self._bodies]
-            places += [pose.translation() for pose in poses]
-        margin = max(length for _, _, length in self._links)
+            bodies = [(body, 0.0) for body in self._bodies]
+            bodies += [(body, length) for body, _, length in self._links]
+            for body, along in bodies:
+                pose = self._plant.EvalBodyPoseInWorld(self._context, body)
+                places.append(pose @ [along, 0.0, 0.0])
+        margin = 0.1 * max(limb.length for limb in self._limbs().values())
         low, high = np.min(places, axis=0) - margin, np.max(places, axis=0) + margin
         self._add_surroundings(meshcat, low, high)
 
-        # Put the camera where it sees the ball.
+        # Put the camera where it sees the longest side of the box from any direction.
         center = self._base_pose @ ((low + high) / 2)
-        distance = np.linalg.norm(high - low) / 2 / np.sin(_FIELD_OF_VIEW / 2)
+        distance = (high - low).max() / 2 / np.tan(_FIELD_OF_VIEW / 2)
         to_eye = np.array(self._to_eye()) / np.linalg.norm(self._to_eye())
         meshcat.SetProperty("/Cameras/default/rotated/<object>", "fov", np.degrees(_FIELD_OF_VIEW))
         meshcat.SetCameraPose(center + distance * to_eye, center)

@@ -61,7 +61,7 @@ class RobotView(LimbView):
             return
         step, path = FIFTH * MARK, f"{self._root}ground"
         first, last = np.floor(low[0] / step) - 1, np.ceil(high[0] / step) + 1
-        middle, depth = (low[1] + high[1]) / 2, 1.5 * (high[1] - low[1])
+        middle, depth = (low[1] + high[1]) / 2, high[1] - low[1] + 2.0 * self._robot.body.width
         size = (last - first) * step, depth, MARK / 5
         center = [(first + last) / 2 * step, middle, -size[2] / 2]
         meshcat.SetObject(f"{path}/plane", Box(*size), Rgba(*_GROUND_COLOR))
