@@ -27,7 +27,7 @@ from hardware.board.serial_limb import DEADLINE, LATEST
 from hardware.live_feed import Feed
 from limb_systems import LimbParameters, Trajectory
 from planners import Task, plan, references
-from soft_limb.live.live_page import LivePage
+from soft_limb.live_page import LivePage
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 

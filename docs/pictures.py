@@ -8,6 +8,7 @@ drawn by hand.
 
 import argparse
 import contextlib
+import re
 import runpy
 import shutil
 import subprocess
@@ -34,7 +35,7 @@ from limb_systems.views.plots import save_figure
 from planners import Task, plan, references
 from planners.diagnostics import plot_diagnostics
 from soft_limb.command import main as main_command
-from soft_limb.live.live_page import LivePage
+from soft_limb.live_page import LivePage
 from urdf import limb_urdf
 from walking import Gait, Robot, RobotParameters, plan_gait
 from walking.walk_trajectory import walk
@@ -397,8 +398,7 @@ def photograph_live_page(evaluation: Path) -> None:
             kwargs={"controller": controller, "live": live},
         )
         run.start()
-        page.frame_locator("iframe").locator("#meshcat-pane canvas").wait_for()
-        page.wait_for_timeout(10_000)
+        page.get_by_text(re.compile(r"^10\.\d s of 12 s")).wait_for()
         page.screenshot(path=FOLDER / "live.png")
         run.join()
 

@@ -13,10 +13,11 @@ from hardware.board.serial_limb import DEADLINE, SerialLimb
 from hardware.board.several_boards import Link
 from hardware.firmware import guard
 from limb_systems import Layout, LimbParameters, LimbSystem, Trajectory
-from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.drake_python import weak_method
 from limb_systems.plan_band import Band, band
 from limb_systems.simulation import PERIOD
+
+DONE = "done"  # why a run ended as it should
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,7 +29,6 @@ class RunHeader:
     - ``limit``: reading at which the heaters are switched off, °C.
     - ``duration``: longest duration, s; None if it has no end.
     - ``plan``, ``band``: plan that the limb follows, and its band; or None.
-    - ``robot``: the robot whose limbs these are; or None.
     """
 
     source: str
@@ -37,7 +37,6 @@ class RunHeader:
     duration: float | None = None
     plan: Trajectory | None = None
     band: Band | None = None
-    robot: ConnectedLimbs | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,16 +88,16 @@ class Reading:
 class Message:
     """What is sent at once. The file of a new `RunHeader` goes with it.
 
-    - ``said``: sentence on what runs.
+    - ``activity``: sentence on what runs.
     - ``reading``: newest reading; None while no limb runs.
     """
 
-    said: str
+    activity: str
     reading: Reading | None
 
 
 class LiveView(Protocol):
-    """Shows a limb while it runs, and never waits; `soft_limb.live.live_page.LivePage` is one."""
+    """Shows a limb while it runs, and never waits; `soft_limb.live_page.LivePage` is one."""
 
     def begin(self, header: RunHeader) -> None:
         """Show a new recording, before its wires are heated."""
@@ -222,7 +221,6 @@ def shown(
             duration,
             plan.since_start() if plan else None,
             band(plan) if plan else None,
-            getattr(limb, "robot", None),
         )
     )
     feed = builder.AddSystem(Feed(live, limb, has_reference=reference is not None))

@@ -78,7 +78,7 @@ def replay(
         journal: file of the recording, to which each sample goes when it arrives;
             its name is that of a `TableWriter`'s until the plan has ended. A
             file that is there is replaced then.
-        live: page on which to show it, in 3D and with its curves, while it runs.
+        live: page on which to show its curves while it runs.
 
     Raises:
         ReplayError: if the trajectory failed its check, if it was planned for

@@ -190,8 +190,10 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
     motion_scales = np.repeat([ANGLE_SCALE, 1.0], num_joints)
 
     # Steps from knot to knot, shorter ones where the plan's accelerations are bent.
-    bends = np.pad(np.abs(np.diff(rates, 4)).max(axis=0, initial=0.0), 2, mode="edge")
-    errors = ERROR_OF_BEND * np.diff(knots) * np.maximum(bends[:-1], bends[1:])[: len(knots) - 1]
+    bends = np.zeros(len(knots))
+    if len(knots) > 4:
+        bends = np.pad(np.abs(np.diff(rates, 4)).max(axis=0), 2, mode="edge")
+    errors = ERROR_OF_BEND * np.diff(knots) * np.maximum(bends[:-1], bends[1:])
     pieces = np.maximum(np.diff(knots) / LONGEST_STEP, _pieces(errors))
     ends = _cut(knots, pieces)
     for _ in range(MOST_REFINEMENTS):

@@ -231,7 +231,11 @@ def _is_angle(name: str) -> bool:
 
 def _format_cells(name: str, values: np.ndarray) -> list[str]:
     form = _format_degrees if _is_angle(name) else repr
-    return ["" if math.isnan(value) else form(value) for value in values.tolist()]
+    # Sensors have few different readings, so that each text is made once; by bits, as -0.0 is 0.0.
+    bits, index = np.unique(np.ascontiguousarray(values, float).view(np.int64), return_inverse=True)
+    numbers = bits.view(float).tolist()
+    texts = ["" if math.isnan(number) else form(number) for number in numbers]
+    return list(map(texts.__getitem__, index.tolist()))
 
 
 def _format_degrees(radians: float) -> str:

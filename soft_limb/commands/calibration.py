@@ -21,6 +21,7 @@ from calibration.recordings.recording_checks import check_recording, check_witho
 from hardware import LimbTwin, SerialLimb
 from hardware.board.link import BoardLink
 from hardware.emulation.specimen import Specimen
+from hardware.live_feed import LiveView
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.connected_limbs import ConnectedLimbs, connected, load_described
 from limb_systems.files.output import OutputError, check_folder, check_outputs
@@ -35,7 +36,6 @@ from soft_limb.commands.options import (
     save_panels,
     shared,
 )
-from soft_limb.live.live_page import LivePage
 from soft_limb.reports.calibration_report import (
     validation_panels,
     write_report,
@@ -85,7 +85,7 @@ def _collect_limb(
     limb: LimbParameters,
     robot: ConnectedLimbs | None,
     name: str,
-    live: LivePage | None,
+    live: LiveView | None,
 ) -> list[Path]:
     """Record one limb, of a robot if it has a name; return the files of an emulated limb."""
     about, folder = f"{name}: " if name else "", options.output / name
@@ -156,7 +156,7 @@ def _fit_next(folder: Path, of_limbs: Sequence[Path]) -> Summary:
     return Summary.of({"next": line}, {})
 
 
-def _ask(what: str, live: LivePage | None) -> None:
+def _ask(what: str, live: LiveView | None) -> None:
     """Asks the operator to do something, and waits until it is done."""
     if live:
         live.say(f"{what} Press Enter in the terminal when this is done.")
@@ -257,7 +257,7 @@ COMMANDS = {
         "minute. A limb that bends in space is mounted turned about its axis by 0°, 90°, 180° and "
         "270°, in place of sag, equilibria, pulses and ramps. The limbs of a robot are taken off "
         "and recorded one after the other, each into the folder of its name.",
-        "folder port emulated extra physics live address force",
+        "folder port emulated extra physics live force",
         [
             shared(
                 "limb",

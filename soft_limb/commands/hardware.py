@@ -6,6 +6,7 @@ import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from serial.tools import list_ports
@@ -18,7 +19,7 @@ from hardware.board.link import SerialPort, check_fit
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
 from hardware.emulation.twin import EmulatedSystem
-from hardware.live_feed import Reading, RunHeader, board_reading
+from hardware.live_feed import DONE, LiveView, Reading, RunHeader, board_reading
 from limb_systems import (
     Layout,
     Limb,
@@ -47,13 +48,15 @@ from soft_limb.commands.options import (
     say_duration,
     shared,
 )
-from soft_limb.live.live_page import DONE, LivePage
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary
 from soft_limb.runs import repetitions
 from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.plan_run import FOLLOWED, NAMED, reference_from_file, task_named, teach_and_go
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out, troubles
+
+if TYPE_CHECKING:  # Bokeh takes long to import
+    from soft_limb.live_page import LivePage
 
 SIMULATED = 20.0  # times real time, about, of an emulated limb on an idle computer
 LONGEST_LESSON = 3600.0  # s, that a hand moves a limb
@@ -119,7 +122,7 @@ def _state(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Summary:
     return Summary.of(texts, values)
 
 
-def _show_board(link: BoardLink, info: BoardInfo, limb: LimbParameters, live: LivePage) -> None:
+def _show_board(link: BoardLink, info: BoardInfo, limb: LimbParameters, live: LiveView) -> None:
     """Shows a board, which is not armed, until a signal comes."""
     live.say("State of the board; this program does not arm it")
     live.begin(RunHeader(f"board {info.serial_number}", limb, info.temperature_limit))
@@ -238,7 +241,7 @@ def _replay(options: argparse.Namespace) -> int:
     return 1 if rollout.recording.interrupted else 0  # an emulated limb's that cut out
 
 
-def _end(live: LivePage | None, rollout: Rollout, options: argparse.Namespace) -> None:
+def _end(live: "LivePage | None", rollout: Rollout, options: argparse.Namespace) -> None:
     """Ends a page, if there is one, when the wires have cooled as the command was asked."""
     if live:
         if rollout.limb:
@@ -316,7 +319,7 @@ def _learn(options: argparse.Namespace) -> int:
     each = f"{count} repetition{'s' * (count > 1)} of {trajectory.duration:g} s"
     if options.port:
         say_duration(f"{each}, and rests of some minutes, until the wires are cool")
-    elif options.live or options.live_address:
+    elif options.live:
         say_duration(f"{each}, in real time")
     else:
         about = count * trajectory.duration / SIMULATED
@@ -418,7 +421,7 @@ COMMANDS = {
     "status": Command(
         _status,
         "Prints the state of a board, or without PORT the serial ports of this computer.",
-        "limb json live address",
+        "limb json live",
         [
             shared("board", nargs="?"),
             Option("--clear", action="store_true", help="clear a fault that is latched"),
@@ -464,7 +467,7 @@ COMMANDS = {
         "without a port an emulated limb or the plan's model in simulated time. Every sample is "
         "written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the plan has "
         "ended. Of a robot, the report tells how many commands left more than 5 ms late.",
-        "trajectory output driven controller plot report live cool address json force",
+        "trajectory output driven controller plot report live cool json force",
         examples=[
             "soft-limb replay out/plan.csv -o out/recording.csv --plot out/tracking.png",
             "soft-limb replay out/plan.csv -o out/recording.csv -p /dev/ttyACM0",
@@ -476,7 +479,7 @@ COMMANDS = {
         "feedback, and drives it as near to that as it can, or by another controller along the "
         "plan; a robot in real time. The folder has plan.csv, recording.csv, tracking.png and "
         "report.html.",
-        "reference folder limb driven smooth knot-rate live cool address json force",
+        "reference folder limb driven smooth knot-rate live cool json force",
         [
             shared("controller", default=NEAREST),
             shared("task", help=f"{TASK_HELP}; closed-loop if left out"),
@@ -491,7 +494,7 @@ COMMANDS = {
         "does not pay. The folder has a recording of each repetition, a picture, a report, the "
         "best duty as a trajectory, learned.csv, and what was learned: started again, it goes on "
         "from there.",
-        "trajectory folder driven live address json force",
+        "trajectory folder driven live json force",
         [
             Option(
                 "-n",
@@ -507,7 +510,7 @@ COMMANDS = {
         _teach,
         "Records while the limb is moved by hand. The recording is a reference: soft-limb plan "
         "RECORDING -o plan.csv plans it.",
-        "output limb live address force",
+        "output limb live force",
         [
             shared("board", nargs="?"),
             Option(

@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from limb_systems.errors import LimbError
@@ -16,8 +16,10 @@ from limb_systems.files.output import check_outputs
 from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import Panel
 from soft_limb.command import EXIT_STATUS
-from soft_limb.live.live_page import LOOPBACK, LivePage
 from soft_limb.runs import CONTROLLERS, OPEN
+
+if TYPE_CHECKING:
+    from soft_limb.live_page import LivePage
 
 
 class Option:
@@ -172,8 +174,8 @@ SHARED: dict[str, Option | list[Option]] = {
     "live": Option(
         "--live",
         action="store_true",
-        help="show the limb on a page of this computer while it runs, in curves and in 3D, with a "
-        "button that stops it; an emulated limb runs in real time",
+        help="show the limb on a page of this computer while it runs, in curves, with a button "
+        "that stops it; an emulated limb runs in real time",
     ),
     "cool": Option(
         "--cool-down",
@@ -182,12 +184,6 @@ SHARED: dict[str, Option | list[Option]] = {
         metavar="SECONDS",
         help="when the run's files are written, show how its wires cool, until they are as cool as "
         "before, or for so long; Ctrl-C ends that alone (default %(default)g)",
-    ),
-    "address": Option(
-        "--live-address",
-        metavar="HOST[:PORT]",
-        help="serve that page there, for other computers too, with a token in its address "
-        f"(default {LOOPBACK}, and a free port)",
     ),
 }
 SHARED["folder"] = shared("output", help="folder to write to")
@@ -215,22 +211,25 @@ def count(text: str) -> int:
 
 
 @contextlib.contextmanager
-def live_page(options: argparse.Namespace) -> Iterator[LivePage | None]:
+def live_page(options: argparse.Namespace) -> Iterator["LivePage | None"]:
     """The page that a command was asked for, if any, until it ends; it says where the page is.
 
     Raises:
-        LimbError: if the page cannot be served there, or there is none to show a cool-down on, or
-            the cool-down is out of range.
+        LimbError: if the page does not start, or there is none to show a cool-down on, or the
+            cool-down is out of range.
     """
     cool_down = vars(options).get("cool_down", 0.0)
     if not 0 <= cool_down <= LONGEST_COOLING:
         raise LimbError(f"--cool-down is {cool_down:g} s; it must be 0 to {LONGEST_COOLING:g} s.")
-    if not (options.live or options.live_address):
+    if not options.live:
         if cool_down:
             raise LimbError("--cool-down is for the live page; add --live.")
         yield None
         return
-    with LivePage(options.live_address or LOOPBACK) as live:
+    # Bokeh takes long to import, and few commands show a page.
+    from soft_limb.live_page import LivePage
+
+    with LivePage() as live:
         stream = sys.stderr if vars(options).get("json") else sys.stdout
         print(f"live        {live.url}", file=stream, flush=True)
         yield live

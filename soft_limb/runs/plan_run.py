@@ -12,11 +12,11 @@ from pydrake import trajectories
 from hardware import present_readings
 from hardware.board.journal import closing
 from hardware.board.signals import ended_at_once
+from hardware.live_feed import LiveView
 from limb_systems import LimbParameters, LimbSystem, Recording, Trajectory, resting_state
 from limb_systems.limb_system import check_limb
 from limb_systems.summary import Summary
 from planners import Task, plan, references
-from soft_limb.live.live_page import LivePage
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.folder import glance
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out
@@ -98,7 +98,7 @@ def teach_and_go(
     smoothing_time: float = 0.5,
     controller: str = NEAREST,
     real_time: bool = False,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> tuple[Rollout, Summary]:
     """Plan for feedback from where a limb is, and drive it along the plan.
 

@@ -13,12 +13,12 @@ from hardware.board.link import HardwareError, present_temperature
 from hardware.board.serial_limb import SerialLimb
 from hardware.board.several_boards import Ports, open_link
 from hardware.emulation.twin import LimbTwin
+from hardware.live_feed import LiveView
 from hardware.replaying import ReplayError
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.files.output import OutputError, check_folder
 from limb_systems.files.table_writer import unfinished_files
 from limb_systems.progress import Progress
-from soft_limb.live.live_page import LivePage
 from soft_limb.reports.plan_report import write_learning_report
 from soft_limb.runs.cooling import COOL
 from soft_limb.runs.rollout import record_replay
@@ -38,7 +38,7 @@ def repeat(
     folder: str | Path,
     *,
     tell: Callable[[int, Repetition], object] = lambda number, repetition: None,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> None:
     """Repeats a plan until a number of repetitions is reached, or another does not pay.
 
@@ -120,7 +120,7 @@ def rested_twins(
 def rested_robots(
     port: Ports,
     trajectory: Trajectory,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> Callable[[], LimbSystem]:
     """The robot on a port for `repeat`, when its wires have cooled; a page says so.
 

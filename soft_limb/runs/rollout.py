@@ -12,6 +12,7 @@ import controllers
 from controllers import RecedingHorizon
 from controllers.estimator import Estimator
 from hardware.board.serial_limb import DEADLINE, SerialLimb
+from hardware.live_feed import LiveView
 from hardware.replaying import replay
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.drake_python import weak_method
@@ -21,7 +22,6 @@ from limb_systems.simulation import PERIOD
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from planners import nearest_bend_angle
-from soft_limb.live.live_page import LivePage
 from soft_limb.results.summaries import distances_summary
 from soft_limb.runs import CONTROLLERS, OPEN
 
@@ -158,7 +158,7 @@ def roll_out(
     *,
     controller: str = OPEN,
     real_time: bool = False,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> Rollout:
     """Drives a limb along a plan and writes the recording.
 
@@ -195,7 +195,7 @@ def record_replay(
     output: Path,
     *,
     controller: System | None = None,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> Recording:
     """Replay a plan into a file, to which each sample goes on the way, see `TableWriter`.
 

@@ -156,11 +156,6 @@ def wait_for(condition, limit=600.0):
     return False
 
 
-def last_numbers(message: bytes, count: int) -> np.ndarray:
-    """With which a message to the browser ends: MessagePack, a tag and eight bytes for each."""
-    return np.frombuffer(message[-9 * count :], [("tag", "u1"), ("value", ">f8")])["value"]
-
-
 class Heating:
     """A host that keeps a wire at a duty, beside what a test does, until it fails."""
 

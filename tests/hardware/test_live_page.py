@@ -1,8 +1,11 @@
 """The live page: what it shows, its button, who may see it, and that no run depends on it."""
 
+import asyncio
+import concurrent.futures
 import contextlib
 import dataclasses
 import http.client
+import math
 import os
 import pickle
 import re
@@ -11,44 +14,33 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat, MeshcatParams
+from bokeh.document import Document
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
 
 from controllers import Learner
 from hardware import LimbTwin, SerialLimb, replay
 from hardware.live_feed import Message, Reading, RunHeader
-from limb_systems import (
-    LimbError,
-    LimbParameters,
-    LimbVisualizer,
-    Recording,
-    Trajectory,
-    joint_angles_from_bend_angle,
-)
+from limb_systems import LimbParameters, Recording, Trajectory
 from planners import plan, references
+from soft_limb import live_page
 from soft_limb.command import main
-from soft_limb.commands import options
-from soft_limb.live import server
-from soft_limb.live.live_page import LivePage
-from soft_limb.live.run import MOST_POINTS, Run
-from soft_limb.live.shown import Browser, columns
-from soft_limb.live.site import COOKIE, Gate
-from soft_limb.live.view import View
+from soft_limb.live_page import LivePage, Page, Run
 from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.repetitions import repeat
 from soft_limb.runs.rollout import roll_out
 
-from .conftest import last_numbers, wait_for
+from .conftest import wait_for
 
 PATIENCE = 600_000  # ms, after which a page hangs
 
 READ = """() => {
     const source = Bokeh.documents[0].get_model_by_name("readings");
     const columns = Object.entries(source.data).map(([name, values]) => [name, [...values]]);
-    const facts = document.querySelector("#facts").innerHTML;
+    const facts = Bokeh.documents[0].get_model_by_name("facts").text;
     return {columns: Object.fromEntries(columns), facts};
 }"""
 COUNT = "window.Bokeh?.documents[0]?.get_model_by_name('readings')?.data.time?.length ?? 0"
@@ -73,7 +65,7 @@ PROGRAM = """
 from hardware import LimbTwin, replay
 from limb_systems import Trajectory
 from soft_limb.command import run_command
-from soft_limb.live.live_page import LivePage
+from soft_limb.live_page import LivePage
 
 def run():
     plan = Trajectory.load("plan.csv")
@@ -136,8 +128,6 @@ def run_and_stop(start_host, browser, folder):
     closed, page = (browser.new_context().new_page() for _ in range(2))
     for one in (closed, page):
         one.set_default_timeout(PATIENCE)
-        # Chromium draws in 3D without a graphics card here, on the cores that keep time.
-        one.route("**/view/", lambda route: route.fulfill(body=""))
         one.on("request", lambda request: asked.append(request.url))
         one.goto(url)
         one.get_by_text("No limb runs").wait_for()
@@ -145,6 +135,12 @@ def run_and_stop(start_host, browser, folder):
     host.stdin.write("\n")
     host.stdin.flush()
     page.wait_for_function(f"() => ({COUNT}) > 30")
+    # A browser that comes late has the curves from the beginning.
+    late = browser.new_context().new_page()
+    late.set_default_timeout(PATIENCE)
+    late.goto(url)
+    late.wait_for_function(f"() => ({COUNT}) > 30")
+    late.context.close()
     closed.context.close()
     shown = [page.evaluate(READ)]
     page.wait_for_function(f"() => ({COUNT}) > 50")
@@ -182,7 +178,7 @@ class Told:
 
     url = "http://127.0.0.1:1/"
 
-    def __init__(self, address=""):
+    def __init__(self):
         self.phases, self.readings, self.said, self.ended = [], [], [], []
         self.begin, self.show, self.say = self.phases.append, self.readings.append, self.said.append
         self.end = self.ended.append
@@ -215,7 +211,7 @@ def test_what_is_told_is_what_is_recorded(virtual_time, beginning):
 
 def test_commands_say_where_the_page_is_and_what_runs(virtual_time, monkeypatch, tmp_path, capsys):
     pages = []
-    monkeypatch.setattr(options, "LivePage", lambda at: pages.append(Told(at)) or pages[-1])
+    monkeypatch.setattr(live_page, "LivePage", lambda: pages.append(Told()) or pages[-1])
     reference = references.from_samples([0.0, 0.5], [0.0, 0.02])
     plan(LimbParameters(), reference, knot_rate=4.0).save(tmp_path / "plan.csv")
     path = str(tmp_path / "plan.csv")
@@ -238,7 +234,7 @@ def test_commands_say_where_the_page_is_and_what_runs(virtual_time, monkeypatch,
 def test_a_page_says_when_its_program_is_silent(browser, live):
     page = browser.new_page()
     page.set_default_timeout(PATIENCE)
-    page.goto(re.sub(r"//.+:", "//127.0.0.1:", live.url))
+    page.goto(live.url)
     page.get_by_text("No limb runs").wait_for()
     silent = page.get_by_text("Nothing comes from the page's own program")
     silent.wait_for(state="hidden")
@@ -253,10 +249,10 @@ def test_a_page_says_when_its_program_is_silent(browser, live):
 
 @pytest.fixture(scope="module")
 def live():
-    """A page for other computers, of a program that a shell runs in the background."""
+    """A page of a program that a shell runs in the background."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with LivePage("0.0.0.0", open_browser=False) as live:
+        with LivePage(open_browser=False) as live:
             yield live
     finally:
         signal.signal(signal.SIGINT, before)
@@ -273,102 +269,97 @@ def token(live):
 
 
 def ask(port, path, **headers):
-    """The status of an answer, its headers, and its text unless a websocket has begun."""
+    """The status, headers and text of an answer."""
     headers = {name.replace("_", "-"): value for name, value in headers.items()}
     connection = http.client.HTTPConnection("127.0.0.1", port)
     with contextlib.closing(connection):
         connection.request("GET", path, headers=headers)
         answer = connection.getresponse()
-        return answer.status, answer.headers, answer.read() if answer.status != 101 else b""
+        return answer.status, answer.headers, answer.read().decode()
 
 
-def test_from_beyond_this_computer_the_token_is_needed(port, token):
+def connect(port, query, page_token, **headers):
+    """The first message of a page's websocket; None if it is closed, a status if it is refused."""
+
+    async def first_message():
+        request = HTTPRequest(f"ws://127.0.0.1:{port}/ws{query}", headers=headers)
+        protocols = ["bokeh", page_token] if page_token else None
+        connection = await websocket_connect(request, subprotocols=protocols)
+        with contextlib.closing(connection):
+            return await connection.read_message()
+
+    try:
+        # Playwright's loop is that of this thread.
+        with concurrent.futures.ThreadPoolExecutor() as pool:
+            return pool.submit(asyncio.run, first_message()).result()
+    except HTTPClientError as error:
+        return error.code
+
+
+def test_without_the_token_there_is_no_page_and_no_websocket(port, token):
     assert len(token) > 40
-    known = f"{COOKIE}_{port}={token}"
-    for path in ("/", "/?token=wrong", "/view/", "/live", "/nothing"):
-        assert ask(port, path)[0] == 403, path
-        assert ask(port, path, Cookie=f"{known[:-1]}-")[0] == 403, path
-    code, headers, _ = ask(port, f"/?token={token}")
-    assert (code, headers["Location"]) == (302, "/")
-    assert headers["Set-Cookie"] == f"{known}; HttpOnly; Path=/; SameSite=Strict"
-    for path in ("/", "/view/"):
-        code, headers, _ = ask(port, path, Cookie=known)
-        assert (code, headers["X-Frame-Options"]) == (200, "SAMEORIGIN"), path
-        assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
-    # Browsers say from which page a websocket is opened.
-    websocket = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13"}
-    websocket |= {"Sec_WebSocket_Key": "x", "Cookie": known}
-    assert ask(port, "/live", Origin=f"http://127.0.0.1:{port}", **websocket)[0] == 101
-    for origin in ("http://example.org", f"https://127.0.0.1:{port}", "null"):
-        assert ask(port, "/live", Origin=origin, **websocket)[0] == 403
-        assert ask(port, "/", Origin=origin, Cookie=known)[0] == 403
+    right, wrong = f"?token={token}", f"?token={token[:-1]}-"
+    for path in ("/", "/autoload.js", "/metadata", "/ws", "/nothing"):
+        for query in ("", wrong, "?token=", f"?bokeh-session-id={token}"):
+            assert ask(port, f"{path}{query}")[0] == 403, (path, query)
+        assert ask(port, path, Cookie=f"token={token}")[0] == 403
+    status, headers, page = ask(port, f"/{right}")
+    assert (status, headers["X-Frame-Options"]) == (200, "DENY")
+    assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
+    assert "Set-Cookie" not in headers
+    # The page opens its websocket with a word of its own too, which Bokeh signs.
+    signed = re.search(r'"token":"([^"]+)"', page)[1]
+    assert "ACK" in connect(port, right, signed)
+    assert connect(port, wrong, signed) == 403
+    content, _, signature = signed.partition(".")
+    for forged in (None, content, f"{content}.{signature[::-1]}", token):
+        assert connect(port, right, forged) is None, forged
 
 
-def test_nothing_else_listens(live, port, token, motion):
-    """Meshcat's own server asks nobody who they are: it is gone when it has made its page."""
+def test_other_sites_are_refused(port, token):
+    """Their pages name themselves; their names, made to lead here, are none of this page."""
+    query = f"?token={token}"
+    signed = re.search(r'"token":"([^"]+)"', ask(port, f"/{query}")[2])[1]
+    for name in ("127.0.0.1", "localhost"):
+        home = {"Host": f"{name}:{port}", "Origin": f"http://{name}:{port}"}
+        assert ask(port, f"/{query}", **home)[0] == 200
+        assert "ACK" in connect(port, query, signed, **home)
+    home = f"127.0.0.1:{port}"
+    for host, origin in (
+        (home, "http://example.org"),
+        (home, f"https://{home}"),
+        (home, f"http://localhost:{port}"),
+        (home, f"http://127.0.0.1:{port + 1}"),
+        (home, "null"),
+        (f"example.org:{port}", f"http://example.org:{port}"),
+        ("127.0.0.1", "http://127.0.0.1"),
+    ):
+        assert ask(port, f"/{query}", Host=host, Origin=origin)[0] == 403, (host, origin)
+        assert connect(port, query, signed, Host=host, Origin=origin) == 403, (host, origin)
+    for path in (f"/{query}", "/static/js/bokeh.min.js"):
+        assert ask(port, path, Host=f"example.org:{port}")[0] == 403
+
+
+def test_only_the_page_listens_and_only_on_the_loopback(live, port, motion):
     live.begin(RunHeader("a limb", motion.parameters, 110.0, plan=motion))
-    pid, cookie = live._process.pid, f"{COOKIE}_{port}={token}"
-    assert wait_for(lambda: len(ask(port, "/view/", Cookie=cookie)[2]) > 1e6)
+    pid = live._process.pid
     mine = {os.readlink(f"/proc/{pid}/fd/{fd}") for fd in os.listdir(f"/proc/{pid}/fd")}
     tables = (Path(f"/proc/{pid}/net/{name}").read_text() for name in ("tcp", "tcp6"))
     rows = [line.split() for table in tables for line in table.splitlines()]
     listening = [row[1] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in mine]
-    assert [int(address.split(":")[1], 16) for address in listening] == [port]
-
-
-def test_the_view_is_what_meshcat_shows(motion):
-    """What browsers are told, beside what a `LimbVisualizer` tells a Meshcat."""
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
-    visualizer = LimbVisualizer(motion.parameters, meshcat, motion)
-    context = visualizer.CreateDefaultContext()
-    reading = Reading(7.0, [0.3], [60.0, 30.0], [0.2, 0.6])
-    angles = joint_angles_from_bend_angle(motion.parameters, reading.bend_angle)
-    inputs = (np.append(angles, 0.0 * angles), reading.measured_temperature)
-    for index, values in enumerate(inputs):
-        visualizer.get_input_port(index).FixValue(context, values)
-    context.SetTime(reading.time)
-    visualizer.ForcedPublish(context)
-    told = View()
-    told.begin(RunHeader("a limb", motion.parameters, 110.0, plan=motion))
-    told = told.commands(reading)
-    kinds = [command["type"] for command in told]
-    assert (kinds.count("set_transform"), kinds.count("set_property")) == (16, 10)
-    for command in told:
-        path, name = command["path"], command.get("property")
-        said = command["value"] if name else command["matrix"]
-        message = (
-            meshcat._GetPackedProperty(path, name) if name else meshcat._GetPackedTransform(path)
-        )
-        np.testing.assert_allclose(said, last_numbers(message, len(said)), atol=1e-9)
-
-
-def test_at_home_a_page_has_a_name_of_this_computer():
-    """Or another site's name could be made to lead here, and its page would be of this origin."""
-    gate = Gate(loopback=True, port=5006)
-    assert not gate.token
-
-    def is_at_home(host, origin=None):
-        headers = {"Origin": origin} if origin else {}
-        return gate.is_at_home(SimpleNamespace(host=host, headers=headers))
-
-    assert is_at_home("127.0.0.1:5006")
-    assert is_at_home("localhost:5006", "http://localhost:5006")
-    assert not is_at_home("example.org:5006")
-    assert not is_at_home("example.org:5006", "http://example.org:5006")
-    assert not is_at_home("localhost:5006", "http://localhost:5007")
-    assert not is_at_home("localhost:5006", "http://127.0.0.1:5006")
+    assert listening == [f"0100007F:{port:04X}"]
 
 
 def test_the_button_stops_once_in_two_seconds_and_nothing_else_than_its_program(monkeypatch):
     now, sent = [100.0], []
-    monkeypatch.setattr(server.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(server.os, "kill", lambda *what: sent.append(what))
-    switch = server.StopSwitch(os.getppid())
+    monkeypatch.setattr(live_page.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(live_page.os, "kill", lambda *what: sent.append(what))
+    run = Run(os.getppid())
     for step in (0.0, 0.3, 1.0, 1.0):
         now[0] += step
-        switch.press()
+        run.stop()
     assert sent == [(os.getppid(), signal.SIGINT)] * 2
-    server.StopSwitch(os.getppid() + 1).press()
+    Run(os.getppid() + 1).stop()
     assert len(sent) == 2
 
 
@@ -391,51 +382,91 @@ def test_a_frozen_page_is_never_waited_for(live):
         thread.start()
         thread.join(PATIENCE / 1000)
         assert not thread.is_alive()
-        assert live._phase  # it was not taken; it goes with what is told next
+        assert live._unsent_header  # it was not taken; it goes with what is told next
     finally:
         os.kill(live._process.pid, signal.SIGCONT)
 
     def is_sent():
         live.show(reading)
-        return live._phase is None
+        return live._unsent_header is None
 
     assert wait_for(is_sent)
 
 
-def test_a_page_that_is_opened_late_shows_what_was_before(motion):
-    """All of a run with an end, also beyond it, and minutes of what has none."""
-    for duration, first in ((20.0, 0.0), (None, 100.0)):
-        run = Run()
-        run._begin(RunHeader("a limb", motion.parameters, 110.0, duration))
-        early, shown = Browser(run), []
-        for step in range(14000):
-            reading = Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2)
-            run.take(pickle.dumps(Message("", reading)), [])
-            if step % 2000 == 0 or step == 13999:
-                news = early.curves()
-                assert ("charts" in news) == (step == 0)
-                shown = news["data"]["time"] if "data" in news else shown + news["rows"]["time"]
-        for times in (shown[-MOST_POINTS:], Browser(run).curves()["data"]["time"]):
-            assert times[0] == pytest.approx(first, abs=1.0)
-            assert times[-1] == pytest.approx(700.0, abs=1.0)
+def tell(run, *readings):
+    for reading in readings:
+        run.take(pickle.dumps(Message("a run", reading)), [])
+
+
+def test_curves_are_thinned_to_the_whole_run_or_its_last_minutes(monkeypatch, motion):
+    """All of a run with an end, also while its wires cool; minutes of what has no end."""
+    monkeypatch.setattr(live_page, "NUM_POINTS", 150)  # a tenth, in a tenth of the time
+    monkeypatch.setattr(live_page, "WINDOW", 60.0)
+    run = Run(0)
+    early = Page(run)
+    for duration, count, first, last in (
+        (5.0, 100, 0.0, 5.0),
+        (30.0, 150, 0.0, 30.0),
+        (None, 300, 10.0, 130.0),
+    ):
+        run.begin(RunHeader("a limb", motion.parameters, 110.0, duration))
+        for step in range(round(20 * last)):
+            tell(run, Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2))
+            if step % 500 == 0:
+                early.update()
+        for page in (early, Page(run)):
+            page.update()
+            times = np.array(page.source.data["time"])
+            assert len(times) == count
+            assert times[0] == pytest.approx(first)
+            assert times[-1] == pytest.approx(last, abs=0.5)
             np.testing.assert_allclose(np.diff(times), times[1] - times[0])
-            assert len(times) <= MOST_POINTS
+    run.begin(RunHeader("a limb", motion.parameters, 110.0, 5.0))
+    for step in range(1300):
+        tell(run, Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2, cooling=step >= 100))
+    early.update()
+    assert early.source.data["time"][:2] == [0.0, 0.05]
+    assert len(early.source.data["time"]) == 100 + 150
 
 
-def test_a_value_that_is_missing_is_a_gap(motion):
-    """JSON has no number for it, and Meshcat no pose."""
-    phase = RunHeader("a limb", motion.parameters, 110.0)
-    reading = Reading(1.0, [float("nan")], [30.0, 20.0], [0.0] * 2)
-    told, view = columns(phase, [reading]), View()
-    view.begin(phase)
-    assert (told["bend_angle_0"], told["reference_0"]) == ([None], [None])
+def test_a_value_that_is_missing_is_a_gap_and_charts_that_fail_leave_the_texts(monkeypatch, motion):
+    run, document = Run(0), Document()
+    page = Page(run)
+    page.add_to(document)
+    run.begin(RunHeader("a limb", motion.parameters, 110.0))
+    tell(run, Reading(1.0, [math.nan], [30.0, 20.0], [0.0] * 2))
+    page.update()
+    told = page.source.data
+    assert np.isnan([*told["bend_angle_0"], *told["reference_0"]]).all()
     assert told["measured_temperature_1"] == [20.0]
-    assert view.commands(reading) == []
-    other = RunHeader("a chain", LimbParameters.in_space(), 110.0, plan=motion)
-    with pytest.raises(LimbError, match="cannot be shown together"):
-        view.begin(other)  # the page goes on without the view
-    assert view.page == ""
-    assert view.commands(dataclasses.replace(reading, bend_angle=[0.1])) == []
+    monkeypatch.setattr(live_page, "figures", lambda *_: 1 / 0)
+    run.begin(RunHeader("another limb", motion.parameters, 110.0))
+    with pytest.raises(ZeroDivisionError):  # which the server logs
+        page.update()
+    assert "another limb" in document.get_model_by_name("facts").text
+    run.end("done")
+    page.update()  # the page goes on without them
+    assert "Ended: done" in document.get_model_by_name("state").text
+    assert document.get_model_by_name("stop").disabled
+
+
+def test_alarms_say_which_wire_is_hot(motion):
+    run = Run(0)
+    limits = motion.parameters.temperature_limits
+    run.begin(RunHeader("a limb", motion.parameters, 110.0, 20.0))
+    for temperature, expected in (
+        (limits.maximum - 11.0, []),
+        (limits.maximum - 1.0, [("near", "near T_max")]),
+        (limits.maximum + 0.1, [("near", "above T_max")]),
+        (110.0, [("bad", "too hot")]),
+    ):
+        tell(run, Reading(1.0, [0.0], [20.0, temperature], [0.0] * 2))
+        found = live_page.alarms(run)
+        assert len(found) == len(expected)
+        for (kind, sentence), (expected_kind, word) in zip(found, expected, strict=True):
+            assert kind == expected_kind
+            assert sentence.startswith(f"right: {temperature:.1f} °C, {word}")
+            assert sentence in live_page.state(run)
 
 
 def test_a_limb_is_shown_while_it_cools(virtual_time, motion):
@@ -480,15 +511,12 @@ def test_an_emulated_limb_that_is_stopped_on_the_page_leaves_its_recording(
     assert len(Recording.load(tmp_path / "repetition_1.unfinished.csv").time) > 5
 
 
-def test_a_page_that_cannot_be_served_is_said_before_anything_is_heated(
-    port, motion, tmp_path, capsys
+def test_a_page_that_does_not_start_is_said_before_anything_is_heated(
+    monkeypatch, motion, tmp_path, capsys
 ):
+    monkeypatch.setattr(live_page.sys, "executable", "/bin/false")
     motion.save(tmp_path / "plan.csv")
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
-    assert main([*arguments, "--live-address", f"127.0.0.1:{port}"]) == 1
-    said = f"error: The page cannot be served at 127.0.0.1:{port}: Address already in use"
-    assert said in capsys.readouterr().err
+    assert main([*arguments, "--live"]) == 1
+    assert "error: The live page does not start" in capsys.readouterr().err
     assert not (tmp_path / "recording.csv").exists()
-    for wrong in ("", "somewhere:port", "host/path", "host:99999"):
-        with pytest.raises(LimbError, match="is no address for a page"):
-            LivePage(wrong)

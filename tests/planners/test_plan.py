@@ -160,6 +160,14 @@ def test_snopt_finds_the_same_optimum_of_the_same_program():
     assert result.get_optimal_cost() == pytest.approx(trajectory.check.cost, rel=1e-5)
 
 
+@pytest.mark.parametrize("num_knots", [2, 4])
+def test_plans_of_few_knots_are_checked(num_knots):
+    straight = references.from_samples([0.0, 1.0], [0.0, 0.0])
+    trajectory = plan(cold_parameters(), straight, knot_rate=num_knots - 1.0)
+    assert len(trajectory.time) == num_knots
+    assert trajectory.check.largest_difference_deg < 0.1
+
+
 def test_gravity_is_planned_against():
     """The limb starts where gravity holds it, and wires lift it from there."""
     parameters = cold_parameters(gravity=[0.0, -9.81, 0.0])

@@ -35,7 +35,7 @@ from planners import (
 from planners.transcription import solving
 from planners.transcription.quasi_static import QuasiStaticProgram
 from planners.transcription.solving import solve_program
-from soft_limb.live.live_page import LivePage
+from soft_limb.live_page import LivePage
 from soft_limb.results.summaries import plan_summary
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -1,0 +1,679 @@
+"""The live page: it shows a limb in the browser while it runs, and stops the run on request.
+
+The process that runs the limb has a `LivePage`, which starts this module as another process. That
+process serves a `Page` to each browser by Bokeh's server. Importing this takes as long as importing
+Bokeh.
+"""
+
+import collections
+import contextlib
+import itertools
+import math
+import os
+import pickle
+import secrets
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import warnings
+import webbrowser
+from collections.abc import Iterable
+from typing import IO
+
+import numpy as np
+from bokeh.application import Application
+from bokeh.application.handlers import FunctionHandler
+from bokeh.document import Document
+from bokeh.layouts import column
+from bokeh.models import Button, ColumnDataSource, DataRange1d, Div, Range1d
+from bokeh.plotting import figure
+from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
+from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPHeaders, HTTPServerRequest
+from tornado.ioloop import IOLoop
+from tornado.netutil import bind_sockets
+from tornado.web import ErrorHandler, OutputTransform
+
+from hardware.board.serial_limb import DEADLINE
+from hardware.live_feed import DONE, Message, Reading, RunHeader
+from limb_systems import Layout, LimbError
+from limb_systems.simulation import PERIOD
+from limb_systems.views.colors import REFERENCE_COLOR
+from limb_systems.views.panels import Curve, Panel, in_words, measured_panels
+from soft_limb.reports import charts
+from soft_limb.reports.page import TEMPLATES, part
+
+LOOPBACK = "127.0.0.1"
+STARTUP_TIMEOUT = 60.0  # s, for the page's process on a busy computer
+MAX_REASON_LENGTH = 2000  # characters, which a pipe takes without a reader
+STOPPED = "stopped by Ctrl-C, by a signal or on the page"
+NO_REASON = (
+    "the program has gone without saying why: it was stopped while it planned, it was killed, or "
+    "it crashed"
+)
+
+NICENESS = 10  # of the page's process, which gives way to the program that runs the limb
+UPDATE_PERIOD = 0.2  # s, between updates of the page
+MIN_STOP_INTERVAL = 2.0  # s, so that a second click does not interrupt what the first has begun
+FAREWELL_TIME = 4.0  # s, for which the page is served after the end
+TOKEN_LIFETIME = 30 * 86400  # s, for which a page may connect again, after a break or a sleep
+MAX_DATAGRAM_SIZE = 65_536  # bytes
+MAX_WEBSOCKET_MESSAGE = 100_000  # bytes, from a browser
+PING_INTERVAL = 10  # s, within which a browser must answer, or its connection is closed
+
+NUM_POINTS = 1500  # of a curve, for a whole run or for `WINDOW`
+WINDOW = 600.0  # s, shown of a run without an end
+ENDLESS_STRIDE = math.ceil(WINDOW / PERIOD / NUM_POINTS)
+SILENCE_TIMEOUT = 1.0  # s without a reading, after which the page says so
+NEAR_LIMIT = 10.0  # °C below T_max, from which on a wire is said to be near it
+LIMIT_COLOR = "#c62828"
+T_MAX_COLOR = "#b08900"
+# Of the parts with text. Their alarms are light on dark or dark on light, and in words, for those
+# who do not see the colours.
+TEXT_STYLE = """
+:host { color: var(--text); font: 15px/1.4 system-ui, sans-serif; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+td { text-align: right; padding: .15rem .5rem; border-bottom: 1px solid var(--line); }
+td:first-child { text-align: left; padding-left: 0; }
+tr:first-child { font-weight: bold; }
+.bk-clearfix { width: 100%; }
+p { margin: .6rem 0; }
+b.big { font-size: 1.35rem; line-height: 1.25; display: block; }
+b.alarm { display: inline-block; padding: 0 .4rem; border-radius: .25rem; }
+b.alarm.near { background: #ffc107; color: #222; }
+b.alarm.bad { background: #c62828; color: #fff; }
+b.armed { color: var(--hot); } b.bad { color: var(--bad); } b.off { color: var(--good); }
+"""
+BUTTON_STYLE = ".bk-btn { font-size: 1.3rem; padding: .6rem 1.3rem; background: #c62828; }"
+
+
+class LivePage:
+    """A page in the browser of this computer that shows a limb while it runs, and can stop it.
+
+    Another process serves it, at a lower priority. Messages that it does not take are lost: the
+    run never waits for it, and does not notice when the page is closed or its process dies.
+    The button sends this process the signal of Ctrl-C, which is heeded from then on, also in the
+    background: it raises KeyboardInterrupt in the main thread.
+
+    Use it as a context manager, and give it to what runs the limb::
+
+        with LivePage() as live:
+            print(live.url)
+            replay(trajectory, limb, live=live)
+
+    When that ends, the page says why and keeps its curves.
+
+    - ``url``: address of the page, on the loopback. Its token is like a password.
+    """
+
+    def __init__(self, *, open_browser: bool = True):
+        """
+        Args:
+            open_browser: whether to open the page, where there is a display.
+
+        Raises:
+            LimbError: if the page does not start.
+        """
+        if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+            # A shell ignores it for a script in the background: the button would do nothing.
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        ours.setblocking(False)
+        self._socket = ours
+        self._activity = ""
+        self._ended = False
+        self._unsent_header: IO[bytes] | None = None
+        # Bokeh takes settings from the environment, such as other origins that may connect.
+        env = {name: text for name, text in os.environ.items() if not name.startswith("BOKEH_")}
+        command = [sys.executable, "-m", "soft_limb.live_page"]
+        command += [str(theirs.fileno()), str(os.getpid()), str(int(open_browser))]
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno()],
+            start_new_session=True,  # the terminal's Ctrl-C is not for it
+            env=env | {"OPENBLAS_NUM_THREADS": "1"},
+        )
+        theirs.close()
+        try:
+            self.url = self._read_url()
+        except BaseException:
+            self._process.kill()
+            self._process.communicate()
+            ours.close()
+            raise
+
+    def __enter__(self) -> "LivePage":
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, _: object) -> None:
+        if error is None:
+            self.end(DONE)
+        else:
+            self.end(STOPPED if isinstance(error, KeyboardInterrupt) else str(error))
+
+    def begin(self, header: RunHeader) -> None:
+        """Show a new recording, before its wires are heated."""
+        # A plan is longer than a message may be.
+        self._unsent_header = tempfile.TemporaryFile()  # noqa: SIM115, closed when it is sent
+        pickle.dump(header, self._unsent_header)
+        self._unsent_header.flush()
+        self._send(None)
+
+    def say(self, what: str) -> None:
+        """Say what runs, in words, until something else is said."""
+        self._activity = what
+        self._send(None)
+
+    def show(self, reading: Reading) -> None:
+        """Show what is known of the limb."""
+        self._send(reading)
+
+    def rest(self) -> None:
+        """Say that no limb runs any more. The curves stay."""
+        self._send(None)
+
+    def end(self, reason: str) -> None:
+        """Say that all has ended, and why; a second call does nothing.
+
+        The page's process ends soon. A warning says if it had ended before.
+        """
+        if self._ended:
+            return
+        self._ended = True
+        died = self._process.poll() is not None
+        self._socket.close()
+        assert self._process.stdin
+        try:
+            self._process.stdin.write(reason.encode()[:MAX_REASON_LENGTH])
+            self._process.stdin.close()
+        except OSError:
+            died = True
+        if died:
+            warnings.warn(
+                "The live page's process ended before; nothing else depended on it.", stacklevel=2
+            )
+
+    def _send(self, reading: Reading | None) -> None:
+        """Send a reading, or lose it if the page's process does not listen; never wait."""
+        files = [self._unsent_header.fileno()] if self._unsent_header else []
+        message = pickle.dumps(Message(self._activity, reading))
+        try:
+            socket.send_fds(self._socket, [message], files)
+        except OSError:
+            return
+        if self._unsent_header:
+            self._unsent_header.close()
+            self._unsent_header = None
+
+    def _read_url(self) -> str:
+        """Return the URL, which the page's process prints when it is ready."""
+        stdout = self._process.stdout
+        assert stdout
+        ready, _, _ = select.select([stdout], [], [], STARTUP_TIMEOUT)
+        url = stdout.readline().decode().strip() if ready else ""
+        stdout.close()
+        if not url:
+            raise LimbError("The live page does not start; try again, or go without it.")
+        return url
+
+
+class Run:
+    """The program that runs a limb, by its messages.
+
+    - ``activity``: what runs, in words.
+    - ``header``: header of the newest recording; None before the first.
+    - ``reading``: newest reading of that recording, if there is one.
+    - ``is_running``: whether a limb runs.
+    - ``readings``: readings of that recording for its curves, thinned.
+    - ``num_readings``: number of those so far, also of those that are forgotten.
+    - ``highest``: highest V of each wire (W) so far, °C.
+    - ``last_message``: time of the last message, s of the monotonic clock.
+    - ``end_reason``: reason why all ended; empty until then.
+    - ``last_stop``: time when the button sent its signal last, s of the monotonic clock.
+    """
+
+    def __init__(self, program: int):
+        """
+        Args:
+            program: number of the process that runs the limb.
+        """
+        self.activity = ""
+        self.header: RunHeader | None = None
+        self.reading: Reading | None = None
+        self.is_running = False
+        self.readings: collections.deque[Reading] = collections.deque(maxlen=2 * NUM_POINTS)
+        self.num_readings = 0
+        self.highest: np.ndarray = np.zeros(0)
+        self.last_message = time.monotonic()
+        self.end_reason = ""
+        self.last_stop = -math.inf
+        self._program = program
+        self._stride = 1  # from reading to reading in the curves
+        self._num_received = 0
+
+    def take(self, data: bytes, files: Iterable[int]) -> None:
+        """Take in a message, and the file with a header if a recording begins."""
+        for handle in files:
+            with os.fdopen(handle, "rb") as file:
+                file.seek(0)
+                self.begin(pickle.load(file))
+        message: Message = pickle.loads(data)
+        self.last_message = time.monotonic()
+        self.activity = message.activity
+        self.is_running = message.reading is not None
+        if message.reading is None:
+            return
+        self.reading = message.reading
+        self.highest = np.fmax(self.highest, message.reading.measured_temperature)
+        # Cooling may last much longer than the run itself.
+        stride = max(self._stride, ENDLESS_STRIDE) if message.reading.cooling else self._stride
+        if self._num_received % stride == 0:
+            self.readings.append(message.reading)
+            self.num_readings += 1
+        self._num_received += 1
+
+    def begin(self, header: RunHeader) -> None:
+        """Forget the recording before, and choose how to thin the new one."""
+        self.header = header
+        self.reading = None
+        self.readings.clear()
+        self.num_readings = 0
+        self.highest = np.full(len(header.parameters.wires), -np.inf)
+        self._num_received = 0
+        self._stride = math.ceil((header.duration or WINDOW) / PERIOD / NUM_POINTS)
+
+    def end(self, reason: str) -> None:
+        """Note the end; without a reason the program was killed."""
+        self.end_reason = reason or NO_REASON
+        self.is_running = False
+
+    def stop(self) -> None:
+        """Send the program the signal of Ctrl-C, once in two seconds, if it is still there."""
+        now = time.monotonic()
+        if now - self.last_stop >= MIN_STOP_INTERVAL and os.getppid() == self._program:
+            self.last_stop = now
+            os.kill(self._program, signal.SIGINT)
+
+
+class Page:
+    """What one browser shows of a run, as a Bokeh document.
+
+    Browsers cannot share a document: Bokeh sends new charts in full to the first of them only.
+
+    - ``source``: readings of the curves, angles in degrees, columns numbered by bend or wire.
+    """
+
+    def __init__(self, run: Run):
+        """
+        Args:
+            run: the run that is shown, and that the button stops.
+        """
+        self.source = ColumnDataSource()
+        self._run = run
+        self._drawn_header: RunHeader | None = None
+        self._num_drawn = 0  # readings
+        self._x_range: Range1d | DataRange1d | None = None
+        self._num_updates = 0
+        self._state = Div(name="state", stylesheets=[TEXT_STYLE], sizing_mode="stretch_width")
+        self._facts = Div(name="facts", stylesheets=[TEXT_STYLE], sizing_mode="stretch_width")
+        self._curves = column(name="curves", sizing_mode="stretch_width")
+        self._button = Button(
+            name="stop", label="STOP", button_type="danger", stylesheets=[BUTTON_STYLE]
+        )
+        self._button.on_click(run.stop)
+
+    def add_to(self, document: Document) -> None:
+        """Put the page into a document, and keep it up to date there."""
+        for model in (self._state, self._button, self._curves, self._facts):
+            document.add_root(model)
+        document.title = "Soft limb, live"
+        document.template = (TEMPLATES / "live.html").read_text(encoding="utf-8")
+        colors = (TEMPLATES / "colors.css").read_text(encoding="utf-8")
+        document.template_variables["colors"] = colors
+        document.config.notify_connection_status = False  # the template's script does
+        document.add_periodic_callback(self.update, round(1000 * UPDATE_PERIOD))
+
+    def update(self) -> None:
+        """Show all that has come since the last update."""
+        run = self._run
+        header = run.header
+        self._update_texts()
+        if header is None:
+            return
+        # Draw the charts of a new recording. If this fails, its texts and the button remain.
+        if header is not self._drawn_header:
+            self._drawn_header = header
+            self._num_drawn = 0
+            self.source = ColumnDataSource(columns(header, []), name="readings")
+            self._x_range = new_x_range(header)
+            self._curves.children = figures(header, self.source, self._x_range)
+        # Append the new readings to the curves.
+        num_new = min(run.num_readings - self._num_drawn, len(run.readings))
+        self._num_drawn = run.num_readings
+        if num_new:
+            first = len(run.readings) - num_new
+            new_readings = itertools.islice(run.readings, first, None)
+            self.source.stream(columns(header, new_readings), rollover=2 * NUM_POINTS)
+            # Make room for a limb that is shown beyond its run.
+            last = run.readings[-1].time
+            if isinstance(self._x_range, Range1d) and last > self._x_range.end:
+                self._x_range.end = last + 15.0
+
+    def _update_texts(self) -> None:
+        run = self._run
+        self._state.text = state(run)
+        self._facts.text = facts(run)
+        if run.reading is not None and run.reading.cooling:
+            self._button.label = "End"  # of the cool-down; nothing is left to stop
+        elif math.isfinite(run.last_stop):
+            self._button.label = "STOP again"
+        self._button.disabled = bool(run.end_reason)
+        # By this the page's script sees that this process lives.
+        self._num_updates += 1
+        self._state.tags = [self._num_updates]
+
+
+def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[float]]:
+    """Return columns of the curves: angles in degrees, numbered by bend or wire; NaN for a gap."""
+    readings = list(readings)
+    layout = Layout(header.parameters)
+    found = {"time": [reading.time for reading in readings]}
+    for name, size, scale in (
+        ("bend_angle", layout.num_bends, 180.0 / np.pi),
+        ("reference", layout.num_bends, 180.0 / np.pi),
+        ("measured_temperature", layout.num_wires, 1.0),
+        ("duty", layout.num_wires, 1.0),
+        ("applied_duty", layout.num_wires, 1.0),
+    ):
+        rows = [getattr(reading, name) for reading in readings]
+        for i in range(size):
+            found[f"{name}_{i}"] = [math.nan if row is None else scale * row[i] for row in rows]
+    return found
+
+
+def new_x_range(header: RunHeader) -> Range1d | DataRange1d:
+    """Return the time axis: the whole run, or the last ten minutes of one without an end."""
+    if header.duration:
+        return Range1d(start=0.0, end=header.duration)
+    return DataRange1d(follow="end", follow_interval=WINDOW, range_padding=0)
+
+
+def figures(
+    header: RunHeader, source: ColumnDataSource, x_range: Range1d | DataRange1d
+) -> list[figure]:
+    """Return the charts of a recording, whose measured curves take their columns from a source."""
+    drawn = [charts.draw(panel, source, x_range) for panel in panels(header)]
+    for above in drawn[:-1]:
+        above.xaxis.axis_label = None
+    if isinstance(x_range, DataRange1d):
+        # Limits are drawn far beyond the recording.
+        renderers = [renderer for chart in drawn for renderer in chart.renderers]
+        x_range.renderers = [one for one in renderers if one.data_source is source]
+    return drawn
+
+
+def panels(header: RunHeader) -> list[Panel]:
+    """Return Fig. 5 of a recording that grows, with the plan, its band and the limits."""
+    plan = header.plan
+    band = header.band
+    limits = header.parameters.temperature_limits
+
+    def growing(name: str, column: str, color: str, **style) -> Curve:
+        return Curve(name, np.zeros(0), np.zeros(0), color, column=column, **style)
+
+    def measured(signal: str, row: int, wire: str, color: str) -> list[Curve]:
+        column = f"{signal}_{row}"
+        if signal == "measured_temperature":
+            return [growing(f"{wire}V measured", column, color, width=2.0)]
+        if signal == "bend_angle":
+            reading = growing("measured φ", column, color, width=2.0)
+            wanted = growing("asked for", f"reference_{row}", REFERENCE_COLOR)
+            return [wanted, reading] if plan is None else [reading]
+        wide = {"width": 5.0, "alpha": 0.3, "steps": True}
+        return [
+            growing(f"{wire}D applied", f"applied_duty_{row}", color, **wide),
+            growing(f"{wire}D asked for", column, color, steps=True),
+        ]
+
+    bands = {}
+    if plan is not None and band is not None:
+        width = np.interp(plan.time, band.time, band.bend_reading)
+        planned = plan.measured_temperature
+        above = [np.interp(plan.time, band.time, row) for row in band.measured_temperature]
+        bands = {
+            "bend_angle": np.array([plan.bend_angle - width, plan.bend_angle + width]),
+            "measured_temperature": np.array([planned, planned + above]),
+        }
+    ends = np.array([0.0, header.duration or 1e6])
+    lines = (
+        (f"T_max {limits.maximum:g} °C", limits.maximum, T_MAX_COLOR, "dotted"),
+        (f"off at {header.limit:g} °C", header.limit, LIMIT_COLOR, "solid"),
+    )
+    return measured_panels(
+        header.parameters,
+        measured,
+        plan,
+        limits=[
+            Curve(name, ends, np.full(2, value), color, dash, 2.0)
+            for name, value, color, dash in lines
+        ],
+        bands=bands,
+    )
+
+
+def state(run: Run) -> str:
+    """Return the line on top, HTML: whether wires may be heated, or how it ended, and what runs."""
+    silence = time.monotonic() - run.last_message
+    board = run.reading.board if run.reading is not None else None
+    if run.end_reason:
+        kind, what = "off" if run.end_reason == DONE else "bad", f"Ended: {run.end_reason}"
+    elif not run.is_running:
+        kind, what = "off", "No limb runs"
+    elif silence > SILENCE_TIMEOUT:
+        kind, what = "bad", f"No reading of the limb has come for {silence:.0f} s"
+    elif run.reading is not None and run.reading.cooling:
+        kind, what = "off", "The run has ended: wires are off and cooling"
+    elif board is None:
+        kind, what = "armed", "Running"
+    elif board.armed:
+        kind, what = "armed", "Armed: wires may be heated"
+    else:
+        kind, what = "off", f"Wires off: {board.reason}"
+    return part("state", kind, what, run.activity, alarms(run))
+
+
+def alarms(run: Run) -> list[tuple[str, str]]:
+    """Return kind ("near" or "bad") and sentence for each wire read near T_max or above."""
+    if run.header is None or run.reading is None or not run.is_running:
+        return []
+    parameters = run.header.parameters
+    limits = parameters.temperature_limits
+    found = []
+    for name, value in zip(parameters.wire_names, run.reading.measured_temperature, strict=True):
+        if value >= min(limits.measured_maximum, run.header.limit):
+            kind, word = "bad", "too hot"
+        elif value >= limits.maximum - NEAR_LIMIT:
+            kind, word = "near", "above T_max" if value > limits.maximum else "near T_max"
+        else:
+            continue
+        wire = name.replace("_", " ")
+        found.append((kind, f"{wire}: {value:.1f} °C, {word} (T_max {limits.maximum:g} °C)"))
+    return found
+
+
+def facts(run: Run) -> str:
+    """Return the numbers, HTML: readings and duty of each wire, bends, time and board."""
+    header = run.header
+    reading = run.reading
+    if header is None:
+        return ""
+    rows: list[tuple[str, list[str]]] = []
+    lines: list[str] = []
+
+    def add(name: str, values: Iterable[float] | None, digits: int) -> None:
+        if values is not None:
+            rows.append((name, [f"{value:.{digits}f}" for value in values]))
+
+    if reading is not None:
+        board = reading.board
+        # A table with a column for each wire.
+        add("reading V, °C", reading.measured_temperature, 1)
+        add("highest so far, °C", run.highest, 1)
+        add("highest, predicted, °C", header.band.highest_readings if header.band else None, 0)
+        add("at most, by its duty, °C", board.warmest if board else None, 0)
+        if run.is_running:  # the last duty is not in force any more
+            add("duty", reading.duty, 2)
+            add("duty applied", reading.applied_duty, 2)
+        # A line for each fact about the whole limb.
+        lines += _bend_lines(header, reading)
+        lines.append(_time_line(run, header, reading))
+        if board is not None:
+            lines.append(f"{board.lost_samples} samples lost")
+            if board.late is not None:
+                lines.append(
+                    f"last command late by {1000 * board.late:.1f} ms; {board.missed} of "
+                    f"{board.commands} by more than {1000 * DEADLINE:g} ms"
+                )
+    if header.band is not None:
+        lines.append("Shaded: 95% band of the bend reading, 99.5% upper bound of wire temperature.")
+    names = [name.replace("_", " ") for name in header.parameters.wire_names]
+    return part("facts", names, rows, [*lines, header.source])
+
+
+def _bend_lines(header: RunHeader, reading: Reading) -> list[str]:
+    """Return a line for each bend: its reading, and the angles of plan and reference."""
+    angles = [("", reading.bend_angle)]
+    plan = header.plan
+    if plan is not None and not reading.cooling:
+        for name, rows in (("plan ", plan.bend_angle), ("reference ", plan.reference)):
+            angles.append((name, [np.interp(reading.time, plan.time, row) for row in rows]))
+    if reading.reference is not None:
+        angles.append(("asked for ", reading.reference))
+    lines = []
+    for i, suffix in enumerate(Layout(header.parameters).bend_suffixes):
+        texts = [f"{name}{np.rad2deg(values[i]):+.1f}°" for name, values in angles]
+        lines.append(f"φ{in_words(suffix)} {', '.join(texts)}")
+    return lines
+
+
+def _time_line(run: Run, header: RunHeader, reading: Reading) -> str:
+    if header.duration is None or reading.cooling:
+        return f"{reading.time:.1f} s"
+    left = f", {max(0.0, header.duration - reading.time):.1f} s left" if run.is_running else ""
+    return f"{reading.time:.1f} s of {header.duration:g} s{left}"
+
+
+class Site(BokehTornado):
+    """Bokeh's server application behind a check of host, origin and token.
+
+    A request must name this server, and must not come from a page of another site: else another
+    site's name could be made to lead here. It must bring the token, but for Bokeh's scripts. Bokeh
+    checks websockets once more: their origin, and a signature that only pages from here have.
+
+    - ``token``: the word that a request must bring.
+    """
+
+    def __init__(self, run: Run, port: int):
+        """
+        Args:
+            run: what it shows.
+            port: port of the loopback on which it listens.
+        """
+        self.token = secrets.token_urlsafe()
+        super().__init__(
+            Application(FunctionHandler(lambda document: Page(run).add_to(document))),
+            extra_websocket_origins=[f"{LOOPBACK}:{port}", f"localhost:{port}"],
+            secret_key=secrets.token_bytes(),
+            sign_sessions=True,
+            session_token_expiration=TOKEN_LIFETIME,
+            include_headers=[],  # a page has no use for those of its request
+            include_cookies=[],
+            use_index=False,
+            keep_alive_milliseconds=0,  # Tornado's pings close connections that do not answer
+            websocket_ping_interval=PING_INTERVAL,
+            websocket_max_message_size_bytes=MAX_WEBSOCKET_MESSAGE,
+        )
+        self.add_transform(_SameSiteOnly)
+
+    def find_handler(self, request: HTTPServerRequest, **kwargs):
+        """Return the handler of a request that may pass, or one that refuses it."""
+        host = request.host.lower()
+        origin = request.headers.get("Origin", f"http://{host}").lower()
+        is_same_site = host in self.websocket_origins and origin == f"http://{host}"
+        words = request.query_arguments.get("token", [])
+        has_token = any(secrets.compare_digest(word, self.token.encode()) for word in words)
+        if is_same_site and (has_token or request.path.startswith("/static/")):
+            return super().find_handler(request, **kwargs)
+        return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
+
+
+class _SameSiteOnly(OutputTransform):
+    """Tells browsers to keep nothing, and that no page of another site may contain or read it."""
+
+    def transform_first_chunk(
+        self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+    ) -> tuple[int, HTTPHeaders, bytes]:
+        headers["X-Frame-Options"] = "DENY"
+        headers["Cross-Origin-Resource-Policy"] = "same-origin"
+        headers["X-Content-Type-Options"] = "nosniff"
+        headers["Referrer-Policy"] = "no-referrer"
+        headers["Cache-Control"] = "no-store"
+        return status_code, headers, chunk
+
+
+def serve(messages: socket.socket, program: int, open_browser: bool) -> None:
+    """Serve a page until its run has ended; print its URL first.
+
+    Args:
+        messages: socket of the program that runs the limb. Its end, and why, comes by stdin.
+        program: number of that program's process.
+        open_browser: whether to open the page, where there is a display.
+    """
+    # Start the server on a free port of the loopback.
+    loop = IOLoop.current()
+    run = Run(program)
+    sockets = bind_sockets(0, LOOPBACK)
+    port = sockets[0].getsockname()[1]
+    site = Site(run, port)
+    http_server = HTTPServer(site)
+    http_server.add_sockets(sockets)
+    BaseServer(loop, site, http_server).start()
+    # Say where it is.
+    url = f"http://{LOOPBACK}:{port}/?token={site.token}"
+    print(url, flush=True)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    has_display = bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
+    if open_browser and (has_display or sys.platform == "darwin"):
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+    # Take in messages until the program ends.
+    def take_messages(*_event) -> None:
+        with contextlib.suppress(BlockingIOError, ConnectionError):
+            while True:
+                data, files, _, _ = socket.recv_fds(messages, MAX_DATAGRAM_SIZE, 1)
+                run.take(data, files)
+
+    def end(*_event) -> None:
+        take_messages()
+        loop.remove_handler(sys.stdin.fileno())
+        run.end(sys.stdin.read())
+        loop.call_later(FAREWELL_TIME, loop.stop)
+
+    messages.setblocking(False)
+    loop.add_handler(messages, take_messages, IOLoop.READ)
+    loop.add_handler(sys.stdin.fileno(), end, IOLoop.READ)
+    loop.start()
+
+
+if __name__ == "__main__":
+    os.nice(NICENESS)
+    serve(socket.socket(fileno=int(sys.argv[1])), int(sys.argv[2]), sys.argv[3] == "1")
