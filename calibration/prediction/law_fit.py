@@ -205,7 +205,7 @@ def fit_law(
         tell: is called in each iteration with a remark on it.
     """
     heated = np.any([run.duty.any(axis=0) for run in runs], axis=0)
-    read = np.any([run.counts[:, 1:].any(axis=0) for run in runs], axis=0)
+    read = np.any([run.counts[:, segment.axes :].any(axis=0) for run in runs], axis=0)
     unknowns, untold = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
     problem = _Problem(law, runs, segment, ambient, unknowns, untold)
     known = {u.name: u.center for u in unknowns}

@@ -9,7 +9,9 @@ import pytest
 
 from calibration import calibrate
 from calibration.collecting.measurement_protocol import mounted
+from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
+from calibration.prediction.law_fit import fit_law
 from calibration.recordings.kinds import TURNS
 from limb_systems import Layout, LimbParameters, LinearLaw, Recording, Wires
 from limb_systems.monte_carlo import draw_ensemble, stacked
@@ -131,3 +133,10 @@ def test_the_open_loop_in_space_shows_exact_equilibria():
     exact = own.bend_sensor.apparent_bends(chain, angles.T).T
     assert np.rad2deg(np.linalg.norm(exact, axis=1)).max() > 45.0
     assert np.rad2deg(np.abs(bends[0, 0] - exact)).max() < 0.03
+
+
+def test_thermocouples_are_those_of_their_own_wires():
+    recording = recording_of(0, 0, STAIRS[:3])
+    recording.measured_temperature[:2] = np.nan
+    fit = fit_law(LinearLaw, [HeatedRun.of(recording)], described().segments[0], 22.0)
+    assert [unknown.name for unknown in fit.untold] == ["wire_1.a3", "wire_2.a3"]

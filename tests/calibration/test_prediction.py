@@ -19,6 +19,7 @@ from calibration.prediction.selection import (
     simplest_unbeaten,
 )
 from calibration.prediction.unknowns import slopes_of, unknowns_of, values_of
+from calibration.remarks import remarks_on_start
 from limb_systems import (
     CoupledLaw,
     HystereticLaw,
@@ -231,3 +232,10 @@ def test_a_course_has_even_steps_of_any_samples():
     np.testing.assert_allclose(fast.duty.sum(axis=0), slow.duty.sum(axis=0), atol=0.1)
     at_slow = np.array([np.interp(slow.times, fast.times, v) for v in fast.temperature.T]).T
     np.testing.assert_allclose(at_slow, slow.temperature, atol=0.3)
+
+
+def test_a_warm_start_is_no_fault_where_a_reading_is_missing():
+    readings = np.array([[71.0, 60.0], [np.nan, 58.0]])
+    assert not remarks_on_start("the wire", 75.0, AMBIENT, readings)
+    (remark,) = remarks_on_start("the wire", 95.0, AMBIENT, readings)
+    assert remark.kind == "start"
