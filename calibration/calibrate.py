@@ -37,7 +37,7 @@ from calibration.prediction.outlook import (
     remarks_on_coverage,
 )
 from calibration.prediction.selection import LAWS, Prediction, fit_by_prediction
-from calibration.recordings.at_rest import ambient_temperature, rest_angle
+from calibration.recordings.at_rest import ambient_temperature, rest_angles
 from calibration.recordings.files import leaving_out, read_folder, usable
 from calibration.recordings.kinds import FREE_KINDS, all_kinds, heated_kinds, only_segment, title_of
 from calibration.recordings.repair import FEWEST, before_missing, with_lost_rows
@@ -275,9 +275,11 @@ def calibrate(
         limb.ambient_temperature = ambient.value
         _fit_heat_bounds(limb, heated, described)
         resting = [*told.get("ring_down", []), *itertools.chain(*heated.values())]
-        rest = rest_angle(every if by_paper else resting, ambient.value)
+        rest, *rest_e3 = rest_angles(every if by_paper else resting, ambient.value)
         if not by_paper or abs(rest.value) > MOST_REST_ANGLE:
             segment.rest_angle = rest.value
+        for estimate in rest_e3:
+            segment.rest_angle_e3 = estimate.value
 
         def fitted(kind: str, fit: Callable[[Sequence[Recording]], Fit]) -> Fit | None:
             found, told[kind] = _fit_possible(fit, told.get(kind, []), left_out)

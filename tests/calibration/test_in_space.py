@@ -4,6 +4,8 @@ The limb is the model by other code than the fit's: exact equilibria of all link
 steps of a tenth of a second.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from calibration.collecting.measurement_protocol import mounted
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.law_fit import fit_law
+from calibration.recordings.at_rest import rest_angles
 from calibration.recordings.kinds import TURNS
 from limb_systems import Layout, LimbParameters, LinearLaw, Recording, Wires
 from limb_systems.monte_carlo import draw_ensemble, stacked
@@ -140,3 +143,14 @@ def test_thermocouples_are_those_of_their_own_wires():
     recording.measured_temperature[:2] = np.nan
     fit = fit_law(LinearLaw, [HeatedRun.of(recording)], described().segments[0], 22.0)
     assert [unknown.name for unknown in fit.untold] == ["wire_1.a3", "wire_2.a3"]
+
+
+def test_the_angle_at_rest_is_told_towards_both_axes(motion):
+    turned = described()
+    turned.segments[0].bend_sensor.roll = TRUE["bend_sensor.roll"]
+    for estimate, name in zip(
+        rest_angles([dataclasses.replace(motion, parameters=turned)], 25.0),
+        ("rest_angle", "rest_angle_e3"),
+        strict=True,
+    ):
+        assert abs(estimate.value - TRUE[name]) < 3.0 * estimate.standard_error + np.deg2rad(0.3)
