@@ -32,7 +32,7 @@ LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
     HystereticLaw,
     CoupledLaw,
 )
-# Options of the rubber, which are tried with the best law; a memory only in the plane.
+# Options of the rubber, which are tried with the best law.
 OPTIONS = ("stiffening", "rest_memory")
 BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
 HELD_OUT = 0.12, 0.4  # of each recording, of its time and heat: least and most that judges
@@ -273,11 +273,10 @@ def fit_by_prediction(
         rest, judges = map(list, zip(*[c.held_out(*HELD_OUT) for c in fitted], strict=True))
         words = "the last part of each recording, fitted last"
     continued = len(rest) == len(fitted)
-    options = OPTIONS[: 3 - segment.axes]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
         tell("how long it takes")
         first, last = (fitting_time(law, rest, segment, ambient) for law in (laws[0], laws[-1]))
-        expected = first * (len(laws) - 1) + last * (2 + len(options))
+        expected = first * (len(laws) - 1) + last * (2 + len(OPTIONS))
         if expected > LONG:
             heated = sum(run.times[-1] for run in fitted) / 60
             announce(
@@ -291,7 +290,6 @@ def fit_by_prediction(
             judges,
             segment,
             ambient,
-            options=options,
             continued=continued,
             tell=tell,
             fitted=lambda law: time_left.add(last if law is laws[-1] else first),

@@ -16,7 +16,7 @@ from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.law_fit import fit_law
 from calibration.recordings.at_rest import rest_angles
 from calibration.recordings.kinds import TURNS
-from limb_systems import Layout, LimbParameters, LinearLaw, Recording, Wires
+from limb_systems import Layout, LimbParameters, LinearLaw, Recording, RestMemory, Wires
 from limb_systems.monte_carlo import draw_ensemble, stacked
 from limb_systems.statics import HeldAngles
 
@@ -154,3 +154,33 @@ def test_the_angle_at_rest_is_told_towards_both_axes(motion):
         strict=True,
     ):
         assert abs(estimate.value - TRUE[name]) < 3.0 * estimate.standard_error + np.deg2rad(0.3)
+
+
+def test_the_memory_of_the_rest_angle_is_that_of_the_model():
+    """Two wires are heated in turn; the model is simulated in small steps by other code."""
+    limb = true_limb()
+    limb.gravity = [0.0, 0.0, 0.0]
+    (own,) = limb.segments
+    own.stiffness_ratio, own.bend_sensor.roll = 1.3, 0.0
+    own.rest_memory = RestMemory(shift=np.deg2rad(6.0), rate=2.0)
+    duty = np.repeat([[0.3, 0, 0], [0.0, 0.3, 0], [0.0, 0, 0]], 30, axis=0)
+    law, ambient, rubber = stacked([limb])
+    rubber |= {
+        name: np.array([getattr(own, name)]) for name in ("stiffness_ratio", "rest_angle_e3")
+    }
+    rubber |= {"roll": np.zeros(1), "angle": np.array([[wire.angle for wire in own.wires]])}
+    open_loop = OpenLoopInSpace(duty[:, None], 0.5, own, [[0.0] * 4])
+    cold = np.full((1, 1, 3), ambient[0])
+    _, _, bends = open_loop.simulate(law, ambient[:, None], [cold, cold], rubber)
+    wires, state = Wires(limb), Wires(limb).cold_states
+    for level in np.repeat(duty, 50, axis=0):
+        state = state + 0.01 * wires.rates(state, level)
+    shown = own.bend_sensor.apparent_bends(
+        Layout(limb).chains[0], HeldAngles(limb).angles(state[None]).T
+    )
+    own.rest_memory = None
+    forgot = own.bend_sensor.apparent_bends(
+        Layout(limb).chains[0], HeldAngles(limb).angles(state[None, :3]).T
+    )
+    assert np.rad2deg(np.linalg.norm(shown - forgot)) > 1.0
+    assert np.rad2deg(np.abs(bends[-1, 0, 0] - shown[:, 0])).max() < 0.1
