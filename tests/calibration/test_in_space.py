@@ -16,6 +16,7 @@ from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.law_fit import fit_law
 from calibration.recordings.at_rest import rest_angles
 from calibration.recordings.kinds import TURNS
+from calibration.wire_directions import WrongDescriptionError, check_directions, wire_directions
 from limb_systems import Layout, LimbParameters, LinearLaw, Recording, RestMemory, Wires
 from limb_systems.monte_carlo import draw_ensemble, stacked
 from limb_systems.statics import HeldAngles
@@ -184,3 +185,23 @@ def test_the_memory_of_the_rest_angle_is_that_of_the_model():
     )
     assert np.rad2deg(np.linalg.norm(shown - forgot)) > 1.0
     assert np.rad2deg(np.abs(bends[-1, 0, 0] - shown[:, 0])).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("wires", "roll"), [((0, 2, 1), 0.0), ((0, 1, 2), np.deg2rad(60.0)), ((1, 0, 2), 0.0)]
+)
+def test_a_description_that_recordings_contradict_is_a_question(motion, wires, roll):
+    """Exchanged wires and a turned sensor are found by the bend alone, with what is right."""
+    limb = described()
+    (segment,) = limb.segments
+    angles = [wire.angle for wire in segment.wires]
+    check_directions(wire_directions([HeatedRun.of(motion)], segment), limb)
+    for wire, place in zip(segment.wires, wires, strict=True):
+        wire.angle = angles[place]
+    segment.bend_sensor.roll = roll
+    with pytest.raises(WrongDescriptionError) as error:
+        check_directions(wire_directions([HeatedRun.of(motion)], segment), limb)
+    (right,) = error.value.corrected.segments
+    assert np.rad2deg(abs(right.bend_sensor.roll)) < 10.0
+    for wire, angle in zip(right.wires, angles, strict=True):
+        assert np.rad2deg(abs(np.angle(np.exp(1j * (wire.angle - angle))))) < 15.0
