@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibration.prediction.baselines import DELAYS, heat_by_duty
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.remarks import CalibrationError
 from limb_systems import LimbParameters, SegmentParameters
-from limb_systems.low_pass import low_pass
 
-DELAYS = (2.0, 4.0, 8.0, 16.0, 32.0)  # s, time constants that are tried
 CHANGE = 8.0  # s, whose changes count: the angle at rest drifts more slowly
 PASSES = 2  # over all wires, each with the best delay beside those of the others
 MOST_OFF = np.deg2rad(45.0)  # from the description, beyond which a wire is a question
@@ -67,7 +66,7 @@ def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> li
     """Return the directions of the wires that are heated, by the changes of the bend with heat."""
     changes = np.concatenate([_changes(run, run.bend) for run in runs])
     heats = {
-        delay: np.concatenate([_changes(run, _heat(run, delay)) for run in runs])
+        delay: np.concatenate([_changes(run, heat_by_duty(run, delay)) for run in runs])
         for delay in DELAYS
     }
     shown = ~np.isnan(changes).any(axis=1)
@@ -148,12 +147,6 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
         todo = f"the description seems to have {names} on the wrong side"
     said = "; ".join(map(str, wrong))
     raise WrongDescriptionError(f"By the recordings {said}: {todo}.", corrected)
-
-
-def _heat(run: HeatedRun, delay: float) -> np.ndarray:
-    """Heat of the wires by their duty alone at the samples (M, W), as a share of full duty."""
-    heat = low_pass(run.duty, np.exp(-STEP / delay), axis=0)
-    return run.interpolated(np.vstack([np.zeros_like(heat[:1]), heat]))
 
 
 def _changes(run: HeatedRun, signal: np.ndarray) -> np.ndarray:
