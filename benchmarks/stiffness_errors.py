@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from calibration import collect_from_twin, fit_damping, fit_stiffness
 from calibration.collecting.measurement_protocol import mounted
 from calibration.paper_method.mechanics import with_ringing
-from calibration.recordings.at_rest import rest_angle
+from calibration.recordings.at_rest import rest_angles
 from hardware import LimbTwin
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, SegmentParameters, simulate
@@ -66,7 +66,7 @@ def errors(case: tuple[str, int]) -> list[list[float]]:
         brief = {"num_angles": 1, "longest": 20.0, "cooling_time": 60.0}
         found = collect_from_twin(LimbTwin(specimen=specimen), protocol="paper", **brief)
         level = [r for kind, group in found.items() if kind != "sag" for r in group]
-        rest, (segment,) = rest_angle(level, specimen.ambient), limb.segments
+        (rest,), (segment,) = rest_angles(level, specimen.ambient), limb.segments
         segment.rest_angle = rest.value
         fit = fit_stiffness(limb, found["sag"], rest.standard_error)
         segment.stiffness = fit.stiffness.value

@@ -30,6 +30,7 @@ from calibration.paper_method.wire_fits import (
     fit_force,
     fit_heat_transfer,
 )
+from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.outlook import (
     PlanMiss,
     next_recording,
@@ -37,12 +38,13 @@ from calibration.prediction.outlook import (
     remarks_on_coverage,
 )
 from calibration.prediction.selection import LAWS, Prediction, fit_by_prediction
-from calibration.recordings.at_rest import ambient_temperature, rest_angle
+from calibration.recordings.at_rest import ambient_temperature, rest_angles
 from calibration.recordings.files import leaving_out, read_folder, usable
 from calibration.recordings.kinds import FREE_KINDS, all_kinds, heated_kinds, only_segment, title_of
 from calibration.recordings.repair import FEWEST, before_missing, with_lost_rows
 from calibration.remarks import CalibrationError, Remark, verdict
 from calibration.validation import Validation, validate, validation_of
+from calibration.wire_directions import check_directions, wire_directions
 from limb_systems import (
     LimbParameters,
     LinearLaw,
@@ -251,11 +253,13 @@ def calibrate(
             recordings.
         method: see above.
         laws: laws that are compared by prediction, from the simplest on.
-        announce: is called with how long it will take, in words, if it takes long.
+        announce: is called with where each wire bends the limb to by the recordings, and with how
+            long the fit will take, in words, if it takes long.
 
     Raises:
         CalibrationError: if recordings are missing or do not determine a parameter; its notes are
             on recordings that are left out, since something is wrong with them.
+        WrongDescriptionError: if a wire bends the limb more than 45° from its description.
     """
     if method not in METHODS:
         raise CalibrationError(f"method is {method!r}; it must be one of {', '.join(METHODS)}.")
@@ -269,15 +273,24 @@ def calibrate(
         told, heated, limb, described = _given(recordings, parameters, by_paper, left_out)
         segment = only_segment(limb)
 
+        if not by_paper:
+            tell("directions of the wires")
+            runs = [HeatedRun.of(recording) for recording in itertools.chain(*heated.values())]
+            directions = wire_directions(runs, segment)
+            for direction in directions:
+                announce(str(direction))
+            check_directions(directions, limb)
         tell("bounds for the board")
         every = list(itertools.chain(*told.values()))
         ambient = ambient_temperature(every)
         limb.ambient_temperature = ambient.value
         _fit_heat_bounds(limb, heated, described)
         resting = [*told.get("ring_down", []), *itertools.chain(*heated.values())]
-        rest = rest_angle(every if by_paper else resting, ambient.value)
+        rest, *rest_e3 = rest_angles(every if by_paper else resting, ambient.value)
         if not by_paper or abs(rest.value) > MOST_REST_ANGLE:
             segment.rest_angle = rest.value
+        for estimate in rest_e3:
+            segment.rest_angle_e3 = estimate.value
 
         def fitted(kind: str, fit: Callable[[Sequence[Recording]], Fit]) -> Fit | None:
             found, told[kind] = _fit_possible(fit, told.get(kind, []), left_out)

@@ -108,10 +108,11 @@ def remarks_on_start(what: str, value: float, room: float, readings: np.ndarray)
         what: starts, in words.
         value: fitted temperature at the start, °C.
         room: T0, °C.
-        readings: V in the recording, °C.
+        readings: V in the recording, °C; nan where missing.
     """
-    low = min(room, float(readings.min())) - BELOW_ROOM
-    if low < value < max(room, float(readings.max())) + ABOVE_READINGS:
+    coldest = float(np.nanmin(readings, initial=room))
+    hottest = float(np.nanmax(readings, initial=room))
+    if coldest - BELOW_ROOM < value < hottest + ABOVE_READINGS:
         return []
     return [
         Remark(

@@ -19,7 +19,7 @@ from soft_limb.results.folder import find, glance
 
 NEWEST = 12  # results that are listed without a command
 EXIT_STATUS = (
-    "exit status: 0 done, 1 it could not be done, 2 wrong usage, or import asks, "
+    "exit status: 0 done, 1 it could not be done, 2 wrong usage, or import or fit asks, "
     "130 stopped by Ctrl-C"
 )
 

@@ -34,7 +34,7 @@ from calibration.heat_bounds_fit import check_first_contact, fit_heat_bounds, he
 from calibration.paper_method.mechanics import GRAVITY, sag_payload
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import LawFit, fit_law
-from calibration.recordings.at_rest import ambient_temperature, rest_angle
+from calibration.recordings.at_rest import ambient_temperature, rest_angles
 from calibration.recordings.kinds import (
     FIRST_CONTACT,
     WARM_UP,
@@ -112,7 +112,7 @@ class Knowledge:
         if self._known is None:
             ambient = ambient_temperature(self._recordings).value
             segment = copy.deepcopy(only_segment(self._described))
-            segment.rest_angle = rest_angle(self._recordings, ambient).value
+            segment.rest_angle = rest_angles(self._recordings, ambient)[0].value
             runs = [HeatedRun.of(each) for each in self._recordings if each.duty.any()]
             with threadpool_limits(1, "blas"):
                 self._known = fit_law(self.LAW, runs, segment, ambient)

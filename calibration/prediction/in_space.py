@@ -17,7 +17,7 @@ from limb_systems import Layout, LimbParameters, SegmentParameters
 from limb_systems.bend_sensor import rolled
 from limb_systems.kinematics import Chain
 from limb_systems.monte_carlo import OpenLoop
-from limb_systems.rubber import NonlinearRubber
+from limb_systems.rubber import NonlinearRubber, ramp
 from limb_systems.smooth_function import SmoothFunction
 
 DEGREE = 8  # of the polynomial, which is within 0.03° of equilibria in all plans
@@ -42,7 +42,8 @@ class OpenLoopInSpace(OpenLoop):
 
     Its `simulate` takes as ``rubber`` of each set: ``stiffness``, ``stiffness_ratio``,
     ``rest_angle``, ``rest_angle_e3``, the sensor's ``roll`` (B,), ``angle``, of each wire (B, W),
-    all in SI, and optionally ``stiffening`` (B,). Torques are those at straight links.
+    all in SI, and optionally ``stiffening``, and ``shift`` and ``rate`` of the rest angle's memory
+    (B,). Torques are those at straight links.
 
     Args:
         duty, step, segment, lengths: as for `OpenLoop`.
@@ -76,12 +77,39 @@ class OpenLoopInSpace(OpenLoop):
         levers = np.stack([np.cos(rubber["angle"]), np.sin(rubber["angle"])], axis=-1)
         pulls = torques.swapaxes(0, 1) @ levers[:, None]
         pulls /= rubber["stiffness"][:, None, None, None]
+        if "shift" in rubber:
+            ratio = _springs(rubber)[:, None, None]
+            shifts = self._rest_shifts(torques, levers, rubber).swapaxes(0, 1)
+            pulls += ratio * shifts / self._chain.bend_by_equal_angle
         bends = np.empty_like(pulls)
         for number, balance in enumerate(self._balances):
             runs = np.flatnonzero(self._mounting == number)
             bends[:, :, runs] = self._interpolated(balance, pulls[:, :, runs], rubber)
         read = rolled(bends.transpose(3, 1, 0, 2), rubber["roll"][:, None])
         return np.moveaxis(read, 0, -1)
+
+    def _rest_shifts(
+        self, torques: np.ndarray, levers: np.ndarray, rubber: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        """Return how far memory moves the rest angle (K + 1, B, R, 2), rad; see `NonlinearRubber`.
+
+        Args:
+            torques: torques of the wires (K + 1, B, R, W), N·m.
+            levers: directions of the wires (B, W, 2).
+        """
+        # The bend that each wire would hold alone, as far as it grows in each step.
+        springs = rubber["stiffness"][:, None] * _springs(rubber)
+        by_torque = np.linalg.norm(levers / springs[:, None], axis=-1)
+        by_torque *= self._chain.bend_by_equal_angle
+        rates = np.diff(by_torque[:, None] * torques, axis=0) / self.step
+        progress = self.step * ramp(rates) * rubber["rate"][:, None, None]
+        # The implicit Euler method, as in the plane.
+        towards = rubber["shift"][:, None, None] * (progress @ levers)
+        remaining = 1 / (1 + progress.sum(axis=-1, keepdims=True))
+        shifts = np.zeros((*torques.shape[:-1], 2))
+        for number, (drawn, share) in enumerate(zip(towards, remaining, strict=True)):
+            shifts[number + 1] = share * (shifts[number] + drawn)
+        return shifts
 
     def _interpolated(
         self, balance: SmoothFunction, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]
@@ -105,8 +133,7 @@ class OpenLoopInSpace(OpenLoop):
         """Bends (B, P, 2), rad, as exact equilibria of `_interpolated`; nan where there is none."""
         layout = self._layout
         towards = (layout.shape > 0).astype(float)  # joints by bends (n, 2)
-        k = rubber["stiffness"]
-        ratio = np.stack([np.ones_like(k), rubber["stiffness_ratio"]], axis=-1)
+        k, ratio = rubber["stiffness"], _springs(rubber)
         # A twist joint keeps its own share of k.
         springs = ratio @ towards.T + layout.stiffness * (1 - towards.sum(axis=-1))
         rest = np.stack([rubber["rest_angle"], rubber["rest_angle_e3"]], axis=-1) @ layout.shape.T
@@ -126,6 +153,12 @@ class OpenLoopInSpace(OpenLoop):
         angles = np.where(np.abs(step).max(axis=-1, keepdims=True) < TOLERANCE, angles, np.nan)
         seen = self._sensor.exact_bends(layout.chains[0], np.moveaxis(angles, -1, 0))
         return np.moveaxis(seen, 0, -1)
+
+
+def _springs(rubber: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the bending stiffness towards E2 and E3, over that towards E2 (B, 2)."""
+    ratio = rubber["stiffness_ratio"]
+    return np.stack([np.ones_like(ratio), ratio], axis=-1)
 
 
 def _balance(unit: SegmentParameters, gravity: Sequence[float], payload: float) -> SmoothFunction:

@@ -151,6 +151,7 @@ class LawFit:
         That state is not recorded: a limb that is not quite cold has warm silicone.
         """
         problem = self._problem(runs)
+        problem.num_moved = 0
         size = len(self.fitted)
 
         def whole(nuisances: np.ndarray) -> np.ndarray:
@@ -205,7 +206,7 @@ def fit_law(
         tell: is called in each iteration with a remark on it.
     """
     heated = np.any([run.duty.any(axis=0) for run in runs], axis=0)
-    read = np.any([run.counts[:, 1:].any(axis=0) for run in runs], axis=0)
+    read = np.any([run.counts[:, segment.axes :].any(axis=0) for run in runs], axis=0)
     unknowns, untold = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
     problem = _Problem(law, runs, segment, ambient, unknowns, untold)
     known = {u.name: u.center for u in unknowns}
@@ -259,7 +260,7 @@ class _Problem:
 
     x is the unknowns (P), then for each of R recordings its nuisances (Q): its
     T0, and the states of its wires at the start, those of all wires for each
-    state in turn.
+    state in turn. The Jacobian is zero for unknowns from ``num_moved`` on.
     """
 
     def __init__(
@@ -268,6 +269,7 @@ class _Problem:
         self._law, self._runs, self._unknowns, self._ambient = law, runs, unknowns, ambient
         self._untold = untold
         self._num_wires, self._stiffness = len(segment.wires), segment.stiffness
+        self.num_moved = len(unknowns)
         lengths = [len(run.duty) for run in runs]
         duty = np.zeros((max(lengths), len(runs), self._num_wires))
         for number, run in enumerate(runs):
@@ -462,14 +464,14 @@ class _Problem:
         known, values = self._evaluated
         if np.array_equal(known, x):
             return values
-        size, count = len(self._unknowns), self._num_nuisances
+        size, count, num_moved = len(self._unknowns), self._num_nuisances, self.num_moved
         step = RELATIVE_STEP * self.spread
         if not np.array_equal(self._simulated[0], x):
-            moved = np.tile(x, (1 + size + count, 1))
-            for index in range(size):
+            moved = np.tile(x, (1 + num_moved + count, 1))
+            for index in range(num_moved):
                 moved[1 + index, index] += step[index]
             for index in range(count):
-                moved[1 + size + index, size + index :: count] += step[size + index :: count]
+                moved[1 + num_moved + index, size + index :: count] += step[size + index :: count]
             self._simulated = x.copy(), self._simulate(moved)
         # Steps into what cannot be simulated are refused by the solver if they are far off.
         with np.errstate(over="ignore", invalid="ignore"):
@@ -480,13 +482,14 @@ class _Problem:
         for shown in self._shown:
             of_run = slice(row, row := row + int(shown.sum()))
             columns = slice(column, column := column + count)
-            slopes = change[of_run] / np.concatenate([step[:size], step[columns]])
+            slopes = change[of_run] / np.concatenate([step[:num_moved], step[columns]])
             # Turned, the residuals of a run are as many as what they depend on, and their squares
             # and slopes say the same.
             together = np.column_stack([slopes, readings[of_run]])
             turned = np.asarray(np.linalg.qr(together, mode="r"))
             block = np.zeros((len(turned), len(x)))
-            block[:, :size], block[:, columns] = turned[:, :size], turned[:, size:-1]
+            block[:, :num_moved] = turned[:, :num_moved]
+            block[:, columns] = turned[:, num_moved:-1]
             rows.append(block)
             errors.append(turned[:, -1])
         beforehand = np.zeros((len(x), len(x)))

@@ -2,15 +2,17 @@
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from calibration.prediction.baselines import baseline_errors
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.law_fit import KNOWN, LawFit, Predicted, fit_law, fitting_time
+from calibration.prediction.outlook import next_recording
 from calibration.prediction.unknowns import LAG
-from calibration.remarks import Remark, remarks_on_start
+from calibration.remarks import CalibrationError, Remark, remarks_on_start
 from limb_systems import (
     CoupledLaw,
     HystereticLaw,
@@ -32,13 +34,14 @@ LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
     HystereticLaw,
     CoupledLaw,
 )
-# Options of the rubber, which are tried with the best law; a memory only in the plane.
+# Options of the rubber, which are tried with the best law.
 OPTIONS = ("stiffening", "rest_memory")
 BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
 HELD_OUT = 0.12, 0.4  # of each recording, of its time and heat: least and most that judges
 MOST_HEAT = 0.6  # of a wire's heat, which judges at most
 BLOCK = 10.0  # s, after which errors of prediction count as independent
 AT_BOUND = 0.02  # by which a fitted value may stay inside its bound and count as at it
+WORSE = 1.05, np.deg2rad(1.0)  # share, and rad, by which a law may be worse than a baseline
 WORTH = 0.1  # of a scale: laws that differ by less predict alike
 
 
@@ -252,6 +255,9 @@ def fit_by_prediction(
         tell: is called with what is being done.
         announce: is called with how long it will take, in words, if it takes long: by the first
             step of a fit, and again by the first fits.
+
+    Raises:
+        CalibrationError: if no law predicts what judges as well as the mean and a lag of each wire.
     """
     runs = {kind: [HeatedRun.of(r) for r in group] for kind, group in recordings.items() if group}
     motions, both = runs.pop("motion", []), runs.get("both", [])
@@ -273,11 +279,10 @@ def fit_by_prediction(
         rest, judges = map(list, zip(*[c.held_out(*HELD_OUT) for c in fitted], strict=True))
         words = "the last part of each recording, fitted last"
     continued = len(rest) == len(fitted)
-    options = OPTIONS[: 3 - segment.axes]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
         tell("how long it takes")
         first, last = (fitting_time(law, rest, segment, ambient) for law in (laws[0], laws[-1]))
-        expected = first * (len(laws) - 1) + last * (2 + len(options))
+        expected = first * (len(laws) - 1) + last * (2 + len(OPTIONS))
         if expected > LONG:
             heated = sum(run.times[-1] for run in fitted) / 60
             announce(
@@ -291,16 +296,38 @@ def fit_by_prediction(
             judges,
             segment,
             ambient,
-            options=options,
             continued=continued,
             tell=tell,
             fitted=lambda law: time_left.add(last if law is laws[-1] else first),
         )
+        best = _as_good_as_baselines(candidates, best, baseline_errors(rest, judges), runs)
         fit = best.fit
         tell(f"{best.name}, all recordings")
         fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
         foreseen = fit.foresee([predicted.run for predicted in best.judged])
     return Prediction(candidates, best, fit, words, foreseen)
+
+
+def _as_good_as_baselines(
+    candidates: Sequence[Candidate],
+    best: Candidate,
+    baselines: Mapping[str, float],
+    kinds: Iterable[str],
+) -> Candidate:
+    """Return the best law, or the nearest if the best one is worse than a baseline."""
+    baseline, error = min(baselines.items(), key=lambda item: item[1])
+    allowed = max(WORSE[0] * error, error + WORSE[1])
+    if best.bend_error > allowed:
+        best = min(candidates, key=lambda candidate: candidate.bend_error)
+    if best.bend_error > allowed:
+        by_law, by_baseline = np.rad2deg([best.bend_error, error])
+        further = next_recording(best.fit, [*kinds]) or "record more motions like those you plan"
+        raise CalibrationError(
+            f"These recordings tell no model: {baseline} misses the bend by {by_baseline:.0f}° "
+            f"where laws are judged, and the best law, {best.name}, by {by_law:.0f}°. "
+            f"Next, {further}."
+        )
+    return best
 
 
 def _latest(runs: Sequence[HeatedRun]) -> list[HeatedRun]:

@@ -1,6 +1,6 @@
 """What recordings show of a limb while it is cold: the room, the rest angle, where wires start."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -117,8 +117,8 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     return Estimate(float(medians.mean()), float(spread), "°C")
 
 
-def rest_angle(recordings: Iterable[Recording], ambient: float) -> Estimate:
-    """The bend angle at rest, as the mean over level recordings that show it.
+def rest_angles(recordings: Sequence[Recording], ambient: float) -> list[Estimate]:
+    """Return the bend angle at rest towards each axis, as the mean over level recordings.
 
     Ring-downs show it at their end, heated recordings at their beginning, or else at their
     end, if all wires are cold then. Its standard error is that of the sensor's drift, or of the
@@ -131,28 +131,30 @@ def rest_angle(recordings: Iterable[Recording], ambient: float) -> Estimate:
         else before_heat(recording).all(axis=0) & _first_second(recording)
         for recording in level
     ]
-    angles = _cold_angles(level, starts, ambient)
-    if not len(angles):
+    angles, drifts = _cold_angles(level, starts, ambient)
+    if not angles:
         resting = [r for r in level if not r.duty[:, r.time > r.time[-1] - OFF].any()]
         ends = [recording.time > recording.time[-1] - LATE for recording in resting]
-        angles = _cold_angles(resting, ends, ambient)
-    if not len(angles):
-        return Estimate(0.0, 0.0, "rad")
-    angles, drifts = angles.T
-    spread = np.hypot(np.std(angles), np.mean(drifts)) / np.sqrt(len(angles))
-    return Estimate(float(np.median(angles)), float(spread), "rad")
+        angles, drifts = _cold_angles(resting, ends, ambient)
+    if not angles:
+        return [Estimate(0.0, 0.0, "rad")] * max((len(r.bend_angle) for r in recordings), default=1)
+    spreads = np.hypot(np.std(angles, axis=0), np.mean(drifts)) / np.sqrt(len(angles))
+    medians = np.median(angles, axis=0)
+    pairs = zip(medians.tolist(), spreads.tolist(), strict=True)
+    return [Estimate(median, spread, "rad") for median, spread in pairs]
 
 
 def _cold_angles(
     recordings: Iterable[Recording], stretches: Iterable[np.ndarray], ambient: float
-) -> np.ndarray:
-    """The bend angle, and how its sensor drifts, rad, where a stretch (K,) shows cold wires."""
-    result = []
+) -> tuple[list[np.ndarray], list[float]]:
+    """Bend angles (F,), and how their sensor drifts, rad, where a stretch (K,) shows cold wires."""
+    angles, drifts = [], []
     for recording, stretch in zip(recordings, stretches, strict=True):
         shown = stretch & ~recording.missing
         readings = recording.measured_temperature[recording.has_thermocouple][:, shown]
         if shown.any() and not (readings.mean(axis=1) > ambient + COLD).any():
             sensor = bend_sensor_of(recording)
-            angle = float(np.median(sensor.corrected(recording.bend_angle[0, shown])))
-            result.append((angle, sensor.drift))
-    return np.array(result)
+            bends = sensor.unrolled_bends(recording.bend_angle[:, shown])
+            angles.append(np.median(bends, axis=1))
+            drifts.append(sensor.drift)
+    return angles, drifts

@@ -6,9 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from calibration.recordings.kinds import all_kinds, kind_of, title_of
-from calibration.recordings.recording_checks import check_recording, check_without_gaps
-from calibration.recordings.repair import in_pieces
+from calibration.recordings.recording_checks import (
+    check_recording,
+    check_without_gaps,
+    frozen_since,
+)
+from calibration.recordings.repair import in_pieces, part
 from calibration.remarks import CalibrationError, Remark
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.files.table_writer import is_unfinished
@@ -66,6 +72,12 @@ def usable(
                 if recording.interrupted:  # its last equilibrium is none
                     reason = recording.interrupted.rstrip(".")
                     raise CalibrationError(f"this was interrupted ({reason}), so record it again.")
+                if frozen := frozen_since(recording):
+                    start, sentence = frozen
+                    recording = part(recording, np.arange(start))
+                    pieces = [recording]
+                    remark = f"Of {title_of(recording)}, the rest is left out: {sentence}."
+                    found.left_out.append(Remark("left out", remark))
                 check_recording(recording, kind)
                 if whole or not pieces:
                     check_without_gaps(recording)

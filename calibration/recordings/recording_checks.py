@@ -39,6 +39,13 @@ JUMPS = 5.0  # °C, by which its readings do not differ from one to the next
 SLOWEST = 5.0  # s, between samples
 WARMTH = 300.0  # °C of a wire at full duty, roughly
 STEEPEST = 0.05, 10.0  # °C/s that a wire exceeds somewhere, if it is heated by so many °C
+FROZEN = 10.0  # s, for which a sensor that froze repeats a reading at least
+WINDOW = 5.0  # s, within which heat moves a reading
+LEAST_CHANCE = 1e-9  # by which readings stand that are alive
+MUCH_HEAT = (
+    0.1  # of the largest change of a wire's heat in a window, from which on readings must move
+)
+FEWEST_MOVES, MOST_MOVE = 3, 0.9  # windows with as much heat before, and share that moved
 
 
 def check_recording(recording: Recording, expected: str | None = None) -> str:
@@ -70,6 +77,8 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
         wanted, shown = (shows(recording.parameters, k) for k in (expected, kind))
         hint = GRAVITY_HINT * (expected == "sag")
         raise CalibrationError(f"this should show {wanted}, but shows {shown}{hint}.")
+    if frozen := frozen_since(recording):
+        raise CalibrationError(f"{frozen[1]} while wires are heated; cut the file there.")
     if recording.duty.any():
         _check_wires(recording)
     _check_thermocouples(recording)
@@ -114,6 +123,49 @@ def check_without_gaps(recording: Recording) -> None:
             f"{time[gap]:.2f} s, and what duty there was is not known: cut the file there, or add "
             "rows that have the duty and empty cells for the readings."
         )
+
+
+def frozen_since(recording: Recording) -> tuple[int, str] | None:
+    """Return the sample since which a sensor is frozen, and why, in words; None if none is.
+
+    A frozen sensor repeats one reading to the last digit while a wire is heated as much as moved
+    the reading before. Readings may stand where the limb rests, or where the sensor is coarse.
+    """
+    heat = _heat(recording)
+    window = max(1, round(WINDOW * recording.sample_rate))
+    if len(recording.time) <= window:
+        return None
+    rises = np.abs(heat[:, window:] - heat[:, :-window])
+    names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
+    signals = list(zip(names, recording.measured_temperature, rises[:, None], strict=True))
+    signals += [("the bend sensor", bend, rises) for bend in recording.bend_angle]
+    frozen = []
+    for name, signal, of_wires in signals:
+        # Missing readings neither stand nor move.
+        shown = np.flatnonzero(~np.isnan(signal))
+        changes = np.diff(signal[shown]) != 0
+        moves = np.zeros(len(signal))
+        moves[shown[1:]] = changes
+        moved = np.convolve(moves, np.ones(window), "valid")[1:] > 0.5
+        rise = of_wires.max(axis=0)
+        driven = rise > MUCH_HEAT * rise.max()
+        first = np.arange(len(rise))
+        for from_change, to_change in stretches(~changes):
+            start, end = shown[[from_change, to_change]]
+            # How improbable it is that so many readings stand, by what the sensor did before.
+            usual = np.mean(changes[:from_change]) if from_change else 0.0
+            chance = (1.0 - usual) ** (to_change - from_change)
+            if recording.time[end] - recording.time[start] < FROZEN or chance > LEAST_CHANCE:
+                continue
+            during = driven & (first >= start) & (first + window <= end)
+            before = moved[driven & (first + window <= start)]
+            if during.any() and len(before) >= FEWEST_MOVES and before.mean() > MOST_MOVE:
+                frozen.append((int(start), name))
+                break
+    if not frozen:
+        return None
+    start, name = min(frozen)
+    return start, f"{name} repeats one reading from {recording.time[start]:.1f} s on"
 
 
 def _check_missing(recording: Recording) -> None:

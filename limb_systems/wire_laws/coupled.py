@@ -157,7 +157,7 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         heating = (1.0 - self.heating_drop * xi) * D
         heated, *others = _ThreeMassHeat.rates(self, x[:3], heating, T0)
         heated = heated - self.latent_heat * gained
-        creeping = self.creep_rate * (self._transformed(P, xi, T0) - C)
+        creeping = self.creep_rate * (self._transformed(F, xi, T0) - C)
         return [heated, *others, rise - fall, along, transforming, creeping]
 
     @property
@@ -169,15 +169,15 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         """F(P)."""
         return logistic((P - self._middle) / self.width)
 
-    def _transformed(self, P: Any, xi: Any, T0: Any) -> Any:
-        """z."""
-        along = self._along(P) - self._along(T0 - self._half_loop)
+    def _transformed(self, F: Any, xi: Any, T0: Any) -> Any:
+        """z, of F(P)."""
+        along = F - self._along(T0 - self._half_loop)
         return xi + self.play_share * (along - xi)
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
         """M ((1 - c) z + c C)."""
         *_, P, xi, C = x
-        z = self._transformed(P, xi, T0)
+        z = self._transformed(self._along(P), xi, T0)
         return self.full_torque * (z + self.creep_share * (C - z))
 
     def cold_states(self, T0: float) -> Sequence[float]:
@@ -197,7 +197,8 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
 
         free = brentq(excess, T - self.stress_shift - 1.0, T + 1.0) if self.stress_shift else T
         P, xi = free - self._half_loop, on_curve(free)
-        return [T, T0, T0, free - self.backlash, P, xi, self._transformed(P, xi, T0)]
+        z = self._transformed(self._along(P), xi, T0)
+        return [T, T0, T0, free - self.backlash, P, xi, z]
 
     def typical_rates(self) -> dict[str, float]:
         """Rates as of `HystereticLaw`, with the heating of a wire that is half transformed."""

@@ -18,16 +18,17 @@ from calibration.calibrate import METHODS
 from calibration.collecting.measurement_protocol import PROTOCOLS
 from calibration.recordings.files import folder_of_limb, read_folder, usable
 from calibration.recordings.recording_checks import check_recording, check_without_gaps
+from calibration.wire_directions import WrongDescriptionError
 from hardware import LimbTwin, SerialLimb
 from hardware.board.link import BoardLink
 from hardware.emulation.specimen import Specimen
 from hardware.live_feed import LiveView
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.connected_limbs import ConnectedLimbs, connected, load_described
-from limb_systems.files.output import OutputError, check_folder, check_outputs
+from limb_systems.files.output import OutputError, check_folder, check_outputs, free_path
 from limb_systems.progress import part_of_work
 from limb_systems.summary import Entry, Summary
-from soft_limb.commands.logs import fit_line, shell_line
+from soft_limb.commands.logs import ASKED, fit_line, shell_line
 from soft_limb.commands.options import (
     Command,
     Option,
@@ -194,13 +195,25 @@ def _fit(options: argparse.Namespace) -> int:
         described = None
         if options.limb:
             described = robot.limb_alone(name) if robot else LimbParameters.load(options.limb)
-        with part_of_work(name) if name else contextlib.nullcontext():
-            calibration = calibrate(
-                folder,
-                described,
-                method=options.method,
-                announce=lambda said: print(said, file=sys.stderr, flush=True),
+        try:
+            with part_of_work(name) if name else contextlib.nullcontext():
+                calibration = calibrate(
+                    folder,
+                    described,
+                    method=options.method,
+                    announce=lambda said: print(said, file=sys.stderr, flush=True),
+                )
+        except WrongDescriptionError as question:
+            corrected = robot.with_limbs({name: question.corrected}) if robot else None
+            path = free_path(options.output.with_stem(f"{options.output.stem}_described"))
+            (corrected or question.corrected).save(path)
+            line = shell_line("fit", options.recordings, "-o", options.output, "-l", path)
+            print(
+                f"question: {question} Is that so? If it is, run: {line}\nIf not, see which output "
+                "of the board is wired to which wire, and how the sensor is mounted.",
+                file=sys.stderr,
             )
+            return ASKED
         if name in reports:
             data = {path.stem: path for path in recorded[name]}
             write_report(calibration, reports[name], {"calibrated limb": options.output, **data})

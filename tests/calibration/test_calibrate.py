@@ -289,3 +289,19 @@ def test_remarks_are_ranked(emulated_folder, capsys, tmp_path):
     again, errors = json.loads(capsys.readouterr().out), validate(found, Recording.load(both))
     assert again["bend_angle_mean_deg"] == pytest.approx(np.rad2deg(errors.mean))
     assert again["temperature_mean_c"] == pytest.approx(errors.temperature_mean)
+
+
+def test_wires_on_the_wrong_side_are_a_question(emulated_folder, capsys, tmp_path):
+    """Nothing is fitted, and the description that the recordings tell is there to be given."""
+    wrong, output = tmp_path / "wrong.yaml", tmp_path / "limb.yaml"
+    limb = LimbParameters()
+    for wire in limb.wires:
+        wire.e2 = -wire.e2
+    limb.save(wrong)
+    assert main(["fit", str(emulated_folder), "-o", str(output), "-l", str(wrong)]) == 2
+    said = capsys.readouterr().err
+    assert "the description seems to have left and right on the wrong side" in said
+    assert said.count("the left wire bends to -180°") == 2  # in the table and in the question
+    assert not output.exists()
+    corrected = LimbParameters.load(tmp_path / "limb_described.yaml")
+    assert [wire.e2 for wire in corrected.wires] == [wire.e2 for wire in LimbParameters().wires]

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import itertools
 import re
 import warnings
 
@@ -25,6 +26,8 @@ from calibration import (
     validate,
 )
 from calibration.prediction.heated_run import HeatedRun
+from calibration.recordings.files import read_folder, usable
+from calibration.recordings.recording_checks import frozen_since
 from calibration.recordings.repair import part
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
 from soft_limb.results.summaries import validation_summary
@@ -309,3 +312,22 @@ def test_a_broken_recording_is_fitted_or_refused_in_one_sentence(
                     refused = str(error)
             assert "\n" not in refused
             assert refused[-1:] in ".?"
+
+
+def test_a_sensor_that_freezes_on_the_way_is_cut_there(emulated_folder):
+    """Coarse sensors, and limbs at rest, are no fault."""
+    recordings, _ = read_folder(emulated_folder)
+    for recording in itertools.chain(*recordings.values()):
+        assert frozen_since(recording) is None
+        coarse = recording.measured_temperature.round()
+        assert frozen_since(changed(recording, measured_temperature=lambda _, v=coarse: v)) is None
+    (motion, *_) = recordings["motion"]
+    for name in ("bend_angle", "measured_temperature"):
+        readings = getattr(motion, name).copy()
+        readings[0, 100:] = readings[0, 100]
+        frozen = dataclasses.replace(motion, **{name: readings})
+        with pytest.raises(CalibrationError, match="repeats one reading from 25"):
+            check_recording(frozen)
+        found = usable({"motion": [frozen]})
+        assert found.heated["motion"][0].time[-1] < 25.0
+        assert "repeats one reading" in str(found.left_out[0])

@@ -4,14 +4,20 @@ The limb is the model by other code than the fit's: exact equilibria of all link
 steps of a tenth of a second.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from calibration import calibrate
 from calibration.collecting.measurement_protocol import mounted
+from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
+from calibration.prediction.law_fit import fit_law
+from calibration.recordings.at_rest import rest_angles
 from calibration.recordings.kinds import TURNS
-from limb_systems import Layout, LimbParameters, LinearLaw, Recording, Wires
+from calibration.wire_directions import WrongDescriptionError, check_directions, wire_directions
+from limb_systems import Layout, LimbParameters, LinearLaw, Recording, RestMemory, Wires
 from limb_systems.monte_carlo import draw_ensemble, stacked
 from limb_systems.statics import HeldAngles
 
@@ -131,3 +137,71 @@ def test_the_open_loop_in_space_shows_exact_equilibria():
     exact = own.bend_sensor.apparent_bends(chain, angles.T).T
     assert np.rad2deg(np.linalg.norm(exact, axis=1)).max() > 45.0
     assert np.rad2deg(np.abs(bends[0, 0] - exact)).max() < 0.03
+
+
+def test_thermocouples_are_those_of_their_own_wires():
+    recording = recording_of(0, 0, STAIRS[:3])
+    recording.measured_temperature[:2] = np.nan
+    fit = fit_law(LinearLaw, [HeatedRun.of(recording)], described().segments[0], 22.0)
+    assert [unknown.name for unknown in fit.untold] == ["wire_1.a3", "wire_2.a3"]
+
+
+def test_the_angle_at_rest_is_told_towards_both_axes(motion):
+    turned = described()
+    turned.segments[0].bend_sensor.roll = TRUE["bend_sensor.roll"]
+    for estimate, name in zip(
+        rest_angles([dataclasses.replace(motion, parameters=turned)], 25.0),
+        ("rest_angle", "rest_angle_e3"),
+        strict=True,
+    ):
+        assert abs(estimate.value - TRUE[name]) < 3.0 * estimate.standard_error + np.deg2rad(0.3)
+
+
+def test_the_memory_of_the_rest_angle_is_that_of_the_model():
+    """Two wires are heated in turn; the model is simulated in small steps by other code."""
+    limb = true_limb()
+    limb.gravity = [0.0, 0.0, 0.0]
+    (own,) = limb.segments
+    own.stiffness_ratio, own.bend_sensor.roll = 1.3, 0.0
+    own.rest_memory = RestMemory(shift=np.deg2rad(6.0), rate=2.0)
+    duty = np.repeat([[0.3, 0, 0], [0.0, 0.3, 0], [0.0, 0, 0]], 30, axis=0)
+    law, ambient, rubber = stacked([limb])
+    rubber |= {
+        name: np.array([getattr(own, name)]) for name in ("stiffness_ratio", "rest_angle_e3")
+    }
+    rubber |= {"roll": np.zeros(1), "angle": np.array([[wire.angle for wire in own.wires]])}
+    open_loop = OpenLoopInSpace(duty[:, None], 0.5, own, [[0.0] * 4])
+    cold = np.full((1, 1, 3), ambient[0])
+    _, _, bends = open_loop.simulate(law, ambient[:, None], [cold, cold], rubber)
+    wires, state = Wires(limb), Wires(limb).cold_states
+    for level in np.repeat(duty, 50, axis=0):
+        state = state + 0.01 * wires.rates(state, level)
+    shown = own.bend_sensor.apparent_bends(
+        Layout(limb).chains[0], HeldAngles(limb).angles(state[None]).T
+    )
+    own.rest_memory = None
+    forgot = own.bend_sensor.apparent_bends(
+        Layout(limb).chains[0], HeldAngles(limb).angles(state[None, :3]).T
+    )
+    assert np.rad2deg(np.linalg.norm(shown - forgot)) > 1.0
+    assert np.rad2deg(np.abs(bends[-1, 0, 0] - shown[:, 0])).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("wires", "roll"), [((0, 2, 1), 0.0), ((0, 1, 2), np.deg2rad(60.0)), ((1, 0, 2), 0.0)]
+)
+def test_a_description_that_recordings_contradict_is_a_question(motion, wires, roll):
+    """Exchanged wires and a turned sensor are found by the bend alone, with what is right."""
+    limb = described()
+    (segment,) = limb.segments
+    angles = [wire.angle for wire in segment.wires]
+    check_directions(wire_directions([HeatedRun.of(motion)], segment), limb)
+    for wire, place in zip(segment.wires, wires, strict=True):
+        wire.angle = angles[place]
+    segment.bend_sensor.roll = roll
+    with pytest.raises(WrongDescriptionError) as error:
+        check_directions(wire_directions([HeatedRun.of(motion)], segment), limb)
+    (right,) = error.value.corrected.segments
+    assert np.rad2deg(abs(right.bend_sensor.roll)) < 10.0
+    for wire, angle in zip(right.wires, angles, strict=True):
+        assert np.rad2deg(abs(np.angle(np.exp(1j * (wire.angle - angle))))) < 15.0

@@ -29,7 +29,7 @@ from calibration.paper_method.mechanics import (
     shape_factors,
     with_ringing,
 )
-from calibration.recordings.at_rest import rest_angle
+from calibration.recordings.at_rest import rest_angles
 from calibration.remarks import Severity
 from hardware import LimbTwin
 from limb_systems import (
@@ -137,7 +137,7 @@ def test_stiffness_of_limbs_that_rest_bent_or_seem_to(rests_at, offset, known):
         )
         for limb in (true, mounted)
     )
-    rest = rest_angle([level], 25.0)
+    (rest,) = rest_angles([level], 25.0)
     assert np.rad2deg(rest.value) == pytest.approx(rests_at + np.rad2deg(extra), abs=0.3)
     start = copy.deepcopy(level.parameters)
     start.segments[0].rest_angle, start.segments[0].stiffness = rest.value, 0.2

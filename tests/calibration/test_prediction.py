@@ -16,9 +16,11 @@ from calibration.prediction.selection import (
     Prediction,
     beaten,
     compare_laws,
+    fit_by_prediction,
     simplest_unbeaten,
 )
 from calibration.prediction.unknowns import slopes_of, unknowns_of, values_of
+from calibration.remarks import CalibrationError, remarks_on_start
 from limb_systems import (
     CoupledLaw,
     HystereticLaw,
@@ -231,3 +233,21 @@ def test_a_course_has_even_steps_of_any_samples():
     np.testing.assert_allclose(fast.duty.sum(axis=0), slow.duty.sum(axis=0), atol=0.1)
     at_slow = np.array([np.interp(slow.times, fast.times, v) for v in fast.temperature.T]).T
     np.testing.assert_allclose(at_slow, slow.temperature, atol=0.3)
+
+
+def test_a_warm_start_is_no_fault_where_a_reading_is_missing():
+    readings = np.array([[71.0, 60.0], [np.nan, 58.0]])
+    assert not remarks_on_start("the wire", 75.0, AMBIENT, readings)
+    (remark,) = remarks_on_start("the wire", 95.0, AMBIENT, readings)
+    assert remark.kind == "start"
+
+
+def test_no_law_is_picked_that_predicts_worse_than_the_mean():
+    """The motion bends the other way, as that of another limb."""
+    heated, motion = recording_of("linear", "conditioning"), recording_of("linear", "motion_1")
+    other = dataclasses.replace(motion, bend_angle=-motion.bend_angle)
+    given = {"heated": [heated], "motion": [motion]}
+    found = fit_by_prediction([LinearLaw], given, SEGMENT, AMBIENT)
+    assert np.rad2deg(found.best.bend_error) < 1.0
+    with pytest.raises(CalibrationError, match=r"tell no model: .* misses the bend by \d+°"):
+        fit_by_prediction([LinearLaw], given | {"motion": [other]}, SEGMENT, AMBIENT)

@@ -1,0 +1,55 @@
+"""The simplest predictions of bends, which a law must not be worse than."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.prediction.heated_run import STEP, HeatedRun
+from limb_systems.low_pass import low_pass
+
+DELAYS = (2.0, 4.0, 8.0, 16.0, 32.0)  # s, time constants that are tried
+
+
+def heat_by_duty(run: HeatedRun, delay: float) -> np.ndarray:
+    """Return the heat of wires by their duty alone at the samples (M, W), as a share of full duty.
+
+    Args:
+        delay: time constant of the heat, s.
+    """
+    heat = low_pass(run.duty, np.exp(-STEP / delay), axis=0)
+    return run.interpolated(np.vstack([np.zeros_like(heat[:1]), heat]))
+
+
+def baseline_errors(fitted: Sequence[HeatedRun], judges: Sequence[HeatedRun]) -> dict[str, float]:
+    """Return by name how far baselines that are fitted to runs miss the bends of others, rad.
+
+    The baselines are the mean bend, and a lag of each wire: the sum of what is proportional to the
+    heat of each wire, after the delay that fits best.
+    """
+    mean = np.nanmean(np.concatenate([run.bend for run in fitted]), axis=0)
+    by_lag = min((_lag(fitted, delay) for delay in DELAYS), key=lambda lag: lag[0])
+    _, delay, gains = by_lag
+    return {
+        "the mean": _error(judges, [mean] * len(judges)),
+        "a lag of each wire": _error(judges, [_factors(run, delay) @ gains for run in judges]),
+    }
+
+
+def _factors(run: HeatedRun, delay: float) -> np.ndarray:
+    """What a lag adds up at the samples (M, W + 1)."""
+    return np.column_stack([heat_by_duty(run, delay), np.ones(len(run.times))])
+
+
+def _lag(runs: Sequence[HeatedRun], delay: float) -> tuple[float, float, np.ndarray]:
+    """Return the misfit of a lag, its delay and its gains (W + 1, F), rad."""
+    factors = np.concatenate([_factors(run, delay) for run in runs])
+    bends = np.concatenate([run.bend for run in runs])
+    shown = ~np.isnan(bends).any(axis=1)
+    gains = np.linalg.lstsq(factors[shown], bends[shown], rcond=None)[0]
+    return float(((bends - factors @ gains)[shown] ** 2).sum()), delay, gains
+
+
+def _error(runs: Sequence[HeatedRun], bends: Sequence[np.ndarray]) -> float:
+    """Return the mean distance from the bends of runs, rad, as `Candidate.bend_error`."""
+    away = [np.linalg.norm(run.bend - bend, axis=1) for run, bend in zip(runs, bends, strict=True)]
+    return float(np.mean([np.nanmean(each) for each in away]))
