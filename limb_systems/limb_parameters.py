@@ -18,6 +18,7 @@ from limb_systems.files.provenance import Provenance
 from limb_systems.files.schema import Strict, Tagged, quantity, rare, validate
 from limb_systems.heat_bounds import BOUNDED, HeatBounds
 from limb_systems.segment_chain import SegmentChain
+from limb_systems.wire_laws import coupled, threshold, two_mass  # noqa: F401 - files name laws
 from limb_systems.wire_laws.linear import LinearLaw
 from limb_systems.wire_laws.wire_law import WireLaw
 

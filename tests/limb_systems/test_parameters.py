@@ -6,6 +6,8 @@ Each field's range is compared with the page on limbs in tests/test_docs.py.
 import dataclasses
 import math
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ import yaml
 from limb_systems import (
     CalibrationRecord,
     ChordSensor,
+    CoupledLaw,
     EmulatedLimb,
     HystereticLaw,
     LimbError,
@@ -22,6 +25,7 @@ from limb_systems import (
     RestMemory,
     SegmentParameters,
     TemperatureLimits,
+    ThresholdLaw,
     WireParameters,
     wires_around,
 )
@@ -168,3 +172,14 @@ def test_every_field_is_documented():
     for schema in (LimbParameters, SegmentParameters, WireParameters, TemperatureLimits):
         for field in dataclasses.fields(schema):
             assert f"``{field.name}``" in schema.__doc__
+
+
+def test_a_file_with_any_law_is_read_by_a_program_that_imports_nothing_else(tmp_path):
+    parameters = LimbParameters()
+    parameters.segments[0].wires[0].law = CoupledLaw()
+    parameters.segments[0].wires[1].law = ThresholdLaw()
+    parameters.save(tmp_path / "limb.yaml")
+    program = (
+        "import sys; from limb_systems import LimbParameters; LimbParameters.load(sys.argv[1])"
+    )
+    subprocess.run([sys.executable, "-c", program, tmp_path / "limb.yaml"], check=True)
