@@ -142,6 +142,30 @@ class Responses:
         return not leads or any(leads)
 
 
+def bend_votes(
+    steps: Steps, heats: np.ndarray, warmth: np.ndarray, bends: np.ndarray, levers: np.ndarray
+) -> np.ndarray:
+    """Return how clearly each wire bends a limb to its side (W,), in standard errors.
+
+    The bend must follow the heat of the duty and what thermocouples read: a vote is the clearer
+    of both, and 0 if they contradict each other.
+
+    Args:
+        heats: heat of the wires (W, N), as `Steps.heat` gives it.
+        warmth: readings of their thermocouples (W, N), or heat of wires that have none.
+        bends: (F, N).
+        levers: direction of each wire among the bends (W, F).
+    """
+    votes = np.zeros((2, len(heats)))
+    for number, causes in enumerate((heats, warmth)):
+        shown = Responses.of(steps.times, causes, bends)
+        along = (levers * shown.gains.T).sum(axis=1)
+        errors = np.linalg.norm(np.where(levers, levers * shown.errors.T, 0.0), axis=1)
+        votes[number] = along / np.where(errors > 0, errors, np.inf)
+    clearer = votes[np.abs(votes).argmax(axis=0), np.arange(len(heats))]
+    return np.where(np.sign(votes[0]) == np.sign(votes[1]), clearer, 0.0)
+
+
 def _regression(
     times: np.ndarray, heats: np.ndarray, signal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -151,9 +175,8 @@ def _regression(
     """
     gains = np.zeros(len(heats))
     errors = np.full(len(heats), np.inf)
-    moving = np.ptp(heats, axis=1) > 1e-9
-    shown = ~np.isnan(signal)
-    if not moving.any() or shown.sum() < FEWEST:
+    shown = ~np.isnan(np.vstack([heats, signal])).any(axis=0)
+    if shown.sum() < FEWEST or not (moving := np.ptp(heats[:, shown], axis=1) > 1e-9).any():
         return gains, errors
     since = times - times[0]
     decays = np.array([np.ones(len(times)), np.exp(-since / MEMORY), np.exp(-since / SLOW)])

@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from calibration.import_logs.clock import DAY, times_of
-from calibration.import_logs.evidence import MARGIN, Responses, Steps
+from calibration.import_logs.evidence import MARGIN, Responses, Steps, bend_votes
 from calibration.import_logs.mapping import (
     BEND_ANGLE,
     CHORD,
@@ -84,7 +84,9 @@ def _shape_memory(table: LogTable, limbs: list[int]) -> list[Proposal]:
             if wire.temperature == OPEN
         ]
         bends = np.array([steps.means(bends_of(table, mapping)[0][kept])])
-        votes = Responses.of(steps.times, heats[own], bends).votes[0] * [-1.0, 1.0]
+        read = dict(zip(sensors, readings, strict=True))
+        warmth = np.array([read.get(pairs[index], heats[index]) for index in own])
+        votes = bend_votes(steps, heats[own], warmth, bends, np.array([[-1.0], [1.0]]))
         votes = votes[np.ptp(heats[own], axis=1) > 0]
         sign = float(np.sign(votes.sum()))
         said = f"the sign of the bend: the right wire bends to {'+' if sign > 0 else '-'}"

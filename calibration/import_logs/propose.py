@@ -11,7 +11,14 @@ import re
 import numpy as np
 
 from calibration.import_logs import clock, mapping, words
-from calibration.import_logs.evidence import MARGIN, Responses, Steps, correlation, forward_fill
+from calibration.import_logs.evidence import (
+    MARGIN,
+    Responses,
+    Steps,
+    bend_votes,
+    correlation,
+    forward_fill,
+)
 from calibration.import_logs.mapping import OPEN, BendColumns, LogMapping, WireColumns
 from calibration.import_logs.signals import bends_of
 from calibration.import_logs.table import LogError, LogTable
@@ -592,15 +599,14 @@ class _Log:
         plain = dataclasses.replace(bend, measures=mapping.BEND_ANGLE)
         rows = bends_of(self.table, dataclasses.replace(found, bend=plain))[:, self.kept]
         bends = np.array([self.steps.means(row) for row in rows])
-        shown = Responses.of(self.steps.times, self.heats, bends)
         # Each wire bends the limb to its own side.
         limb = self.limb or LimbParameters()
-        levers = {wire.name: np.array(wire.lever) for wire in limb.wires}
-        votes = np.zeros(len(heated))
-        for number, index in enumerate(heated):
-            lever = levers.get(wires[index].name, np.zeros(2))[: len(rows)]
-            errors = np.linalg.norm(lever * shown.errors[:, index]) or 1.0
-            votes[number] = lever @ shown.gains[:, index] / errors
+        known = {wire.name: np.array(wire.lever)[: len(rows)] for wire in limb.wires}
+        levers = np.array([known.get(wire.name, np.zeros(len(rows))) for wire in wires])
+        read = {column.text: column.means for column in self.temperatures if column.span}
+        pairs = zip(wires, self.heats, strict=True)
+        warmth = np.array([read.get(wire.temperature, heat) for wire, heat in pairs])
+        votes = bend_votes(self.steps, self.heats, warmth, bends, levers)[heated]
         sign = float(np.sign(votes.sum()))
         if (sign * votes > MARGIN).all():
             bend.scale *= sign
