@@ -36,7 +36,12 @@ NAVIGATION = {
     ],
     "Learn by doing": ["examples/README.md", "examples/notebooks/*.ipynb"],
     "Packages": [f"docs/{package}.md" for package in (*PACKAGES, "soft_limb")],
-    "How good it is": ["docs/evaluation.md", "docs/paper_to_code.md", "benchmarks/results.md"],
+    "How good it is": [
+        "docs/evaluation.md",
+        "docs/paper_to_code.md",
+        "benchmarks/results.md",
+        "findings/README.md",
+    ],
     "API": [],
     "Project": ["CONTRIBUTING.md", "docs/how_it_is_built.md", "CHANGELOG.md"],
 }
