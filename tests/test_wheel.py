@@ -65,7 +65,7 @@ def test_holds_the_packages_and_nothing_else(wheel):
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
     assert held == wanted
-    others = {"limb_5.sdf", "limb_5.urdf", "package.xml"}
+    others = {"limb_5.sdf", "limb_5.urdf", "limb_5.xml", "package.xml"}
     others = {f"urdf/{name}" for name in others} | {"hardware/firmware/README.md"}
     assert held >= others | {f"{package}/py.typed" for package in PACKAGES}
 

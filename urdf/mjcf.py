@@ -18,6 +18,7 @@ FRICTION_RATIO = 25.0
 IMPEDANCE = 0.9  # of a foot's contact, at any depth
 # kg and kg·m², of a thermocouple: a hinge whose angle is a temperature, which has no inertia.
 NEGLIGIBLE_INERTIA = 1e-9
+NEGLIGIBLE_MASS = 1e-9  # kg, of a body without mass
 LINEARITY = 1e-9  # relative, to which the heat and the torque of a law are linear
 
 
@@ -212,10 +213,14 @@ def _place(element) -> dict[str, str]:
 
 
 def _add_inertia(body: Element, link) -> None:
-    """Add the inertia of a link; MuJoCo misplaces the frame of a body that says none."""
+    """Add the inertia of a link.
+
+    MuJoCo misplaces the frame of a body that says none, and Drake takes no mass of zero.
+    """
     inertial = link.find("inertial")
-    if inertial is None:
-        _add(body, "inertial", pos=(0, 0, 0), mass=0, diaginertia=(0, 0, 0))
+    if inertial is None or not float(inertial.find("mass").get("value")):
+        moments = [NEGLIGIBLE_MASS * 1e-6] * 3
+        _add(body, "inertial", pos=(0, 0, 0), mass=NEGLIGIBLE_MASS, diaginertia=moments)
         return
     origin = inertial.find("origin")
     moments = inertial.find("inertia")

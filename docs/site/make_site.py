@@ -41,6 +41,7 @@ NAVIGATION = {
         "docs/paper_to_code.md",
         "benchmarks/README.md",
         "benchmarks/results.md",
+        "findings/README.md",
     ],
     "API": [],
     "Project": ["CONTRIBUTING.md", "docs/how_it_is_built.md", "CHANGELOG.md"],

@@ -286,3 +286,9 @@ def test_gripper(tmp_path):
     assert force == pytest.approx(planned, rel=0.05)
     assert free == pytest.approx(opens, abs=0.2)
     assert (tmp_path / "out" / "gripper.png").read_bytes().startswith(PNG)
+
+
+def test_many_limbs_at_once_are_drawn(tmp_path):
+    said = run([EXAMPLES / "thousand_limbs.py", "-n", "5", "-o", tmp_path], tmp_path)
+    assert "95% of 5 limbs" in said
+    assert (tmp_path / "thousand_limbs.png").exists()

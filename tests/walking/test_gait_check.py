@@ -1,13 +1,21 @@
 """The check of gaits by simulation with contact, and walks from cold wires."""
 
+import copy
 import dataclasses
 
 import numpy as np
 import pytest
 
-from limb_systems import LimbError, Recording, simulate
+from limb_systems import LimbError, Recording, RestMemory, simulate
 from walking import Gait, Robot, RobotParameters, check_gait, plan_gait, walk
-from walking.gait_check import fall_of, strides_of, variations
+from walking.gait_check import (
+    fall_of,
+    simulate_gait,
+    simulate_in_drake,
+    strides_of,
+    variations,
+)
+from walking.in_mujoco import simulate_in_mujoco
 
 QUICK = 4.0  # times, that wires heat and cool faster: cycles are so much shorter
 
@@ -110,3 +118,37 @@ def test_no_walk_of_a_gait_that_failed_its_check(checked):
     )
     with pytest.raises(LimbError, match="failed its check and is not walked"):
         walk(failed, 1)
+
+
+def test_mujoco_walks_as_drake_does(checked):
+    """The check simulates a cycle in Drake after those in MuJoCo, and says so."""
+    check = checked.check
+    assert check.checked_by == "Drake in steps of 1 ms for 1 of the cycles, MuJoCo"
+    drake = check.simulation.strides
+    mujoco = simulate_gait(checked, "", checked.robot, 1)
+    assert mujoco.strides == pytest.approx(drake, abs=0.01)
+    assert mujoco.highest_temperature == pytest.approx(
+        check.simulation.highest_temperature, abs=0.1
+    )
+
+
+def test_rubber_that_stiffens_and_remembers_walks_alike_in_both(gait):
+    robot = copy.deepcopy(gait.robot)
+    for limb in robot.limbs:
+        segment = limb.parameters.segments[0]
+        segment.stiffening, segment.rest_memory = 0.5, RestMemory()
+    shifts = np.zeros((len(robot.limbs), len(gait.time)))
+    gait = dataclasses.replace(gait, robot=robot, other_wire_state=shifts)
+    recordings = [simulate(gait, robot, 1) for simulate in (simulate_in_mujoco, simulate_in_drake)]
+    (in_mujoco, in_drake) = (recording.body_pose[:, -1] for recording in recordings)
+    np.testing.assert_allclose(in_mujoco, in_drake, atol=5e-4)
+    loads = [recording.contact_force[:, 40] for recording in recordings]
+    np.testing.assert_allclose(*loads, atol=5e-3)
+
+
+def test_a_gait_that_clearly_fails_in_mujoco_is_not_simulated_in_drake(gait, monkeypatch):
+    monkeypatch.setattr("walking.gait_check.simulate_in_drake", None)
+    weak = dataclasses.replace(gait, duty=0.8 * gait.duty)
+    check = check_gait(weak, cycles=1, spread=False).check
+    assert check.failure()
+    assert check.checked_by == "MuJoCo"

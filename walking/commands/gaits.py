@@ -98,9 +98,8 @@ def _gait(options: argparse.Namespace) -> int:
         check_schedule(schedule, robot)
     schedules = schedules or sensible_schedules(robot)
     request.validate(robot, schedules[0])
-    each = "five to twenty" if options.quick else "ten to sixty"
     say_duration(
-        f"some seconds for each of {len(schedules)} schedules, and {each} seconds to check one",
+        f"some seconds for each of {len(schedules)} schedules, and five to twenty to check one",
     )
     gait, refused = _best_gait(
         schedules,
