@@ -21,7 +21,7 @@ from limb_systems.limb_parameters import (
 from limb_systems.rubber import ramp
 from limb_systems.wire_laws.wire_law import WireLaw, runge_kutta
 
-SHORTER = 2, 4  # steps in place of one that is too long
+STEPS = 1, 2, 4  # in each step, until none diverges
 DIVERGED = 1e4  # °C, beyond which a simulation has diverged
 
 
@@ -207,18 +207,14 @@ class OpenLoop:
         """States of the wires and V (K + 1, X + 1, B, R, W) from the start, runs in their order.
 
         A law whose heat, stress and transformation act on each other may be too fast for the step.
-        Sets that diverge by it are simulated again in shorter steps.
+        If a set diverges by it, all are simulated again in shorter steps, alike, as they are
+        compared with each other.
         """
-        with np.errstate(over="ignore", invalid="ignore"):
-            course = self._heat_in_steps(law, room, heat, 1)
-            for per_step in SHORTER:
-                diverged = ~(np.abs(course) < DIVERGED).all(axis=(0, 1, 3, 4))
-                if not diverged.any():
-                    break
-                own = _with_arrays(law, lambda field: field[diverged])  # noqa: B023 - used at once
-                course[:, :, diverged] = self._heat_in_steps(
-                    own, room[diverged], heat[:, diverged], per_step
-                )
+        for per_step in STEPS:
+            with np.errstate(over="ignore", invalid="ignore"):
+                course = self._heat_in_steps(law, room, heat, per_step)
+            if (np.abs(course) < DIVERGED).all():
+                break
         return course
 
     def _heat_in_steps(
