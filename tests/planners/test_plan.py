@@ -11,8 +11,8 @@ from pydrake.trajectories import PiecewisePolynomial
 from limb_systems import (
     Limb,
     LimbParameters,
-    bend_angle,
     SegmentParameters,
+    bend_angle,
     joint_angles_from_bend_angle,
     simulate,
 )
@@ -24,10 +24,10 @@ from planners import (
     PlanningError,
     Task,
     checks,
-    radau,
     nearest_bend_angle,
     plan,
     planning,
+    radau,
     references,
 )
 from planners.transcription import ipopt, solving
