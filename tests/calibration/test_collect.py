@@ -383,7 +383,7 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
     said = capsys.readouterr()
     assert said.out == ""
     assert "no_port: No such file or directory; soft-limb status" in said.err
-    monkeypatch.setattr("soft_limb.commands.calibration.open_link", mock.MagicMock())
+    monkeypatch.setattr("soft_limb.commands.calibration.BoardLink", mock.MagicMock())
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert main(arguments) == 1
     assert "error: There is no terminal to press Enter in" in capsys.readouterr().err
@@ -400,7 +400,7 @@ def test_command_collects_three_wires_from_a_robot_as_four_kinds(tmp_path, monke
         return Robot(parameters)
 
     monkeypatch.setattr("soft_limb.commands.calibration.SerialLimb", connect)
-    monkeypatch.setattr("soft_limb.commands.calibration.open_link", mock.MagicMock())
+    monkeypatch.setattr("soft_limb.commands.calibration.BoardLink", mock.MagicMock())
     monkeypatch.setattr("builtins.input", asked.append)
     limb = LimbParameters(ambient_temperature=21.5)
     limb.segments[0].links = 2  # which are simulated fast
