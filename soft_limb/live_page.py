@@ -23,7 +23,7 @@ import time
 import warnings
 import webbrowser
 from collections.abc import Iterable
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from bokeh.application import Application
@@ -35,7 +35,7 @@ from bokeh.plotting import figure
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from tornado.httpserver import HTTPServer
-from tornado.httputil import HTTPHeaders, HTTPServerRequest
+from tornado.httputil import HTTPHeaders, HTTPMessageDelegate, HTTPServerRequest
 from tornado.ioloop import IOLoop
 from tornado.netutil import bind_sockets
 from tornado.web import ErrorHandler, OutputTransform
@@ -604,7 +604,7 @@ class Site(BokehTornado):
         )
         self.add_transform(_SameSiteOnly)
 
-    def find_handler(self, request: HTTPServerRequest, **kwargs):
+    def find_handler(self, request: HTTPServerRequest, **kwargs: Any) -> HTTPMessageDelegate:
         """Return the handler of a request that may pass, or one that refuses it."""
         host = request.host.lower()
         origin = request.headers.get("Origin", f"http://{host}").lower()

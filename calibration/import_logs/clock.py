@@ -97,7 +97,7 @@ def times_of(
     Each row is later than the row before. Times of a coarse clock are made even.
 
     Args:
-        rate: of the rows or frames, Hz, if the log has no time or counts frames.
+        rate: rate of the rows or frames, Hz, if the log has no time or counts frames.
 
     Raises:
         LogError: if there are too few.
@@ -239,8 +239,8 @@ def aligned_offset(
     """Return the time on one file's clock, s, of another file's time 0, by cross-correlation.
 
     Args:
-        times, signal: of the one file (K,), s from its first row.
-        other_times, other: of the other file (L,), which shows the same, whatever its unit.
+        times, signal: times (K,), s from the file's first row, and a signal (K,).
+        other_times, other: the other file's times (L,) and signal (L,), in any unit.
 
     Raises:
         LogError: if no offset is clearly better than all others.

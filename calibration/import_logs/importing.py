@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from calibration.import_logs.known import known_logger
+from calibration.import_logs.log_signals import read_log
 from calibration.import_logs.mapping import LogMapping
 from calibration.import_logs.propose import Proposal, propose
-from calibration.import_logs.signals import read_log
 from calibration.import_logs.table import LogError, LogTable, read_table
 from calibration.import_logs.words import Dictionary
 from limb_systems.errors import raised_as

@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration.import_logs.clock import DAY, times_of
 from calibration.import_logs.evidence import MARGIN, Responses, Steps, bend_votes
+from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import (
     BEND_ANGLE,
     CHORD,
@@ -17,7 +18,6 @@ from calibration.import_logs.mapping import (
     WireColumns,
 )
 from calibration.import_logs.propose import Proposal, Question, base_direction
-from calibration.import_logs.signals import bends_of
 from calibration.import_logs.table import LogTable
 
 TIMESTAMP = "Timestamp (millisec since midnight today)"

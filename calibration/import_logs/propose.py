@@ -19,8 +19,8 @@ from calibration.import_logs.evidence import (
     correlation,
     forward_fill,
 )
+from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import OPEN, BendColumns, LogMapping, WireColumns
-from calibration.import_logs.signals import bends_of
 from calibration.import_logs.table import LogError, LogTable
 from calibration.import_logs.words import BEND, DUTY, FRAME, LEFT, RIGHT, TEMPERATURE, TIME, Name
 from limb_systems.limb_parameters import LimbParameters

@@ -33,7 +33,7 @@ CASES = (  # ball's radius, distance of the finger from its centre, m; force, N;
 
 
 def station(finger: LimbParameters, radius: float, distance: float, folder: Path) -> Station:
-    """That of the example, with a finger, a ball and a hand of one's own."""
+    """Return the example's station with a finger, a ball and a hand of your own."""
     shutil.copytree(FOLDER, folder, dirs_exist_ok=True)
     finger.save(folder / "finger.yaml")
     for name, changes in {

@@ -11,7 +11,7 @@ import pytest
 from any_log import any_log, faults
 from logged_limb import OwnLimb
 
-from calibration.import_logs import signals as reading
+from calibration.import_logs import log_signals as reading
 from calibration.import_logs import table
 from calibration.import_logs.importing import import_logs
 from calibration.import_logs.mapping import LogMapping

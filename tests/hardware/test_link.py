@@ -85,7 +85,7 @@ def test_errors_of_line_settings_are_hardware_errors(pseudo_terminal, monkeypatc
             with pytest.raises(
                 HardwareError, match=f"Cannot open {port}: Input/output error; soft"
             ):
-                SerialPort(port, 9600)
+                SerialPort(port)
     with SerialPort(port) as cable:
         monkeypatch.setattr(serial.Serial, "in_waiting", property(fail))
         with pytest.raises(
