@@ -142,8 +142,9 @@ def test_rubber_that_stiffens_and_remembers_walks_alike_in_both(gait):
     recordings = [simulate(gait, robot, 1) for simulate in (simulate_in_mujoco, simulate_in_drake)]
     (in_mujoco, in_drake) = (recording.body_pose[:, -1] for recording in recordings)
     np.testing.assert_allclose(in_mujoco, in_drake, atol=5e-4)
-    loads = [recording.contact_force[:, 40] for recording in recordings]
-    np.testing.assert_allclose(*loads, atol=5e-3)
+    # At single samples a foot that lands has bounced in one engine and not yet in the other.
+    in_mujoco, in_drake = (recording.contact_force for recording in recordings)
+    assert np.median(np.abs(in_mujoco - in_drake), axis=1).max() < 5e-3
 
 
 def test_a_gait_that_clearly_fails_in_mujoco_is_not_simulated_in_drake(gait, monkeypatch):
