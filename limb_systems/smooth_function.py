@@ -114,22 +114,37 @@ class Compiled:
         with np.errstate(all="ignore"):
             for start in range(0, num_points, CHUNK):
                 part = slice(start, start + CHUNK)
-                self._fill([values[:, part] for values in (*flat, *results)], dtype)
+                for operation, operands in self._steps([v[:, part] for v in (*flat, *results)]):
+                    operation(*operands)
         if dtype.hasobject:  # constants among the values, too, become one of Drake's scalars
             results = [values + 0.0 * inputs[0].flat[0] for values in results]
         return [values.reshape(-1, *shape) for values in results]
 
-    def _fill(self, arrays: Sequence[np.ndarray], dtype: np.dtype) -> None:
-        """Evaluate the instructions at some points, from the inputs into the results."""
+    def bound(self, *arrays: np.ndarray) -> Callable[[], None]:
+        """Return a function that evaluates the expressions from some arrays into others.
+
+        Args:
+            arrays: the values of the inputs, then those of the outputs, each (size, points).
+        """
+        steps = list(self._steps(arrays))
+
+        def evaluate() -> None:
+            for operation, operands in steps:
+                operation(*operands)
+
+        return evaluate
+
+    def _steps(self, arrays: Sequence[np.ndarray]) -> Iterator[tuple[Callable[..., Any], tuple]]:
+        """Each operation with its operands, as `bound` calls it."""
         num_registers, constants, steps = self._instructions
-        rows = [*np.empty((num_registers, arrays[0].shape[1]), dtype), *constants]
+        rows = [*np.empty((num_registers, arrays[0].shape[1]), arrays[-1].dtype), *constants]
         for values in arrays:
             rows.extend(values)
         for operation, first, second, to in steps:
             if second < 0:
-                operation(rows[first], rows[to])
+                yield operation, (rows[first], rows[to])
             else:
-                operation(rows[first], rows[second], rows[to])
+                yield operation, (rows[first], rows[second], rows[to])
 
     @functools.cached_property
     def _instructions(self) -> tuple[int, list[float], list[tuple]]:
