@@ -34,23 +34,23 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
     states, readings = split_state(parameters, plan.state_trajectory().vector_values(times))[2:]
     heat, duty = np.vstack([states, readings]), plan.duty_trajectory().vector_values(times)
     try:
-        held = HeldAngles(parameters)
-        heat, _ = solve_quasi_static(
+        program, solution = solve_quasi_static(
             parameters,
             times,
             reference,
             heat[:, 0],
-            held,
+            HeldAngles(parameters),
             NEAREST,
             warm_up,
             start=(heat, np.clip(duty, 0.0, 1.0)),
         )
     except LimbError:  # infeasible, or the limb folds
         return None
-    bend = held.values(heat[: len(states)].T).T
+    heat = solution.x[program.heat].T
+    bend = solution.x[program.bends].T
     bend, temperature = (
         np.array([np.interp(plan.time, times, row) for row in rows])
-        for rows in (bend, heat[: held.wires.num_wires])
+        for rows in (bend, heat[: program.wires.num_wires])
     )
     return bend, temperature
 

@@ -219,6 +219,13 @@ class MotionDefects:
             parts.append(self._on_angles @ (by_step[:, :n] + change / 8).T)
         return np.concatenate([part.ravel() for part in parts])
 
+    def slopes_by_motion(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows of each interval by [θ, θ̇] at its begin and at its end (K - 1, 2n, 2n)."""
+        num_intervals, P, motion = len(self._time_steps), self._points.shape[1], 2 * self._n
+        slopes = np.zeros((num_intervals, motion, 2 * P + 1))
+        slopes[:, *self._pairs] = self.jacobian(x).reshape(-1, num_intervals).T
+        return slopes[:, :, :motion], slopes[:, :, P : P + motion]
+
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Nonzeros of the Hessian of multipliers · `evaluate`.
 

@@ -22,7 +22,6 @@ from pydrake.solvers import (
     MathematicalProgram,
     SolverOptions,
 )
-from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbParameters, LinearLaw, Wires
 from limb_systems.statics import HeldAngles
@@ -35,11 +34,9 @@ from planners.transcription.program import (
     add_at_knots,
     reading_bounds,
 )
-from planners.transcription.solving import InfeasibleError, solve_program
+from planners.transcription.solving import InfeasibleError, Solution, solve_program
 
 CHECK_STEP = 0.5  # s, of an integration that says whether limits can be met
-# s, between the knots of a start that is not convex: plans with half of it are as good a start.
-SPACING = 0.15
 LEAST_BETA = 1e-6  # N·m/°C, of wires that are taken to be linear
 
 
@@ -137,28 +134,19 @@ def solve_quasi_static(
     warm_up_time: float,
     measured_margin: ArrayLike = 0.0,
     start: tuple[np.ndarray, np.ndarray] | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Heat and duty of the wires in the best quasi-static plan.
-
-    It does not heed the task's limits of the motion.
+) -> tuple["QuasiStaticProgram", Solution]:
+    """Solve the quasi-static program of a plan. It does not heed the task's limits of the motion.
 
     Args:
         times, initial_heat, warm_up_time, measured_margin: as for `check_temperature_limits`.
         reference: φ_ref at the knots (F, K), rad.
         held: angles that the wires hold.
-        start: heat and duty, as they are returned, of a plan from which the solver starts; that of
-            wires that are about linear if None.
-
-    Returns:
-        [x, V] (N + W, K), which begins with T (W) in °C, and D (W, K).
+        start: heat [x, V] (N + W, K) and duty (W, K) of a plan from which the solver starts; those
+            of wires that are about linear if None.
 
     Raises:
         InfeasibleError: if it has no solution.
     """
-    wires = held.wires
-    num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
-    grid = np.linspace(times[0], times[-1], num_intervals + 1)
-    some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
     task = dataclasses.replace(
         task,
         max_bend_rate=None,
@@ -168,14 +156,9 @@ def solve_quasi_static(
         time_weight=0.0,
         customize=None,
     )
-    program = QuasiStaticProgram(parameters, times[some], held, task, measured_margin)
-    program.update(reference[:, some], initial_heat, warm_up_time)
-    guess = program.variables(*(part[:, some] for part in start)) if start else program.guess()
-    x = solve_program(program, guess).x
-    heat, duty = x[program.heat], x[program.duty]
-    course = PiecewisePolynomial.CubicHermite(times[some], heat.T, wires.heat_rates(heat, duty).T)
-    duty = np.array([np.interp(times, times[some], of_wire) for of_wire in duty.T])
-    return course.vector_values(times), duty
+    program = QuasiStaticProgram(parameters, times, held, task, measured_margin)
+    program.update(reference, initial_heat, warm_up_time)
+    return program, solve_program(program, program.variables(*start) if start else program.guess())
 
 
 class QuasiStaticProgram(PlanProgram):

@@ -124,7 +124,7 @@ def test_plan_is_better_than_its_quasi_static_start(fig5_plan):
     """The start's duty, simulated, costs about what the check says; the plan costs less."""
     parameters, times = fig5_plan.parameters, fig5_plan.time
     heat = np.full(4, parameters.ambient_temperature)
-    _, duty = solve_quasi_static(
+    program, solution = solve_quasi_static(
         parameters,
         times,
         fig5_plan.reference,
@@ -133,6 +133,7 @@ def test_plan_is_better_than_its_quasi_static_start(fig5_plan):
         Task.paper(),
         20.0,
     )
+    duty = solution.x[program.duty].T
     course = PiecewisePolynomial.FirstOrderHold(times, duty)
     rollout = simulate(Limb(), course, sample_rate=10.0, accuracy=1e-5)
     angles_ref = joint_angles_from_bend_angle(parameters, fig5_plan.reference)
