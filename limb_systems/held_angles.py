@@ -1,81 +1,57 @@
-"""Static equilibria of the limb: K θ = f(T) + gravity, eqn (2) at rest."""
-
-from collections.abc import Callable
+"""Joint angles and bends that wires hold at rest: K θ = f(T) + gravity, eqn (2) at rest."""
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
-from limb_systems.dynamics import dynamics_of
+from limb_systems.dynamics import Dynamics
 from limb_systems.errors import LimbError
-from limb_systems.kinematics import Chain
-from limb_systems.layout import Layout
-from limb_systems.limb_parameters import LimbParameters
 from limb_systems.smooth_function import SmoothFunction
-from limb_systems.wires import Wires
+from limb_systems.symbolic_chain import Chain
 
 NEWTON_STEPS = 50
 CONVERGED = 1e-12  # rad; the derivatives there are as exact
 FOLDED = np.deg2rad(100.0)  # of a chord; with that, a limb hangs from a fold
 
 
-def static_equilibrium(
-    parameters: LimbParameters, wire_temperature: ArrayLike | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Joint angles at rest, and their compliance to generalized forces.
+class HeldAngles:
+    """Joint angles θ and bends φ(θ) that wires hold at rest, where (2) has no motion.
+
+    The equilibrium is exact. Where gravity and forces are no functions of θ, θ is linear in f.
+    Arrays have any number of points before their last axis. φ(x) has the methods of a
+    `SmoothFunction`.
+
+    The equilibria of the last states are kept, so that values, slopes and curvature at the same
+    states take one solution. All methods raise LimbError where the limb has no stable equilibrium.
+
+    - ``rest_angles``: θ (n,), rad, with wires that were never heated.
+    - ``compliance``: ∂θ/∂f (n, n) there, rad/(N·m).
+    - ``wires``: the limb's `Wires`.
+    - ``bends_of_angles``: φ (F,) of θ as a `SmoothFunction`.
 
     Args:
-        wire_temperature: T (W,), °C, held until the limb has settled; ambient if None.
-
-    Returns:
-        θ (n,), rad, and the compliance ∂θ/∂f (n, n), rad/(N·m).
-
-    Raises:
-        LimbError: if Newton's method finds no stable equilibrium, for example
-            because gravity folds the limb.
+        dynamics: the limb's equation of motion.
+        of_equal_angles: whether φ follows from the mean of the joints' angles, by (11), and not
+            from the chord.
     """
-    ambient = np.full(len(parameters.wires), parameters.ambient_temperature)
-    wire = ambient if wire_temperature is None else np.asarray(wire_temperature, float)
-    if wire.shape != ambient.shape or not np.isfinite(wire).all():
-        raise LimbError(
-            f"wire_temperature is {wire.tolist()}; it must be {ambient.size} finite numbers, "
-            "one for each wire."
-        )
-    return _Balance(parameters).at_rest(wire)
 
-
-def resting_state(parameters: LimbParameters, readings: ArrayLike) -> np.ndarray:
-    """The state [θ, θ̇, x, V] of a `Limb` at rest, some minutes after its last heat.
-
-    Its silicone is as warm as its wires: it cools so slowly that they follow it.
-
-    Args:
-        readings: V (W,), °C, one number for all wires, or NaN where there is no thermocouple,
-            which stands for ambient temperature.
-
-    Raises:
-        LimbError: if there is not a reading for each wire, or one is infinite.
-    """
-    V = np.asarray(readings, float)
-    count, ambient = len(parameters.wires), parameters.ambient_temperature
-    if V.shape not in ((), (1,), (count,)) or np.isinf(V).any():
-        raise LimbError(
-            f"The readings at the start are {V.tolist()}; give °C, one number or one for each of "
-            f"{count} wires."
-        )
-    V = np.broadcast_to(np.where(np.isnan(V), ambient, V), count)
-    return HeldAngles(parameters).resting_state(V)
-
-
-class _Balance:
-    """Forces on the joints of a limb at rest."""
-
-    def __init__(self, parameters: LimbParameters):
-        self.wires, n = Wires(parameters), parameters.num_joints
-        q, x, still = ca.SX.sym("q", n), ca.SX.sym("x", self.wires.num_states), ca.SX(n, 1)
-        residual = dynamics_of(parameters).residual(q, still, x, still)
-        self._residual = SmoothFunction(residual, ca.vertcat(q, x))  # of [θ, x]
-        self._chords = SmoothFunction(Chain(Layout(parameters), q).bends(), q)  # φ (F,) of θ
+    def __init__(self, dynamics: Dynamics, of_equal_angles: bool = False):
+        mechanics = dynamics.mechanics
+        self.wires = dynamics.wires
+        q = ca.SX.sym("q", dynamics.num_joints)
+        self._residual = dynamics.at_rest
+        self._chords = SmoothFunction(Chain(mechanics, q).bends(), q)  # φ (F,) of θ
+        self.bends_of_angles = self._chords
+        if of_equal_angles:
+            to_bends = np.linalg.pinv(mechanics.shape)
+            self.bends_of_angles = SmoothFunction(ca.DM(to_bends) @ q, q)
+        N, F = self.wires.num_states, self.bends_of_angles.num_values
+        self.num_values = F
+        self.slope_places = np.indices((F, N)).reshape(2, -1)
+        self.curvature_places = np.array(np.tril_indices(N))
+        ambient = np.full(self.wires.num_wires, self.wires.ambient_temperature)
+        self.rest_angles, self.compliance = self.at_rest(ambient)
+        self._cold = self.wires.forces(self.wires.cold_states, self.rest_angles)
+        self._kept: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
     def at_rest(self, temperature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """θ (n,), rad, where wires have settled at T (W,), °C, and ∂θ/∂f (n, n), rad/(N·m)."""
@@ -129,43 +105,6 @@ class _Balance:
             )
         return angles, by_point
 
-
-class HeldAngles(_Balance):
-    """Joint angles θ and bends φ(θ) that wires hold at rest, where (2) has no motion.
-
-    The equilibrium is exact. Where gravity and forces are no functions of θ, θ is linear in f.
-    Arrays have any number of points before their last axis. φ(x) has the methods of a
-    `SmoothFunction`.
-
-    The equilibria of the last states are kept, so that values, slopes and curvature at the same
-    states take one solution. All methods raise LimbError where the limb has no stable equilibrium.
-
-    - ``rest_angles``: θ (n,), rad, with wires that were never heated.
-    - ``compliance``: ∂θ/∂f (n, n) there, rad/(N·m).
-    - ``wires``: the limb's `Wires`.
-    - ``bends_of_angles``: φ (F,) of θ as a `SmoothFunction`.
-
-    Args:
-        parameters: description of the limb.
-        of_equal_angles: whether φ follows from the mean of the joints' angles, by (11), and not
-            from the chord.
-    """
-
-    def __init__(self, parameters: LimbParameters, of_equal_angles: bool = False):
-        super().__init__(parameters)
-        self.bends_of_angles = self._chords
-        if of_equal_angles:
-            shape, q = Layout(parameters).shape, ca.SX.sym("q", parameters.num_joints)
-            self.bends_of_angles = SmoothFunction(ca.DM(np.linalg.pinv(shape)) @ q, q)
-        N, F = self.wires.num_states, self.bends_of_angles.num_values
-        self.num_values = F
-        self.slope_places = np.indices((F, N)).reshape(2, -1)
-        self.curvature_places = np.array(np.tril_indices(N))
-        ambient = np.full(self.wires.num_wires, parameters.ambient_temperature)
-        self.rest_angles, self.compliance = self.at_rest(ambient)
-        self._cold = self.wires.forces(self.wires.cold_states, self.rest_angles)
-        self._kept: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
-
     def resting_state(self, readings: np.ndarray) -> np.ndarray:
         """[θ, θ̇, x, V] where wires rest that are read at V (W,), °C; see `resting_state`."""
         states = self.wires.rested_states(readings)
@@ -217,34 +156,16 @@ class HeldAngles(_Balance):
 
     def _settled(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """θ (..., n), and its derivatives by forces (..., n, n) and by the states (..., n, N)."""
-        if self._kept is None or not np.array_equal(self._kept[0], states):
+        kept = self._kept
+        if kept is None or not np.array_equal(kept[0], states):
             at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
             moved = (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
             angles, by_point = self._solved(states, at_rest + moved)
             stiffness, by_state = np.split(by_point, [angles.shape[-1]], axis=-1)
             compliance = np.linalg.inv(stiffness)
-            self._kept = states.copy(), (angles, compliance, -compliance @ by_state)
-        return self._kept[1]
-
-
-def mean_bend_by_temperature(
-    parameters: LimbParameters, bend: Callable[[np.ndarray], np.ndarray]
-) -> np.ndarray:
-    """Each bend by each wire's T (F, W), rad/°C, on average from T_warm to T_max.
-
-    It is zero for the wires of other segments, by whose bend gravity bends a segment, too.
-
-    Args:
-        bend: bend angles (F,), rad, that wires at T (W,), °C, hold; those that do not
-            get warmer are at T_warm.
-    """
-    limits, wires = parameters.temperature_limits, np.eye(len(parameters.wires))
-    rise = limits.maximum - limits.warm
-    warm = bend(np.full(len(wires), limits.warm))
-    slopes = np.transpose([(bend(limits.warm + rise * hot) - warm) / rise for hot in wires])
-    layout = Layout(parameters)
-    own = [wires[layout.wires_of[segment]].sum(axis=0) for segment in layout.bend_segment]
-    return slopes * own
+            kept = states.copy(), (angles, compliance, -compliance @ by_state)
+            self._kept = kept
+        return kept[1]
 
 
 def _step(stiffness: np.ndarray, forces: np.ndarray, downhill: bool) -> np.ndarray:

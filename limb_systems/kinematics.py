@@ -1,0 +1,79 @@
+"""Kinematics of a limb in numbers: bends, tip and links of joint angles.
+
+Angles are in rad; frames are the ones of `limb_systems.symbolic_chain`.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from limb_systems.limb_model import LimbModel
+from limb_systems.limb_parameters import LimbParameters
+from limb_systems.smooth_function import stated_once
+from limb_systems.symbolic_chain import places_of_links
+
+
+def link_positions(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) -> np.ndarray:
+    """Return where the links begin, and where the last link ends, in the base's frame, m.
+
+    Args:
+        joint_angles: θ, (joints,) or (joints, K).
+
+    Returns:
+        Positions of the base, of the links' ends in their order, and so of the tip, (P, 3) or
+        (P, 3, K). A segment with centred joints has one more end: the end of its fixed part.
+    """
+    model = LimbModel.of(parameters)
+    shape = [(s.joints, s.centred_joints, s.length) for s in model.parameters.segments]
+    places = stated_once(("places", repr(shape)), lambda: places_of_links(model.mechanics))
+    angles = np.asarray(joint_angles, float)
+    (flat,) = places(angles)
+    return flat.reshape(-1, 3, *angles.shape[1:])
+
+
+def tip_position(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) -> np.ndarray:
+    """Position of the limb's tip, m: in (E1, E2), or in (E1, E2, E3) if the limb bends in space.
+
+    Args:
+        joint_angles: θ, (joints,) or (joints, K).
+
+    Returns:
+        (2,) or (2, K); (3,) or (3, K) in space.
+    """
+    model = LimbModel.of(parameters)
+    tip = link_positions(model, joint_angles)[-1]
+    return tip[:2] if model.layout.is_planar else tip
+
+
+def bend_angle(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) -> np.ndarray:
+    """Bend angles φ of each segment in the frame of its own base, towards E2, then E3.
+
+    Args:
+        joint_angles: θ, (joints,) or (joints, K).
+
+    Returns:
+        (bends,) or (bends, K), in (-π, π]; of AutoDiffXd or Expression
+        if the joint angles are.
+    """
+    return LimbModel.of(parameters).mechanics.bend_angle(joint_angles)
+
+
+def joint_angles_from_bend_angle(
+    parameters: LimbParameters | LimbModel, bend_angle: ArrayLike
+) -> np.ndarray:
+    """θ_i = 2 φ / (n + 1) for every joint that makes a bend, eqn (11); 2 φ / n if they are centred.
+
+    The links of a segment are equally long, so this is exact for equal joint
+    angles in a plane: the chord of n unit vectors at θ, 2θ, ... nθ points to (n+1)/2 θ.
+
+    Args:
+        bend_angle: φ, (bends,) or (bends, K).
+
+    Returns:
+        (joints,) or (joints, K).
+    """
+    return LimbModel.of(parameters).mechanics.shape @ np.asarray(bend_angle, float)
+
+
+def rest_joint_angles(parameters: LimbParameters | LimbModel) -> np.ndarray:
+    """θ (joints,), rad, at which the rubber rests with wires that were never heated, by (11)."""
+    return LimbModel.of(parameters).mechanics.rest_angles
