@@ -1,9 +1,9 @@
 """What several test files share, and which tests run beside each other.
 
-Two workers of pytest-xdist run the tests: a file is on one worker, and so are those of `CALIBRATION`,
-so that what tests share is made once. What starts hosts of boards in real time is on one worker as
-well, and all others leave the processor to it: a host that comes too late is started again, which
-takes time. No verdict depends on how fast the computer is.
+Two workers of pytest-xdist run the tests: a file is on one worker, and so are the files of
+`CALIBRATION`, so that what tests share is made once. What starts hosts of boards in real time is on
+one worker as well, and all others leave the processor to it: a host that comes too late is started
+again, which takes time. No verdict depends on how fast the computer is.
 """
 
 import contextlib

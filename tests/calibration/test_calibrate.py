@@ -28,7 +28,6 @@ from limb_systems import (
     Limb,
     LimbParameters,
     LinearLaw,
-    Recording,
     SerialBoard,
     TwoMassLaw,
     WireParameters,
