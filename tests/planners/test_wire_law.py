@@ -155,7 +155,7 @@ def test_the_check_simulates_wires_and_motion_as_the_whole_limb():
         np.testing.assert_allclose(times, finer.time, atol=1e-12)
         expected = np.rad2deg(np.abs(finer.bend_angle - planned))[0]
         np.testing.assert_allclose(np.rad2deg(differences), expected, atol=0.004)
-        assert expected.max() > 0.03
+        assert expected.max() > 0.02
 
 
 def test_temperature_limits_are_those_of_the_law():
