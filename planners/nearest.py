@@ -3,7 +3,6 @@
 import numpy as np
 
 from limb_systems import LimbError, Trajectory, split_state
-from limb_systems.statics import HeldAngles
 from planners.task import Task
 from planners.transcription.quasi_static import solve_quasi_static
 
@@ -26,20 +25,20 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
     Returns:
         φ (F, K), rad, and T (W, K), °C, at the knots; None if there is no such plan.
     """
-    parameters, plan = trajectory.parameters, trajectory.since_start()
+    plan = trajectory.since_start()
+    model = plan.model
     num_knots = min(len(plan.time), int(np.ceil(plan.duration * KNOT_RATE)) + 1)
     times = np.linspace(0.0, plan.duration, max(2, num_knots))
     reference = plan.interpolated(plan.reference, times)
-    warm_up = max(0.0, parameters.temperature_limits.warm_up_time - float(trajectory.time[0]))
-    states, readings = split_state(parameters, plan.state_trajectory().vector_values(times))[2:]
+    warm_up = max(0.0, model.parameters.temperature_limits.warm_up_time - float(trajectory.time[0]))
+    states, readings = split_state(model, plan.state_trajectory().vector_values(times))[2:]
     heat, duty = np.vstack([states, readings]), plan.duty_trajectory().vector_values(times)
     try:
         program, solution = solve_quasi_static(
-            parameters,
+            model,
             times,
             reference,
             heat[:, 0],
-            HeldAngles(parameters),
             NEAREST,
             warm_up,
             start=(heat, np.clip(duty, 0.0, 1.0)),
