@@ -298,7 +298,7 @@ class Planner:
             state_change = np.abs((state - previous_state) / program.state_scales).max()
             if reference_change < SMALL_REFERENCE_CHANGE and state_change < SMALL_STATE_CHANGE:
                 start, multipliers = previous.x, previous.multipliers
-        solution = solve_program(program, start, multipliers, self._solver)
+        solution = solve_program(program, start, multipliers, self._solver, program.starts_near)
         self._previous = (angles_ref, state, solution)
         return solution
 

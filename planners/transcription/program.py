@@ -429,8 +429,7 @@ class TrajectoryProgram(PlanProgram):
     def _make_blocks(self) -> list[ConstraintBlock]:
         is_free = self.task.stretch is not None
         self.defects = MotionDefects(
-            self.model.dynamics,
-            self.wires,
+            self.model,
             self.states,
             self.duty,
             self.time_steps,
@@ -438,7 +437,7 @@ class TrajectoryProgram(PlanProgram):
             replaces=self.prog.generic_constraints(),  # those of `DirectCollocation`
             free_duration=is_free,
         )
-        heat = heat_block(self.wires, self.heat, self.duty, self.time_steps)
+        heat = heat_block(self.model, self.heat, self.duty, self.time_steps)
         self.cheap_blocks = None if is_free else [self.defects.with_curvature_of_heat(), heat]
         return [self.defects, heat]
 

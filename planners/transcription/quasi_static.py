@@ -22,6 +22,7 @@ from pydrake.solvers import (
     MathematicalProgram,
     SolverOptions,
 )
+from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw, Wires
 from limb_systems.held_angles import HeldAngles
@@ -36,6 +37,7 @@ from planners.transcription.program import (
 )
 from planners.transcription.solving import InfeasibleError, Solution, solve_program
 
+SPACING = 0.5  # s, between the knots of a start
 CHECK_STEP = 0.5  # s, of an integration that says whether limits can be met
 LEAST_BETA = 1e-6  # N·m/°C, of wires that are taken to be linear
 
@@ -155,9 +157,30 @@ def solve_quasi_static(
         time_weight=0.0,
         customize=None,
     )
-    program = QuasiStaticProgram(model, times, model.statics, task, measured_margin)
-    program.update(reference, initial_heat, warm_up_time)
-    return program, solve_program(program, program.variables(*start) if start else program.guess())
+
+    def solved(
+        knots: np.ndarray, start: tuple[np.ndarray, np.ndarray] | None, is_near: bool = False
+    ) -> tuple[QuasiStaticProgram, Solution]:
+        """Solve the program at some knots, from heat and duty at these knots."""
+        program = QuasiStaticProgram(model, times[knots], model.statics, task, measured_margin)
+        program.update(reference[:, knots], initial_heat, warm_up_time)
+        guess = program.variables(*start) if start else program.guess()
+        return program, solve_program(program, guess, starts_near=is_near)
+
+    # A program that is not convex starts from its solution at fewer knots.
+    every, wires = np.arange(len(times)), model.wires
+    num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
+    is_convex = wires.rates_are_affine and wires.torque_is_affine
+    if start is not None or is_convex or 2 * num_intervals > len(times):
+        return solved(every, start)
+    grid = np.linspace(times[0], times[-1], num_intervals + 1)
+    some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
+    program, solution = solved(some, None)
+    heat, duty = solution.x[program.heat], solution.x[program.duty]
+    rates = wires.heat_rates(heat, duty)
+    course = PiecewisePolynomial.CubicHermite(times[some], heat.T, rates.T)
+    duty = np.array([np.interp(times, times[some], of_wire) for of_wire in duty.T])
+    return solved(every, (course.vector_values(times), duty), is_near=True)
 
 
 class QuasiStaticProgram(PlanProgram):
@@ -212,7 +235,7 @@ class QuasiStaticProgram(PlanProgram):
         return blocks
 
     def _heat_block(self) -> ConstraintBlock:
-        return heat_block(self.wires, self.heat, self.duty, self.time_steps)
+        return heat_block(self.model, self.heat, self.duty, self.time_steps)
 
     def _targets(self, reference: np.ndarray) -> np.ndarray:
         return reference.T
