@@ -223,8 +223,9 @@ class MotionDefects:
         return np.concatenate([part.ravel() for part in parts])
 
     def slopes_by_motion(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of each interval by [θ, θ̇] at its begin and at its end (K - 1, 2n, 2n)."""
-        num_intervals, P, motion = len(self._time_steps), self._points.shape[1], 2 * self._n
+        """Return the slopes of an interval's rows by [θ, θ̇] at both knots, each (K - 1, 2n, 2n)."""
+        num_intervals, P = len(self._time_steps), self._points.shape[1]
+        motion = 2 * self._n
         slopes = np.zeros((num_intervals, motion, 2 * P + 1))
         slopes[:, *self._pairs] = self.jacobian(x).reshape(-1, num_intervals).T
         return slopes[:, :, :motion], slopes[:, :, P : P + motion]
