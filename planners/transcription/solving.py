@@ -12,9 +12,8 @@ from limb_systems.progress import Progress
 from planners.transcription.ipopt import INFEASIBLE, ExactHessianIpoptSolver
 from planners.transcription.program import PlanProgram
 
-# From the quasi-static plan, most plans need 10 iterations with a barrier that leaves it near its
-# bounds; as IPOPT begins they need twice as many. The barrier ends so low that it raises the cost
-# by less than 1e-6 of it.
+# Near the solution, the barrier begins small enough to leave the guess near its bounds, and ends so
+# low that it raises the cost by less than 1e-6 of it. With multipliers it begins as it ends.
 NEAR = {
     "mu_strategy": "monotone",
     "mu_init": 3e-5,
