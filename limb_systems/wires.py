@@ -212,14 +212,14 @@ class Wires:
             longest_step: longest step of the integration, s, for states of warm wires
         """
         fastest = np.abs(np.linalg.eigvals(self.affine_rates()[0])).max()
+        halves = np.arange(3.0)[:, None]  # of a step: its begin, middle and end
         course = [states]
         for k, length in enumerate(np.diff(times)):
             num_steps = int(np.ceil(length * max(2 * fastest, 1 / longest_step) - 1e-9))
-            shares = np.linspace(0, 1, 2 * num_steps + 1)[:, None]
-            levels = duty[k] + shares * (duty[k + 1] - duty[k])
+            change = (duty[k + 1] - duty[k]) / (2 * num_steps)
             for step in range(num_steps):
-                ends = levels[2 * step : 2 * step + 3]
-                point = np.concatenate([states, ends.ravel(), [length / num_steps]])
+                levels = duty[k] + change * (2 * step + halves)
+                point = np.concatenate([states, levels.ravel(), [length / num_steps]])
                 states = self._runge_kutta_step.values(point)
             course.append(states)
         return np.array(course)
