@@ -326,8 +326,8 @@ def _compiled_step(law: WireLaw, names: list[str], step: float) -> Compiled:
     return stated_once(key, state)
 
 
-def with_fields(law: type[WireLaw], fields: Mapping[str, np.ndarray]) -> WireLaw:
-    """A law of a class with arrays for fields, for calculations alone."""
+def with_fields(law: type[WireLaw], fields: Mapping[str, Any]) -> WireLaw:
+    """A law of a class with arrays or symbols for fields, for calculations alone."""
     together = law()
     for name, values in fields.items():
         setattr(together, name, values)
