@@ -140,8 +140,8 @@ def test_the_check_simulates_wires_and_motion_as_the_whole_limb():
     for name in ("threshold", "hysteretic"):
         limb = limb_with(TWO_MASS_LAWS[name](), TWO_MASS_LAWS[name]())
         limb.segments[0].stiffening = 0.4 if name == "threshold" else 0.0
-        limb.segments[0].rest_angle = 0.1
-        reference = references.from_samples([0, 20, 22, 24], np.deg2rad([0, 0, 20, -20]))
+        limb.segments[0].rest_angle, limb.temperature_limits.warm_up_time = 0.1, 1000.0
+        reference = references.from_samples([0, 2, 6, 8], np.deg2rad([0, 0, 20, -20]))
         trajectory = plan(limb, reference, knot_rate=2.0, tolerance_deg=10.0)
         times, differences = simulated_differences(trajectory)
         finer = simulate(
@@ -155,7 +155,7 @@ def test_the_check_simulates_wires_and_motion_as_the_whole_limb():
         np.testing.assert_allclose(times, finer.time, atol=1e-12)
         expected = np.rad2deg(np.abs(finer.bend_angle - planned))[0]
         np.testing.assert_allclose(np.rad2deg(differences), expected, atol=0.004)
-        assert expected.max() > 0.03
+        assert expected.max() > 0.02
 
 
 def test_temperature_limits_are_those_of_the_law():
