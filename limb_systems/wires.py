@@ -32,7 +32,6 @@ class Wires:
     - ``levers``: B, direction of the wires' torque on the joints (n, W), from `LimbMechanics`.
     - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
     - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
-    - ``laws_need_angle``: whether the torque of any law depends on the angle that its wire sees.
     - ``torque_needs_angle``: whether any force depends on the angle, of a wire or of the rubber.
     - ``heat``: [ẋ, V̇] (N + W,), per second, of [x, V, D], as a `SmoothFunction`: (6), (7) and the
       memory of the rubber. ``symbolic_heat`` is the same as a CasADi function of x, V and D.
@@ -98,14 +97,6 @@ class Wires:
         self._runge_kutta_step = self._state_runge_kutta_step(x, D, rates)
         self.rates_are_affine = ca.is_linear(ca.vertcat(rates, reading_rates), ca.vertcat(x, V, D))
         self.torque_needs_angle = ca.depends_on(force, q)
-        self.laws_need_angle = self.torque_needs_angle and any(
-            np.isnan(
-                law.torque(
-                    law.cold_states(self.ambient_temperature), self.ambient_temperature, np.nan
-                )
-            )
-            for law in laws
-        )
         self.torque_is_affine = not self.torque_needs_angle and ca.is_linear(force, x)
 
     def _state_heat(self, x: ca.SX, V: ca.SX, D: ca.SX) -> tuple[ca.SX, ca.SX]:
