@@ -175,12 +175,12 @@ def _input_names(made: Provenance | None) -> set[str]:
 
 def _is_plan_of(plan: ResultFile, file: ResultFile) -> bool:
     """Return whether one command made a plan and, in the same folder, the recording."""
-    made = plan.provenance, file.provenance
     return (
         (plan.kind, file.kind) == (TRAJECTORY, RECORDING)
         and plan.path.parent == file.path.parent
-        and None not in made
-        and made[0].command == made[1].command
+        and plan.provenance is not None
+        and file.provenance is not None
+        and plan.provenance.command == file.provenance.command
     )
 
 
