@@ -41,7 +41,6 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/space_planning.py --problems 30
 	$(BIN)/python benchmarks/public_crawler.py
 	$(BIN)/python benchmarks/gaits.py
-	$(BIN)/python benchmarks/walks_from_cold.py
 	$(BIN)/python benchmarks/random_plans.py
 	$(BIN)/python benchmarks/calibration_accuracy.py
 	$(BIN)/python benchmarks/space_calibration.py
@@ -65,10 +64,7 @@ pictures: evaluation
 	$(BIN)/python docs/pictures.py build/evaluation
 
 tables: evaluation
-	$(BIN)/python benchmarks/controller_step_time.py > build/evaluation/controller_steps.txt
 	$(BIN)/python benchmarks/plan_time_by_law.py > build/evaluation/laws.txt
-	$(BIN)/python benchmarks/board_faults.py --limbs 2 > build/evaluation/board_faults.txt
-	$(BIN)/python examples/gripper/grip_forces.py > build/evaluation/grips.txt
 	$(BIN)/python benchmarks/gaits_in_space.py > build/evaluation/gaits_in_space.txt
 	$(BIN)/python docs/tables.py build/evaluation
 
