@@ -37,12 +37,10 @@ wheel: $(VENV)/ready
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
 
 bench: $(VENV)/ready
-	$(BIN)/python benchmarks/simulation_speed.py
 	$(BIN)/python benchmarks/space_planning.py --problems 30
 	$(BIN)/python benchmarks/public_crawler.py
 	$(BIN)/python benchmarks/gaits.py
 	$(BIN)/python benchmarks/random_plans.py
-	$(BIN)/python benchmarks/calibration_accuracy.py
 	$(BIN)/python benchmarks/space_calibration.py
 	$(BIN)/python benchmarks/frame_fuzzing.py
 	$(BIN)/python benchmarks/lab_door.py --quick

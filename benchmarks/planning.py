@@ -67,12 +67,8 @@ SOLVERS = (
     OURS,
     _casadi("implicit", "exact", form="implicit"),
     _casadi("explicit", "exact", form="explicit"),
-    _casadi("implicit, compiled", "exact", form="implicit", compiled=True),
-    _casadi("explicit, compiled", "exact", form="explicit", compiled=True),
-    _casadi("implicit, derivatives by `nlpsol`", "automatic", derivatives="automatic"),
     _casadi("implicit, our Hessian", "our Hessian", form="implicit", hessian="gauss-newton"),
     _casadi("explicit, our Hessian", "our Hessian", form="explicit", hessian="gauss-newton"),
-    _casadi("implicit, limited memory", hessian="limited-memory"),
 )
 
 
@@ -241,9 +237,8 @@ def introduction(repetitions: int, time_limit: float) -> list[str]:
         "Drake's diagram, scaled to rad and to 50 °C.",
         "*Implicit* has accelerations as variables and the inverse dynamics as constraints, "
         "*explicit* solves for accelerations inside. Derivatives are those of one small CasADi "
-        "function, mapped over all points and assembled by the chain rule, but where they are *by "
-        "`nlpsol`*, what CasADi does by itself; *compiled*: as C code. *Our Hessian* is that of "
-        "the cost alone.",
+        "function, mapped over all points and assembled by the chain rule. *Our Hessian* is that "
+        "of the cost alone.",
     ]
 
 
@@ -265,7 +260,7 @@ def summary(results: dict) -> list[str]:
     for (links, knots), of_size in results.items():
         ours = of_size[OURS]
         row = [str(links), str(knots), _cell(ours.get("both"))]
-        for kind in ("exact", "automatic", "our Hessian"):
+        for kind in ("exact", "our Hessian"):
             name, peer = fastest(of_size, kind, "both")
             row += _against(ours.get("both"), peer.get("both"))
             if name and kind == "exact":
@@ -274,13 +269,13 @@ def summary(results: dict) -> list[str]:
         row += [_cell(ours.get("solve")), *_against(ours.get("solve"), peer.get("again"))]
         rows.append(row)
     heads = (
-        "n|N|ours|CasADi, its best|times|CasADi, derivatives by `nlpsol`|times|CasADi, our Hessian"
-        "|times|ours, solve alone|CasADi, built before|times"
+        "n|N|ours|CasADi, its best|times|CasADi, our Hessian|times|ours, solve alone"
+        "|CasADi, built before|times"
     )
     return [
-        "Seconds to build and solve: ours, the fastest CasADi variant with its exact Hessian, that "
-        "with the derivatives of `nlpsol`, and the fastest that is given our Hessian; and seconds "
-        "to solve alone against the fastest CasADi solver, compiled or not, that was built before.",
+        "Seconds to build and solve: ours, the fastest CasADi variant with its exact Hessian, and "
+        "the fastest that is given our Hessian; and seconds to solve alone against the fastest "
+        "CasADi solver that was built before.",
         _table(heads.split("|"), rows),
     ]
 

@@ -1,18 +1,18 @@
 """Sensors that lie while a limb is held to its plan: no wire gets hot, and nothing winds up.
 
 The limb is an emulated one that its plan does not know well, and the fault is between it and the
-controller, so that neither board nor cut-out sees it. benchmarks/board_faults.py has more of them,
-with the board's rules and on many limbs.
+controller, so that neither board nor cut-out sees it.
 """
 
 import numpy as np
 import pytest
-from sensor_faults import SensorFault, with_faulty_sensors
 
 from controllers import PlanFeedback
 from hardware import LimbTwin, replay
 from limb_systems import LimbParameters
 from planners import Task, plan, references
+
+from .sensor_faults import SensorFault, with_faulty_sensors
 
 START, END = 6.0, 12.0  # s, of the faults
 LEFT, RIGHT, BEND = range(3)
