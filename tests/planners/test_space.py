@@ -6,7 +6,8 @@ import warnings
 import numpy as np
 import pytest
 
-from limb_systems import Layout, LimbParameters, simulate
+from limb_systems import LimbParameters, simulate
+from limb_systems.layout import Layout
 from limb_systems.limb import Limb
 from planners import Task, plan, references
 

@@ -13,12 +13,12 @@ from wire_laws import LIMBS, QuadraticLaw, SiliconeLaw, limb_with, mixed_limb, r
 from limb_systems import (
     HystereticLaw,
     Limb,
+    LimbModel,
     LimbParameters,
     RestMemory,
     SaturatingLaw,
     ThresholdLaw,
     Trajectory,
-    Wires,
     make_manipulator,
     simulate,
     split_state,
@@ -73,7 +73,7 @@ def test_blocks_have_the_rates_of_the_law_written_out_by_hand():
 
 
 def test_the_lever_of_a_wire_gives_its_torque_a_direction():
-    wires = Wires(mixed_limb())
+    wires = LimbModel.of(mixed_limb()).wires
     np.testing.assert_allclose(wires.levers[0], [-1.0, 1.0, 0.6, 0.0, 0.0], rtol=1e-15)
     np.testing.assert_allclose(wires.levers[4], [0.0, 0.0, 0.0, -1.0, 1.0], rtol=1e-15)
     assert wires.state_names == [
@@ -119,7 +119,7 @@ def test_plans_are_found_checked_and_saved(tmp_path):
         assert loaded.parameters == limb
         np.testing.assert_array_equal(loaded.state, trajectory.state)
         states = split_state(limb, trajectory.state)[2]
-        assert states.shape == (Wires(limb).num_states, len(trajectory.time))
+        assert states.shape == (LimbModel.of(limb).wires.num_states, len(trajectory.time))
 
 
 def test_hysteresis_and_a_memory_of_the_rubber_are_planned_with_their_curvature():
