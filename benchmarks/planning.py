@@ -4,8 +4,7 @@ The Fig. 5 reference, 60 s, for limbs of 3, 5 and 10 links and 121, 301 and 601
 knots. All solvers get the same program, eqns (15)-(20), the same discretization
 (direct collocation as Drake's), the same quasi-static guess and the same time
 limit. Each run is a process of its own, all solvers of a size run in turn, and
-the medians of the repetitions count; who fails once is not run again, and who
-ran into the time limit is not tried on larger problems. One
+the medians of the repetitions count; who fails once is not run again. One
 judge, with the dynamics of Drake's diagram, looks at all solutions.
 
     python benchmarks/planning.py [--quick]
@@ -55,10 +54,10 @@ class Solver:
     module: str
     function: str = "run"
     options: dict = dataclasses.field(default_factory=dict)
-    kind: str = "other"
+    kind: str = ""
 
 
-def _casadi(name: str, kind: str = "other", **options) -> Solver:
+def _casadi(name: str, kind: str, **options) -> Solver:
     return Solver(f"CasADi, {name}", "casadi_peer", "run", options, kind)
 
 
@@ -85,19 +84,9 @@ def main(arguments: list[str] | None = None) -> int:
     links, knots = (QUICK_LINKS, QUICK_KNOTS) if options.quick else (LINKS, KNOTS)
 
     options.output.mkdir(parents=True, exist_ok=True)
-    results, too_slow = {}, {}
+    results = {}
     for size in ((n, N) for n in links for N in knots):
-        # Who ran into the time limit is not tried on what is larger in both respects.
-        tried = [
-            solver
-            for solver in SOLVERS
-            if not any(n <= size[0] and size[1] >= N for n, N in too_slow.get(solver, []))
-        ]
-        results[size] = run_size(*size, tried, repetitions, options.time_limit)
-        for solver, result in results[size].items():
-            if result["verdict"] == TIME_LIMIT:
-                too_slow.setdefault(solver, []).append(size)
-        results[size] |= {s: {"verdict": "not tried"} for s in SOLVERS if s not in tried}
+        results[size] = run_size(*size, SOLVERS, repetitions, options.time_limit)
         report = "\n\n".join([*introduction(repetitions, options.time_limit), *tables(results)])
         (options.output / "results.md").write_text(report + "\n", encoding="utf-8")
     _say(f"written: {options.output / 'results.md'}")
