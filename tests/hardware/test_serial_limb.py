@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import functools
 import json
-import re
 import sys
 from types import SimpleNamespace
 
@@ -314,26 +313,6 @@ def test_status_says_how_the_board_is(virtual_time, emulator, capsys):
     virtual_time.sleep(0.2)
     assert main(["status", emulator.port, "--clear"]) == 0
     assert "thermocouple" not in capsys.readouterr().out.split("wires")[0]
-
-
-def test_replay_tells_its_timing_in_words_and_in_json(emulator, short_plan, tmp_path, capsys):
-    reference = references.from_samples([0.0, 0.5], [0.0, 0.02])
-    plan(short_plan.parameters, reference).save(tmp_path / "plan.csv")
-    output = tmp_path / "recording.csv"
-    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output), "-p", emulator.port]
-    assert main(arguments) == 0
-    words = r"timing      commands were late by \d+\.\d ms .*; 0 samples were lost"
-    words += r"(; the duty was reduced .*)?\nsource "
-    assert re.search(words, capsys.readouterr().out)
-    assert main([*arguments, "--json", "--force"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["source"] == Recording.load(output).source
-    assert said["timing"]["lost_samples"] == 0
-    assert (
-        0.0 <= said["timing"]["late_median_ms"] <= said["timing"]["late_percentile_99_ms"] < 100.0
-    )
-    assert 0 <= said["timing"]["missed_deadline"] <= 20
-    assert said["tracking"]["mean_deg"] > 0.0
 
 
 def test_arm_check_heats_nothing_that_is_hot(virtual_time, emulator, capsys):
