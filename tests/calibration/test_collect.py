@@ -189,7 +189,7 @@ def test_equilibria_are_reached_and_recorded_with_their_set_points(model_recordi
         (recording,) = model_recordings[kind]
         assert recording.duty.max() <= 0.5
         angles = np.unique(recording.reference)
-        assert len(angles) == 5
+        assert len(angles) == 6
         assert (np.deg2rad(45) * sides[0] <= angles).all()
         assert (angles <= np.deg2rad(45) * sides[1]).all()
         ends = np.flatnonzero(np.diff(recording.reference[0]))
