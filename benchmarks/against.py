@@ -63,7 +63,7 @@ from controllers import RecedingHorizon
 sys.path.insert(0, "benchmarks")
 try:
     from controller_step_time import steps
-except ImportError:  # of an older revision
+except ImportError:  # as the script was called at df068b4
     from controller_steps import steps
 from limb_systems import Limb, simulate
 trajectory = planned(with_law(CoupledLaw), task=Task.closed_loop(with_law(CoupledLaw)))[0]
