@@ -54,7 +54,7 @@ def multipliers_of(
         quasi_static, solution: the quasi-static program of the same plan, and its solution.
     """
     inverse, to_next = _step_to_next_knot(program, x)
-    by_motion = np.zeros(program.motion.shape)
+    by_motion: np.ndarray = np.zeros(program.motion.shape)
     by_angles = program.cost_by_angles(x)
     by_motion[:, : by_angles.shape[1]] = by_angles
     adjoint = np.zeros((len(inverse), by_motion.shape[1]))
@@ -64,6 +64,7 @@ def multipliers_of(
         following = following @ to_next[k]
     of_motion = -np.einsum("kij,ki->kj", inverse, adjoint)
 
+    assert solution.multipliers is not None  # IPOPT has them
     of_rows, of_bounds = solution.multipliers
     heat_rows, held_rows = np.cumsum([len(block.lower) for block in quasi_static.blocks])
     of_rows = np.concatenate([of_motion.T.ravel(), of_rows[:heat_rows], of_rows[held_rows:]])
