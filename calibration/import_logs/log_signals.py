@@ -253,7 +253,7 @@ def _joined(
     together = np.concatenate([times, offset + other_times])[order]
     names = unique([*table.names, *other.names])
     both = dataclasses.replace(
-        table, names=names, units=[*table.units, *other.units], values=values, dates={}
+        table, names=names, units=[*table.units, *other.units], values=np.array(values), dates=table.dates
     )
     # The recording is of the time in which there are both.
     start = max(0.0, offset)
