@@ -35,8 +35,9 @@ ROOMS = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where lim
 RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
 COLD = 35.0  # below which the readings of a log that starts warm are in °C
 COLD_HEAT = 0.02  # of the heat of full duty, below which wires are cold
-REST_TIME = 4.0  # s, in which a thermocouple at rest ...
+REST_TIME = 1.5  # s, in which a thermocouple at rest ...
 REST_CHANGE = 0.5  # ... changes less
+COLDEST = 4.0  # above the coldest readings, within which a limb is at rest
 ONE_ROOM = 8.0  # by which thermocouples at rest differ at most
 SAME = 0.97  # correlation of two columns that show the same
 STRONG = 0.5  # correlation of a column with the heat that it follows
@@ -135,7 +136,8 @@ class Column:
         ahead = max(1, round(REST_TIME / self.steps.step))
         is_still = np.abs(self.means[ahead:] - self.means[:-ahead]) < REST_CHANGE
         readings = self.means[:-ahead][is_still & is_cold[ahead:] & is_cold[:-ahead]]
-        return float(np.quantile(readings, 0.1)) if len(readings) else np.nan
+        rest = float(np.quantile(readings, 0.1)) if len(readings) else np.inf
+        return rest if rest < self.low + COLDEST else np.nan
 
 
 class Columns:
@@ -428,7 +430,7 @@ class Columns:
         """Give thermocouples the unit in their names if it can be, else the unit of their room."""
         columns = {column.text: column for column in self.temperatures}
         is_cold = (self.heats < COLD_HEAT).all(axis=0)
-        rests = {column.name.text: column.rest(is_cold) for column in self.temperatures}
+        rests = {column.text: column.rest(is_cold) for column in self.temperatures if column.span}
         for index, wire in enumerate(self.wires):
             if wire.temperature not in columns:
                 continue
@@ -436,7 +438,7 @@ class Columns:
             said = column.name.unit if column.name.unit in RANGES else ""
             like = [c for c in self.temperatures if c.name.unit == column.name.unit]
             # Limbs that rest are in one room; warm ones may be known by how cold they become.
-            own = [rests[c.text] for c in like if not np.isnan(rests[c.text])]
+            own = [rests[c.text] for c in like if not np.isnan(rests.get(c.text, np.nan))]
             in_room = [u for u, (low, high) in ROOMS.items() if low <= min(own, default=0) <= high]
             unit = said or "".join(in_room[:1])
             if not own and not said:
@@ -450,7 +452,6 @@ class Columns:
             if wire.unit == OPEN:
                 text = f"unit of {column.text}: C, F or K? It reads {column.low:.3g} to "
                 text += f"{column.shown.max():.3g}"
-                text += f", and {rests[column.text]:.3g} at rest" if own else ""
                 text += ", which does not tell, or contradicts its name or the others"
                 self.ask(f"wires[{index}].unit", text, list(RANGES), bool(said))
 

@@ -23,7 +23,7 @@ _DATA = yaml.safe_load(Path(__file__).with_name("dictionary.yaml").read_text(enc
 WORDS: dict[str, list[str]] = {
     key: words.split() for key, words in (_DATA["words"] | _DATA["quantities"]).items()
 }
-_NAME_WORDS = ("in", "min", "rh", "a", "g", "s", "m", "h", "n", "j")  # no units at a name's end
+_NAME_WORDS = ("in", "min", "rh", "a", "g", "s", "m", "h", "d", "n", "j")  # no units at a name's end
 _PER_SECOND = re.compile(r"(?<![a-z])(deg|rad|°|mm|m|c|k)[_ ]?(per|p|/|_)_?s(ec)?\b")
 _PARTS = re.compile(r"[A-ZÄÖÜ]?[a-zäöüßéèê]+|[A-ZÄÖÜ]+(?![a-zäöüé])|\d+|%|[^\x00-ɏ]+")
 
