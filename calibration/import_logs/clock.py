@@ -5,7 +5,7 @@ import numpy as np
 from calibration.import_logs.evidence import correlation
 from calibration.import_logs.mapping import DATE, FRAMES, OPEN, SECONDS, TimeColumn
 from calibration.import_logs.table import FEWEST_ROWS, LogError, LogTable
-from calibration.import_logs.words import TIME, Name
+from calibration.import_logs.words import TIME, Name, known_unit
 
 DAY = 86_400.0  # s
 PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
@@ -22,7 +22,6 @@ SMOOTHED = (100, 20)  # rows or steps of a coarse clock, the longer, whose mean 
 OVERLAP = 10.0  # s, in which two files that are aligned must show the same
 AGREES = 0.5  # correlation of two files that show the same
 CLEARLY = 0.05  # by which the best alignment is better than others
-FRACTIONS = {"nanosec": "ns", "nsec": "ns", "nsecs": "ns", "nanosecs": "ns", "usec": "us"}
 
 
 def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
@@ -36,12 +35,11 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
         says_time = name.role == TIME
         values = table.numbers(name.text)
         # Seconds and their fraction may be in two columns, as ROS has them.
-        fraction = next((own for own in names if says_time and _is_fraction(own, name)), None)
-        fraction_text = fraction.text if fraction else ""
-        fraction_unit = "ns"
-        if fraction:
-            fraction_unit = next(FRACTIONS[word] for word in fraction.words if word in FRACTIONS)
-            values = values + table.numbers(fraction.text) * SECONDS[fraction_unit]
+        fractions = [own for own in names if says_time and _is_fraction(table, own, name)]
+        fraction_text = fractions[0].text if fractions else ""
+        fraction_unit = fractions[0].unit if fractions else "ns"
+        if fractions:
+            values = values + table.numbers(fraction_text) * SECONDS[fraction_unit]
         shown = values[~np.isnan(values)]
         steps = np.diff(shown) * (-1.0 if is_reversed(shown) else 1.0)
         backward = int((steps < 0).sum())
@@ -51,19 +49,22 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
             continue
         if (steps > 0).sum() < 5 or backward > 0.002 * len(steps) + 1:
             continue
-        unit = DATE if name.text in table.dates else "s" if fraction else _unit(name, shown)
+        unit = DATE if name.text in table.dates else "s" if fractions else _unit(name, shown)
         wraps = [p for p in PERIODS if abs(steps.min() * SECONDS.get(unit, 1.0) + p) < 0.01 * p]
         score = 2.0 * says_time + (steps > 0).mean() - 1.5 * is_index - (unit == OPEN)
-        if unit and score + 0.5 * bool(fraction) > best_score:
-            best_score = score + 0.5 * bool(fraction)
+        score += 0.5 * bool(fractions)
+        if unit and score > best_score:
+            best_score = score
             best = TimeColumn(name.text, unit, max(wraps, default=0.0), fraction_text, fraction_unit)
     return best
 
 
-def _is_fraction(name: Name, of: Name) -> bool:
+def _is_fraction(table: LogTable, name: Name, of: Name) -> bool:
     """Return whether a column is the fraction of another one's seconds."""
-    rest = [word for word in name.words if word not in FRACTIONS]
-    return len(rest) < len(name.words) and rest == [w for w in of.words if w not in ("sec", "secs")]
+    words = [[word for word in own.words if known_unit(word)[0] != TIME] for own in (name, of)]
+    if words[0] != words[1] or of.unit != "s" or name.unit not in ("ns", "us"):
+        return False
+    return bool(np.nanmax(table.numbers(name.text)) * SECONDS[name.unit] <= 1.0)
 
 
 def _unit(name: Name, shown: np.ndarray) -> str:

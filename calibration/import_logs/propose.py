@@ -34,11 +34,9 @@ MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no 
 ROOMS = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
 RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
 COLD = 35.0  # below which the readings of a log that starts warm are in °C
-COLD_HEAT = 0.02  # of the heat of full duty, below which wires are cold
-REST_TIME = 1.5  # s, in which a thermocouple at rest ...
-REST_CHANGE = 0.5  # ... changes less
 COLDEST = 4.0  # above the coldest readings, within which a limb is at rest
-ONE_ROOM = 8.0  # by which thermocouples at rest differ at most
+LONG = 150.0  # s of a log in which wires become cold at some time ...
+ONE_ROOM = 25.0  # ... and their coldest readings differ by less, °C
 SAME = 0.97  # correlation of two columns that show the same
 STRONG = 0.5  # correlation of a column with the heat that it follows
 FARTHEST = 60.0  # °, to which no limb is bent at rest
@@ -130,14 +128,6 @@ class Column:
         votes = Responses.of(self.steps.times, heats, self.means[None]).votes[0]
         strong = [abs(correlation(heat, self.means)) > STRONG for heat in heats]
         return np.where(strong, votes, 0.0)
-
-    def rest(self, is_cold: np.ndarray) -> float:
-        """Return the reading where it stands still while wires are cold; nan if it never does."""
-        ahead = max(1, round(REST_TIME / self.steps.step))
-        is_still = np.abs(self.means[ahead:] - self.means[:-ahead]) < REST_CHANGE
-        readings = self.means[:-ahead][is_still & is_cold[ahead:] & is_cold[:-ahead]]
-        rest = float(np.quantile(readings, 0.1)) if len(readings) else np.inf
-        return rest if rest < self.low + COLDEST else np.nan
 
 
 class Columns:
@@ -429,26 +419,29 @@ class Columns:
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the unit of their room."""
         columns = {column.text: column for column in self.temperatures}
-        is_cold = (self.heats < COLD_HEAT).all(axis=0)
-        rests = {column.text: column.rest(is_cold) for column in self.temperatures if column.span}
         for index, wire in enumerate(self.wires):
             if wire.temperature not in columns:
                 continue
             column = columns[wire.temperature]
             said = column.name.unit if column.name.unit in RANGES else ""
             like = [c for c in self.temperatures if c.name.unit == column.name.unit]
-            # Limbs that rest are in one room; warm ones may be known by how cold they become.
-            own = [rests[c.text] for c in like if not np.isnan(rests.get(c.text, np.nan))]
-            in_room = [u for u, (low, high) in ROOMS.items() if low <= min(own, default=0) <= high]
-            unit = said or "".join(in_room[:1])
-            if not own and not said:
-                low = [c.low for c in like]
-                unit = "C" if max(low) < COLD else "K" if min(low) > 250.0 else ""
-            coldest, warmest, hottest = RANGES.get(unit, (np.inf, np.inf, np.inf))
+            # Limbs that rest are in a room; warm ones may be known by how cold they become.
+            first = [float(np.median(c.shown[:5])) for c in like]
+            lows = [c.low for c in like]
+            is_at_rest = max(np.subtract(first, lows)) < COLDEST and np.ptp(first) < 3.0
+            rooms = [u for u, (low, high) in ROOMS.items() if low <= np.mean(first) <= high]
+            unit = "C" if max(lows) < COLD else "K" if min(lows) > 250.0 else OPEN
+            unit = said or ((rooms or [OPEN])[0] if is_at_rest else unit)
+            coldest, warmest, hottest = RANGES.get(unit, (-np.inf, np.inf, np.inf))
             is_possible = coldest < column.low < warmest
             is_possible &= bool(np.quantile(column.shown, 0.99) < hottest)
-            is_in_room = np.ptp(own) < ONE_ROOM and unit in in_room if own else True
-            wire.unit = unit if is_possible and is_in_room else OPEN
+            is_possible &= not (is_at_rest and rooms and said and said not in rooms)
+            # In a long log all wires are in one room at some time.
+            if unit != OPEN and self.times[-1] > LONG:
+                colds = [np.quantile(c.shown, 0.003) for c in like if c.span]
+                is_possible &= max(colds, default=0.0) < ROOMS[unit][1]
+                is_possible &= np.ptp(colds or [0.0]) < ONE_ROOM
+            wire.unit = unit if is_possible else OPEN
             if wire.unit == OPEN:
                 text = f"unit of {column.text}: C, F or K? It reads {column.low:.3g} to "
                 text += f"{column.shown.max():.3g}"
