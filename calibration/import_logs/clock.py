@@ -177,24 +177,32 @@ def _clock_step(steps: np.ndarray) -> float:
 
 
 def _smoothed(times: np.ndarray) -> np.ndarray:
-    """Return times of a coarse clock (K,), s: between gaps, lines through the means of rows."""
+    """Return times of a coarse clock (K,), s, evenly spread between gaps.
+
+    Rows that come at one rate are less than the clock's step from a line; else each row that
+    repeats a time is between the mean times of the rows around it.
+    """
     steps = np.diff(times)
     clock = _clock_step(steps) or float(np.min(steps[steps > 0]))
+    is_repeated = (steps == 0).mean() > REPEATED
     smoothed = times.copy()
     gaps = np.flatnonzero(np.abs(steps) > max(GAP, 3 * clock)) + 1
     for rows in np.split(np.arange(len(times)), gaps):
         own = times[rows]
         if len(rows) < FEWEST_ROWS or own[-1] <= own[0]:
             continue
-        mean_step = (own[-1] - own[0]) / (len(rows) - 1)
-        num_groups = round(len(rows) / max(SMOOTHED[0], SMOOTHED[1] * clock / mean_step)) or 1
-        centers = [float(part.mean()) for part in np.array_split(rows, num_groups)]
-        means = [float(part.mean()) for part in np.array_split(own, num_groups)]
-        before = means[0] - mean_step * (centers[0] - rows[0])
-        after = means[-1] + mean_step * (rows[-1] - centers[-1])
-        smoothed[rows] = np.interp(
-            rows, [rows[0], *centers, rows[-1]], [before, *means, after]
-        )
+        rate = (len(rows) - 1) / (own[-1] - own[0])
+        line = np.polyval(np.polyfit(rows, own, 1), rows)
+        if np.abs(line - own).max() <= 1.05 * clock:
+            smoothed[rows] = line
+        elif is_repeated:
+            num_groups = max(1, round(len(rows) / max(SMOOTHED[0], SMOOTHED[1] * clock * rate)))
+            centers = [float(part.mean()) for part in np.array_split(rows, num_groups)]
+            means = [float(part.mean()) for part in np.array_split(own, num_groups)]
+            first = means[0] - (centers[0] - rows[0]) / rate
+            last = means[-1] + (rows[-1] - centers[-1]) / rate
+            ends = [rows[0], *centers, rows[-1]]
+            smoothed[rows] = np.interp(rows, ends, [first, *means, last])
     return smoothed
 
 

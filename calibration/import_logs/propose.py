@@ -29,6 +29,7 @@ FULLS = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
 POWERS = {"power", "pow", "leistung", "heizleistung", "watt", "watts", "W"}  # in W, or shares
 SHARES = {"duty", "duties", "tastgrad"}
 VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
+UNLIKE = 5.0  # between the most of two duties that may be of one unit
 ABSURD = 1e9  # that no number but a time's is beyond
 MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
 ROOMS = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
@@ -244,18 +245,12 @@ class Columns:
             text += "'' for a wire that was not heated, or join the file of the heaters"
             self.ask("wires[0].duty", text, [c.text for c in self.columns if c.looks_like_heat])
             self.wires = [WireColumns(name, OPEN) for name in self.known_wires]
-        elif len(signed) == len(self.duties) == 1 and not self.limb:
-            self.notes[signed[0].text] = "duty of both wires; negative numbers heat the left wire"
-            self.duties = signed * 2
-            self.wires = [WireColumns(LEFT, signed[0].text, -1.0)]
-            self.wires.append(WireColumns(RIGHT, signed[0].text))
         elif signed:
-            text = f"{_list(signed)} have signs: which wire do positive numbers heat, and which do "
-            self.ask("wires[0].name", f"{text}negative ones, with sign: -1.0?", self.known_wires)
+            names = [LEFT, RIGHT] if len(self.duties) == 1 and not self.limb else []
             self.duties = [c for c in self.duties for _ in range(2)]
-            signs = [1.0, -1.0] * len(signed)
-            pairs = zip(self.duties, signs, strict=False)
-            self.wires = [WireColumns(OPEN, c.text, sign) for c, sign in pairs]
+            for index, column in enumerate(self.duties):
+                name = names[index] if names else OPEN
+                self.wires.append(WireColumns(name, column.text, 1.0 if index % 2 else -1.0))
         else:
             pairs = zip(self._wire_names(), self.duties, strict=True)
             self.wires = [WireColumns(name, c.text) for name, c in pairs]
@@ -287,7 +282,8 @@ class Columns:
             return [by_label[label] for label in labels]
         if labels == [""] and not self.limb:
             return [RIGHT]
-        if are_different and len(labels) == len(known) and not {LEFT, RIGHT} & set(labels):
+        is_whole = are_different and len(labels) == len(known) and self.table.has_names
+        if is_whole and not {LEFT, RIGHT} & set(labels):
             pairs = zip(self.duties, known, strict=True)
             said = " and ".join(f"{c.text} {name}" for c, name in pairs)
             self.notes["wires"] = f"in their order, {said}; exchange the names if need be"
@@ -311,6 +307,14 @@ class Columns:
             text = f"{_list(duties)}: the duty looks inverted, for it is at its most, {most:g}, "
             text += "where wires rest or cool: give full, and inverted: true if wires are off there"
             self.ask("full", text, likely[:1], contradicts=True)
+            return 0.0
+        # Like columns have one unit.
+        levels = [np.unique(np.abs(c.shown[c.shown != 0])) for c in duties if c.span]
+        tops = [float(own.max()) for own in levels]
+        is_switched = [len(own) == 1 for own in levels]
+        if max(tops) > UNLIKE * min(tops) or (any(is_switched) and max(map(len, levels)) > 3):
+            text = f"the most in {_list(duties)} is {' and '.join(f'{top:g}' for top in tops)}: "
+            self.ask("full", f"{text}are they of one unit, and what is full duty?", likely, True)
             return 0.0
         # Names may have a range, such as 0..255, or a unit.
         own = {word for c in duties for word in (*c.name.words, c.name.unit)}
@@ -379,6 +383,16 @@ class Columns:
                 self._set_temperature(self.wires[index], left.pop(), "the only one that is left")
             elif others:
                 self._ask_temperature(index, others, "neither names nor heat tell", False)
+        # Numbers with a sign heat the wires whose names their thermocouples have.
+        has_side = {column.text for column in self.temperatures if column.name.side}
+        if len(set(self.duties)) < len(self.duties) and not {
+            wire.temperature for wire in self.wires
+        } <= {OPEN, *has_side}:
+            for index, wire in enumerate(self.wires):
+                which = "positive" if wire.sign > 0 else "negative"
+                text = f"which wire do {which} numbers of {wire.duty} heat?"
+                self.ask(f"wires[{index}].name", text, self.known_wires)
+                wire.name = OPEN
         asked = {choice for q in self.questions if "temperature" in q.field for choice in q.choices}
         for column in [c for c in left if c.text not in asked]:
             self.wires.append(WireColumns(OPEN, OPEN, temperature=column.text, unit=OPEN))
@@ -591,19 +605,9 @@ class Columns:
         warmth = np.array([read.get(wire.temperature, heat) for wire, heat in pairs])
         votes = bend_votes(self.steps, self.heats[: len(wires)], warmth, bends, levers)[heated]
         sign = float(np.sign(votes.sum()))
-        what = " and ".join(bend.columns)
         if not (sign * votes > MARGIN).all():
-            text = f"the sign of {what}: heat does not show with a margin that each wire bends the "
+            text = f"the sign of {' and '.join(bend.columns)}: names and heat do not tell that each wire bends the "
             text += "limb to its side; negative if the right wire bends it to where numbers fall"
-            self.ask("bend.scale", text, [f"{bend.scale:g}", f"{-bend.scale:g}"])
-            bend.scale = 0.0
-        elif sign < 0 and not self.table.has_names:
-            # The order of columns says one thing, and the sign of the bend another.
-            for index, wire in enumerate(wires):
-                wire.name = OPEN
-                text = f"which wire does {wire.duty} heat? The columns have no names"
-                self.ask(f"wires[{index}].name", text, self.known_wires)
-            text = f"the sign of {what}: negative if the right wire bends it to where numbers fall"
             self.ask("bend.scale", text, [f"{bend.scale:g}", f"{-bend.scale:g}"])
             bend.scale = 0.0
         else:

@@ -359,7 +359,7 @@ def _names(head: list[list[str]], names_line: int, form: _Form, row: list[str]) 
     above.sort(key=lambda own: not {"name", "bodyparts"} & {cell.lower() for cell in own[:2]})
     for own in above if repeated else ():
         pairs = zip(own, names, strict=True)
-        joined = [f"{cell} {name}" if name in repeated else name for cell, name in pairs]
+        joined = [f"{x} {name}".strip() if name in {*repeated, ""} else name for x, name in pairs]
         if len(set(joined) - {""}) == len(joined) - joined.count(""):
             return joined
     return names
@@ -369,7 +369,8 @@ def _units(head: list[list[str]], names_line: int, form: _Form) -> list[str]:
     """Return the units of columns: of a row below the names or above them, or in each cell."""
     found = [""] * form.width
     for row in [*head[names_line:], *head[: max(0, names_line - 1)][::-1]]:
-        if len(row) == form.width and sum(bool(known_unit(cell)[0]) for cell in row) >= 2:
+        num_units = sum(bool(known_unit(cell)[0]) for cell in row)
+        if len(row) == form.width and num_units >= max(2, 0.5 * sum(map(bool, row))):
             found = [cell if known_unit(cell)[0] else "" for cell in row]
             break
     for index, cells in enumerate(zip(*form.rows, strict=True)):

@@ -166,7 +166,7 @@ class Name:
         ranks = [known.words[role].index(w) for w in words if w in known.words[role]] if role else []
         if not unit:  # words may say the unit of the time or of temperatures
             by_words = [known_unit(w) for w in words if len(w) > 1 or len(words) == 1]
-            wanted = {TIME: TIME, BEND: "angle", TEMPERATURE: TEMPERATURE}.get(role)
+            wanted = {BEND: "angle", TEMPERATURE: TEMPERATURE}.get(role, TIME)
             unit = next((own for of, own in by_words if of == wanted), "")
         axis = "".join(axes)
         rank = min(ranks, default=99)
