@@ -150,10 +150,11 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
         rise = of_wires.max(axis=0)
         driven = rise > MUCH_HEAT * rise.max()
         first = np.arange(len(rise))
+        num_changes = np.cumsum(changes)
         for from_change, to_change in stretches(~changes):
             start, end = shown[[from_change, to_change]]
             # How improbable it is that so many readings stand, by what the sensor did before.
-            usual = np.mean(changes[:from_change]) if from_change else 0.0
+            usual = num_changes[from_change - 1] / from_change if from_change else 0.0
             chance = (1.0 - usual) ** (to_change - from_change)
             if recording.time[end] - recording.time[start] < FROZEN or chance > LEAST_CHANCE:
                 continue
