@@ -60,12 +60,12 @@ def read_log(
     path: str | Path,
     mapping: LogMapping,
     parameters: LimbParameters | None = None,
-    table: LogTable | None = None,
+    tables: list[LogTable] | None = None,
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the parts of a log, as arguments of `Recording`, and what was lost, in sentences.
 
     Args:
-        table: the log's rows; they are read if None.
+        tables: the log's rows, which are taken out to free their memory; they are read if None.
         parameters: the limb's description; the nominal limb, with the wires of the mapping, if
             None.
 
@@ -74,13 +74,10 @@ def read_log(
     """
     if mapping.open_fields:
         raise LogError(f"{path}: the mapping leaves open {', '.join(mapping.open_fields)}.")
-    table = table or read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
+    form = (mapping.delimiter, mapping.decimal, mapping.names_line)
+    tables = tables or [read_table(path, *form)]
     with raised_as(LogError, f"{path}: "):
-        limb = described(mapping, parameters)
-        table = table.only(mapping.columns)
-        if is_reversed(stamps(table, mapping.time, mapping.rate)):
-            table = table.rows(slice(None, None, -1))
-        signals = _Signals(table, mapping, limb, Path(path))
+        signals = _Signals(tables, mapping, described(mapping, parameters), Path(path))
         return signals.parts(), signals.remarks
 
 
@@ -127,7 +124,12 @@ class _Signals:
     - ``remarks``: what was lost, in sentences.
     """
 
-    def __init__(self, table: LogTable, mapping: LogMapping, limb: LimbParameters, path: Path):
+    def __init__(
+        self, tables: list[LogTable], mapping: LogMapping, limb: LimbParameters, path: Path
+    ):
+        table = tables.pop().only(mapping.columns)
+        if is_reversed(stamps(table, mapping.time, mapping.rate)):
+            table = table.rows(slice(None, None, -1))
         self.limb = limb
         self.path = path
         self.remarks: list[str] = []

@@ -311,8 +311,8 @@ class Columns:
         # Like columns have one unit.
         levels = [np.unique(np.abs(c.shown[c.shown != 0])) for c in duties if c.span]
         tops = [float(own.max()) for own in levels]
-        is_switched = [len(own) == 1 for own in levels]
-        if max(tops) > UNLIKE * min(tops) or (any(is_switched) and max(map(len, levels)) > 3):
+        is_switched = [len(own) == 1 and own[0] == 1.0 for own in levels]
+        if max(tops) > UNLIKE * min(tops) or (any(is_switched) and min(tops) < 1.0):
             text = f"the most in {_list(duties)} is {' and '.join(f'{top:g}' for top in tops)}: "
             self.ask("full", f"{text}are they of one unit, and what is full duty?", likely, True)
             return 0.0

@@ -72,6 +72,8 @@ class LogTable:
     def only(self, names: set[str]) -> "LogTable":
         """Return the table with some of its columns; the others then need no memory."""
         kept = [index for index, name in enumerate(self.names) if name in names]
+        if len(kept) == len(self.names) or not names <= {*self.names}:  # some are given by number
+            return self
         own_names = [self.names[index] for index in kept]
         own_units = [self.units[index] for index in kept]
         return dataclasses.replace(

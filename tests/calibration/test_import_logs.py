@@ -325,7 +325,7 @@ def test_times_without_fractions_of_seconds_are_spread(tmp_path, truth):
 def test_signed_duty_and_one_wire(tmp_path, truth):
     signed = truth.duty[1] - truth.duty[0]
     readings = [*truth.temperature, np.rad2deg(truth.bend)]
-    names = ["t", "u", "T_a", "T_b", "angle"]
+    names = ["t", "u", "T_left", "T_right", "angle"]
     _, (recording,), _ = read(write(tmp_path / "a.csv", names, [truth.time, signed, *readings]))
     check(recording, truth)
     one = Truth(wires=(1,))
@@ -436,6 +436,16 @@ def cases(truth):
         "relay": (names.replace("pwm_right", "relay_2"), [*base[:2], relay, *base[3:]]),
         "dropped": ("time_s pwm_left T_left_C T_right_C bend_deg", base[:2] + base[3:]),
         "mixed units": (names.replace("_C", ""), [*base[:3], 1.8 * base[3] + 32, *base[4:]]),
+        "signed": (
+            "time_s u T1 T2 bend_deg",
+            [truth.time, truth.duty[0] - truth.duty[1], *temperatures, degrees],
+        ),
+        "offset": (names, [*base[:3], temperatures[0] + 40.0, *base[4:]]),
+        "two units": (names, [truth.time, truth.duty[0], counts[1], *base[3:]]),
+        "switch and levels": (
+            names.replace("pwm", "heater"),
+            [truth.time, truth.duty[0], relay, *base[3:]],
+        ),
         "named rad": (names, [*base[:5], truth.bend]),
         "no names": ("", base),
         "single": (names, [single, *base[1:]]),
@@ -457,9 +467,14 @@ def cases(truth):
 @pytest.mark.parametrize(
     ("case", "asked"),
     [
-        ("coil", ""), ("warm", ""), ("no names", ""), ("single", ""), ("ros", ""), ("matlab", ""),
+        ("coil", ""), ("warm", ""), ("single", ""), ("ros", ""), ("matlab", ""),
         ("base", ""), ("control", ""),
         ("things", ""),
+        ("no names", "which wire does column_2 heat.*the sign of column_6"),
+        ("signed", "which wire do negative numbers of u heat"),
+        ("offset", "unit of T_left_C: C, F or K.*unit of T_right_C"),
+        ("two units", "is 0.5 and 128: are they of one unit"),
+        ("switch and levels", "are they of one unit"),
         ("inverted", "looks inverted"),
         ("swapped", "names say T_left_C, but T_right_C warms with pwm_left"),
         ("relay", "relay_2 may be the heat of a wire"),
