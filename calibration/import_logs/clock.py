@@ -55,7 +55,9 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
         score += 0.5 * bool(fractions)
         if unit and score > best_score:
             best_score = score
-            best = TimeColumn(name.text, unit, max(wraps, default=0.0), fraction_text, fraction_unit)
+            best = TimeColumn(
+                name.text, unit, max(wraps, default=0.0), fraction_text, fraction_unit
+            )
     return best
 
 

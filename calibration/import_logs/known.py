@@ -94,9 +94,12 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
     if share < 1:
         return BendColumns(sensor), "no sensor, and too few tags; give its column"
     bend = BendColumns(line=[*own[0], *own[-1]], measures=CHORD)
-    said = f"of the chord from the tag of {own[0][0]} to the tag of {own[-1][0]}, from the direction"
+    said = (
+        f"of the chord from the tag of {own[0][0]} to the tag of {own[-1][0]}, from the direction"
+    )
     if first:
-        bend.base_line = sum(points[max(0, first - 2) : first + 1], [])
+        before = points[max(0, first - 2) : first + 1]
+        bend.base_line = [axis for point in before for axis in point]
         return bend, f"{said} of the limb before it"
     bend.zero = base_direction([[table.numbers(axis) for axis in point] for point in own])
     return bend, f"{said} of the base in the picture, bend.zero"

@@ -241,7 +241,9 @@ class Columns:
         self.duties = sorted(chosen, key=lambda c: words.place_of_label(c.name.label))
         signed = [c for c in self.duties if len(c.shown) and c.shown.min() < 0]
         if not self.duties:
-            text = "no column seems to be a duty, which is 0 while wires are off: give each wire's, "
+            text = (
+                "no column seems to be a duty, which is 0 while wires are off: give each wire's, "
+            )
             text += "'' for a wire that was not heated, or join the file of the heaters"
             self.ask("wires[0].duty", text, [c.text for c in self.columns if c.looks_like_heat])
             self.wires = [WireColumns(name, OPEN) for name in self.known_wires]
@@ -358,13 +360,14 @@ class Columns:
         open_wires = []
         for index, wire in enumerate(self.wires):
             named = self._of_its_name(index)
-            warmed = None if found[index] is None else self.temperatures[found[index]]
+            sensor = found[index]
+            warmed = None if sensor is None else self.temperatures[sensor]
             if len(named) == 1 and warmed in (None, named[0]):
                 self._set_temperature(wire, named[0], "by its name")
                 left.remove(named[0])
             elif named:
                 why = f"several have the name of {wire.name}"
-                if len(named) == 1:
+                if len(named) == 1 and warmed:
                     why = f"names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
                 choices = [*named, *([warmed] if warmed else [])]
                 self._ask_temperature(index, choices, why, True)
@@ -499,7 +502,9 @@ class Columns:
             is_alike = 0.9 < column.span / first.span < 1.1
             if not is_alike or abs(correlation(first.means, column.means)) < SAME:
                 texts = [c.text for c in rated]
-                hint = "" if self.axes == 2 else " Describe a limb that bends about two axes with -l"
+                hint = (
+                    "" if self.axes == 2 else " Describe a limb that bends about two axes with -l"
+                )
                 text = f"which is the bend, {_list(rated)}? Each may be.{hint}"
                 self.ask("bend.column", text, texts)
                 return BendColumns(OPEN)
@@ -534,9 +539,7 @@ class Columns:
         choices = [f"[{', '.join(c.text for c in (*pair, *tip))}]" for pair in points[:-1]]
         text = "which point is the limb's base, and which its tip? Give x and y of the base, then "
         self.ask("bend.line", text + "x and y of the tip", choices)
-        return BendColumns(
-            line=[OPEN, OPEN, *(c.text for c in tip)], measures=mapping.CHORD
-        )
+        return BendColumns(line=[OPEN, OPEN, *(c.text for c in tip)], measures=mapping.CHORD)
 
     def _bend_in_space(self, columns: list[Column]) -> BendColumns:
         """Return the bends towards E2 and E3, which are called x and y, or 1 and 2."""
@@ -606,8 +609,11 @@ class Columns:
         votes = bend_votes(self.steps, self.heats[: len(wires)], warmth, bends, levers)[heated]
         sign = float(np.sign(votes.sum()))
         if not (sign * votes > MARGIN).all():
-            text = f"the sign of {' and '.join(bend.columns)}: names and heat do not tell that each wire bends the "
-            text += "limb to its side; negative if the right wire bends it to where numbers fall"
+            text = (
+                f"the sign of {' and '.join(bend.columns)}: names and heat do not tell that each "
+            )
+            text += "wire bends the limb to its side; negative if the right wire bends it to where "
+            text += "numbers fall"
             self.ask("bend.scale", text, [f"{bend.scale:g}", f"{-bend.scale:g}"])
             bend.scale = 0.0
         else:

@@ -3,6 +3,7 @@
 import codecs
 import csv
 import dataclasses
+import io
 import itertools
 import re
 from collections import Counter
@@ -76,9 +77,7 @@ class LogTable:
             return self
         own_names = [self.names[index] for index in kept]
         own_units = [self.units[index] for index in kept]
-        return dataclasses.replace(
-            self, names=own_names, units=own_units, values=self.values[kept]
-        )
+        return dataclasses.replace(self, names=own_names, units=own_units, values=self.values[kept])
 
     def rows(self, which: np.ndarray | slice) -> "LogTable":
         """Return the table with some of its rows, or with its rows in another order."""
@@ -122,7 +121,8 @@ class _Form:
             return form
         scores = {}
         for mark in [decimal] if decimal else [".", ","]:
-            scores[mark] = np.mean([_is_written(cell, mark) for cell in cells]) * count / len(lines)
+            share = sum(_is_written(cell, mark) for cell in cells) / len(cells)
+            scores[mark] = share * count / len(lines)
         mark = max(scores, key=lambda mark: scores[mark])
         return dataclasses.replace(
             form, decimal=mark, rows=tuple(rows), width=width, score=scores[mark]
@@ -154,7 +154,9 @@ class _Form:
         # Read lines of numbers and nothing else at once.
         if not (self.stamped or self.labels or any(is_date)) and self.decimal == ".":
             try:
-                found = np.loadtxt(lines, comments=None, delimiter=DELIMITERS[self.delimiter], ndmin=2)
+                found = np.loadtxt(
+                    lines, comments=None, delimiter=DELIMITERS[self.delimiter], ndmin=2
+                )
             except ValueError:
                 found = np.empty((0, 0))
             if found.shape[1] == self.width:
@@ -297,12 +299,13 @@ def _blocks(path: Path, encoding: str) -> Iterator[list[str]]:
     """Yield the lines of a log in blocks."""
     size = round(path.stat().st_size / 1e6, 1)
     with (
-        path.open(encoding=encoding, errors="replace") as file,
+        path.open("rb") as raw,
+        io.TextIOWrapper(raw, encoding, errors="replace") as file,
         Progress(f"reading {path.name}", size, "MB") as progress,
     ):
         while lines := file.readlines(BLOCK):
             yield lines
-            progress.update(file.buffer.tell() / 1e6)
+            progress.update(raw.tell() / 1e6)
 
 
 def _head(lines: list[str], form: _Form, names_line: int, path: str | Path) -> list[list[str]]:
@@ -329,7 +332,9 @@ def _names_line(head: list[list[str]], width: int) -> int:
         for line in range(len(head), 0, -1):
             row = head[line - 1]
             full = [cell for cell in row if cell]
-            num_units = sum(cell.strip(" []()-1") == "" or bool(known_unit(cell)[0]) for cell in row)
+            num_units = sum(
+                cell.strip(" []()-1") == "" or bool(known_unit(cell)[0]) for cell in row
+            )
             has_names_above = line > 1 and len(head[line - 2]) == len(row)
             is_of_units = num_units >= (0.5 if has_names_above else 1.0) * len(row)
             num_names = sum(map(is_name, full))

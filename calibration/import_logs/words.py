@@ -23,7 +23,19 @@ _DATA = yaml.safe_load(Path(__file__).with_name("dictionary.yaml").read_text(enc
 WORDS: dict[str, list[str]] = {
     key: words.split() for key, words in (_DATA["words"] | _DATA["quantities"]).items()
 }
-_NAME_WORDS = ("in", "min", "rh", "a", "g", "s", "m", "h", "d", "n", "j")  # no units at a name's end
+_NAME_WORDS = (
+    "in",
+    "min",
+    "rh",
+    "a",
+    "g",
+    "s",
+    "m",
+    "h",
+    "d",
+    "n",
+    "j",
+)
 _PER_SECOND = re.compile(r"(?<![a-z])(deg|rad|°|mm|m|c|k)[_ ]?(per|p|/|_)_?s(ec)?\b")
 _PARTS = re.compile(r"[A-ZÄÖÜ]?[a-zäöüßéèê]+|[A-ZÄÖÜ]+(?![a-zäöüé])|\d+|%|[^\x00-ɏ]+")
 
@@ -163,7 +175,9 @@ class Name:
         quantity = quantity or _quantity(text, words, known)
         measured = not known.has("not measured", words)
         role = _role(bare, words, quantity, known) if measured else ""
-        ranks = [known.words[role].index(w) for w in words if w in known.words[role]] if role else []
+        ranks = (
+            [known.words[role].index(w) for w in words if w in known.words[role]] if role else []
+        )
         if not unit:  # words may say the unit of the time or of temperatures
             by_words = [known_unit(w) for w in words if len(w) > 1 or len(words) == 1]
             wanted = {BEND: "angle", TEMPERATURE: TEMPERATURE}.get(role, TIME)

@@ -358,7 +358,10 @@ def rows(names, form):
         (b"", "no rows of numbers"),
         (b"# limb recording, format 3\n", "is no log, but a recording of soft-limb"),
         (b"time,duty\n", "no rows of numbers"),
-        (rows("time,duty,bend", "{0},{1},0") + b"\n1,2," + b"x" * 200_000, "no column seems to be the b"),
+        (
+            rows("time,duty,bend", "{0},{1},0") + b"\n1,2," + b"x" * 200_000,
+            "no column seems to be the b",
+        ),
         (rows("time,duty", "{0},{1},{2}"), "has 2 names in line 1, but 3 cells"),
         (b"x" * 10_000_000, "no rows of numbers"),
         (rows("time,duty,bend", "{0},{1},0"), "no column seems to be the bend"),
@@ -494,6 +497,30 @@ def test_forms_of_practitioners_are_right_or_asked_about(tmp_path, truth, cases,
     if recordings and case not in ("warm", "single"):
         check(recordings[0], truth, tolerance_deg=0.3)
         assert recordings[0].sample_rate == 10.0
+
+
+@pytest.mark.parametrize(
+    ("case", "answers"),
+    [
+        ("no names", {"wires[0].name": "left", "wires[1].name": "right", "bend.scale": "1"}),
+        ("signed", {"wires[0].name": "right", "wires[1].name": "left", "bend.scale": "1"}),
+        ("inverted", {"full": "255", "inverted": "true", "bend.scale": "1"}),
+        ("swapped", {"wires[0].temperature": "T_right_C", "wires[1].temperature": "T_left_C"}),
+        ("frames", {"rate": "10"}),
+        ("named rad", {"bend.scale": "57.29578"}),
+    ],
+)
+def test_an_answered_mapping_is_read(tmp_path, truth, cases, case, answers, capsys):
+    """Each question has its field in the mapping that is written, and answers are enough."""
+    names, columns = cases[case]
+    path = write(tmp_path / "log.csv", names.split(), columns, form="{:.13g}")
+    words = ["import", str(path), "-o", str(tmp_path / "out")]
+    assert main(words) == 2
+    mapping = tmp_path / "out" / "log.mapping.yaml"
+    assert all(f"#     {field}" in mapping.read_text() for field in answers if field != "inverted")
+    LogMapping.load(mapping).with_answers(answers).save(mapping)
+    assert main([*words, "--mapping", str(mapping)]) == 0, capsys.readouterr()
+    check(Recording.load(tmp_path / "out" / "log.csv"), truth, tolerance_deg=0.3)
 
 
 HEAD = "pwm_left,pwm_right,T_left,T_right,bend_deg"
