@@ -12,36 +12,35 @@ import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
 
-from controllers.plan_controller import within_total
+from controllers.plan_controller import limit_total_duty
 from controllers.reduced_model import ReducedModel
 from limb_systems import Trajectory
 from limb_systems.kinematics import bend_angle, joint_angles_from_bend_angle
 from limb_systems.low_pass import low_pass
 from limb_systems.plan_band import temperature_margin
-from planners.transcription.sequential_convex import descend, first_that_reduces
+from planners.transcription.sequential_convex import backtracking_step, descend
 
-ROUNDING = 1e-9  # s, of knots and nodes at the same time
-STEPS = 2  # of the model, from a node to the next
-NODES_APART = 0.2  # s, about
+TIME_ROUNDING = 1e-9  # s, of knots and nodes at the same time
+STEPS_PER_NODE = 2  # of the model, from a node to the next
+NODE_SPACING = 0.2  # s, about
 READING_MARGIN = 5.0  # °C, of what is expected below the reading at which a board switches off
 LEVEL_COST, CHANGE_COST = 0.3, 1.0  # of a duty, and of its change between nodes: (1°)²
-NEAR = 1.0  # degrees, within which a distance costs its square, and beyond in proportion
+HUBER_WIDTH = 1.0  # degrees, within which a distance costs its square, and beyond in proportion
 EXCESS_COST = 300.0  # (1°)²/°C beyond a temperature bound at a node; more than tracking pays
-TANGENTS = 5  # at most
-ANOTHER_DUTY = 0.02  # at a node, by which a duty is not that of a correction
-LITTLE = 0.01  # relative; a tangent that reduces the cost by less is the last
+MAX_TANGENTS = 5  # at most
+MIN_DUTY_CHANGE = 0.02  # at a node, by which a duty is not that of a correction
+MIN_COST_REDUCTION = 0.01  # relative; a tangent that reduces the cost by less is the last
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Errors:
+class Residuals:
     """The residuals of the model at the M + 1 nodes: what a limb does beyond it.
 
     - ``bend_angle``: residual of φ (M + 1, F), rad.
     - ``wire_temperature``, ``measured_temperature``: residuals of T and V (M + 1, W), °C.
     - ``about``: the correction under which the residuals are known (M + 1, W).
-    - ``gains``: changes of each bend over those of the model, as the duty of each wire changes from
-      there (F, W).
-    - ``doubt``: share of `DutyCorrection.changes` that is wrong at random (F,).
+    - ``gains``: response of each bend to the duty of each wire, relative to the model (F, W).
+    - ``doubt``: share of `DutyCorrection.bend_changes` that is wrong at random (F,).
     """
 
     bend_angle: np.ndarray
@@ -80,12 +79,12 @@ class DutyCorrection:
 
     def __init__(self, trajectory: Trajectory):
         self.plan = plan = trajectory.since_start()
-        num_nodes = max(2, round(plan.duration / NODES_APART)) + 1
+        num_nodes = max(2, round(plan.duration / NODE_SPACING)) + 1
         self.nodes = np.linspace(0.0, plan.duration, num_nodes)
-        period = plan.duration / (STEPS * (num_nodes - 1))
+        period = plan.duration / (STEPS_PER_NODE * (num_nodes - 1))
         self.model = ReducedModel(plan.model, period)
         self.layout = plan.model.layout
-        self.middles = (np.arange(STEPS * (num_nodes - 1)) + 0.5) * period
+        self.middles = (np.arange(STEPS_PER_NODE * (num_nodes - 1)) + 0.5) * period
         # Share of each node in the correction of each step (L, M + 1).
         self._shares = np.array(
             [np.interp(self.middles, self.nodes, o) for o in np.eye(num_nodes)]
@@ -105,10 +104,10 @@ class DutyCorrection:
     def duty_trajectory(self, correction: np.ndarray) -> PiecewisePolynomial:
         """Return the corrected duty since the plan's start, in [0, 1] and within the total duty."""
         times = np.union1d(self.plan.time, self.nodes)
-        times = times[np.append(True, np.diff(times) > ROUNDING)]
+        times = times[np.append(True, np.diff(times) > TIME_ROUNDING)]
         duty = self.plan.duty_trajectory().vector_values(times)
         duty = duty + [np.interp(times, self.nodes, column) for column in correction.T]
-        duty = within_total(np.clip(duty, 0.0, 1.0), self.plan.parameters.total_duty)
+        duty = limit_total_duty(np.clip(duty, 0.0, 1.0), self.plan.parameters.total_duty)
         return PiecewisePolynomial.FirstOrderHold(times, duty)
 
     def start(self, readings: np.ndarray | None = None) -> np.ndarray:
@@ -121,7 +120,7 @@ class DutyCorrection:
 
     def rollout(self, start: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Heat at the nodes (M + 1, H) under duty (L, W) of the model's steps."""
-        return self.model.rollout(start, duty)[::STEPS]
+        return self.model.rollout(start, duty)[::STEPS_PER_NODE]
 
     def steps(self, correction: np.ndarray) -> np.ndarray:
         """The corrected duty of the model's steps (L, W)."""
@@ -136,12 +135,14 @@ class DutyCorrection:
         """
         shares = self._shares.T
         changed = shares @ (duty - self.steps(correction)) / shares.sum(axis=1, keepdims=True)
-        return correction + np.where(np.abs(changed) > ANOTHER_DUTY, changed, 0.0)
+        return correction + np.where(np.abs(changed) > MIN_DUTY_CHANGE, changed, 0.0)
 
-    def corrected(self, correction: np.ndarray, start: np.ndarray, errors: Errors) -> Trajectory:
+    def corrected_plan(
+        self, correction: np.ndarray, start: np.ndarray, errors: Residuals
+    ) -> Trajectory:
         """Return the plan with corrected duty, and the motion that is expected of the limb."""
         plan, predicted = self.plan, self._predict(correction, start, errors)
-        heat = predicted.heat[::STEPS]
+        heat = predicted.heat[::STEPS_PER_NODE]
         angles = self.model.joint_angles(heat).T
         missed = (
             self.reference.T - np.deg2rad(predicted.missed.T) - bend_angle(plan.parameters, angles)
@@ -178,11 +179,11 @@ class DutyCorrection:
         lags = []
         for row, wire in zip(by_heat[-W:], range(W), strict=True):
             shown = low_pass(self._shares, row[wire - W], row[wire], axis=0)
-            lags.append(np.pad(shown, ((1, 0), (0, 0)))[::STEPS])
+            lags.append(np.pad(shown, ((1, 0), (0, 0)))[::STEPS_PER_NODE])
         return np.array(lags)
 
     def improve(
-        self, correction: np.ndarray, start: np.ndarray, errors: Errors, cooler: float = 0.0
+        self, correction: np.ndarray, start: np.ndarray, errors: Residuals, cooler: float = 0.0
     ) -> np.ndarray:
         """Return a correction (M + 1, W) of less cost, or the given one if none is found.
 
@@ -196,26 +197,30 @@ class DutyCorrection:
             return self._cost(tried, self._predict(tried, start, errors), errors, cooler)
 
         def solve(tried: np.ndarray) -> np.ndarray | None:
-            return self._solve(tried, self._predict(tried, start, errors), errors, cooler)
+            return self._solve_program(tried, self._predict(tried, start, errors), errors, cooler)
 
-        step = first_that_reduces((1.0, 0.5, 0.25, 0.1), cost_of)
-        return descend(correction, cost_of(correction), solve, step, TANGENTS, LITTLE)[0]
+        step = backtracking_step((1.0, 0.5, 0.25, 0.1), cost_of)
+        return descend(
+            correction, cost_of(correction), solve, step, MAX_TANGENTS, MIN_COST_REDUCTION
+        )[0]
 
     def expected_bend(
-        self, correction: np.ndarray, start: np.ndarray, errors: Errors
+        self, correction: np.ndarray, start: np.ndarray, errors: Residuals
     ) -> np.ndarray:
         """φ of the limb at the nodes (M + 1, F), rad, under a correction."""
         return self.reference - np.deg2rad(self._predict(correction, start, errors).missed)
 
-    def _predict(self, correction: np.ndarray, start: np.ndarray, errors: Errors) -> "_Prediction":
+    def _predict(
+        self, correction: np.ndarray, start: np.ndarray, errors: Residuals
+    ) -> "_Prediction":
         duty = self.steps(correction)
-        heat, changes = self._one_by_one(start, self.steps(errors.about), duty)
-        bend = self.model.bend_angle(heat[::STEPS]) + errors.bend_angle
-        bend = bend + ((errors.gains - 1) * changes).sum(axis=-1)
-        unsure = errors.doubt[:, np.newaxis] * errors.gains * changes
+        heat, bend_changes = self._change_wires_in_turn(start, self.steps(errors.about), duty)
+        bend = self.model.bend_angle(heat[::STEPS_PER_NODE]) + errors.bend_angle
+        bend = bend + ((errors.gains - 1) * bend_changes).sum(axis=-1)
+        unsure = errors.doubt[:, np.newaxis] * errors.gains * bend_changes
         return _Prediction(duty, heat, np.rad2deg(self.reference - bend), np.rad2deg(unsure))
 
-    def changes(self, start: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    def bend_changes(self, start: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """Changes of the model's φ as the duty of one wire after the other changes, rad.
 
         Args:
@@ -225,23 +230,25 @@ class DutyCorrection:
         Returns:
             (M + 1, ..., F, W).
         """
-        return self._one_by_one(start, before, after)[1]
+        return self._change_wires_in_turn(start, before, after)[1]
 
-    def _one_by_one(
+    def _change_wires_in_turn(
         self, start: np.ndarray, before: np.ndarray, after: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Heat under the duty after, at the model's steps (L + 1, ..., H), and `changes`."""
+        """Heat under the duty after, at the model's steps (L + 1, ..., H), and `bend_changes`."""
         W = before.shape[1]
         before = np.broadcast_to(before.reshape(-1, *[1] * (after.ndim - 2), W), after.shape)
         one = np.eye(W, dtype=bool)
         some = np.where(one, after[..., np.newaxis, :], before[..., np.newaxis, :])
         duty = np.concatenate([some, before[..., np.newaxis, :], after[..., np.newaxis, :]], -2)
         heat = self.model.rollout(np.broadcast_to(start, (*duty.shape[1:-1], len(start))), duty)
-        bend = self.model.bend_angle(heat[::STEPS, ..., :-1, :])  # (M + 1, ..., W + 1, F)
-        changes = bend[..., :W, :] - bend[..., W:, :]
-        return heat[..., -1, :], np.swapaxes(changes, -1, -2)
+        bend = self.model.bend_angle(heat[::STEPS_PER_NODE, ..., :-1, :])  # (M + 1, ..., W + 1, F)
+        bend_changes = bend[..., :W, :] - bend[..., W:, :]
+        return heat[..., -1, :], np.swapaxes(bend_changes, -1, -2)
 
-    def _bounds(self, errors: Errors, cooler: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _bounds(
+        self, errors: Residuals, cooler: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Bounds of the model's T, from below and above, and of its V, at the nodes (M + 1, W)."""
         limits = self.plan.parameters.temperature_limits
         highest = limits.measured_maximum - READING_MARGIN - cooler
@@ -249,26 +256,28 @@ class DutyCorrection:
         coolest = self._coolest[:, np.newaxis] - errors.wire_temperature
         return np.minimum(coolest, hottest), hottest, highest - errors.measured_temperature
 
-    def _squares(self, predicted: "_Prediction") -> np.ndarray:
+    def _expected_squares(self, predicted: "_Prediction") -> np.ndarray:
         """Expected squares of the distances from the reference (S, M + 1), degrees squared."""
         parts = np.dstack([predicted.missed, *np.moveaxis(predicted.unsure, -1, 0)])
         return (self.layout.distances(np.swapaxes(parts, 0, 1)) ** 2).sum(axis=-1)
 
-    def _cost(self, correction, predicted: "_Prediction", errors: Errors, cooler: float) -> float:
-        heat = predicted.heat[::STEPS]
+    def _cost(
+        self, correction, predicted: "_Prediction", errors: Residuals, cooler: float
+    ) -> float:
+        heat = predicted.heat[::STEPS_PER_NODE]
         coolest, hottest, highest = self._bounds(errors, cooler)
         T, V = self.model.temperatures(heat), self.model.readings(heat)
         excess = np.maximum(0.0, np.maximum.reduce([T - hottest, coolest - T, V - highest]))
-        far = np.sqrt(NEAR**2 + self._squares(predicted)) - NEAR
+        far = np.sqrt(HUBER_WIDTH**2 + self._expected_squares(predicted)) - HUBER_WIDTH
         return float(
-            2 * NEAR * far.sum()
+            2 * HUBER_WIDTH * far.sum()
             + LEVEL_COST * (correction**2).sum()
             + CHANGE_COST * (np.diff(correction, axis=0) ** 2).sum()
             + EXCESS_COST * excess[1:].sum()
         )
 
-    def _solve(
-        self, correction, predicted: "_Prediction", errors: Errors, cooler: float
+    def _solve_program(
+        self, correction, predicted: "_Prediction", errors: Residuals, cooler: float
     ) -> np.ndarray | None:
         """Return the best correction for the model linearized along the rollout of this one."""
         model, missed, unsure = self.model, predicted.missed, predicted.unsure
@@ -294,7 +303,7 @@ class DutyCorrection:
         prog.AddBoundingBoxConstraint(nothing, nothing, x[0])
         A, B = by_heat * scales / scales[:, None], by_duty / scales[:, None]
         for step in range(L):
-            k = step // STEPS
+            k = step // STEPS_PER_NODE
             ends = slice(k, k + 2)  # nodes between which the correction is linear
             by_ends = np.hstack([share * B[step] for share in self._shares[step, ends]])
             prog.AddLinearEqualityConstraint(
@@ -303,8 +312,8 @@ class DutyCorrection:
                 np.concatenate([x[step], c[ends].ravel(), x[step + 1]]),
             )
 
-        heat, x = predicted.heat[::STEPS][1:], x[::STEPS][1:]
-        # Shares of wires in the changes of a state: of one wire, or of all whose duty changes it.
+        heat, x = predicted.heat[::STEPS_PER_NODE][1:], x[::STEPS_PER_NODE][1:]
+        # Shares of the wires in the changes of a state: of one wire, or of all that heat it.
         heated_by = (np.abs(by_heat[1:] @ by_duty[:-1]).max(axis=0) > 0).astype(float)  # (H, W)
         heated_by /= np.maximum(heated_by.sum(axis=1, keepdims=True), 1.0)
         slopes = np.rad2deg(model.bend_slopes(heat)[1]) * scales
@@ -313,7 +322,9 @@ class DutyCorrection:
         rows = np.concatenate([of_wires.sum(axis=2), doubted.reshape(M, -1, H)], axis=1)
         wanted = np.hstack([missed[1:], -unsure[1:].reshape(M, -1)])
         # The squares whose cost touches that of the distances from above, where they are now.
-        weights = 1 / np.sqrt(1 + self._squares(predicted)[:, 1:].T / NEAR**2)  # (M, S)
+        weights = 1 / np.sqrt(
+            1 + self._expected_squares(predicted)[:, 1:].T / HUBER_WIDTH**2
+        )  # (M, S)
         weights = weights[:, self.layout.bend_segment]
         weights = np.hstack([weights, np.repeat(weights, W, axis=1)])
         of_T, of_V = np.diag(scales)[:W], np.diag(scales)[-W:]

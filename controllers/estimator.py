@@ -24,20 +24,20 @@ from limb_systems import LimbModel, LimbParameters, Recording
 from limb_systems.drake_python import weak_method
 from limb_systems.simulation import PERIOD
 
-AHEAD = (0.25, 0.5, 0.75, 1.0)  # s, at which the observer predicts temperatures
+PREDICTION_TIMES = (0.25, 0.5, 0.75, 1.0)  # s, at which the observer predicts temperatures
 
-GATE = 5.0  # standard deviations, beyond which a reading is not believed
-LARGEST_OFFSET = np.deg2rad(20.0)  # rad, of p and d; a bend further from the model is not believed
+GATE_DEVIATIONS = 5.0  # standard deviations, beyond which a reading is not believed
+MAX_OFFSET = np.deg2rad(20.0)  # rad, of p and d; a bend further from the model is not believed
 # s, after which what is read to be equal to the last bit is not believed, of bend sensors and of
 # thermocouples, whose steps are coarse. A wire at rest may be read so: then nothing is lost.
 STUCK_TIME, STUCK_READING_TIME = 0.5, 2.0
 STUCK_CHANGE = 5.0  # °C, by which a wire warms or cools while its reading is equal to the last bit
 # °C, by which no wire's reading changes from one to the next, as boards have it. One that is too
 # hot since it rose so is believed after so many s; that it was is forgotten within so many s.
-LARGEST_JUMP, WAITING_TIME, RAISED_TIME = 10.0, 3.0, 30.0
+MAX_JUMP, WAITING_TIME, RAISED_TIME = 10.0, 3.0, 30.0
 # s, after which p and d are forgotten if the bend reads otherwise: what bent the limb, or a fault
 # of the sensor that they came from, has gone; but not while it jumps by so much, rad.
-FORGET_TIME, JUMP = 0.5, np.deg2rad(5.0)
+FORGET_TIME, FORGET_MAX_JUMP = 0.5, np.deg2rad(5.0)
 
 # The noise of thermocouples with steps of 0.25 °C that are read at 10 Hz and used at 20 Hz.
 READING_NOISE = 0.4  # °C
@@ -54,13 +54,13 @@ UNKNOWN_BEND_ERROR, RESIDUAL_PATH, RESIDUAL_TIME = np.deg2rad(1.0), np.deg2rad(2
 HEATING_RATE, HEATING_TIME = 1.0, 15.0  # °C/s and s, of q
 DRIFT_TIME = 120.0  # s, in which the correlation of d falls to 1/e
 # rad, of p where the rest angle is not known, or bent by more than so many standard deviations.
-INITIAL_BEND, UNLOADED = np.deg2rad(3.0), 2.0
+INITIAL_BEND, UNLOADED_DEVIATIONS = np.deg2rad(3.0), 2.0
 INITIAL_TEMPERATURE = 1.0  # °C
-UNEXPLAINED = 2.0  # standard deviations, by which a bend is read from where the model explains it
+EXPLAINED_DEVIATIONS = 2.0  # standard deviations; a bend that is read farther off is unexplained
 # °C, by which the silicone around a warm wire may be off, and what other states are known to.
-SILICONE = 5.0
+SILICONE_ERROR = 5.0
 
-OF_BENDS = ("drift", "lasting", "residual")  # what a `StateEstimate` has of each bend
+BEND_FIELDS = ("drift", "lasting", "residual")  # what a `StateEstimate` has of each bend
 
 Record = TypeVar("Record")
 
@@ -75,12 +75,12 @@ class StateEstimate:
     - ``lasting``: p (F), rad.
     - ``residual``: r (F), rad.
     - ``covariance``: covariance of the five above, in this order (M, M).
-    - ``unbelieved``: time since each thermocouple and bend was last believed (W + F), s.
-    - ``alike``: time since each reading last changed (W + F), s.
-    - ``unshown``: change of each wire's temperature since its reading changed (W), °C.
-    - ``raised``: recent rise of the estimate to readings that were too hot (W), °C.
-    - ``hotter``: excess of readings that are too hot and not believed yet (W), °C.
-    - ``last``: last readings (W + F), °C and rad.
+    - ``unbelieved_time``: time since each thermocouple and bend was last believed (W + F), s.
+    - ``unchanged_time``: time since each reading last changed (W + F), s.
+    - ``unread_change``: change of each wire's temperature since its reading changed (W), °C.
+    - ``recent_rise``: recent rise of the estimate to readings that were too hot (W), °C.
+    - ``reading_excess``: excess of readings that are too hot and not believed yet (W), °C.
+    - ``last_readings``: last readings (W + F), °C and rad.
     """
 
     heat: np.ndarray
@@ -89,12 +89,12 @@ class StateEstimate:
     lasting: np.ndarray
     residual: np.ndarray
     covariance: np.ndarray
-    unbelieved: np.ndarray
-    alike: np.ndarray
-    unshown: np.ndarray
-    raised: np.ndarray
-    hotter: np.ndarray
-    last: np.ndarray
+    unbelieved_time: np.ndarray
+    unchanged_time: np.ndarray
+    unread_change: np.ndarray
+    recent_rise: np.ndarray
+    reading_excess: np.ndarray
+    last_readings: np.ndarray
 
     @property
     def offset(self) -> np.ndarray:
@@ -102,13 +102,13 @@ class StateEstimate:
         return self.lasting + self.residual
 
 
-def packed(record: Any) -> np.ndarray:
+def pack(record: Any) -> np.ndarray:
     """Return a dataclass of arrays and numbers as one vector, for a system's discrete state."""
     return np.concatenate([np.ravel(value) for value in vars(record).values()])
 
 
-def unpacked(vector: np.ndarray, like: Record) -> Record:
-    """Return the dataclass in a `packed` vector, whose fields have the shapes of ``like``."""
+def unpack(vector: np.ndarray, like: Record) -> Record:
+    """Return the dataclass in a vector of `pack`, whose fields have the shapes of ``like``."""
     shapes = [np.shape(value) for value in vars(like).values()]
     parts = np.split(vector, np.cumsum([math.prod(shape) for shape in shapes])[:-1])
     return type(like)(*map(np.reshape, parts, shapes))
@@ -151,7 +151,7 @@ class Estimator:
         self._decay = means(np.zeros(H), *decays, 1.0, np.exp(-h / RESIDUAL_TIME))
         error = (record and record.bend_error) or UNKNOWN_BEND_ERROR
         self._residual_rate = error**2 / RESIDUAL_PATH  # rad² per rad of bend, to and fro
-        initial = np.where(temperatures, SILICONE, 0.0)
+        initial = np.where(temperatures, SILICONE_ERROR, 0.0)
         initial[:W] = initial[-W:] = INITIAL_TEMPERATURE
         self._initial = means(initial, HEATING_RATE / 2, drift, INITIAL_BEND, 0.0)
         self._others = np.flatnonzero(~temperatures)
@@ -162,8 +162,8 @@ class Estimator:
                 error = record.standard_errors[record.names.index(name)]
                 self._rest_error[layout.bend_direction == direction] = error
         self._heating = model.period * model.heating_rates  # °C per step, by full duty
-        self._like = self.begin(np.full(W, np.nan), np.full(F, np.nan))
-        self.nothing = np.full_like(packed(self._like), np.nan)
+        self._template = self.begin(np.full(W, np.nan), np.full(F, np.nan))
+        self.nothing = np.full_like(pack(self._template), np.nan)
 
     def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
         """Return the estimate for a limb at rest, whose silicone is as warm as its wires.
@@ -180,13 +180,13 @@ class Estimator:
         known = np.where(np.isfinite(readings), readings, self.model.cold[-W:])
         heat = self.model.rested(known)
         initial = self._initial.copy()
-        initial[self._others] = (self.model.rested(known + SILICONE) - heat)[self._others]
+        initial[self._others] = (self.model.rested(known + SILICONE_ERROR) - heat)[self._others]
         lasting = initial[-2 * F : -F]
         lasting[:] = self._rest_error
-        held, C = self._sensing(heat)
+        held, C = self._measurement_model(heat)
         spread = ((C[W:] * initial) ** 2).sum(axis=1) + self._reading_variances[W:]
-        off = np.abs(self._corrected(bend_angle) - held)
-        lasting[off > UNLOADED * np.sqrt(spread)] = INITIAL_BEND
+        off = np.abs(self._without_sensor_errors(bend_angle) - held)
+        lasting[off > UNLOADED_DEVIATIONS * np.sqrt(spread)] = INITIAL_BEND
         return StateEstimate(
             heat,
             np.zeros(W),
@@ -194,15 +194,15 @@ class Estimator:
             np.zeros(F),
             np.zeros(F),
             np.diag(initial**2),
-            unbelieved=np.zeros(W + F),
-            alike=np.zeros(W + F),
-            unshown=np.zeros(W),
-            raised=np.maximum(known - self.model.cold[-W:], 0.0),
-            hotter=np.zeros(W),
-            last=np.concatenate([known, np.nan_to_num(bend_angle)]),
+            unbelieved_time=np.zeros(W + F),
+            unchanged_time=np.zeros(W + F),
+            unread_change=np.zeros(W),
+            recent_rise=np.maximum(known - self.model.cold[-W:], 0.0),
+            reading_excess=np.zeros(W),
+            last_readings=np.concatenate([known, np.nan_to_num(bend_angle)]),
         )
 
-    def loaded(self, heat: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
+    def begin_loaded(self, heat: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
         """Return the estimate for a limb at rest with known heat, which a load bends otherwise.
 
         Args:
@@ -218,49 +218,49 @@ class Estimator:
     def read(
         self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray
     ) -> StateEstimate:
-        """Return the estimate `corrected` by readings, from a packed one; `begin` if it is NaN."""
+        """Return a packed estimate after `correct`, or `begin` if it is NaN."""
         if np.isnan(vector).any():
             return self.begin(readings, bend_angle)
-        return self.corrected(self.unpacked(vector), readings, bend_angle)
+        return self.correct(self.unpack(vector), readings, bend_angle)
 
-    def unpacked(self, vector: np.ndarray) -> StateEstimate:
-        """Return the estimate in a `packed` vector."""
-        return unpacked(vector, self._like)
+    def unpack(self, vector: np.ndarray) -> StateEstimate:
+        """Return the estimate in a vector of `pack`."""
+        return unpack(vector, self._template)
 
-    def corrected(
+    def correct(
         self, estimate: StateEstimate, readings: np.ndarray, bend_angle: np.ndarray
     ) -> StateEstimate:
         """Return the estimate after readings, as for `begin`, as far as they are believed.
 
-        A thermocouple that is hotter than expected is believed beyond the gate, too, as no wire
-        must suffer from a wrong estimate: its wire is so much hotter altogether. If it jumped
-        there, it has to stay first, and is believed when it jumps back.
+        A thermocouple that reads hotter than expected is believed beyond the gate, too, because a
+        wrong estimate must not overheat a wire: its wire is taken to be so much hotter. After a
+        jump, the reading has to stay for a while first. It is believed when it jumps back.
         """
         model, W, F = self.model, self.model.num_wires, self.model.num_bends
         read = np.concatenate([readings, bend_angle])
-        same = read == estimate.last
-        alike = np.where(same, estimate.alike + model.period, 0.0)
-        unshown = np.where(same[:W], estimate.unshown, 0.0)
-        frozen = np.abs(unshown) > STUCK_CHANGE
+        same = read == estimate.last_readings
+        alike = np.where(same, estimate.unchanged_time + model.period, 0.0)
+        unread_change = np.where(same[:W], estimate.unread_change, 0.0)
+        frozen = np.abs(unread_change) > STUCK_CHANGE
         works = np.isfinite(read) & (alike < np.repeat([STUCK_READING_TIME, STUCK_TIME], [W, F]))
         works[:W] &= ~frozen
-        held, C = self._sensing(estimate.heat)
-        bend = self._corrected(bend_angle)
+        held, C = self._measurement_model(estimate.heat)
+        bend = self._without_sensor_errors(bend_angle)
         predicted = held + estimate.offset + estimate.drift
         innovations = np.concatenate([readings - model.readings(estimate.heat), bend - predicted])
         spread = C @ estimate.covariance @ C.T + np.diag(self._reading_variances)
-        gate = GATE * np.sqrt(np.diag(spread))
+        gate = GATE_DEVIATIONS * np.sqrt(np.diag(spread))
         believed = works & (np.abs(innovations) < gate)
-        believed[W:] &= np.abs(bend - held) < LARGEST_OFFSET
-        unbelieved = np.where(believed, 0.0, estimate.unbelieved + model.period)
-        warmer, rise = innovations[:W], readings - estimate.last[:W]
+        believed[W:] &= np.abs(bend - held) < MAX_OFFSET
+        unbelieved_time = np.where(believed, 0.0, estimate.unbelieved_time + model.period)
+        warmer, rise = innovations[:W], readings - estimate.last_readings[:W]
         hot = works[:W] & (warmer >= gate[:W])
-        waits = (rise > LARGEST_JUMP) | (estimate.hotter > 0.0)
-        waits &= hot & (unbelieved[:W] < WAITING_TIME)
-        back = works[:W] & (estimate.raised > LARGEST_JUMP) & (rise < -LARGEST_JUMP)
+        waits = (rise > MAX_JUMP) | (estimate.reading_excess > 0.0)
+        waits &= hot & (unbelieved_time[:W] < WAITING_TIME)
+        back = works[:W] & (estimate.recent_rise > MAX_JUMP) & (rise < -MAX_JUMP)
         moved = (hot & ~waits) | (back & ~believed[:W])
-        raised = np.where(back, 0.0, estimate.raised + np.where(moved, warmer, 0.0))
-        P = estimate.covariance + self._altogether(np.where(moved, warmer, 0.0))
+        recent_rise = np.where(back, 0.0, estimate.recent_rise + np.where(moved, warmer, 0.0))
+        P = estimate.covariance + self._excess_covariance(np.where(moved, warmer, 0.0))
         spread = C @ P @ C.T + np.diag(self._reading_variances)
         used = believed.copy()
         used[:W] |= moved
@@ -276,34 +276,34 @@ class Estimator:
             estimate.lasting + lasting,
             estimate.residual + residual,
             covariance=(P + P.T) / 2,
-            unbelieved=unbelieved,
-            alike=alike,
-            unshown=unshown,
-            raised=np.exp(-model.period / RAISED_TIME) * raised,
-            hotter=np.where(waits, warmer, 0.0),
-            last=np.where(np.isfinite(read), read, estimate.last),
+            unbelieved_time=unbelieved_time,
+            unchanged_time=alike,
+            unread_change=unread_change,
+            recent_rise=np.exp(-model.period / RAISED_TIME) * recent_rise,
+            reading_excess=np.where(waits, warmer, 0.0),
+            last_readings=np.where(np.isfinite(read), read, estimate.last_readings),
         )
-        forget = works[W:] & (unbelieved[W:] > FORGET_TIME)
-        forget &= np.abs(bend_angle - estimate.last[W:]) < JUMP
-        return self._forgetting(corrected, forget) if forget.any() else corrected
+        forget = works[W:] & (unbelieved_time[W:] > FORGET_TIME)
+        forget &= np.abs(bend_angle - estimate.last_readings[W:]) < FORGET_MAX_JUMP
+        return self._forget_bends(corrected, forget) if forget.any() else corrected
 
-    def _altogether(self, warmer: np.ndarray) -> np.ndarray:
+    def _excess_covariance(self, warmer: np.ndarray) -> np.ndarray:
         """Covariance (M, M) of wires that may be so much warmer (W,), °C, and read so."""
         H, W = self.model.size, self.model.num_wires
         together = np.zeros((len(self._decay), W))
         together[:W] = together[H - W : H] = np.diag(warmer)
         return together @ together.T
 
-    def _forgetting(self, estimate: StateEstimate, bends: np.ndarray) -> StateEstimate:
+    def _forget_bends(self, estimate: StateEstimate, bends: np.ndarray) -> StateEstimate:
         """Return the estimate with d, p and r of some bends (F,) forgotten."""
         kept = np.full(len(self._decay), True)
         kept[-3 * len(bends) :] = np.tile(~bends, 3)
         covariance = np.where(np.outer(kept, kept), estimate.covariance, 0.0)
         covariance[np.diag_indices_from(covariance)] += np.where(kept, 0.0, self._initial**2)
-        none = {name: np.where(bends, 0.0, getattr(estimate, name)) for name in OF_BENDS}
+        none = {name: np.where(bends, 0.0, getattr(estimate, name)) for name in BEND_FIELDS}
         return dataclasses.replace(estimate, covariance=covariance, **none)
 
-    def predicted(self, estimate: StateEstimate, duty: np.ndarray) -> StateEstimate:
+    def predict(self, estimate: StateEstimate, duty: np.ndarray) -> StateEstimate:
         """Return the estimate a period later under duty (W,), without new readings."""
         H, W, period = self.model.size, self.model.num_wires, self.model.period
         heat, by_heat, _ = self.model.linearized_step(estimate.heat, duty)
@@ -315,7 +315,7 @@ class Estimator:
         walk[:W] += (HEATING_ERROR * self._heating * duty) ** 2 / period
         walk[-self.model.num_bends :] = self._residual_walk(heat[:W] - estimate.heat[:W])
         P = F @ estimate.covariance @ F.T + np.diag(walk)
-        unshown = estimate.unshown + heat[:W] - estimate.heat[:W]
+        unread_change = estimate.unread_change + heat[:W] - estimate.heat[:W]
         _, rate_left, drift_left, _, residual_left = self._split(self._decay)
         return dataclasses.replace(
             estimate,
@@ -324,7 +324,7 @@ class Estimator:
             drift=drift_left * estimate.drift,
             residual=residual_left * estimate.residual,
             covariance=P,
-            unshown=unshown,
+            unread_change=unread_change,
         )
 
     def _residual_walk(self, change: np.ndarray) -> np.ndarray:
@@ -352,13 +352,13 @@ class Estimator:
         ):
             estimate = self.read(vector, readings, bend)
             off = np.abs(estimate.offset + estimate.drift)
-            beyond = off > UNEXPLAINED * np.sqrt(still + residual)
+            beyond = off > EXPLAINED_DEVIATIONS * np.sqrt(still + residual)
             time = time + self.model.period if beyond.any() else 0.0
             largest = max(largest, off.max()) if time else 0.0
             found = max(found, (time, float(largest)))
-            ahead = self.predicted(estimate, duty)
+            ahead = self.predict(estimate, duty)
             residual = fades * residual + self._residual_walk(ahead.heat[:W] - estimate.heat[:W])
-            vector = packed(ahead)
+            vector = pack(ahead)
         return found
 
     def bend_angle(self, estimate: StateEstimate) -> np.ndarray:
@@ -371,7 +371,7 @@ class Estimator:
         sizes = model.size, model.num_wires, model.num_bends, model.num_bends
         return np.split(means, np.cumsum(sizes))
 
-    def _corrected(self, bend_angle: np.ndarray) -> np.ndarray:
+    def _without_sensor_errors(self, bend_angle: np.ndarray) -> np.ndarray:
         """Bends (F,), rad, as sensors without gain, offset and roll would read them."""
         bends = [
             segment.bend_sensor.unrolled_bends(bend_angle[places])
@@ -379,7 +379,7 @@ class Estimator:
         ]
         return np.concatenate(bends)
 
-    def _sensing(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _measurement_model(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """φ(x) (F,), rad, and derivatives (W + F, M) of readings by all that is estimated."""
         H, W, F = self.model.size, self.model.num_wires, self.model.num_bends
         held, slopes = self.model.bend_slopes(heat)
@@ -424,7 +424,7 @@ class LimbObserver(LeafSystem):
         super().__init__()
         parameters = LimbParameters.of(parameters)
         self._estimator = Estimator(parameters)
-        self._ahead = ReducedModel(parameters, AHEAD[0])
+        self._ahead = ReducedModel(parameters, PREDICTION_TIMES[0])
         model = self._estimator.model
         H, W, F = model.size, model.num_wires, model.num_bends
         self.DeclareVectorInputPort("duty", W)
@@ -438,17 +438,17 @@ class LimbObserver(LeafSystem):
             ("bend_angle", F, self._estimator.bend_angle),
             ("sensor_drift", F, lambda e: e.drift),
             ("torque_disturbance", F, lambda e: e.offset / model.bend_by_torque),
-            ("believed", W + F, lambda e: (e.unbelieved == 0).astype(float)),
+            ("believed", W + F, lambda e: (e.unbelieved_time == 0).astype(float)),
         ):
             self.DeclareVectorOutputPort(
-                name, size, self._shown(calc), {self.discrete_state_ticket(state)}
+                name, size, self._output_calculator(calc), {self.discrete_state_ticket(state)}
             )
         self.DeclareVectorOutputPort(
             "highest_temperature", W, weak_method(self._calc_highest_temperature)
         )
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
 
-    def _shown(self, calc):
+    def _output_calculator(self, calc):
         estimate = weak_method(self._estimate)
         return lambda context, output: output.SetFromVector(calc(estimate(context)))
 
@@ -457,17 +457,17 @@ class LimbObserver(LeafSystem):
         if np.isnan(vector).any():
             readings, bend = (self.get_input_port(index).Eval(context) for index in (1, 2))
             return self._estimator.begin(readings, bend)
-        return self._estimator.unpacked(vector)
+        return self._estimator.unpack(vector)
 
     def _update(self, context, state) -> None:
         duty, readings, bend = (self.get_input_port(index).Eval(context) for index in range(3))
         estimate = self._estimator.read(state.value(0), readings, bend)
-        state.set_value(packed(self._estimator.predicted(estimate, duty)))
+        state.set_value(pack(self._estimator.predict(estimate, duty)))
 
     def _calc_highest_temperature(self, context, output) -> None:
         estimate, duty = self._estimate(context), self.get_input_port(0).Eval(context)
         W, heats = self._ahead.num_wires, [estimate.heat]
-        for _ in AHEAD:
+        for _ in PREDICTION_TIMES:
             heats.append(self._ahead.step(heats[-1], duty))
-            heats[-1][:W] += AHEAD[0] * estimate.heating_rate
+            heats[-1][:W] += PREDICTION_TIMES[0] * estimate.heating_rate
         output.SetFromVector(np.max(heats, axis=0)[:W])

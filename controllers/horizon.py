@@ -36,11 +36,11 @@ from planners.transcription.sequential_convex import descend
 DURATION, KNOT_RATE = 10.0, 5.0  # s, Hz
 ROUNDS = 1  # of linearizing and solving, from a plan before; two are not better, and slower
 FIRST_ROUNDS = 8  # from wires that are off
-SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.1, 0.03])  # of the way to a program's solution
-LITTLE = 1e-3  # relative; a round that reduces the cost by less is the last
+STEP_SIZES = np.array([1.0, 0.7, 0.4, 0.2, 0.1, 0.03])  # of the way to a program's solution
+MIN_COST_REDUCTION = 1e-3  # relative; a round that reduces the cost by less is the last
 # °C, that a wire may be warmer than in the plan of the whole motion; 1/°C, of each knot beyond.
-WARMER, WARMER_WEIGHT = 3.0, 0.03
-COUNTED = (  # fields of a task that a horizon heeds
+EXCESS_TEMPERATURE, EXCESS_TEMPERATURE_WEIGHT = 3.0, 0.03
+TASK_FIELDS = (  # fields of a task that a horizon heeds
     *("angle_weight", "duty_weight", "terminal_factor", "phases", "temperature_weight"),
     *("temperature_margin", "duty_margin"),
 )
@@ -150,13 +150,13 @@ class HorizonPlanner:
         """
         times = time + self._times
         reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
-        warmest = self._warmest(times[1:], bend_offset + residual)
+        warmest = self._temperature_bounds(times[1:], bend_offset + residual)
         bend_offset = bend_offset + self._decay * residual
         warm_up_time = self._limits.warm_up_time - time
-        self._program.aim(reference.T - bend_offset, heat, warm_up_time, warmest)
+        self._program.set_target(reference.T - bend_offset, heat, warm_up_time, warmest)
         duties = [] if previous is None else [previous.duty_at(times[:-1])]
         if self._planned_duty is not None:
-            duties.append(self._in_steps(self._planned_duty, times))
+            duties.append(self._mean_duty(self._planned_duty, times))
         duties = duties or [np.zeros((len(times) - 1, self._model.num_wires))]
 
         def cheapest(duties):
@@ -169,15 +169,15 @@ class HorizonPlanner:
 
         def solve(point):
             duty, heats = point
-            best = self._program.tangent_duty(heats, duty)
+            best = self._program.linearized_best_duty(heats, duty)
             return None if best is None else (best, heats)
 
         def step(point, best, _):
-            return cheapest(point[0] + SHARES[:, None, None] * (best[0] - point[0]))
+            return cheapest(point[0] + STEP_SIZES[:, None, None] * (best[0] - point[0]))
 
         point, cost = cheapest(np.array(duties))
         rounds = FIRST_ROUNDS if previous is None else ROUNDS
-        (duty, heats), cost, success = descend(point, cost, solve, step, rounds, LITTLE)
+        (duty, heats), cost, success = descend(point, cost, solve, step, rounds, MIN_COST_REDUCTION)
         return HorizonPlan(
             time=times,
             duty=duty,
@@ -187,28 +187,30 @@ class HorizonPlanner:
             success=success,
         )
 
-    def beginning_of(self, trajectory: Trajectory) -> HorizonPlan:
+    def first_horizon(self, trajectory: Trajectory) -> HorizonPlan:
         """Return the first horizon of a `Planner`'s plan that starts at time 0."""
         knots = np.minimum(self._times, trajectory.duration)
         heat = trajectory.state[2 * trajectory.parameters.num_joints :]
         return HorizonPlan(
             time=self._times,
-            duty=self._in_steps(trajectory.duty_trajectory(), self._times),
+            duty=self._mean_duty(trajectory.duty_trajectory(), self._times),
             heat=np.column_stack([np.interp(knots, trajectory.time, row) for row in heat]),
             bend_angle=trajectory.bend_angle_at(knots).T,
             cost=np.nan,
             success=True,
         )
 
-    def _warmest(self, times: np.ndarray, bend_offset: np.ndarray) -> np.ndarray:
+    def _temperature_bounds(self, times: np.ndarray, bend_offset: np.ndarray) -> np.ndarray:
         """The temperatures (K, W), °C, beyond which heat costs, at times of the reference, s."""
         if self._planned is None or self._planned_temperature is None:
             return np.full((len(times), self._model.num_wires), np.inf)
         held, at = self._model.temperature_to_hold(bend_offset), self._planned.time
         rows = self._planned_temperature
-        return WARMER + held + np.column_stack([np.interp(times, at, row) for row in rows])
+        return (
+            EXCESS_TEMPERATURE + held + np.column_stack([np.interp(times, at, row) for row in rows])
+        )
 
-    def _in_steps(self, duty: trajectories.Trajectory, times: np.ndarray) -> np.ndarray:
+    def _mean_duty(self, duty: trajectories.Trajectory, times: np.ndarray) -> np.ndarray:
         """Duty of a plan in the steps (K, W) between knots at some times (K + 1,), s."""
         middles = np.minimum(times[:-1] + 0.5 * self._model.period, duty.end_time())
         return duty.vector_values(middles).T
@@ -228,7 +230,7 @@ class HorizonProgram(QuasiStaticProgram):
 
     def __init__(self, model: ReducedModel, times: np.ndarray, task: Task):
         self._model = model
-        counted = {name: getattr(task, name) for name in COUNTED}
+        counted = {name: getattr(task, name) for name in TASK_FIELDS}
         super().__init__(
             model.limb,
             times,
@@ -238,12 +240,14 @@ class HorizonProgram(QuasiStaticProgram):
         )
         T = self.prog.decision_variables()[self.heat[1:, : model.num_wires]].ravel()
         free = np.full(len(T), np.inf)
-        self._warmest = add_soft_bounds(self.prog, T, None, free, WARMER_WEIGHT)
+        self._temperature_bounds = add_soft_bounds(
+            self.prog, T, None, free, EXCESS_TEMPERATURE_WEIGHT
+        )
         self._soft_bounds = [
-            (b, self.indices(b.variables())) for b in (self._warm_up, self._warmest)
+            (b, self.indices(b.variables())) for b in (self._warm_up, self._temperature_bounds)
         ]
 
-    def aim(
+    def set_target(
         self, target: np.ndarray, heat: np.ndarray, warm_up_time: float, warmest: np.ndarray
     ) -> None:
         """Set the values that change from plan to plan.
@@ -255,11 +259,11 @@ class HorizonProgram(QuasiStaticProgram):
             warmest: temperatures beyond which heat costs, at the knots but the first (K, W), °C.
         """
         self.update(target.T, heat, warm_up_time)
-        self._warmest.evaluator().UpdateUpperBound(warmest.ravel())
+        self._temperature_bounds.evaluator().UpdateUpperBound(warmest.ravel())
 
-    def tangent_duty(self, heats: np.ndarray, duty: np.ndarray) -> np.ndarray | None:
+    def linearized_best_duty(self, heats: np.ndarray, duty: np.ndarray) -> np.ndarray | None:
         """The best duty (K, W) for the model linearized along heats (K + 1, H) and duty (K, W)."""
-        found = self.tangent_solution(self._points(heats[:, None], duty[None])[:, 0])
+        found = self.solve_linearized(self._points(heats[:, None], duty[None])[:, 0])
         if found is None:
             return None
         return np.clip(found[self.duty[:-1]], 0.0, 1.0 - self.task.duty_margin)

@@ -1,6 +1,6 @@
 """Learning over repetitions: the duty that brings a limb to the reference of its plan.
 
-A plan is repeated. Errors of the model come again in each repetition, the sensor's
+A plan is repeated. The errors of the model repeat in each repetition, the sensor's
 noise and drift do not. `RepeatingError` tells them apart, and `DutyCorrection` finds
 the duty for a limb with the repeating errors, within the limb's limits. This is
 norm-optimal iterative learning control, with a gain that falls as repetitions add up.
@@ -21,7 +21,7 @@ from scipy.linalg import block_diag
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import detrend
 
-from controllers.duty_correction import READING_MARGIN, DutyCorrection, Errors
+from controllers.duty_correction import READING_MARGIN, DutyCorrection, Residuals
 from controllers.estimator import DRIFT_TIME
 from limb_systems import LimbError, LimbModel, Provenance, Recording, Trajectory
 from limb_systems.errors import raised_as
@@ -32,32 +32,36 @@ from limb_systems.plan_band import MEAN_TO_DEVIATION
 from limb_systems.tracking import reference_distances, tracking_errors
 
 READING_NOISE = 0.3  # °C, of a mean of some readings of a thermocouple
-MEANS = 0.25  # of a sample's variance, left in the mean of those around a node
-ROUNDING = 1e-10  # rad², so that sensors without noise leave no singular matrix
-SMOOTH = 2.0  # s, in which the correlation of the model's errors falls to 1/e
-REMEMBERED = 10.0  # s, in which limbs forget a change of what they did
+MEAN_VARIANCE_SHARE = 0.25  # of a sample's variance, left in the mean of those around a node
+MIN_VARIANCE = 1e-10  # rad², so that sensors without noise leave no singular matrix
+ERROR_CORRELATION_TIME = 2.0  # s, in which the correlation of the model's errors falls to 1/e
+CHANGE_MEMORY_TIME = 10.0  # s, in which limbs forget a change of what they did
 REST_ERROR = np.deg2rad(1.0)  # of the model's bend with cold wires
 UNKNOWN_BEND, UNKNOWN_TEMPERATURE = np.deg2rad(5.0), 10.0  # errors of uncalibrated models
-CHANGED_REST = np.deg2rad(0.1)  # by which a limb changes between repetitions
-CHANGED_TEMPERATURE = 0.3  # °C, likewise
+REST_CHANGE = np.deg2rad(0.1)  # by which a limb changes between repetitions
+TEMPERATURE_CHANGE = 0.3  # °C, likewise
 # Shares of a change of the model that may be wrong; the one of temperatures; the least that is
 # expected of changes of the bend, and by what factor it is known, before anything was seen.
 SHARES = np.geomspace(0.1, 1.6, 9)
-TEMPERATURE_SHARE, EXPECTED_SHARE, KNOWN_TO = 0.15, 0.3, 2.0
-LATELY = 0.8  # of what a repetition has shown of that share, in what is known after another one
-GAIN, LEAST_GAIN, LARGEST_GAIN = 0.5, 0.4, 2.5  # of the limb over the model: deviation, bounds
-SPREAD = 0.6  # of the mean of |x| over the standard deviation of x, if x is normal
-NODES_OF_NOISE = 5  # over which the mean of readings has little of it
-WORSE = 0.1  # standard deviations, by which a repetition that is kept may seem to be worse
-ALIKE = 0.25  # of the sensor's error; duties that change the bend by less are nearly identical
-COOLER = 3.0  # °C, by which bounds are lowered after a wire was read too hot
-WORTH = 0.05  # of the sensor's error; by what another repetition must change the bend at least
-MOST_INTERRUPTED, MOST_FAILURES = 3, 5  # in a row; the latter with those that were not better
-SHORTEST = 0.25  # of a step, after repetitions that were not better
+TEMPERATURE_SHARE, EXPECTED_SHARE, SHARE_FACTOR = 0.15, 0.3, 2.0
+# of what a repetition has shown of that share, in what is known after another one
+EVIDENCE_DECAY = 0.8
+GAIN_DEVIATION, MIN_GAIN, MAX_GAIN = 0.5, 0.4, 2.5  # of the limb over the model: deviation, bounds
+DEVIATION_TO_MEAN = 0.6  # of the mean of |x| over the standard deviation of x, if x is normal
+SMOOTHING_NODES = 5  # over which the mean of readings has little of it
+# standard deviations, by which a repetition that is kept may seem to be worse
+WORSE_DEVIATIONS = 0.1
+# of the sensor's error; duties that change the bend by less are nearly identical
+IDENTICAL_SHARE = 0.25
+OVERHEATING_MARGIN = 3.0  # °C, by which bounds are lowered after a wire was read too hot
+# of the sensor's error; by what another repetition must change the bend at least
+MIN_CHANGE_SHARE = 0.05
+MAX_INTERRUPTED, MAX_FAILURES = 3, 5  # in a row; the latter with those that were not better
+MIN_STEP_SIZE = 0.25  # of a step, after repetitions that were not better
 _FIRST_LINE = f"{FirstLine('learning', 6)}, sha256 "
 
 
-def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
+def ornstein_uhlenbeck(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
     """Covariance (M, M) at times (M,) of a signal that wanders, an Ornstein-Uhlenbeck process.
 
     Args:
@@ -107,7 +111,7 @@ class RepeatingError:
         changed: float,
     ):
         self._times, self._covariance, self._shows = times, covariance, shows
-        self._noise = noise + shows @ wandering(times, changed, DRIFT_TIME) @ shows.T
+        self._noise = noise + shows @ ornstein_uhlenbeck(times, changed, DRIFT_TIME) @ shows.T
 
     def estimate(self, shown: np.ndarray, changes: np.ndarray, share: float) -> Estimate:
         """The error and the gains that J repetitions have shown.
@@ -118,7 +122,7 @@ class RepeatingError:
             share: share of them that is wrong at random.
         """
         M, W = changes.shape[1:]
-        information = block_diag(np.linalg.inv(self._covariance), np.eye(W) / GAIN**2)
+        information = block_diag(np.linalg.inv(self._covariance), np.eye(W) / GAIN_DEVIATION**2)
         known = np.zeros(M + W)
         for values, change in zip(shown, changes, strict=True):
             H, spread, seen = self._observation(values, change)
@@ -127,7 +131,7 @@ class RepeatingError:
             known += weighted @ values[seen]
         covariance = np.linalg.inv(information)
         mean = covariance @ known
-        gains = np.clip(1 + mean[M:], LEAST_GAIN, LARGEST_GAIN)
+        gains = np.clip(1 + mean[M:], MIN_GAIN, MAX_GAIN)
         return Estimate(mean[:M], gains, covariance)
 
     def likelihoods(self, before: Estimate, shown: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -145,10 +149,10 @@ class RepeatingError:
         """What a repetition shows of d and g, the covariance beside it by the share, and where."""
         seen = np.isfinite(shown)
         H, noise = self._shows[seen], self._noise[np.ix_(seen, seen)]
-        forgotten = np.exp(-self._times[-1] / max(1, len(change) - 1) / REMEMBERED)
+        forgotten = np.exp(-self._times[-1] / max(1, len(change) - 1) / CHANGE_MEMORY_TIME)
         size = np.linalg.norm(change, axis=1)
         lasting = list(itertools.accumulate(size, lambda before, now: max(now, forgotten * before)))
-        wrong = H @ wandering(self._times, np.array(lasting), SMOOTH) @ H.T
+        wrong = H @ ornstein_uhlenbeck(self._times, np.array(lasting), ERROR_CORRELATION_TIME) @ H.T
         return np.hstack([H, H @ change]), lambda share: noise + share**2 * wrong, seen
 
 
@@ -193,7 +197,7 @@ class _Belief:
     """
 
     bend: list[Estimate]
-    errors: Errors
+    errors: Residuals
     error: float
 
 
@@ -237,7 +241,7 @@ class Learner:
         self.nodes, self.correction = self._program.nodes, self._program.none
         self._start = self._program.start()
         self._belief: _Belief
-        self._estimate_afresh()
+        self._reset_estimates()
 
     def duty_trajectory(self) -> PiecewisePolynomial:
         """Duty of the next repetition (W), since its start, linear between its breaks."""
@@ -276,8 +280,8 @@ class Learner:
     def finished(self) -> str:
         """Why another repetition does not pay, in a sentence; empty if it does."""
         for most, what, has_failed in (
-            (MOST_INTERRUPTED, "interrupted", lambda repetition: repetition.interrupted),
-            (MOST_FAILURES, "interrupted or not better", lambda repetition: repetition.failed),
+            (MAX_INTERRUPTED, "interrupted", lambda repetition: repetition.interrupted),
+            (MAX_FAILURES, "interrupted or not better", lambda repetition: repetition.failed),
         ):
             if len(self.repetitions) >= most and all(map(has_failed, self.repetitions[-most:])):
                 return f"The last {most} repetitions were {what}."
@@ -286,7 +290,7 @@ class Learner:
         before = self._program.expected_bend(
             self._belief.errors.about, self._start, self._belief.errors
         )
-        worth = WORTH * self._sensor_error
+        worth = MIN_CHANGE_SHARE * self._sensor_error
         if np.abs(self.expected_bend_angle() - before).mean() > worth:
             return ""
         rest = self.expected_error
@@ -318,23 +322,23 @@ class Learner:
             LimbError: if the recording is of a limb of another shape, or has no
                 plausible samples during the plan; nothing is learned then.
         """
-        repetition = self._seen(recording)
+        repetition = self._repetition_from(recording)
         number, best = len(self.repetitions), self.best
-        self._learn(repetition)
+        self._append(repetition)
         if best is not None and not repetition.interrupted:
             # The shares, by how the bend has changed from the best repetition.
             about = self.repetitions[best].duty
             changes = self._program.changes(self._start, about, repetition.duty)
-            for bend, part in enumerate(self._bend):
-                before, shown = self._belief.bend[bend], self._shown[-1][0][:, bend]
+            for bend, part in enumerate(self._bend_regressions):
+                before, shown = self._belief.bend[bend], self._residuals[-1][0][:, bend]
                 found = part.likelihoods(before, shown, changes[:, bend])
-                self._evidence[bend] = LATELY * self._evidence[bend] + found - found.max()
+                self._evidence[bend] = EVIDENCE_DECAY * self._evidence[bend] + found - found.max()
         remark, back = "", "back to the best repetition"
-        kept = None if best is None else self._about(best)
-        belief = self._about(number)
+        kept = None if best is None else self._belief_about(best)
+        belief = self._belief_about(number)
         if repetition.interrupted:
             remark = f"interrupted; {back if kept else 'its readings were learned'}"
-        elif kept and belief.error > kept.error + self._by_chance:
+        elif kept and belief.error > kept.error + self._error_tolerance:
             remark = f"farther from the reference than the sensor's errors explain; {back}"
         self._belief = kept if remark and kept else belief
         self.repetitions[-1] = repetition = dataclasses.replace(repetition, remark=remark)
@@ -342,12 +346,12 @@ class Learner:
         if best is not None and repetition.interrupted:
             self.correction = errors.about
             return repetition
-        found = self._program.improve(errors.about, self._start, errors, self._cooler())
-        step = max(SHORTEST, 0.5 ** self._undone())
+        found = self._program.improve(errors.about, self._start, errors, self._overheating_margin())
+        step = max(MIN_STEP_SIZE, 0.5 ** self._num_undone())
         self.correction = errors.about + step * (found - errors.about)
         return repetition
 
-    def _undone(self) -> int:
+    def _num_undone(self) -> int:
         """Number of repetitions since the best one, without those of a nearly identical duty."""
         if self.best is None:
             return 0
@@ -356,9 +360,9 @@ class Learner:
             np.abs(self._program.changes(self._start, about, other.duty).sum(axis=-1)).mean()
             for other in later
         ]
-        return sum(change > ALIKE * self._sensor_error for change in moved)
+        return sum(change > IDENTICAL_SHARE * self._sensor_error for change in moved)
 
-    def _seen(self, recording: Recording) -> Repetition:
+    def _repetition_from(self, recording: Recording) -> Repetition:
         """Return what a recording says about a repetition."""
         limbs = self.trajectory.parameters, recording.parameters
         layouts = [LimbModel.of(limb).layout for limb in limbs]
@@ -377,7 +381,7 @@ class Learner:
         seen = recording.usable
         time = recording.time[seen]
         bend, readings = (
-            _around(self.nodes, spacing, time, signals[:, seen])
+            _node_means(self.nodes, spacing, time, signals[:, seen])
             for signals in (recording.bend_angle, recording.measured_temperature)
         )
         applied = np.array([np.interp(program.middles, recording.time, row) for row in duty]).T
@@ -395,7 +399,7 @@ class Learner:
             measured_temperature=readings,
         )
 
-    def _estimate_afresh(self) -> None:
+    def _reset_estimates(self) -> None:
         """Set the estimates before the first repetition."""
         parameters, nodes, program = self.trajectory.parameters, self.nodes, self._program
         record, limits = parameters.calibration, parameters.temperature_limits
@@ -405,60 +409,64 @@ class Learner:
             of_heat = MEAN_TO_DEVIATION * record.temperature_error
         sensors = [parameters.segments[s].bend_sensor for s in program.layout.bend_segment]
         self._sensor_error = max(np.hypot(sensor.noise, sensor.drift) for sensor in sensors)
-        self._by_chance = WORSE * SPREAD * np.sqrt(2) * self._sensor_error  # a difference of two
+        self._error_tolerance = (
+            WORSE_DEVIATIONS * DEVIATION_TO_MEAN * np.sqrt(2) * self._sensor_error
+        )  # a difference of two
         # The torque's error is about in proportion to the heat, which no wire has at first.
         heat = program.model.temperatures(
             program.rollout(self._start, program.steps(self.correction))
         )
         ambient = parameters.ambient_temperature
         share = np.clip((heat - ambient) / (limits.maximum - ambient), 0.0, 1.0)
-        bend_error = wandering(nodes, of_bend * share.max(axis=1), SMOOTH)
-        bend_error += wandering(nodes, REST_ERROR, 60.0)
+        bend_error = ornstein_uhlenbeck(nodes, of_bend * share.max(axis=1), ERROR_CORRELATION_TIME)
+        bend_error += ornstein_uhlenbeck(nodes, REST_ERROR, 60.0)
         one = np.eye(len(nodes))
-        self._bend = [
+        self._bend_regressions = [
             RepeatingError(
                 nodes,
                 bend_error,
                 one,
-                (MEANS * sensor.noise**2 + ROUNDING) * one
-                + wandering(nodes, sensor.drift, DRIFT_TIME),
-                CHANGED_REST,
+                (MEAN_VARIANCE_SHARE * sensor.noise**2 + MIN_VARIANCE) * one
+                + ornstein_uhlenbeck(nodes, sensor.drift, DRIFT_TIME),
+                REST_CHANGE,
             )
             for sensor in sensors
         ]
         self._lag = program.lag()
-        self._heat = [
+        self._heat_regressions = [
             RepeatingError(
                 nodes,
-                wandering(nodes, of_heat * np.maximum(share[:, wire], 0.1), SMOOTH),
+                ornstein_uhlenbeck(
+                    nodes, of_heat * np.maximum(share[:, wire], 0.1), ERROR_CORRELATION_TIME
+                ),
                 lag,
                 READING_NOISE**2 * one,
-                CHANGED_TEMPERATURE,
+                TEMPERATURE_CHANGE,
             )
             for wire, lag in enumerate(self._lag)
         ]
         # What the calibration's predictions missed of the bend is expected of changes at least.
-        bend = np.sqrt(np.mean(program.reference**2)) + ROUNDING
+        bend = np.sqrt(np.mean(program.reference**2)) + MIN_VARIANCE
         expected = np.clip(of_bend / bend, EXPECTED_SHARE, SHARES[-1])
-        unlikely = np.log(SHARES / expected) / np.log(KNOWN_TO)
+        unlikely = np.log(SHARES / expected) / np.log(SHARE_FACTOR)
         self._evidence = np.tile(-0.5 * unlikely**2, (len(sensors), 1))
-        self._shown: list[tuple[np.ndarray, ...]] = []
-        errors = Errors(
+        self._residuals: list[tuple[np.ndarray, ...]] = []
+        errors = Residuals(
             np.zeros_like(program.reference),
             program.none,
             program.none,
             self.correction,
             np.ones((len(sensors), len(parameters.wires))),
-            self._shares(),
+            self._wrong_shares(),
         )
         self._belief = _Belief([], errors, 0.0)
 
-    def _shares(self) -> np.ndarray:
+    def _wrong_shares(self) -> np.ndarray:
         """Share of a change of each bend which is wrong at random (F,)."""
         weights = np.exp(self._evidence - self._evidence.max(axis=1, keepdims=True))
         return np.sqrt(weights @ SHARES**2 / weights.sum(axis=1))
 
-    def _learn(self, repetition: Repetition) -> None:
+    def _append(self, repetition: Repetition) -> None:
         """Append a repetition, and its residuals of the model."""
         program = self._program
         self._start = program.start(repetition.start)
@@ -467,41 +475,48 @@ class Learner:
         readings = repetition.measured_temperature - program.model.readings(heat)
         self.repetitions.append(repetition)
         temperatures = program.model.temperatures(heat)
-        self._shown.append((repetition.bend_angle - bend, readings, temperatures))
+        self._residuals.append((repetition.bend_angle - bend, readings, temperatures))
 
-    def _about(self, index: int) -> "_Belief":
+    def _belief_about(self, index: int) -> "_Belief":
         """Return what all repetitions have shown about the duty of one of them."""
         program, about = self._program, self.repetitions[index]
         duty = np.stack([other.duty for other in self.repetitions], axis=1)
         changes = np.moveaxis(program.changes(self._start, about.duty, duty), 1, 0)
-        shown, readings, temperatures = (np.array(part) for part in zip(*self._shown, strict=True))
+        shown, readings, temperatures = (
+            np.array(part) for part in zip(*self._residuals, strict=True)
+        )
         bend = [
             part.estimate(shown[..., f], changes[:, :, f], share)
-            for f, (part, share) in enumerate(zip(self._bend, self._shares(), strict=True))
+            for f, (part, share) in enumerate(
+                zip(self._bend_regressions, self._wrong_shares(), strict=True)
+            )
         ]
         warmer = temperatures - temperatures[index]
         heat = []
         for part, seen, change in zip(
-            self._heat, np.moveaxis(readings, -1, 0), np.moveaxis(warmer, -1, 0), strict=True
+            self._heat_regressions,
+            np.moveaxis(readings, -1, 0),
+            np.moveaxis(warmer, -1, 0),
+            strict=True,
         ):
             heat.append(part.estimate(seen, change[..., np.newaxis], TEMPERATURE_SHARE).error)
-        errors = Errors(
+        errors = Residuals(
             bend_angle=np.array([part.error for part in bend]).T,
             wire_temperature=np.array(heat).T,
             measured_temperature=np.einsum("wij,wj->iw", self._lag, heat),
             about=about.correction,
             gains=np.array([part.gains for part in bend]),
-            doubt=self._shares(),
+            doubt=self._wrong_shares(),
         )
         # Of what was read to be unlike what is expected, a line is drift, and the rest the limb
         # but for noise.
         unlike = shown[index] - errors.bend_angle
         expected = about.bend_angle - unlike
         seen = np.isfinite(unlike).all(axis=1)
-        expected[seen] += uniform_filter1d(detrend(unlike[seen], axis=0), NODES_OF_NOISE, axis=0)
+        expected[seen] += uniform_filter1d(detrend(unlike[seen], axis=0), SMOOTHING_NODES, axis=0)
         return _Belief(bend, errors, program.distance(expected))
 
-    def _cooler(self) -> float:
+    def _overheating_margin(self) -> float:
         """Margin of temperature, °C, as interrupted repetitions were read too hot."""
         highest = self.trajectory.parameters.temperature_limits.measured_maximum
         hot = [
@@ -509,7 +524,7 @@ class Learner:
             for repetition in self.repetitions
             if repetition.interrupted
         ]
-        return COOLER * sum(hot)
+        return OVERHEATING_MARGIN * sum(hot)
 
     def save(self, path: str | Path) -> None:
         """Save plan and repetitions, whole or not at all; `load` goes on from there."""
@@ -547,16 +562,16 @@ class Learner:
             learner = cls(Trajectory.from_text(state["plan"]))
         for saved in state["repetitions"]:
             arrays = {name: np.array(v) for name, v in saved.items() if isinstance(v, list)}
-            learner._learn(Repetition(**(saved | arrays)))
+            learner._append(Repetition(**(saved | arrays)))
         learner.provenance = Provenance.from_json(state["provenance"])
         learner.correction = np.array(state["correction"])
         learner._evidence = np.array(state["evidence"])
         if learner.repetitions:
-            learner._belief = learner._about(-1 if learner.best is None else learner.best)
+            learner._belief = learner._belief_about(-1 if learner.best is None else learner.best)
         return learner
 
 
-def _around(
+def _node_means(
     nodes: np.ndarray, spacing: float, times: np.ndarray, signals: np.ndarray
 ) -> np.ndarray:
     """Means of signals (R, K) around the nodes (M + 1, R); NaN where there are no samples.

@@ -4,16 +4,17 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 from scipy.optimize import lsq_linear
 
-from controllers.estimator import Estimator, StateEstimate, packed
+from controllers.estimator import Estimator, StateEstimate, pack
 from controllers.reduced_model import ReducedModel
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import LimbParameters, Trajectory, split_state
 from limb_systems.drake_python import weak_method
 from limb_systems.simulation import PERIOD
 
-LEAST_GAIN = 0.25  # of the mean gain, that a cold wire is taken to have at least
-ABOVE_ALL = 1e4  # s/rad, by which bend rates that are not made count more than changes of duty
-ROUNDING = 1e-9  # of duty
+MIN_GAIN_SHARE = 0.25  # of the mean gain, that a cold wire is taken to have at least
+# s/rad, by which bend rates that are not made count more than changes of duty
+BEND_RATE_WEIGHT = 1e4
+DUTY_ROUNDING = 1e-9  # of duty
 
 
 class PlanController(LeafSystem):
@@ -55,7 +56,7 @@ class PlanController(LeafSystem):
         state = self.DeclareDiscreteState(duty)
         known = self._estimator.nothing
         if start:
-            known = packed(self._estimator.loaded(*start))
+            known = pack(self._estimator.begin_loaded(*start))
         self.DeclareDiscreteState(known)
         self.DeclareStateOutputPort("duty", state)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
@@ -63,18 +64,18 @@ class PlanController(LeafSystem):
     def _update(self, context, state) -> None:
         readings, bend = (self.get_input_port(index).Eval(context) for index in range(2))
         estimate = self._estimator.read(state.value(1), readings, bend)
-        time = self._time_in_plan(context)
+        time = self._plan_time(context)
         caps = self._limiter.caps(estimate, self._temperature_limit(time, estimate))
-        base, bend_rate = self._wanted(time, estimate, caps, state)
+        base, bend_rate = self._desired_duty(time, estimate, caps, state)
         base = np.clip(base, 0.0, caps)
         duty = allocate(bend_rate, base, self._gains_at(time), caps)
-        duty = within_total(duty, self._parameters.total_duty)
+        duty = limit_total_duty(duty, self._parameters.total_duty)
         state.set_value(0, duty)
-        ahead = self._estimator.predicted(estimate, duty)
-        state.set_value(1, packed(ahead))
-        self._end_update(context, ahead, state)
+        ahead = self._estimator.predict(estimate, duty)
+        state.set_value(1, pack(ahead))
+        self._after_update(context, ahead, state)
 
-    def _wanted(
+    def _desired_duty(
         self, time: float, estimate: StateEstimate, caps: np.ndarray, state
     ) -> tuple[np.ndarray, np.ndarray]:
         """A duty (W,) and the bend rates (F,), rad/s, that are wanted beyond it.
@@ -91,10 +92,10 @@ class PlanController(LeafSystem):
         """Bend rates by full duty of each wire (F, W), rad/s, as for `allocate`."""
         return self._gains
 
-    def _end_update(self, context, ahead: StateEstimate, state) -> None:
+    def _after_update(self, context, ahead: StateEstimate, state) -> None:
         """Update the states of a subclass; ``ahead`` is the estimate of the next tick."""
 
-    def _time_in_plan(self, context) -> float:
+    def _plan_time(self, context) -> float:
         """Time since the start of the plan, s."""
         return context.get_time()
 
@@ -136,7 +137,7 @@ class SampledPlan:
         return min(round(time / PERIOD), len(self.duty) - 1)
 
 
-def within_total(duty: np.ndarray, total: float) -> np.ndarray:
+def limit_total_duty(duty: np.ndarray, total: float) -> np.ndarray:
     """Return duty (W, ...) in the same proportions that adds up to no more than a total."""
     return duty * np.minimum(1.0, total / np.maximum(duty.sum(axis=0), 1e-9))
 
@@ -158,9 +159,12 @@ def allocate(
         caps: the most duty of each wire (W,).
     """
     if (np.count_nonzero(gains, axis=0) > 1).any():
-        costs = np.vstack([ABOVE_ALL * gains, np.eye(len(duty))])
-        wanted = np.append(ABOVE_ALL * bend_rate, 0.0 * duty)
-        bounds = -duty - ROUNDING, caps - duty + ROUNDING  # apart, as the method needs them
+        costs = np.vstack([BEND_RATE_WEIGHT * gains, np.eye(len(duty))])
+        wanted = np.append(BEND_RATE_WEIGHT * bend_rate, 0.0 * duty)
+        bounds = (
+            -duty - DUTY_ROUNDING,
+            caps - duty + DUTY_ROUNDING,
+        )  # apart, as the method needs them
         change = lsq_linear(costs, wanted, bounds, method="bvls", tol=1e-15).x
         return np.clip(duty + change, 0.0, caps)
     result = duty.copy()
@@ -175,7 +179,7 @@ def allocate(
     return result
 
 
-def planned_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
+def gains_along_plan(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
     """g (K, F, W), rad/s: the bend rate by full duty along a plan, from a quarter of the mean up.
 
     It is not more than the mean, as a wire that transforms now may not do so later.
@@ -183,4 +187,4 @@ def planned_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
     mean = model.mean_gains
     by_duty = model.bend_slopes(plan.heat)[1] @ model.linearized_step(plan.heat, plan.duty)[2]
     towards = by_duty / PERIOD * np.sign(mean)
-    return np.sign(mean) * np.clip(towards, LEAST_GAIN * np.abs(mean), np.abs(mean))
+    return np.sign(mean) * np.clip(towards, MIN_GAIN_SHARE * np.abs(mean), np.abs(mean))

@@ -7,25 +7,26 @@ from controllers.estimator import StateEstimate
 from controllers.plan_controller import (
     PlanController,
     SampledPlan,
-    planned_gains,
+    gains_along_plan,
 )
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbModel, LimbParameters, Trajectory
 from limb_systems.simulation import PERIOD
 
-PROPORTIONAL = 2.5  # 1/s
-FORESEEN = 10  # ticks of the plan's coming duty, after which the bend is to be that of the plan
-COMMON_MODE = 5.0  # 1/s
+PROPORTIONAL_GAIN = 2.5  # 1/s
+# ticks of the plan's coming duty, after which the bend is to be that of the plan
+PREVIEW_TICKS = 10
+COMMON_MODE_GAIN = 5.0  # 1/s
 # °C, that a wire of a limb that is calibrated, or is not, may be warmer than planned within these s
-WARMER, WARMER_UNCALIBRATED, AHEAD = 6.0, 20.0, 2.0
+MAX_EXCESS, MAX_EXCESS_UNCALIBRATED, PREVIEW_TIME = 6.0, 20.0, 2.0
 # °C below T_max, from where on a limb that is not calibrated is not heated beyond its plan's
 # highest: its wires may be as much warmer than estimated.
 UNCALIBRATED_MARGIN = 10.0
-LUKEWARM = 10.0  # °C above T_warm, that it may have in any case
+WARM_MARGIN = 10.0  # °C above T_warm, that it may have in any case
 # Deviations that cost alike; (15) has no weight on temperature, but feedback runs out of heat.
-BEND = np.deg2rad(0.5)  # rad
-DUTY = 0.2
-TEMPERATURE = 10.0  # °C
+BEND_DEVIATION = np.deg2rad(0.5)  # rad
+DUTY_DEVIATION = 0.2
+TEMPERATURE_DEVIATION = 10.0  # °C
 
 
 class PlanFeedback(PlanController):
@@ -69,7 +70,7 @@ class PlanFeedback(PlanController):
         trajectory: Trajectory,
         *,
         parameters: LimbParameters | None = None,
-        proportional: float = PROPORTIONAL,
+        proportional: float = PROPORTIONAL_GAIN,
         known_start: bool = False,
     ):
         """
@@ -86,36 +87,40 @@ class PlanFeedback(PlanController):
         start = (self._plan.heat[0], trajectory.bend_angle[:, 0]) if known_start else None
         super().__init__(parameters, self._plan.duty[0], start)
         model = self._estimator.model
-        self._planned_gains = planned_gains(model, self._plan)
+        self._planned_gains = gains_along_plan(model, self._plan)
         self._to_mean = np.zeros((model.num_wires, model.num_wires))
         for wires in LimbModel.of(parameters).layout.wires_of:
             self._to_mean[wires, wires] = 1.0 / (wires.stop - wires.start)
         planned = self._plan.temperature
         self._planned_mean = self._mean(planned)
-        ahead = round(AHEAD / PERIOD)
+        ahead = round(PREVIEW_TIME / PERIOD)
         later = np.pad(planned, ((0, ahead), (0, 0)), mode="edge")
         self._highest = sliding_window_view(later, ahead + 1, axis=0).max(axis=-1)
-        self._warmer = WARMER if parameters.calibration else WARMER_UNCALIBRATED
+        self._warmer = MAX_EXCESS if parameters.calibration else MAX_EXCESS_UNCALIBRATED
 
-    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
+    def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, model = self._plan.index(time), self._estimator.model
-        bends, reference, duties = self._planned(time + PERIOD * np.arange(FORESEEN), state)
+        bends, reference, duties = self._planned_motion(
+            time + PERIOD * np.arange(PREVIEW_TICKS), state
+        )
         heat = model.rollout(estimate.heat, duties)[-1]
         foreseen = model.bend_angle(heat) + estimate.offset
         missed = np.clip(foreseen, *np.sort([bends[-1], reference[-1]], axis=0)) - foreseen
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
-        base = duties[0] - COMMON_MODE * np.maximum(warmer, 0.0) / model.heating_rates
+        base = duties[0] - COMMON_MODE_GAIN * np.maximum(warmer, 0.0) / model.heating_rates
         base = np.clip(base, 0.0, caps)
         return base, self._proportional * missed + self._gains_at(time) @ (duties[0] - base)
 
     def _gains_at(self, time: float) -> np.ndarray:
         return self._planned_gains[self._plan.index(time)]
 
-    def _planned(self, times: np.ndarray, state) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _planned_motion(
+        self, times: np.ndarray, state
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """φ* and φ_ref (K, F), rad, and D* (K, W) of the periods at times, s.
 
         Args:
-            state: as of `_wanted`.
+            state: as of `_desired_duty`.
         """
         plan, periods = self._plan, [self._plan.index(time) for time in times]
         return plan.bend_angle[periods], plan.reference[periods], plan.duty[periods]
@@ -123,7 +128,7 @@ class PlanFeedback(PlanController):
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
         held = self._estimator.model.temperature_to_hold(estimate.offset)
         limits, planned = self._parameters.temperature_limits, self._highest[self._plan.index(time)]
-        warmer = np.maximum(planned + self._warmer + held, limits.warm + LUKEWARM)
+        warmer = np.maximum(planned + self._warmer + held, limits.warm + WARM_MARGIN)
         if not self._parameters.calibration:
             most = np.maximum(limits.maximum - self._uncalibrated_margin, self._highest.max(axis=0))
             warmer = np.minimum(warmer, most)
@@ -164,11 +169,11 @@ class PlanRegulator(PlanController):
         # How other parameters than the plan's bend otherwise under the plan's duty.
         first = trajectory.bend_angle[:, :1].T
         planned = np.vstack([first, self._plan.bend_angle[:-1]])
-        self._unlike_plan = self._estimator.model.bend_angle(self._plan.heat) - planned
+        self._plan_difference = self._estimator.model.bend_angle(self._plan.heat) - planned
 
-    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
+    def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, N = self._plan.index(time), estimate.heat.size - len(caps)
-        offset = estimate.offset + self._unlike_plan[k]
+        offset = estimate.offset + self._plan_difference[k]
         deviation = np.append((estimate.heat - self._plan.heat[k])[:N], offset)
         wanted = self._plan.duty[k] - self._regulator[k] @ deviation
         return wanted, self._gains @ (wanted - np.clip(wanted, 0.0, caps))
@@ -183,11 +188,11 @@ def regulator_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
     _, by_heat, by_duty = model.linearized_step(plan.heat, plan.duty)
     slopes = model.bend_slopes(plan.heat)[1]
     A, B, P = np.eye(N + F), np.zeros((N + F, W)), np.zeros((N + F, N + F))
-    cost, gains = np.diag(np.append(np.full(W, TEMPERATURE**-2), np.zeros(N + F - W))), []
+    cost, gains = np.diag(np.append(np.full(W, TEMPERATURE_DEVIATION**-2), np.zeros(N + F - W))), []
     for k in reversed(range(len(by_heat))):
         A[:N, :N], B[:N] = by_heat[k, :N, :N], by_duty[k, :N]
-        gains.append(np.linalg.solve(DUTY**-2 * np.eye(W) + B.T @ P @ B, B.T @ P @ A))
+        gains.append(np.linalg.solve(DUTY_DEVIATION**-2 * np.eye(W) + B.T @ P @ B, B.T @ P @ A))
         C = np.hstack([slopes[k, :, :N], np.eye(F)])
-        bend_cost = C.T @ C * BEND**-2 if len(gains) > 1 else 0.0
+        bend_cost = C.T @ C * BEND_DEVIATION**-2 if len(gains) > 1 else 0.0
         P = cost + bend_cost + A.T @ P @ (A - B @ gains[-1])
     return np.array(gains[::-1])

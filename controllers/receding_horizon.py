@@ -17,17 +17,17 @@ from typing import Any
 
 import numpy as np
 
-from controllers.estimator import StateEstimate, packed, unpacked
+from controllers.estimator import StateEstimate, pack, unpack
 from controllers.horizon import HorizonPlan, HorizonPlanner, horizon_task
 from controllers.plan_controller import PlanController
 from limb_systems import LimbError, Trajectory
 from limb_systems.simulation import PERIOD
 from planners import Task
 
-TICKS = 5  # from one plan to the next
-PROPORTIONAL = 0.3  # 1/s; little, as the next plan is soon there, and knows the wires
-PRIORITY = 5  # by which the process gives way to who commands
-PROGRAM = "from controllers.receding_horizon import answer_questions; answer_questions()"
+REPLAN_TICKS = 5  # from one plan to the next
+PROPORTIONAL_GAIN = 0.3  # 1/s; little, as the next plan is soon there, and knows the wires
+NICENESS = 5  # by which the process gives way to who commands
+PROCESS_CODE = "from controllers.receding_horizon import answer_questions; answer_questions()"
 
 
 class RecedingHorizon(PlanController):
@@ -63,43 +63,45 @@ class RecedingHorizon(PlanController):
         plan = trajectory.since_start()
         self._planner = HorizonPlanner.of(plan, task)
         self._process = PlannerProcess(plan, task) if real_time else None
-        first = self._planner.beginning_of(plan)
+        first = self._planner.first_horizon(plan)
         super().__init__(trajectory.parameters, first.duty[0])
-        self._like = first
+        self._template = first
         margin = (task or horizon_task()).temperature_margin
         self._highest = np.array(trajectory.parameters.temperature_limits.maximum - margin)
         replans = self.DeclareDiscreteState(3)
-        self.DeclareDiscreteState(packed(first))
+        self.DeclareDiscreteState(pack(first))
         self.DeclareStateOutputPort("replans", replans)
 
-    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
-        counts, plan = state.value(2).copy(), unpacked(state.value(3), self._like)
-        if self._process and (made := self._process.plan_if_made()):
-            plan = _if_good(made, plan, counts)
+    def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
+        counts, plan = state.value(2).copy(), unpack(state.value(3), self._template)
+        if self._process and (made := self._process.poll_plan()):
+            plan = _replace_if_solved(made, plan, counts)
             state.set_value(2, counts)
-            state.set_value(3, packed(plan))
+            state.set_value(3, pack(plan))
         missed = plan.bend_angle_at(time) - self._estimator.bend_angle(estimate)
-        return plan.duty_at(time), PROPORTIONAL * missed
+        return plan.duty_at(time), PROPORTIONAL_GAIN * missed
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
         return self._highest
 
-    def _end_update(self, context, ahead: StateEstimate, state) -> None:
-        time = self._time_in_plan(context)
-        if round(time / PERIOD) % TICKS:
+    def _after_update(self, context, ahead: StateEstimate, state) -> None:
+        time = self._plan_time(context)
+        if round(time / PERIOD) % REPLAN_TICKS:
             return
-        counts, plan = state.value(2).copy(), unpacked(state.value(3), self._like)
+        counts, plan = state.value(2).copy(), unpack(state.value(3), self._template)
         question = time + PERIOD, ahead.heat, ahead.lasting, plan, ahead.residual
         is_late = self._process is not None and self._process.is_planning
         counts[1 if is_late else 0] += 1
         if self._process is None:
-            state.set_value(3, packed(_if_good(self._planner.plan(*question), plan, counts)))
+            state.set_value(
+                3, pack(_replace_if_solved(self._planner.plan(*question), plan, counts))
+            )
         elif not is_late:
             self._process.begin(*question)
         state.set_value(2, counts)
 
 
-def _if_good(made: HorizonPlan, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
+def _replace_if_solved(made: HorizonPlan, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
     """Return a new plan, or the plan before if the new one failed; count failures."""
     counts[2] += not made.success
     return made if made.success else plan
@@ -121,7 +123,7 @@ class PlannerProcess:
     def __init__(self, trajectory: Trajectory, task: Task | None = None):
         ours, theirs = socket.socketpair()
         process = self._process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, str(theirs.fileno())],
+            [sys.executable, "-c", PROCESS_CODE, str(theirs.fileno())],
             pass_fds=[theirs.fileno()],
             stdin=subprocess.DEVNULL,
             stdout=sys.__stderr__,  # what a solver may print is no result of ours
@@ -134,7 +136,7 @@ class PlannerProcess:
             task = dataclasses.replace(task, customize=None)  # of no use to a horizon
         self.begin(trajectory, task)
         self._connection.poll(None)
-        self.plan_if_made()
+        self.poll_plan()
 
     def begin(self, *question: Any) -> None:
         """Ask for a plan by the arguments of `HorizonPlanner.plan`, once the last is made.
@@ -146,9 +148,9 @@ class PlannerProcess:
         try:
             self._connection.send(question)
         except OSError as error:
-            raise LimbError(ENDED) from error
+            raise LimbError(PROCESS_ENDED) from error
 
-    def plan_if_made(self) -> HorizonPlan | None:
+    def poll_plan(self) -> HorizonPlan | None:
         """Return the plan that was asked for; None if it is not made yet. Does not wait.
 
         Raises:
@@ -160,10 +162,10 @@ class PlannerProcess:
             self.is_planning = False
             return self._connection.recv()
         except (EOFError, OSError) as error:
-            raise LimbError(ENDED) from error
+            raise LimbError(PROCESS_ENDED) from error
 
 
-ENDED = (
+PROCESS_ENDED = (
     "The process that plans the coming seconds has ended, perhaps because memory ran out; end "
     "other programs and start again."
 )
@@ -179,7 +181,7 @@ def _end(process: subprocess.Popen, connection: Connection) -> None:
 def answer_questions() -> None:
     """Answer questions in the process until there are no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both, and the other decides
-    os.nice(PRIORITY)
+    os.nice(NICENESS)
     connection = Connection(int(sys.argv[1]))
     planner = HorizonPlanner.of(*connection.recv())
     answer = None

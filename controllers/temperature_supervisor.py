@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, LeafSystem, System
 
-from controllers.estimator import Estimator, StateEstimate, packed
+from controllers.estimator import Estimator, StateEstimate, pack
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters
 from limb_systems.drake_python import weak_method
@@ -12,11 +12,11 @@ from limb_systems.limb_system import behind
 from limb_systems.plan_band import temperature_margin
 from limb_systems.simulation import PERIOD
 
-HOLD = 0.5  # s, for which a duty must be harmless
+HOLD_TIME = 0.5  # s, for which a duty must be harmless
 DEVIATIONS = 2.0  # of the estimated temperature, by which predictions stay below the limit
 # By which share a thermocouple may lag more than its law says: lags of 0.8 to 2.5 s are usual.
 LAG_ERROR, UNCALIBRATED_LAG_ERROR = 0.1, 1.0
-BELOW_BOARD = 5.0  # °C, that feedback stays below what the board cuts out at
+BOARD_MARGIN = 5.0  # °C, that feedback stays below what the board cuts out at
 
 
 class TemperatureLimiter:
@@ -42,7 +42,7 @@ class TemperatureLimiter:
         limits = parameters.temperature_limits
         if limit is None:
             highest = limits.maximum - temperature_margin(parameters)
-            limit = min(highest, limits.measured_maximum - BELOW_BOARD)
+            limit = min(highest, limits.measured_maximum - BOARD_MARGIN)
         if not limit < limits.measured_maximum:
             raise LimbError(
                 f"The limit of a wire's temperature is {limit!r} °C; it must be below "
@@ -50,7 +50,7 @@ class TemperatureLimiter:
             )
         self.limit = limit
         self._lag_error = LAG_ERROR if parameters.calibration else UNCALIBRATED_LAG_ERROR
-        self._model = ReducedModel(parameters, HOLD)
+        self._model = ReducedModel(parameters, HOLD_TIME)
 
     def caps(self, estimate: StateEstimate, limit: ArrayLike | None = None) -> np.ndarray:
         """Return the most duty of each wire (W,), in [0, 1].
@@ -65,7 +65,13 @@ class TemperatureLimiter:
         deviation = np.sqrt(np.diag(estimate.covariance)[:W])
         error = DEVIATIONS * deviation + self._lag_error * np.maximum(T - V, 0.0)
         highest = self.limit if limit is None else np.minimum(self.limit, limit)
-        room = highest - error - estimate.hotter - after[:W] - HOLD * estimate.heating_rate
+        room = (
+            highest
+            - error
+            - estimate.reading_excess
+            - after[:W]
+            - HOLD_TIME * estimate.heating_rate
+        )
         return np.clip(room / np.diag(by_duty[:W]), 0.0, 1.0)
 
 
@@ -114,9 +120,9 @@ class TemperatureSupervisor(LeafSystem):
         readings = self.GetInputPort("measured_temperature").Eval(context)
         no_bend = np.full(self._estimator.model.num_bends, np.nan)
         estimate = self._estimator.read(state.value(1), readings, no_bend)
-        estimate = self._estimator.predicted(estimate, self._allowed(context, state.value(0)))
+        estimate = self._estimator.predict(estimate, self._allowed(context, state.value(0)))
         state.set_value(0, self._limiter.caps(estimate))
-        state.set_value(1, packed(estimate))
+        state.set_value(1, pack(estimate))
 
     def _calc_duty(self, context, output) -> None:
         output.SetFromVector(self._allowed(context, context.get_discrete_state(0).value()))

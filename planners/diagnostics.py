@@ -10,7 +10,7 @@ from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import QuasiStaticProgram
 
-SHOWN_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval
+NUM_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval
 
 
 def plot_diagnostics(trajectory: Trajectory) -> Figure:
@@ -64,13 +64,13 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
         dress(axis)
 
     # Rows interval by interval.
-    shown = places < SHOWN_INTERVALS * len(block.lower) // (len(time) - 1)
+    shown = places < NUM_INTERVALS * len(block.lower) // (len(time) - 1)
     shown &= ~np.isin(block.columns, program.time_steps)
     _, columns = np.unique(block.columns[shown], return_inverse=True)
     jacobian_axis.plot(columns, places[shown], "s", color="0.25", markersize=2.0)
     share = len(block.rows) / (len(block.lower) * program.prog.num_vars())
     jacobian_axis.set_title(
-        f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals\n"
+        f"Jacobian of (17), first {NUM_INTERVALS} of {len(time) - 1} intervals\n"
         f"({len(block.rows)} nonzeros, {100 * share:.2g}% of it)",
         fontsize=10,
     )

@@ -7,7 +7,7 @@ from planners.task import Task
 from planners.transcription.quasi_static import solve_quasi_static
 
 # R → 0, and neither margins nor what smooths the end of a plan.
-NEAREST = Task(duty_weight=1e-3, terminal_factor=1.0, duty_hold=0.0)
+NEAREST_TASK = Task(duty_weight=1e-3, terminal_factor=1.0, duty_hold=0.0)
 KNOT_RATE = 5.0  # Hz; ten knots per second change the mean distance by 0.02°
 
 
@@ -39,7 +39,7 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
             times,
             reference,
             heat[:, 0],
-            NEAREST,
+            NEAREST_TASK,
             warm_up,
             start=(heat, np.clip(duty, 0.0, 1.0)),
         )

@@ -31,15 +31,15 @@ from planners.transcription.program import reading_bounds
 CHECK_ACCURACY = 3e-4
 CHECK_RATE = 20.0  # Hz, of the comparison; the rate of the knots if that is higher
 
-# A limb swings about a quasi-static plan if its first mode is slower, its damping over its
+# A limb swing_warning about a quasi-static plan if its first mode is slower, its damping over its
 # stiffness larger, or what a jump of its bend rate makes it ring larger than this.
-SLOWEST_MODE, LONGEST_LAG, MOST_RINGING = 1.5, 0.02, np.deg2rad(0.3)  # Hz, s, rad
+MIN_MODE_FREQUENCY, MAX_LAG, MAX_RINGING = 1.5, 0.02, np.deg2rad(0.3)  # Hz, s, rad
 
 # A plan is far if a side's largest angle is missed by more than a share of the largest that is
 # asked for, or the mean of the misses is more than another; but not by less than a degree.
-SHARE_OF_LARGEST = 0.15
-SHARE_ON_AVERAGE = 0.2
-LITTLE = np.deg2rad(1.0)
+MAX_SHORTFALL_SHARE = 0.15
+MAX_MEAN_SHARE = 0.2
+MIN_DEVIATION = np.deg2rad(1.0)
 
 
 def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
@@ -69,7 +69,7 @@ def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarra
     return times, np.abs(simulated - planned).max(axis=0)
 
 
-def swings(trajectory: Trajectory) -> str | None:
+def swing_warning(trajectory: Trajectory) -> str | None:
     """Return one sentence on why a limb may swing about its quasi-static plan, or None.
 
     Such a plan leaves out the inertia of the chain. Of the damping it keeps the delay alone.
@@ -91,9 +91,9 @@ def swings(trajectory: Trajectory) -> str | None:
     reasons = [
         reason
         for reason, holds in (
-            (f"its first mode is at {first_mode:.2g} Hz", first_mode < SLOWEST_MODE),
-            (f"its damping delays it by {1e3 * lag:.0f} ms", lag > LONGEST_LAG),
-            (f"steps of duty make it ring by {np.rad2deg(ringing):.1f}°", ringing > MOST_RINGING),
+            (f"its first mode is at {first_mode:.2g} Hz", first_mode < MIN_MODE_FREQUENCY),
+            (f"its damping delays it by {1e3 * lag:.0f} ms", lag > MAX_LAG),
+            (f"steps of duty make it ring by {np.rad2deg(ringing):.1f}°", ringing > MAX_RINGING),
         )
         if holds
     ]
@@ -116,9 +116,9 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
             (planned.min(axis=1, keepdims=True) - reference).max(axis=1),
         ]
     )
-    is_short = short.max() > max(LITTLE, SHARE_OF_LARGEST * largest)
+    is_short = short.max() > max(MIN_DEVIATION, MAX_SHORTFALL_SHARE * largest)
     distance, mean = np.abs(reference - planned), reference_distances(trajectory).planned
-    if not is_short and mean <= max(LITTLE, SHARE_ON_AVERAGE * largest):
+    if not is_short and mean <= max(MIN_DEVIATION, MAX_MEAN_SHARE * largest):
         return None
     if is_short:
         side, bend = map(int, np.unravel_index(np.argmax(short), short.shape))
@@ -145,7 +145,7 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
         if constraint.start <= time <= constraint.end
     ]
     said += f", where limits are {', '.join(active)}." if active else ", where no limit is active."
-    reach = _reach(trajectory.model, bend)
+    reach = _reachable_bends(trajectory.model, bend)
     if reach is not None:
         said += (
             f" With wires between T_warm and T_max, this limb can hold {reach[0]:.1f}° to "
@@ -154,7 +154,7 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
     return said + " Ask for less, or for a slower motion."
 
 
-def _reach(model: LimbModel, bend: int) -> np.ndarray | None:
+def _reachable_bends(model: LimbModel, bend: int) -> np.ndarray | None:
     """Return the least and the largest bend that wires can hold (2,), degrees; None if unknown."""
     limits = model.parameters.temperature_limits
     sides = np.sign(model.mechanics.levers[model.layout.bend_joints[bend][0]])

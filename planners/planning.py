@@ -26,26 +26,26 @@ from planners.plan_check import (
     active_constraints,
     far_from_reference,
     simulated_differences,
-    swings,
+    swing_warning,
 )
 from planners.task import Task
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import (
     QuasiStaticProgram,
     check_temperature_limits,
-    held_motion,
     solve_quasi_static,
+    static_motion,
 )
 from planners.transcription.solving import LONGEST_SOLVE, PlanningError, Solution, solve_program
-from planners.transcription.warm_start import multipliers_of, with_motion
+from planners.transcription.warm_start import estimate_multipliers, solve_motion
 
-ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
+MARGIN_ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
 
 TOLERANCE_DEG, QUASI_STATIC_TOLERANCE_DEG = 0.1, 1.0  # from the simulation
-ROUNDING_OF_ANGLES = 1e-9  # rad
+ANGLE_ROUNDING = 1e-9  # rad
 MAX_KNOTS = 20_000  # over a minute on two cores; more is most often a time in ms
 MAX_REFINEMENTS = 4
-RINGING = 0.3  # s, in which the limb's first mode decays to a third
+RINGING_TIME = 0.3  # s, in which the limb's first mode decays to a third
 
 # Up to which change of the reference (rad) and of the state the previous plan
 # is a better start than the quasi-static one, as measured at 301 knots.
@@ -98,7 +98,7 @@ def plan(
     """
     started = time.perf_counter()
     limb = LimbModel.validated(parameters)
-    num_knots = number_of_knots(reference, knot_rate, max_knots)
+    num_knots = initial_num_knots(reference, knot_rate, max_knots)
     times = np.linspace(0.0, reference.end_time(), num_knots)
     largest, margin = np.inf, np.zeros(limb.layout.num_wires)
     for refinement in range(MAX_REFINEMENTS + 1):
@@ -112,19 +112,19 @@ def plan(
         )
         trajectory, offsets, differences = planner.plan_unchecked(reference, initial_state)
         trajectory.check.refinements = refinement
-        if (wider := _margin_of(trajectory, margin)) is not None:
+        if (wider := _widened_margin(trajectory, margin)) is not None:
             margin = wider
             continue
         tolerance = np.deg2rad(trajectory.check.tolerance_deg)
         before, largest = largest, differences.max()
         if largest <= tolerance or largest > 0.7 * before:  # met, or knots do not help
             break
-        finer = _refined(times, offsets, differences, tolerance)
+        finer = _refine_knots(times, offsets, differences, tolerance)
         if len(finer) > max_knots or time.perf_counter() - started > LONGEST_SOLVE:
             break
         times = finer
     trajectory.check.total_time = time.perf_counter() - started
-    swinging = swings(trajectory)
+    swinging = swing_warning(trajectory)
     if failure := trajectory.check.failure():
         raise PlanningError(
             " ".join(filter(None, [f"The plan failed its check: {failure}", swinging]))
@@ -276,7 +276,7 @@ class Planner:
         )
         heat = solution.x[quasi_static.heat].T
         duty = solution.x[quasi_static.duty].T
-        motion = held_motion(self._held, heat[: self._held.wires.num_states].T, duty.T)
+        motion = static_motion(self._held, heat[: self._held.wires.num_states].T, duty.T)
         states = np.vstack([motion.T, heat])
         states[:, 0] = state
         guess = program.variables(states, duty)
@@ -284,8 +284,8 @@ class Planner:
             return guess, None
         # Let the motion follow from its heat.
         try:
-            guess = with_motion(program, guess)
-            return guess, multipliers_of(program, guess, quasi_static, solution)
+            guess = solve_motion(program, guess)
+            return guess, estimate_multipliers(program, guess, quasi_static, solution)
         except (LimbError, np.linalg.LinAlgError):
             return guess, None
 
@@ -323,7 +323,7 @@ class Planner:
         )
 
 
-def _margin_of(trajectory: Trajectory, margin: np.ndarray) -> np.ndarray | None:
+def _widened_margin(trajectory: Trajectory, margin: np.ndarray) -> np.ndarray | None:
     """Notes a plan's band in its check; a wider margin of readings (W,), °C, if it needs one."""
     around = band(trajectory)
     if around is None:
@@ -334,7 +334,7 @@ def _margin_of(trajectory: Trajectory, margin: np.ndarray) -> np.ndarray | None:
     if (around.highest_readings < limit).all():
         return None
     excess = around.highest_readings - trajectory.measured_temperature.max(axis=1)
-    return np.maximum(margin, excess + ROUNDING)
+    return np.maximum(margin, excess + MARGIN_ROUNDING)
 
 
 def _measured_margin(margin: ArrayLike, num_wires: int) -> np.ndarray:
@@ -354,7 +354,7 @@ def check_positive(name: str, value: Any, unit: str) -> None:
         raise PlanningError(f"{name} is {value!r} {unit}; it must be a positive number.")
 
 
-def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_knots: int) -> int:
+def initial_num_knots(reference: trajectories.Trajectory, knot_rate: float, max_knots: int) -> int:
     """Number of knots that a plan starts with.
 
     Args:
@@ -398,7 +398,7 @@ def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarra
             * (layout.is_planar and angles == 2 * segments)
         )
     angles = reference.vector_values(times)
-    bad = ~(np.abs(angles) <= np.pi + ROUNDING_OF_ANGLES).all(axis=0)  # also true for NaN
+    bad = ~(np.abs(angles) <= np.pi + ANGLE_ROUNDING).all(axis=0)  # also true for NaN
     if bad.any():
         index = int(np.argmax(bad))
         worst = angles[np.argmax(np.abs(angles[:, index])), index]  # NaN if there is one
@@ -421,7 +421,7 @@ def _initial_state(held: HeldAngles, initial_state) -> np.ndarray:
     return state
 
 
-def _refined(
+def _refine_knots(
     times: np.ndarray, offsets: np.ndarray, differences: np.ndarray, tolerance: float
 ) -> np.ndarray:
     """Knots with a new one in the middle of each interval that caused a difference.
@@ -431,6 +431,6 @@ def _refined(
     """
     starts, ends = times[:-1], times[1:]
     bad = offsets[differences > tolerance / 2]
-    blamed = np.searchsorted(bad, ends + RINGING, side="right") > np.searchsorted(bad, starts)
+    blamed = np.searchsorted(bad, ends + RINGING_TIME, side="right") > np.searchsorted(bad, starts)
     middles = 0.5 * (starts + ends)[blamed]
     return np.sort(np.concatenate([times, middles]))

@@ -24,10 +24,10 @@ IN_SPACE = (
     "If yours bends in space, write axes: 2 into its segments in its YAML file, and where its "
     "wires are, e2 and e3."
 )
-APPROACH = 5.0  # s, in which a limb gets to the beginning of a curve
+APPROACH_TIME = 5.0  # s, in which a limb gets to the beginning of a curve
 CURVE_RATE = 20.0  # Hz, of the samples of a curve
 LONGEST_GAP = 1.0  # s, of a recording, over which a reference is linear
-TIP_STEPS = 50  # of Newton's method
+MAX_TIP_STEPS = 50  # of Newton's method
 
 
 def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomial:
@@ -72,7 +72,7 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
             bends are missing for more than 1 s; shorter gaps are bridged, with a warning.
     """
     recording.check_plausible()
-    limb, bend_angle = recording.parameters, _bridged(recording)
+    limb, bend_angle = recording.parameters, _interpolate_gaps(recording)
     angles = np.concatenate(
         [
             segment.bend_sensor.unrolled_bends(bend_angle[bends])
@@ -99,7 +99,7 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
     return from_samples(recording.time, angles)
 
 
-def _bridged(recording: Recording) -> np.ndarray:
+def _interpolate_gaps(recording: Recording) -> np.ndarray:
     """The bend angles of a recording (F, K), linear over short gaps in them."""
     there = ~np.isnan(recording.bend_angle).any(axis=0)
     if there.all():
@@ -137,7 +137,7 @@ def load(path: str | Path) -> PiecewisePolynomial:
     table, reference = _load(
         path, lambda table: from_samples(table[:, 0], np.deg2rad(table[:, 1:].T))
     )
-    for doubt in _doubts(table):
+    for doubt in _likely_mistakes(table):
         warnings.warn(f"{path}: {doubt}", stacklevel=2)
     return reference
 
@@ -162,14 +162,14 @@ def _load(
 ) -> tuple[np.ndarray, PiecewisePolynomial]:
     """A file's table, and the reference that is made of it."""
     text = read_text(path, "reference", LimbError, LARGEST_TABLE)
-    if foreign := _foreign(text):
+    if foreign := _kind_of_other_file(text):
         raise LimbError(f"{path} {foreign}.")
     with raised_as(LimbError, f"{path}: "):
         table = _table(text)
         return table, reference_of(table)
 
 
-def _foreign(text: str) -> str | None:
+def _kind_of_other_file(text: str) -> str | None:
     """What a file of ours is, if it is not a table of numbers."""
     ours = first_line(text)
     if ours and ours.kind == "trajectory":
@@ -229,7 +229,7 @@ def _number(cell: str, separator: str) -> float | None:
         return None
 
 
-def _doubts(table: np.ndarray) -> Iterator[str]:
+def _likely_mistakes(table: np.ndarray) -> Iterator[str]:
     times, angles = table[:, 0], table[:, 1:]
     largest, steps = np.abs(angles).max(), np.abs(np.diff(angles, axis=0)).max(axis=1)
     if 0.1 < largest < 3.2:
@@ -288,7 +288,9 @@ def _curve(
     angles = bends(2 * np.pi * times / period)
     before = np.zeros((2, 2 if wait else 1))
     starts = [0.0, wait] if wait else [0.0]
-    return from_samples(np.append(starts, wait + APPROACH + times), np.hstack([before, angles]))
+    return from_samples(
+        np.append(starts, wait + APPROACH_TIME + times), np.hstack([before, angles])
+    )
 
 
 def from_tip_path(
@@ -325,7 +327,7 @@ def from_tip_path(
     bends = np.zeros((times.size, layout.num_bends))
     if times.size < 2:
         return from_samples(times, bends.T)  # which says that there are too few
-    for _ in range(TIP_STEPS):
+    for _ in range(MAX_TIP_STEPS):
         angles = bends @ mechanics.shape.T
         tip, slopes = tip_of.first(angles)
         missed = wanted.T - tip[:, sideways]

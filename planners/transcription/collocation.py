@@ -75,17 +75,17 @@ class MotionDefects:
         self._on_rates = dynamics.acceleration_to_angle
         self._on_angles = 8 / typical_time_step * self._on_rates
         self.lower = self.upper = np.zeros(2 * n * len(time_steps))
-        self._kept: tuple | None = None
+        self._cached: tuple | None = None
         # The heat at both knots, by which forces and states in the middle change.
         P = self._points.shape[1]
         self._heat = np.r_[2 * n : P, P + 2 * n : 2 * P]
         name = f"motion of an interval, {free_duration}"
-        stated = model.once(name, lambda: self._state_interval(model.wires))
-        self._x_middle, self._force, self._forces, self._equations = stated
-        self._lay_out_jacobian()
-        self._lay_out_hessian(is_whole=True)
+        stated = model.once(name, lambda: self._symbolic_interval(model.wires))
+        self._x_middle, self._middle_force, self._all_forces, self._equations = stated
+        self._set_jacobian_pattern()
+        self._set_hessian_pattern(is_whole=True)
 
-    def _state_interval(self, wires: Wires) -> list[SmoothFunction]:
+    def _symbolic_interval(self, wires: Wires) -> list[SmoothFunction]:
         """State in symbols what the heat does in the middle, and what has a curvature."""
         n, N, P = self._n, wires.num_states, self._points.shape[1]
         z, h = ca.SX.sym("z", 2 * P), ca.SX.sym("h")
@@ -121,47 +121,47 @@ class MotionDefects:
         residuals = SmoothFunction(equations, ca.vertcat(by, a0, a1, a_middle), step)
         return [in_the_middle, middle_force, all_forces, residuals]
 
-    def _lay_out_jacobian(self) -> None:
+    def _set_jacobian_pattern(self) -> None:
         """Set where the nonzeros of `jacobian` are: those of θ, of θ̇ by the motion and the heat."""
         n, P, num_intervals = self._n, self._points.shape[1], len(self._time_steps)
         rows, columns = self._dynamics.by_state.slope_places
-        self._moving, places = np.unique(columns, return_inverse=True)
+        self._moving_columns, places = np.unique(columns, return_inverse=True)
         self._slopes = rows, places
-        by_force = np.append(self._heat, 2 * P)[self._force.slope_places[1]]
-        at_knots = self._moving[2 * n :]
+        by_force = np.append(self._heat, 2 * P)[self._middle_force.slope_places[1]]
+        at_knots = self._moving_columns[2 * n :]
         by_heat = {*by_force.tolist(), *at_knots.tolist(), *(P + at_knots).tolist()}
         self._by_heat = np.array(sorted(by_heat | ({2 * P} if self._is_free else set())), int)
         motion, each = np.arange(2 * n), np.arange(n)
-        blocks = [(each, np.r_[self._moving, P + self._moving])]
+        blocks = [(each, np.r_[self._moving_columns, P + self._moving_columns])]
         blocks += [(n + each, np.r_[motion, P + motion]), (n + each, self._by_heat)]
         if self._is_free:
             blocks.append((each, np.array([2 * P])))
         grids = [np.array(np.meshgrid(*block, indexing="ij")).reshape(2, -1) for block in blocks]
-        self._pairs = rows, columns = np.hstack(grids)
+        self._entry_pairs = rows, columns = np.hstack(grids)
         self.rows = (rows[:, None] * num_intervals + np.arange(num_intervals)).ravel()
         self.columns = self._variables[columns].ravel()
 
-    def _lay_out_hessian(self, is_whole: bool) -> None:
+    def _set_hessian_pattern(self, is_whole: bool) -> None:
         """Set where the nonzeros of `hessian` are, of the whole one or that of heat and duty."""
         self._is_whole = is_whole
         if is_whole:
             size = 2 * self._points.shape[1] + self._is_free
-            self._curved = np.array(np.tril_indices(size))
+            self._curved_pairs = np.array(np.tril_indices(size))
         else:
-            self._curved = self._heat[self._forces.curvature_places]
+            self._curved_pairs = self._heat[self._all_forces.curvature_places]
         self.hessian_rows, self.hessian_columns = (
-            self._variables[places].ravel() for places in self._curved
+            self._variables[places].ravel() for places in self._curved_pairs
         )
 
     def with_curvature_of_heat(self) -> "MotionDefects":
         """Return a copy whose ``hessian`` has the second derivatives by heat and duty alone."""
         block = copy.copy(self)
-        block._lay_out_hessian(is_whole=False)
+        block._set_hessian_pattern(is_whole=False)
         return block
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         """Scaled defects, all zero for a feasible trajectory."""
-        points, h, _, accelerations, _ = self._solved(x)
+        points, h, _, accelerations, _ = self._accelerations_at(x)
         K, n = len(points), self._n
         steps = np.diff(points[:, : 2 * n], axis=0) * (1.5 / h)
         rates, at_knots = points[:, n : 2 * n], accelerations[:K]
@@ -172,30 +172,30 @@ class MotionDefects:
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Nonzeros of the derivative of `evaluate`."""
-        points, h, places, accelerations, mass = self._solved(x)
+        points, h, places, accelerations, mass = self._accelerations_at(x)
         K, n, P, h = len(points), self._n, points.shape[1], h[:, 0]
         on_angles, on_rates = self._on_angles[..., None], self._on_rates[..., None]
 
         # The scaled accelerations by what moves them, (n, ..., K) at the knots and in the middle.
         mobility = -self._on_rates @ np.linalg.inv(mass)
-        slopes = np.zeros((len(places), n, len(self._moving)))
+        slopes = np.zeros((len(places), n, len(self._moving_columns)))
         slopes[:, *self._slopes] = self._dynamics.by_state.slopes(places, accelerations)
         slopes = np.moveaxis(mobility @ slopes, 0, -1)
         first, second, middle = slopes[..., : K - 1], slopes[..., 1:K], slopes[..., K:]
         forces = np.zeros((K - 1, n, 2 * P + 1))
-        rows, columns = self._force.slope_places
-        heat, angles = self._heat_at(points), places[K:, :n]
+        rows, columns = self._middle_force.slope_places
+        heat, angles = self._heat_at_both_knots(points), places[K:, :n]
         at = (
             (np.column_stack([heat, h]), angles)
             if self._is_free
             else (heat, np.column_stack([angles, h]))
         )
-        forces[:, rows, np.append(self._heat, 2 * P)[columns]] = self._force.slopes(*at)
+        forces[:, rows, np.append(self._heat, 2 * P)[columns]] = self._middle_force.slopes(*at)
         by_heat = np.moveaxis(mobility[K:] @ forces[..., self._by_heat], 0, -1).copy()
 
         # The rows of θ by each knot.
         shares = h / self._typical_h
-        of_angles = np.empty((n, 2, len(self._moving), K - 1))
+        of_angles = np.empty((n, 2, len(self._moving_columns), K - 1))
         np.multiply(first, -shares, out=of_angles[:, 0])
         np.multiply(second, shares, out=of_angles[:, 1])
         of_angles[:, 0, :n] -= 1.5 / h * on_angles
@@ -209,7 +209,7 @@ class MotionDefects:
             np.multiply(own[:, : 2 * n], -0.25, out=motion[:, knot])
             motion[:, knot, :n] -= 0.5 * by_angle + sign * 1.5 / h * by_rate
             motion[:, knot, n:] += 0.25 * by_rate + sign * (h / 8 * by_angle + 1.5 / h * on_rates)
-            at_knot = np.searchsorted(self._by_heat, knot * P + self._moving[2 * n :])
+            at_knot = np.searchsorted(self._by_heat, knot * P + self._moving_columns[2 * n :])
             by_heat[:, at_knot] -= 0.25 * own[:, 2 * n :]
         parts = [of_angles, motion, by_heat]
 
@@ -227,7 +227,7 @@ class MotionDefects:
         num_intervals, P = len(self._time_steps), self._points.shape[1]
         motion = 2 * self._n
         slopes = np.zeros((num_intervals, motion, 2 * P + 1))
-        slopes[:, *self._pairs] = self.jacobian(x).reshape(-1, num_intervals).T
+        slopes[:, *self._entry_pairs] = self.jacobian(x).reshape(-1, num_intervals).T
         return slopes[:, :, :motion], slopes[:, :, P : P + motion]
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
@@ -236,9 +236,9 @@ class MotionDefects:
         The rows' weights of the accelerations become weights λ of the equations of motion, by the
         adjoint M λ = w.
         """
-        if not self._curved.size:
+        if not self._curved_pairs.size:
             return np.zeros(0)
-        points, h, places, accelerations, mass = self._solved(x)
+        points, h, places, accelerations, mass = self._accelerations_at(x)
         K, n = len(points), self._n
         of_angles, of_rates = multipliers.reshape(2, n, K - 1)
         of_angles, of_rates = of_angles.T @ self._on_angles, of_rates.T @ self._on_rates
@@ -254,12 +254,14 @@ class MotionDefects:
         if not self._is_whole:
             angles = np.hstack([points[:-1, :n], points[1:, :n], places[K:, :n]])
             parameters = np.hstack([angles, h])
-            return self._forces.curvatures(self._heat_at(points), weights, parameters).T.ravel()
+            return self._all_forces.curvatures(
+                self._heat_at_both_knots(points), weights, parameters
+            ).T.ravel()
         return self._whole_hessian(x, np.hstack([of_angles, of_rates, weights]))
 
     def _whole_hessian(self, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """The nonzeros of the Hessian, by weights (K - 1, 5n) of the equations of an interval."""
-        points, h, places, accelerations, mass = self._solved(x)
+        points, h, places, accelerations, mass = self._accelerations_at(x)
         K, n, P = len(points), self._n, points.shape[1]
         size = 2 * P + self._is_free
 
@@ -274,7 +276,7 @@ class MotionDefects:
         along[:, size + n : size + 2 * n, P : 2 * P] = slopes[1:K]
         # The rows of θ̇ have those in the middle, which follow from their slopes.
         of_rates = np.zeros((2 * n, 2 * P + 1, K - 1))
-        of_rates[*self._pairs] = self.jacobian(x).reshape(-1, K - 1)
+        of_rates[*self._entry_pairs] = self.jacobian(x).reshape(-1, K - 1)
         of_rates = np.linalg.solve(self._on_rates, of_rates[n:].reshape(n, -1))
         in_middle = -of_rates.reshape(n, -1, K - 1).transpose(2, 0, 1)[..., :size]
         in_middle -= 0.25 * (along[:, size : size + n] + along[:, size + n : size + 2 * n])
@@ -291,10 +293,10 @@ class MotionDefects:
         else:
             curved = self._equations.second(np.delete(point, 2 * P, axis=1), weights, h)
         hessian = along.swapaxes(1, 2) @ curved @ along
-        rows, columns = self._curved
+        rows, columns = self._curved_pairs
         return hessian[:, rows, columns].T.ravel()
 
-    def _solved(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _accelerations_at(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
         """The points at the knots (K, P), time steps (K - 1, 1), and the accelerations (2K - 1, n).
 
         Before the accelerations are the states [θ, θ̇, x] (2K - 1, 2n + N) at the knots, then in
@@ -303,20 +305,22 @@ class MotionDefects:
         """
         points, h = x[self._points], x[self._time_steps][:, None]
         place = np.append(points.ravel(), h)
-        if self._kept is not None and np.array_equal(self._kept[0], place):
-            return self._kept[1]
+        if self._cached is not None and np.array_equal(self._cached[0], place):
+            return self._cached[1]
         n, num_states = self._n, 2 * self._n + self._dynamics.num_states
         steps, sums = np.diff(points, axis=0), points[:-1] + points[1:]
         angles = 0.5 * sums[:, :n] - h / 8 * steps[:, n : 2 * n]
         rates = 1.5 / h * steps[:, :n] - 0.25 * sums[:, n : 2 * n]
-        middle = np.hstack([angles, rates, self._x_middle.values(self._heat_at(points), h)])
+        middle = np.hstack(
+            [angles, rates, self._x_middle.values(self._heat_at_both_knots(points), h)]
+        )
         places = np.vstack([points[:, :num_states], middle])
         mass, load = self._dynamics.mass_and_load(places)
         accelerations = -np.linalg.solve(mass, load[..., None])[..., 0]
-        self._kept = place, (points, h, places, accelerations, mass)
-        return self._kept[1]
+        self._cached = place, (points, h, places, accelerations, mass)
+        return self._cached[1]
 
-    def _heat_at(self, points: np.ndarray) -> np.ndarray:
+    def _heat_at_both_knots(self, points: np.ndarray) -> np.ndarray:
         """[x, D] at both knots of each interval (K - 1, 2 (N + W))."""
         heat = points[:, 2 * self._n :]
         return np.hstack([heat[:-1], heat[1:]])

@@ -27,7 +27,7 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # whose handlers may end a solve
+INTERRUPT_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # whose handlers may end a solve
 OPTIONS = {
     "mu_strategy": "adaptive",
     # For an objective that is scaled to at most 100. A tenth of this value makes costs ten times
@@ -49,10 +49,10 @@ OPTIONS = {
     "sb": "yes",
 }
 
-INFEASIBLE = "infeasible problem detected"
-STATUS = {  # words and Drake's result, by the name that IPOPT returns
+INFEASIBLE_STATUS = "infeasible problem detected"
+RESULT_BY_STATUS = {  # words and Drake's result, by the name that IPOPT returns
     "Solve_Succeeded": ("solved", SolutionResult.kSolutionFound),
-    "Infeasible_Problem_Detected": (INFEASIBLE, SolutionResult.kInfeasibleConstraints),
+    "Infeasible_Problem_Detected": (INFEASIBLE_STATUS, SolutionResult.kInfeasibleConstraints),
     "Maximum_Iterations_Exceeded": (
         "maximum number of iterations exceeded",
         SolutionResult.kIterationLimit,
@@ -220,7 +220,7 @@ class ExactHessianIpoptSolver:
             raise problem.raised
         x = np.clip(problem.scale * y, problem.lower, problem.upper)  # scaling rounds
         other = status.replace("_", " ").lower(), SolutionResult.kSolverSpecificError
-        words, outcome = STATUS.get(status, other)
+        words, outcome = RESULT_BY_STATUS.get(status, other)
         details = IpoptDetails(
             status=words,
             iterations=problem.iterations,
@@ -276,7 +276,7 @@ class _Function(ca.Callback):
         return int(self._problem.raised is not None)
 
 
-class _Places:
+class _SparsePattern:
     """Where the nonzeros of a sparse matrix are in CasADi's order, column by column.
 
     Those at the same place add up.
@@ -307,7 +307,7 @@ class _Places:
             np.take(values, self._order, out=out)
 
 
-class _Evaluators:
+class _StackedEvaluators:
     """Costs or constraints of a program, side by side, evaluated by Drake's AutoDiff.
 
     - ``size``: number of their values.
@@ -350,7 +350,7 @@ class _Evaluators:
         )
 
 
-class _Constraints(_Evaluators):
+class _GenericConstraints(_StackedEvaluators):
     """Constraints of a program as a `ConstraintBlock`."""
 
     replaces: Collection[Binding] = ()
@@ -407,7 +407,7 @@ class _ScaledProblem:
         self.cost = _Cost(prog)
         self._linear = _LinearConstraints(prog, linear)
         replaced = {binding for block in blocks for binding in block.replaces}
-        others = _Constraints(prog, [b for b in curved if b not in replaced])
+        others = _GenericConstraints(prog, [b for b in curved if b not in replaced])
         self._curved: list[ConstraintBlock] = [others, *blocks]
         self._in_order: list[Any] = [*self._curved, self._linear]
         self.lower, self.upper = _bounds(prog)
@@ -442,9 +442,9 @@ class _ScaledProblem:
         """The best y, IPOPT's status, and the multipliers of constraints and bounds."""
         _load_ipopt()
         n, m = len(self.scale), len(self._g_lower)
-        self._in_jacobian = _Places((m, n), self._rows, self._columns)
+        self._in_jacobian = _SparsePattern((m, n), self._rows, self._columns)
         # CasADi wants the upper triangle.
-        self._in_hessian = _Places((n, n), self._hessian_columns, self._hessian_rows)
+        self._in_hessian = _SparsePattern((n, n), self._hessian_columns, self._hessian_rows)
         jacobian, hessian = self._in_jacobian.sparsity, self._in_hessian.sparsity
         dense = ca.Sparsity.dense
         one, y, g, none = dense(1), dense(n), dense(m), ca.Sparsity(0, 0)
@@ -554,7 +554,7 @@ class _Cost:
             self._c += binding.evaluator().b()
         self._rows, self._columns = _concatenate(rows, int), _concatenate(columns, int)
         self._values = _concatenate(values)
-        generic = _Evaluators(prog, [*prog.generic_costs(), *prog.l2norm_costs()])
+        generic = _StackedEvaluators(prog, [*prog.generic_costs(), *prog.l2norm_costs()])
         self._generic = generic
         self._triangle = self._rows >= self._columns
         self.rows = np.append(self._rows[self._triangle], generic.hessian_rows)
@@ -585,7 +585,7 @@ def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    set_ones: dict[int, Any] = {number: signal.getsignal(number) for number in SIGNALS}
+    set_ones: dict[int, Any] = {number: signal.getsignal(number) for number in INTERRUPT_SIGNALS}
     handlers = {number: handler for number, handler in set_ones.items() if callable(handler)}
 
     def hold_back(number, frame):

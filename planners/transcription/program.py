@@ -18,14 +18,14 @@ from limb_systems import (
 from limb_systems.files.trajectory import AddedTerms
 from planners.task import Task, TaskError
 from planners.transcription.collocation import ANGLE_SCALE, MotionDefects, heat_block
-from planners.transcription.customized_terms import by_names, described, variables_at_bounds
+from planners.transcription.customized_terms import describe, group_by_name, variables_at_bounds
 from planners.transcription.ipopt import ConstraintBlock
 
 REST_RATE = np.deg2rad(0.5)  # rad/s, largest bend rate at rest
 REACH_TOLERANCE = np.deg2rad(0.1)  # rad
 # By how much constraints of one's own may be missed, relative to bounds larger than one.
 ADDED_TOLERANCE = 1e-5
-KNOTS_OF_A_COST = 20
+KNOTS_PER_COST = 20
 
 
 class PlanProgram:
@@ -198,7 +198,7 @@ class PlanProgram:
                 continue
             most = np.nan_to_num(relative[row], nan=np.inf)
             worst = (
-                f"'{described(binding)}' (number {number} of {len(self.added)}"
+                f"'{describe(binding)}' (number {number} of {len(self.added)}"
                 f"{self._when(binding)}) is missed by {missed[row]:.3g}"
             )
         return worst
@@ -207,9 +207,9 @@ class PlanProgram:
         """Return what ``customize`` added, with the values of costs, by names."""
         costs = [
             AddedTerms(name, len(alike), float(self.prog.EvalBindings(alike, x).sum()))
-            for name, alike in by_names(self.added_costs).items()
+            for name, alike in group_by_name(self.added_costs).items()
         ]
-        constraints = by_names(self.added)
+        constraints = group_by_name(self.added)
         return costs + [AddedTerms(name, len(alike)) for name, alike in constraints.items()]
 
     def active_knots(self, x: np.ndarray) -> dict[str, np.ndarray]:
@@ -218,7 +218,7 @@ class PlanProgram:
         for index, scale in self.prog.GetVariableScaling().items():
             scales[index] = scale
         active = {}
-        for name, alike in by_names(self.added).items():
+        for name, alike in group_by_name(self.added).items():
             active[name] = np.zeros(len(self.times), bool)
             for binding in alike:
                 indices = np.array(self.prog.FindDecisionVariableIndices(binding.variables()))
@@ -274,8 +274,8 @@ class PlanProgram:
 
     def _groups_of_knots(self) -> list[slice]:
         """Return the knots whose costs are one cost of the program: few calls, and small Q."""
-        starts = range(0, len(self.times), KNOTS_OF_A_COST)
-        return [slice(start, start + KNOTS_OF_A_COST) for start in starts]
+        starts = range(0, len(self.times), KNOTS_PER_COST)
+        return [slice(start, start + KNOTS_PER_COST) for start in starts]
 
     def _rate_limits(self) -> np.ndarray:
         """Largest bend rates at the knots (K,), rad/s; infinite where there is no limit."""

@@ -38,9 +38,9 @@ from planners.transcription.program import (
 )
 from planners.transcription.solving import InfeasibleError, Solution, solve_program
 
-SPACING = 0.5  # s, between the knots of a start
+START_KNOT_SPACING = 0.5  # s, between the knots of a start
 CHECK_STEP = 0.5  # s, of an integration that says whether limits can be met
-LEAST_BETA = 1e-6  # N·m/°C, of wires that are taken to be linear
+MIN_BETA = 1e-6  # N·m/°C, of wires that are taken to be linear
 
 
 def check_temperature_limits(
@@ -88,7 +88,7 @@ def check_temperature_limits(
     first = times[np.argmax(warm_knots)]
     hottest = states_at(full, np.array([first]))[0]
     off = states_at(0.0, times[:2])
-    cooled, cooled_readings = off[1], readings_along(wires, off, initial_readings, times[:2])[1]
+    cooled, cooled_readings = off[1], integrate_readings(wires, off, initial_readings, times[:2])[1]
     bounds = reading_bounds(model, measured_margin)
     ahead = np.linspace(0.0, _settling_time(wires), 1000)
     for index, name in enumerate(model.parameters.wire_names):
@@ -100,7 +100,7 @@ def check_temperature_limits(
                 "allow; let it cool first."
             )
         if cooled[index] > highest:
-            below = _first_time(ahead, states_at(0.0, ahead)[:, index], highest)
+            below = _first_crossing_time(ahead, states_at(0.0, ahead)[:, index], highest)
             raise InfeasibleError(
                 f"The {name} wire starts at {start:.4g} °C, above T_max = {limits.maximum:g} °C"
                 f"{margins} (19); let it cool for {below:.3g} s first."
@@ -108,7 +108,7 @@ def check_temperature_limits(
         if hottest[index] >= limits.warm or not warm_knots.any():
             continue
         course = states_at(full, ahead)[:, index]
-        reached = _first_time(ahead, course, limits.warm)
+        reached = _first_crossing_time(ahead, course, limits.warm)
         advice = (
             f"it could from {reached:.3g} s on, so set temperature_limits.warm_up_time to that"
             if np.isfinite(reached)
@@ -121,7 +121,7 @@ def check_temperature_limits(
         )
 
 
-def held_motion(held: HeldAngles, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+def static_motion(held: HeldAngles, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
     """[θ, θ̇] (K, 2n) that wires hold, of states x (K, N) under duty (K, W)."""
     angles, slopes = held.expanded(states)
     rates = (slopes @ held.wires.rates(states, duty)[:, :, None])[:, :, 0]
@@ -170,7 +170,7 @@ def solve_quasi_static(
 
     # A program that is not convex starts from its solution at fewer knots.
     every, wires = np.arange(len(times)), model.wires
-    num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
+    num_intervals = max(1, round((times[-1] - times[0]) / START_KNOT_SPACING))
     is_convex = wires.rates_are_affine and wires.torque_is_affine
     if start is not None or is_convex or 2 * num_intervals > len(times):
         return solved(every, start)
@@ -270,7 +270,7 @@ class QuasiStaticProgram(PlanProgram):
             held = wires.holding_duty(wires.settled_states(middle))
             duty = np.tile(held, (len(self.times), 1))
         states = wires.under_duty(start[:N], duty, self.times)
-        readings = readings_along(wires, states, start[N:], self.times)
+        readings = integrate_readings(wires, states, start[N:], self.times)
         return self.variables(np.hstack([states, readings]).T, duty.T)
 
     def variables(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
@@ -281,7 +281,7 @@ class QuasiStaticProgram(PlanProgram):
         x[self.bends] = self.held.values(heat[: self.wires.num_states].T)
         return x
 
-    def tangent_solution(self, x: np.ndarray) -> np.ndarray | None:
+    def solve_linearized(self, x: np.ndarray) -> np.ndarray | None:
         """The solution where ``blocks`` are linear about x, by Clarabel; None if there is none."""
         jacobian = scipy.sparse.vstack(
             [
@@ -325,7 +325,7 @@ class QuasiStaticProgram(PlanProgram):
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:
         """The signals of a `Trajectory`, from all decision variables."""
         states, readings = np.split(x[self.heat].T, [self.wires.num_states])
-        motion = held_motion(self.held, states.T, x[self.duty]).T
+        motion = static_motion(self.held, states.T, x[self.duty]).T
         angles, rates = np.split(motion, 2)
         mechanics = self.model.mechanics
         lag = mechanics.damping / mechanics.stiffness
@@ -360,12 +360,12 @@ def linear_limb(parameters: LimbParameters) -> LimbParameters:
                 a1=-float(np.sqrt(rates["slowest_cooling"] * rates["fastest_cooling"])),
                 a2=rates["heating"],
                 a3=-rates["reading"],
-                beta=max(float(hot - warm) / (limits.maximum - limits.warm), LEAST_BETA),
+                beta=max(float(hot - warm) / (limits.maximum - limits.warm), MIN_BETA),
             )
     return linear
 
 
-def readings_along(
+def integrate_readings(
     wires: Wires, states: np.ndarray, initial_readings: np.ndarray, times: np.ndarray
 ) -> np.ndarray:
     """V (K, W) along states (K, N) at times (K,), s, by (7).
@@ -393,7 +393,7 @@ def _settling_time(wires: Wires) -> float:
     return 12.0 / rates[rates > 1e-7 * rates.max()].min()  # a memory may not be named as such
 
 
-def _first_time(times: np.ndarray, course: np.ndarray, target: float) -> float:
+def _first_crossing_time(times: np.ndarray, course: np.ndarray, target: float) -> float:
     """When a course (K,) gets to a target for the first time, linear between times, or inf."""
     crossings = np.flatnonzero(np.diff(course > target))
     if not len(crossings):

@@ -43,7 +43,7 @@ def descend(
     return point, cost, solved
 
 
-def first_that_reduces(
+def backtracking_step(
     shares: Sequence[float], cost_of: Callable[[np.ndarray], float]
 ) -> Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, float]]:
     """A `step` by the first of some shares of the way that reduces the cost."""

@@ -9,12 +9,12 @@ from pydrake.solvers import IpoptSolver, SolverInterface, SolverOptions
 
 from limb_systems import LimbError
 from limb_systems.progress import Progress
-from planners.transcription.ipopt import INFEASIBLE, ExactHessianIpoptSolver
+from planners.transcription.ipopt import INFEASIBLE_STATUS, ExactHessianIpoptSolver
 from planners.transcription.program import PlanProgram
 
 # Near the solution, the barrier begins small enough to leave the guess near its bounds, and ends so
 # low that it raises the cost by less than 1e-6 of it. With multipliers it begins as it ends.
-NEAR = {
+NEAR_OPTIONS = {
     "mu_strategy": "monotone",
     "mu_init": 3e-5,
     "mu_linear_decrease_factor": 0.05,
@@ -27,7 +27,7 @@ NEAR = {
 # Hysteresis and references far out of reach may need hundreds of iterations; each is cheap. With a
 # barrier that begins this small there are half as many as with IPOPT's own, 0.1, and with the one
 # near the solution fewer again, if they suffice.
-PATIENT = {"mu_strategy": "monotone", "mu_init": 0.01, "max_iter": 600}
+PATIENT_OPTIONS = {"mu_strategy": "monotone", "mu_init": 0.01, "max_iter": 600}
 # s of processor time, after which no attempt begins and IPOPT ends; plans take seconds.
 LONGEST_SOLVE = 300.0
 
@@ -118,7 +118,7 @@ def solve_program(
                     multipliers=getattr(details, "multipliers", None),
                 )
             failures.append(f"{name}: {status}")
-            if status == INFEASIBLE and not program.has_inertia:
+            if status == INFEASIBLE_STATUS and not program.has_inertia:
                 raise InfeasibleError(
                     "The temperature constraints (19)-(20)"
                     f"{program.task.named_limits} cannot all be met with duty between 0 and "
@@ -148,8 +148,8 @@ def _attempts(
     if (cheap := program.cheap_blocks) is not None:
         name = "IPOPT, curvature of the wires" if program.has_inertia else "IPOPT, quasi-static"
         if multipliers is not None or starts_near:
-            yield name, lambda: ipopt(NEAR, multipliers, cheap)
+            yield name, lambda: ipopt(NEAR_OPTIONS, multipliers, cheap)
             name += ", patient"
-        yield name, lambda: ipopt(PATIENT, None, cheap)
+        yield name, lambda: ipopt(PATIENT_OPTIONS, None, cheap)
     yield "IPOPT, exact Hessian", lambda: ipopt({})
     yield "IPOPT, exact Hessian, monotone barrier", lambda: ipopt({"mu_strategy": "monotone"})

@@ -12,12 +12,12 @@ from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import QuasiStaticProgram
 from planners.transcription.solving import Solution
 
-FEASIBLE = 1e-9  # of the scaled rows of the motion
-NEAR = 1e-2  # rad and rad/s; after a smaller step, slopes are nearly the same
-MOST_ITERATIONS = 20
+FEASIBILITY_TOLERANCE = 1e-9  # of the scaled rows of the motion
+SLOPE_TOLERANCE = 1e-2  # rad and rad/s; after a smaller step, slopes are nearly the same
+MAX_ITERATIONS = 20
 
 
-def with_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
+def solve_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
     """Return decision variables whose motion obeys (17), by Newton's method from a motion near it.
 
     Args:
@@ -27,11 +27,11 @@ def with_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
         LimbError: if Newton's method finds no motion.
     """
     x, motion, change = x.copy(), program.motion, np.inf
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         rows = program.defects.evaluate(x).reshape(motion.shape[1], -1).T
-        if np.abs(rows).max() < FEASIBLE:
+        if np.abs(rows).max() < FEASIBILITY_TOLERANCE:
             return x
-        if change > NEAR:
+        if change > SLOPE_TOLERANCE:
             inverse, to_next = _step_to_next_knot(program, x)
         gaps = -(inverse @ rows[:, :, None])[:, :, 0]
         moved = np.zeros(motion.shape)
@@ -44,7 +44,7 @@ def with_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
     raise LimbError("Newton's method does not find the motion of the quasi-static plan.")
 
 
-def multipliers_of(
+def estimate_multipliers(
     program: TrajectoryProgram, x: np.ndarray, quasi_static: QuasiStaticProgram, solution: Solution
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return multipliers of the constraints and of the bounds of a program near its solution.

@@ -125,7 +125,7 @@ def test_a_wire_within_its_play_is_heated_as_in_the_plan_of_the_motion():
     bends = []
     for planned in (None, whole):
         planner = HorizonPlanner(parameters, reference, planned=planned)
-        before = dataclasses.replace(planner.beginning_of(whole), duty=off)
+        before = dataclasses.replace(planner.first_horizon(whole), duty=off)
         bends.append(np.rad2deg(planner.plan(0.0, heat, np.zeros(1), before).bend_angle[-1]))
     assert bends[0] == pytest.approx(0.0, abs=1.0)
     assert bends[1] == pytest.approx(-12.0, abs=0.5)
@@ -222,7 +222,7 @@ def test_what_is_done_between_plans_heats_no_wire_beyond_a_horizon(short_plan):
     controller = RecedingHorizon(short_plan)
     parameters, estimator = short_plan.parameters, controller._estimator
     heat = estimator.model.heated(np.array([25.0, 89.0]))
-    straight = estimator.loaded(heat, np.zeros(1))
+    straight = estimator.begin_loaded(heat, np.zeros(1))
     limits = [controller._temperature_limit(0.0, straight), None]
     caps = [controller._limiter.caps(straight, limit)[1] for limit in limits]
     assert limits[0] == pytest.approx(parameters.temperature_limits.maximum - 10.0)
@@ -262,19 +262,19 @@ def test_in_real_time_the_command_does_not_wait_for_a_plan(short_plan):
 def test_another_process_plans_alike_until_it_ends(short_plan):
     task = Task(duty_weight=0.01, customize=lambda _: None)  # which cannot be sent
     here, there = HorizonPlanner.of(short_plan, task), PlannerProcess(short_plan, task)
-    first = here.beginning_of(short_plan)
+    first = here.first_horizon(short_plan)
     question = 0.3, first.heat[1], np.array([0.02]), first
     there.begin(*question)
     ours = here.plan(*question)
     assert there._connection.poll(600.0)
-    theirs = there.plan_if_made()
-    assert there.plan_if_made() is None
+    theirs = there.poll_plan()
+    assert there.poll_plan() is None
     for name in ("time", "duty", "heat", "bend_angle"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
     there._process.kill()
     assert there._connection.poll(600.0)
     with pytest.raises(LimbError, match="The process that plans the coming seconds has ended"):
-        there.plan_if_made()
+        there.poll_plan()
 
 
 STOPPED = """

@@ -132,11 +132,11 @@ def test_wires_that_are_hotter_than_they_read_stay_below_the_limit():
     """By 12% of what they show over the room, of which no calibration by readings can know."""
     parameters = small_limb()
     parameters.calibration = CalibrationRecord([], [], [], [], temperature_error=0.5)
-    for hotter, least in ((1.0, 85.0), (1.12, 93.0)):
+    for heating_factor, least in ((1.0, 85.0), (1.12, 93.0)):
         others = copy.deepcopy(parameters)
         for wire in others.wires:
-            wire.law.a2 *= hotter
-        temperature, _ = driven(parameters, ExactWires(others, shown=1 / hotter), square)
+            wire.law.a2 *= heating_factor
+        temperature, _ = driven(parameters, ExactWires(others, shown=1 / heating_factor), square)
         assert least < temperature.max() <= LIMIT
 
 

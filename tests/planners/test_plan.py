@@ -33,7 +33,7 @@ from planners import (
 from planners.transcription import ipopt, solving
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import solve_quasi_static
-from planners.transcription.warm_start import multipliers_of, with_motion
+from planners.transcription.warm_start import estimate_multipliers, solve_motion
 from soft_limb.reports.plan_report import plan_verdict
 from soft_limb.results.summaries import plan_summary
 
@@ -311,10 +311,10 @@ def test_multipliers_of_the_start_balance_the_cost_of_its_motion():
     states = np.zeros((len(state), len(times)))
     states[2 * n :] = solution.x[quasi_static.heat].T
     start = program.variables(states, solution.x[quasi_static.duty].T)
-    start = with_motion(program, start)
+    start = solve_motion(program, start)
     assert np.abs(program.defects.evaluate(start)).max() < 1e-9
 
-    multipliers, _ = multipliers_of(program, start, quasi_static, solution)
+    multipliers, _ = estimate_multipliers(program, start, quasi_static, solution)
     block, step = program.defects, 1e-4
     shape = len(block.lower), len(start)
     slopes = scipy.sparse.coo_array((block.jacobian(start), (block.rows, block.columns)), shape)

@@ -206,7 +206,7 @@ def test_costs_and_constraints_of_ones_own_hold_however_they_are_solved(monkeypa
             for wire in parameters.segments[0].wires:
                 wire.law = SaturatingLaw()
         elif way == "exact":
-            monkeypatch.setitem(solving.PATIENT, "max_iter", 2)
+            monkeypatch.setitem(solving.PATIENT_OPTIONS, "max_iter", 2)
         elif way == "SNOPT":
             solver = SnoptSolver()
         task = Task(customize=of_ones_own)
