@@ -12,16 +12,15 @@ from limb_systems.drake_python import weak_method
 from limb_systems.simulation import PERIOD
 
 MIN_GAIN_SHARE = 0.25  # of the mean gain, that a cold wire is taken to have at least
-# s/rad, by which bend rates that are not made count more than changes of duty
-BEND_RATE_WEIGHT = 1e4
+BEND_RATE_WEIGHT = 1e4  # s/rad, of errors of the bend rate over changes of duty
 DUTY_ROUNDING = 1e-9  # of duty
 
 
 class PlanController(LeafSystem):
-    """Base of controllers for a limb of W wires and F bends; they say what is wanted.
+    """The base of controllers for a limb of W wires and F bends.
 
-    At each tick the `Estimator` takes the readings. A subclass says which duty and which bend rates
-    it wants. The duty within the caps of `TemperatureLimiter` that makes these is the output.
+    At each tick the `Estimator` takes the readings. A subclass returns a desired duty and further
+    bend rates. The output is the duty within the caps of `TemperatureLimiter` that makes them.
 
     - input 0 ``measured_temperature``: V (W), °C; NaN where there is no reading
     - input 1 ``bend_angle``: φ (F), rad, as read; NaN where there is no reading
@@ -54,16 +53,18 @@ class PlanController(LeafSystem):
         self.DeclareVectorInputPort("measured_temperature", model.num_wires)
         self.DeclareVectorInputPort("bend_angle", model.num_bends)
         state = self.DeclareDiscreteState(duty)
-        known = self._estimator.nothing
+        estimate = self._estimator.nothing
         if start:
-            known = pack(self._estimator.begin_loaded(*start))
-        self.DeclareDiscreteState(known)
+            estimate = pack(self._estimator.begin_loaded(*start))
+        self.DeclareDiscreteState(estimate)
         self.DeclareStateOutputPort("duty", state)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
 
     def _update(self, context, state) -> None:
+        # Estimate the limb's state from the readings.
         readings, bend = (self.get_input_port(index).Eval(context) for index in range(2))
         estimate = self._estimator.read(state.value(1), readings, bend)
+        # Find the duty within the caps that makes the desired bend rates.
         time = self._plan_time(context)
         caps = self._limiter.caps(estimate, self._temperature_limit(time, estimate))
         base, bend_rate = self._desired_duty(time, estimate, caps, state)
@@ -71,6 +72,7 @@ class PlanController(LeafSystem):
         duty = allocate(bend_rate, base, self._gains_at(time), caps)
         duty = limit_total_duty(duty, self._parameters.total_duty)
         state.set_value(0, duty)
+        # Predict the estimate of the next tick.
         ahead = self._estimator.predict(estimate, duty)
         state.set_value(1, pack(ahead))
         self._after_update(context, ahead, state)
@@ -78,7 +80,7 @@ class PlanController(LeafSystem):
     def _desired_duty(
         self, time: float, estimate: StateEstimate, caps: np.ndarray, state
     ) -> tuple[np.ndarray, np.ndarray]:
-        """A duty (W,) and the bend rates (F,), rad/s, that are wanted beyond it.
+        """Return a desired duty (W,), and the bend rates (F,), rad/s, to make beyond it.
 
         Args:
             time: time since the start of the plan, s.
@@ -89,18 +91,18 @@ class PlanController(LeafSystem):
         raise NotImplementedError
 
     def _gains_at(self, time: float) -> np.ndarray:
-        """Bend rates by full duty of each wire (F, W), rad/s, as for `allocate`."""
+        """Return the bend rates by full duty of each wire (F, W), rad/s, as for `allocate`."""
         return self._gains
 
     def _after_update(self, context, ahead: StateEstimate, state) -> None:
         """Update the states of a subclass; ``ahead`` is the estimate of the next tick."""
 
     def _plan_time(self, context) -> float:
-        """Time since the start of the plan, s."""
+        """Return the time since the start of the plan, s."""
         return context.get_time()
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray | None:
-        """Limit of each wire (W,), °C, where it is lower than that of `TemperatureLimiter`."""
+        """Return lower limits of the wires (W,), °C, than `TemperatureLimiter` has, if any."""
         return None
 
 
@@ -109,19 +111,20 @@ class SampledPlan:
 
     - ``duty``: mean duty over each period (K, W).
     - ``bend_angle``, ``reference``: φ* and φ_ref at the ends of the periods (K, F), rad.
-    - ``temperature``: T* at their beginnings (K, W), °C.
-    - ``heat``: [x, V] at their beginnings (K, H).
+    - ``temperature``: T* at the beginnings of the periods (K, W), °C.
+    - ``heat``: [x, V] at the beginnings of the periods (K, H).
 
     Args:
         trajectory: the plan.
-        parameters: description of the limb; if it is not the plan's, heat is that of this limb
-            with the plan's duty.
+        parameters: description of the limb; if it is not the plan's, ``heat`` is the heat of this
+            limb under the plan's duty.
     """
 
     def __init__(self, trajectory: Trajectory, parameters: LimbParameters):
         plan = trajectory.since_start()
         times = PERIOD * np.arange(int(np.ceil(plan.duration / PERIOD)) + 1)
-        middle, end = (np.minimum(times + ahead, plan.duration) for ahead in (PERIOD / 2, PERIOD))
+        middle = np.minimum(times + PERIOD / 2, plan.duration)
+        end = np.minimum(times + PERIOD, plan.duration)
         self.duty = np.clip(plan.duty_trajectory().vector_values(middle).T, 0.0, 1.0)
         self.bend_angle = plan.bend_angle_at(end).T
         self.reference = plan.interpolated(plan.reference, end).T
@@ -133,7 +136,7 @@ class SampledPlan:
             self.heat = model.rollout(model.rested(plan.measured_temperature[:, 0]), self.duty[:-1])
 
     def index(self, time: float) -> int:
-        """Number of the period that begins at a time, s; the last one after the end."""
+        """Return the index of the period that begins at a time, s; the last one after the end."""
         return min(round(time / PERIOD), len(self.duty) - 1)
 
 
@@ -147,10 +150,9 @@ def allocate(
 ) -> np.ndarray:
     """Return the duty (W,) nearest to a given duty that bends a limb faster by a given rate.
 
-    The wires of a bend change it in proportion to their gains, δ = λ g; what one cannot do,
-    because its duty is at zero or at its cap, the others do as far as they can. Wires that have a
-    part in two bends change it by Σ λ g, in the same way: as wires cannot be cooled, those on
-    the other side heat.
+    The wires of a bend change it in proportion to their gains, δ = λ g. Where the duty of a wire is
+    at zero or at its cap, the other wires take over, as far as they can. Wires with a part in two
+    bends change by Σ λ g, likewise: as wires cannot be cooled, the wires on the other side heat.
 
     Args:
         bend_rate: additional bend rates (F,), rad/s.
@@ -160,27 +162,29 @@ def allocate(
     """
     if (np.count_nonzero(gains, axis=0) > 1).any():
         costs = np.vstack([BEND_RATE_WEIGHT * gains, np.eye(len(duty))])
-        wanted = np.append(BEND_RATE_WEIGHT * bend_rate, 0.0 * duty)
-        bounds = (
-            -duty - DUTY_ROUNDING,
-            caps - duty + DUTY_ROUNDING,
-        )  # apart, as the method needs them
-        change = lsq_linear(costs, wanted, bounds, method="bvls", tol=1e-15).x
+        target = np.append(BEND_RATE_WEIGHT * bend_rate, 0.0 * duty)
+        # The method needs bounds that differ.
+        bounds = (-duty - DUTY_ROUNDING, caps - duty + DUTY_ROUNDING)
+        change = lsq_linear(costs, target, bounds, method="bvls", tol=1e-15).x
         return np.clip(duty + change, 0.0, caps)
     result = duty.copy()
-    for wanted, gain in zip(bend_rate, gains, strict=True):
+    for rate, gain in zip(bend_rate, gains, strict=True):
         wires = np.flatnonzero(gain)
-        g, least, most = gain[wires], -duty[wires], (caps - duty)[wires]
+        g = gain[wires]
+        least = -duty[wires]
+        most = (caps - duty)[wires]
         # Σ g δ is piecewise linear in λ, with corners where a wire gets to a bound.
         corners = np.unique(np.concatenate([least / g, most / g]))
         changes = np.clip(corners[:, None] * g, least, most)
-        scale = np.interp(wanted, changes @ g, corners)
+        scale = np.interp(rate, changes @ g, corners)
         result[wires] += np.clip(scale * g, least, most)
     return result
 
 
 def gains_along_plan(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
-    """g (K, F, W), rad/s: the bend rate by full duty along a plan, from a quarter of the mean up.
+    """Return g (K, F, W), rad/s, the bend rate by full duty along a plan.
+
+    It is at least a quarter of the mean, as a cold wire gets warm.
 
     It is not more than the mean, as a wire that transforms now may not do so later.
     """

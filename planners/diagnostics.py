@@ -19,7 +19,8 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     Everything is scaled as for the solver. The Jacobian is shown for the first intervals; all
     others look the same.
     """
-    parameters, time = trajectory.parameters, trajectory.time
+    parameters = trajectory.parameters
+    time = trajectory.time
     model = trajectory.model
     n = model.layout.num_joints
     num_states = model.wires.num_states
@@ -31,14 +32,17 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     block: ConstraintBlock
     if model.layout.is_planar:
         program = TrajectoryProgram(model, time)
-        block, x = program.defects, program.variables(trajectory.state, trajectory.duty)
+        block = program.defects
+        x = program.variables(trajectory.state, trajectory.duty)
         motion, heat = (block.evaluate(x) for block in program.blocks)
         places = block.rows % (len(time) - 1) * 2 * n + block.rows // (len(time) - 1)
         defects = np.vstack([motion.reshape(2 * n, -1), heat.reshape(len(time) - 1, -1).T])
     else:  # which has heat alone
         program = QuasiStaticProgram(model, time, model.statics, Task())
-        block, x = program.blocks[0], program.variables(trajectory.state[2 * n :], trajectory.duty)
-        defects, places = block.evaluate(x).reshape(len(time) - 1, -1).T, block.rows
+        block = program.blocks[0]
+        x = program.variables(trajectory.state[2 * n :], trajectory.duty)
+        defects = block.evaluate(x).reshape(len(time) - 1, -1).T
+        places = block.rows
         sizes = {"wires": num_states, "V": len(parameters.wires)}
     ends = np.cumsum([*sizes.values()])[:-1]
     for label, rows in zip(sizes, np.split(np.abs(defects), ends), strict=True):

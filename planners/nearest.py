@@ -32,7 +32,8 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
     reference = plan.interpolated(plan.reference, times)
     warm_up = max(0.0, model.parameters.temperature_limits.warm_up_time - float(trajectory.time[0]))
     states, readings = split_state(model, plan.state_trajectory().vector_values(times))[2:]
-    heat, duty = np.vstack([states, readings]), plan.duty_trajectory().vector_values(times)
+    heat = np.vstack([states, readings])
+    duty = plan.duty_trajectory().vector_values(times)
     try:
         program, solution = solve_quasi_static(
             model,

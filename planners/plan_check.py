@@ -33,7 +33,10 @@ CHECK_RATE = 20.0  # Hz, of the comparison; the rate of the knots if that is hig
 
 # A limb swing_warning about a quasi-static plan if its first mode is slower, its damping over its
 # stiffness larger, or what a jump of its bend rate makes it ring larger than this.
-MIN_MODE_FREQUENCY, MAX_LAG, MAX_RINGING = 1.5, 0.02, np.deg2rad(0.3)  # Hz, s, rad
+# Hz, s, rad
+MIN_MODE_FREQUENCY = 1.5
+MAX_LAG = 0.02
+MAX_RINGING = np.deg2rad(0.3)
 
 # A plan is far if a side's largest angle is missed by more than a share of the largest that is
 # asked for, or the mean of the misses is more than another; but not by less than a degree.
@@ -108,7 +111,8 @@ def swing_warning(trajectory: Trajectory) -> str | None:
 
 def far_from_reference(trajectory: Trajectory) -> str | None:
     """Return how far, where and why a plan is far from its reference; None if it is near."""
-    reference, planned = trajectory.reference, trajectory.bend_angle
+    reference = trajectory.reference
+    planned = trajectory.bend_angle
     largest = np.abs(reference).max()
     short = np.array(
         [
@@ -117,13 +121,15 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
         ]
     )
     is_short = short.max() > max(MIN_DEVIATION, MAX_SHORTFALL_SHARE * largest)
-    distance, mean = np.abs(reference - planned), reference_distances(trajectory).planned
+    distance = np.abs(reference - planned)
+    mean = reference_distances(trajectory).planned
     if not is_short and mean <= max(MIN_DEVIATION, MAX_MEAN_SHARE * largest):
         return None
     if is_short:
         side, bend = map(int, np.unravel_index(np.argmax(short), short.shape))
         sign = (1, -1)[side]
-        wanted, reached = sign * reference[bend], sign * planned[bend]
+        wanted = sign * reference[bend]
+        reached = sign * planned[bend]
         # Where it comes nearest to what it never reaches.
         knot = int(np.argmax(np.where(wanted > reached.max(), reached, -np.inf)))
     else:
@@ -181,16 +187,20 @@ def active_constraints(
     Args:
         added: whether constraints of one's own are active at the knots (K,), by their names.
     """
-    limits, names = trajectory.parameters.temperature_limits, trajectory.parameters.wire_names
+    limits = trajectory.parameters.temperature_limits
+    names = trajectory.parameters.wire_names
     warm = trajectory.time > warm_up_time
-    near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE
-    hottest, fullest = limits.maximum - task.temperature_margin, 1.0 - task.duty_margin
+    near_duty = 1e-4
+    near_temperature = 1e-3 * TEMPERATURE_SCALE
+    hottest = limits.maximum - task.temperature_margin
+    fullest = 1.0 - task.duty_margin
     hottest_name = f"T_max - {task.temperature_margin:g} °C" if task.temperature_margin else "T_max"
     highest = reading_bounds(trajectory.model, measured_margin)
     bounds: list[tuple[str, np.ndarray]] = []
     for index, name in enumerate(names):
         reading = trajectory.measured_temperature[index]
-        duty, wire = trajectory.duty[index], trajectory.wire_temperature[index]
+        duty = trajectory.duty[index]
+        wire = trajectory.wire_temperature[index]
         bounds += (
             (f"duty {name} = 0", duty < near_duty),
             (f"duty {name} = {fullest:g}", duty > fullest - near_duty),

@@ -28,7 +28,8 @@ STEP_TOLERANCE = 6e-6  # rad, of what a step adds to q; a longer step is cut in 
 MAX_REFINEMENTS = 6
 # The error that a step adds to q, by h² times the jump of its acceleration between two steps, and
 # by h times the fourth difference of a plan's rates.
-JUMP_ERROR_FACTOR, BEND_ERROR_FACTOR = 1 / 60, 3e-3
+JUMP_ERROR_FACTOR = 1 / 60
+BEND_ERROR_FACTOR = 3e-3
 
 NODES = np.array([(4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0])
 _POWERS = np.arange(3)
@@ -47,7 +48,8 @@ def _integral_weights_twice(shares: np.ndarray) -> np.ndarray:
     return powers / ((_POWERS + 1) * (_POWERS + 2)) @ _TO_POWERS
 
 
-A, A_SQUARED = _integral_weights(NODES), _integral_weights_twice(NODES)
+A = _integral_weights(NODES)
+A_SQUARED = _integral_weights_twice(NODES)
 
 
 @dataclasses.dataclass
@@ -110,7 +112,8 @@ def solve_steps(
     """
     steps = MotionSteps(guess.times, guess.start.copy(), guess.accelerations.copy())
     h = np.diff(steps.times)[:, None, None]
-    (K, _, n), change = steps.accelerations.shape, np.inf
+    (K, _, n) = steps.accelerations.shape
+    change = np.inf
     for _ in range(MAX_ITERATIONS):
         q, v = steps.stages()
         points = np.concatenate([q, v, steps.accelerations], axis=-1)
@@ -237,6 +240,7 @@ def _heating_residual(wires: Wires) -> SmoothFunction:
     """ẋ less its value by (6), of [∫x, x, ẋ] and the duty."""
     names = ("integral", "x", "rates")
     integral, x, rates = (ca.SX.sym(name, wires.num_states) for name in names)
-    duty, readings = ca.SX.sym("D", wires.num_wires), ca.SX(wires.num_wires, 1)
+    duty = ca.SX.sym("D", wires.num_wires)
+    readings = ca.SX(wires.num_wires, 1)
     residual = rates - wires.symbolic_heat(x, readings, duty)[: wires.num_states]
     return SmoothFunction(residual, ca.vertcat(integral, x, rates), duty)

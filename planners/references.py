@@ -72,7 +72,8 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
             bends are missing for more than 1 s; shorter gaps are bridged, with a warning.
     """
     recording.check_plausible()
-    limb, bend_angle = recording.parameters, _interpolate_gaps(recording)
+    limb = recording.parameters
+    bend_angle = _interpolate_gaps(recording)
     angles = np.concatenate(
         [
             segment.bend_sensor.unrolled_bends(bend_angle[bends])
@@ -104,7 +105,8 @@ def _interpolate_gaps(recording: Recording) -> np.ndarray:
     there = ~np.isnan(recording.bend_angle).any(axis=0)
     if there.all():
         return recording.bend_angle
-    times, count = recording.time[there], (~there).sum()
+    times = recording.time[there]
+    count = (~there).sum()
     gap = np.diff(np.hstack([recording.time[:1], times, recording.time[-1:]])).max()
     if gap > LONGEST_GAP + 1e-9:
         raise LimbError(
@@ -230,8 +232,10 @@ def _number(cell: str, separator: str) -> float | None:
 
 
 def _likely_mistakes(table: np.ndarray) -> Iterator[str]:
-    times, angles = table[:, 0], table[:, 1:]
-    largest, steps = np.abs(angles).max(), np.abs(np.diff(angles, axis=0)).max(axis=1)
+    times = table[:, 0]
+    angles = table[:, 1:]
+    largest = np.abs(angles).max()
+    steps = np.abs(np.diff(angles, axis=0)).max(axis=1)
     if 0.1 < largest < 3.2:
         yield f"the largest angle is {largest:.2g}; are these radians? Files must have degrees."
     if steps.max() > 100:
@@ -313,7 +317,8 @@ def from_tip_path(
     mechanics = LimbModel.of(parameters).mechanics
     layout = mechanics.layout
     tip_of = tip_of_angles(mechanics)
-    wanted, times = np.atleast_2d(np.asarray(path, float)), np.asarray(times, float)
+    wanted = np.atleast_2d(np.asarray(path, float))
+    times = np.asarray(times, float)
     sideways = [1] if layout.is_planar else [1, 2]
     if layout.is_planar and len(wanted) == 2:
         raise LimbError(

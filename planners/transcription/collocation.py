@@ -67,10 +67,12 @@ class MotionDefects:
         free_duration: bool = False,
     ):
         self._dynamics = dynamics = model.dynamics
-        self.replaces, self._is_free = replaces, free_duration
+        self.replaces = replaces
+        self._is_free = free_duration
         self._n = n = dynamics.num_joints
         self._points = np.hstack([states[:, : 2 * n + dynamics.num_states], duty])
-        self._time_steps, self._typical_h = time_steps, typical_time_step
+        self._time_steps = time_steps
+        self._typical_h = typical_time_step
         self._variables = np.vstack([self._points[:-1].T, self._points[1:].T, time_steps])
         self._on_rates = dynamics.acceleration_to_angle
         self._on_angles = 8 / typical_time_step * self._on_rates
@@ -87,8 +89,11 @@ class MotionDefects:
 
     def _symbolic_interval(self, wires: Wires) -> list[SmoothFunction]:
         """State in symbols what the heat does in the middle, and what has a curvature."""
-        n, N, P = self._n, wires.num_states, self._points.shape[1]
-        z, h = ca.SX.sym("z", 2 * P), ca.SX.sym("h")
+        n = self._n
+        N = wires.num_states
+        P = self._points.shape[1]
+        z = ca.SX.sym("z", 2 * P)
+        h = ca.SX.sym("h")
         parts = [*np.cumsum([0, n, n, N, wires.num_wires]).tolist()]
         q0, v0, x0, D0 = ca.vertsplit(z[:P], parts)
         q1, v1, x1, D1 = ca.vertsplit(z[P:], parts)
@@ -98,7 +103,8 @@ class MotionDefects:
         v_middle = 1.5 / h * (q1 - q0) - (v0 + v1) / 4
         x_middle = (x0 + x1) / 2 + h / 8 * change[:N]
 
-        heat, angles = ca.vertcat(x0, D0, x1, D1), ca.SX.sym("q", 3 * n)
+        heat = ca.vertcat(x0, D0, x1, D1)
+        angles = ca.SX.sym("q", 3 * n)
         at_begin, at_end, in_middle = ca.vertsplit(angles, n)
         force = wires.symbolic_force
         in_the_middle = SmoothFunction(x_middle, heat, h)
@@ -123,7 +129,9 @@ class MotionDefects:
 
     def _set_jacobian_pattern(self) -> None:
         """Set where the nonzeros of `jacobian` are: those of θ, of θ̇ by the motion and the heat."""
-        n, P, num_intervals = self._n, self._points.shape[1], len(self._time_steps)
+        n = self._n
+        P = self._points.shape[1]
+        num_intervals = len(self._time_steps)
         rows, columns = self._dynamics.by_state.slope_places
         self._moving_columns, places = np.unique(columns, return_inverse=True)
         self._slopes = rows, places
@@ -131,7 +139,8 @@ class MotionDefects:
         at_knots = self._moving_columns[2 * n :]
         by_heat = {*by_force.tolist(), *at_knots.tolist(), *(P + at_knots).tolist()}
         self._by_heat = np.array(sorted(by_heat | ({2 * P} if self._is_free else set())), int)
-        motion, each = np.arange(2 * n), np.arange(n)
+        motion = np.arange(2 * n)
+        each = np.arange(n)
         blocks = [(each, np.r_[self._moving_columns, P + self._moving_columns])]
         blocks += [(n + each, np.r_[motion, P + motion]), (n + each, self._by_heat)]
         if self._is_free:
@@ -162,9 +171,11 @@ class MotionDefects:
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         """Scaled defects, all zero for a feasible trajectory."""
         points, h, _, accelerations, _ = self._accelerations_at(x)
-        K, n = len(points), self._n
+        K = len(points)
+        n = self._n
         steps = np.diff(points[:, : 2 * n], axis=0) * (1.5 / h)
-        rates, at_knots = points[:, n : 2 * n], accelerations[:K]
+        rates = points[:, n : 2 * n]
+        at_knots = accelerations[:K]
         of_angles = steps[:, :n] - 0.75 * (rates[:-1] + rates[1:])
         of_angles += h / 8 * np.diff(at_knots, axis=0)
         of_rates = steps[:, n:] - 0.25 * (at_knots[:-1] + at_knots[1:]) - accelerations[K:]
@@ -173,18 +184,25 @@ class MotionDefects:
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Nonzeros of the derivative of `evaluate`."""
         points, h, places, accelerations, mass = self._accelerations_at(x)
-        K, n, P, h = len(points), self._n, points.shape[1], h[:, 0]
-        on_angles, on_rates = self._on_angles[..., None], self._on_rates[..., None]
+        K = len(points)
+        n = self._n
+        P = points.shape[1]
+        h = h[:, 0]
+        on_angles = self._on_angles[..., None]
+        on_rates = self._on_rates[..., None]
 
         # The scaled accelerations by what moves them, (n, ..., K) at the knots and in the middle.
         mobility = -self._on_rates @ np.linalg.inv(mass)
         slopes = np.zeros((len(places), n, len(self._moving_columns)))
         slopes[:, *self._slopes] = self._dynamics.by_state.slopes(places, accelerations)
         slopes = np.moveaxis(mobility @ slopes, 0, -1)
-        first, second, middle = slopes[..., : K - 1], slopes[..., 1:K], slopes[..., K:]
+        first = slopes[..., : K - 1]
+        second = slopes[..., 1:K]
+        middle = slopes[..., K:]
         forces = np.zeros((K - 1, n, 2 * P + 1))
         rows, columns = self._middle_force.slope_places
-        heat, angles = self._heat_at_both_knots(points), places[K:, :n]
+        heat = self._heat_at_both_knots(points)
+        angles = places[K:, :n]
         at = (
             (np.column_stack([heat, h]), angles)
             if self._is_free
@@ -203,7 +221,8 @@ class MotionDefects:
         of_angles[:, :, n : 2 * n] -= 0.75 * on_angles[:, None]
 
         # The rows of θ̇ by the motion of each knot, and by the heat.
-        by_angle, by_rate = middle[:, :n], middle[:, n : 2 * n]
+        by_angle = middle[:, :n]
+        by_rate = middle[:, n : 2 * n]
         motion = np.empty((n, 2, 2 * n, K - 1))
         for knot, sign, own in ((0, -1.0, first), (1, 1.0, second)):
             np.multiply(own[:, : 2 * n], -0.25, out=motion[:, knot])
@@ -214,7 +233,8 @@ class MotionDefects:
         parts = [of_angles, motion, by_heat]
 
         if self._is_free:  # by the time step, the last of ``by_heat``
-            steps, change = np.diff(points[:, : 2 * n], axis=0), np.diff(accelerations[:K], axis=0)
+            steps = np.diff(points[:, : 2 * n], axis=0)
+            change = np.diff(accelerations[:K], axis=0)
             by_step = -1.5 / h[:, None] ** 2 * steps
             to_middle = np.hstack([-steps[:, n:] / 8, by_step[:, :n]])
             by_heat[:, -1] += self._on_rates @ by_step[:, n:].T
@@ -224,7 +244,8 @@ class MotionDefects:
 
     def slopes_by_motion(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the slopes of an interval's rows by [θ, θ̇] at both knots, each (K - 1, 2n, 2n)."""
-        num_intervals, P = len(self._time_steps), self._points.shape[1]
+        num_intervals = len(self._time_steps)
+        P = self._points.shape[1]
         motion = 2 * self._n
         slopes = np.zeros((num_intervals, motion, 2 * P + 1))
         slopes[:, *self._entry_pairs] = self.jacobian(x).reshape(-1, num_intervals).T
@@ -239,9 +260,11 @@ class MotionDefects:
         if not self._curved_pairs.size:
             return np.zeros(0)
         points, h, places, accelerations, mass = self._accelerations_at(x)
-        K, n = len(points), self._n
+        K = len(points)
+        n = self._n
         of_angles, of_rates = multipliers.reshape(2, n, K - 1)
-        of_angles, of_rates = of_angles.T @ self._on_angles, of_rates.T @ self._on_rates
+        of_angles = of_angles.T @ self._on_angles
+        of_rates = of_rates.T @ self._on_rates
         weights = np.zeros_like(accelerations)
         weights[: K - 1] = -h / 8 * of_angles - 0.25 * of_rates
         weights[1:K] += h / 8 * of_angles - 0.25 * of_rates
@@ -262,7 +285,9 @@ class MotionDefects:
     def _whole_hessian(self, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """The nonzeros of the Hessian, by weights (K - 1, 5n) of the equations of an interval."""
         points, h, places, accelerations, mass = self._accelerations_at(x)
-        K, n, P = len(points), self._n, points.shape[1]
+        K = len(points)
+        n = self._n
+        P = points.shape[1]
         size = 2 * P + self._is_free
 
         # The accelerations at both knots and in the middle (K - 1, 3n), and their slopes by z.
@@ -303,12 +328,15 @@ class MotionDefects:
         the middle, where they are; after them is M there. IPOPT asks for rows, Jacobian and Hessian
         at the same point, one after the other.
         """
-        points, h = x[self._points], x[self._time_steps][:, None]
+        points = x[self._points]
+        h = x[self._time_steps][:, None]
         place = np.append(points.ravel(), h)
         if self._cached is not None and np.array_equal(self._cached[0], place):
             return self._cached[1]
-        n, num_states = self._n, 2 * self._n + self._dynamics.num_states
-        steps, sums = np.diff(points, axis=0), points[:-1] + points[1:]
+        n = self._n
+        num_states = 2 * self._n + self._dynamics.num_states
+        steps = np.diff(points, axis=0)
+        sums = points[:-1] + points[1:]
         angles = 0.5 * sums[:, :n] - h / 8 * steps[:, n : 2 * n]
         rates = 1.5 / h * steps[:, :n] - 0.25 * sums[:, n : 2 * n]
         middle = np.hstack(
@@ -368,7 +396,8 @@ def heat_defects(
     def rates(heat: ca.SX, duty: ca.SX) -> ca.SX:
         return wires.symbolic_heat(*ca.vertsplit(heat, [0, wires.num_states, heat.numel()]), duty)
 
-    before, after = rates(first, duty), rates(second, next_duty)
+    before = rates(first, duty)
+    after = rates(second, next_duty)
     middle = (first + second) / 2 + step / 8 * (before - after)
     in_middle = rates(middle, (duty + next_duty) / 2)
     return second - first - step / 6 * (before + 4 * in_middle + after)

@@ -18,7 +18,8 @@ MAX_FORMULA_VARIABLES = 10  # variables; with more of them a formula takes long 
 
 def describe(binding: Binding) -> str:
     """Return the description of a cost or constraint on one line, or else its formula."""
-    evaluator, num_variables = binding.evaluator(), len(binding.variables())
+    evaluator = binding.evaluator()
+    num_variables = len(binding.variables())
     if description := " ".join(evaluator.get_description().split()):
         return description
     if num_variables > MAX_FORMULA_VARIABLES:

@@ -53,8 +53,11 @@ class FunctionBlock:
         scales: np.ndarray | float = 1.0,
         bounds: tuple[np.ndarray, np.ndarray] | None = None,
     ):
-        self._function, self._points, self._targets = function, points, targets
-        K, Q = len(points), function.num_values
+        self._function = function
+        self._points = points
+        self._targets = targets
+        K = len(points)
+        Q = function.num_values
         self._scales = np.broadcast_to(scales, Q)
         self._rows, columns = function.slope_places
         self.lower, self.upper = (

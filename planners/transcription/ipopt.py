@@ -74,7 +74,8 @@ def _load_ipopt() -> None:
 
     Its BLAS reads when it is loaded how many threads it may have; others would only wait.
     """
-    name, number = "OPENBLAS_NUM_THREADS", os.environ.get("OPENBLAS_NUM_THREADS")
+    name = "OPENBLAS_NUM_THREADS"
+    number = os.environ.get("OPENBLAS_NUM_THREADS")
     os.environ[name] = "1"
     try:
         ca.load_nlpsol("ipopt")
@@ -180,7 +181,8 @@ class ExactHessianIpoptSolver:
         blocks: Sequence[ConstraintBlock] = (),
         on_iteration: Callable[[int, float, float], None] | None = None,
     ):
-        self._blocks, self._on_iteration = blocks, on_iteration
+        self._blocks = blocks
+        self._on_iteration = on_iteration
 
     def Solve(
         self,
@@ -248,8 +250,10 @@ class _Function(ca.Callback):
         outputs: Sequence[ca.Sparsity],
     ):
         super().__init__()
-        self._problem, self._function = problem, function
-        self._inputs, self._outputs = inputs, outputs
+        self._problem = problem
+        self._function = function
+        self._inputs = inputs
+        self._outputs = outputs
         self.construct(function.__name__.strip("_"), {})
 
     def get_n_in(self) -> int:
@@ -291,7 +295,8 @@ class _SparsePattern:
     def __init__(self, shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray):
         short = np.min_scalar_type(max(shape))  # short integers are sorted in no time
         self._order = order = np.lexsort((rows.astype(short), columns.astype(short)))
-        rows, columns = rows[order], columns[order]
+        rows = rows[order]
+        columns = columns[order]
         is_new = np.ones(len(order), bool)
         is_new[1:] = (np.diff(rows) != 0) | (np.diff(columns) != 0)
         self._starts = np.flatnonzero(is_new)
@@ -329,7 +334,8 @@ class _StackedEvaluators:
             for of_part, (_, indices) in zip(numbers, self._parts, strict=False)
         ]
         columns = [np.tile(part[1], size) for part, size in zip(self._parts, sizes, strict=True)]
-        self.rows, self.columns = _concatenate(rows, int), _concatenate(columns, int)
+        self.rows = _concatenate(rows, int)
+        self.columns = _concatenate(columns, int)
         pairs = [indices[np.array(np.tril_indices(len(indices)))] for _, indices in self._parts]
         self.hessian_rows = _concatenate([pair.max(axis=0) for pair in pairs], int)
         self.hessian_columns = _concatenate([pair.min(axis=0) for pair in pairs], int)
@@ -369,7 +375,11 @@ class _LinearConstraints:
     """
 
     def __init__(self, prog: MathematicalProgram, bindings: Sequence[Binding]):
-        rows, columns, values, lower, upper = [], [], [], [], []
+        rows = []
+        columns = []
+        values = []
+        lower = []
+        upper = []
         size = 0
         for binding in bindings:
             evaluator = binding.evaluator()
@@ -384,7 +394,8 @@ class _LinearConstraints:
         places = _concatenate(rows, int), _concatenate(columns, int)
         shape = size, prog.num_vars()
         self.matrix = scipy.sparse.coo_array((_concatenate(values), places), shape)
-        self.lower, self.upper = _concatenate(lower), _concatenate(upper)
+        self.lower = _concatenate(lower)
+        self.upper = _concatenate(upper)
 
 
 class _ScaledProblem:
@@ -430,24 +441,31 @@ class _ScaledProblem:
             None  # by a function of the program or a signal's handler
         )
 
-        rows, columns = [self.cost.rows], [self.cost.columns]
+        rows = [self.cost.rows]
+        columns = [self.cost.columns]
         for block in self._curved:
             rows.append(np.maximum(block.hessian_rows, block.hessian_columns))
             columns.append(np.minimum(block.hessian_rows, block.hessian_columns))
-        self._hessian_rows, self._hessian_columns = np.concatenate(rows), np.concatenate(columns)
+        self._hessian_rows = np.concatenate(rows)
+        self._hessian_columns = np.concatenate(columns)
         self._jacobian_scale = self.scale[self._columns]
         self._hessian_scale = self.scale[self._hessian_rows] * self.scale[self._hessian_columns]
 
     def solve(self, options, multipliers):
         """The best y, IPOPT's status, and the multipliers of constraints and bounds."""
         _load_ipopt()
-        n, m = len(self.scale), len(self._g_lower)
+        n = len(self.scale)
+        m = len(self._g_lower)
         self._in_jacobian = _SparsePattern((m, n), self._rows, self._columns)
         # CasADi wants the upper triangle.
         self._in_hessian = _SparsePattern((n, n), self._hessian_columns, self._hessian_rows)
-        jacobian, hessian = self._in_jacobian.sparsity, self._in_hessian.sparsity
+        jacobian = self._in_jacobian.sparsity
+        hessian = self._in_hessian.sparsity
         dense = ca.Sparsity.dense
-        one, y, g, none = dense(1), dense(n), dense(m), ca.Sparsity(0, 0)
+        one = dense(1)
+        y = dense(n)
+        g = dense(m)
+        none = ca.Sparsity(0, 0)
         cost = _Function(self, self._cost, [y, none], [one])
         constraints = _Function(self, self._constraints, [y, none], [g])
         derivatives = {  # named, because CasADi does not keep Python's objects alive
@@ -456,7 +474,8 @@ class _ScaledProblem:
             "hess_lag": _Function(self, self._hessian, [y, none, one, g], [hessian]),
         }
         after = _Function(self, self._after_iteration, [y, one, g, y, g, none], [one])
-        at, no_parameters = ca.MX.sym("y", n), ca.MX(0, 0)
+        at = ca.MX.sym("y", n)
+        no_parameters = ca.MX(0, 0)
         solver = ca.nlpsol(
             "solver",
             "ipopt",
@@ -535,11 +554,16 @@ class _Cost:
     """
 
     def __init__(self, prog: MathematicalProgram):
-        quadratic, linear = prog.quadratic_costs(), prog.linear_costs()
-        self._b, self._c = np.zeros(prog.num_vars()), 0.0
-        rows, columns, values = [], [], []
+        quadratic = prog.quadratic_costs()
+        linear = prog.linear_costs()
+        self._b = np.zeros(prog.num_vars())
+        self._c = 0.0
+        rows = []
+        columns = []
+        values = []
         for binding in quadratic:
-            evaluator, variables = binding.evaluator(), binding.variables()
+            evaluator = binding.evaluator()
+            variables = binding.variables()
             indices = np.array(prog.FindDecisionVariableIndices(variables))
             Q = evaluator.Q()
             row, column = Q.nonzero()
@@ -552,7 +576,8 @@ class _Cost:
             indices = prog.FindDecisionVariableIndices(binding.variables())
             np.add.at(self._b, indices, binding.evaluator().a())
             self._c += binding.evaluator().b()
-        self._rows, self._columns = _concatenate(rows, int), _concatenate(columns, int)
+        self._rows = _concatenate(rows, int)
+        self._columns = _concatenate(columns, int)
         self._values = _concatenate(values)
         generic = _StackedEvaluators(prog, [*prog.generic_costs(), *prog.l2norm_costs()])
         self._generic = generic
@@ -604,7 +629,8 @@ def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
 
 
 def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
-    lower, upper = np.full(prog.num_vars(), -np.inf), np.full(prog.num_vars(), np.inf)
+    lower = np.full(prog.num_vars(), -np.inf)
+    upper = np.full(prog.num_vars(), np.inf)
     for binding in prog.bounding_box_constraints():
         indices = prog.FindDecisionVariableIndices(binding.variables())
         np.maximum.at(lower, indices, binding.evaluator().lower_bound())

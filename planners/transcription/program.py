@@ -87,10 +87,12 @@ class PlanProgram:
         self.wires = self.model.wires
         self._layout = self.model.layout
         self._add_variables()
-        self.heat, self.duty = self.indices(self._heat), self.indices(self._duty)
+        self.heat = self.indices(self._heat)
+        self.duty = self.indices(self._duty)
         self._add_time()
         self._add_cost()
-        prog, none = self.prog, np.zeros(self._start.size)
+        prog = self.prog
+        none = np.zeros(self._start.size)
         self._initial = prog.AddBoundingBoxConstraint(none, none, self._start)  # (16)
         self._warm_up = self._add_wires(measured_margin, limit_weight)
         self._add_rate_limits(self._rate_limits())
@@ -136,7 +138,8 @@ class PlanProgram:
         self._angle_weights = np.outer(weights, self._shares)
         self._angle_targets = targets = self._targets(reference)
         for binding, knots in zip(self._angle_costs, self._groups_of_knots(), strict=True):
-            Q, target = self._angle_weights[knots].ravel(), targets[knots].ravel()
+            Q = self._angle_weights[knots].ravel()
+            target = targets[knots].ravel()
             constant = 0.5 * float((Q * target**2).sum())
             binding.evaluator().UpdateCoefficients(np.diag(Q), -Q * target, constant, True)
         heat = initial_state[-len(self.wires.heat_scales) :]
@@ -186,10 +189,13 @@ class PlanProgram:
 
     def broken_constraint(self, x: np.ndarray) -> str:
         """Return the ``added`` constraint that is missed most, in words; "" if all hold."""
-        worst, most = "", ADDED_TOLERANCE
+        worst = ""
+        most = ADDED_TOLERANCE
         for number, binding in enumerate(self.added, 1):
-            evaluator, values = binding.evaluator(), self.prog.EvalBinding(binding, x)
-            lower, upper = evaluator.lower_bound(), evaluator.upper_bound()
+            evaluator = binding.evaluator()
+            values = self.prog.EvalBinding(binding, x)
+            lower = evaluator.lower_bound()
+            upper = evaluator.upper_bound()
             missed = np.maximum(lower - values, values - upper)
             bound = np.where(lower - values > values - upper, lower, upper)
             relative = missed / np.maximum(1.0, np.abs(bound))
@@ -214,7 +220,8 @@ class PlanProgram:
 
     def active_knots(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Return whether the ``added`` constraints of a name are at a bound at the knots (K,)."""
-        scales, knot_of = np.ones(len(x)), self._knots_of_variables()
+        scales = np.ones(len(x))
+        knot_of = self._knots_of_variables()
         for index, scale in self.prog.GetVariableScaling().items():
             scales[index] = scale
         active = {}
@@ -246,12 +253,15 @@ class PlanProgram:
         return f", at {first:g} s" if first == last else f", from {first:g} to {last:g} s"
 
     def _shortest_and_longest_step(self) -> tuple[float, float]:
-        steps, factors = np.diff(self.times), self.task.stretch or (1.0, 1.0)
+        steps = np.diff(self.times)
+        factors = self.task.stretch or (1.0, 1.0)
         return factors[0] * steps.min(), factors[1] * steps.max()
 
     def _add_time(self) -> None:
         """Times of the knots: as given, or all stretched alike."""
-        prog, steps, time_steps = self.prog, np.diff(self.times), self._time_steps
+        prog = self.prog
+        steps = np.diff(self.times)
+        time_steps = self._time_steps
         self.time_steps = self.indices(time_steps)
         if self.task.stretch is None:
             prog.AddBoundingBoxConstraint(steps, steps, time_steps)
@@ -279,7 +289,8 @@ class PlanProgram:
 
     def _rate_limits(self) -> np.ndarray:
         """Largest bend rates at the knots (K,), rad/s; infinite where there is no limit."""
-        task, times = self.task, self.times
+        task = self.task
+        times = self.times
         rate = np.inf if task.max_bend_rate is None else task.max_bend_rate
         rests = times >= times[-1] - task.final_hold - 1e-9
         rests[-1] = task.reach or task.final_hold > 0
@@ -294,8 +305,12 @@ class PlanProgram:
         Raises:
             TaskError: if the temperature rate is limited and not affine.
         """
-        prog, parameters, times, task = self.prog, self.parameters, self.times, self.task
-        wires, duty = self.wires, self._duty
+        prog = self.prog
+        parameters = self.parameters
+        times = self.times
+        task = self.task
+        wires = self.wires
+        duty = self._duty
         W, x, readings = wires.num_wires, *np.split(self._heat, [wires.num_states], axis=1)
         _, weights = task.weights(times)
         energy = task.energy_weight * task.shares(times)
@@ -327,7 +342,8 @@ class PlanProgram:
             warm_up = add_soft_bounds(prog, T, warm, hot, limit_weight)
         if readings.size:
             bounds = reading_bounds(self.model, measured_margin)
-            bounded, bounds = readings[1:, np.isfinite(bounds)], bounds[np.isfinite(bounds)]
+            bounded = readings[1:, np.isfinite(bounds)]
+            bounds = bounds[np.isfinite(bounds)]
             if bounded.size:
                 upper = np.tile(bounds, len(bounded))
                 prog.AddBoundingBoxConstraint(np.full(len(upper), -np.inf), upper, bounded.ravel())
@@ -338,7 +354,9 @@ class PlanProgram:
                     "leave it out for this limb."
                 )
             A, B, c = wires.affine_rates()
-            rate, limit = np.hstack([A, B])[:W], task.max_temperature_rate  # (6)
+            # (6)
+            rate = np.hstack([A, B])[:W]
+            limit = task.max_temperature_rate
             add_at_knots(prog, rate, -limit - c[:W], limit - c[:W], np.hstack([x, duty]))
         return warm_up
 
@@ -378,7 +396,8 @@ class TrajectoryProgram(PlanProgram):
         return Limb(self.parameters)
 
     def _add_variables(self) -> None:
-        num_knots, n = len(self.times), self.parameters.num_joints
+        num_knots = len(self.times)
+        n = self.parameters.num_joints
         num_states = 2 * n + len(self.wires.heat_scales)
         shortest, longest = self._shortest_and_longest_step()
         self.collocation = None
@@ -406,11 +425,15 @@ class TrajectoryProgram(PlanProgram):
                     (self.wires.num_wires, "u"),
                 )
             )
-        self.states, self._start = self.indices(self._states), self._states[0]
+        self.states = self.indices(self._states)
+        self._start = self._states[0]
         self.motion = self.states[:, : 2 * n]
-        self._of_knots, self._scales = self._states, self.state_scales
-        self._tracked, self._heat = self._states[:, :n], self._states[:, 2 * n :]
-        self._shares, self._to_bends = np.ones(n), np.zeros((self._layout.num_bends, n))
+        self._of_knots = self._states
+        self._scales = self.state_scales
+        self._tracked = self._states[:, :n]
+        self._heat = self._states[:, 2 * n :]
+        self._shares = np.ones(n)
+        self._to_bends = np.zeros((self._layout.num_bends, n))
         for row, joints, chain in zip(
             self._to_bends, self._layout.bend_joints, self.model.mechanics.chains, strict=True
         ):
@@ -423,7 +446,8 @@ class TrajectoryProgram(PlanProgram):
         n = self.parameters.num_joints
         # The initial state is given, so its rate cannot be planned.
         limited = np.flatnonzero(np.isfinite(limits[1:])) + 1
-        most, rates = limits[limited, None], self._states[limited, n : 2 * n]
+        most = limits[limited, None]
+        rates = self._states[limited, n : 2 * n]
         add_at_knots(self.prog, self._to_bends, -most, most, rates)
 
     def _make_blocks(self) -> list[ConstraintBlock]:
@@ -445,7 +469,8 @@ class TrajectoryProgram(PlanProgram):
         """All decision variables, from states (2n + M, K) and duty (W, K)."""
         x = np.zeros(self.prog.num_vars())
         x[self.time_steps] = np.diff(self.times)
-        x[self.states], x[self.duty] = states.T, duty.T
+        x[self.states] = states.T
+        x[self.duty] = duty.T
         return x
 
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:

@@ -71,7 +71,8 @@ def check_temperature_limits(
     limits = model.parameters.temperature_limits
     initial_states, initial_readings = np.split(initial_heat, [wires.num_states])
     warm_knots = times > warm_up_time
-    full, highest = 1.0 - task.duty_margin, limits.maximum - task.temperature_margin
+    full = 1.0 - task.duty_margin
+    highest = limits.maximum - task.temperature_margin
     margins = f" less a margin of {task.temperature_margin:g} °C" if task.temperature_margin else ""
     if highest < limits.warm:
         raise InfeasibleError(
@@ -88,7 +89,8 @@ def check_temperature_limits(
     first = times[np.argmax(warm_knots)]
     hottest = states_at(full, np.array([first]))[0]
     off = states_at(0.0, times[:2])
-    cooled, cooled_readings = off[1], integrate_readings(wires, off, initial_readings, times[:2])[1]
+    cooled = off[1]
+    cooled_readings = integrate_readings(wires, off, initial_readings, times[:2])[1]
     bounds = reading_bounds(model, measured_margin)
     ahead = np.linspace(0.0, _settling_time(wires), 1000)
     for index, name in enumerate(model.parameters.wire_names):
@@ -169,7 +171,8 @@ def solve_quasi_static(
         return program, solve_program(program, guess, starts_near=is_near)
 
     # A program that is not convex starts from its solution at fewer knots.
-    every, wires = np.arange(len(times)), model.wires
+    every = np.arange(len(times))
+    wires = model.wires
     num_intervals = max(1, round((times[-1] - times[0]) / START_KNOT_SPACING))
     is_convex = wires.rates_are_affine and wires.torque_is_affine
     if start is not None or is_convex or 2 * num_intervals > len(times):
@@ -177,7 +180,8 @@ def solve_quasi_static(
     grid = np.linspace(times[0], times[-1], num_intervals + 1)
     some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
     program, solution = solved(some, None)
-    heat, duty = solution.x[program.heat], solution.x[program.duty]
+    heat = solution.x[program.heat]
+    duty = solution.x[program.duty]
     rates = wires.heat_rates(heat, duty)
     course = PiecewisePolynomial.CubicHermite(times[some], heat.T, rates.T)
     duty = np.array([np.interp(times, times[some], of_wire) for of_wire in duty.T])
@@ -209,12 +213,14 @@ class QuasiStaticProgram(PlanProgram):
         measured_margin: ArrayLike = 0.0,
         limit_weight: float | None = None,
     ):
-        self.held, self._is_soft = held, limit_weight is not None
+        self.held = held
+        self._is_soft = limit_weight is not None
         super().__init__(parameters, times, task, measured_margin, limit_weight)
         self._tangent: tuple[MathematicalProgram, LinearEqualityConstraint] | None = None
 
     def _add_variables(self) -> None:
-        K, wires = len(self.times), self.wires
+        K = len(self.times)
+        wires = self.wires
         self._shares = (self.model.mechanics.shape**2).sum(axis=0)  # of (15) in the joints' angles
         self._to_bends = np.eye(len(self._shares))
         num_heat = wires.num_states if self._is_soft else len(wires.heat_scales)
@@ -224,7 +230,8 @@ class QuasiStaticProgram(PlanProgram):
         self._tracked = prog.NewContinuousVariables(K, len(self._shares), "b")
         self._time_steps = prog.NewContinuousVariables(K - 1, "h")
         prog.AddBoundingBoxConstraint(*self._shortest_and_longest_step(), self._time_steps)
-        self.bends, self._start = self.indices(self._tracked), self._heat[0]
+        self.bends = self.indices(self._tracked)
+        self._start = self._heat[0]
         self._of_knots = np.hstack([self._heat, self._tracked])
         angles = np.full(len(self._shares), ANGLE_SCALE)
         self._scales = np.append(wires.heat_scales[:num_heat], angles)
@@ -262,7 +269,9 @@ class QuasiStaticProgram(PlanProgram):
         If the wires are linear, or it is not known how, it is the duty that holds them between
         T_warm and T_max.
         """
-        wires, N, start = self.wires, self.wires.num_states, self._initial_heat
+        wires = self.wires
+        N = self.wires.num_states
+        start = self._initial_heat
         duty = self._duty_of_linear_wires()
         if duty is None:
             limits = self.parameters.temperature_limits
@@ -277,7 +286,8 @@ class QuasiStaticProgram(PlanProgram):
         """All decision variables, from heat [x, V] (N + W, K) and duty (W, K)."""
         x = np.zeros(self.prog.num_vars())
         x[self.time_steps] = np.diff(self.times)
-        x[self.heat], x[self.duty] = heat[: self.heat.shape[1]].T, duty.T
+        x[self.heat] = heat[: self.heat.shape[1]].T
+        x[self.duty] = duty.T
         x[self.bends] = self.held.values(heat[: self.wires.num_states].T)
         return x
 
@@ -347,12 +357,15 @@ def linear_limb(parameters: LimbParameters) -> LimbParameters:
     Raises:
         LimbError: if a law does not say how fast its wire heats and cools.
     """
-    linear, limits = copy.deepcopy(parameters), parameters.temperature_limits
+    linear = copy.deepcopy(parameters)
+    limits = parameters.temperature_limits
     T0 = parameters.ambient_temperature
     for segment in linear.segments:
-        segment.stiffening, segment.rest_memory = 0.0, None
+        segment.stiffening = 0.0
+        segment.rest_memory = None
         for wire in segment.wires:
-            law, rates = wire.law, wire.law.typical_rates()
+            law = wire.law
+            rates = wire.law.typical_rates()
             warm, hot = (
                 law.torque(law.warm_states(T, T0), T0, 0.0) for T in (limits.warm, limits.maximum)
             )

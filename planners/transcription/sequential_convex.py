@@ -37,7 +37,9 @@ def descend(
         tried, new_cost = step(point, best, cost)
         if not new_cost < cost:
             break
-        reduction, point, cost = 1.0 - new_cost / cost, tried, new_cost
+        reduction = 1.0 - new_cost / cost
+        point = tried
+        cost = new_cost
         if reduction < least_reduction:
             break
     return point, cost, solved

@@ -89,7 +89,9 @@ def solve_program(
         KeyboardInterrupt: if Ctrl-C came, whatever point was found.
     """
     failures: list[str] = []
-    iterations, started, begun = 0, time.perf_counter(), time.process_time()
+    iterations = 0
+    started = time.perf_counter()
+    begun = time.process_time()
     with Progress("planning", None, "iterations") as progress:
 
         def report(iteration, cost, violation):

@@ -26,7 +26,9 @@ def solve_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
     Raises:
         LimbError: if Newton's method finds no motion.
     """
-    x, motion, change = x.copy(), program.motion, np.inf
+    x = x.copy()
+    motion = program.motion
+    change = np.inf
     for _ in range(MAX_ITERATIONS):
         rows = program.defects.evaluate(x).reshape(motion.shape[1], -1).T
         if np.abs(rows).max() < FEASIBILITY_TOLERANCE:
