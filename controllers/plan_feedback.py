@@ -42,9 +42,9 @@ class PlanFeedback(PlanController):
     with φ⁺ clipped to the range between plan and reference: a limb that is nearer to the reference
     than planned stays there. The wires share w: D = D* + λ g, with g the bend rate that full duty
     makes there. A wire that the plan heats for the next reversal bends nothing at first, within the
-    play of its hysteresis. A present error that the reversal removes takes no duty from it.
+    play of its hysteresis. An error that the reversal removes takes no duty from it.
 
-    As the antagonists can always push, heat is the scarce resource. Where the wires of a segment are
+    As the antagonists can always push, heat is the scarce resource. Where a segment's wires are
     warmer than in the plan on average, the plan's duty is reduced, so that they cool:
 
         D* - k_c max(0, mean T - mean T*) / a2

@@ -1,4 +1,4 @@
-"""Simulates a planned duty by Radau IIA of the limb's own equations, all steps at once.
+"""The simulation of a planned duty by Radau IIA of the limb's own equations, all steps at once.
 
 A step of length h from (q, v) has three stages, at shares c of it, whose accelerations a are the
 unknowns:
@@ -7,7 +7,7 @@ unknowns:
 
 The last stage is where the next step starts. Newton's method starts from the plan, which is near:
 it solves the stages of all steps for the states at which they start, and then follows these states
-from step to step. The method has order 5 and damps what is stiff.
+from step to step. The method has order 5 and damps stiff modes.
 """
 
 import dataclasses
@@ -38,12 +38,12 @@ _START_WEIGHTS = _TO_POWERS[0]  # weights of the stages in their quadratic at th
 
 
 def _integral_weights(shares: np.ndarray) -> np.ndarray:
-    """Weights (..., 3) of the stages in their quadratic's integral over shares (...) of a step."""
+    """Return weights (..., 3) of the stages in their quadratic's integral over shares (...)."""
     return shares[..., None] ** (_POWERS + 1) / (_POWERS + 1) @ _TO_POWERS
 
 
 def _integral_weights_twice(shares: np.ndarray) -> np.ndarray:
-    """Weights (..., 3) of the stages in their quadratic's double integral over shares (...)."""
+    """Return weights (..., 3) of the stages in the double integral of their quadratic."""
     powers = shares[..., None] ** (_POWERS + 2)
     return powers / ((_POWERS + 1) * (_POWERS + 2)) @ _TO_POWERS
 
@@ -56,8 +56,8 @@ A_SQUARED = _integral_weights_twice(NODES)
 class MotionSteps:
     """A motion q (n,) in K steps.
 
-    - ``times``: where the steps begin and end (K + 1,), s.
-    - ``start``: [q, v] where each begins (K, 2n).
+    - ``times``: times between the steps (K + 1,), s.
+    - ``start``: [q, v] at the beginning of each step (K, 2n).
     - ``accelerations``: q̈ at the stages (K, 3, n).
     """
 
@@ -67,18 +67,18 @@ class MotionSteps:
 
     @property
     def stage_times(self) -> np.ndarray:
-        """Times of the stages (K, 3), s."""
+        """The times of the stages (K, 3), s."""
         return self.times[:-1, None] + np.diff(self.times)[:, None] * NODES
 
     def stages(self) -> tuple[np.ndarray, np.ndarray]:
-        """q and v at the stages (K, 3, n)."""
+        """Return q and v at the stages (K, 3, n)."""
         h = np.diff(self.times)[:, None, None]
         q, v = np.split(self.start[:, None], 2, axis=-1)
         moved = h * NODES[:, None] * v + h**2 * (A_SQUARED @ self.accelerations)
         return q + moved, v + h * (A @ self.accelerations)
 
     def at(self, times: np.ndarray) -> np.ndarray:
-        """q (M, n) at times (M,)."""
+        """Return q (M, n) at times (M,)."""
         last = len(self.start) - 1
         step = np.searchsorted(self.times, times, side="right").clip(1, last + 1) - 1
         h = np.diff(self.times)[step, None]
@@ -88,7 +88,7 @@ class MotionSteps:
         return q + share[:, None] * h * v + h**2 * bent
 
     def errors(self) -> np.ndarray:
-        """About the largest error of q that each step adds (K,), from jumps of accelerations."""
+        """Estimate the largest error of q that each step adds (K,), by jumps of accelerations."""
         jumps = np.zeros(len(self.start))
         begins = np.einsum("j,kjn->kn", _START_WEIGHTS, self.accelerations[1:])
         jumps[1:] = np.abs(begins - self.accelerations[:-1, 2]).max(axis=-1)
@@ -104,7 +104,7 @@ def solve_steps(
     Args:
         residual: r (n,) of [q, v, a] and parameters.
         guess: a motion that is near the solution.
-        parameters: what else the residual depends on at the stages (K, 3, size).
+        parameters: further arguments of the residual at the stages (K, 3, size).
         scales: typical changes of [q, v] (2n,).
 
     Raises:
@@ -144,7 +144,7 @@ def solve_steps(
 def _linearize_stages(
     slopes: np.ndarray, h: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return how the stages of steps of length h (K, 1, 1) answer the residual and the start.
+    """Return the derivatives of the stages of steps of length h (K, 1, 1).
 
     Args:
         slopes: of the residual by [q, v, a] (K, 3, n, 3n).
@@ -169,7 +169,7 @@ def _linearize_stages(
 
 
 def _change_over_step(accelerations: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """[q, v] (K, 2n, m) that accelerations (K, 3, n, m) make in a step of length h (K, 1, 1)."""
+    """Return the change of [q, v] (K, 2n, m) by accelerations (K, 3, n, m) over steps h."""
     q, v = (np.einsum("s,ksnm->knm", weights, accelerations) for weights in (A_SQUARED[2], A[2]))
     return np.concatenate([h**2 * q, h * v], axis=1)
 
@@ -194,7 +194,7 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
     heat_scales = np.append(np.full(len(states), np.inf), wires.heat_scales[: len(states)])
     motion_scales = np.repeat([ANGLE_SCALE, 1.0], len(angles))
 
-    # MotionSteps from knot to knot, shorter ones where the plan's accelerations are bent.
+    # Begin with steps from knot to knot, shorter ones where the plan's accelerations are bent.
     bends = np.zeros(len(knots))
     if len(knots) > 4:
         bends = np.pad(np.abs(np.diff(rates, 4)).max(axis=0), 2, mode="edge")
@@ -202,11 +202,13 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
     pieces = np.maximum(np.diff(knots) / MAX_STEP, _num_pieces(errors))
     ends = _subdivide(knots, pieces)
     for _ in range(MAX_REFINEMENTS):
-        heat = _initial_steps(trajectory, ends, np.zeros_like(states), states)
-        duty = [np.interp(heat.stage_times, knots, row) for row in trajectory.duty]
-        heat = solve_steps(heating, heat, np.stack(duty, axis=-1), heat_scales)
+        # Integrate the heat, and the motion under it.
+        guess = _initial_steps(trajectory, ends, np.zeros_like(states), states)
+        duty = [np.interp(guess.stage_times, knots, row) for row in trajectory.duty]
+        heat = solve_steps(heating, guess, np.stack(duty, axis=-1), heat_scales)
         guess = _initial_steps(trajectory, ends, angles, rates)
         steps = solve_steps(motion, guess, heat.stages()[1], motion_scales)
+        # Cut the steps with large errors.
         errors = steps.errors()
         if (errors <= STEP_TOLERANCE).all():
             break
@@ -217,19 +219,19 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
 def _initial_steps(
     trajectory: Trajectory, times: np.ndarray, q: np.ndarray, v: np.ndarray
 ) -> MotionSteps:
-    """MotionSteps that end at some times, of q and v (n, K) at the knots of a plan."""
+    """Return steps that end at some times, of q and v (n, K) at the knots of a plan."""
     motion = np.array([np.interp(times, trajectory.time, row) for row in (*q, *v)])
     slopes = np.diff(motion[len(q) :]) / np.diff(times)
     return MotionSteps(times, motion[:, :-1].T, np.repeat(slopes.T[:, None], 3, axis=1))
 
 
 def _num_pieces(errors: np.ndarray) -> np.ndarray:
-    """How many pieces make steps (K,) whose errors, rad, are half the tolerance."""
+    """Return the numbers of pieces (K,) of steps for which errors, rad, are half the tolerance."""
     return (2 * errors / STEP_TOLERANCE) ** (1 / 4)
 
 
 def _subdivide(times: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-    """Times of steps (K + 1,) with each step cut into at least so many equal pieces (K,)."""
+    """Return times of steps (K + 1,) with each step cut into at least so many pieces (K,)."""
     counts = np.ceil(pieces - 1e-9).clip(1).astype(int)
     starts = np.repeat(np.arange(len(counts)), counts)
     within = np.concatenate([np.arange(count) / count for count in counts])
@@ -237,7 +239,7 @@ def _subdivide(times: np.ndarray, pieces: np.ndarray) -> np.ndarray:
 
 
 def _heating_residual(wires: Wires) -> SmoothFunction:
-    """ẋ less its value by (6), of [∫x, x, ẋ] and the duty."""
+    """Return ẋ less its value by (6), as a function of [∫x, x, ẋ] and the duty."""
     names = ("integral", "x", "rates")
     integral, x, rates = (ca.SX.sym(name, wires.num_states) for name in names)
     duty = ca.SX.sym("D", wires.num_wires)

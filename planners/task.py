@@ -20,7 +20,7 @@ class TaskError(LimbError):
 
 @dataclasses.dataclass(frozen=True)
 class Phase:
-    """Other weights from a time on, until the next phase.
+    """Weights from a time on, until the next phase.
 
     - ``start``: s.
     - ``angle_weight``, ``duty_weight``: as in `Task`.
@@ -127,16 +127,16 @@ class Task:
 
     @classmethod
     def paper(cls) -> "Task":
-        """The paper's (15): Q_N = 1000 Q, and duty is free to the last knot."""
+        """Return the paper's (15): Q_N = 1000 Q, and duty is free to the last knot."""
         return cls(terminal_factor=1000.0, duty_hold=0.0)
 
     @classmethod
     def closed_loop(cls, parameters: LimbParameters | None = None) -> "Task":
-        """Weights and margins of plans that feedback follows.
+        """Return weights and margins of plans for feedback.
 
         The plan of a calibrated limb goes to the reference: its duty has little weight, and its
         wires may be as hot as `TemperatureLimiter` lets feedback heat them. The plan of another
-        limb leaves feedback heat and duty for errors that nobody knows.
+        limb leaves heat and duty to the feedback, for unknown errors.
 
         Args:
             parameters: description of the limb; one that is not calibrated if None.
@@ -148,7 +148,7 @@ class Task:
 
     @classmethod
     def load(cls, path: str | Path) -> "Task":
-        """Reads a YAML file of fields; those that are left out have their defaults.
+        """Read a YAML file of fields; fields that are left out have their defaults.
 
         Raises:
             TaskError: with one sentence naming the file and the field.
@@ -159,13 +159,13 @@ class Task:
 
     @property
     def named_limits(self) -> str:
-        """The task's own limits in words, for sentences."""
+        """The task's limits in words, for sentences."""
         names = ["max_bend_rate", "max_temperature_rate", "reach", "final_hold", "customize"]
         given = [name for name in names if getattr(self, name)]
         return f" and the task's {', '.join(given)}" if given else ""
 
     def weights(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Q and R at the knots, each (N,); the last Q is Q_N, and the last R has no effect.
+        """Return Q and R at the knots, each (N,); the last Q is Q_N, the last R has no effect.
 
         (15) is a sum over knots. Knots that are closer than the widest spacing
         have proportionally less weight, so that adding knots does not change
@@ -182,7 +182,7 @@ class Task:
 
     @staticmethod
     def shares(times: np.ndarray) -> np.ndarray:
-        """The weight of each knot (N,): 1 where knots are evenly spaced."""
+        """Return the weight of each knot (N,): 1 where knots are evenly spaced."""
         steps = np.diff(times)
         widest = steps.max()
         # Spacings that are equal except for rounding get exactly the weight one.
@@ -190,7 +190,7 @@ class Task:
 
 
 def _check_weights(task: Task | Phase, whose: str) -> None:
-    """Raises TaskError unless all fields that are always numbers are zero or more."""
+    """Raise TaskError unless all fields that are always numbers are zero or more."""
     for field in dataclasses.fields(task):
         value = getattr(task, field.name)
         if field.type is float and not (_is_number(value) and value >= 0):

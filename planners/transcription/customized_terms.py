@@ -1,4 +1,4 @@
-"""What a task's ``customize`` added: the names of costs and constraints, and which are active."""
+"""Terms that a task's ``customize`` added: names of costs and constraints, and active ones."""
 
 import re
 import textwrap
@@ -32,8 +32,8 @@ def describe(binding: Binding) -> str:
 def group_by_name(bindings: Sequence[Binding]) -> dict[str, list[Binding]]:
     """Return costs or constraints by their descriptions.
 
-    Those without a description whose formulas differ by numbers alone are together, under the
-    formula of the first.
+    Terms without a description are grouped if their formulas differ by numbers alone, under the
+    formula of the first one.
     """
     groups: dict[str, list[Binding]] = {}
     for binding in bindings:
@@ -42,9 +42,9 @@ def group_by_name(bindings: Sequence[Binding]) -> dict[str, list[Binding]]:
             name = re.sub(r"\d[\d.,]*(e[-+]\d+)?", "", name)
         groups.setdefault(name, []).append(binding)
     named = {}
-    for key, alike in groups.items():
-        first = describe(alike[0])
-        named[first if key == first or len(alike) == 1 else f"{first} and alike"] = alike
+    for key, members in groups.items():
+        first = describe(members[0])
+        named[first if key == first or len(members) == 1 else f"{first} and alike"] = members
     return named
 
 

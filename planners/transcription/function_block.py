@@ -21,17 +21,17 @@ class PointFunction(Protocol):
         """Indices i >= j of the variables of each second derivative that may not be zero (2, Z)."""
 
     def values(self, points: np.ndarray) -> np.ndarray:
-        """The values (..., Q)."""
+        """Return the values (..., Q)."""
 
     def slopes(self, points: np.ndarray) -> np.ndarray:
-        """The derivatives at the ``slope_places`` (..., Z)."""
+        """Return the derivatives at the ``slope_places`` (..., Z)."""
 
     def curvatures(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Second derivatives of weights (..., Q) · values at their places (..., Z)."""
+        """Return second derivatives of weights (..., Q) · values at their places (..., Z)."""
 
 
 class FunctionBlock:
-    """f(p_k) = y_k, or within bounds, at K points, as a block of constraints.
+    """A block of constraints: f(p_k) = y_k, or within bounds, at K points.
 
     It is a `planners.transcription.ipopt.ConstraintBlock`.
 

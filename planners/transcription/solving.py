@@ -1,4 +1,4 @@
-"""Solves a program of a plan: which solvers are tried, in which order."""
+"""The solvers of a plan's program, in the order in which they are tried."""
 
 import dataclasses
 import time
@@ -13,7 +13,7 @@ from planners.transcription.ipopt import INFEASIBLE_STATUS, ExactHessianIpoptSol
 from planners.transcription.program import PlanProgram
 
 # Near the solution, the barrier begins small enough to leave the guess near its bounds, and ends so
-# low that it raises the cost by less than 1e-6 of it. With multipliers it begins as it ends.
+# low that it raises the cost by less than 1e-6 of it. With multipliers it begins at its end.
 NEAR_OPTIONS = {
     "mu_strategy": "monotone",
     "mu_init": 3e-5,
@@ -24,16 +24,15 @@ NEAR_OPTIONS = {
     "bound_frac": 1e-5,
     "max_iter": 400,
 }
-# Hysteresis and references far out of reach may need hundreds of iterations; each is cheap. With a
-# barrier that begins this small there are half as many as with IPOPT's own, 0.1, and with the one
-# near the solution fewer again, if they suffice.
+# Hysteresis and references far out of reach may need hundreds of cheap iterations. This small first
+# barrier halves their number in comparison with IPOPT's own, 0.1.
 PATIENT_OPTIONS = {"mu_strategy": "monotone", "mu_init": 0.01, "max_iter": 600}
 # s of processor time, after which no attempt begins and IPOPT ends; plans take seconds.
 LONGEST_SOLVE = 300.0
 
 
 class PlanningError(LimbError):
-    """There is no plan: the request is impossible, or the plan failed its check."""
+    """No plan: the request is impossible, or the plan failed its check."""
 
 
 class InfeasibleError(PlanningError):
@@ -67,7 +66,7 @@ def solve_program(
     solver: SolverInterface | None = None,
     starts_near: bool = False,
 ) -> Solution:
-    """Solves a program by the first of these that succeeds.
+    """Solve a program by the first of these attempts that succeeds.
 
     1. IPOPT with the Hessian of the ``cheap_blocks``, if there are some: from near the solution,
        if the guess is, then with patience;
@@ -81,26 +80,27 @@ def solve_program(
         guess: values of all decision variables.
         multipliers: multipliers of a neighbouring solution, for a warm start.
         solver: one of Drake's solvers, in place of all these.
-        starts_near: whether the guess nearly is the solution.
+        starts_near: whether the guess is near the solution.
 
     Raises:
-        InfeasibleError: if a quasi-static program was found to have no solution.
-        PlanningError: if all fail.
-        KeyboardInterrupt: if Ctrl-C came, whatever point was found.
+        InfeasibleError: if a quasi-static program has no solution.
+        PlanningError: if all attempts fail.
+        KeyboardInterrupt: after Ctrl-C, even at a good point.
     """
     failures: list[str] = []
     iterations = 0
     started = time.perf_counter()
-    begun = time.process_time()
+    first_process_time = time.process_time()
     with Progress("planning", None, "iterations") as progress:
 
         def report(iteration, cost, violation):
             progress.update(iteration, f"(cost {cost:.6g}, violation {violation:.1e})")
 
         for name, attempt in _attempts(program, guess, multipliers, solver, starts_near, report):
-            if time.process_time() - begun > LONGEST_SOLVE:
+            if time.process_time() - first_process_time > LONGEST_SOLVE:
                 failures.append(f"{LONGEST_SOLVE:g} s of processor time are over")
                 break
+            # Solve, and count the iterations of all attempts.
             result = attempt()
             details = result.get_solver_details()
             iterations += getattr(details, "iterations", 0)
@@ -133,6 +133,7 @@ def solve_program(
 def _attempts(
     program: PlanProgram, guess, multipliers, solver, starts_near: bool, report: Callable
 ):
+    """Yield the names of the attempts, and functions that make them."""
     if solver is not None:
         yield solver.SolverName(), lambda: solver.Solve(program.prog, guess, None)
         return
@@ -140,6 +141,7 @@ def _attempts(
     begun = time.process_time()
 
     def ipopt(options: dict, multipliers=None, blocks=program.blocks):
+        """Solve the program with IPOPT in the remaining time."""
         left = max(LONGEST_SOLVE - (time.process_time() - begun), 1e-3)
         solver_options = SolverOptions()
         for option, value in {"max_cpu_time": left, **options}.items():

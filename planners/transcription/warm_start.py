@@ -30,11 +30,13 @@ def solve_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
     motion = program.motion
     change = np.inf
     for _ in range(MAX_ITERATIONS):
+        # Linearize the rows, unless the last step was small.
         rows = program.defects.evaluate(x).reshape(motion.shape[1], -1).T
         if np.abs(rows).max() < FEASIBILITY_TOLERANCE:
             return x
         if change > SLOPE_TOLERANCE:
             inverse, to_next = _step_to_next_knot(program, x)
+        # Correct the motion from knot to knot.
         gaps = -(inverse @ rows[:, :, None])[:, :, 0]
         moved = np.zeros(motion.shape)
         for k, gap in enumerate(gaps):
@@ -55,6 +57,7 @@ def estimate_multipliers(
         x: all decision variables.
         quasi_static, solution: the quasi-static program of the same plan, and its solution.
     """
+    # The multipliers of the motion, by the adjoint from the last knot to the first.
     inverse, to_next = _step_to_next_knot(program, x)
     by_motion: np.ndarray = np.zeros(program.motion.shape)
     by_angles = program.cost_by_angles(x)
@@ -66,6 +69,7 @@ def estimate_multipliers(
         following = following @ to_next[k]
     of_motion = -np.einsum("kij,ki->kj", inverse, adjoint)
 
+    # The multipliers of the heat and of the bounds are the quasi-static ones.
     assert solution.multipliers is not None  # IPOPT has them
     of_rows, of_bounds = solution.multipliers
     heat_rows, held_rows = np.cumsum([len(block.lower) for block in quasi_static.blocks])
@@ -77,7 +81,7 @@ def estimate_multipliers(
 
 
 def _step_to_next_knot(program: TrajectoryProgram, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the inverse of the rows' slopes by the next motion, and that motion by the last."""
+    """Return the inverse of the rows' slopes by the next motion, and its slopes by the motion."""
     before, after = program.defects.slopes_by_motion(x)
     inverse = np.linalg.inv(after)
     return inverse, -inverse @ before
