@@ -80,6 +80,7 @@ class DutyCorrection:
 
     def __init__(self, trajectory: Trajectory):
         self.plan = plan = trajectory.since_start()
+        # Nodes of the correction, and steps of the model between them.
         num_nodes = max(2, round(plan.duration / NODE_SPACING)) + 1
         self.nodes = np.linspace(0.0, plan.duration, num_nodes)
         period = plan.duration / (STEPS_PER_NODE * (num_nodes - 1))
@@ -93,6 +94,7 @@ class DutyCorrection:
         self.reference = np.array([np.interp(self.nodes, plan.time, r) for r in plan.reference]).T
         self._planned = plan.duty_trajectory().vector_values(self.nodes).T
         self.none = np.zeros_like(self._planned)
+        # Bounds of the wires' temperatures.
         limits = plan.parameters.temperature_limits
         warm = self.nodes > limits.warm_up_time
         self._coolest = np.where(warm, limits.warm, -np.inf)
@@ -178,14 +180,14 @@ class DutyCorrection:
         _, by_heat, _ = self.model.linearized_step(self.model.cold, np.zeros(W))
         lags = []
         for row, wire in zip(by_heat[-W:], range(W), strict=True):
-            shown = low_pass(self._shares, row[wire - W], row[wire], axis=0)
-            lags.append(np.pad(shown, ((1, 0), (0, 0)))[::STEPS_PER_NODE])
+            lagged = low_pass(self._shares, row[wire - W], row[wire], axis=0)
+            lags.append(np.pad(lagged, ((1, 0), (0, 0)))[::STEPS_PER_NODE])
         return np.array(lags)
 
     def improve(
         self, correction: np.ndarray, start: np.ndarray, errors: Residuals, cooler: float = 0.0
     ) -> np.ndarray:
-        """Return a correction (M + 1, W) of less cost, or the given one if none is found.
+        """Return a correction (M + 1, W) of less cost, or the given correction if there is none.
 
         Args:
             start: heat at the start (H,).
@@ -303,7 +305,7 @@ class DutyCorrection:
             )
 
         # Distances from the reference, and their deviations by each wire, at the nodes.
-        # A state changes with the duty of one wire, or with all wires that heat it alike.
+        # A state changes with the duty of one wire, or with all wires that heat it, in equal parts.
         at_nodes = x[::STEPS_PER_NODE][1:]
         heat = predicted.heat[::STEPS_PER_NODE][1:]
         heated_by = (np.abs(by_heat[1:] @ by_duty[:-1]).max(axis=0) > 0).astype(float)  # (H, W)
@@ -314,7 +316,7 @@ class DutyCorrection:
         doubted = doubted.reshape(num_intervals, -1, model.size)
         rows = np.concatenate([of_wires.sum(axis=2), doubted], axis=1)
         unsure = predicted.unsure[1:].reshape(num_intervals, -1)
-        wanted = np.hstack([predicted.missed[1:], -unsure])
+        targets = np.hstack([predicted.missed[1:], -unsure])
 
         # Weights of squares whose cost touches the cost of the distances from above, here.
         squares = self._expected_squares(predicted)[:, 1:].T
@@ -324,7 +326,7 @@ class DutyCorrection:
         for k in range(num_intervals):
             towards = 2 * rows[k].T * weights[k]
             prog.AddQuadraticCost(
-                towards @ rows[k], -towards @ wanted[k], at_nodes[k], is_convex=True
+                towards @ rows[k], -towards @ targets[k], at_nodes[k], is_convex=True
             )
 
         # Bounds of T and V, which may be passed at a cost.

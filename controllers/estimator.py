@@ -154,7 +154,7 @@ class Estimator:
         drift = np.array([sensor.drift for sensor in sensors])
         self._reading_variances = np.concatenate([np.full(W, READING_NOISE), noise]) ** 2
 
-        # Random walks of the states, and the decay of what is forgotten.
+        # Random walks of the states, and the decay of means.
         temperatures = model.scales >= 10.0
         walks = np.where(temperatures, TEMPERATURE_WALK, OTHER_WALK * model.scales)
         walks[-W:] = READING_WALK
@@ -199,7 +199,7 @@ class Estimator:
             bend_angle: readings of the bend sensors (F), rad; NaN where there is none.
         """
         W, F = self.model.num_wires, self.model.num_bends
-        # The heat that the readings stand for, and how well it is known.
+        # The heat of a limb with these readings, and its standard deviations.
         temperature = np.where(np.isfinite(readings), readings, self.model.cold[-W:])
         heat = self.model.rested(temperature)
         deviations = self._initial.copy()
@@ -228,7 +228,7 @@ class Estimator:
         )
 
     def begin_loaded(self, heat: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
-        """Return the estimate for a limb at rest with known heat, which a load bends otherwise.
+        """Return the estimate for a limb at rest with a load, of given heat and bend.
 
         Args:
             heat: [x, V] (H).
@@ -437,12 +437,12 @@ class Estimator:
         H = self.model.size
         W = self.model.num_wires
         F = self.model.num_bends
-        held, slopes = self.model.bend_slopes(heat)
+        bend, slopes = self.model.bend_slopes(heat)
         C = np.zeros((W + F, len(self._decay)))
         C[:W, H - W : H] = np.eye(W)
         C[W:, :H] = slopes
         C[W:, H + W :] = np.tile(np.eye(F), 3)
-        return held, C
+        return bend, C
 
 
 class LimbObserver(LeafSystem):
@@ -481,13 +481,13 @@ class LimbObserver(LeafSystem):
         self._estimator = Estimator(parameters)
         self._ahead = ReducedModel(parameters, PREDICTION_TIMES[0])
         model = self._estimator.model
-        H = model.size
-        W = model.num_wires
-        F = model.num_bends
+        H, W, F = model.size, model.num_wires, model.num_bends
+        # The duty and the readings, which the state's update reads.
         self.DeclareVectorInputPort("duty", W)
         self.DeclareVectorInputPort("measured_temperature", W)
         self.DeclareVectorInputPort("bend_angle", F)
         state = self.DeclareDiscreteState(self._estimator.nothing)
+        # Outputs of the estimate alone, and a prediction that needs the duty.
         for name, size, calc in (
             ("wire_temperature", W, lambda e: e.heat[:W]),
             ("temperature_deviation", W, lambda e: np.sqrt(np.diag(e.covariance)[:W])),
@@ -506,6 +506,7 @@ class LimbObserver(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
 
     def _output_calculator(self, calc):
+        """Return the function of an output port that is a function of the estimate."""
         estimate = weak_method(self._estimate)
         return lambda context, output: output.SetFromVector(calc(estimate(context)))
 

@@ -57,10 +57,7 @@ LIMIT_WEIGHT = 1.0  # 1/°C, of each knot beyond T_max or T_warm; as much as 11�
 def horizon_task() -> Task:
     """Return the weights of a horizon: less duty than (15), as the next plan follows soon."""
     return Task(
-        duty_weight=0.01,
-        terminal_factor=1.0,
-        temperature_weight=2e-4,
-        temperature_margin=10.0,
+        duty_weight=0.01, terminal_factor=1.0, temperature_weight=2e-4, temperature_margin=10.0
     )
 
 
@@ -260,7 +257,7 @@ class HorizonProgram(QuasiStaticProgram):
         """Set the values that change from plan to plan.
 
         Args:
-            target: bend of the model that is wanted at the knots (K + 1, F), rad.
+            target: desired bend of the model at the knots (K + 1, F), rad.
             heat: [x, V] at the first knot (H,).
             warm_up_time: k_warm, s from the first knot.
             warmest: temperatures beyond which heat costs, at the knots but the first (K, W), °C.

@@ -35,7 +35,7 @@ READING_NOISE = 0.3  # °C, of a mean of some readings of a thermocouple
 MEAN_VARIANCE_SHARE = 0.25  # of a sample's variance, left in the mean of those around a node
 MIN_VARIANCE = 1e-10  # rad², so that sensors without noise leave no singular matrix
 ERROR_CORRELATION_TIME = 2.0  # s, in which the correlation of the model's errors falls to 1/e
-CHANGE_MEMORY_TIME = 10.0  # s, in which limbs forget a change of what they did
+CHANGE_MEMORY_TIME = 10.0  # s, in which limbs forget a change of their duty
 REST_ERROR = np.deg2rad(1.0)  # of the model's bend with cold wires
 UNKNOWN_BEND = np.deg2rad(5.0)  # error of an uncalibrated model
 UNKNOWN_TEMPERATURE = 10.0  # °C, error of an uncalibrated model
@@ -551,20 +551,21 @@ class Learner:
         """Return the learner that `save` wrote.
 
         Raises:
-            FileFormatError: one sentence that says what is wrong.
+            FileFormatError: one sentence with the fault.
         """
+        # Check the first line.
         data = read_bytes(path, "learning", LARGEST_TABLE, FileFormatError)
         first, _, body = data.decode("utf-8", errors="replace").partition("\n")
         if not first.startswith(_FIRST_LINE):
             raise FileFormatError(
-                f"{path}: this is not what a learner saved: its first line is not "
-                f"'{_FIRST_LINE}...'."
+                f"{path}: this is no file of a learner: its first line is not '{_FIRST_LINE}...'."
             )
         if first != _FIRST_LINE + _digest(body):
             raise FileFormatError(
                 f"{path}: the content does not match the checksum in the first line; the file is "
                 "truncated or was changed after it was written."
             )
+        # Make the learner of the plan, and give it the repetitions.
         state = json.loads(body)
         with raised_as(FileFormatError, f"{path}: "):  # such as a law whose module is not imported
             learner = cls(Trajectory.from_text(state["plan"]))

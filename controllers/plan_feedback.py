@@ -4,11 +4,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from controllers.estimator import StateEstimate
-from controllers.plan_controller import (
-    PlanController,
-    SampledPlan,
-    gains_along_plan,
-)
+from controllers.plan_controller import PlanController, SampledPlan, gains_along_plan
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbModel, LimbParameters, Trajectory
 from limb_systems.simulation import PERIOD
@@ -51,7 +47,7 @@ class PlanFeedback(PlanController):
 
     The wires together still make the bend rate of the plan's duty.
 
-    No duty is beyond what `TemperatureLimiter` allows, and no wire is heated to more than
+    No duty exceeds the caps of `TemperatureLimiter`, and no wire is heated to more than
     6 °C beyond its highest temperature in the next 2 s of the plan and the heat that holds p (20 °C
     if the limb is not calibrated, but then at most to 10 °C below T_max, or to the highest of the
     plan). A bend that needs more heat is given up, as the heat would stay for long after it. Up to
@@ -90,6 +86,7 @@ class PlanFeedback(PlanController):
         self._to_mean = np.zeros((model.num_wires, model.num_wires))
         for wires in LimbModel.of(parameters).layout.wires_of:
             self._to_mean[wires, wires] = 1.0 / (wires.stop - wires.start)
+        # The mean of each segment's wires, and the highest temperature of the coming seconds.
         planned = self._plan.temperature
         self._planned_mean = self._mean(planned)
         ahead = round(PREVIEW_TIME / PERIOD)
@@ -150,7 +147,7 @@ class PlanRegulator(PlanController):
 
     for deviations from the plan that the `Estimator` sees, and a bend p from outside that
     stays: D = D* - K(t) [x - x*, p]. Where the duty of a wire is at a bound, the other wires of its
-    segment take over, as far as they can. No duty is beyond what `TemperatureLimiter` allows.
+    segment take over, as far as they can. No duty exceeds the caps of `TemperatureLimiter`.
 
     Ports and state are those of `PlanController`.
     """
@@ -177,8 +174,8 @@ class PlanRegulator(PlanController):
         N = estimate.heat.size - len(caps)
         offset = estimate.offset + self._plan_difference[k]
         deviation = np.append((estimate.heat - self._plan.heat[k])[:N], offset)
-        wanted = self._plan.duty[k] - self._regulator[k] @ deviation
-        return wanted, self._gains @ (wanted - np.clip(wanted, 0.0, caps))
+        duty = self._plan.duty[k] - self._regulator[k] @ deviation
+        return duty, self._gains @ (duty - np.clip(duty, 0.0, caps))
 
 
 def regulator_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
@@ -198,6 +195,7 @@ def regulator_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
     state_cost[:W, :W] = TEMPERATURE_DEVIATION**-2 * np.eye(W)
     duty_cost = DUTY_DEVIATION**-2 * np.eye(W)
     gains: list[np.ndarray] = []
+    # From the end of the plan to its beginning.
     for k in reversed(range(len(by_heat))):
         A[:N, :N] = by_heat[k, :N, :N]
         B[:N] = by_duty[k, :N]

@@ -121,6 +121,7 @@ class PlannerProcess:
     """
 
     def __init__(self, trajectory: Trajectory, task: Task | None = None):
+        # Start the process with one end of a socket.
         ours, theirs = socket.socketpair()
         process = self._process = subprocess.Popen(
             [sys.executable, "-c", PROCESS_CODE, str(theirs.fileno())],
@@ -132,6 +133,7 @@ class PlannerProcess:
         theirs.close()
         self._connection = Connection(ours.detach())
         weakref.finalize(self, _end, process, self._connection)
+        # Send the plan, and wait until the planner is built.
         if task:
             task = dataclasses.replace(task, customize=None)  # of no use to a horizon
         self.begin(trajectory, task)

@@ -48,9 +48,11 @@ class ReducedModel:
         self.size = wires.num_states + W
         self.cold = np.concatenate([wires.cold_states, wires.cold_states[:W]])
         self.scales = wires.heat_scales
+        # Each bend by a torque on its joints.
         _, to_bend = self.statics.bends_of_angles.first(self.statics.rest_angles)
         in_bend = model.mechanics.shape > 0
         self.bend_by_torque = np.diag(to_bend @ self.statics.compliance @ in_bend).copy()
+        # The step as a function.
         heat = ca.SX.sym("y", self.size)
         duty = ca.SX.sym("D", W)
         after = self._state_step(heat, duty)

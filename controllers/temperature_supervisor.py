@@ -103,6 +103,7 @@ class TemperatureSupervisor(LeafSystem):
         parameters = LimbParameters.of(parameters)
         self._estimator = Estimator(parameters)
         self._limiter = TemperatureLimiter(parameters, limit)
+        # Ports, and the caps that follow from the readings.
         W = len(parameters.wires)
         duty = self.DeclareVectorInputPort("duty", W)
         self.DeclareVectorInputPort("measured_temperature", W)

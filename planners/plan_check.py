@@ -15,9 +15,7 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.files.signal_table import stretches
-from limb_systems.simulation import (
-    sample_count,
-)
+from limb_systems.simulation import sample_count
 from limb_systems.statics import static_equilibrium
 from limb_systems.tracking import reference_distances
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE
@@ -122,10 +120,10 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
     if is_short:
         side, bend = map(int, np.unravel_index(np.argmax(shortfall), shortfall.shape))
         sign = (1, -1)[side]
-        wanted = sign * reference[bend]
+        target = sign * reference[bend]
         reached = sign * planned[bend]
         # The plan is nearest there to an angle that it never reaches.
-        knot = int(np.argmax(np.where(wanted > reached.max(), reached, -np.inf)))
+        knot = int(np.argmax(np.where(target > reached.max(), reached, -np.inf)))
     else:
         bend, knot = map(int, np.unravel_index(np.argmax(distance), distance.shape))
     # Say the distance and the place.
@@ -163,15 +161,15 @@ def _reachable_bends(model: LimbModel, bend: int) -> np.ndarray | None:
     """Return the smallest and largest bend that wires can hold (2,), °; None if the limb folds."""
     limits = model.parameters.temperature_limits
     sides = np.sign(model.mechanics.levers[model.layout.bend_joints[bend][0]])
-    held = []
+    bends = []
     for side in (-1, 1):
         temperature = np.where(sides == side, limits.maximum, limits.warm)
         try:
             angles, _ = static_equilibrium(model, temperature)
         except LimbError:
             return None  # it folds
-        held.append(bend_angle(model, angles[:, None])[bend, 0])
-    return np.rad2deg(held)
+        bends.append(bend_angle(model, angles[:, None])[bend, 0])
+    return np.rad2deg(bends)
 
 
 def active_constraints(
@@ -186,29 +184,32 @@ def active_constraints(
     Args:
         added: whether constraints of ``customize`` are active at the knots (K,), by their names.
     """
+    # Bounds and tolerances.
     limits = trajectory.parameters.temperature_limits
-    names = trajectory.parameters.wire_names
-    warm = trajectory.time > warm_up_time
+    is_warm = trajectory.time > warm_up_time
     near_duty = 1e-4
     near_temperature = 1e-3 * TEMPERATURE_SCALE
     hottest = limits.maximum - task.temperature_margin
     fullest = 1.0 - task.duty_margin
     hottest_name = f"T_max - {task.temperature_margin:g} °C" if task.temperature_margin else "T_max"
     highest = reading_bounds(trajectory.model, measured_margin)
-    bounds: list[tuple[str, np.ndarray]] = []
-    for index, name in enumerate(names):
+    # Find the knots at which each bound is active.
+    is_active: dict[str, np.ndarray] = {}
+    for index, name in enumerate(trajectory.parameters.wire_names):
         reading = trajectory.measured_temperature[index]
         duty = trajectory.duty[index]
         wire = trajectory.wire_temperature[index]
-        bounds += (
-            (f"duty {name} = 0", duty < near_duty),
-            (f"duty {name} = {fullest:g}", duty > fullest - near_duty),
-            (f"wire {name} = {hottest_name}", wire > hottest - near_temperature),
-            (f"wire {name} = T_warm", warm & (wire < limits.warm + near_temperature)),
-            (f"reading {name} = measured_maximum", reading > highest[index] - near_temperature),
-        )
-    return [
-        ActiveConstraint(bound, float(trajectory.time[first]), float(trajectory.time[after - 1]))
-        for bound, where in (*bounds, *added.items())
-        for first, after in stretches(where)
-    ]
+        is_active[f"duty {name} = 0"] = duty < near_duty
+        is_active[f"duty {name} = {fullest:g}"] = duty > fullest - near_duty
+        is_active[f"wire {name} = {hottest_name}"] = wire > hottest - near_temperature
+        is_cold = wire < limits.warm + near_temperature
+        is_active[f"wire {name} = T_warm"] = is_warm & is_cold
+        is_high = reading > highest[index] - near_temperature
+        is_active[f"reading {name} = measured_maximum"] = is_high
+    # Turn knots in a row into times.
+    constraints = []
+    for bound, knots in (*is_active.items(), *added.items()):
+        for first, after in stretches(knots):
+            start, end = trajectory.time[[first, after - 1]]
+            constraints.append(ActiveConstraint(bound, float(start), float(end)))
+    return constraints

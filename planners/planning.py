@@ -80,7 +80,7 @@ def plan(
         task: weights and limits; `Task()` if None.
         knot_rate: knots per second to begin with, Hz. The duration of the
             reference is rounded to whole intervals.
-        initial_state: x_init, a state of `Limb`, such as `resting_state` of what is read; by
+        initial_state: x_init, a state of `Limb`, such as `resting_state` of readings; by
             default at rest in static equilibrium with wires at ambient temperature.
         tolerance_deg: largest difference between the bend angle of the plan and an accurate
             simulation of its duty, degrees. If None, it is 0.1 for a planar limb, and 1 for a
@@ -163,6 +163,7 @@ class Planner:
         solver: SolverInterface | None = None,
         measured_margin: ArrayLike = 0.0,
     ):
+        # The request, which is checked.
         self._model = model = LimbModel.validated(parameters)
         self.parameters = model.parameters
         self.task = task or Task()
@@ -302,7 +303,7 @@ class Planner:
     def _guess(
         self, program, angles_ref, state, warm_up_time: float
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-        """Return decision variables from which a program is solved, and multipliers if known."""
+        """Return the start of a program: its decision variables, and multipliers if any."""
         if isinstance(program, QuasiStaticProgram):
             return program.guess(), None
         # Solve the quasi-static program.
@@ -399,6 +400,7 @@ def initial_num_knots(reference: trajectories.Trajectory, knot_rate: float, max_
             f"The reference lasts from {reference.start_time():g} s to {duration:g} s; "
             "it must start at 0 s and end later."
         )
+    # Count the knots.
     num_intervals = round(min(duration * knot_rate, 1e18))
     if num_intervals < 1:
         raise PlanningError(
@@ -426,6 +428,7 @@ def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarra
             + f" {references.IN_SPACE}"
             * (layout.is_planar and angles == 2 * segments)
         )
+    # Refuse angles beyond a half turn.
     angles = reference.vector_values(times)
     bad = ~(np.abs(angles) <= np.pi + ANGLE_ROUNDING).all(axis=0)  # also true for NaN
     if bad.any():

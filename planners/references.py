@@ -314,6 +314,7 @@ def from_tip_path(
     Raises:
         LimbError: if shapes disagree, or the tip does not reach a point.
     """
+    # Refuse paths of another shape.
     mechanics = LimbModel.of(parameters).mechanics
     layout = mechanics.layout
     tip_of = tip_of_angles(mechanics)
@@ -331,17 +332,19 @@ def from_tip_path(
         )
     bends = np.zeros((times.size, layout.num_bends))
     if times.size < 2:
-        return from_samples(times, bends.T)  # which says that there are too few
+        return from_samples(times, bends.T)  # which refuses too few
     # Newton's method, in steps of at most 0.3 rad.
     for _ in range(MAX_TIP_STEPS):
         angles = bends @ mechanics.shape.T
         tip, slopes = tip_of.first(angles)
-        missed = path.T - tip[:, sideways]
-        if np.abs(missed).max() < 1e-10:
+        error = path.T - tip[:, sideways]
+        if np.abs(error).max() < 1e-10:
             return from_samples(times, mechanics.bend_angle(angles.T))
-        step = (np.linalg.pinv(slopes[:, sideways] @ mechanics.shape) @ missed[..., None])[..., 0]
+        inverse = np.linalg.pinv(slopes[:, sideways] @ mechanics.shape)
+        step = (inverse @ error[..., None])[..., 0]
         bends = bends + step / np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True) / 0.3)
-    worst = int(np.abs(missed).max(axis=1).argmax())
+    # Name the point that is missed most.
+    worst = int(np.abs(error).max(axis=1).argmax())
     place = " and ".join(f"{1e3 * value:.1f} mm" for value in path[:, worst])
     raise LimbError(
         f"The tip does not reach {place} beside the axis, where the path is at {times[worst]:g} s; "

@@ -79,8 +79,8 @@ class Task:
       Its ``states`` are the indices of θ (n), rad; θ̇ (n), rad/s; the wires' states (N),
       which begin with T (W), °C; and V (W), °C, at each knot. A limb in space has a
       `QuasiStaticProgram`, with ``bends`` in place of ``states``. Both have ``heat``, the
-      wires' states and V, and ``duty``. The plan's check has what was added, by the
-      descriptions of its evaluators.
+      wires' states and V, and ``duty``. The plan's check lists the added terms, by the
+      descriptions of their evaluators.
     """
 
     angle_weight: float = 100.0
@@ -101,6 +101,7 @@ class Task:
     customize: Callable | None = dataclasses.field(default=None, metadata={"in_files": False})
 
     def __post_init__(self):
+        # Check the numbers.
         _check_weights(self, "")
         if not self.duty_margin < 1:
             raise TaskError(f"duty_margin is {self.duty_margin!r}; it must be less than 1.")
@@ -117,6 +118,7 @@ class Task:
             )
         if self.time_weight and self.stretch is None:
             raise TaskError("time_weight needs a stretch, the factors that the time may take.")
+        # Check the phases and the function.
         if not all(isinstance(phase, Phase) for phase in self.phases):
             raise TaskError(f"phases is {self.phases!r}; it must be a sequence of Phase.")
         if not (self.customize is None or callable(self.customize)):

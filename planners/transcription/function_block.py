@@ -59,18 +59,20 @@ class FunctionBlock:
         K = len(points)
         Q = function.num_values
         self._scales = np.broadcast_to(scales, Q)
+        lower, upper = bounds or np.zeros((2, K, Q))
+        self.lower = (lower / self._scales).ravel()
+        self.upper = (upper / self._scales).ravel()
+        # Places of the Jacobian's nonzeros, for all points, then for the targets.
         self._rows, columns = function.slope_places
-        self.lower, self.upper = (
-            (bound / self._scales).ravel() for bound in bounds or np.zeros((2, K, Q))
-        )
         self.rows = (Q * np.arange(K) + self._rows[:, None]).ravel()
         self.columns = points.T[columns].ravel()
         if targets is not None:
             self.rows = np.append(self.rows, np.arange(K * Q))
             self.columns = np.append(self.columns, targets)
-        self.hessian_rows, self.hessian_columns = (
-            points.T[variables].ravel() for variables in function.curvature_places
-        )
+        # Places of the Hessian's nonzeros.
+        rows, columns = function.curvature_places
+        self.hessian_rows = points.T[rows].ravel()
+        self.hessian_columns = points.T[columns].ravel()
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         values = self._function.values(x[self._points])

@@ -65,14 +65,8 @@ RESULT_BY_STATUS = {  # words and Drake's result, by the name that IPOPT returns
         "maximum number of iterations exceeded",
         SolutionResult.kIterationLimit,
     ),
-    "Maximum_CpuTime_Exceeded": (
-        "maximum CPU time exceeded",
-        SolutionResult.kSolverSpecificError,
-    ),
-    "Invalid_Problem_Definition": (
-        "invalid problem definition",
-        SolutionResult.kInvalidInput,
-    ),
+    "Maximum_CpuTime_Exceeded": ("maximum CPU time exceeded", SolutionResult.kSolverSpecificError),
+    "Invalid_Problem_Definition": ("invalid problem definition", SolutionResult.kInvalidInput),
 }
 
 
@@ -576,17 +570,15 @@ class _Cost:
     """
 
     def __init__(self, prog: MathematicalProgram):
-        quadratic = prog.quadratic_costs()
-        linear = prog.linear_costs()
+        # Sum quadratic and linear costs.
         self._b = np.zeros(prog.num_vars())
         self._c = 0.0
         rows = []
         columns = []
         values = []
-        for binding in quadratic:
+        for binding in prog.quadratic_costs():
             evaluator = binding.evaluator()
-            variables = binding.variables()
-            indices = np.array(prog.FindDecisionVariableIndices(variables))
+            indices = np.array(prog.FindDecisionVariableIndices(binding.variables()))
             Q = evaluator.Q()
             row, column = Q.nonzero()
             rows.append(indices[row])
@@ -594,13 +586,14 @@ class _Cost:
             values.append(Q[row, column])
             np.add.at(self._b, indices, evaluator.b())
             self._c += evaluator.c()
-        for binding in linear:
+        for binding in prog.linear_costs():
             indices = prog.FindDecisionVariableIndices(binding.variables())
             np.add.at(self._b, indices, binding.evaluator().a())
             self._c += binding.evaluator().b()
         self._rows = _concatenate(rows, int)
         self._columns = _concatenate(columns, int)
         self._values = _concatenate(values)
+        # Generic costs, whose Hessians follow in the lower triangle.
         generic = _StackedEvaluators(prog, [*prog.generic_costs(), *prog.l2norm_costs()])
         self._generic = generic
         self._triangle = self._rows >= self._columns
@@ -632,6 +625,7 @@ def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    # Replace the handlers of Python functions.
     handlers: dict[int, Any] = {}
     for number in INTERRUPT_SIGNALS:
         handler = signal.getsignal(number)
@@ -646,6 +640,7 @@ def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
 
     for number in handlers:
         signal.signal(number, keep_error)
+    # Restore them after the solve.
     try:
         yield
     finally:

@@ -8,13 +8,7 @@ from numpy.typing import ArrayLike
 from pydrake.planning import DirectCollocation
 from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
 
-from limb_systems import (
-    Limb,
-    LimbModel,
-    LimbParameters,
-    joint_angles_from_bend_angle,
-    split_state,
-)
+from limb_systems import Limb, LimbModel, LimbParameters, joint_angles_from_bend_angle, split_state
 from limb_systems.files.trajectory import AddedTerms
 from planners.task import Task, TaskError
 from planners.transcription.collocation import ANGLE_SCALE, MotionDefects, heat_block
@@ -137,6 +131,7 @@ class PlanProgram:
                 without inertia.
             warm_up_time: k_warm, s from the first knot.
         """
+        # The cost (15) of the angles.
         weights, _ = self.task.weights(self.times)
         self._angle_weights = np.outer(weights, self._shares)
         self._angle_targets = targets = self._targets(reference)
@@ -145,6 +140,7 @@ class PlanProgram:
             target = targets[knots].ravel()
             constant = 0.5 * float((Q * target**2).sum())
             binding.evaluator().UpdateCoefficients(np.diag(Q), -Q * target, constant, True)
+        # The initial state (16), the warm-up (20), and the last angle.
         heat = initial_state[-len(self.wires.heat_scales) :]
         start = initial_state if self.has_inertia else heat[: self._start.size]
         self._initial.evaluator().set_bounds(start, start)

@@ -31,11 +31,7 @@ from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE, heat_block
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
-from planners.transcription.program import (
-    PlanProgram,
-    add_at_knots,
-    reading_bounds,
-)
+from planners.transcription.program import PlanProgram, add_at_knots, reading_bounds
 from planners.transcription.solving import InfeasibleError, Solution, solve_program
 
 START_KNOT_SPACING = 0.5  # s, between the knots of a start
@@ -228,6 +224,7 @@ class QuasiStaticProgram(PlanProgram):
     def _add_variables(self) -> None:
         K = len(self.times)
         wires = self.wires
+        # A bend has the weight of its joints at equal angles.
         self._shares = (self.model.mechanics.shape**2).sum(axis=0)  # of (15) in the joints' angles
         self._to_bends = np.eye(len(self._shares))
         num_heat = wires.num_states if self._is_soft else len(wires.heat_scales)
@@ -283,8 +280,8 @@ class QuasiStaticProgram(PlanProgram):
         if duty is None:
             limits = self.parameters.temperature_limits
             middle = np.full(wires.num_wires, 0.5 * (limits.warm + limits.maximum))
-            held = wires.holding_duty(wires.settled_states(middle))
-            duty = np.tile(held, (len(self.times), 1))
+            constant = wires.holding_duty(wires.settled_states(middle))
+            duty = np.tile(constant, (len(self.times), 1))
         states = wires.under_duty(start[:N], duty, self.times)
         readings = integrate_readings(wires, states, start[N:], self.times)
         return self.variables(np.hstack([states, readings]).T, duty.T)
@@ -370,8 +367,9 @@ def linear_limb(parameters: LimbParameters) -> LimbParameters:
         segment.stiffening = 0.0
         segment.rest_memory = None
         for wire in segment.wires:
+            # The chord of the torque, and mean rates.
             law = wire.law
-            rates = wire.law.typical_rates()
+            rates = law.typical_rates()
             warm = law.torque(law.warm_states(limits.warm, T0), T0, 0.0)
             hot = law.torque(law.warm_states(limits.maximum, T0), T0, 0.0)
             wire.law = LinearLaw(

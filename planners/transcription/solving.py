@@ -149,6 +149,7 @@ def _attempts(
         solver = ExactHessianIpoptSolver(blocks=blocks, on_iteration=report)
         return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
 
+    # With the cheap Hessian, then with the exact one.
     if (cheap := program.cheap_blocks) is not None:
         name = "IPOPT, curvature of the wires" if program.has_inertia else "IPOPT, quasi-static"
         if multipliers is not None or starts_near:
