@@ -75,7 +75,7 @@ FROM_BEGINNING, WHEN_HOT = "from the beginning", "when hot"
 
 SLOW = references.from_samples([0.0, 15.0, 30.0, 60.0], np.deg2rad([0.0, 12.0, -12.0, 5.0]))
 
-# Orders of `Emulation.misbehave`, where {side} is the heated wire's.
+# Orders of `Emulation.inject_fault`, where {side} is the heated wire's.
 FAULTS = {
     "thermocouple has come off": ["detach {side}"],
     "thermocouple reversed": ["reverse {side}"],
@@ -121,7 +121,7 @@ def prepare(board: SimulatedBoard, noise: int) -> None:
     """Adds noise to the thermocouples, and waits until the board can be armed."""
     for name in board.parameters.wire_names:
         extra = THERMOCOUPLE_NOISE * np.sqrt(noise**2 - 1)
-        board.emulation.misbehave(f"jitter {name} {extra}")
+        board.emulation.inject_fault(f"jitter {name} {extra}")
     board.run(1.0)
 
 
@@ -154,7 +154,7 @@ def run_fault(
     duties = [duty * (wire == other or not orders) for other in range(wires)]
     if when == FROM_BEGINNING:
         for order in orders:
-            board.emulation.misbehave(order)
+            board.emulation.inject_fault(order)
     prepare(board, noise)
     hottest = -np.inf
     armed = board.arm()
@@ -162,7 +162,7 @@ def run_fault(
         for _ in range(round(WARM_TIME)):
             board.run(1.0, duties)
         for order in orders:
-            board.emulation.misbehave(order)
+            board.emulation.inject_fault(order)
         armed = board.newest.armed  # it may have been too hot already
     start, off = board.now, None
     while armed and board.now < start + LONGEST:
@@ -191,7 +191,7 @@ def print_faults(results: list[dict]) -> None:
             continue
         times = [r["off"] for r in runs if r["off"] is not None]
         hot = [r["hottest"] for r in runs if r["armed"]]
-        reasons = sorted({r["reason"] for r in runs} - {guard.NONE})
+        reasons = sorted({r["reason"] for r in runs} - {guard.NO_REASON})
         print(
             f"{fault:<38}{when:<20}{np.mean([h > HOTTEST for h in hot] or [0]):>6.0%}"
             f"{max(hot, default=np.nan):>9.1f}{max(times, default=np.nan):>11.2f}"
@@ -250,7 +250,7 @@ class SimulatedRobot(LeafSystem):
 
     def _update(self, context, state):
         while self.orders and self.orders[0][0] <= context.get_time():
-            self.board.emulation.misbehave(self.orders.pop(0)[1])
+            self.board.emulation.inject_fault(self.orders.pop(0)[1])
         duty = np.clip(self.get_input_port().Eval(context), 0.0, 1.0)
         self.board.run(self.PERIOD, duty)
         self.hottest = max(self.hottest, self.board.emulation.board.wire_temperature().max())
@@ -349,7 +349,7 @@ def calibrated_limb(seed: int) -> tuple[Specimen, LimbParameters]:
     """A limb, rested after it was calibrated, and what calibration found."""
     twin = LimbTwin(seed=seed)
     parameters = calibrate(collect_from_twin(twin, seed=seed)).parameters
-    return twin.again(300.0).specimen, parameters
+    return twin.after_rest(300.0).specimen, parameters
 
 
 def run_feedback(seed: int) -> list[dict]:
@@ -411,8 +411,8 @@ def print_feedback(results: list[list[dict]]) -> None:
         these = [run for run in runs if (run["controller"], run["fault"]) == (name, fault)]
         if not these:
             continue
-        ended = [run for run in these if run["reason"] != guard.NONE]
-        went_on = [run for run in these if run["reason"] == guard.NONE]
+        ended = [run for run in these if run["reason"] != guard.NO_REASON]
+        went_on = [run for run in these if run["reason"] == guard.NO_REASON]
         lying, after = (
             f"{max((run[key] for run in went_on), default=np.nan):.1f}"
             for key in ("lying", "after")

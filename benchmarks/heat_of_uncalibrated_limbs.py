@@ -37,7 +37,7 @@ def main() -> None:
     for physics in (*SPECIMENS, OTHER):
         hottest, distances = [], []
         for seed in range(options.limbs):
-            rested = limb_of(physics, seed).again(REST, truth=True)
+            rested = limb_of(physics, seed).after_rest(REST, truth=True)
             recording = replay(trajectory, rested, controller=PlanFeedback(trajectory))
             hottest.append(f"{recording.wire_temperature.max():.1f}")
             planned = trajectory.interpolated(trajectory.bend_angle, recording.time)

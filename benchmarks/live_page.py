@@ -23,7 +23,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from controllers import PlanFeedback
 from hardware import HardwareError, SerialLimb, emulated_port, replay
-from hardware.board.serial_limb import DEADLINE, LATEST
+from hardware.board.serial_limb import COMMAND_DEADLINE, MAX_COMMAND_DELAY
 from hardware.live_feed import Feed
 from limb_systems import LimbParameters, Trajectory
 from planners import Task, plan, references
@@ -102,8 +102,8 @@ def report(trajectory: Trajectory, browser: Browser | None, steps: list[float]) 
     step_median, step_most = np.percentile(took, [50, 99])
     print(
         f"{'open' if browser else 'none':<9}{len(late):>10}{median:>13.2f} ms{most:>7.2f} ms"
-        f"{late.max():>8.2f} ms{np.sum(late > 1000 * DEADLINE):>9}"
-        f"{np.sum(late > 1000 * LATEST):>11}{limb.link.lost_samples:>15}"
+        f"{late.max():>8.2f} ms{np.sum(late > 1000 * COMMAND_DEADLINE):>9}"
+        f"{np.sum(late > 1000 * MAX_COMMAND_DELAY):>11}{limb.link.lost_samples:>15}"
         f"{step_median:>12.3f} ms{step_most:>7.3f} ms{took.max():>7.3f} ms"
         f"{os.getloadavg()[0]:>7.1f}{ended}",
         flush=True,

@@ -42,7 +42,7 @@ def slow_stiffness(specimen: Specimen) -> float:
     limbs = [mounted(described, turned) for turned in (0.0, 180.0)]
     for limb in limbs:
         twin = LimbTwin(specimen=copy.deepcopy(specimen))
-        twin = twin.again(20.0, gravity=limb.gravity, payload=limb.payload, truth=True)
+        twin = twin.after_rest(20.0, gravity=limb.gravity, payload=limb.payload, truth=True)
         joints = simulate(twin, [0.0, 0.0], 1.0).joint_state
         sags.append(joints[: described.num_joints, -1].sum())
 

@@ -14,8 +14,14 @@ from pydrake.systems.framework import DiagramBuilder, System
 from limb_systems import LimbParameters, add_limb_actuation
 from limb_systems.files.schema import Tagged, quantity
 
-OUTPUTS = "measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"
-TILTED = 0.5  # m/s², by which gravity in a description may differ from that in the plant
+LIMB_OUTPUTS = (
+    "measured_temperature",
+    "bend_angle",
+    "wire_temperature",
+    "joint_state",
+    "measurement",
+)
+GRAVITY_TOLERANCE = 0.5  # m/s², by which gravity in a description may differ from that in the plant
 
 
 @dataclasses.dataclass
@@ -85,7 +91,7 @@ def _warn_of_gravity(
     """Warns if plans of a limb would be for another direction of gravity than in the plant."""
     base = plant.GetFrameByName("base", limb).CalcPoseInWorld(plant.CreateDefaultContext())
     there = base.rotation().inverse() @ plant.gravity_field().gravity_vector()
-    if np.linalg.norm(there - parameters.gravity) > TILTED:
+    if np.linalg.norm(there - parameters.gravity) > GRAVITY_TOLERANCE:
         warnings.warn(
             f"Gravity is {np.round(there, 2).tolist()} m/s² in the base of the limb "
             f"{plant.GetModelInstanceName(limb)!r} and {list(parameters.gravity)} in its "
@@ -97,5 +103,5 @@ def _warn_of_gravity(
 def export_limb(builder: DiagramBuilder, limb: System, name: str) -> None:
     """Exports the ports of a limb, with its name before theirs."""
     builder.ExportInput(limb.GetInputPort("duty"), f"{name}.duty")
-    for output in filter(limb.HasOutputPort, OUTPUTS):
+    for output in filter(limb.HasOutputPort, LIMB_OUTPUTS):
         builder.ExportOutput(limb.GetOutputPort(output), f"{name}.{output}")

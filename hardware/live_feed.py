@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from hardware.board.link import HardwareError
-from hardware.board.serial_limb import DEADLINE, SerialLimb
+from hardware.board.serial_limb import COMMAND_DEADLINE, SerialLimb
 from hardware.board.several_boards import Link
 from hardware.firmware import guard
 from limb_systems import LimbModel, LimbParameters, LimbSystem, Trajectory
@@ -48,7 +48,7 @@ class BoardReading:
     - ``warmest``: highest temperature of each wire by its duty, °C.
     - ``lost_samples``: number of samples that did not arrive.
     - ``late``: delay of the last command, s; None if none was sent.
-    - ``commands``, ``missed``: number of commands sent, and of those later than `DEADLINE`.
+    - ``commands``, ``missed``: number of commands sent, and of those later than `COMMAND_DEADLINE`.
     """
 
     armed: bool
@@ -143,9 +143,9 @@ class Feed(LeafSystem):
         self._commands = self._missed = 0
         for name, size in sizes.items():
             self.DeclareVectorInputPort(name, size)
-        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._tell))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._publish))
 
-    def _tell(self, context) -> None:
+    def _publish(self, context) -> None:
         signals = {
             name: self.get_input_port(index).Eval(context).tolist()
             for index, name in enumerate(self._names)
@@ -156,7 +156,7 @@ class Feed(LeafSystem):
     def _board(self, link: Link, late: list[float]) -> BoardReading | None:
         new = late[self._commands :]
         self._commands += len(new)
-        self._missed += sum(delay > DEADLINE for delay in new)
+        self._missed += sum(delay > COMMAND_DEADLINE for delay in new)
         # It is the limb that fails if samples do not come.
         with contextlib.suppress(HardwareError):
             return board_reading(link, late[-1] if late else None, self._commands, self._missed)
@@ -187,7 +187,7 @@ def board_reading(
 
 
 @contextlib.contextmanager
-def shown(
+def live_display(
     builder: DiagramBuilder,
     live: LiveView | None,
     limb: LimbSystem,

@@ -19,11 +19,11 @@ from pydrake.systems.primitives import (
     TrajectorySource,
 )
 
-from hardware.board.journal import closing, journaled
+from hardware.board.journal import closing, open_journal
 from hardware.board.link import present_temperature
 from hardware.board.serial_limb import SerialLimb
 from hardware.firmware import guard
-from hardware.live_feed import LiveView, shown
+from hardware.live_feed import LiveView, live_display
 from limb_systems import (
     EmulatedLimb,
     LimbError,
@@ -37,9 +37,9 @@ from limb_systems.drake_python import weak_method
 from limb_systems.limb_system import check_limb
 from limb_systems.simulation import PERIOD, RecordOptions, record
 
-CUT_OUT_READ = 0.2  # s before the end, in which the reading at which a limb has cut out is
+CUT_OUT_WINDOW = 0.2  # s before the end, in which the reading at which a limb has cut out is
 # °C, by which a wire may differ from where the plan starts without a warning, and at all.
-OTHER_START, START_TOLERANCE = 3.0, 10.0
+START_WARNING, START_TOLERANCE = 3.0, 10.0
 
 
 class ReplayError(LimbError):
@@ -97,7 +97,9 @@ def replay(
             controller = TrajectorySource(trajectory.since_start().duty_trajectory())
         else:
             _check_controller(controller, limb)
-        return _run(limb, controller, trajectory.duration, sample_rate, journal, live, trajectory)
+        return _record_with(
+            limb, controller, trajectory.duration, sample_rate, journal, live, trajectory
+        )
 
 
 def watch(
@@ -124,7 +126,7 @@ def watch(
     """
     with closing(check_limb(limb)):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-        return _run(
+        return _record_with(
             limb, off, duration, sample_rate, journal, live, until=until, ended_by_hand=True
         )
 
@@ -208,7 +210,7 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
     measured, planned_start = present_readings(limb), trajectory.measured_temperature[:, 0]
     apart = np.abs(measured - planned_start)
     most = int(np.argmax(apart))
-    if apart[most] > OTHER_START:
+    if apart[most] > START_WARNING:
         now = ",".join(f"{reading:.1f}" for reading in measured)
         sentence = (
             f"The {planned.wire_names[most]} wire is at {measured[most]:.1f} °C, but the "
@@ -245,7 +247,7 @@ def _check_controller(controller: System, limb: LimbSystem) -> None:
             )
 
 
-def _run(
+def _record_with(
     limb: LimbSystem,
     controller: System,
     duration: float,
@@ -279,8 +281,8 @@ def _run(
 
     provenance = Provenance.now(limb.parameters)
     with (
-        shown(builder, live, limb, duty, duration, plan=plan),
-        journaled(
+        live_display(builder, live, limb, duty, duration, plan=plan),
+        open_journal(
             builder,
             journal,
             limb,
@@ -300,12 +302,12 @@ def _run(
                 until=is_over if until else None,
                 real_time=live is not None,
                 sample_rate=sample_rate,
-                remark=_remark(limb) if limb.real_time else None,
+                remark=_progress_remark(limb) if limb.real_time else None,
                 provenance=provenance,
             ),
         )
         end = recording.time[-1]
-        last = recording.measured_temperature[:, recording.time >= end - CUT_OUT_READ].max(axis=1)
+        last = recording.measured_temperature[:, recording.time >= end - CUT_OUT_WINDOW].max(axis=1)
         ended_early = end < duration - 0.5 / sample_rate  # by a controller, if not by a cut-out
         if may_cut_out and ended_early and last.max() >= guard.TEMPERATURE_LIMIT:
             hottest = int(np.argmax(last))
@@ -330,9 +332,9 @@ class _EndAtCutOut(LeafSystem):
     def __init__(self):
         super().__init__()
         self.DeclareVectorInputPort("cut_out", 1)
-        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._end_if_cut_out))
 
-    def _look(self, context) -> EventStatus:
+    def _end_if_cut_out(self, context) -> EventStatus:
         if self.get_input_port().Eval(context)[0]:
             return EventStatus.ReachedTermination(self, "the emulated limb has cut out")
         return EventStatus.DidNothing()
@@ -353,7 +355,7 @@ def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: Sys
         builder.Connect(joined.get_output_port(), port)
 
 
-def _remark(limb: LimbSystem):
+def _progress_remark(limb: LimbSystem):
     """Angle, temperatures and duty for the progress line."""
     names = limb.parameters.wire_names
 

@@ -36,15 +36,15 @@ ERROR_CONTROLLED_SCHEMES = (
     "runge_kutta5",
     "velocity_implicit_euler",
 )
-CENIC = "it adds energy to light springs on Drake 1.58, and fails on 1.51"
-TAMSI = "Drake 1.58 reads it and does not have it any more"
+CENIC_REASON = "it adds energy to light springs on Drake 1.58, and fails on 1.51"
+TAMSI_REASON = "Drake 1.58 reads it and does not have it any more"
 
 
 class StationError(LimbError):
     """A scenario is wrong, a station cannot be made of it, or one of its inputs does not fit."""
 
 
-def _three(low: float, high: float, unit: str) -> Any:
+def _three_numbers(low: float, high: float, unit: str) -> Any:
     """Return a field of three numbers, all 0 by default."""
     metadata = {"unit": unit, "range": (low, high)}
     return dataclasses.field(default=(0.0, 0.0, 0.0), metadata=metadata)
@@ -54,14 +54,14 @@ def _three(low: float, high: float, unit: str) -> Any:
 class Rpy(Tagged):
     """A rotation by roll, pitch and yaw, ``deg``."""
 
-    deg: tuple[float, float, float] = _three(-1e3, 1e3, "°")
+    deg: tuple[float, float, float] = _three_numbers(-1e3, 1e3, "°")
 
 
 @dataclasses.dataclass
 class AngleAxis(Tagged):
     """A rotation by an angle, ``angle_deg``, about an ``axis``."""
 
-    axis: tuple[float, float, float] = _three(-1.0, 1.0, "")
+    axis: tuple[float, float, float] = _three_numbers(-1.0, 1.0, "")
     angle_deg: float = quantity(0.0, "°", -1e3, 1e3)
 
 
@@ -70,7 +70,7 @@ class Transform(Strict):
     """A pose: ``translation``, m, and ``rotation`` in ``base_frame``, the world or the parent."""
 
     base_frame: str | None = None
-    translation: tuple[float, float, float] = _three(-1e4, 1e4, "m")
+    translation: tuple[float, float, float] = _three_numbers(-1e4, 1e4, "m")
     rotation: Rpy | AngleAxis | None = None
 
 
@@ -178,7 +178,7 @@ class PlantConfig(Strict):
         _check_choice("contact_model", self.contact_model, models)
         if approximation is not None:
             approximations = "sap", "similar", "lagged"
-            refused = {"tamsi": TAMSI}
+            refused = {"tamsi": TAMSI_REASON}
             _check_choice("discrete_contact_approximation", approximation, approximations, refused)
         surfaces = self.contact_surface_representation
         if surfaces is not None:
@@ -240,7 +240,7 @@ class SimulationConfig(Strict):
         """Raise SchemaError for a setting that Drake does not have, or that has no effect."""
         scheme = self.scheme(time_step)
         schemes = FIXED_STEP_SCHEMES + ERROR_CONTROLLED_SCHEMES
-        _check_choice("integration_scheme", scheme, schemes, {"cenic": CENIC})
+        _check_choice("integration_scheme", scheme, schemes, {"cenic": CENIC_REASON})
         if self.use_error_control and scheme in FIXED_STEP_SCHEMES:
             _refuse("use_error_control", f"{scheme} has no error control; choose another scheme")
         if self.accuracy is None:

@@ -20,7 +20,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 import urdf
-from hardware.board.link import Closed
+from hardware.board.link import Closeable
 from hardware.board.serial_limb import SerialLimb
 from hardware.board.several_boards import switch_off_together
 from hardware.drivers import LimbDriver, export_limb
@@ -46,7 +46,7 @@ from limb_systems.simulation import (
 SIMULATED, EMULATED, BOARD = KINDS = ("simulated", "emulated", "board")
 
 
-class Station(Diagram, Closed):
+class Station(Diagram, Closeable):
     """The limbs of a scenario, and with simulated limbs all else that is in it.
 
     For each limb, by its name:
@@ -102,23 +102,23 @@ class Station(Diagram, Closed):
             else driver
             for name, driver in scenario.model_drivers.items()
         }
-        of_limbs = {name: d for name, d in drivers.items() if isinstance(d, LimbDriver)}
-        if not of_limbs:
+        limb_drivers = {name: d for name, d in drivers.items() if isinstance(d, LimbDriver)}
+        if not limb_drivers:
             raise StationError(
                 "The scenario has no limb: model_drivers must have a !LimbDriver for each model "
                 "that is one."
             )
         self.real_time, self.scenario = limbs == BOARD, scenario
-        self._is_simulated, self._names = limbs == SIMULATED, list(of_limbs)
+        self._is_simulated, self._names = limbs == SIMULATED, list(limb_drivers)
         builder = DiagramBuilder()
         links: list[Any] = []  # to boards
         with contextlib.ExitStack() as opened:  # closed again if one does not answer
             if limbs == SIMULATED:
                 _add_plant(builder, scenario, drivers, folder)
                 if meshcat:
-                    _show(builder, list(of_limbs), meshcat)
-            for name, driver in of_limbs.items() if limbs != SIMULATED else ():
-                limb = _limb_alone(name, driver, limbs)
+                    _add_visualization(builder, list(limb_drivers), meshcat)
+            for name, driver in limb_drivers.items() if limbs != SIMULATED else ():
+                limb = _make_limb_alone(name, driver, limbs)
                 if limbs == BOARD:
                     opened.callback(limb.close)
                     links.append(limb.link)
@@ -188,7 +188,7 @@ def drive(
         limbs, jumps = station.limbs, np.empty(0)
         for name, given in inputs.items():
             port = station.GetInputPort(name)
-            signal = _signal(name, given, duration)
+            signal = _as_trajectory(name, given, duration)
             with_rates = name.endswith(".desired_state") and 2 * signal.rows() == port.size()
             if not with_rates and signal.rows() != port.size():
                 raise StationError(
@@ -227,7 +227,7 @@ def _simulator(station: Station, diagram: Diagram) -> Simulator:
     return make_simulator(diagram, min(filter(None, accuracies), default=None))
 
 
-def _signal(name: str, given: Any, duration: float) -> trajectories.Trajectory:
+def _as_trajectory(name: str, given: Any, duration: float) -> trajectories.Trajectory:
     """Return what an input is given as a trajectory of a column, from time 0.
 
     Raises:
@@ -292,7 +292,7 @@ def _add_plant(
         parser = Parser(plant)
         parser.package_map().PopulateFromFolder(str(Path(urdf.__file__).parent))
         parser.package_map().Add("scenario", str(folder.resolve()))
-        with _refusing_replaced_inertia():
+        with _refuse_replaced_inertia():
             models = ProcessModelDirectives(scenario.to_drake(), plant, parser)
         plant.Finalize()
     except RuntimeError as error:
@@ -326,7 +326,7 @@ def _add_plant(
 
 
 @contextlib.contextmanager
-def _refusing_replaced_inertia() -> Iterator[None]:
+def _refuse_replaced_inertia() -> Iterator[None]:
     """Raise StationError if Drake's parser puts the inertia of a ball of water in a body's place.
 
     It does so where moments break the triangle inequality, and says so in its log alone.
@@ -354,7 +354,7 @@ def _refusing_replaced_inertia() -> Iterator[None]:
             )
 
 
-def _show(builder: DiagramBuilder, limbs: list[str], meshcat: Meshcat) -> None:
+def _add_visualization(builder: DiagramBuilder, limbs: list[str], meshcat: Meshcat) -> None:
     """Shows what is simulated, with wires in the colour of their heat."""
     ApplyVisualizationConfig(VisualizationConfig(), builder, meshcat=meshcat)
     for name in limbs:
@@ -363,7 +363,7 @@ def _show(builder: DiagramBuilder, limbs: list[str], meshcat: Meshcat) -> None:
         builder.Connect(wires.GetOutputPort("wire_temperature"), colors.get_input_port())
 
 
-def _limb_alone(name: str, driver: LimbDriver, kind: str) -> LimbTwin | SerialLimb:
+def _make_limb_alone(name: str, driver: LimbDriver, kind: str) -> LimbTwin | SerialLimb:
     """An emulated limb, or one on a board."""
     if kind == EMULATED:
         return LimbTwin(driver.parameters, seed=driver.seed, truth=True)

@@ -4,29 +4,37 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hardware.board.heat_rates import HeatRates, fit_heat_rates, warmth, without_gaps
+from hardware.board.heat_rates import (
+    HeatRates,
+    fit_heat_rates,
+    interpolate_gaps,
+    unit_temperature_rise,
+)
 from hardware.board.link import BoardLink, check_fit, shares_of
 from limb_systems import LimbError, LimbModel, LimbParameters, bend_angle_from_tip_tangent
 from limb_systems.heat_bounds import SPREAD
 from limb_systems.simulation import PERIOD
 
-COLD = (5.0, 45.0)  # °C, that cold wires may have
-MOST_REST = 30.0  # degrees, that a limb at rest may be bent
-RISE = 3.0  # °C, at least, that is heat
+COLD_RANGE = (5.0, 45.0)  # °C, that cold wires may have
+MAX_REST_BEND_DEG = 30.0  # degrees, that a limb at rest may be bent
+MIN_RISE = 3.0  # °C, at least, that is heat
 # First any limb is warmed by some degrees, then as far as it takes to bend it.
 CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, CONTACT_TOTAL = 0.1, 30.0, 10.0, 0.3  # s and °C
 BEND_DUTY, BEND_TIME, BEND_RISE = 0.2, 20.0, 45.0
-REST = 15.0  # s after each of these, for the thermocouple's lag, and to cool
-MARGIN = 0.5  # share by which bounds are wider than what the first degrees showed
-BEND, ENOUGH_BEND = np.deg2rad(1.0), np.deg2rad(6.0)  # at least, and to compare wires by
-ALIKE = 0.75  # share of what another wire shows for its heat and its bend, at least
-WHAT_TO_DO = (
+REST_TIME = 15.0  # s after each of these, for the thermocouple's lag, and to cool
+BOUNDS_MARGIN = 0.5  # share by which bounds are wider than what the first degrees showed
+MIN_BEND, COMPARISON_BEND = np.deg2rad(1.0), np.deg2rad(6.0)  # at least, and to compare wires by
+MIN_LIKENESS = 0.75  # share of what another wire shows for its heat and its bend, at least
+MISMATCH_ADVICE = (
     "Either its thermocouple shows a share of its rise, or its wire gets less heat or bends more "
     "than another. Bond the thermocouple anew, and compare resistances and thermocouples' types."
 )
 
-SAME_HEAT = SPREAD["least_heating"], SPREAD["most_heating"]  # of a supply, by its voltage squared
-CUT_OFF = (
+SAME_HEAT_RANGE = (
+    SPREAD["least_heating"],
+    SPREAD["most_heating"],
+)  # of a supply, by its voltage squared
+CUT_OFF_ADVICE = (
     "only a thermal cut-off in series with the wires helps against two faults at once, such as "
     "twice the heat and a thermocouple that shows 60% of it, which the board cannot see "
     "(docs/robot.md)"
@@ -74,10 +82,10 @@ def check_supply(
         say(
             False,
             "nobody has said that a thermal cut-off is on the limb, in series with its wires; give "
-            f"--cut-off if there is one: {CUT_OFF}",
+            f"--cut-off if there is one: {CUT_OFF_ADVICE}",
         )
     else:
-        say(False, f"no cut-off: {CUT_OFF}")
+        say(False, f"no cut-off: {CUT_OFF_ADVICE}")
     return is_voltage_good and bool(cut_off)
 
 
@@ -91,10 +99,10 @@ def _judge_voltage(voltage: float, calibrated: float, say: Callable[[bool, str],
         )
         return True
     heat = (voltage / calibrated) ** 2
-    is_good = SAME_HEAT[0] <= heat <= SAME_HEAT[1]
+    is_good = SAME_HEAT_RANGE[0] <= heat <= SAME_HEAT_RANGE[1]
     what = (
         f"{measured}, and {calibrated:.3g} V when the limb was calibrated: {heat:.0%} of its heat, "
-        f"where {SAME_HEAT[0]:.0%} to {SAME_HEAT[1]:.0%} are accepted"
+        f"where {SAME_HEAT_RANGE[0]:.0%} to {SAME_HEAT_RANGE[1]:.0%} are accepted"
     )
     say(is_good, what if is_good else f"{what}; set it to {calibrated:.3g} V, or calibrate anew")
     return is_good
@@ -134,20 +142,21 @@ def check_wires(
     judge(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
     samples = [link.next_sample() for _ in range(10)]
     for side, V in zip(names, np.nanmean([s.temperature for s in samples], axis=0), strict=True):
-        is_cold = COLD[0] <= V <= COLD[1]
-        what = (
-            f"{side} thermocouple reads {V:.1f} °C; cold wires have {COLD[0]:g} to {COLD[1]:g} °C"
-        )
+        is_cold = COLD_RANGE[0] <= V <= COLD_RANGE[1]
+        accepted = f"{COLD_RANGE[0]:g} to {COLD_RANGE[1]:g} °C"
+        what = f"{side} thermocouple reads {V:.1f} °C; cold wires have {accepted}"
         judge(is_cold, what if is_cold else f"{what}: let them cool, or look at its type and poles")
     bends = np.mean([bend_angle_from_tip_tangent(s.tip_tangent) for s in samples], axis=0)
     for bend in bends:
         degrees = np.rad2deg(bend)
-        what = f"bend sensor reads {degrees:+.1f}° at rest, where {MOST_REST:g}° are accepted"
-        judge(abs(degrees) <= MOST_REST, what)
+        what = (
+            f"bend sensor reads {degrees:+.1f}° at rest, where {MAX_REST_BEND_DEG:g}° are accepted"
+        )
+        judge(abs(degrees) <= MAX_REST_BEND_DEG, what)
     towards = shares_of(parameters).T
 
     def heat(*how: float) -> list[Heating]:
-        return [_heat(link, wire, towards[wire], how) for wire in range(len(names))]
+        return [_heat_wire(link, wire, towards[wire], how) for wire in range(len(names))]
 
     if not passed:
         return False
@@ -163,31 +172,34 @@ def check_wires(
             own = rise[warmest, wire]
             other = np.delete(rise[warmest], wire).max(initial=0.0)
             judge(
-                own > RISE and own > 2 * other,
+                own > MIN_RISE and own > 2 * other,
                 f"{side} wire warms its own thermocouple by {own:.1f} °C, another by "
                 f"{other:.1f} °C",
             )
         if not passed:
             return False
-        rates = [_rates([contact], wire) for wire, contact in enumerate(contacts)]
+        rates = [_fit_rates([contact], wire) for wire, contact in enumerate(contacts)]
         hottest = max(rate.heating for rate in rates)
-        for _ in range(round(REST / PERIOD)):
+        for _ in range(round(REST_TIME / PERIOD)):
             link.next_sample()
         link.arm(
-            [rate.bounds(kind, hottest, MARGIN) for rate, kind in zip(rates, kinds, strict=True)],
+            [
+                rate.bounds(kind, hottest, BOUNDS_MARGIN)
+                for rate, kind in zip(rates, kinds, strict=True)
+            ],
             parameters.total_duty,
         )
-        bent = heat(BEND_DUTY, BEND_TIME, BEND_RISE, ENOUGH_BEND)
+        bent = heat(BEND_DUTY, BEND_TIME, BEND_RISE, COMPARISON_BEND)
     finally:
         link.disarm()
     for side, (_, _, bend) in zip(names, bent, strict=True):
-        degrees = np.rad2deg(_change(bend).max())
+        degrees = np.rad2deg(_bend_change(bend).max())
         judge(
-            degrees > np.rad2deg(BEND),
+            degrees > np.rad2deg(MIN_BEND),
             f"{side} wire bends the limb by {degrees:.1f}° to its own side",
         )
     rates = [
-        _rates(heatings, wire) for wire, heatings in enumerate(zip(contacts, bent, strict=True))
+        _fit_rates(heatings, wire) for wire, heatings in enumerate(zip(contacts, bent, strict=True))
     ]
     heating, most = [rate.heating for rate in rates], [kind.most_heating for kind in kinds]
     _judge_heat(names, heating, most, judge)
@@ -223,7 +235,7 @@ def _judge_heat(
         if lowest[wire] <= heating[wire] <= highest[wire]:
             judge(True, shown)
         elif is_low[wire] and not all(is_low):
-            judge(False, f"{shown}, and another one shows that. {WHAT_TO_DO}")
+            judge(False, f"{shown}, and another one shows that. {MISMATCH_ADVICE}")
         else:
             judge(
                 False,
@@ -242,8 +254,8 @@ def _judge_likeness(
     shown = np.array([rate.heating for rate in rates])
     risen = []
     for rate, (duty, _, bend) in zip(rates, bends, strict=True):
-        rises = rate.heating * warmth(duty.sum(axis=1), rate.cooling, 0.3, PERIOD)
-        reached = np.argmax(_change(bend) >= ENOUGH_BEND)
+        rises = rate.heating * unit_temperature_rise(duty.sum(axis=1), rate.cooling, 0.3, PERIOD)
+        reached = np.argmax(_bend_change(bend) >= COMPARISON_BEND)
         risen.append(rises[reached] if reached else np.nan)
     # How warm a wire has to be for a bend is another, independent witness.
     bent = not np.isnan(risen).any()
@@ -254,15 +266,15 @@ def _judge_likeness(
         f"{least} thermocouple shows {ratio:.0%} of what the {most} one does for the same heat"
         + " and bend" * bent
     )
-    judge(ratio > ALIKE, what if ratio > ALIKE else f"{what}. {WHAT_TO_DO}")
+    judge(ratio > MIN_LIKENESS, what if ratio > MIN_LIKENESS else f"{what}. {MISMATCH_ADVICE}")
 
 
-def _change(bend: np.ndarray) -> np.ndarray:
+def _bend_change(bend: np.ndarray) -> np.ndarray:
     """How far the limb has bent since a heating began (K), rad."""
     return bend - bend[:5].mean()
 
 
-def _rates(heatings: Sequence[Heating], wire: int) -> HeatRates:
+def _fit_rates(heatings: Sequence[Heating], wire: int) -> HeatRates:
     rates = fit_heat_rates(
         [(duty[1:, wire], (V[:, wire] - V[:5, wire].mean())[1:], PERIOD) for duty, V, _ in heatings]
     )
@@ -270,7 +282,7 @@ def _rates(heatings: Sequence[Heating], wire: int) -> HeatRates:
     return rates
 
 
-def _heat(link: BoardLink, wire: int, towards: np.ndarray, how: Sequence[float]) -> Heating:
+def _heat_wire(link: BoardLink, wire: int, towards: np.ndarray, how: Sequence[float]) -> Heating:
     """Heats a wire until it reads so much more, or the limb has bent so far, and lets it rest.
 
     ``towards`` has how far each bend angle is to the wire's own side; ``how`` the duty, the
@@ -280,7 +292,7 @@ def _heat(link: BoardLink, wire: int, towards: np.ndarray, how: Sequence[float])
     samples = [link.next_sample()]
     cold = samples[0].temperature[wire]
     heated = duty * np.eye(len(samples[0].duty))[wire]
-    while (now := len(samples) * PERIOD) < longest + REST:
+    while (now := len(samples) * PERIOD) < longest + REST_TIME:
         link.command(heated)
         samples.append(link.next_sample())
         turns = bend_angle_from_tip_tangent(samples[-1].tip_tangent - samples[0].tip_tangent)
@@ -292,6 +304,6 @@ def _heat(link: BoardLink, wire: int, towards: np.ndarray, how: Sequence[float])
     readings = np.array([sample.temperature for sample in samples])
     return (
         np.array([sample.duty for sample in samples]),
-        np.apply_along_axis(without_gaps, 0, readings),
+        np.apply_along_axis(interpolate_gaps, 0, readings),
         np.array([bend_angle_from_tip_tangent(s.tip_tangent) for s in samples]) @ towards,
     )

@@ -9,14 +9,18 @@ from hardware.firmware import heat
 from limb_systems.heat_bounds import SPREAD, HeatBounds
 from limb_systems.low_pass import low_pass
 
-NARROWEST = 1.75  # times the slowest cooling of its kind, above which a wire's is not raised
-LAGS = 5.0  # time constants of the thermocouple, in which a wire may cool for that to be seen
+MAX_COOLING_FACTOR = (
+    1.75  # times the slowest cooling of its kind, above which a wire's is not raised
+)
+VISIBLE_TIME_CONSTANTS = (
+    5.0  # time constants of the thermocouple, in which a wire may cool for that to be seen
+)
 # Of the fit: heating, cooling, by how much faster it is read, as what is read would be almost
 # the same if these two rates were swapped, and the silicone's share, which the board has at
 # its largest.
-START = 20.0, 0.06, 10.0, 0.25
-LOWEST = 0.5, 0.005, 1.2, 0.02
-HIGHEST = 200.0, 0.5, 200.0, heat.SILICONE_SHARE
+INITIAL_RATES = 20.0, 0.06, 10.0, 0.25
+LOWEST_RATES = 0.5, 0.005, 1.2, 0.02
+HIGHEST_RATES = 200.0, 0.5, 200.0, heat.SILICONE_SHARE
 
 
 @dataclasses.dataclass
@@ -39,17 +43,17 @@ class HeatRates:
         A wire that gets less heat and a thermocouple that shows a share of the rise read the
         same, so that readings never make the most heating less than that of the kind. Where they
         show more, the description is wrong, and the most of all wires comes from the one that
-        shows most. The slowest cooling is raised by `NARROWEST` at most.
+        shows most. The slowest cooling is raised by `MAX_COOLING_FACTOR` at most.
 
         Args:
             kind: bounds of any wire of its kind.
             hottest: largest ``heating`` of all wires of the limb.
             margin: share by which the rates are widened.
         """
-        seen = max(kind.slowest_cooling, self.reading / LAGS)
+        seen = max(kind.slowest_cooling, self.reading / VISIBLE_TIME_CONSTANTS)
         cooling = self.cooling / (1 + margin)
         bounds = {
-            "slowest_cooling": min(cooling, seen, NARROWEST * kind.slowest_cooling),
+            "slowest_cooling": min(cooling, seen, MAX_COOLING_FACTOR * kind.slowest_cooling),
             "fastest_cooling": max(self.cooling * (1 + margin), kind.fastest_cooling),
             "least_heating": self.heating * (1 - margin),
             "most_heating": max(
@@ -60,12 +64,12 @@ class HeatRates:
         for field in dataclasses.fields(kind):
             low, high = field.metadata["range"]
             bounds[field.name] = float(min(max(bounds[field.name], low), high))
-        return acceptable(HeatBounds(**bounds))
+        return detectable_bounds(HeatBounds(**bounds))
 
 
-def acceptable(bounds: HeatBounds) -> HeatBounds:
+def detectable_bounds(bounds: HeatBounds) -> HeatBounds:
     """Bounds that a board takes: these, or with a slower cooling if heat need not show by them."""
-    if heat.shown(dataclasses.astuple(bounds), np.inf):
+    if heat.can_detect_overheating(dataclasses.astuple(bounds), np.inf):
         return bounds
     allowed = heat.HIGHEST_RISE * (1 - heat.SILICONE_SHARE)
     slowest = heat.LITTLE_DUTY * bounds.most_heating / allowed
@@ -94,24 +98,32 @@ def fit_heat_rates(
         reading = faster * cooling
         return np.concatenate(
             [
-                heating * lagged(warmth(duty, cooling, share, interval), reading, interval) - rise
+                heating
+                * first_order_lag(
+                    unit_temperature_rise(duty, cooling, share, interval), reading, interval
+                )
+                - rise
                 for duty, rise, interval in heatings
             ]
         )
 
-    fit = least_squares(errors, np.log(START), bounds=(np.log(LOWEST), np.log(HIGHEST)))
+    fit = least_squares(
+        errors, np.log(INITIAL_RATES), bounds=(np.log(LOWEST_RATES), np.log(HIGHEST_RATES))
+    )
     heating, cooling, faster, _ = np.exp(fit.x).tolist()
     return HeatRates(heating, cooling, faster * cooling)
 
 
-def without_gaps(readings: np.ndarray) -> np.ndarray:
+def interpolate_gaps(readings: np.ndarray) -> np.ndarray:
     """Return readings (K,) with values interpolated where there is none, nan, as of a bad frame."""
     samples = np.arange(len(readings))
     known = np.isfinite(readings)
     return np.interp(samples, samples[known], readings[known])
 
 
-def warmth(duty: np.ndarray, cooling: float, share: float, interval: float) -> np.ndarray:
+def unit_temperature_rise(
+    duty: np.ndarray, cooling: float, share: float, interval: float
+) -> np.ndarray:
     """Temperature above the room of a wire whose a2 is one, after each step (K), °C."""
     from scipy.signal import lfilter  # as above
 
@@ -121,6 +133,6 @@ def warmth(duty: np.ndarray, cooling: float, share: float, interval: float) -> n
     return lfilter(numerator, [1.0, -np.trace(steps), np.linalg.det(steps)], duty)
 
 
-def lagged(signal: np.ndarray, rate: float, interval: float) -> np.ndarray:
+def first_order_lag(signal: np.ndarray, rate: float, interval: float) -> np.ndarray:
     """A signal (K,) from zero behind a lag of the first order, 1/s, by Euler's method."""
     return low_pass(signal, max(0.0, 1.0 - interval * rate))

@@ -15,8 +15,8 @@ from limb_systems.files.signal_table import column_names, without_rounding
 from limb_systems.files.table_writer import TableWriter
 
 SIGNALS = ("measured_temperature", "bend_angle")
-OF_ROBOTS = ("applied_duty", "board_time", "sample_age", "body_pose")  # where the limb has them
-STOPPED = "stopped by Ctrl-C or a signal"
+ROBOT_SIGNALS = ("applied_duty", "board_time", "sample_age", "body_pose")  # where the limb has them
+STOPPED_BY_SIGNAL = "stopped by Ctrl-C or a signal"
 
 
 class Journal(LeafSystem):
@@ -75,7 +75,7 @@ class Journal(LeafSystem):
             time=np.empty(0),
             **signals,
         )
-        self.signals = ["duty", *SIGNALS, *filter(limb.HasOutputPort, OF_ROBOTS)]
+        self.signals = ["duty", *SIGNALS, *filter(limb.HasOutputPort, ROBOT_SIGNALS)]
         self.signals += ["reference"] * has_reference
         columns = [column for signal in ("time", *self.signals) for column in names[signal]]
         for signal in self.signals:
@@ -96,7 +96,7 @@ def closing(limb: Any) -> contextlib.AbstractContextManager:
 
 
 @contextlib.contextmanager
-def journaled(
+def open_journal(
     builder: DiagramBuilder,
     path: str | Path | None,
     limb: LimbSystem,
@@ -151,9 +151,9 @@ def journaled(
     except BaseException as error:
         stopped = isinstance(error, KeyboardInterrupt)
         if stopped and ended_by_hand and writer.num_rows:
-            writer.finish(STOPPED)
+            writer.finish(STOPPED_BY_SIGNAL)
             warnings.warn(f"What was recorded until then is in {path}.", stacklevel=3)
         else:
-            writer.abandon(STOPPED if stopped else str(error) or type(error).__name__)
+            writer.abandon(STOPPED_BY_SIGNAL if stopped else str(error) or type(error).__name__)
         raise
     writer.finish()

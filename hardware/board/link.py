@@ -15,23 +15,25 @@ import numpy as np
 import serial
 
 from hardware.board.reasons import REASONS
-from hardware.board.signals import heed_signals
+from hardware.board.signals import raise_if_interrupted
 from hardware.firmware import firmware, from_host, guard, protocol
 from limb_systems import LimbError, LimbModel, LimbParameters
 from limb_systems.heat_bounds import HeatBounds
 
 BAUD_RATE = 115200
-STALE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered
-SILENT = 0.2  # s without a sample of one of several boards, after which the others are switched off
+MAX_SAMPLE_AGE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered
+MAX_SILENCE = (
+    0.2  # s without a sample of one of several boards, after which the others are switched off
+)
 # Share by which the board's clock may be slower than this computer's, as without a crystal.
 # A delay that grows as slowly as that shows by answers to commands, which this clock times.
 CLOCK_ERROR = 0.025
 WRITE_TIMEOUT = 0.2  # s, after which a port must be ready for more
-SESSION_END = 0.5  # s, within which a session that nobody commands has ended
+SESSION_END_TIME = 0.5  # s, within which a session that nobody commands has ended
 ANSWER_TIME = 1.0  # s, within which a board answers
 READING_TIME = 0.5  # s, within which a thermocouple has been read again after a bad frame
 ARMING_TIME = 3.0  # s, in which a board that was just switched on has settled
-WAITING_FRAMES = 8
+MAX_QUEUED_FRAMES = 8
 FRAME_PAUSE = 0.01  # s, between those that arm, as many boards keep some 60 bytes that come
 RESET_CAUSES = {
     firmware.POWER_ON: "switched on",
@@ -121,7 +123,7 @@ class Sample:
         return REASONS.get(self.reason, unknown)
 
 
-class Assembly:
+class SampleAssembler:
     """Puts samples together: one counts only if its SAMPLE and all its CHANNELS came."""
 
     def __init__(self):
@@ -169,7 +171,7 @@ class BoardInfo:
     angles: int = 1
 
 
-class Closed:
+class Closeable:
     """What is closed at the end of its context: a connection, or a system that has one."""
 
     __slots__ = ()  # for Drake's systems, see limb_systems.drake_python
@@ -185,7 +187,7 @@ class Closed:
         raise NotImplementedError
 
 
-class SerialPort(Closed):
+class SerialPort(Closeable):
     """The host's end of a cable: a serial port that this program alone has."""
 
     def __init__(self, port: str):
@@ -207,7 +209,7 @@ class SerialPort(Closed):
         except (ValueError, *PORT_ERRORS) as error:
             if "exclusively lock" in str(error):
                 raise HardwareError(f"{port} is in use by another program.") from error
-            reason = _in_words(error)
+            reason = _error_text(error)
             if "Could not configure port" in reason:
                 reason = "it is no serial port"
             raise HardwareError(
@@ -245,17 +247,19 @@ class SerialPort(Closed):
                 "is the board hung, or this computer too busy?"
             ) from error
         except (TypeError, *PORT_ERRORS) as error:
-            raise HardwareError(f"The cable to {self.port} is gone: {_in_words(error)}.") from error
+            raise HardwareError(
+                f"The cable to {self.port} is gone: {_error_text(error)}."
+            ) from error
 
 
-def _in_words(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     if isinstance(error, termios.error):
         return str(error.args[-1])
     number = getattr(error, "errno", None)
     return os.strerror(number) if number else str(error)
 
 
-def _switched_off(port: str, sample: Sample) -> str:
+def _switched_off_message(port: str, sample: Sample) -> str:
     return f"The board on {port} switched off: {sample.reason_text}."
 
 
@@ -310,7 +314,7 @@ def shares_of(limb: LimbParameters) -> np.ndarray:
     return np.array([protocol.shares(pulls_of(limb), bend) for bend in bends])
 
 
-class BoardLink(Closed):
+class BoardLink(Closeable):
     """A connection to a board. It arms the board only in `arm`.
 
     Threads read and write. Only `info`, `arm` and `clear` wait for the cable: for
@@ -335,10 +339,10 @@ class BoardLink(Closed):
         self.port, self._pulls = port, pulls_of(limb or LimbParameters())
         self._cable = SerialPort(port)
         self.parser = protocol.Parser(protocol.BOARD_KINDS)
-        self._assembly = Assembly()
+        self._assembly = SampleAssembler()
         self.lost_samples = 0
         self.when_off: Callable[[str], None] | None = None
-        self._why_off = ""
+        self._off_reason = ""
         self._sample: Sample | None = None
         self._info: BoardInfo | None = None
         self._session, self._sequence = 0, 0
@@ -348,7 +352,7 @@ class BoardLink(Closed):
         self._restarts = self._restarts_when_armed = 0
         self._failure: str | None = None
         self._arrived = threading.Condition()
-        self._outgoing: queue.Queue[bytes | None] = queue.Queue(WAITING_FRAMES)
+        self._outgoing: queue.Queue[bytes | None] = queue.Queue(MAX_QUEUED_FRAMES)
         self._closing = False
         self._threads = [
             threading.Thread(target=work, name=f"{port} {work.__name__}", daemon=True)
@@ -364,9 +368,9 @@ class BoardLink(Closed):
             HardwareError: if it does not answer, or speaks another protocol.
         """
         self._send_until([protocol.encode(protocol.HELLO)], lambda: self._info, ANSWER_TIME)
-        return self._answer(self._info, "a greeting")
+        return self._checked_answer(self._info, "a greeting")
 
-    def sample(self, oldest: float = STALE) -> Sample:
+    def sample(self, oldest: float = MAX_SAMPLE_AGE) -> Sample:
         """The newest sample.
 
         Args:
@@ -375,9 +379,9 @@ class BoardLink(Closed):
         Raises:
             HardwareError: if it is older or came that late, or the cable is gone.
         """
-        self._check()
+        self._raise_failure()
         self._wait_for(lambda: self._sample, ANSWER_TIME)
-        sample = self._answer(self._sample, "after the port was opened")
+        sample = self._checked_answer(self._sample, "after the port was opened")
         if sample.age > oldest:
             raise HardwareError(
                 f"Nothing new came from the board on {self.port} for {sample.age:.2f} s."
@@ -396,7 +400,7 @@ class BoardLink(Closed):
             HardwareError: as `sample`.
         """
         before = self.sample()
-        self._wait_for(lambda: self._sample is not before, STALE)
+        self._wait_for(lambda: self._sample is not before, MAX_SAMPLE_AGE)
         return self.sample()
 
     def arm(self, bounds: Sequence[HeatBounds], total_duty: float = 1.5) -> None:
@@ -411,10 +415,10 @@ class BoardLink(Closed):
                 or if another program has armed it.
             KeyboardInterrupt: if a signal has ended the command that runs.
         """
-        heed_signals()
+        raise_if_interrupted()
         sample = self.sample()
         if sample.armed:
-            self._wait_for(lambda: not self._sample_now().armed, SESSION_END)
+            self._wait_for(lambda: not self._current_sample().armed, SESSION_END_TIME)
             sample = self.sample()
             if sample.armed:
                 raise HardwareError(f"The board on {self.port} is in use by another program.")
@@ -423,13 +427,13 @@ class BoardLink(Closed):
                 f"The board on {self.port} refuses to be armed: {sample.reason_text}. "
                 "Mend it, then clear the fault: soft-limb status PORT --clear."
             )
-        self._session, self._sequence, self._why_off = sample.challenge, 0, ""
+        self._session, self._sequence, self._off_reason = sample.challenge, 0, ""
         self._unanswered.clear()
         self._restarts_when_armed = self._restarts
         values = [dataclasses.astuple(bound) for bound in bounds]
         total = min(total_duty, len(values))  # they cannot have more
         frames = from_host.encode_arming(sample.challenge, values, total, self._pulls)
-        armed = self._send_until(frames, lambda: self._sample_now().armed, ARMING_TIME)
+        armed = self._send_until(frames, lambda: self._current_sample().armed, ARMING_TIME)
         if not armed:
             raise HardwareError(
                 f"The board on {self.port} does not let itself be armed: "
@@ -445,27 +449,27 @@ class BoardLink(Closed):
                 arrive in time.
             KeyboardInterrupt: if a signal has ended the command that runs.
         """
-        heed_signals()
+        raise_if_interrupted()
         try:
             self._command(duty)
         except HardwareError as error:
-            self._tell_off(str(error))
+            self._report_off(str(error))
             raise
 
     def _command(self, duty: np.ndarray) -> None:
         sample = self.sample()
         duty = checked_duty(duty, len(sample.duty))
-        if self._why_off:
-            raise HardwareError(self._why_off)
+        if self._off_reason:
+            raise HardwareError(self._off_reason)
         if not sample.armed:
-            raise HardwareError(_switched_off(self.port, sample))
+            raise HardwareError(_switched_off_message(self.port, sample))
         if self._restarts != self._restarts_when_armed:
             raise HardwareError(f"The time of the board on {self.port} went back; reset it.")
         self._check_answers(sample)
         self._sequence += 1
         self._unanswered.append((self._sequence, time.monotonic()))
-        heard = round(1000 * sample.board_time)
-        frame = from_host.encode_command(self._session, self._sequence, heard, duty.tolist())
+        sample_time = round(1000 * sample.board_time)
+        frame = from_host.encode_command(self._session, self._sequence, sample_time, duty.tolist())
         self._send(2 * frame)  # one may get lost; the board takes each once
 
     def _check_answers(self, sample: Sample) -> None:
@@ -473,7 +477,7 @@ class BoardLink(Closed):
         waiting = self._unanswered
         while waiting and (sample.acknowledged - waiting[0][0]) & 0xFFFF < 0x8000:
             waiting.popleft()
-        if waiting and (late := time.monotonic() - waiting[0][1]) > STALE:
+        if waiting and (late := time.monotonic() - waiting[0][1]) > MAX_SAMPLE_AGE:
             raise HardwareError(
                 f"The board on {self.port} did not get a command within {late:.2f} s; commands "
                 "arrive late or not at all."
@@ -485,7 +489,7 @@ class BoardLink(Closed):
         Args:
             why: sentence that the next command raises, if another board is the cause.
         """
-        self._why_off = self._why_off or why
+        self._off_reason = self._off_reason or why
         with contextlib.suppress(HardwareError):
             self._send(protocol.encode(protocol.DISARM))
 
@@ -500,7 +504,7 @@ class BoardLink(Closed):
             return
         cleared = self._send_until(
             [protocol.encode(protocol.CLEAR, sample.challenge)],
-            lambda: not self._sample_now().latched,
+            lambda: not self._current_sample().latched,
             ANSWER_TIME,
         )
         if not cleared:
@@ -529,7 +533,7 @@ class BoardLink(Closed):
                 self._send(frame)
             if self._wait_for(done, 0.1):
                 break
-        self._check()
+        self._raise_failure()
         return bool(done())
 
     def _wait_for(self, done: Callable[[], Any], limit: float) -> bool:
@@ -537,13 +541,13 @@ class BoardLink(Closed):
         with self._arrived:
             return bool(self._arrived.wait_for(lambda: done() or self._failure, limit))
 
-    def _sample_now(self) -> Sample:
+    def _current_sample(self) -> Sample:
         assert self._sample  # whoever asks had one before
         return self._sample
 
-    def _answer(self, answer: Answer | None, what: str) -> Answer:
+    def _checked_answer(self, answer: Answer | None, what: str) -> Answer:
         """What the board answered; HardwareError if it did not."""
-        self._check()
+        self._raise_failure()
         if answer:
             return answer
         if (other := self.parser.other_version) is not None:
@@ -558,7 +562,7 @@ class BoardLink(Closed):
             )
         raise HardwareError(f"The board on {self.port} does not answer {what}.")
 
-    def _check(self) -> None:
+    def _raise_failure(self) -> None:
         if self._failure:
             raise HardwareError(self._failure)
 
@@ -574,17 +578,25 @@ class BoardLink(Closed):
                 return
             self._failure = str(error)
             self._arrived.notify_all()
-        self._tell_off(str(error))
+        self._report_off(str(error))
 
-    def _tell_off(self, why: str) -> None:
+    def _report_off(self, why: str) -> None:
         if self.when_off:
             self.when_off(why)
 
     def _check_silence(self) -> None:
         """Tells once if this is one of several boards, and no sample came for 0.2 s."""
         sample = self._sample
-        if self.when_off and sample and sample.armed and not self._why_off and sample.age > SILENT:
-            self._tell_off(f"Nothing new came from the board on {self.port} for {SILENT:g} s.")
+        if (
+            self.when_off
+            and sample
+            and sample.armed
+            and not self._off_reason
+            and sample.age > MAX_SILENCE
+        ):
+            self._report_off(
+                f"Nothing new came from the board on {self.port} for {MAX_SILENCE:g} s."
+            )
 
     def _write(self) -> None:
         while (frame := self._outgoing.get()) is not None:
@@ -630,4 +642,4 @@ class BoardLink(Closed):
         self.delay = offset - self._clock_offset
         self._sample = sample
         if before and before.armed and not sample.armed:
-            self._tell_off(_switched_off(self.port, sample))
+            self._report_off(_switched_off_message(self.port, sample))

@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from hardware.board.link import STALE, Closed, HardwareError, check_fit
+from hardware.board.link import MAX_SAMPLE_AGE, Closeable, HardwareError, check_fit
 from hardware.board.several_boards import Ports, SeveralBoards, open_link
 from limb_systems import LimbModel, LimbParameters, NoBoard, SerialBoard
 from limb_systems.drake_python import declare_part, weak_method
 from limb_systems.limb_system import ACCURACY
 from limb_systems.simulation import PERIOD
 
-LATEST = 0.1  # s, that a command may be late
-DEADLINE = 5e-3  # s, by which it is late for the record
-LONGEST_GAP = 3.0  # s without samples, after which a limb without heat is not recorded on
+MAX_COMMAND_DELAY = 0.1  # s, that a command may be late
+COMMAND_DEADLINE = 5e-3  # s, by which it is late for the record
+MAX_SAMPLE_GAP = 3.0  # s without samples, after which a limb without heat is not recorded on
 
 
-class SerialLimb(LeafSystem, Closed):
+class SerialLimb(LeafSystem, Closeable):
     """The robot: a board with a limb's wires, their thermocouples and its bend sensors.
 
     Or several boards, each with a limb of a robot: they are armed before any of them heats,
@@ -114,12 +114,14 @@ class SerialLimb(LeafSystem, Closed):
         declare_part(self, "measured_temperature", state, slice(0, wires))
         declare_part(self, "bend_angle", state, slice(wires, read))
         tickets = {self.discrete_state_ticket(state), self.time_ticket()}
-        self.DeclareVectorOutputPort("sample_age", 1, _shown_age(size - 1), tickets)
+        self.DeclareVectorOutputPort("sample_age", 1, _sample_age_output(size - 1), tickets)
         declare_part(self, "applied_duty", state, slice(read, read + wires))
         declare_part(self, "board_time", state, slice(read + wires, read + wires + 1))
         declare_part(self, "measurement", state, slice(0, read))
         for place, name in enumerate(boards, size):
-            self.DeclareVectorOutputPort(f"{name}.sample_age", 1, _shown_age(place), tickets)
+            self.DeclareVectorOutputPort(
+                f"{name}.sample_age", 1, _sample_age_output(place), tickets
+            )
 
     def close(self) -> None:
         """Switches the wires off and closes the port."""
@@ -138,7 +140,7 @@ class SerialLimb(LeafSystem, Closed):
             return
         late = time.monotonic() - self._start - context.get_time()
         self.timing_errors.append(late)
-        if late > LATEST:
+        if late > MAX_COMMAND_DELAY:
             raise HardwareError(
                 f"The simulation fell behind by {late:.2f} s at {context.get_time():.2f} s; the "
                 "computer is too busy to drive the limb."
@@ -155,8 +157,8 @@ class SerialLimb(LeafSystem, Closed):
             assert self._failure
             raise self._failure
         self._failure_is_recorded = self._failure is not None
-        sample = self.link.sample() if self._heated else self.link.sample(LONGEST_GAP)
-        if not self._heated and sample.age > STALE:
+        sample = self.link.sample() if self._heated else self.link.sample(MAX_SAMPLE_GAP)
+        if not self._heated and sample.age > MAX_SAMPLE_AGE:
             sample = dataclasses.replace(
                 sample,
                 temperature=np.full_like(sample.temperature, np.nan),
@@ -171,7 +173,7 @@ class SerialLimb(LeafSystem, Closed):
         discrete_state.set_value(np.append(sample.temperature, last))
 
 
-def _shown_age(place: int):
+def _sample_age_output(place: int):
     """A function that shows the age of a sample whose reception is at a place of the state."""
 
     def show(context, output):

@@ -10,7 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from hardware.board.link import STALE, BoardInfo, BoardLink, Closed, Sample, check_fit, checked_duty
+from hardware.board.link import (
+    MAX_SAMPLE_AGE,
+    BoardInfo,
+    BoardLink,
+    Closeable,
+    Sample,
+    check_fit,
+    checked_duty,
+)
 from hardware.firmware import guard
 from limb_systems import LimbError, LimbParameters
 from limb_systems.heat_bounds import HeatBounds
@@ -64,7 +72,7 @@ def switch_off_together(links: Sequence[BoardLink]) -> None:
         link.when_off = disarm
 
 
-class SeveralBoards(Closed):
+class SeveralBoards(Closeable):
     """Connections to several boards, one for each limb of a robot, with the methods of `BoardLink`.
 
     Each method takes what the method of `BoardLink` takes, and raises what it raises, for any of
@@ -120,13 +128,13 @@ class SeveralBoards(Closed):
             angles=sum(info.angles for info in infos),
         )
 
-    def sample(self, oldest: float = STALE) -> Sample:
+    def sample(self, oldest: float = MAX_SAMPLE_AGE) -> Sample:
         """The newest samples as one, whose ``parts`` they are; times are those of the first.
 
         It is armed if all are, and has the reason of the board that was the first to be off.
         """
         samples = [link.sample(oldest) for link in self._links]
-        first_off = min(samples, key=_rank)
+        first_off = min(samples, key=_off_rank)
         joined: dict[str, Any] = {
             name: np.concatenate([getattr(sample, name) for sample in samples])
             for name in ("temperature", "tip_tangent", "duty", "warmest")
@@ -148,7 +156,7 @@ class SeveralBoards(Closed):
         """
         self._total = total_duty
         starts = [0, *self._ends]
-        with self._all_or_none():
+        with self._disarm_on_error():
             with ThreadPoolExecutor(len(self._links)) as pool:
                 armings = [
                     pool.submit(link.arm, bounds[start:end], total_duty)
@@ -166,9 +174,9 @@ class SeveralBoards(Closed):
         duty = checked_duty(duty, self._ends[-1])
         duty = duty * min(1.0, self._total / max(duty.sum(), 1e-9))
         parts = zip(self._links, np.split(duty, self._ends[:-1]), strict=True)
-        with self._all_or_none():
+        with self._disarm_on_error():
             # One that is off comes first, and ends this before another is heated.
-            for link, part in sorted(parts, key=lambda pair: _rank(pair[0].sample())):
+            for link, part in sorted(parts, key=lambda pair: _off_rank(pair[0].sample())):
                 link.command(part)
 
     def disarm(self) -> None:
@@ -182,7 +190,7 @@ class SeveralBoards(Closed):
         self._opened.close()
 
     @contextlib.contextmanager
-    def _all_or_none(self) -> Iterator[None]:
+    def _disarm_on_error(self) -> Iterator[None]:
         """A context after which all wires are off if it ends by an error."""
         try:
             yield
@@ -191,9 +199,9 @@ class SeveralBoards(Closed):
             raise
 
 
-def _rank(sample: Sample) -> tuple[bool, bool]:
+def _off_rank(sample: Sample) -> tuple[bool, bool]:
     """Order of samples: a board that is off by itself, those that the host switched off, armed."""
-    return sample.armed, sample.reason == guard.HOST
+    return sample.armed, sample.reason == guard.BY_HOST
 
 
 Link = BoardLink | SeveralBoards

@@ -5,27 +5,27 @@ import signal
 from collections.abc import Iterator
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a command
-came: list[int] = []  # of these, since the command that runs has begun
+received_signals: list[int] = []  # of these, since the command that runs has begun
 
 
 def stop(number: int, _frame: object) -> None:
     """Handler of `SIGNALS` while a command runs."""
-    came.append(number)
+    received_signals.append(number)
     raise KeyboardInterrupt
 
 
-def heed_signals() -> None:
+def raise_if_interrupted() -> None:
     """Raises KeyboardInterrupt if a signal has come that ends the command that runs.
 
     The handler has done so before, but what it raises is lost in a finalizer,
     for example, and in some imports. Whoever heats wires asks here first.
     """
-    if came:
+    if received_signals:
         raise KeyboardInterrupt
 
 
 @contextlib.contextmanager
-def ended_at_once() -> Iterator[None]:
+def default_signal_handlers() -> Iterator[None]:
     """A context in which a signal that ends a command ends its process at once, without a word.
 
     For work that holds no robot and no file. Python heeds signals only between calls

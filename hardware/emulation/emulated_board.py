@@ -22,7 +22,7 @@ from limb_systems import LimbError, LimbModel
 from limb_systems.simulation import make_simulator
 
 LIMB_PERIOD = 0.02  # s, by which the limb is simulated at a time
-AMPLIFIERS = 1.0  # °C, by which they are warmer than the room
+AMPLIFIER_WARMTH = 1.0  # °C, by which they are warmer than the room
 SUPPLY_TIME = 0.1  # s, for which the charge pump holds the supply's relay
 
 
@@ -62,7 +62,7 @@ class RunningTwin:
         self._input = duty.FixValue(self._context, self.duty)
         self._begin()
 
-    def part(self, limb: str) -> tuple[Any, slice]:
+    def limb_part(self, limb: str) -> tuple[Any, slice]:
         """Parameters and wires of a robot's limb, by name; of all there is if that is empty."""
         if not limb:
             return self.twin.parameters, slice(None)
@@ -119,7 +119,7 @@ class EmulatedBoard:
         self._running = twin if isinstance(twin, RunningTwin) else RunningTwin(twin)
         self._prefix = f"{limb}." if limb else ""
         self._wires: slice
-        self.parameters, self._wires = self._running.part(limb)
+        self.parameters, self._wires = self._running.limb_part(limb)
         self.channels = len(self.reading("measured_temperature"))
         self.angles = len(self.reading("bend_angle"))
         if self.channels > MOST_CHANNELS or self.angles > MOST_ANGLES:
@@ -137,7 +137,7 @@ class EmulatedBoard:
         self.serial_number = self.parameters.board.serial_number.encode()
         self.random = random.SystemRandom().getrandbits(16)
         self.reset_cause, self.remembered = POWER_ON, 0
-        self._held = clock()
+        self._supply_held_at = clock()
         self.mend()
         self.feed()
 
@@ -180,7 +180,7 @@ class EmulatedBoard:
 
     def _heat(self) -> None:
         """Heats the wires by the duty at the pins, and what is wrong with MOSFETs and supply."""
-        supplied = self._clock() - self._held < SUPPLY_TIME
+        supplied = self._clock() - self._supply_held_at < SUPPLY_TIME
         heat = np.where(self.shorted, 1.0, self.heat_share * np.array(self._duty))
         self._running.duty[self._wires] = heat * supplied
 
@@ -206,7 +206,7 @@ class EmulatedBoard:
         temperature += random.gauss(0.0, fault.noise) if fault.noise else 0.0
         if fault.frozen is not None:
             temperature = fault.frozen
-        junction = round(16 * (room + AMPLIFIERS - self.chill)) & 0xFFF
+        junction = round(16 * (room + AMPLIFIER_WARMTH - self.chill)) & 0xFFF
         quarters = round(4 * (temperature - self.chill)) & 0x3FFF
         faults = fault.faults
         if fault.bad_frames:
@@ -236,7 +236,7 @@ class EmulatedBoard:
         self._on_duty(self._duty)
 
     def keep_supply(self) -> None:
-        self._held = self._clock()
+        self._supply_held_at = self._clock()
 
     def feed(self) -> None:
         self.fed = self.ticks()

@@ -12,8 +12,8 @@ from limb_systems.drake_python import weak_method
 from limb_systems.kinematics import rest_joint_angles
 from limb_systems.symbolic_chain import tip_of_angles
 
-GRIP = 20.0  # stiffness of the hand over bending stiffness of the limb
-GRIP_TIME = 0.05  # s, of the hand's damping
+GRIP_STIFFNESS_RATIO = 20.0  # stiffness of the hand over bending stiffness of the limb
+GRIP_DAMPING_TIME = 0.05  # s, of the hand's damping
 
 
 class EmulatedRubber(SymbolicVectorSystem):
@@ -112,7 +112,7 @@ class RestShift(LeafSystem):
         self.DeclareVectorOutputPort(
             "generalized_force",
             parameters.num_joints,
-            weak_method(self._calc),
+            weak_method(self._calc_force),
             {self.discrete_state_ticket(state)},
         )
         self.DeclareStateOutputPort("state", state)
@@ -128,7 +128,7 @@ class RestShift(LeafSystem):
         drawn = self._share * transformed * (self._target - rest[:, np.newaxis])
         discrete_state.set_value(np.append(rest + drawn.sum(axis=1), martensite))
 
-    def _calc(self, context, output):
+    def _calc_force(self, context, output):
         rest, _ = self._split(context)
         output.SetFromVector(self._stiffness * (self._shape @ rest))
 
@@ -161,14 +161,14 @@ class Hand(LeafSystem):
         (segment,), (self._segment_chain,) = parameters.segments, mechanics.chains
         self._tip = tip_of_angles(mechanics)
         # A torque at the tip turns the chord by about (n + 1) / 2 joints' worth of angle.
-        self._stiffness = GRIP * segment.stiffness * self._segment_chain.equal_angle
+        self._stiffness = GRIP_STIFFNESS_RATIO * segment.stiffness * self._segment_chain.equal_angle
         self._length, self._sensor = segment.length, segment.bend_sensor
         self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
         self.DeclareVectorOutputPort(
-            "generalized_force", parameters.num_joints, weak_method(self._calc)
+            "generalized_force", parameters.num_joints, weak_method(self._calc_force)
         )
 
-    def _calc(self, context, output):
+    def _calc_force(self, context, output):
         time, num_joints = context.get_time(), self._layout.num_joints
         if time >= self._motion.end_time():
             output.SetFromVector(np.zeros(num_joints))
@@ -182,4 +182,6 @@ class Hand(LeafSystem):
         bend = self._sensor.exact_bends(self._segment_chain, angles)
         error = self._motion.value(time).ravel() - bend
         rate = jacobian @ rates / self._length
-        output.SetFromVector(self._stiffness * (error - GRIP_TIME * rate) / self._length @ jacobian)
+        output.SetFromVector(
+            self._stiffness * (error - GRIP_DAMPING_TIME * rate) / self._length @ jacobian
+        )

@@ -25,12 +25,12 @@ from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firm
 from limb_systems import LimbError
 from limb_systems.files.output import naming
 
-TURN = 0.001  # s, between two passes of the firmware's loop
-LONGEST_PASS = 0.05  # s, by which the board's clock goes on in one
-LONGEST_DELAY = 3.0  # s, of a buffer that is full
-WATCHDOG = 200  # ms of the board's one clock, as that of board_nrf52dk.py
+LOOP_PAUSE = 0.001  # s, between two passes of the firmware's loop
+MAX_PASS_TIME = 0.05  # s, by which the board's clock goes on in one
+MAX_DELAY = 3.0  # s, of a buffer that is full
+WATCHDOG_MS = 200  # ms of the board's one clock, as that of board_nrf52dk.py
 # Of a thermocouple and its amplifier, which sends nothing if dead, and a reserved bit if garbled.
-FAULTS: dict[str, dict[str, Any]] = {
+THERMOCOUPLE_FAULTS: dict[str, dict[str, Any]] = {
     "open": {"faults": 1},
     "ground": {"faults": 2},
     "supply": {"faults": 4},
@@ -89,7 +89,7 @@ class BadLine:
                 damaged[-2:] = damaged[-1:-3:-1]
         if damaged:
             crept = self.creep * (self._clock() - self._creeping_since)
-            delay = self.delay + min(crept, LONGEST_DELAY)
+            delay = self.delay + min(crept, MAX_DELAY)
             self._waiting.append((self._clock() + delay, bytes(damaged)))
         now, arrived = self._clock(), b""
         while self._waiting and self._waiting[0][0] <= now:
@@ -137,7 +137,7 @@ class BoardClock:
 
     def go_on(self) -> None:
         """Begins a pass."""
-        self._now = min(self._clock(), self._now + LONGEST_PASS)
+        self._now = min(self._clock(), self._now + MAX_PASS_TIME)
 
 
 class Emulation:
@@ -179,26 +179,26 @@ class Emulation:
             self.board.from_host += inwards.pass_on(self._read())
         if self._clock() >= self._stalled_until:
             self.firmware.step()
-        if self.board.ticks() - self.board.fed > WATCHDOG:
+        if self.board.ticks() - self.board.fed > WATCHDOG_MS:
             self._reset(WATCHDOG_RESET)
         data = bytes(self.board.to_host)
         self.board.to_host.clear()
         if self._plugged and (data := outwards.pass_on(data)):
             self._cable.write(data)
 
-    def misbehave(self, order: str) -> None:
+    def inject_fault(self, order: str) -> None:
         """Carries out an order such as "corrupt 0.01" or "open right".
 
         Raises:
             LimbError: if the order is not understood.
         """
         try:
-            self._obey(order.split())
+            self._carry_out(order.split())
         except ValueError as error:
             raise LimbError(f"'{order}' is not understood; orders are: {ORDERS}") from error
         self._on_event(event="order", order=order.strip(), time=self._time())
 
-    def _obey(self, words: list[str]) -> None:
+    def _carry_out(self, words: list[str]) -> None:
         board, lines, wire = self.board, self._lines, self._wire_names.index
         match words:
             case ["drop" | "corrupt" | "duplicate" | "reorder" as damage, rate]:
@@ -229,8 +229,8 @@ class Emulation:
                 board.fail(wire(name), frozen=now)
             case ["short", name]:
                 board.shorted[wire(name)] = True
-            case [fault, name] if fault in FAULTS:
-                board.fail(wire(name), **FAULTS[fault])
+            case [fault, name] if fault in THERMOCOUPLE_FAULTS:
+                board.fail(wire(name), **THERMOCOUPLE_FAULTS[fault])
             case ["share" | "offset" | "drift" as field, name, value]:
                 board.fail(wire(name), **{field: float(value)})
             case ["glitch", name, count]:
@@ -301,7 +301,7 @@ def emulate(
 
     Args:
         twin: the limb on the board, or the robot.
-        orders: carried out at the start, see `Emulation.misbehave`.
+        orders: carried out at the start, see `Emulation.inject_fault`.
         log: file with a line of JSON for each change of duty and each order.
         limbs: names of a robot's limbs that have a board each; one board has all if empty.
 
@@ -328,7 +328,7 @@ def emulate(
         def obey(order: str) -> None:
             name, _, rest = order.strip().partition(" ")
             for board in [boards[name]] if name in boards else boards.values():
-                board.misbehave(rest if name in boards else order)
+                board.inject_fault(rest if name in boards else order)
 
         for order in orders:
             obey(order)
@@ -350,7 +350,7 @@ def emulate(
                         obey(line)
                 except LimbError as error:
                     print(f"error: {error}", file=sys.stderr)
-            time.sleep(TURN)
+            time.sleep(LOOP_PAUSE)
 
 
 @contextlib.contextmanager

@@ -157,7 +157,7 @@ def add_physics(
     joined = builder.AddNamedSystem("memory_inputs", Multiplexer(list(sizes.values())))
     for index, port in enumerate(parts.values()):
         builder.Connect(port, joined.get_input_port(index))
-    keeper = builder.AddNamedSystem("memory", _Memory(specimen, sizes))
+    keeper = builder.AddNamedSystem("memory", _StateKeeper(specimen, sizes))
     builder.Connect(joined.get_output_port(), keeper.get_input_port())
     return ports, cut_out.GetInputPort("duty")
 
@@ -189,28 +189,28 @@ class CutOut(LeafSystem):
         self.DeclareNumericParameter(BasicVector([guard.TEMPERATURE_LIMIT]))
         duty = self.DeclareVectorInputPort("duty", num_wires)
         self.DeclareVectorInputPort("measured_temperature", num_wires)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._look))
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._update_cut_out))
         tickets = {self.discrete_state_ticket(state)}
         self.DeclareVectorOutputPort(
             "duty",
             num_wires,
-            weak_method(self._calc),
+            weak_method(self._calc_duty),
             tickets | {self.input_port_ticket(duty.get_index())},
         )
         self.DeclareStateOutputPort("cut_out", state)
 
-    def _look(self, context, discrete_state):
+    def _update_cut_out(self, context, discrete_state):
         limit = context.get_numeric_parameter(0)[0]
         if (self.GetInputPort("measured_temperature").Eval(context) >= limit).any():
             discrete_state.set_value([1.0])
 
-    def _calc(self, context, output):
+    def _calc_duty(self, context, output):
         is_cut_out = context.get_discrete_state_vector()[0]
         duty = self.GetInputPort("duty").Eval(context)
         output.SetFromVector(0 * duty if is_cut_out else duty)
 
 
-class _Memory(LeafSystem):
+class _StateKeeper(LeafSystem):
     """Keeps the state of the parts in their specimen, for limbs that are made from it later.
 
     Its input is the state of the parts one after the other, because each port that

@@ -108,10 +108,10 @@ class SampledSensors(LeafSystem):
             dataclasses.replace(s, noise=np.asarray(s.noise), drift=np.asarray(s.drift))
             for s in sensors
         ]
-        self._memories = [np.exp(-s.period / s.drift_time) for s in sensors]
-        self._wanders = [
+        self._drift_decays = [np.exp(-s.period / s.drift_time) for s in sensors]
+        self._drift_steps = [
             sensor.drift * np.sqrt(1 - memory**2)
-            for sensor, memory in zip(self._sensors, self._memories, strict=True)
+            for sensor, memory in zip(self._sensors, self._drift_decays, strict=True)
         ]
         self._noise = noise
         self._parts = slices([sensor.size for sensor in sensors])
@@ -127,7 +127,7 @@ class SampledSensors(LeafSystem):
         self.DeclareDiscreteState(size)
         draws = self.DeclareDiscreteState([float(start)])
         self.DeclareVectorOutputPort(
-            "measurement", size, weak_method(self._calc), {self.xd_ticket()}
+            "measurement", size, weak_method(self._calc_measurement), {self.xd_ticket()}
         )
         self.DeclareStateOutputPort("draws", draws)
 
@@ -146,7 +146,7 @@ class SampledSensors(LeafSystem):
         signal = sensor.response(self.get_input_port(index).Eval(context))
         noise, wander = self._draw(state, 2 * sensor.size).reshape(2, -1)
         offset = state.get_mutable_value(len(self._sensors))[part]
-        offset[:] = self._memories[index] * offset + self._wanders[index] * wander
+        offset[:] = self._drift_decays[index] * offset + self._drift_steps[index] * wander
         noisy = signal + sensor.noise * noise + offset
         state.set_value(index, sensor.step * np.rint(noisy / sensor.step))
 
@@ -157,7 +157,7 @@ class SampledSensors(LeafSystem):
         draws[0] = start + count
         return self._noise.read(start, count)
 
-    def _calc(self, context, output):
+    def _calc_measurement(self, context, output):
         groups = range(len(self._sensors))
         readings = [context.get_discrete_state(group).value() for group in groups]
         output.SetFromVector(np.concatenate(readings))

@@ -238,10 +238,10 @@ class Specimen:
         ]
         bonds = [(uniform(0.0, 1.0) < 0.1, uniform(3.0, 9.0)) for _ in self.wires]
         if "memory" in self.extra:
-            self.segments = list(map(_changed, self.segments, memories))
+            self.segments = list(map(_with_changes, self.segments, memories))
         if "bond" in self.extra:
             times = [{"bond_time": time if is_bad else 0.0} for is_bad, time in bonds]
-            self.wires = list(map(_changed, self.wires, times))
+            self.wires = list(map(_with_changes, self.wires, times))
 
     def _draw_in_space(self, uniform) -> None:
         """Draws what only segments of two axes have; their other draws are those of planar ones."""
@@ -249,11 +249,11 @@ class Specimen:
         for number, described in enumerate(self.description.segments):
             if described.axes == 2:
                 drawn = self._draw_second_axis(uniform, described)
-                self.segments[number] = _changed(self.segments[number], drawn)
+                self.segments[number] = _with_changes(self.segments[number], drawn)
                 for wire in range(layout.num_wires)[layout.wires_of[number]]:
                     # 4° of standard deviation, ours: wires are laid into the mould by hand
                     changes = {"misplaced": np.deg2rad(uniform(-7.0, 7.0))}
-                    self.wires[wire] = _changed(self.wires[wire], changes)
+                    self.wires[wire] = _with_changes(self.wires[wire], changes)
 
     def _draw_second_axis(self, uniform, segment: SegmentParameters) -> dict[str, float]:
         """What the segment's physics has beside, where it bends about two axes."""
@@ -278,7 +278,7 @@ class Specimen:
         text = board.description
         description = cls.kind.from_yaml(text) if text else cls.kind()
         specimen = cls(description, board.seed, board.extra).without(*board.absent)
-        return specimen.disturbed(**dict(map(_disturbance, board.disturbances)))
+        return specimen.disturbed(**dict(map(_parse_disturbance, board.disturbances)))
 
     @property
     def board(self) -> Any:
@@ -328,11 +328,11 @@ class Specimen:
             changes = dict.fromkeys(_WIRES_WITHOUT.get(effect, ()), 0.0)
             if effect == "stress":
                 changes["modulus_ratio"] = 1.0
-            specimen.wires = [_changed(wire, changes) for wire in specimen.wires]
+            specimen.wires = [_with_changes(wire, changes) for wire in specimen.wires]
             changes = dict.fromkeys(_SEGMENTS_WITHOUT.get(effect, ()), 0.0)
             if effect == "bend sensor":
                 changes |= {"sensor_gain": 1.0, "sensor_gain_e3": 1.0}
-            specimen.segments = [_changed(segment, changes) for segment in specimen.segments]
+            specimen.segments = [_with_changes(segment, changes) for segment in specimen.segments]
         specimen.absent += effects
         return specimen
 
@@ -483,7 +483,7 @@ def _check_effects(effects: Sequence[str], known: Sequence[str]) -> None:
             raise LimbError(f"{effect!r} is not one of the effects {', '.join(known)}.")
 
 
-def _disturbance(text: str) -> tuple[str, float]:
+def _parse_disturbance(text: str) -> tuple[str, float]:
     """Name and value of an entry of `EmulatedLimb.disturbances`."""
     try:
         name, value = text.split()
@@ -537,7 +537,7 @@ def _draw_segment(uniform, segment) -> SegmentPhysics:
     )
 
 
-def _changed(physics: Any, changes: dict[str, float]) -> Any:
+def _with_changes(physics: Any, changes: dict[str, float]) -> Any:
     return dataclasses.replace(physics, **changes)
 
 

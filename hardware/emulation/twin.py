@@ -22,11 +22,16 @@ SPECIMENS: dict[str, type[Specimen]] = {Specimen.physics: Specimen}
 # stiffest modes of limbs that twist, have many links or are let go, in which one limb in four got
 # lost, and those of a robot that stands on its limbs all.
 SPACE_ACCURACY = 1e-3
-STIFF = 500.0  # 1/s, rate √(k / (m l²)) of a link of mass m and length l; of the nominal limb 250
+STIFF_RATE = (
+    500.0  # 1/s, rate √(k / (m l²)) of a link of mass m and length l; of the nominal limb 250
+)
 # The grip of a hand is 20 times as stiff: of limbs that are a little stiffer than the nominal one,
 # one in fifty got lost in it.
-STIFF_HELD, HELD_ACCURACY = 300.0, 1e-4  # 1/s as above
-SWING_TIME, REST_STEPS = 30.0, 270  # of a pause: s with fine steps, and least number of coarse ones
+STIFF_RATE_WITH_HAND, ACCURACY_WITH_HAND = 300.0, 1e-4  # 1/s as above
+SWING_TIME, MIN_REST_STEPS = (
+    30.0,
+    270,
+)  # of a pause: s with fine steps, and least number of coarse ones
 
 
 class EmulatedSystem(LimbSystem, Protocol):
@@ -73,7 +78,7 @@ class LimbTwin(Diagram):
     geometry and mass are true. Their ``board`` is the limb's identity, which
     recordings, calibrated limbs and plans carry along, and from which `of` makes
     the limb again. The limb keeps its state after a simulation: a wire that was
-    hot is warm, and hysteresis has a memory. `again` is the same limb, later.
+    hot is warm, and hysteresis has a memory. `after_rest` is the same limb, later.
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -118,7 +123,7 @@ class LimbTwin(Diagram):
         """
         super().__init__()
         if specimen is None:
-            specimen = specimens_of(physics)(LimbParameters.of(parameters), seed, extra)
+            specimen = specimen_class(physics)(LimbParameters.of(parameters), seed, extra)
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
         self.parameters.board = specimen.board
         layout = LimbModel.of(self.parameters).layout
@@ -126,10 +131,10 @@ class LimbTwin(Diagram):
             np.sqrt(s.stiffness * s.links**3 / (s.mass * s.length**2))
             for s in self.parameters.segments
         )
-        if not layout.is_planar or stiffest > STIFF:
+        if not layout.is_planar or stiffest > STIFF_RATE:
             self.accuracy = SPACE_ACCURACY
-        if hand is not None and stiffest > STIFF_HELD:
-            self.accuracy = HELD_ACCURACY
+        if hand is not None and stiffest > STIFF_RATE_WITH_HAND:
+            self.accuracy = ACCURACY_WITH_HAND
         if hand is not None and hand.rows() != layout.num_bends:
             raise LimbError(
                 f"The hand moves {hand.rows()} bend angles, but the limb has {layout.num_bends}; "
@@ -177,9 +182,9 @@ class LimbTwin(Diagram):
             return cls(parameters, seed=seed)
         if board.limb:
             return cls(specimen=connected("specimen").of(board).limb(board.limb))
-        return cls(specimen=specimens_of(board.physics).of(board))
+        return cls(specimen=specimen_class(board.physics).of(board))
 
-    def again(
+    def after_rest(
         self,
         pause: float = 0.0,
         *,
@@ -204,7 +209,7 @@ class LimbTwin(Diagram):
             self.specimen.description.payload = payload
         # Without heat only the first swing is fast, so coarse steps are enough.
         swing = min(pause, SWING_TIME)
-        coarse = min(self.specimen.rest_period, max(LONGEST_STEP, (pause - swing) / REST_STEPS))
+        coarse = min(self.specimen.rest_period, max(LONGEST_STEP, (pause - swing) / MIN_REST_STEPS))
         for duration, period in ((swing, LONGEST_STEP), (pause - swing, coarse)):
             if duration > 0:
                 limb = LimbTwin(specimen=self.specimen, bend_rate=1.0, wire_period=period)
@@ -228,7 +233,7 @@ def rest(twin: Any, duration: float, longest_step: float | None = None) -> None:
     simulator.AdvanceTo(duration)
 
 
-def specimens_of(physics: str) -> type[Specimen]:
+def specimen_class(physics: str) -> type[Specimen]:
     """Return the kind of specimens of a physics; LimbError if no loaded module defines it."""
     if physics not in SPECIMENS:
         raise LimbError(

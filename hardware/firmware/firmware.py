@@ -25,7 +25,7 @@ THERMOCOUPLE_TURN = 2  # samples: a MAX31855 needs 100 ms between readings to co
 
 # Causes of a reset.
 POWER_ON, PIN_RESET, WATCHDOG_RESET, SOFT_RESET, LOCKUP_RESET, UNKNOWN_RESET = 0, 1, 2, 3, 4, 5
-_REASONS = {POWER_ON: guard.POWER_UP, PIN_RESET: guard.RESET, SOFT_RESET: guard.RESET}
+_REASONS = {POWER_ON: guard.POWER_UP, PIN_RESET: guard.WAS_RESET, SOFT_RESET: guard.WAS_RESET}
 
 
 class Firmware:
@@ -59,7 +59,7 @@ class Firmware:
         self._standing = self._standing + 1 if now == self._now else 0
         self._now = now
         if self._standing > LONGEST_STANDSTILL:  # and a watchdog of the same clock stands, too
-            self.guard.trip(guard.CLOCK, now)
+            self.guard.trip(guard.CLOCK_STANDS, now)
         for kind, values in self._parser.feed(board.receive()):
             self._handle(kind, values, now)
         self.guard.tick(now)

@@ -28,10 +28,10 @@ def encode_arming(challenge, bounds, total, pulls):
     return frames
 
 
-def encode_command(session, sequence, heard, duty):
-    """The bytes of a COMMAND. heard: time of the newest sample, ms; duty: of each wire."""
+def encode_command(session, sequence, sample_time, duty):
+    """The bytes of a COMMAND. sample_time: time of the newest sample, ms; duty: of each wire."""
     ticks = [int(protocol.FULL_DUTY * share + 0.5) for share in duty]
-    head = session, sequence & 0xFFFF, heard & 0xFFFFFFFF
+    head = session, sequence & 0xFFFF, sample_time & 0xFFFFFFFF
     return protocol.encode(protocol.COMMAND, *head, *ticks)
 
 

@@ -10,12 +10,12 @@ from . import heat
 DISARMED, ARMED = 0, 1
 
 # Reasons for which the board is off, in every sample.
-NONE = 0
+NO_REASON = 0
 NO_COMMAND = 1  # no valid command came for HEARTBEAT
 OUT_OF_RANGE = 2  # a command had a duty out of range
-HOST = 3  # the host disarmed it
+BY_HOST = 3  # the host disarmed it
 POWER_UP = 4
-RESET = 5  # by its button, or by a program
+WAS_RESET = 5  # by its button, or by a program
 LATE_COMMANDS = 6  # those that came were older than HEARTBEAT
 BAD_BOUNDS = 7  # the host armed it with bounds out of their ranges
 DISAGREEING = 8  # thermocouples and amplifiers of cold wires, when it was to be armed
@@ -32,7 +32,7 @@ TOO_WARM = 24
 BELOW_ROOM = 25
 AMPLIFIER = 26
 RESTARTED = 27
-CLOCK = 28  # it stands still
+CLOCK_STANDS = 28  # it stands still
 LATCHING = 16
 
 AVERAGING_TIME = 1000  # ms, over which readings are averaged against their noise
@@ -41,30 +41,30 @@ LONGEST_HOLD = 290  # ms, for which a duty holds after the sample that its comma
 SETTLING_SAMPLES = 10  # before it can be armed: its clock runs, and noise is averaged
 TEMPERATURE_LIMIT = 110.0  # °C, measured
 OVERSHOOT = 10.0  # °C above that limit, of a wire whose thermocouple lags behind
-LEAD = 2.5  # AVERAGING_TIMEs, by which average and thermocouple do
-WARMEST = 105.0  # °C, of a wire, at which there is no duty
-TAPER = 5.0  # °C below that, over which the duty is reduced
+LEAD_FACTOR = 2.5  # AVERAGING_TIMEs, by which average and thermocouple do
+NO_DUTY_TEMPERATURE = 105.0  # °C, of a wire, at which there is no duty
+TAPER_WIDTH = 5.0  # °C below that, over which the duty is reduced
 HOT_SAMPLES = 4  # above that limit: two readings, so that noise alone does not do it
 BAD_SAMPLES = 3  # in series: two bad readings, each of which is in two samples, as for HOT_SAMPLES;
 # a single bad frame of an amplifier comes of a MOSFET that switches near it
-HIGHEST = 127.0  # °C, the most that a wire may have by the heat that it was given
-OUTDONE = 1.5  # times the heat of the most, by which a supply may be too high
-LAST_TAPER = 10.0  # °C below HIGHEST, of a reading and what is hidden from it
+MAX_WIRE_TEMPERATURE = 127.0  # °C, the most that a wire may have by the heat that it was given
+EXCESS_HEAT_FACTOR = 1.5  # times the heat of the most, by which a supply may be too high
+LAST_TAPER_WIDTH = 10.0  # °C below MAX_WIRE_TEMPERATURE, of a reading and what is hidden from it
 COLDEST_ROOM = 10.0  # °C, of amplifiers
 WARM_ROOM = 25.0  # °C, that the room may have whatever the amplifiers say
-PROOF = 2.0  # °C, that a thermocouple must rise by heat, to be believed after a start
-PROVEN = 10.0  # °C, beside twice its reading, that a wire can have then
-STILL = 5000, 10000, 15000  # ms, for which a reading of a heated wire does not change at all:
+PROOF_RISE = 2.0  # °C, that a thermocouple must rise by heat, to be believed after a start
+PROVEN_MARGIN = 10.0  # °C, beside twice its reading, that a wire can have then
+STILL_TIMES = 5000, 10000, 15000  # ms, for which a reading of a heated wire does not change at all:
 # duty is reduced, to zero, and then it should have cooled
 LARGEST_JUMP = 10.0  # °C from one reading to the next
-SHORTFALL = 3.0  # °C, of a reading below the least that its wire's heat explains
-EXCESS = 15.0  # °C, of a reading above the most
+MAX_SHORTFALL = 3.0  # °C, of a reading below the least that its wire's heat explains
+MAX_EXCESS = 15.0  # °C, of a reading above the most
 CROSSTALK = 0.25  # share of another wire's temperature that may reach this one through the limb
-COLD = 3.0  # °C above the room: wires whose readings must agree
-TOLERANCE = 8.0  # °C, of that agreement
+COLD_RISE = 3.0  # °C above the room: wires whose readings must agree
+AGREEMENT_TOLERANCE = 8.0  # °C, of that agreement
 STUCK_SAMPLES = 10  # equal to the last bit, which a working bend sensor never sends
-MOVED = 3 * 64  # 1/64 degrees, by which the tip must turn when the wires'
-PULL = 60.0  # °C, of difference between right and left, change
+MIN_TIP_MOTION = 3 * 64  # 1/64 degrees, by which the tip must turn when the wires'
+MIN_PULL_CHANGE = 60.0  # °C, of difference between right and left, change
 
 
 class Guard:
@@ -85,15 +85,18 @@ class Guard:
         # Nor, after any start, what thermocouples are worth until each has followed some heat.
         self.proven = [False] * channels
         self._unheated = [0.0] * channels
-        self._readings, self._moved = [None] * channels, [now] * channels
-        self._asked, self._allowed, self._total = [0.0] * channels, [0.0] * channels, 0.0
-        self._given, self._since = [0.0] * channels, now  # duty times ms since the last sample
-        self._heard, self._answered, self._late = now, now, False
-        self._samples, self._sampled, self._faulty = 0, now, False
+        self._readings, self._still_since = [None] * channels, [now] * channels
+        self._commanded, self._allowed, self._total = [0.0] * channels, [0.0] * channels, 0.0
+        self._heat_given, self._heat_counted_until = (
+            [0.0] * channels,
+            now,
+        )  # duty times ms since the last sample
+        self._command_time, self._answered_time, self._late = now, now, False
+        self._samples, self._sample_time, self._faulty = 0, now, False
         self._temperatures = self._averages = self._trends = self._junctions = None
         self._offsets, self._rooms = [0.0] * channels, [0.0] * channels
-        self._hot, self._bad = [0] * channels, [0] * channels
-        self._bends, self._alike = [None] * angles, [0] * angles
+        self._hot_samples, self._bad_samples = [0] * channels, [0] * channels
+        self._bends, self._equal_bends = [None] * angles, [0] * angles
         self._tips, self._tips_before = [None] * angles, [0.0] * angles
         self._shares = [[0.0] * channels] * angles
         self._pulls = [(0.0, 0.0)] * angles  # least and largest since it moved
@@ -110,16 +113,17 @@ class Guard:
             return
         whole = len(bounds) == len(self.duty) and 0.0 < total <= len(self.duty)
         if not whole or not all(
-            heat.acceptable(bound) and heat.shown(bound, total) for bound in bounds
+            heat.are_acceptable(bound) and heat.can_detect_overheating(bound, total)
+            for bound in bounds
         ):
             self.reason = BAD_BOUNDS
             return
-        if not self._agree():
+        if not self._sensors_agree():
             self.reason = DISAGREEING
             return
-        self.state, self.reason = ARMED, NONE
+        self.state, self.reason = ARMED, NO_REASON
         self.session, self.acknowledged = challenge, 0
-        self._heard, self._answered, self._late = now, now, False
+        self._command_time, self._answered_time, self._late = now, now, False
         self._total = total
         if shares != self._shares:
             self._shares = shares
@@ -127,16 +131,16 @@ class Guard:
         for observer, bound in zip(self.observers, bounds):
             observer.bounds = bound
 
-    def _agree(self):
+    def _sensors_agree(self):
         """Whether cold wires and all amplifiers have the same temperature, that of a room."""
-        cold = [self._averages[n] for n in self._wires if self.observers[n].most < COLD]
+        cold = [self._averages[n] for n in self._wires if self.observers[n].most < COLD_RISE]
         cold += self._junctions
-        return max(cold) - min(cold) <= TOLERANCE and min(self._junctions) >= COLDEST_ROOM
+        return max(cold) - min(cold) <= AGREEMENT_TOLERANCE and min(self._junctions) >= COLDEST_ROOM
 
-    def command(self, session, sequence, heard, duty, now):
+    def command(self, session, sequence, sample_time, duty, now):
         """Takes a duty if it is newer than any before in this session.
 
-        sequence: modulo 2**16; heard: time of the newest sample that the host had, ms modulo
+        sequence: modulo 2**16; sample_time: time of the newest sample that the host had, ms modulo
         2**32; duty: of each wire.
         """
         if self.state != ARMED or session != self.session or len(duty) != len(self.duty):
@@ -146,30 +150,34 @@ class Guard:
         if min(duty) < 0.0 or max(duty) > 1.0:
             self.trip(OUT_OF_RANGE, now)
             return
-        age = (now - heard) & 0xFFFFFFFF
+        age = (now - sample_time) & 0xFFFFFFFF
         if age >= HEARTBEAT:
             self._late = True
             return
         self.acknowledged = sequence
-        self._heard, self._answered, self._late = now, max(self._answered, now - age), False
-        self._asked = duty
+        self._command_time, self._answered_time, self._late = (
+            now,
+            max(self._answered_time, now - age),
+            False,
+        )
+        self._commanded = duty
         self._apply(now)
 
     def disarm(self, now):
         """Disarms the board, on the host's request."""
         if self.state == ARMED:
-            self.trip(HOST, now)
+            self.trip(BY_HOST, now)
 
     def clear(self, challenge):
         """Clears a latched reason; the board stays off until it is armed."""
         if challenge == self.challenge and self.reason >= LATCHING:
-            self.reason = HOST
-            self._renew()
+            self.reason = BY_HOST
+            self._renew_challenge()
 
     def tick(self, now):
         """Checks the heartbeat; must be called continually."""
         if self.state == ARMED and (
-            now - self._heard >= HEARTBEAT or now - self._answered >= LONGEST_HOLD
+            now - self._command_time >= HEARTBEAT or now - self._answered_time >= LONGEST_HOLD
         ):
             self.trip(LATE_COMMANDS if self._late else NO_COMMAND, now)
 
@@ -182,7 +190,7 @@ class Guard:
         """
         self._faulty = any(faults)
         self._account(now)
-        elapsed = now - self._sampled
+        elapsed = now - self._sample_time
         if self._samples or not self._faulty:  # it begins with a reading of each wire
             self._average(temperatures, junctions, elapsed)
         for wire in self._wires:
@@ -191,8 +199,8 @@ class Guard:
             self.trip(BEND_SILENT, now)
         for angle in self._angles if bends else ():
             self._check_bend(angle, bends[angle], elapsed, now)
-        self._given = [0.0] * len(self.duty)
-        self._sampled = now
+        self._heat_given = [0.0] * len(self.duty)
+        self._sample_time = now
         if self._averages:
             self._temperatures = temperatures
             self._samples += 1
@@ -211,9 +219,9 @@ class Guard:
         self._amplifiers = sum(self._junctions) / len(self._junctions)
         for wire in self._wires:
             offset = self._averages[wire] - self._amplifiers
-            if offset < -TOLERANCE:
-                self.trip(BELOW_ROOM, self._since)
-            offset = min(TOLERANCE, max(-TOLERANCE, offset))
+            if offset < -AGREEMENT_TOLERANCE:
+                self.trip(BELOW_ROOM, self._heat_counted_until)
+            offset = min(AGREEMENT_TOLERANCE, max(-AGREEMENT_TOLERANCE, offset))
             # No wire is below the room, so the least difference is that of a cold wire.
             if self._samples > SETTLING_SAMPLES:
                 offset = min(offset, self._offsets[wire])
@@ -221,8 +229,8 @@ class Guard:
             self._rooms[wire] = self._amplifiers + offset
 
     def _check_wire(self, wire, temperature, faults, elapsed, now):
-        self._bad[wire] = self._bad[wire] + 1 if faults else 0
-        if self._bad[wire] >= BAD_SAMPLES:
+        self._bad_samples[wire] = self._bad_samples[wire] + 1 if faults else 0
+        if self._bad_samples[wire] >= BAD_SAMPLES:
             if faults & 1:
                 self.trip(THERMOCOUPLE_OPEN, now)
             elif faults & 2:
@@ -234,8 +242,10 @@ class Guard:
         if not self._averages:
             return
         if not faults:
-            self._hot[wire] = self._hot[wire] + 1 if temperature > TEMPERATURE_LIMIT else 0
-        if self._hot[wire] >= HOT_SAMPLES:
+            self._hot_samples[wire] = (
+                self._hot_samples[wire] + 1 if temperature > TEMPERATURE_LIMIT else 0
+            )
+        if self._hot_samples[wire] >= HOT_SAMPLES:
             self.trip(OVER_TEMPERATURE, now)
         if self._temperatures and abs(temperature - self._temperatures[wire]) > LARGEST_JUMP:
             self.trip(TEMPERATURE_JUMP, now)
@@ -243,12 +253,12 @@ class Guard:
         if self._samples <= SETTLING_SAMPLES:
             observer.most = max(observer.most, self._averages[wire] - room)
         if elapsed > 0:
-            observer.advance(self._given[wire] / elapsed, elapsed / 1000, temperature - room)
+            observer.advance(self._heat_given[wire] / elapsed, elapsed / 1000, temperature - room)
         if not self.proven[wire]:
             self._prove(wire)
-        if observer.shortfall > SHORTFALL:
+        if observer.shortfall > MAX_SHORTFALL:
             self.trip(NOT_WARMING, now)
-        rise = LEAD * max(0.0, self._averages[wire] - self._trends[wire])
+        rise = LEAD_FACTOR * max(0.0, self._averages[wire] - self._trends[wire])
         ahead = self._averages[wire] + rise  # of its thermocouple, as the wire is
         if ahead > TEMPERATURE_LIMIT + OVERSHOOT:
             self.trip(OVER_TEMPERATURE, now)
@@ -256,32 +266,37 @@ class Guard:
         for other in self._wires:
             if other != wire:
                 others = max(others, self.observers[other].most)
-        if ahead - room > observer.most + EXCESS + CROSSTALK * others:
+        if ahead - room > observer.most + MAX_EXCESS + CROSSTALK * others:
             self.trip(TOO_WARM, now)
         # Its supply may give more heat than the most, which a thermocouple that lags shows late.
-        outdone = temperature + OUTDONE * observer.hidden
-        tapered = min((WARMEST - ahead) / TAPER, (HIGHEST - outdone) / LAST_TAPER)
-        highest = HIGHEST - max(room, self._amplifiers, WARM_ROOM)  # if in doubt, it is warm
+        outdone = temperature + EXCESS_HEAT_FACTOR * observer.hidden
+        tapered = min(
+            (NO_DUTY_TEMPERATURE - ahead) / TAPER_WIDTH,
+            (MAX_WIRE_TEMPERATURE - outdone) / LAST_TAPER_WIDTH,
+        )
+        highest = MAX_WIRE_TEMPERATURE - max(
+            room, self._amplifiers, WARM_ROOM
+        )  # if in doubt, it is warm
         allowed = observer.allowed_duty(highest) if self.proven[wire] else heat.LITTLE_DUTY
-        allowed = min(allowed, tapered, self._moving(wire, temperature, now))
+        allowed = min(allowed, tapered, self._duty_of_still_reading(wire, temperature, now))
         self._allowed[wire] = 0.0 if faults else max(0.0, allowed)
 
     def _prove(self, wire):
         """Believes a thermocouple that follows heat: its wire is about as warm as it says."""
         observer, average = self.observers[wire], self._averages[wire]
-        if observer.least < PROOF / 4 or average < self._unheated[wire]:
+        if observer.least < PROOF_RISE / 4 or average < self._unheated[wire]:
             self._unheated[wire] = average
-        if observer.least > PROOF / 2 and average - self._unheated[wire] > PROOF:
+        if observer.least > PROOF_RISE / 2 and average - self._unheated[wire] > PROOF_RISE:
             self.proven[wire] = True
-            observer.begin(2 * (average - self._rooms[wire]) + PROVEN)
+            observer.begin(2 * (average - self._rooms[wire]) + PROVEN_MARGIN)
 
-    def _moving(self, wire, temperature, now):
+    def _duty_of_still_reading(self, wire, temperature, now):
         """The duty of a wire whose reading may stand still: without duty it must fall."""
-        if temperature != self._readings[wire] or self.observers[wire].least < SHORTFALL:
-            self._readings[wire], self._moved[wire] = temperature, now
-        begin, end, latest = STILL
-        still = now - self._moved[wire]
-        if still > latest and temperature - self._rooms[wire] > TOLERANCE:
+        if temperature != self._readings[wire] or self.observers[wire].least < MAX_SHORTFALL:
+            self._readings[wire], self._still_since[wire] = temperature, now
+        begin, end, latest = STILL_TIMES
+        still = now - self._still_since[wire]
+        if still > latest and temperature - self._rooms[wire] > AGREEMENT_TOLERANCE:
             self.trip(NOT_WARMING, now)
         return (end - still) / (end - begin)
 
@@ -293,8 +308,8 @@ class Guard:
         return pull
 
     def _check_bend(self, angle, bend, elapsed, now):
-        self._alike[angle] = self._alike[angle] + 1 if bend == self._bends[angle] else 0
-        if self._alike[angle] >= STUCK_SAMPLES:
+        self._equal_bends[angle] = self._equal_bends[angle] + 1 if bend == self._bends[angle] else 0
+        if self._equal_bends[angle] >= STUCK_SAMPLES:
             self.trip(BEND_STUCK, now)
         self._bends[angle] = bend
         tip = bend if self._tips[angle] is None else self._tips[angle]
@@ -302,24 +317,24 @@ class Guard:
         self._tips[angle] = tip
         pull = self._pull(angle)
         low, high = self._pulls[angle]
-        if abs(tip - self._tips_before[angle]) > MOVED:
+        if abs(tip - self._tips_before[angle]) > MIN_TIP_MOTION:
             self._tips_before[angle], low, high = tip, pull, pull
         low, high = min(low, pull), max(high, pull)
         self._pulls[angle] = low, high
-        if high - low > PULL:
+        if high - low > MIN_PULL_CHANGE:
             self.trip(BEND_STUCK, now)
 
     def _account(self, now):
         """Counts the heat that the wires were given up to now."""
         for wire in self._wires:
-            self._given[wire] += self.duty[wire] * (now - self._since)
-        self._since = now
+            self._heat_given[wire] += self.duty[wire] * (now - self._heat_counted_until)
+        self._heat_counted_until = now
 
     def _apply(self, now):
         """Sets the duty to what was asked for, as far as temperatures and power allow it."""
         self._account(now)
         for wire in self._wires:
-            self.duty[wire] = min(self._asked[wire], self._allowed[wire])
+            self.duty[wire] = min(self._commanded[wire], self._allowed[wire])
         total = sum(self.duty)
         if total > self._total:
             for wire in self._wires:
@@ -328,21 +343,21 @@ class Guard:
     def warmest(self, wire):
         """The most that a wire can have by the heat that it was given, °C, in a byte."""
         if not self.proven[wire]:
-            return int(HIGHEST)
+            return int(MAX_WIRE_TEMPERATURE)
         return min(255, max(0, int(self._rooms[wire] + self.observers[wire].most + 0.5)))
 
     def trip(self, reason, now):
         """Switches off. The first latching reason is kept; others are replaced by newer ones."""
-        self._asked = [0.0] * len(self.duty)
+        self._commanded = [0.0] * len(self.duty)
         self._apply(now)
         self._faulty = self._faulty or reason >= LATCHING
         if self.reason < LATCHING:
             self.reason = reason
         if self.state == ARMED:
             self.state = DISARMED
-            self._renew()
+            self._renew_challenge()
 
-    def _renew(self):
+    def _renew_challenge(self):
         """Sets a new challenge: frames that were sent before can neither arm nor command."""
         self.session = None
         self.challenge = (self.challenge * 25173 + 13849) & 0xFFFF

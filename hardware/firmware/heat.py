@@ -7,7 +7,7 @@ and °C/s. Temperatures are in °C above the room.
 
 # The range of each bound that is accepted, and bounds of the nominal limb.
 RANGES = ((0.005, 0.2), (0.01, 0.5), (4.0, 60.0), (8.0, 100.0), (0.1, 4.0))
-NOMINAL = (0.042, 0.095, 17.0, 23.0, 0.5)
+NOMINAL_BOUNDS = (0.042, 0.095, 17.0, 23.0, 0.5)
 
 # The silicone around a wire takes up heat, and holds it: in a lasting heat it is at most this
 # share of the wire's temperature, and it gets there within a minute.
@@ -15,7 +15,9 @@ SILICONE_SHARE = 0.35
 SILICONE_RATE = 0.02  # 1/s
 
 LITTLE_DUTY = 0.12  # that makes no wire too hot, also one that is not as its bounds say
-SHOWN = 6.0  # °C, of the least that it must make a wire have, for more duty to be allowed
+MIN_DETECTABLE_RISE = (
+    6.0  # °C, of the least that it must make a wire have, for more duty to be allowed
+)
 HIGHEST_RISE = 102.0  # °C above the room, of a wire in a lasting heat
 
 AVERAGING_TIME = 1.0  # s, over which a difference from readings is averaged
@@ -23,7 +25,7 @@ LONGEST_STEP = 0.1  # s, of Euler's method
 APPROACH_TIME = 0.5  # s, within which a wire may reach the highest temperature
 
 
-def acceptable(bounds):
+def are_acceptable(bounds):
     """Whether bounds are in their ranges and in order."""
     for bound, (low, high) in zip(bounds, RANGES):
         if not low <= bound <= high:
@@ -31,14 +33,17 @@ def acceptable(bounds):
     return bounds[0] <= bounds[1] and bounds[2] <= bounds[3]
 
 
-def shown(bounds, total):
+def can_detect_overheating(bounds, total):
     """Whether heat shows that would be too much for a wire which is not as its bounds say.
 
     total: the largest duty of the wire.
     """
     a1_slow, a1_fast, a2_least, a2_most, _ = bounds
     lasting = HIGHEST_RISE * a1_slow * (1.0 - SILICONE_SHARE) / a2_most  # that the most allows
-    return min(total, lasting) <= LITTLE_DUTY or a2_least / a1_fast * LITTLE_DUTY >= SHOWN
+    return (
+        min(total, lasting) <= LITTLE_DUTY
+        or a2_least / a1_fast * LITTLE_DUTY >= MIN_DETECTABLE_RISE
+    )
 
 
 class WireObserver:
@@ -53,7 +58,7 @@ class WireObserver:
 
     def __init__(self, most):
         """most: that the wire can have at the start."""
-        self.bounds = NOMINAL
+        self.bounds = NOMINAL_BOUNDS
         self.least = self.least_reading = 0.0
         self.most, self._silicone = most, SILICONE_SHARE * most
         self.hidden = self.shortfall = 0.0

@@ -20,7 +20,7 @@ def check(limb, order=None, described=None):
     """Whether it passed, what was said of what failed, and the hottest wire, °C."""
     board = SimulatedBoard(limb, step=25)
     if order:
-        board.emulation.misbehave(order)
+        board.emulation.inject_fault(order)
     board.run(1.0)
     link = SimulatedLink(board)
     failures = []

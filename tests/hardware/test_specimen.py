@@ -231,7 +231,7 @@ def test_the_angle_at_rest_remembers_the_wire_that_was_hot_last():
     for limb in (specimen, specimen.without("memory")):
         twin = LimbTwin(specimen=limb)
         simulate(twin, [0.0, 0.25], 30.0)
-        cold.append(simulate(twin.again(60.0), [0.0, 0.0], 2.0).bend_angle.mean())
+        cold.append(simulate(twin.after_rest(60.0), [0.0, 0.0], 2.0).bend_angle.mean())
     after_right = specimen.state["rest"][0]
     assert cold[0] - cold[1] == pytest.approx(after_right, abs=np.deg2rad(0.25))
     simulate(LimbTwin(specimen=specimen), [0.25, 0.0], 30.0)

@@ -22,22 +22,22 @@ enum { LONGEST_STANDSTILL = 50 }; /* passes of the loop */
 /* Temperatures, °C. */
 #define TEMPERATURE_LIMIT R(110)
 #define OVERSHOOT R(10)
-#define WARMEST R(105)
-#define TAPER R(5)
-#define HIGHEST R(127)
-#define LAST_TAPER R(10)
+#define NO_DUTY_TEMPERATURE R(105)
+#define TAPER_WIDTH R(5)
+#define MAX_WIRE_TEMPERATURE R(127)
+#define LAST_TAPER_WIDTH R(10)
 #define HIGHEST_RISE R(102)
 #define COLDEST_ROOM R(10)
 #define WARM_ROOM R(25)
-#define COLD R(3)
-#define TOLERANCE R(8)
-#define PROOF R(2)
-#define PROVEN R(10)
-#define SHOWN R(6)
+#define COLD_RISE R(3)
+#define AGREEMENT_TOLERANCE R(8)
+#define PROOF_RISE R(2)
+#define PROVEN_MARGIN R(10)
+#define MIN_DETECTABLE_RISE R(6)
 #define LARGEST_JUMP R(10)
-#define SHORTFALL R(3)
-#define EXCESS R(15)
-#define PULL R(60)
+#define MAX_SHORTFALL R(3)
+#define MAX_EXCESS R(15)
+#define MIN_PULL_CHANGE R(60)
 /* The heat of a wire, with rates in 1/s and times in s. */
 #define SILICONE_SHARE R(0.35)
 #define SILICONE_RATE R(0.02)
@@ -46,10 +46,10 @@ enum { LONGEST_STANDSTILL = 50 }; /* passes of the loop */
 #define APPROACH_TIME R(0.5)
 #define LITTLE_DUTY R(0.12)
 /* Factors, and 1/64 degrees. */
-#define LEAD R(2.5)
-#define OUTDONE R(1.5)
+#define LEAD_FACTOR R(2.5)
+#define EXCESS_HEAT_FACTOR R(1.5)
 #define CROSSTALK R(0.25)
-#define MOVED R(3 * 64)
+#define MIN_TIP_MOTION R(3 * 64)
 
 static real least_of(real a, real b)
 {
@@ -244,13 +244,13 @@ static int bounds_acceptable(const struct bounds *b)
 }
 
 /* Whether heat shows that would be too much for a wire which is not as its bounds say. */
-static int heat_shows(const struct bounds *bounds, uint16_t total)
+static int can_detect_overheating(const struct bounds *bounds, uint16_t total)
 {
     struct wire w;
     use_bounds(&w, bounds);
     real lasting = HIGHEST_RISE * w.a1_slow * (1 - SILICONE_SHARE) / w.a2_most;
     return total / R(FULL_DUTY) <= LITTLE_DUTY || lasting <= LITTLE_DUTY ||
-           w.a2_least / w.a1_fast * LITTLE_DUTY >= SHOWN;
+           w.a2_least / w.a1_fast * LITTLE_DUTY >= MIN_DETECTABLE_RISE;
 }
 
 /* duty: mean since the last call; seconds: since then; reading: °C above the room. */
@@ -362,12 +362,12 @@ static int sensors_agree(const struct guard *g)
         coldest = least_of(coldest, c->junction);
         low = least_of(low, c->junction);
         high = most_of(high, c->junction);
-        if (c->wire.most < COLD) {
+        if (c->wire.most < COLD_RISE) {
             low = least_of(low, c->average);
             high = most_of(high, c->average);
         }
     }
-    return high - low <= TOLERANCE && coldest >= COLDEST_ROOM;
+    return high - low <= AGREEMENT_TOLERANCE && coldest >= COLDEST_ROOM;
 }
 
 enum { TO_THE_RIGHT = 0, TO_THE_LEFT = 16 }; /* pulls of wires */
@@ -394,7 +394,7 @@ static void take_arm(struct guard *g, const struct arm *arm, uint32_t now)
     int good = is_whole(g, arm) && 0 < arm->total && arm->total <= CHANNELS * FULL_DUTY;
     for (int i = 0; i < CHANNELS; i++) {
         const struct bounds *bounds = &g->part[i].part.bounds;
-        good = good && bounds_acceptable(bounds) && heat_shows(bounds, arm->total);
+        good = good && bounds_acceptable(bounds) && can_detect_overheating(bounds, arm->total);
     }
     if (!good) {
         g->reason = BAD_BOUNDS;
@@ -479,9 +479,9 @@ static void average(struct guard *g, const real *temperatures, const real *junct
     for (int i = 0; i < CHANNELS; i++) {
         struct channel *c = &g->channel[i];
         real offset = c->average - amplifiers;
-        if (offset < -TOLERANCE)
+        if (offset < -AGREEMENT_TOLERANCE)
             trip(g, BELOW_ROOM, g->since);
-        offset = least_of(TOLERANCE, most_of(-TOLERANCE, offset));
+        offset = least_of(AGREEMENT_TOLERANCE, most_of(-AGREEMENT_TOLERANCE, offset));
         /* No wire is below the room, so the least difference is that of a cold wire. */
         if (g->samples > SETTLING_SAMPLES)
             offset = least_of(offset, c->offset);
@@ -493,11 +493,11 @@ static void average(struct guard *g, const real *temperatures, const real *junct
 /* Believes a thermocouple that follows heat: its wire is about as warm as it says. */
 static void prove(struct channel *c)
 {
-    if (c->wire.least < PROOF / 4 || c->average < c->unheated)
+    if (c->wire.least < PROOF_RISE / 4 || c->average < c->unheated)
         c->unheated = c->average;
-    if (c->wire.least > PROOF / 2 && c->average - c->unheated > PROOF) {
+    if (c->wire.least > PROOF_RISE / 2 && c->average - c->unheated > PROOF_RISE) {
         c->proven = 1; /* the silicone may be warm from before */
-        c->wire.most = least_of(2 * (c->average - c->room) + PROVEN, HIGHEST_RISE);
+        c->wire.most = least_of(2 * (c->average - c->room) + PROVEN_MARGIN, HIGHEST_RISE);
         c->wire.silicone = least_of(c->wire.most, SILICONE_SHARE * HIGHEST_RISE);
     }
 }
@@ -505,12 +505,12 @@ static void prove(struct channel *c)
 /* The duty of a wire whose reading may stand still: without duty it must fall. */
 static real allowed_by_motion(struct guard *g, struct channel *c, real temperature, uint32_t now)
 {
-    if (!g->samples || temperature != c->still || c->wire.least < SHORTFALL) {
+    if (!g->samples || temperature != c->still || c->wire.least < MAX_SHORTFALL) {
         c->still = temperature;
         c->moved = now;
     }
     uint32_t still = now - c->moved;
-    if (still > STILL_LATEST && temperature - c->room > TOLERANCE)
+    if (still > STILL_LATEST && temperature - c->room > AGREEMENT_TOLERANCE)
         trip(g, NOT_WARMING, now);
     return ((real)STILL_END - still) / (STILL_END - STILL_BEGIN);
 }
@@ -551,20 +551,20 @@ static void check_wire(struct guard *g, int i, real temperature, uint8_t faults,
         give_heat(&c->wire, c->given / elapsed, elapsed / R(1000), temperature - c->room);
     if (!c->proven)
         prove(c);
-    if (c->wire.shortfall > SHORTFALL)
+    if (c->wire.shortfall > MAX_SHORTFALL)
         trip(g, NOT_WARMING, now);
     /* Ahead of its thermocouple, as the wire is. */
-    real ahead = c->average + LEAD * most_of(0, c->average - c->trend);
+    real ahead = c->average + LEAD_FACTOR * most_of(0, c->average - c->trend);
     if (ahead > TEMPERATURE_LIMIT + OVERSHOOT)
         trip(g, OVER_TEMPERATURE, now);
-    if (ahead - c->room > c->wire.most + EXCESS + CROSSTALK * g->channel[1 - i].wire.most)
+    if (ahead - c->room > c->wire.most + MAX_EXCESS + CROSSTALK * g->channel[1 - i].wire.most)
         trip(g, TOO_WARM, now);
     /* Its supply may give more heat than the most, which a thermocouple that lags shows late. */
-    real outdone = temperature + OUTDONE * c->wire.hidden;
-    real tapered = least_of((WARMEST - ahead) / TAPER, (HIGHEST - outdone) / LAST_TAPER);
+    real outdone = temperature + EXCESS_HEAT_FACTOR * c->wire.hidden;
+    real tapered = least_of((NO_DUTY_TEMPERATURE - ahead) / TAPER_WIDTH, (MAX_WIRE_TEMPERATURE - outdone) / LAST_TAPER_WIDTH);
     real amplifiers = (g->channel[0].junction + g->channel[1].junction) / 2;
     real room = most_of(most_of(c->room, amplifiers), WARM_ROOM); /* if in doubt, it is warm */
-    real allowed = c->proven ? allowed_duty(&c->wire, HIGHEST - room) : LITTLE_DUTY;
+    real allowed = c->proven ? allowed_duty(&c->wire, MAX_WIRE_TEMPERATURE - room) : LITTLE_DUTY;
     allowed = least_of(least_of(allowed, tapered), allowed_by_motion(g, c, temperature, now));
     c->allowed = faults ? 0 : most_of(0, allowed);
 }
@@ -588,13 +588,13 @@ static void check_bend(struct guard *g, int answers, int16_t bend, real share, u
     g->tip += share * (bend - g->tip);
     real pull = pull_of(g);
     real turned = g->tip - g->tip_before;
-    if (turned > MOVED || turned < -MOVED) {
+    if (turned > MIN_TIP_MOTION || turned < -MIN_TIP_MOTION) {
         g->tip_before = g->tip;
         g->pull_low = g->pull_high = pull;
     }
     g->pull_low = least_of(g->pull_low, pull);
     g->pull_high = most_of(g->pull_high, pull);
-    if (g->pull_high - g->pull_low > PULL)
+    if (g->pull_high - g->pull_low > MIN_PULL_CHANGE)
         trip(g, BEND_STUCK, now);
 }
 
@@ -633,7 +633,7 @@ static void take_sample(struct guard *g, uint32_t now, const struct thermocouple
 /* The most that a wire can have by the heat that it was given, °C, in a byte. */
 static uint8_t warmest(const struct channel *c)
 {
-    real most = c->proven ? c->room + c->wire.most + R(0.5) : HIGHEST;
+    real most = c->proven ? c->room + c->wire.most + R(0.5) : MAX_WIRE_TEMPERATURE;
     return (uint8_t)least_of(255, most_of(0, most));
 }
 
