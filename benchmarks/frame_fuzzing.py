@@ -94,8 +94,8 @@ def check_guard(subject: guard.Guard, now: int) -> None:
     if any(subject.duty):
         assert subject.state == guard.ARMED, "not armed"
         assert subject.reason == guard.NO_REASON, "off for a reason"
-        assert now - subject._answered < guard.LONGEST_HOLD, "nothing fresh"
-        assert now - subject._heard < guard.HEARTBEAT, "no command"
+        assert now - subject._answered_time < guard.LONGEST_HOLD, "nothing fresh"
+        assert now - subject._command_time < guard.HEARTBEAT, "no command"
     for duty, observer, room, proven in zip(
         subject.duty, subject.observers, subject._rooms, subject.proven, strict=True
     ):
@@ -135,12 +135,12 @@ def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> d
             board.incoming += clear + b"".join(from_host.encode_arming(*arming))
         elif what < 0.97:
             sequence = subject.acknowledged + rng.choice((1, 1, 1, 1, 0, -1, 7))
-            heard = board.now - int(rng.expovariate(1 / 60))
+            sample_time = board.now - int(rng.expovariate(1 / 60))
             session = subject.session if rng.random() < 0.95 else rng.getrandbits(16)
             duty = [rng.choice((0.0, 0.2, 1.0, rng.random())) for _ in range(wires)]
             if rng.random() < 0.002:
                 duty[0] = rng.uniform(1.0001, 6.5)
-            board.incoming += from_host.encode_command(session or 0, sequence, heard, duty)
+            board.incoming += from_host.encode_command(session or 0, sequence, sample_time, duty)
         elif what < 0.98:
             kind = rng.choice((protocol.DISARM, protocol.HELLO))
             board.incoming += protocol.encode(kind)

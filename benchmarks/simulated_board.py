@@ -90,8 +90,8 @@ class SimulatedBoard:
     def command(self, duty: Sequence[float]) -> None:
         """Sends a duty (W), in answer to the newest sample."""
         self._sequence += 1
-        heard = round(1000 * self.newest.board_time)
-        frame = from_host.encode_command(self._session, self._sequence, heard, duty)
+        sample_time = round(1000 * self.newest.board_time)
+        frame = from_host.encode_command(self._session, self._sequence, sample_time, duty)
         self._to_board += 2 * frame  # as `BoardLink` does
 
     def use(self, parameters: LimbParameters) -> None:

@@ -1,4 +1,4 @@
-"""Why a board is off, in words."""
+"""The reasons for which a board is off, in words."""
 
 from hardware.firmware import guard
 

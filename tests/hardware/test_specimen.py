@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from hardware.emulation.emulated_rubber import GRIP, EmulatedRubber, Hand
+from hardware.emulation.emulated_rubber import GRIP_STIFFNESS_RATIO, EmulatedRubber, Hand
 from hardware.emulation.emulated_wires import ShapeMemoryWires
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from hardware.emulation.twin import LimbTwin
@@ -170,7 +170,7 @@ def test_hand_does_virtual_work_across_the_chord():
     angles = np.array([0.05, 0.02, 0.1, -0.03, 0.08])
     hand.get_input_port().FixValue(context, np.concatenate([angles, np.zeros(5)]))
     torque = hand.get_output_port().Eval(context)
-    stiffness = GRIP * parameters.segments[0].stiffness / 3
+    stiffness = GRIP_STIFFNESS_RATIO * parameters.segments[0].stiffness / 3
     tip, error = tip_position(parameters, angles), 0.5 - sensor.exact_bend_angle(angles)
     across = np.array([-tip[1], tip[0]]) / np.linalg.norm(tip)
     for joint in range(5):
