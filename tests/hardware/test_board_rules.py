@@ -39,7 +39,7 @@ MUTANTS = [
     ("noise-is-skipped", "protocol", "self._escaping = self._lost = False", "self._lost = False"),
     ("sensors", "readings", "_signed(word >> 18, 14)", "word >> 17"),
     ("bend-in-64ths-of-a-degree", "firmware", "list(self._bends)", "[b // 2 for b in self._bends]"),
-    ("arm-arms", "guard", "ARMED, NO_REASON\n", "ARMED, BY_HOST\n"),
+    ("arm-arms", "guard", "self.reason = NO_REASON", "self.reason = BY_HOST"),
     ("arm-arms", "guard", "or self.state == ARMED or self.reason", "or self.reason"),
     ("cold-thermocouples-must-agree", "guard", "_TOLERANCE = 8.0", "_TOLERANCE = 20.0"),
     ("arm-needs-the-newest-challenge", "guard", "challenge != self.challenge or", ""),

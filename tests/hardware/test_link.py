@@ -292,7 +292,7 @@ def test_a_board_whose_clock_is_slow_is_borne(board, monkeypatch):
             for kind, values in parser.feed(
                 sample(number, guard.DISARMED, guard.NO_REASON, time_ms=round(980 * passed))
             ):
-                link._take(kind, values)
+                link._handle(kind, values)
             assert link.delay < 0.01
         monkeypatch.undo()
 
