@@ -91,10 +91,8 @@ def _check_voltage(voltage: float, calibrated_voltage: float, report: Report) ->
     """Return whether a supply heats as during the calibration; both voltages are in V."""
     measured = f"the supply has {voltage:.3g} V"
     if not calibrated_voltage:
-        report(
-            True,
-            f"{measured}; write supply_voltage: {voltage:g} into the limb's file to compare",
-        )
+        advice = f"write supply_voltage: {voltage:g} into the limb's file to compare"
+        report(True, f"{measured}; {advice}")
         return True
     heat_ratio = (voltage / calibrated_voltage) ** 2
     lowest, highest = SAME_HEAT_RANGE
@@ -169,10 +167,7 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
         # Fit the bounds to this heating, and let the limb rest.
         rates = [_fit_rates([contact], wire) for wire, contact in enumerate(contacts)]
         hottest = max(rate.heating for rate in rates)
-        bounds = [
-            rate.bounds(kind, hottest, BOUNDS_MARGIN)
-            for rate, kind in zip(rates, kinds, strict=True)
-        ]
+        bounds = [rates[wire].bounds(kinds[wire], hottest, BOUNDS_MARGIN) for wire in wires]
         for _ in range(round(REST_TIME / PERIOD)):
             link.next_sample()
         # Heat each wire until the limb bends.
@@ -204,19 +199,14 @@ def _check_cold_sensors(names: Sequence[str], samples: Sequence[Sample], verdict
     lowest, highest = COLD_RANGE
     for name, temperature in zip(names, temperatures, strict=True):
         is_cold = lowest <= temperature <= highest
-        sentence = (
-            f"{name} thermocouple reads {temperature:.1f} °C; cold wires have {lowest:g} to "
-            f"{highest:g} °C"
-        )
-        advice = ": let them cool, or look at its type and poles"
-        verdict.add(is_cold, sentence if is_cold else sentence + advice)
+        accepted = f"cold wires have {lowest:g} to {highest:g} °C"
+        advice = "" if is_cold else ": let them cool, or look at its type and poles"
+        verdict.add(is_cold, f"{name} thermocouple reads {temperature:.1f} °C; {accepted}{advice}")
     bends = [bend_angle_from_tip_tangent(sample.tip_tangent) for sample in samples]
     for bend_deg in np.rad2deg(np.mean(bends, axis=0)):
-        verdict.add(
-            abs(bend_deg) <= MAX_REST_BEND_DEG,
-            f"bend sensor reads {bend_deg:+.1f}° at rest, where {MAX_REST_BEND_DEG:g}° are "
-            "accepted",
-        )
+        accepted = f"{MAX_REST_BEND_DEG:g}° are accepted"
+        sentence = f"bend sensor reads {bend_deg:+.1f}° at rest, where {accepted}"
+        verdict.add(abs(bend_deg) <= MAX_REST_BEND_DEG, sentence)
 
 
 def _check_contacts(names: Sequence[str], contacts: Sequence[Heating], verdict: _Verdict) -> None:

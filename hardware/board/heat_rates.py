@@ -107,7 +107,7 @@ def fit_heat_rates(
 
 
 def interpolate_gaps(readings: np.ndarray) -> np.ndarray:
-    """Return readings (K,) with missing ones, nan, interpolated, such as those of bad frames."""
+    """Return readings (K,) with interpolated values where they are missing (nan)."""
     samples = np.arange(len(readings))
     is_read = np.isfinite(readings)
     return np.interp(samples, samples[is_read], readings[is_read])

@@ -157,8 +157,7 @@ def open_journal(
             writer.finish(STOPPED_BY_SIGNAL)
             warnings.warn(f"The recording until then is in {path}.", stacklevel=3)
         else:
-            writer.abandon(
-                STOPPED_BY_SIGNAL if is_interrupt else str(error) or type(error).__name__
-            )
+            reason = str(error) or type(error).__name__
+            writer.abandon(STOPPED_BY_SIGNAL if is_interrupt else reason)
         raise
     writer.finish()

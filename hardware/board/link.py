@@ -46,6 +46,7 @@ RESET_CAUSES = {
 PORT_ERRORS = (OSError, termios.error)
 
 Answer = TypeVar("Answer")
+Predicate = Callable[[], Any]
 
 
 class HardwareError(LimbError):
@@ -86,14 +87,7 @@ class Sample:
 
     @classmethod
     def of(cls, header: Sequence, bends: Sequence, wires: Sequence, received: float) -> "Sample":
-        """Return the sample of the values in frames.
-
-        Args:
-            header: numbers at the beginning of a SAMPLE.
-            bends: tip tangents, 1/64 degree.
-            wires: temperature, duty and warmest of each wire, see `protocol.LAYOUTS`.
-            received: time of arrival, s.
-        """
+        """Return the sample in frames: a SAMPLE's header and bends, and three numbers per wire."""
         sequence, ticks, challenge, state, reason, acknowledged = header
         quarters, duty, warmest = map(np.array, zip(*wires, strict=True))
         has_reading = quarters != protocol.NO_READING
@@ -227,13 +221,11 @@ class SerialPort(Closeable):
 
     def send(self, data: bytes) -> None:
         """Send bytes; HardwareError if the cable is gone, or the port not ready in time."""
-        self._with_hardware_errors(lambda: self._serial.write(data))
+        self._attempt(lambda: self._serial.write(data))
 
     def receive(self) -> bytes:
         """Return received bytes, or none after 10 ms; HardwareError if the cable is gone."""
-        return self._with_hardware_errors(
-            lambda: self._serial.read(max(1, self._serial.in_waiting))
-        )
+        return self._attempt(lambda: self._serial.read(max(1, self._serial.in_waiting)))
 
     def now(self) -> float:
         """Return the time, s."""
@@ -248,7 +240,7 @@ class SerialPort(Closeable):
         with contextlib.suppress(*PORT_ERRORS):
             self._serial.close()
 
-    def _with_hardware_errors(self, action: Callable[[], Any]) -> Any:
+    def _attempt(self, action: Callable[[], Any]) -> Any:
         try:
             return action()
         except serial.SerialTimeoutException as error:
@@ -549,9 +541,7 @@ class BoardLink(Closeable):
         reader.join(1.0)
         self._cable.close()
 
-    def _send_until(
-        self, frames: Sequence[bytes], is_done: Callable[[], Any], limit: float
-    ) -> bool:
+    def _send_until(self, frames: Sequence[bytes], is_done: Predicate, limit: float) -> bool:
         """Send frames, which may get lost, until something is done; return whether it is."""
         end = time.monotonic() + limit
         while time.monotonic() < end:
@@ -563,7 +553,7 @@ class BoardLink(Closeable):
         self._raise_failure()
         return bool(is_done())
 
-    def _wait_for(self, is_done: Callable[[], Any], limit: float) -> bool:
+    def _wait_for(self, is_done: Predicate, limit: float) -> bool:
         """Wait until something is done or the cable is gone; return False after the limit, s."""
         with self._arrived:
             return bool(self._arrived.wait_for(lambda: is_done() or self._failure, limit))
@@ -615,16 +605,11 @@ class BoardLink(Closeable):
     def _check_silence(self) -> None:
         """Report once if this is one of several boards, and no sample came for 0.2 s."""
         sample = self._sample
-        if (
-            self.when_off
-            and sample
-            and sample.armed
-            and not self._off_reason
-            and sample.age > MAX_SILENCE
-        ):
-            self._report_off(
-                f"Nothing new came from the board on {self.port} for {MAX_SILENCE:g} s."
-            )
+        if not (self.when_off and sample and sample.armed) or self._off_reason:
+            return
+        if sample.age > MAX_SILENCE:
+            reason = f"Nothing new came from the board on {self.port} for {MAX_SILENCE:g} s."
+            self._report_off(reason)
 
     def _write(self) -> None:
         while (frame := self._outgoing.get()) is not None:
@@ -678,12 +663,6 @@ def _board_info(values: tuple) -> BoardInfo:
     """Return the description in the values of an INFO."""
     version, period_ms, limit_quarters, number, channels, angles, cause = values
     text = number.rstrip(b"\0")
-    return BoardInfo(
-        firmware_version=version,
-        sample_period=period_ms / 1000,
-        temperature_limit=limit_quarters / 4,
-        serial_number=text.decode() if text.isalnum() else number.hex(),
-        channels=channels,
-        reset_cause=RESET_CAUSES.get(cause, f"unknown ({cause})"),
-        angles=angles,
-    )
+    name = text.decode() if text.isalnum() else number.hex()
+    cause = RESET_CAUSES.get(cause, f"unknown ({cause})")
+    return BoardInfo(version, period_ms / 1000, limit_quarters / 4, name, channels, cause, angles)

@@ -139,7 +139,7 @@ class SeveralBoards(Closeable):
         """Return the newest samples as one, with the samples as its ``parts``.
 
         It has the board time of the first board. It is armed if all are, and has the reason of the
-        board that was off first.
+        board that was the first to be off.
         """
         samples = [link.sample(oldest) for link in self._links]
         first_off = min(samples, key=_off_rank)

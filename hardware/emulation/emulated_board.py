@@ -165,19 +165,19 @@ class EmulatedBoard:
         self._faulty_since = self._clock()
 
     def stop_clock(self) -> None:
-        """Lets the board's clock stand still from now on, while the limb's goes on."""
+        """Stop the board's clock, while the limb's clock goes on."""
         self._stopped_at = self.ticks()
 
     def cool(self) -> None:
-        """Brings the limb, and all that is on the same body, back to the start: cold, at rest."""
+        """Bring the limb or robot back to its initial state: cold and at rest."""
         self._running.cool()
 
     def advance(self) -> None:
-        """Simulates the limb up to the last multiple of `LIMB_PERIOD`.
+        """Simulate the limb up to the last multiple of `LIMB_PERIOD`.
 
-        Times in between would lead to steps from or to those of the twin's parts that are
-        shorter than the integrator's smallest. Those it makes explicitly, and the limb is
-        so stiff that a few of them in a row lead to NaN.
+        Other times would lead to steps below the integrator's smallest step between the updates of
+        the twin's parts. The integrator makes such steps explicitly, and a few of them in a row
+        lead to nan, because the limb is stiff.
         """
         self._heat()
         periods = int((self._clock() - self._start) / LIMB_PERIOD + 1e-6)

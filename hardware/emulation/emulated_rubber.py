@@ -192,6 +192,5 @@ class Hand(LeafSystem):
         bend = self._sensor.exact_bends(self._segment_chain, angles)
         error = self._motion.value(time).ravel() - bend
         rate = jacobian @ rates / self._length
-        output.SetFromVector(
-            self._stiffness * (error - GRIP_DAMPING_TIME * rate) / self._length @ jacobian
-        )
+        push = self._stiffness * (error - GRIP_DAMPING_TIME * rate) / self._length
+        output.SetFromVector(push @ jacobian)

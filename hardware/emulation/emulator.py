@@ -67,8 +67,7 @@ class BadLine:
     def mend(self) -> None:
         """Remove all faults; delayed bytes arrive at once."""
         self.rates = dict.fromkeys(("drop", "corrupt", "duplicate", "reorder"), 0.0)
-        self.delay = 0.0  # s
-        self.creep = 0.0  # s/s, rate by which the delay grows
+        self.delay = self.creep = 0.0  # s, and rate at which the delay grows, s/s
         self._creeping_since = self._clock()
         self._waiting = [(self._clock(), data) for _, data in self._waiting]
 

@@ -239,9 +239,8 @@ class Specimen:
             angle = np.deg2rad(uniform(0.75, 2.0))
             share = uniform(1.1, 2.6)
             if "memory" in self.extra:
-                self.segments[index] = dataclasses.replace(
-                    segment, memory_angle=angle, memory_share=share
-                )
+                memory = {"memory_angle": angle, "memory_share": share}
+                self.segments[index] = dataclasses.replace(segment, **memory)
         for index, wire in enumerate(self.wires):
             is_bad = uniform(0.0, 1.0) < 0.1
             time = uniform(3.0, 9.0)

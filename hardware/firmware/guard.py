@@ -92,13 +92,12 @@ class Guard:
         self._unheated = [0.0] * channels  # °C, averages before the heat
         self._readings = [None] * channels  # °C, and the time since which it is the same
         self._still_since = [now] * channels
-        # Duty: commanded, allowed, and its largest sum.
         self._commanded = [0.0] * channels
         self._allowed = [0.0] * channels
         self._total = 0.0
         self._heat_given = [0.0] * channels  # duty times ms since the last sample
         self._heat_counted_until = now
-        # Times of the last command and of the sample that it answers; whether a later one is late.
+        # Times of the last command, and of the sample that it answers; whether a later one is late.
         self._command_time = now
         self._answered_time = now
         self._late = False
@@ -126,7 +125,6 @@ class Guard:
         bounds: bounds of each wire, see `heat`; total: largest sum of all duties; shares: for each
         angle, the shares of the wires' torques that turn it.
         """
-        # Ignore an arming that does not fit the state of the board.
         if challenge != self.challenge or self.state == ARMED or self.reason >= LATCHING:
             return
         if self._samples < SETTLING_SAMPLES or self._faulty:
@@ -142,7 +140,6 @@ class Guard:
         if not self._sensors_agree():
             self.reason = DISAGREEING
             return
-        # Begin a session.
         self.state = ARMED
         self.reason = NO_REASON
         self.session = challenge
@@ -217,14 +214,12 @@ class Guard:
         elapsed = now - self._sample_time
         if self._samples or not self._faulty:
             self._average(temperatures, junctions, elapsed)
-        # Check each wire and each angle.
         for wire in self._wires:
             self._check_wire(wire, temperatures[wire], faults[wire], elapsed, now)
         if bends is None:
             self.trip(BEND_SILENT, now)
         for angle in self._angles if bends else ():
             self._check_bend(angle, bends[angle], elapsed, now)
-        # Begin the next sample.
         self._heat_given = [0.0] * len(self.duty)
         self._sample_time = now
         if self._averages:
@@ -272,9 +267,8 @@ class Guard:
             return
         # Trip if the reading is too hot, or jumps.
         if not faults:
-            self._hot_samples[wire] = (
-                self._hot_samples[wire] + 1 if temperature > TEMPERATURE_LIMIT else 0
-            )
+            is_hot = temperature > TEMPERATURE_LIMIT
+            self._hot_samples[wire] = self._hot_samples[wire] + 1 if is_hot else 0
         if self._hot_samples[wire] >= HOT_SAMPLES:
             self.trip(OVER_TEMPERATURE, now)
         if self._temperatures and abs(temperature - self._temperatures[wire]) > LARGEST_JUMP:
@@ -341,8 +335,7 @@ class Guard:
         return pull
 
     def _check_bend(self, angle, bend, elapsed, now):
-        """Check that a bend sensor is not stuck."""
-        # A working sensor never sends the same number several times.
+        """Check that a bend sensor is not stuck, and never sends the same number several times."""
         self._equal_bends[angle] = self._equal_bends[angle] + 1 if bend == self._bends[angle] else 0
         if self._equal_bends[angle] >= STUCK_SAMPLES:
             self.trip(BEND_STUCK, now)
