@@ -133,11 +133,8 @@ class Feed(LeafSystem):
         """
         super().__init__()
         layout = LimbModel.of(limb.parameters).layout
-        sizes = {
-            "duty": layout.num_wires,
-            "measured_temperature": layout.num_wires,
-            "bend_angle": layout.num_bends,
-        }
+        sizes = dict.fromkeys(("duty", "measured_temperature"), layout.num_wires)
+        sizes["bend_angle"] = layout.num_bends
         if limb.HasOutputPort("applied_duty"):
             sizes["applied_duty"] = layout.num_wires
         if has_reference:
@@ -167,10 +164,7 @@ class Feed(LeafSystem):
 
 
 def board_reading(
-    link: Link,
-    late: float | None = None,
-    commands: int = 0,
-    missed: int = 0,
+    link: Link, late: float | None = None, commands: int = 0, missed: int = 0
 ) -> BoardReading:
     """Return the state of a board; for the arguments see `BoardReading`.
 
@@ -178,15 +172,9 @@ def board_reading(
         HardwareError: if no sample has come at all, or the cable is gone.
     """
     sample = link.sample(np.inf)  # of any age, which the limb checks
-    return BoardReading(
-        sample.armed,
-        sample.reason_text,
-        sample.warmest.tolist(),
-        link.lost_samples,
-        late,
-        commands,
-        missed,
-    )
+    warmest = sample.warmest.tolist()
+    counts = link.lost_samples, late, commands, missed
+    return BoardReading(sample.armed, sample.reason_text, warmest, *counts)
 
 
 @contextlib.contextmanager

@@ -6,18 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import (
-    Context,
-    DiagramBuilder,
-    EventStatus,
-    LeafSystem,
-    System,
-)
-from pydrake.systems.primitives import (
-    ConstantVectorSource,
-    Multiplexer,
-    TrajectorySource,
-)
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, System
+from pydrake.systems.primitives import ConstantVectorSource, Multiplexer, TrajectorySource
 
 from hardware.board.journal import closing, open_journal
 from hardware.board.link import present_temperature

@@ -27,10 +27,7 @@ from hardware.drivers import LimbDriver, export_limb
 from hardware.emulation.twin import LimbTwin
 from hardware.replaying import check_replayable
 from hardware.scenario import Scenario, StationError
-from limb_systems import (
-    Trajectory,
-    WireColors,
-)
+from limb_systems import Trajectory, WireColors
 from limb_systems.contact import ContactForces
 from limb_systems.files.schema import shown
 from limb_systems.simulation import (
@@ -190,8 +187,7 @@ def drive(
             raise StationError(
                 f"The station has no input {', '.join(unknown)}; it has {', '.join(names)}."
             )
-        duties = [name for name in names if name.endswith(".duty")]
-        if missing := [name for name in duties if name not in inputs]:
+        if missing := [n for n in names if n.endswith(".duty") and n not in inputs]:
             raise StationError(f"{', '.join(missing)} is missing; each limb needs its duty.")
         # Connect a source to each input. Integration stops at its jumps.
         limbs = station.limbs

@@ -146,8 +146,7 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
     info = link.info()
     check_fit(parameters, info, link.port)
     verdict.add(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
-    samples = [link.next_sample() for _ in range(10)]
-    _check_cold_sensors(names, samples, verdict)
+    _check_cold_sensors(names, [link.next_sample() for _ in range(10)], verdict)
     if not verdict.passed:
         return False
 
@@ -179,14 +178,13 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
 
     # Judge direction and heat of each wire, then compare the wires of each segment.
     for name, (_, _, bend) in zip(names, bends, strict=True):
-        bend_deg = np.rad2deg(_bend_change(bend).max())
-        verdict.add(
-            bend_deg > np.rad2deg(MIN_BEND),
-            f"{name} wire bends the limb by {bend_deg:.1f}° to its own side",
-        )
+        largest = _bend_change(bend).max()
+        sentence = f"{name} wire bends the limb by {np.rad2deg(largest):.1f}° to its own side"
+        verdict.add(largest > MIN_BEND, sentence)
     rates = [_fit_rates([contacts[wire], bends[wire]], wire) for wire in wires]
     heating = [rate.heating for rate in rates]
-    _check_heat(names, heating, [kind.most_heating for kind in kinds], verdict.add)
+    most_heating = [kind.most_heating for kind in kinds]
+    _check_heat(names, heating, most_heating, verdict.add)
     if verdict.passed:
         for around in LimbModel.of(parameters).layout.wires_of:
             _check_likeness(names[around], rates[around], bends[around], verdict.add)
@@ -195,15 +193,15 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
 
 def _check_cold_sensors(names: Sequence[str], samples: Sequence[Sample], verdict: _Verdict) -> None:
     """Check that wires are read as cold and the limb as nearly straight."""
-    temperatures = np.nanmean([sample.temperature for sample in samples], axis=0)
+    temperatures = np.nanmean(_stacked(samples, "temperature"), axis=0)
     lowest, highest = COLD_RANGE
     for name, temperature in zip(names, temperatures, strict=True):
         is_cold = lowest <= temperature <= highest
         accepted = f"cold wires have {lowest:g} to {highest:g} °C"
         advice = "" if is_cold else ": let them cool, or look at its type and poles"
         verdict.add(is_cold, f"{name} thermocouple reads {temperature:.1f} °C; {accepted}{advice}")
-    bends = [bend_angle_from_tip_tangent(sample.tip_tangent) for sample in samples]
-    for bend_deg in np.rad2deg(np.mean(bends, axis=0)):
+    bends = bend_angle_from_tip_tangent(_stacked(samples, "tip_tangent"))
+    for bend_deg in np.rad2deg(bends.mean(axis=0)):
         accepted = f"{MAX_REST_BEND_DEG:g}° are accepted"
         sentence = f"bend sensor reads {bend_deg:+.1f}° at rest, where {accepted}"
         verdict.add(abs(bend_deg) <= MAX_REST_BEND_DEG, sentence)
@@ -224,18 +222,11 @@ def _check_contacts(names: Sequence[str], contacts: Sequence[Heating], verdict: 
 
 
 def _check_heat(
-    names: Sequence[str],
-    heating: Sequence[float],
-    most_heating: Sequence[float],
-    report: Report,
+    names: Sequence[str], heating: Sequence[float], most_heating: Sequence[float], report: Report
 ) -> None:
     """Check that each wire heats as its description says, °C/s at full duty.
 
-    Args:
-        names: names of the wires.
-        heating: heating rate by each thermocouple.
-        most_heating: upper bound of each wire's kind, which is `SPREAD` above its description.
-        report: takes whether it is good, and a sentence.
+    ``most_heating`` is the upper bound of each wire's kind, `SPREAD` above its description.
     """
     # Short, cool heatings measure heat no better than wires of one kind differ. The numbers are
     # rounded as they are printed, so that no verdict disagrees with its sentence.
@@ -324,10 +315,11 @@ def _heat_wire(link: BoardLink, wire: int, side: np.ndarray, limits: Sequence[fl
         if elapsed >= longest or reading - cold >= max_rise or abs(bend) >= 1.2 * max_bend:
             commanded = np.zeros_like(commanded)
             longest = min(longest, elapsed)
-    readings = np.array([sample.temperature for sample in samples])
-    bends = [bend_angle_from_tip_tangent(sample.tip_tangent) for sample in samples]
-    return (
-        np.array([sample.duty for sample in samples]),
-        np.apply_along_axis(interpolate_gaps, 0, readings),
-        np.array(bends) @ side,
-    )
+    temperatures = np.apply_along_axis(interpolate_gaps, 0, _stacked(samples, "temperature"))
+    bends = bend_angle_from_tip_tangent(_stacked(samples, "tip_tangent"))
+    return _stacked(samples, "duty"), temperatures, bends @ side
+
+
+def _stacked(samples: Sequence[Sample], name: str) -> np.ndarray:
+    """Return an attribute of all samples, in rows."""
+    return np.array([getattr(sample, name) for sample in samples])

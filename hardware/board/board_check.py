@@ -23,17 +23,19 @@ POLL_INTERVAL = 0.01  # s
 GENTLE_DUTY = 0.04  # duty that warms a wire by less than 1 °C/s
 MAX_READING = 45.0  # °C; the test stops above
 
-# Bounds of ARM: (a1 slowest, fastest, a2 least, most, a3 slowest).
+Bounds = Sequence[float]  # of ARM: (a1 slowest, fastest, a2 least, most, a3 slowest)
 WIDE_BOUNDS = (0.03, 0.5, 4.0, 40.0, 0.1)  # suit any wire
 ZERO_BOUNDS = (0.0,) * 5
 BOUND_RANGES = ((0.005, 0.2), (0.01, 0.5), (4.0, 60.0), (8.0, 100.0), (0.1, 4.0))
 NOMINAL_BOUNDS = (0.042, 0.095, 17.0, 23.0, 0.5)
 # Bounds out of order, then with one bound below or above its range.
-WRONG_BOUNDS = [(0.095, 0.042, *NOMINAL_BOUNDS[2:]), (0.042, 0.095, 23.0, 17.0, 0.5)]
+WRONG_BOUNDS: list[Bounds] = [
+    (0.095, 0.042, *NOMINAL_BOUNDS[2:]),
+    (0.042, 0.095, 23.0, 17.0, 0.5),
+]
 for _index, (_low, _high) in enumerate(BOUND_RANGES):
     for _wrong in (0.8 * _low, 1.2 * _high):
         WRONG_BOUNDS.append((*NOMINAL_BOUNDS[:_index], _wrong, *NOMINAL_BOUNDS[_index + 1 :]))
-Bounds = Sequence[float]
 
 
 class StaysOnError(Exception):
@@ -198,7 +200,7 @@ def _check_refusal(
 ) -> str:
     """Check that ARM is refused for a reason, or for any if None, with wrong bounds of a wire."""
     for bounds, (wire, name) in itertools.product(wrong_bounds, enumerate(host.names)):
-        bounds_of_wires = [WIDE_BOUNDS] * len(host.names)
+        bounds_of_wires: list[Bounds] = [WIDE_BOUNDS] * len(host.names)
         bounds_of_wires[wire] = bounds
         host.send_arm(bounds_of_wires, total, host.newest.challenge ^ challenge_error)
         sample = host.next_sample(0.05)

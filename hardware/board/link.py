@@ -352,9 +352,8 @@ class BoardLink(Closeable):
         self._off_reason = ""  # sentence, if another board is the cause
         self._sample: Sample | None = None
         self._info: BoardInfo | None = None
-        # Commands: the session that `arm` began, their sequence, and those without an answer.
-        self._session = 0
-        self._sequence = 0
+        # Commands: their session, their sequence, and the commands without an answer.
+        self._session = self._sequence = 0
         self._unanswered: collections.deque[tuple[int, float]] = collections.deque(maxlen=100)
         self._clock_offset = np.inf  # s, between both clocks, by the fastest sample
         self.delay = 0.0
@@ -569,11 +568,9 @@ class BoardLink(Closeable):
             return answer
         version = self.parser.other_version
         if version is not None:
-            advice = (
-                "flash the board with the firmware of this program."
-                if version < protocol.VERSION
-                else "use a newer version of this program."
-            )
+            advice = "use a newer version of this program."
+            if version < protocol.VERSION:
+                advice = "flash the board with the firmware of this program."
             raise HardwareError(
                 f"The board on {self.port} speaks version {version} of the protocol, but this "
                 f"program version {protocol.VERSION}; {advice}"

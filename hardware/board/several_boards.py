@@ -22,6 +22,7 @@ from hardware.board.link import (
 from hardware.firmware import guard
 from limb_systems import LimbError, LimbParameters
 from limb_systems.heat_bounds import HeatBounds
+from limb_systems.layout import slices
 from limb_systems.simulation import PERIOD
 
 Ports = str | Mapping[str, str]  # port of a board, or ports of the boards of limbs by name
@@ -42,8 +43,8 @@ def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParam
     limbs = []
     pairs = zip(limb_names, robot.segments, strict=True)
     for limb_name, group in itertools.groupby(pairs, operator.itemgetter(0)):
-        limb = dataclasses.replace(robot, segments=[segment for _, segment in group])
-        limbs.append((limb_name, limb))
+        segments = [segment for _, segment in group]
+        limbs.append((limb_name, dataclasses.replace(robot, segments=segments)))
     if sorted(name for name, _ in limbs) != sorted(names):
         raise LimbError(
             f"There are ports for {', '.join(names)}, but the robot's segments are "
@@ -101,15 +102,13 @@ class SeveralBoards(Closeable):
         self.port = ", ".join(f"{name}={port}" for name, port in ports.items())
         self._limbs = limbs_of(robot, list(ports))
         self.names = list(self._limbs)
-        # Wires of a board end here, counted over all boards.
-        self._ends = np.cumsum([len(limb.wires) for limb in self._limbs.values()]).tolist()
+        self._wires = slices([len(limb.wires) for limb in self._limbs.values()])  # of each board
         self._total_duty = 0.0
         # Open all boards; the open ones are closed if one fails.
+        self._links: list[BoardLink] = []
         with contextlib.ExitStack() as opened:
-            self._links = [
-                opened.enter_context(BoardLink(ports[name], limb))
-                for name, limb in self._limbs.items()
-            ]
+            for name, limb in self._limbs.items():
+                self._links.append(opened.enter_context(BoardLink(ports[name], limb)))
             switch_off_together(self._links)
             self._opened = opened.pop_all()
 
@@ -131,7 +130,7 @@ class SeveralBoards(Closeable):
             infos[0],
             temperature_limit=min(info.temperature_limit for info in infos),
             serial_number=", ".join(dict.fromkeys(info.serial_number for info in infos)),
-            channels=sum(info.channels for info in infos),
+            channels=self._wires[-1].stop,
             angles=sum(info.angles for info in infos),
         )
 
@@ -163,14 +162,12 @@ class SeveralBoards(Closeable):
         a board does not arm, all are off.
         """
         self._total_duty = total_duty
-        starts = [0, *self._ends]
         with self._disarm_on_error():
             # Arm each board in a thread, and keep the armed ones alive.
             with ThreadPoolExecutor(len(self._links)) as pool:
-                armings = [
-                    pool.submit(link.arm, bounds[start:end], total_duty)
-                    for link, start, end in zip(self._links, starts, self._ends, strict=False)
-                ]
+                armings = []
+                for link, wires in zip(self._links, self._wires, strict=True):
+                    armings.append(pool.submit(link.arm, bounds[wires], total_duty))
                 while wait(armings, PERIOD).not_done:
                     for link, arming in zip(self._links, armings, strict=True):
                         if arming.done() and not arming.exception():
@@ -181,13 +178,13 @@ class SeveralBoards(Closeable):
 
     def command(self, duty: np.ndarray) -> None:
         """Send each board its part of a duty (W), in [0, 1]; all are off if one fails."""
-        duty = checked_duty(duty, self._ends[-1])
+        duty = checked_duty(duty, self._wires[-1].stop)
         duty = duty * min(1.0, self._total_duty / max(duty.sum(), 1e-9))
-        parts = zip(self._links, np.split(duty, self._ends[:-1]), strict=True)
+        boards = zip(self._links, self._wires, strict=True)
         with self._disarm_on_error():
             # A board that is off comes first, and its error ends this before another is heated.
-            for link, part in sorted(parts, key=lambda pair: _off_rank(pair[0].sample())):
-                link.command(part)
+            for link, wires in sorted(boards, key=lambda board: _off_rank(board[0].sample())):
+                link.command(duty[wires])
 
     def disarm(self) -> None:
         """Switch all wires off; do not wait, and never raise."""

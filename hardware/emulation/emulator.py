@@ -29,8 +29,7 @@ LOOP_PAUSE = 0.001  # s, between two passes of the firmware's loop
 MAX_PASS_TIME = 0.05  # s, by which the board's clock goes on in a pass
 MAX_DELAY = 3.0  # s, of a full buffer
 WATCHDOG_MS = 200  # ms of the board's one clock, see board_nrf52dk.py
-# Faults of a thermocouple or its amplifier. A dead amplifier sends zeros, a garbled amplifier a
-# reserved bit.
+# Faults of a thermocouple or its amplifier, which sends a reserved bit if garbled.
 THERMOCOUPLE_FAULTS: dict[str, dict[str, Any]] = {
     "open": {"faults": 1},
     "ground": {"faults": 2},
@@ -90,13 +89,11 @@ class BadLine:
                 damaged.append(byte)
             if len(damaged) > 1 and random.random() < self.rates["reorder"]:
                 damaged[-2:] = damaged[-1:-3:-1]
-        # Delay them.
-        if damaged:
-            crept = self.creep * (self._clock() - self._creeping_since)
-            delay = self.delay + min(crept, MAX_DELAY)
-            self._waiting.append((self._clock() + delay, bytes(damaged)))
-        # Return bytes whose delay is over.
+        # Delay them, and return bytes whose delay is over.
         now = self._clock()
+        if damaged:
+            crept = min(self.creep * (now - self._creeping_since), MAX_DELAY)
+            self._waiting.append((now + self.delay + crept, bytes(damaged)))
         arrived = b""
         while self._waiting and self._waiting[0][0] <= now:
             _, data = self._waiting.pop(0)
@@ -211,18 +208,17 @@ class Emulation:
 
     def _carry_out(self, words: list[str]) -> None:
         board = self.board
-        lines = self._lines
         wire = self._wire_names.index
         match words:
             # Cable.
             case ["drop" | "corrupt" | "duplicate" | "reorder" as damage, rate]:
-                for line in lines:
+                for line in self._lines:
                     line.rates[damage] = float(rate)
             case ["delay", seconds]:
-                for line in lines:
+                for line in self._lines:
                     line.delay = float(seconds)
             case ["creep", rate]:
-                for line in lines:
+                for line in self._lines:
                     line.start_to_creep(float(rate))
             case ["noise", count]:
                 board.from_host += random.randbytes(int(count))
@@ -268,7 +264,7 @@ class Emulation:
             case ["cool"]:
                 board.cool()
             case ["mend"]:
-                for part in (board, *lines):
+                for part in (board, *self._lines):
                     part.mend()
                 self._stalled_until = self._clock()
             case _:

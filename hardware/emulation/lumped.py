@@ -12,13 +12,7 @@ from pydrake.systems.framework import (
     LeafSystem,
     OutputPort,
 )
-from pydrake.systems.primitives import (
-    Adder,
-    Demultiplexer,
-    LinearSystem,
-    MatrixGain,
-    Multiplexer,
-)
+from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem, MatrixGain, Multiplexer
 
 from hardware.emulation.emulated_rubber import EmulatedRubber, Hand, RestShift
 from hardware.emulation.emulated_wires import ShapeMemoryWires

@@ -109,12 +109,12 @@ class SampledSensors(LeafSystem):
         self._drift_decays = []
         self._drift_steps = []
         for sensor in sensors:
-            noise_of_each, drift_of_each = np.asarray(sensor.noise), np.asarray(sensor.drift)
+            sigma = np.asarray(sensor.noise)
+            delta = np.asarray(sensor.drift)
             decay = np.exp(-sensor.period / sensor.drift_time)
-            changes = {"noise": noise_of_each, "drift": drift_of_each}
-            self._sensors.append(dataclasses.replace(sensor, **changes))
+            self._sensors.append(dataclasses.replace(sensor, noise=sigma, drift=delta))
             self._drift_decays.append(decay)
-            self._drift_steps.append(drift_of_each * np.sqrt(1 - decay**2))
+            self._drift_steps.append(delta * np.sqrt(1 - decay**2))
         self._noise = noise
         self._parts = slices([sensor.size for sensor in sensors])
         size = self._parts[-1].stop

@@ -288,14 +288,9 @@ class Specimen:
     @property
     def board(self) -> Any:
         """The limb's identity, an `EmulatedLimb` from which `of` makes it again."""
-        return EmulatedLimb(
-            self.seed,
-            self._drawn_around,
-            list(self.absent),
-            list(self.extra),
-            [f"{name} {value!r}" for name, value in self.disturbances.items()],
-            physics=self.physics,
-        )
+        changes = [f"{name} {value!r}" for name, value in self.disturbances.items()]
+        effects = list(self.absent), list(self.extra)
+        return EmulatedLimb(self.seed, self._drawn_around, *effects, changes, physics=self.physics)
 
     @property
     def label(self) -> str:

@@ -145,12 +145,8 @@ class LimbTwin(Diagram):
             raise LimbError("An emulated hand holds limbs of one segment; this limb has more.")
         # Build the physics of the specimen.
         builder = DiagramBuilder()
-        options: dict[str, Any] = {
-            "hand": hand,
-            "bend_rate": bend_rate,
-            "wire_period": wire_period,
-            "truth": truth,
-        }
+        options: dict[str, Any] = {"bend_rate": bend_rate, "wire_period": wire_period}
+        options |= {"hand": hand, "truth": truth}
         if specimen.build:
             specimen.build(builder, **options)
         else:

@@ -87,7 +87,7 @@ class Guard:
         # Nobody knows how warm the wires are after a reset.
         most = 0.0 if reason == POWER_UP else heat.HIGHEST_RISE
         self.observers = [heat.WireObserver(most) for _ in self._wires]
-        # After any start a thermocouple is proven when it has followed some heat.
+        # A thermocouple is proven when it has followed some heat since the start.
         self.proven = [False] * channels
         self._unheated = [0.0] * channels  # °C, averages before the heat
         self._readings = [None] * channels  # °C, and the time since which it is the same
@@ -300,8 +300,7 @@ class Guard:
         tapered = (NO_DUTY_TEMPERATURE - ahead) / TAPER_WIDTH
         with_excess = temperature + EXCESS_HEAT_FACTOR * observer.hidden
         tapered = min(tapered, (MAX_WIRE_TEMPERATURE - with_excess) / LAST_TAPER_WIDTH)
-        warm_room = max(room, self._amplifiers, WARM_ROOM)
-        highest_rise = MAX_WIRE_TEMPERATURE - warm_room
+        highest_rise = MAX_WIRE_TEMPERATURE - max(room, self._amplifiers, WARM_ROOM)
         allowed = observer.allowed_duty(highest_rise) if self.proven[wire] else heat.LITTLE_DUTY
         allowed = min(allowed, tapered, self._duty_of_still_reading(wire, temperature, now))
         self._allowed[wire] = 0.0 if faults else max(0.0, allowed)
