@@ -64,14 +64,9 @@ def ApplyDriverConfig(
         ParameterError: if the limb in the plant does not fit its description.
     """
     if isinstance(driver_config, ZeroForceDriver):
-        manipulation.ApplyDriverConfig(
-            manipulation.ZeroForceDriver(),
-            model_instance_name,
-            sim_plant,
-            models_from_directives,
-            lcms,
-            builder,
-        )
+        zero_force = manipulation.ZeroForceDriver()
+        drake_arguments = sim_plant, models_from_directives, lcms, builder
+        manipulation.ApplyDriverConfig(zero_force, model_instance_name, *drake_arguments)
         return
     limb = sim_plant.GetModelInstanceByName(model_instance_name)
     wires = add_limb_actuation(builder, sim_plant, limb, driver_config.parameters)

@@ -173,8 +173,8 @@ def board_reading(
     """
     sample = link.sample(np.inf)  # of any age, which the limb checks
     warmest = sample.warmest.tolist()
-    counts = link.lost_samples, late, commands, missed
-    return BoardReading(sample.armed, sample.reason_text, warmest, *counts)
+    state = BoardReading(sample.armed, sample.reason_text, warmest, link.lost_samples)
+    return dataclasses.replace(state, late=late, commands=commands, missed=missed)
 
 
 @contextlib.contextmanager

@@ -275,8 +275,8 @@ def _record_with(
     )
     may_cut_out = plan is not None and limb.HasOutputPort("cut_out")
     if may_cut_out:
-        end = builder.AddSystem(_EndAtCutOut())
-        builder.Connect(limb.GetOutputPort("cut_out"), end.get_input_port())
+        cut_out_end = builder.AddSystem(_EndAtCutOut())
+        builder.Connect(limb.GetOutputPort("cut_out"), cut_out_end.get_input_port())
 
     def is_over(root: Context) -> bool:
         measured = limb.GetOutputPort("measured_temperature")
@@ -312,11 +312,12 @@ def _record_with(
             ),
         )
         # Note a cut-out in the recording and its journal.
-        end = recording.time[-1]
-        last = recording.measured_temperature[:, recording.time >= end - CUT_OUT_WINDOW].max(axis=1)
-        ended_early = end < duration - 0.5 / sample_rate  # by a controller, if not by a cut-out
-        if may_cut_out and ended_early and last.max() >= guard.TEMPERATURE_LIMIT:
-            hottest = int(np.argmax(last))
+        end_time = recording.time[-1]
+        in_window = recording.time >= end_time - CUT_OUT_WINDOW
+        highest = recording.measured_temperature[:, in_window].max(axis=1)
+        ended_early = end_time < duration - 0.5 / sample_rate  # also by a controller
+        if may_cut_out and ended_early and highest.max() >= guard.TEMPERATURE_LIMIT:
+            hottest = int(np.argmax(highest))
             recording.interrupted = (
                 f"the {limb.parameters.wire_names[hottest]} wire was measured at "
                 f"{guard.TEMPERATURE_LIMIT:g} °C or more, the limit at which a board switches off"

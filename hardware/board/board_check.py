@@ -29,10 +29,7 @@ ZERO_BOUNDS = (0.0,) * 5
 BOUND_RANGES = ((0.005, 0.2), (0.01, 0.5), (4.0, 60.0), (8.0, 100.0), (0.1, 4.0))
 NOMINAL_BOUNDS = (0.042, 0.095, 17.0, 23.0, 0.5)
 # Bounds out of order, then with one bound below or above its range.
-WRONG_BOUNDS: list[Bounds] = [
-    (0.095, 0.042, *NOMINAL_BOUNDS[2:]),
-    (0.042, 0.095, 23.0, 17.0, 0.5),
-]
+WRONG_BOUNDS: list[Bounds] = [(0.095, 0.042, *NOMINAL_BOUNDS[2:]), (0.042, 0.095, 23.0, 17.0, 0.5)]
 for _index, (_low, _high) in enumerate(BOUND_RANGES):
     for _wrong in (0.8 * _low, 1.2 * _high):
         WRONG_BOUNDS.append((*NOMINAL_BOUNDS[:_index], _wrong, *NOMINAL_BOUNDS[_index + 1 :]))

@@ -75,9 +75,7 @@ def detectable_bounds(bounds: HeatBounds) -> HeatBounds:
     return dataclasses.replace(bounds, slowest_cooling=np.floor(1000 * slowest).item() / 1000)
 
 
-def fit_heat_rates(
-    heatings: Sequence[tuple[np.ndarray, np.ndarray, float]],
-) -> HeatRates | None:
+def fit_heat_rates(heatings: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> HeatRates | None:
     """Return the rates that come closest to the readings of a wire.
 
     Args:

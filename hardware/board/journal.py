@@ -79,8 +79,9 @@ class Journal(LeafSystem):
         # Declare an input for each signal, whose columns follow the time.
         self.signals = ["duty", *SIGNALS, *filter(limb.HasOutputPort, ROBOT_SIGNALS)]
         self.signals += ["reference"] * has_reference
-        columns = [column for signal in ("time", *self.signals) for column in names[signal]]
+        columns = list(names["time"])
         for signal in self.signals:
+            columns += names[signal]
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))
         self.writer = TableWriter(path, Recording.KIND, empty.header(), columns, may_wait=may_wait)

@@ -241,6 +241,7 @@ class SerialPort(Closeable):
             self._serial.close()
 
     def _attempt(self, action: Callable[[], Any]) -> Any:
+        """Return the result of an action at the port; HardwareError if it fails."""
         try:
             return action()
         except serial.SerialTimeoutException as error:
@@ -363,11 +364,10 @@ class BoardLink(Closeable):
         self._arrived = threading.Condition()
         self._outgoing: queue.Queue[bytes | None] = queue.Queue(MAX_QUEUED_FRAMES)
         self._closing = False
-        self._threads = [
-            threading.Thread(target=work, name=f"{port} {work.__name__}", daemon=True)
-            for work in (self._read, self._write)
-        ]
-        for thread in self._threads:
+        self._threads = []
+        for work in (self._read, self._write):
+            thread = threading.Thread(target=work, name=f"{port} {work.__name__}", daemon=True)
+            self._threads.append(thread)
             thread.start()
 
     def info(self) -> BoardInfo:
@@ -442,7 +442,7 @@ class BoardLink(Closeable):
         self._off_reason = ""
         self._unanswered.clear()
         self._restarts_when_armed = self._restarts
-        values = [dataclasses.astuple(bound) for bound in bounds]
+        values = list(map(dataclasses.astuple, bounds))
         largest_total = min(total_duty, len(values))  # each duty is at most one
         frames = from_host.encode_arming(sample.challenge, values, largest_total, self._pulls)
         armed = self._send_until(frames, lambda: self._current_sample().armed, ARMING_TIME)
@@ -462,12 +462,12 @@ class BoardLink(Closeable):
         """
         raise_if_interrupted()
         try:
-            self._command(duty)
+            self._send_command(duty)
         except HardwareError as error:
             self._report_off(str(error))
             raise
 
-    def _command(self, duty: np.ndarray) -> None:
+    def _send_command(self, duty: np.ndarray) -> None:
         # Refuse unless the board is armed, answers, and has not been reset.
         sample = self.sample()
         duty = checked_duty(duty, len(sample.duty))

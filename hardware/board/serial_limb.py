@@ -104,8 +104,8 @@ class SerialLimb(LeafSystem, Closeable):
         self._failure_is_recorded = False
         # Declare the state, whose numbers the class lists, and its updates.
         layout = LimbModel.of(self.parameters).layout
-        segments = [self.parameters.segments[number] for number in layout.bend_segment]
-        self._bend_sensors = [segment.bend_sensor for segment in segments]
+        segments = self.parameters.segments
+        self._bend_sensors = [segments[number].bend_sensor for number in layout.bend_segment]
         num_wires = layout.num_wires
         num_readings = num_wires + layout.num_bends
         board_time = num_readings + num_wires  # index in the state

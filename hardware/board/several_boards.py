@@ -142,10 +142,9 @@ class SeveralBoards(Closeable):
         """
         samples = [link.sample(oldest) for link in self._links]
         first_off = min(samples, key=_off_rank)
-        joined: dict[str, Any] = {
-            name: np.concatenate([getattr(sample, name) for sample in samples])
-            for name in ("temperature", "tip_tangent", "duty", "warmest")
-        }
+        joined: dict[str, Any] = {}
+        for name in ("temperature", "tip_tangent", "duty", "warmest"):
+            joined[name] = np.concatenate([getattr(sample, name) for sample in samples])
         return dataclasses.replace(
             samples[0],
             received=min(sample.received for sample in samples),

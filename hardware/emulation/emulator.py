@@ -159,7 +159,7 @@ class Emulation:
         """
         Args:
             twin: the limb, or the robot with all its limbs on the board.
-            cable: to the host.
+            cable: board's end of the cable to the host.
             on_event: called for each event with keyword arguments: ``event``, ``time`` (s, of the
                 clock) and more.
             clock: returns the time, s. A test may have a clock that is faster than the computer's.

@@ -5,13 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 from pydrake import trajectories
-from pydrake.systems.framework import (
-    BasicVector,
-    DiagramBuilder,
-    InputPort,
-    LeafSystem,
-    OutputPort,
-)
+from pydrake.systems.framework import BasicVector, DiagramBuilder, InputPort, LeafSystem, OutputPort
 from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem, MatrixGain, Multiplexer
 
 from hardware.emulation.emulated_rubber import EmulatedRubber, Hand, RestShift

@@ -190,6 +190,7 @@ class Parser:
         self._lost = True
 
     def _finish(self, frames):
+        """Add the frame that has ended to the list if it is valid."""
         body = bytes(self._body)
         if len(body) < 6 or body[-4:] != crc32(body[:-4]):
             self.rejected += 1
