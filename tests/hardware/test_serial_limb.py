@@ -196,7 +196,7 @@ def test_a_host_that_is_killed_leaves_the_wires_off_and_its_recording(
     assert output.read_text() == "old"
     recording = Recording.load(journal, unfinished=True)
     assert recording.duty[1, -1] > 0.0
-    assert main(["recover", str(journal), "-o", str(tmp_path / "whole.csv")]) == 0
+    assert main(["show", str(journal), "--recover", str(tmp_path / "whole.csv")]) == 0
     assert len(Recording.load(tmp_path / "whole.csv").time) == len(recording.time)
 
 
