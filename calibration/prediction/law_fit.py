@@ -263,11 +263,10 @@ def fit_law(
                 break
         return problem.fit_at(x)
 
-    first = problem.best_start([known[u.name] for u in unknowns], contained)
-    fit = fitted_from(first)
+    fit = fitted_from(problem.best_start([known[u.name] for u in unknowns]))
     if start is None or contained is None or not _is_of(start, runs):
         return fit
-    if fit.misfit > start.misfit and not np.array_equal(first, contained):
+    if fit.misfit > start.misfit:
         fit = min(fit, fitted_from(contained), key=lambda each: each.misfit)
     return fit if fit.misfit <= start.misfit else problem.fit_at(contained)
 
@@ -548,8 +547,8 @@ class _Problem:
         size, away = len(self._unknowns), x - self.center
         return np.concatenate([self._prior @ away[:size], away[size:] / self._nuisance_spread])
 
-    def best_start(self, known: Sequence[float], contained: np.ndarray | None) -> np.ndarray:
-        """Return the best of what is known of the unknowns (P), expected, random or contained."""
+    def best_start(self, known: Sequence[float]) -> np.ndarray:
+        """Return the best of what is known of the unknowns (P), what is expected, and random."""
         size = len(self._unknowns)
         starts = np.tile(self.center, (STARTS, 1))
         starts[0, :size] = known
@@ -558,8 +557,6 @@ class _Problem:
         low, high = (bound[:size] for bound in self.bounds)
         margin = 1e-6 * (high - low)
         starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
-        if contained is not None:
-            starts[-1] = contained
         with np.errstate(all="ignore"):  # of values that nobody has
             readings = self._whitened(self._simulate(starts))
             costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
