@@ -14,7 +14,7 @@ from limb_systems import LimbParameters, SegmentParameters, WireParameters
 
 CHANGE = 4.0  # s, whose changes count: the angle at rest drifts more slowly
 POWERS = (1, 2, 3)  # of the heat, as torque sets in at a threshold
-PASSES = 2  # over all wires, each with the best delay and power beside those of the others
+ROUNDING = 1e-6  # share of the heat of all wires, below which a difference of wires is none
 MOST_OFF = np.deg2rad(45.0)  # from the description, beyond which a wire is a question
 # Directions scatter by more than the regression says, as wires follow no power of their heat, and
 # wires are placed within some degrees.
@@ -78,23 +78,20 @@ def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> li
     if len(changes) <= len(heated) or not heated:
         return []
 
-    def factors(forms: dict[int, tuple[float, int]]) -> np.ndarray:
-        return np.column_stack([heats[form][:, wire] for wire, form in forms.items()])
+    def misfit(driven: np.ndarray) -> float:
+        gains = np.linalg.lstsq(driven, changes, rcond=None)[0]
+        return float(((changes - driven @ gains) ** 2).sum())
 
-    def misfit(forms: dict[int, tuple[float, int]]) -> float:
-        gains = np.linalg.lstsq(factors(forms), changes, rcond=None)[0]
-        return float(((changes - factors(forms) @ gains) ** 2).sum())
-
-    # The best form of the heat for all wires, then for each of them.
-    forms = min((dict.fromkeys(heated, form) for form in heats), key=misfit)
-    for wire in heated * PASSES:
-        forms = min((forms | {wire: form} for form in heats), key=misfit)
-    driven = factors(forms)
+    (delay, _), driven = min(heats.items(), key=lambda item: misfit(item[1]))
+    driven = driven[:, heated]
     gains = np.linalg.lstsq(driven, changes, rcond=None)[0]
     residuals = changes - driven @ gains
     # Changes that overlap are not independent.
     variance = residuals.var() * CHANGE / STEP
-    errors = np.sqrt(variance * np.diag(np.linalg.pinv(driven.T @ driven)))
+    # Wires that are always heated together leave their own shares open.
+    products = driven.T @ driven
+    products += ROUNDING * np.trace(products) * np.eye(len(products))
+    errors = np.sqrt(variance * np.diag(np.linalg.inv(products)))
     found = []
     for wire, gain, error, own in zip(heated, gains, errors, driven.T, strict=True):
         size = float(np.linalg.norm(gain)) + 1e-12
@@ -110,7 +107,7 @@ def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> li
                 _wrapped(angle - described),
                 float(np.hypot(WIDENING * error / size, PLACED)),
                 size,
-                forms[wire][0],
+                delay,
                 float(np.corrcoef(share, own)[0, 1]) if share.any() else 0.0,
             )
         )
@@ -146,11 +143,24 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
     doubtful = [] if wrong else _as_well_exchanged(directions, segment)
     if not wrong + doubtful:
         return
-    for direction in wrong + doubtful:
-        (wire,) = [wire for wire in segment.wires if wire.name == direction.name]
+    # Exchange these wires' places if that explains where they bend the limb to.
+    asked = {direction.name: direction for direction in wrong + doubtful}
+    wires = [wire for wire in segment.wires if wire.name in asked]
+
+    def offs_from(places: Sequence[float]) -> np.ndarray:
+        return np.array([_wrapped(asked[w.name].angle - p) for w, p in zip(wires, places)])
+
+    spreads = np.array([asked[wire.name].error for wire in wires])
+    places: Sequence[float] = min(
+        itertools.permutations(_described_angle(wire, segment) for wire in wires),
+        key=lambda places: ((offs_from(places) / spreads) ** 2).sum(),
+    )
+    if (np.abs(offs_from(places)) - spreads > MOST_OFF).any():
+        places = [asked[wire.name].angle for wire in wires]
+    for wire, place in zip(wires, places, strict=True):
         if segment.axes > 1:
-            wire.angle = direction.angle
-        elif direction.off:
+            wire.angle = place
+        elif place != _described_angle(wire, segment):
             wire.e2 = -wire.e2
     said = "; ".join(map(str, wrong + doubtful))
     if wrong:

@@ -129,9 +129,11 @@ def test_the_simplest_law_that_predicts_as_well_is_used():
     assert best.name == "TwoMassLaw"
     assert beaten(candidates[0], candidates[1])
     chosen = Prediction(candidates, best, best.fit, "", [], [])
-    assert ("may be chance" in chosen.choice) == (
+    assert ("is nearer to what judged" in chosen.choice) == (
         min(candidates, key=lambda c: c.bend_error) is not best
     )
+    memory = candidates[-1].fit
+    assert memory.misfit <= best.fit.misfit  # the law that it contains
     assert not beaten(candidates[1], candidates[2])
     assert simplest_unbeaten(candidates[1:3]) is candidates[1]
 
