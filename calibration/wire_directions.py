@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ MOST_OFF = np.deg2rad(45.0)  # from the description, beyond which a wire is a qu
 # Directions scatter by more than the regression says, as wires follow no power of their heat, and
 # wires are placed within some degrees.
 WIDENING, PLACED = 1.5, np.deg2rad(8.0)
+MOST_EXCHANGED = 6  # wires, of which all exchanges are compared
 LEAST_ODDS = 9.0  # χ² by which two wires are likelier as described than exchanged
 ALIKE = np.deg2rad(20.0)  # within which all wires are off by the same turn of the sensor
 
@@ -143,24 +145,25 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
     doubtful = [] if wrong else _as_well_exchanged(directions, segment)
     if not wrong + doubtful:
         return
-    # Exchange these wires' places if that explains where they bend the limb to.
-    asked = {direction.name: direction for direction in wrong + doubtful}
-    wires = [wire for wire in segment.wires if wire.name in asked]
-
-    def offs_from(places: Sequence[float]) -> np.ndarray:
-        return np.array([_wrapped(asked[w.name].angle - p) for w, p in zip(wires, places)])
-
-    spreads = np.array([asked[wire.name].error for wire in wires])
-    places: Sequence[float] = min(
-        itertools.permutations(_described_angle(wire, segment) for wire in wires),
-        key=lambda places: ((offs_from(places) / spreads) ** 2).sum(),
-    )
-    if (np.abs(offs_from(places)) - spreads > MOST_OFF).any():
-        places = [asked[wire.name].angle for wire in wires]
+    # Exchange places of wires if that explains where they bend the limb to.
+    found = {direction.name: direction for direction in directions}
+    wires = [wire for wire in segment.wires if wire.name in found]
+    measured = np.array([found[wire.name].angle for wire in wires])
+    spreads = np.array([found[wire.name].error for wire in wires])
+    described = [_described_angle(wire, segment) for wire in wires]
+    exchanged = [described]
+    if len(wires) <= MOST_EXCHANGED:
+        exchanged = list(map(list, itertools.permutations(described)))
+    offs = np.abs(_wrapped(measured - np.array(exchanged)))
+    best = int(np.argmin(((offs / spreads) ** 2).sum(axis=1)))
+    places = exchanged[best]
+    if (offs[best] - spreads > MOST_OFF).any():
+        asked = wrong + doubtful
+        places = [found[w.name].angle if found[w.name] in asked else w.angle for w in wires]
     for wire, place in zip(wires, places, strict=True):
         if segment.axes > 1:
-            wire.angle = place
-        elif place != _described_angle(wire, segment):
+            wire.angle = float(place)
+        elif np.cos(place) * wire.lever[0] < 0:
             wire.e2 = -wire.e2
     said = "; ".join(map(str, wrong + doubtful))
     if wrong:
@@ -208,6 +211,6 @@ def _changes(run: HeatedRun, signal: np.ndarray) -> np.ndarray:
     return signal[later[early]] - signal[early]
 
 
-def _wrapped(angle: float) -> float:
-    """Return an angle from -π to π."""
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+def _wrapped(angle: Any) -> Any:
+    """Return an angle, or angles, from -π to π."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
