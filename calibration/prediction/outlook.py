@@ -91,7 +91,7 @@ class PlanMiss:
     @property
     def high(self) -> float:
         """The most that a plan is expected to miss by, rad."""
-        return max(self.expected * SPREAD, self.shown[1])
+        return max(self.expected, self.shown[1]) * SPREAD
 
     @property
     def in_words(self) -> str:
@@ -127,7 +127,9 @@ def plan_miss(
         fitted: the recordings of the fit, which may be missed by more.
         shown: errors of parts that were left out, rad, by fits without them.
     """
-    unknown, typical = _typical_motion(limb) if limb.segments[0].axes == 1 else (0.0, 0.0)
+    unknown, typical = limb.segments[0].bend_sensor.drift, 0.0  # in space: of both angles
+    if limb.segments[0].axes == 1:
+        unknown, typical = _typical_motion(limb)
     left, of_fit = (
         float(np.mean([predicted.bend_error for predicted in group]))
         for group in (foreseen, fitted)

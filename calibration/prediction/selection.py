@@ -292,8 +292,10 @@ def fit_by_prediction(
     rest, judges = folds.parts[0]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
         tell("how long it takes")
-        first, last = (fitting_time(law, rest, segment, ambient) for law in (laws[0], laws[-1]))
-        expected = first * (len(laws) - 1) + last * (1 + len(OPTIONS) + len(folds.parts))
+        times = {law: fitting_time(law, rest, segment, ambient) for law in laws}
+        # One law is fitted again with each option, without each part, and to all.
+        further = len(OPTIONS) + len(folds.parts)
+        expected = sum(times.values()) + further * float(np.mean([*times.values()]))
         if expected > LONG:
             heated = sum(run.times[-1] for run in fitted) / 60
             announce(
@@ -309,7 +311,7 @@ def fit_by_prediction(
             ambient,
             continued=folds.continued,
             tell=tell,
-            fitted=lambda law: time_left.add(last if law is laws[-1] else first),
+            fitted=lambda law: time_left.add(times[law]),
         )
         best, parts = _as_good_as_baselines(candidates, best, folds, runs, tell)
         fit = best.fit
