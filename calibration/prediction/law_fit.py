@@ -54,7 +54,7 @@ OUTLIER = 6.0  # robust standard deviations
 RELATIVE_STEP = 1e-4  # of finite differences, in spreads of the prior
 TOLERANCE = 1e-4  # relative, at which iterations end
 MOST_ITERATIONS = 40
-STEPS_OF_A_FIT = 8  # that take as long as its first, roughly
+STEPS_OF_A_FIT = 10  # that take as long as its first, roughly
 KNOWN = 0.5  # share of what was unknown beforehand, below which more of it tells little
 STARTS = 16  # of a fit, of which the best is taken
 
@@ -465,13 +465,12 @@ class _Problem:
             # The ambient temperature, and the states that both laws have.
             nuisances = x[size:].reshape(len(self._runs), -1)
             nuisances[:, 0] = fit.nuisances[:, 0]
-            own = {state: 1 + row * self._num_wires for row, state in enumerate(self._law.states)}
-            for row, state in enumerate(fit.law.states):
-                source = 1 + row * self._num_wires
-                place = own[state]
-                nuisances[:, place : place + self._num_wires] = fit.nuisances[
-                    :, source : source + self._num_wires
-                ]
+            states = nuisances[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+            former_states = fit.nuisances[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+            for row, state in enumerate(self._law.states):
+                if state in fit.law.states:
+                    states[:, row] = former_states[:, list(fit.law.states).index(state)]
+            nuisances[:, 1:] = states.reshape(len(self._runs), -1)
         return x
 
     def hottest(self, x: np.ndarray) -> np.ndarray:
