@@ -241,7 +241,6 @@ def fit_law(
     known = {u.name: u.center for u in unknowns}
     if start is not None:
         known |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
-    contained = problem.contained(start) if start else None
 
     def fitted_from(x: np.ndarray) -> LawFit:
         for number in range(PASSES[1]):
@@ -264,6 +263,8 @@ def fit_law(
         return problem.fit_at(x)
 
     fit = fitted_from(problem.best_start([known[u.name] for u in unknowns]))
+    # No worse than a law that it contains.
+    contained = problem.contained(start) if start else None
     if start is None or contained is None or not _is_of(start, runs):
         return fit
     if fit.misfit > start.misfit:
@@ -416,8 +417,8 @@ class _Problem:
         for kind, (products, counts) in enumerate(sums):
             if not counts[0]:
                 continue
+            # The size, and the memory: the exponential nearest to the covariances of all lags.
             covariances = products / np.maximum(counts, 1)
-            # The exponential that is nearest to the covariances of all lags.
             shapes = np.exp(-STEP * lags / np.array(FORM_TIMES)[:, None])
             scales = (shapes * counts) @ covariances / ((shapes**2) @ counts)
             misfits = ((covariances - scales[:, None] * shapes) ** 2) @ counts

@@ -378,10 +378,12 @@ def _as_good_as_baselines(
     Raises:
         CalibrationError: if there is none.
     """
+    # The better baseline, over all parts.
     errors = [baseline_errors(rest, judges) for rest, judges in folds.parts]
     baselines = {name: float(np.mean([each[name] for each in errors])) for name in errors[0]}
     baseline, error = min(baselines.items(), key=lambda item: item[1])
     allowed = max(WORSE[0] * error, error + WORSE[1])
+    # The best law, or the nearest others, each fitted without each part.
     nearest = sorted(candidates, key=lambda candidate: candidate.bend_error)
     tried = [best, *(candidate for candidate in nearest if candidate is not best)][:MOST_TRIED]
     least = np.inf
@@ -398,6 +400,7 @@ def _as_good_as_baselines(
         if np.mean(law_errors) <= allowed:
             return candidate, parts
         least = min(least, float(np.mean(law_errors)))
+    # None is as good: say what to record.
     by_law, by_baseline = np.rad2deg([least, error])
     further = next_recording(best.fit, [*kinds]) or "record more motions like those you plan"
     raise CalibrationError(
