@@ -51,14 +51,20 @@ def with_law(law):
 """
 PLANAR = "measured = planned({}, task=Task.paper(), tolerance_deg=2.0)[1]"
 CHECK = """
-from planners.plan_check import simulated_differences
+try:
+    from planners.plan_check import simulated_differences
+except ImportError:  # of an older revision
+    from planners.checks import simulated_differences
 trajectory = planned(LimbParameters(), task=Task.paper())[0]
 measured = {"seconds": timed(lambda: simulated_differences(trajectory))}
 """
 HORIZON = """
 from controllers import RecedingHorizon
 sys.path.insert(0, "benchmarks")
-from controller_steps import steps
+try:
+    from controller_step_time import steps
+except ImportError:  # as the script was called at df068b4
+    from controller_steps import steps
 from limb_systems import Limb, simulate
 trajectory = planned(with_law(CoupledLaw), task=Task.closed_loop(with_law(CoupledLaw)))[0]
 time.perf_counter = time.process_time

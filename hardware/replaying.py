@@ -176,9 +176,15 @@ def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: boo
 
 def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
     """Raise ReplayError unless the plan is for this board, and starts at the wires' temperature."""
-    # The serial number must be the planned limb's.
+    # The temperatures of the plan must come from thermocouples, and its board be this board.
     board = limb.info.serial_number
     planned = trajectory.parameters
+    if planned.calibration and not planned.calibration.heat_measured:
+        raise ReplayError(
+            "This trajectory was planned with a limb that was calibrated without thermocouples, so "
+            "that nobody knows how hot its wires get, and boards refuse to heat without them: bond "
+            "thermocouples, calibrate again, and plan again. It can be simulated."
+        )
     number = planned.board.identity
     if isinstance(planned.board, EmulatedLimb):
         number = planned.board.serial_number

@@ -408,7 +408,7 @@ class RobotParameters(ConnectedLimbs):
     def together(self) -> LimbParameters:
         """All limbs as one: their segments in order, with the limbs' names.
 
-        Whatever is about wires, joints and bends takes a robot by it: `Wires`, `Layout`,
+        Whatever is about wires, joints and bends takes a robot by it: `LimbModel`,
         recordings, supervisors and boards. Where the limbs are it does not say. Its ``board`` has
         the serial numbers of all limbs' boards, if all were calibrated on one, or is the emulated
         robot that all of them are of.
