@@ -15,7 +15,7 @@ from limb_systems import LimbParameters, add_limb_actuation
 from limb_systems.files.schema import Tagged, quantity
 
 LIMB_PORTS = "measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"
-GRAVITY_TOLERANCE = 0.5  # m/s², by which gravity in a description may differ from that in the plant
+GRAVITY_TOLERANCE = 0.5  # m/s², between gravity in a description and in the plant
 
 
 @dataclasses.dataclass
@@ -77,7 +77,7 @@ def ApplyDriverConfig(
 def _warn_of_gravity(
     plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
 ) -> None:
-    """Warn if the description of a limb, by which it is planned, has another gravity."""
+    """Warn if the description of a limb, from which plans are made, has another gravity."""
     base = plant.GetFrameByName("base", limb).CalcPoseInWorld(plant.CreateDefaultContext())
     gravity = base.rotation().inverse() @ plant.gravity_field().gravity_vector()
     if np.linalg.norm(gravity - parameters.gravity) > GRAVITY_TOLERANCE:

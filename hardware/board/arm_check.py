@@ -19,7 +19,7 @@ COLD_RANGE = (5.0, 45.0)  # °C, readings of cold wires
 MAX_REST_BEND_DEG = 30.0  # largest bend of a limb at rest
 MIN_RISE = 3.0  # °C, smallest rise that counts as heat
 # First each wire is warmed by some degrees, which any limb bears, then until the limb bends.
-# The four numbers are duty, longest time (s), rise (°C) and largest sum of duties.
+# The numbers are duty, longest time (s), rise (°C) and largest sum of duties.
 CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, CONTACT_TOTAL = 0.1, 30.0, 10.0, 0.3
 BEND_DUTY, BEND_TIME, BEND_RISE = 0.2, 20.0, 45.0
 REST_TIME = 15.0  # s after each heating, to cool and for the thermocouple's lag

@@ -14,7 +14,7 @@ MAX_COOLING_FACTOR = 1.75
 # Cooling is visible if it takes at most this many time constants of the thermocouple.
 VISIBLE_TIME_CONSTANTS = 5.0
 # Parameters of the fit: heating, cooling, reading over cooling, and the silicone's share. Reading
-# is faster than cooling, because swapping these two rates would hardly change the readings.
+# is faster than cooling, because swapping these two rates would not change the readings much.
 INITIAL_RATES = 20.0, 0.06, 10.0, 0.25
 LOWEST_RATES = 0.5, 0.005, 1.2, 0.02
 HIGHEST_RATES = 200.0, 0.5, 200.0, heat.SILICONE_SHARE

@@ -23,7 +23,7 @@ from limb_systems.heat_bounds import HeatBounds
 BAUD_RATE = 115200
 MAX_SAMPLE_AGE = 0.25  # s; an older sample must not be used, nor a command wait longer
 MAX_SILENCE = 0.2  # s; if one of several boards is silent for longer, all are switched off
-# Share by which the board's clock may be slower than this computer's, as without a crystal.
+# Largest relative slowness of the board's clock, which may lack a crystal.
 # A delay that grows as slowly shows in the answers to commands, which this computer's clock times.
 CLOCK_ERROR = 0.025
 WRITE_TIMEOUT = 0.2  # s, after which a port must be ready for more
@@ -529,7 +529,7 @@ class BoardLink(Closeable):
         """Disarm the board and close the port; a second call does nothing."""
         if self._closing:
             return
-        # Send what is in the queue, then end both threads.
+        # Send the queue, then end both threads.
         reader, writer = self._threads
         for _ in range(3):  # a frame may get lost
             self.disarm()

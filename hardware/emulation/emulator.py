@@ -26,7 +26,7 @@ from limb_systems import LimbError
 from limb_systems.files.output import naming
 
 LOOP_PAUSE = 0.001  # s, between two passes of the firmware's loop
-MAX_PASS_TIME = 0.05  # s, by which the board's clock goes on in a pass
+MAX_PASS_TIME = 0.05  # s, largest step of the board's clock in a pass
 MAX_DELAY = 3.0  # s, of a full buffer
 WATCHDOG_MS = 200  # ms of the board's one clock, see board_nrf52dk.py
 # Faults of a thermocouple or its amplifier, which sends a reserved bit if garbled.

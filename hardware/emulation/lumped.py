@@ -61,7 +61,7 @@ def add_physics(
     num_wires = layout.num_wires
     num_joints = layout.num_joints
     segments = specimen.segments
-    # Wires, the rubber around them, and what sensors see of both.
+    # Wires, the rubber around them, and the exact signals of the sensors.
     wires = builder.AddNamedSystem("shape_memory_wires", ShapeMemoryWires(specimen, wire_period))
     rubber = builder.AddNamedSystem("rubber", EmulatedRubber(specimen))
     lag = builder.AddNamedSystem("thermocouple_lag", ThermocoupleLag(specimen.mechanics()))

@@ -192,7 +192,7 @@ class Specimen:
         """
         Args:
             description: parameters around which it is drawn.
-            seed: seed of the draw; what it draws does not depend on ``extra``.
+            seed: seed of the draw, which does not depend on ``extra``.
             extra: any of
 
                 - "memory": the angle at rest moves by some degrees towards the

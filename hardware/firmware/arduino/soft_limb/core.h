@@ -1,7 +1,7 @@
 /* The board's program, for any board: docs/protocol.md in portable C.
 
-It does what protocol.py, readings.py, heat.py, guard.py and firmware.py do, in the same order, and
-a test compares the calls of the two. It needs no heap and nothing of Arduino. */
+It is the program of protocol.py, readings.py, heat.py, guard.py and firmware.py, in the same order,
+and a test compares the calls of both. It needs no heap and nothing of Arduino. */
 
 #ifndef SOFT_LIMB_CORE_H
 #define SOFT_LIMB_CORE_H
