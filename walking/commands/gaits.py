@@ -4,6 +4,7 @@ import argparse
 import dataclasses
 import functools
 import os
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -58,10 +59,15 @@ from walking.strides import StridesFit, fit_strides
 from walking.views.robot_panels import way_panel
 from walking.walk_trajectory import walk
 from walking.walker import check_walker
-from walking.wayfinder import Wayfinder
+from walking.wayfinder import LEAST_SHARE, STALLED_CYCLES, Wayfinder
 
 STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
 FIRST_STRIDES = 2  # after which the gait is planned again
+CAMERA_SLACK = 1.2  # times the tolerance, within which a camera sees a robot that has arrived
+STALLS = (
+    f"stopped, as {STALLED_CYCLES} cycles in a row made less than {LEAST_SHARE:.0%} of what was "
+    "planned; does the robot slip, or is it another than the gait's?"
+)
 STANDING = 10.0  # s, that an emulated robot stands with its wires off while that is done
 _Trial = tuple[Schedule, Gait | None, str]  # with its gait, or why it has none, if it was planned
 
@@ -235,13 +241,16 @@ def _go(options: argparse.Namespace) -> int:
     last = pose[:, np.isfinite(pose).all(axis=0)][:, -1]
     missed = float(np.hypot(*(last[:2] - way[-1])))
     fall = fall_of(recording, ahead)[0]
-    # At the last place the Wayfinder ends the walk.
+    # The Wayfinder ends the walk at the last place, and where the robot does not get on.
     ended = recording.time[-1] < most.duration - PERIOD
-    arrived = ended and not (fall or recording.interrupted)
+    is_there = controller.is_there(last[[0, 1, 5]], len(options.to) - 1, slack=CAMERA_SLACK)
+    arrived = ended and is_there and not (fall or recording.interrupted)
+    stalls = ended and not (arrived or fall or recording.interrupted)
     said = f"{1e3 * missed:.0f} mm from the last place, after {recording.time[-1]:.0f} s"
     told = [
         Entry("arrived", arrived, sentence="yes" if arrived else "no"),
         Entry("missed", missed, "m", said),
+        Entry("stalls", STALLS if stalls else ""),
         Entry("fall", fall),
     ]
     print_summary(options, recording.summary() + Summary(told), outputs)
@@ -288,6 +297,16 @@ def _walk(options: argparse.Namespace) -> int:
 
 def _robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
     """The robot that a command names: on a port, the gait's own model, or an emulated one."""
+    limbs = gait.robot.limbs
+    uncalibrated = [limb.name for limb in limbs if not limb.parameters.calibration]
+    if uncalibrated and not options.model:
+        print(
+            f"not calibrated: {', '.join(uncalibrated)}; emulated robots of such limbs made a third "
+            "of their strides in space, and some fell: calibrate them with soft-limb collect and "
+            "soft-limb fit, and plan the gait again",
+            file=sys.stderr,
+            flush=True,
+        )
     if options.port:
         return SerialLimb(options.port, gait.parameters)
     if options.model:
