@@ -10,9 +10,9 @@ import numpy as np
 
 from urdf.generate import document, limb_element, robot_element
 
-# Share of a contact's damping in Drake with which feet land here as there. A foot that sticks creeps
-# by 1 / (damping times MuJoCo's impratio) for each newton, N·s/m: by 0.4 mm/s, as much as in Drake's
-# SAP with steps of 1 ms.
+# Share of a contact's damping in Drake with which feet land here as there; and N·s/m, damping times
+# MuJoCo's impratio, by whose inverse a foot that sticks creeps for each newton: 0.4 mm/s, as much
+# as in Drake's SAP with steps of 1 ms.
 DAMPING_SHARE = 0.5
 STICKING_DAMPING = 2500.0
 IMPEDANCE = 0.9  # of a foot's contact, at any depth

@@ -38,7 +38,7 @@ LESS_STEADY, STEADIER = (0.125, 0.25, 0.5, 1.0), (2.0, 4.0)
 # In space, shares of friction that feet that stick may use, in place of what was asked for.
 LESS_FRICTION_USED = 0.75, 0.6
 # Share by which strides in MuJoCo may miss those planned on knots that are dense enough, and most
-# intervals: between knots, a foot that sticks in the program slides, and the more the farther apart.
+# intervals: between knots, a foot that sticks in the program slides, more if they are far apart.
 COARSE, MOST_KNOTS = 0.01, 96
 # Barriers of IPOPT from a gait of a program that differs little, and from one whose feet slide
 # unevenly.

@@ -334,10 +334,11 @@ class RobotParameters(ConnectedLimbs):
             )
 
         pressed = carried * float(np.linalg.norm(self.gravity)) / len(self.limbs)
-        if self.ground and self.pose_size and pressed / self.feet.stiffness > 2 * self.feet.radius:
+        depth = pressed / self.feet.stiffness
+        if self.ground and self.pose_size and depth > 2 * self.feet.radius:
             raise ParameterError(
-                f"feet.stiffness is {self.feet.stiffness:g} N/m, so that the robot's weight presses "
-                f"its feet in by {1e3 * pressed / self.feet.stiffness:.3g} mm, more than the "
+                f"feet.stiffness is {self.feet.stiffness:g} N/m, so that the robot's weight "
+                f"presses its feet in by {1e3 * depth:.3g} mm, more than the "
                 f"{2e3 * self.feet.radius:g} mm that they are thick; is it in N/mm?"
             )
 

@@ -30,9 +30,7 @@ POSES = 20  # in a cycle, that count
 CYCLES = 2  # that are simulated, from the heat of the limit cycle, of which the last one counts
 
 
-def fit_strides_in_space(
-    gait: Gait, recording: Recording, start: float, cycles: int
-) -> StridesFit:
+def fit_strides_in_space(gait: Gait, recording: Recording, start: float, cycles: int) -> StridesFit:
     """Fit friction and the warp of the feet to the body's pose in the last of some cycles.
 
     The wires have the gait's heat, to which feedback holds them. Robots of three limbs have no

@@ -24,7 +24,7 @@ FARTHEST = 1000.0  # m and rad, of a goal
 LEARNED = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
 SLOWEST = 1e-6  # m/s and rad/s, of robots that turn to one side alone, or not at all
-# A robot does not get on when so many cycles in a row made less than this share of what was planned.
+# A robot does not get on when so many cycles in a row made less than this share of their way.
 STALLED_CYCLES, LEAST_SHARE = 5, 0.2
 TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state
 STALLED, EXPECTED = 7, 8  # of the state, which ends with what is expected

@@ -226,7 +226,7 @@ def test_a_robot_that_does_not_get_on_is_stopped_after_five_cycles(gaits):
     course[1], course[4:7] = 0, 0.0  # it does not begin from cold
     for made in (0.1, 0.1, 0.5, 0.1, 0.1, 0.1, 0.1, 0.1):
         assert course[STALLED] < STALLED_CYCLES
-        pose = course[4:7] + [made * gaits["ahead"].stride, 0.0, 0.0]
+        pose = course[4:7] + np.array([made * gaits["ahead"].stride, 0.0, 0.0])
         course[2] = 0  # whatever it would rather walk by
         finder._choose(course, pose, 0.0)
     assert course[STALLED] == STALLED_CYCLES

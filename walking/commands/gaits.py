@@ -301,9 +301,9 @@ def _robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
     uncalibrated = [limb.name for limb in limbs if not limb.parameters.calibration]
     if uncalibrated and not options.model:
         print(
-            f"not calibrated: {', '.join(uncalibrated)}; emulated robots of such limbs made a third "
-            "of their strides in space, and some fell: calibrate them with soft-limb collect and "
-            "soft-limb fit, and plan the gait again",
+            f"not calibrated: {', '.join(uncalibrated)}; emulated robots of such limbs made a "
+            "third of their strides in space, and some fell: calibrate them with soft-limb collect "
+            "and soft-limb fit, and plan the gait again",
             file=sys.stderr,
             flush=True,
         )
