@@ -51,7 +51,7 @@ from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.specimen import Specimen
 from hardware.firmware import guard
 from limb_systems import (
-    Layout,
+    LimbModel,
     LimbParameters,
     LimbSystem,
     Recording,
@@ -232,7 +232,7 @@ class SimulatedRobot(LeafSystem):
         self.board, self.parameters, self.source = board, parameters, "emulated limb on its board"
         self.reduced, self.hottest = 0.0, -np.inf
         self.orders: list[tuple[float, str]] = []  # s, from when on, and what; in their order
-        wires, angles = len(parameters.wires), Layout(parameters).num_bends
+        wires, angles = len(parameters.wires), LimbModel.of(parameters).layout.num_bends
         self.DeclareVectorInputPort("duty", wires)
         state = self.DeclareDiscreteState(2 * wires + angles)
         self.DeclareInitializationDiscreteUpdateEvent(self._read)

@@ -24,12 +24,12 @@ import numpy as np
 from limb_systems import (
     HystereticLaw,
     LimbError,
+    LimbModel,
     LimbParameters,
     LinearLaw,
     SegmentParameters,
     ThresholdLaw,
     TwoMassLaw,
-    Wires,
 )
 from walking import Gait, RobotParameters, plan_gait
 from walking.gait_check import scale_limb
@@ -42,7 +42,7 @@ HEADER = "case | mm/s | stride, mm | period, s | iterations | s | violation | si
 
 def violation(gait: Gait) -> float:
     """The largest violation of what a gait has to hold, scaled."""
-    planar, wires = Walker(gait.robot), Wires(gait.parameters)
+    planar, wires = Walker(gait.robot), LimbModel.of(gait.parameters).wires
     mu = gait.robot.ground.friction
     load = np.linalg.norm(planar.weight)
     y, steps = np.vstack([gait.body_pose, gait.joint_angles]).T, np.diff(gait.time)

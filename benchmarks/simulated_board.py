@@ -1,15 +1,20 @@
 """An emulated board with a host at its cable, in simulated time, for faults that take long."""
 
+import copy
 import dataclasses
+import types
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from hardware.board.link import Assembly, Sample, pulls_of
+from hardware.board.reasons import REASONS
 from hardware.emulation.emulated_board import RunningTwin
 from hardware.emulation.emulator import Emulation
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware import from_host, protocol
-from limb_systems import LimbParameters
+from limb_systems import LimbError, LimbParameters
 from walking.robot_twin import RobotTwin
 
 COMMAND_PERIOD = 50  # ms
@@ -131,3 +136,46 @@ class SimulatedBoard:
     def temperature(self) -> list[float]:
         """V (W), as the board sends it, °C."""
         return self.newest.temperature.tolist()
+
+
+class SimulatedLink:
+    """What `check_wires` needs of a `BoardLink`, at a `SimulatedBoard`."""
+
+    port = "simulated"
+
+    def __init__(self, board: SimulatedBoard):
+        self._board, self.hottest = board, -np.inf
+
+    def info(self):
+        channels, angles = self._board.duty, self._board.samples[-1].tip_tangent
+        return types.SimpleNamespace(
+            serial_number="simulated",
+            firmware_version="",
+            channels=len(channels),
+            angles=len(angles),
+        )
+
+    def next_sample(self) -> Sample:
+        count = len(self._board.samples)
+        while len(self._board.samples) == count:
+            self._board.run(0.025)
+        self.hottest = max(self.hottest, *self._board.emulation.board.wire_temperature())
+        return self._board.samples[-1]
+
+    def arm(self, bounds, total_duty: float = 1.5) -> None:
+        parameters = copy.deepcopy(self._board.parameters)
+        parameters.total_duty = total_duty
+        for wire, bound in zip(parameters.wires, bounds, strict=True):
+            wire.heat_bounds = bound
+        self._board.use(parameters)
+        if not self._board.arm():
+            raise LimbError(f"not armed: {REASONS[self._board.reason]}")
+
+    def command(self, duty) -> None:
+        if not self._board.newest.armed:
+            raise LimbError(f"switched off: {REASONS[self._board.reason]}")
+        self._board.command(duty)
+
+    def disarm(self) -> None:
+        self._board.send(protocol.DISARM)
+        self._board.run(0.06)

@@ -21,8 +21,8 @@ import numpy as np
 
 from limb_systems import (
     HystereticLaw,
-    Layout,
     LimbError,
+    LimbModel,
     LimbParameters,
     LinearLaw,
     ThresholdLaw,
@@ -55,7 +55,10 @@ def plan_case(name: str) -> str:
     limb = LimbParameters.in_space(links=links)
     limb.segments = [copy.deepcopy(limb.segments[0]) for _ in range(segments)]
     limb.total_duty, limb.gravity, limb.payload = 1.5 * segments, gravity, payload
-    phases = 2 * np.pi * TIMES / 46.0 + np.pi / 2 * np.arange(Layout(limb).num_bends)[:, None]
+    phases = (
+        2 * np.pi * TIMES / 46.0
+        + np.pi / 2 * np.arange(LimbModel.of(limb).layout.num_bends)[:, None]
+    )
     size = np.deg2rad(15.0 if segments == 1 else 10.0) * np.minimum(TIMES / 20.0, 1.0)
     started = time.process_time()
     reference = references.from_samples(TIMES, size * np.sin(phases))

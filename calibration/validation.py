@@ -13,7 +13,7 @@ from calibration.prediction.law_fit import Predicted
 from calibration.recordings.at_rest import COLD, first_readings
 from calibration.recordings.kinds import bend_sensor_of
 from calibration.remarks import Remark, verdict
-from limb_systems import Layout, Limb, LimbError, LimbParameters, Recording, Wires, simulate
+from limb_systems import Limb, LimbError, LimbModel, LimbParameters, Recording, simulate
 from limb_systems.kinematics import rest_joint_angles
 
 # Mean |φ - φ_sim| as a fraction of the range of φ in the recording it is validated with.
@@ -117,10 +117,10 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         wires = cold + search.x * (wires - cold)
     simulation = run(wires, times[-1])
     assert simulation.joint_state is not None  # a model's
-    layout = Layout(parameters)
+    mechanics = LimbModel.of(parameters).mechanics
     seen = [
         bend_sensor_of(recording, segment).apparent_bends(chain, simulation.joint_state[joints])
-        for segment, (chain, joints) in enumerate(zip(layout.chains, layout.joints_of, strict=True))
+        for segment, (chain, joints) in enumerate(mechanics.chains_with_joints)
     ]
     simulated = Recording(
         time=recording.time,
@@ -142,7 +142,7 @@ def _warm_starts(
     T is ahead of V by the lag, as the first readings change. Both are the same where no wire is
     warm, or none has silicone.
     """
-    wires, heat = Wires(parameters), first.copy()
+    wires, heat = LimbModel.of(parameters).wires, first.copy()
     warm = first > parameters.ambient_temperature + COLD
     soon = recording.time <= recording.time[0] + max(LEAD_TIME, 2.5 / recording.sample_rate)
     for index in np.flatnonzero(warm):
@@ -193,7 +193,8 @@ def validation_of(judged: Sequence[Predicted], parameters: LimbParameters) -> Va
 
 def _compared(recording: Recording, simulation: Recording) -> Validation:
     off = simulation.bend_angle - recording.bend_angle
-    bend = np.abs(off) if Layout(simulation.parameters).is_planar else np.linalg.norm(off, axis=0)
+    is_planar = simulation.model.layout.is_planar
+    bend = np.abs(off) if is_planar else np.linalg.norm(off, axis=0)
     heat = np.abs(simulation.measured_temperature - recording.measured_temperature)
     error, heat = bend[~np.isnan(bend)], heat[~np.isnan(heat)]
     return Validation(

@@ -14,7 +14,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from controllers.plan_controller import within_total
 from controllers.reduced_model import ReducedModel
-from limb_systems import Layout, Trajectory
+from limb_systems import Trajectory
 from limb_systems.kinematics import bend_angle, joint_angles_from_bend_angle
 from limb_systems.low_pass import low_pass
 from limb_systems.plan_band import temperature_margin
@@ -83,7 +83,8 @@ class DutyCorrection:
         num_nodes = max(2, round(plan.duration / NODES_APART)) + 1
         self.nodes = np.linspace(0.0, plan.duration, num_nodes)
         period = plan.duration / (STEPS * (num_nodes - 1))
-        self.model, self.layout = ReducedModel(plan.parameters, period), Layout(plan.parameters)
+        self.model = ReducedModel(plan.model, period)
+        self.layout = plan.model.layout
         self.middles = (np.arange(STEPS * (num_nodes - 1)) + 0.5) * period
         # Share of each node in the correction of each step (L, M + 1).
         self._shares = np.array(

@@ -20,7 +20,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from controllers.reduced_model import ReducedModel
-from limb_systems import Layout, LimbParameters, Recording
+from limb_systems import LimbModel, LimbParameters, Recording
 from limb_systems.drake_python import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -124,11 +124,13 @@ class Estimator:
         parameters: description of the limb.
     """
 
-    def __init__(self, parameters: LimbParameters):
-        self.parameters = parameters
-        model = self.model = ReducedModel(parameters)
+    def __init__(self, parameters: LimbParameters | LimbModel):
+        limb = LimbModel.of(parameters)
+        self.parameters = parameters = limb.parameters
+        model = self.model = ReducedModel(limb)
         H, W, F, h = model.size, model.num_wires, model.num_bends, model.period
-        layout, record = Layout(parameters), parameters.calibration
+        layout = limb.layout
+        record = parameters.calibration
         sensors = [parameters.segments[s].bend_sensor for s in layout.bend_segment]
         self._bends_of = layout.bends_of
         noise = np.maximum([sensor.noise for sensor in sensors], np.deg2rad(0.1))

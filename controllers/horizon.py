@@ -230,7 +230,7 @@ class HorizonProgram(QuasiStaticProgram):
         self._model = model
         counted = {name: getattr(task, name) for name in COUNTED}
         super().__init__(
-            model.parameters,
+            model.limb,
             times,
             model.held,
             Task(**counted, duty_hold=0.0),

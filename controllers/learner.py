@@ -23,7 +23,7 @@ from scipy.signal import detrend
 
 from controllers.duty_correction import READING_MARGIN, DutyCorrection, Errors
 from controllers.estimator import DRIFT_TIME
-from limb_systems import Layout, LimbError, Provenance, Recording, Trajectory
+from limb_systems import LimbError, LimbModel, Provenance, Recording, Trajectory
 from limb_systems.errors import raised_as
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.files.first_line import FirstLine
@@ -362,7 +362,8 @@ class Learner:
     def _seen(self, recording: Recording) -> Repetition:
         """Return what a recording says about a repetition."""
         limbs = self.trajectory.parameters, recording.parameters
-        planned, recorded = ((Layout(limb).num_bends, len(limb.wires)) for limb in limbs)
+        layouts = [LimbModel.of(limb).layout for limb in limbs]
+        planned, recorded = ((layout.num_bends, layout.num_wires) for layout in layouts)
         if planned != recorded:
             raise LimbError(
                 f"The recording is of {recorded[0]} bends and {recorded[1]} wires, but the "

@@ -10,7 +10,7 @@ from controllers.plan_controller import (
     planned_gains,
 )
 from controllers.reduced_model import ReducedModel
-from limb_systems import Layout, LimbParameters, Trajectory
+from limb_systems import LimbModel, LimbParameters, Trajectory
 from limb_systems.simulation import PERIOD
 
 PROPORTIONAL = 2.5  # 1/s
@@ -88,7 +88,7 @@ class PlanFeedback(PlanController):
         model = self._estimator.model
         self._planned_gains = planned_gains(model, self._plan)
         self._to_mean = np.zeros((model.num_wires, model.num_wires))
-        for wires in Layout(parameters).wires_of:
+        for wires in LimbModel.of(parameters).layout.wires_of:
             self._to_mean[wires, wires] = 1.0 / (wires.stop - wires.start)
         planned = self._plan.temperature
         self._planned_mean = self._mean(planned)

@@ -11,10 +11,10 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import nnls
 
-from limb_systems import Layout, LimbParameters
+from limb_systems import LimbModel, LimbParameters
 from limb_systems.simulation import PERIOD
 from limb_systems.smooth_function import SmoothFunction
-from limb_systems.statics import HeldAngles, mean_bend_by_temperature
+from limb_systems.statics import mean_bend_by_temperature
 
 
 class ReducedModel:
@@ -24,6 +24,7 @@ class ReducedModel:
     the rubber's memory, of which the first W are T, °C, and the readings, °C.
     Arrays have any number of points before their last axis.
 
+    - ``limb``: the `LimbModel`.
     - ``num_wires``, ``num_bends``, ``size``: W, F and H.
     - ``cold``: heat of wires that were never heated (H,).
     - ``scales``: typical changes of the heat (H,).
@@ -32,14 +33,15 @@ class ReducedModel:
     - ``bend_by_torque``: each bend by a torque on each of the joints that make it (F,), rad/(N·m).
 
     Args:
-        parameters: description of the limb.
+        parameters: the limb or its description.
         period: h of the steps, s.
     """
 
-    def __init__(self, parameters: LimbParameters, period: float = PERIOD):
-        self.parameters, self.period = parameters, period
-        layout = Layout(parameters)
-        self.held = HeldAngles(parameters, of_equal_angles=layout.is_planar)
+    def __init__(self, parameters: LimbParameters | LimbModel, period: float = PERIOD):
+        self.limb = model = LimbModel.of(parameters)
+        self.period = period
+        layout = model.layout
+        self.held = model.mean_angle_statics if layout.is_planar else model.statics
         wires = self._wires = self.held.wires
         W = self.num_wires = wires.num_wires
         self.num_bends = layout.num_bends
@@ -47,7 +49,7 @@ class ReducedModel:
         self.cold = np.concatenate([wires.cold_states, wires.cold_states[:W]])
         self.scales = wires.heat_scales
         _, to_bend = self.held.bends_of_angles.first(self.held.rest_angles)
-        in_bend = layout.shape > 0
+        in_bend = model.mechanics.shape > 0
         self.bend_by_torque = np.diag(to_bend @ self.held.compliance @ in_bend).copy()
         heat, duty = ca.SX.sym("y", self.size), ca.SX.sym("D", W)
         after = self._state_step(heat, duty)
@@ -74,7 +76,7 @@ class ReducedModel:
     @functools.cached_property
     def bend_by_temperature(self) -> np.ndarray:
         """`mean_bend_by_temperature` of the limb (F, W), rad/°C."""
-        return mean_bend_by_temperature(self.parameters, lambda T: self.bend_angle(self.heated(T)))
+        return mean_bend_by_temperature(self.limb, lambda T: self.bend_angle(self.heated(T)))
 
     @functools.cached_property
     def mean_gains(self) -> np.ndarray:

@@ -37,8 +37,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from limb_systems import (
-    Layout,
     LimbError,
+    LimbModel,
     LimbParameters,
     Recording,
     add_limb,
@@ -125,7 +125,8 @@ class Scene:
         inspector, plant = self._scene_graph.model_inspector(), self._plant
         context = self._scene_graph.GetMyMutableContextFromRoot(self._root)
         colors = iter(wire_color(parameters, temperature))
-        for segment, pieces in zip(parameters.segments, Layout(parameters).pieces, strict=True):
+        pieces_of = LimbModel.of(parameters).mechanics.pieces
+        for segment, pieces in zip(parameters.segments, pieces_of, strict=True):
             bodies = [plant.GetBodyByName(f"{prefix}{body}", instance) for body, _ in pieces]
             frames = [plant.GetBodyFrameIdOrThrow(body.index()) for body in bodies]
             for wire, color in zip(segment.wires, colors, strict=False):
@@ -166,7 +167,7 @@ class MotionScene(Scene):
         if self._robot is None:
             add_limb(plant, motion.parameters)
             center, radius = np.zeros(3), 1.1 * motion.parameters.length
-            to_eye = IN_PLANE if Layout(motion.parameters).is_planar else IN_SPACE
+            to_eye = IN_PLANE if motion.model.layout.is_planar else IN_SPACE
         else:
             add_robot(plant, self._robot)
             # Show all of the way.

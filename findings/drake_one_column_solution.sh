@@ -3,8 +3,9 @@
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
-${PYTHON:-python3} -m pip install --quiet --disable-pip-version-check --root-user-action ignore --target "$folder" drake==1.51.1
-PYTHONPATH="$folder" ${PYTHON:-python3} - <<'PY'
+${PYTHON:-python3} -m venv "$folder"
+"$folder/bin/pip" install --quiet --disable-pip-version-check drake==1.51.1
+"$folder/bin/python" - <<'PY'
 from importlib.metadata import version
 
 from pydrake.solvers import MathematicalProgram, Solve

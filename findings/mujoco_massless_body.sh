@@ -3,8 +3,9 @@
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
-${PYTHON:-python3} -m pip install --quiet --disable-pip-version-check --root-user-action ignore --target "$folder" mujoco-core==4.0.0
-PYTHONPATH="$folder" ${PYTHON:-python3} - <<'PY'
+${PYTHON:-python3} -m venv "$folder"
+"$folder/bin/pip" install --quiet --disable-pip-version-check mujoco-core==4.0.0
+"$folder/bin/python" - <<'PY'
 import mujoco
 import numpy as np
 

@@ -3,9 +3,10 @@
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
-${PYTHON:-python3} -m pip install --quiet --disable-pip-version-check --root-user-action ignore --target "$folder" \
+${PYTHON:-python3} -m venv "$folder"
+"$folder/bin/pip" install --quiet --disable-pip-version-check \
     drake==1.51.1 mujoco-core==4.0.0 pin==4.1.0 pybullet==3.2.7 dartpy==6.20.0 sapien==3.0.3 setuptools==80.9.0
-PYTHONPATH="$folder" ${PYTHON:-python3} - <<'PY'
+"$folder/bin/python" - <<'PY'
 """What Drake, MuJoCo, Pinocchio, PyBullet, DART and SAPIEN keep of one hinge in a file."""
 
 import tempfile

@@ -12,7 +12,7 @@ from hardware.board.link import HardwareError
 from hardware.board.serial_limb import DEADLINE, SerialLimb
 from hardware.board.several_boards import Link
 from hardware.firmware import guard
-from limb_systems import Layout, LimbParameters, LimbSystem, Trajectory
+from limb_systems import LimbModel, LimbParameters, LimbSystem, Trajectory
 from limb_systems.drake_python import weak_method
 from limb_systems.plan_band import Band, band
 from limb_systems.simulation import PERIOD
@@ -131,7 +131,7 @@ class Feed(LeafSystem):
             has_reference: whether there is an input for the bend angle that is asked for.
         """
         super().__init__()
-        layout = Layout(limb.parameters)
+        layout = LimbModel.of(limb.parameters).layout
         num_wires, num_bends = layout.num_wires, layout.num_bends
         sizes = {"duty": num_wires, "measured_temperature": num_wires, "bend_angle": num_bends}
         if limb.HasOutputPort("applied_duty"):

@@ -26,8 +26,8 @@ from hardware.firmware import guard
 from hardware.live_feed import LiveView, shown
 from limb_systems import (
     EmulatedLimb,
-    Layout,
     LimbError,
+    LimbModel,
     LimbSystem,
     Provenance,
     Recording,
@@ -223,7 +223,8 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
 def _check_controller(controller: System, limb: LimbSystem) -> None:
     """Raises ReplayError unless the limb has a port for each port of the controller."""
     name, num_wires = type(controller).__name__, len(limb.parameters.wires)
-    sizes = {"measured_temperature": num_wires, "bend_angle": Layout(limb.parameters).num_bends}
+    num_bends = LimbModel.of(limb.parameters).layout.num_bends
+    sizes = {"measured_temperature": num_wires, "bend_angle": num_bends}
     sizes["measurement"] = sum(sizes.values())
     if limb.HasOutputPort("body_pose"):
         sizes["body_pose"] = limb.GetOutputPort("body_pose").size()

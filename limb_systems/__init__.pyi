@@ -28,6 +28,7 @@ from .limb import (
     split_state,
     to_paper_state,
 )
+from .limb_model import LimbModel
 from .limb_parameters import (
     CalibrationRecord,
     EmulatedLimb,
@@ -72,6 +73,7 @@ __all__ = [
     "Limb",
     "LimbActuation",
     "LimbError",
+    "LimbModel",
     "LimbParameters",
     "LimbSystem",
     "LimbVisualizer",

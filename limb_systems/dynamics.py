@@ -3,15 +3,14 @@
 import casadi as ca
 import numpy as np
 
-from limb_systems.kinematics import Chain, rest_joint_angles
-from limb_systems.layout import Layout
-from limb_systems.limb_parameters import LimbParameters
-from limb_systems.smooth_function import SmoothFunction, stated_once
-from limb_systems.wires import Wires, limb_key
+from limb_systems.limb_mechanics import LimbMechanics
+from limb_systems.smooth_function import SmoothFunction
+from limb_systems.symbolic_chain import Chain
+from limb_systems.wires import Wires
 
 
 def equation_of_motion(
-    parameters: LimbParameters,
+    mechanics: LimbMechanics,
     wires: Wires,
     angles: ca.SX,
     rates: ca.SX,
@@ -26,16 +25,16 @@ def equation_of_motion(
     of nonlinear rubber (4).
 
     Args:
-        parameters: description of the limb.
+        mechanics: joints and bodies of the limb.
         wires: the limb's wires.
         angles, rates, accelerations: θ, θ̇ and θ̈ (n,), rad, rad/s and rad/s².
         states: x (N,) of the wires.
     """
-    layout = Layout(parameters)
-    gravity = ca.DM(parameters.gravity)
-    inertia = Chain(layout, angles).inverse_dynamics(rates, accelerations, gravity)
-    springs = ca.DM(layout.stiffness) * (angles - ca.DM(rest_joint_angles(parameters)))
-    return inertia + springs + ca.DM(layout.damping) * rates - wires.symbolic_force(states, angles)
+    gravity = ca.DM(mechanics.gravity)
+    inertia = Chain(mechanics, angles).inverse_dynamics(rates, accelerations, gravity)
+    springs = ca.DM(mechanics.stiffness) * (angles - ca.DM(mechanics.rest_angles))
+    damping = ca.DM(mechanics.damping) * rates
+    return inertia + springs + damping - wires.symbolic_force(states, angles)
 
 
 class Dynamics:
@@ -43,32 +42,39 @@ class Dynamics:
 
     Points are [θ, θ̇, x] (..., 2n + N), with any number of points before the last axis.
 
+    - ``mechanics``, ``wires``: joints and bodies of the limb, and its wires.
     - ``num_joints``, ``num_states``: n and N.
     - ``residual``: the residual r (n,), N·m, of `equation_of_motion` as a CasADi function of θ, θ̇,
       x and θ̈.
     - ``by_state``, ``by_motion``: the same as a `SmoothFunction` of points and θ̈, and of
       [θ, θ̇, θ̈] and x.
+    - ``at_rest``: the residual without motion, of [θ, x].
     - ``acceleration_to_angle``: K⁻¹ M(0) (n, n), s²: static deflections for accelerations.
 
     Args:
-        parameters: description of the limb.
+        mechanics: joints and bodies of the limb.
+        wires: its wires.
     """
 
-    def __init__(self, parameters: LimbParameters):
-        wires = Wires(parameters)
-        self.num_joints = n = parameters.num_joints
+    def __init__(self, mechanics: LimbMechanics, wires: Wires):
+        self.mechanics = mechanics
+        self.wires = wires
+        self.num_joints = n = mechanics.layout.num_joints
         self.num_states = wires.num_states
         q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
         x = ca.SX.sym("x", wires.num_states)
-        residual = equation_of_motion(parameters, wires, q, v, a, x)
+        residual = equation_of_motion(mechanics, wires, q, v, a, x)
         self.residual = ca.Function("residual", [q, v, x, a], [residual])
         self.by_state = SmoothFunction(residual, ca.vertcat(q, v, x), a)
         self.by_motion = SmoothFunction(residual, ca.vertcat(q, v, a), x)
+        no_motion = ca.SX(n, 1)
+        at_rest = self.residual(q, no_motion, x, no_motion)
+        self.at_rest = SmoothFunction(at_rest, ca.vertcat(q, x))
         still = ca.substitute(residual, a, ca.SX.zeros(n))
         mass = ca.vec(ca.jacobian(residual, a))
         self._mass_and_load = SmoothFunction(ca.vertcat(still, mass), ca.vertcat(q, v, x))
         straight = self.mass_and_load(np.zeros(2 * n + wires.num_states))[0]
-        self.acceleration_to_angle = straight / Layout(parameters).stiffness[:, None]
+        self.acceleration_to_angle = straight / mechanics.stiffness[:, None]
 
     def mass_and_load(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """M (..., n, n), kg·m², and the residual without acceleration (..., n), N·m."""
@@ -80,8 +86,3 @@ class Dynamics:
         """θ̈ (..., n), rad/s²."""
         mass, load = self.mass_and_load(points)
         return -np.linalg.solve(mass, load[..., None])[..., 0]
-
-
-def dynamics_of(parameters: LimbParameters) -> Dynamics:
-    """Return the `Dynamics` of a limb, which are stated once."""
-    return stated_once((Dynamics, *limb_key(parameters)), lambda: Dynamics(parameters))

@@ -20,7 +20,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from limb_systems.kinematics import rest_joint_angles
-from limb_systems.layout import Layout
+from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters, ParameterError
 from limb_systems.wire_blocks import add_wires
 from limb_systems.wire_laws.linear import LinearLaw
@@ -221,8 +221,9 @@ def add_joint_springs(
     plant: MultibodyPlant, joints: Sequence[RevoluteJoint], parameters: LimbParameters
 ) -> None:
     """Adds the spring of each joint (n) to a plant, and puts the joints to rest by default."""
-    rest_angles, stiffness = rest_joint_angles(parameters), Layout(parameters).stiffness
-    for joint, rest_angle, k in zip(joints, rest_angles, stiffness, strict=True):
+    mechanics = LimbModel.of(parameters).mechanics
+    springs = zip(joints, mechanics.rest_angles, mechanics.stiffness, strict=True)
+    for joint, rest_angle, k in springs:
         joint.set_default_angle(rest_angle)
         plant.AddForceElement(RevoluteSpring(joint, rest_angle, k))
 
@@ -258,7 +259,8 @@ def _check_model(
             f"The model instance of the limb {name!r} has other bodies, too: {', '.join(others)}; "
             "give them a model instance of their own, by plant.AddModelInstance."
         )
-    joints, layout = _checked_joints(plant, limb, parameters), Layout(parameters)
+    joints = _checked_joints(plant, limb, parameters)
+    mechanics = LimbModel.of(parameters).mechanics
     indices = map(ForceElementIndex, range(plant.num_force_elements()))
     elements = map(plant.get_force_element, indices)
     springs = {e.joint().index(): e for e in elements if isinstance(e, RevoluteSpring)}
@@ -278,8 +280,8 @@ def _check_model(
     mass = sum(body.default_mass() for body in bodies)
     names = [f"stiffness of {joint.name()}" for joint in joints]
     for what, unit, found, described in (
-        ("mass", "kg", mass, layout.body_masses.sum()),
-        *zip(names, ["N·m/rad"] * len(names), stiffness, layout.stiffness, strict=True),
+        ("mass", "kg", mass, mechanics.body_masses.sum()),
+        *zip(names, ["N·m/rad"] * len(names), stiffness, mechanics.stiffness, strict=True),
     ):
         if not np.isclose(found, described, rtol=1e-6):
             raise ParameterError(
@@ -302,9 +304,10 @@ def check_step(
         joints: the joints (n) that the parameters describe.
         parameters: description of the limb.
     """
-    step, layout = plant.time_step(), Layout(parameters)
+    step = plant.time_step()
+    mechanics = LimbModel.of(parameters).mechanics
     excess = np.zeros(plant.num_velocities())
-    of_joints = step * (step * layout.stiffness - 2 * layout.damping)
+    of_joints = step * (step * mechanics.stiffness - 2 * mechanics.damping)
     excess[[joint.velocity_start() for joint in joints]] = of_joints
     mass = 4 * plant.CalcMassMatrix(plant.CreateDefaultContext())
     import scipy.linalg  # takes long to import
@@ -314,7 +317,7 @@ def check_step(
             f"The limbs are too stiff for their mass and damping to be simulated in steps of "
             f"{1e3 * step:g} ms: their fastest mode is {highest:.2f} times as stiff as it may be; "
             f"give the plant a smaller time_step, or the segments a damping of "
-            f"{0.6 * step * layout.stiffness.max():.2g} N·m·s/rad, if that is possible."
+            f"{0.6 * step * mechanics.stiffness.max():.2g} N·m·s/rad, if that is possible."
         )
 
 
@@ -357,11 +360,13 @@ def from_paper_state(parameters: LimbParameters, paper_state: ArrayLike) -> np.n
 
 
 def split_state(
-    parameters: LimbParameters, state: ArrayLike
+    parameters: LimbParameters | LimbModel, state: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """θ (n), θ̇ (n), x (N) and V (W) of a state of `Limb`, each (.., K); x begins with T (W)."""
-    n, num_wires = parameters.num_joints, len(parameters.wires)
-    angles, rates, wire, measured = np.split(np.asarray(state, float), [n, 2 * n, -num_wires])
+    layout = LimbModel.of(parameters).layout
+    n = layout.num_joints
+    ends = [n, 2 * n, -layout.num_wires]
+    angles, rates, wire, measured = np.split(np.asarray(state, float), ends)
     return angles, rates, wire, measured
 
 

@@ -438,6 +438,27 @@ class LimbParameters(Described):
         ]
 
     @property
+    def segment_suffixes(self) -> list[str]:
+        """Suffix of each segment in names of signals, such as ``_2`` or ``_rear``.
+
+        It is empty for a limb of one segment without a name.
+        """
+        several = len(self.segments) > 1
+        return [
+            f"_{segment.name or number}" if segment.name or several else ""
+            for number, segment in enumerate(self.segments, 1)
+        ]
+
+    @property
+    def bend_suffixes(self) -> list[str]:
+        """Suffix of each bend, such as ``_2_e3``; without an axis if its segment has only one."""
+        suffixes: list[str] = []
+        for segment, suffix in zip(self.segments, self.segment_suffixes, strict=True):
+            axes = [""] if segment.axes == 1 else ["_e2", "_e3"]
+            suffixes += [suffix + axis for axis in axes]
+        return suffixes
+
+    @property
     def heat_bounds(self) -> list[HeatBounds]:
         """Heat bounds of all wires (W): as calibrated, or else around their laws.
 

@@ -6,7 +6,6 @@ from statistics import NormalDist
 import numpy as np
 
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.layout import Layout
 from limb_systems.limb import split_state
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.monte_carlo import OpenLoop, draw_ensemble, stacked
@@ -74,7 +73,7 @@ def band(trajectory: Trajectory) -> Band | None:
     """
     parameters, plan = trajectory.parameters, trajectory.since_start()
     record = parameters.calibration
-    if record is None or not record.bend_error or Layout(parameters).num_bends > 1:
+    if record is None or not record.bend_error or plan.model.layout.num_bends > 1:
         return None
     num_steps = max(1, int(np.ceil(plan.duration / STEP)))
     ends = np.linspace(0.0, plan.duration, num_steps + 1)

@@ -5,8 +5,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from limb_systems.kinematics import rest_joint_angles
-from limb_systems.layout import Layout
+from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
 
 REST_SCALE = 0.03  # rad, a typical change of the bend angle at rest
@@ -35,33 +34,35 @@ class NonlinearRubber:
 
     Args:
         parameters: description of the limb.
+        mechanics: its joints.
     """
 
-    def __init__(self, parameters: LimbParameters):
-        layout = Layout(parameters)
-        num_joints, num_wires = layout.num_joints, layout.num_wires
+    def __init__(self, parameters: LimbParameters, mechanics: LimbMechanics):
+        layout = mechanics.layout
+        num_joints = layout.num_joints
+        num_wires = layout.num_wires
         num_shifts = sum(s.axes for s in parameters.segments if s.rest_memory is not None)
         self.state_names: list[str] = []
         self.remembers = num_shifts > 0
-        self._rest = rest_joint_angles(parameters)
+        self._rest = mechanics.rest_angles
         self._cubic = np.zeros(num_joints)
         self._force_by_shift = np.zeros((num_joints, num_shifts))
         self.bend_by_torque = np.zeros(num_wires)
         self._pace, self._towards = np.zeros((2, num_shifts, num_wires))
         for bend, (joints, suffix) in enumerate(
-            zip(layout.bend_joints, layout.bend_suffixes, strict=True)
+            zip(layout.bend_joints, parameters.bend_suffixes, strict=True)
         ):
             number = layout.bend_segment[bend]
             segment, wires = parameters.segments[number], layout.wires_of[number]
-            equal = layout.chains[number].equal_angle
+            equal = mechanics.chains[number].equal_angle
             at_45 = equal * (np.pi / 4)
             self._cubic[joints] = segment.stiffness * segment.stiffening / at_45**2
             memory, row = segment.rest_memory, len(self.state_names)
             if memory is None:
                 continue
             self.state_names.append(f"rest_shift{suffix}")
-            lever = layout.levers[joints[0], wires]
-            torque_by_bend = layout.stiffness[joints] * equal
+            lever = mechanics.levers[joints[0], wires]
+            torque_by_bend = mechanics.stiffness[joints] * equal
             self._force_by_shift[joints, row] = torque_by_bend
             self.bend_by_torque[wires] = np.hypot(
                 self.bend_by_torque[wires], lever / torque_by_bend[0]
@@ -71,7 +72,7 @@ class NonlinearRubber:
             share = np.sign(lever) if segment.axes == 1 else lever
             self._towards[row, wires] = memory.rate * memory.shift * share
         self.stiffens = bool(self._cubic.any())
-        bends = np.flatnonzero(layout.shape.any(axis=1))
+        bends = np.flatnonzero(mechanics.shape.any(axis=1))
         self._same_link = np.zeros((num_joints, num_joints))
         links = layout.link_of_joint[bends]
         self._same_link[np.ix_(bends, bends)] = links[:, None] == links

@@ -207,7 +207,7 @@ def _operation(code: int) -> tuple[str, Callable[..., Any]]:
     )
 
 
-_MOST_STATED = 16
+_MOST_STATED = 48
 _STATED: dict[Hashable, Any] = {}
 T = TypeVar("T")
 

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.layout import Layout
 from limb_systems.simulation import PERIOD
 
 
@@ -61,7 +60,7 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
     samples = _samples(plan, recordings)
     errors = np.concatenate(
         [
-            Layout(plan.parameters).distances(plan.bend_angle_at(times) - bend).ravel()
+            plan.model.layout.distances(plan.bend_angle_at(times) - bend).ravel()
             for times, bend in samples
         ]
     )
@@ -99,7 +98,7 @@ def reference_distances(
     wanted = plan.interpolated(plan.reference, times)
 
     def distance(bend: np.ndarray) -> float:
-        return float(Layout(plan.parameters).distances(wanted - bend).mean())
+        return float(plan.model.layout.distances(wanted - bend).mean())
 
     return ReferenceDistances(
         done=distance(np.hstack([bend for _, bend in samples])) if recordings else None,
@@ -115,8 +114,8 @@ def true_bend(recording: Recording) -> Recording:
         recording: emulated limb's, with its ``joint_state``.
     """
     assert recording.joint_state is not None
-    limb = recording.parameters
-    bend = Layout(limb).recorded_bend_angle(recording.joint_state[: limb.num_joints])
+    angles = recording.joint_state[: recording.parameters.num_joints]
+    bend = recording.model.mechanics.recorded_bend_angle(angles)
     return dataclasses.replace(recording, bend_angle=bend)
 
 

@@ -24,7 +24,7 @@ from pydrake.systems.primitives import AffineSystem, Integrator, MatrixGain, Mul
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from limb_systems.drake_python import weak_method
-from limb_systems.layout import Layout
+from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters, ParameterError
 from limb_systems.wires import Wires
 
@@ -42,10 +42,10 @@ class JouleHeating(AffineSystem):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(self, parameters: LimbParameters):
+    def __init__(self, parameters: LimbParameters | LimbModel):
         """
         Args:
-            parameters: description of the limb.
+            parameters: the limb or its description.
 
         Raises:
             ParameterError: if the heat of a wire is not linear.
@@ -69,10 +69,10 @@ class ThermocoupleLag(AffineSystem):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(self, parameters: LimbParameters):
+    def __init__(self, parameters: LimbParameters | LimbModel):
         """
         Args:
-            parameters: description of the limb.
+            parameters: the limb or its description.
 
         Raises:
             ParameterError: if the heat of a wire is not linear.
@@ -86,7 +86,7 @@ class ThermocoupleLag(AffineSystem):
             f0=wires.reading_rates(np.zeros(W), np.zeros(N)),
             C=np.eye(W),
         )
-        self.configure_default_state(np.full(W, parameters.ambient_temperature))
+        self.configure_default_state(np.full(W, wires.ambient_temperature))
 
 
 class TorqueMap(AffineSystem):
@@ -102,22 +102,23 @@ class TorqueMap(AffineSystem):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(self, parameters: LimbParameters):
+    def __init__(self, parameters: LimbParameters | LimbModel):
         """
         Args:
-            parameters: description of the limb.
+            parameters: the limb or its description.
 
         Raises:
             ParameterError: if the torque of a wire is not linear.
         """
-        wires, n = _affine(parameters, "torque_is_affine", "torque"), parameters.num_joints
+        wires = _affine(parameters, "torque_is_affine", "torque")
+        n = len(wires.levers)
         nothing, straight = np.zeros(wires.num_states), np.zeros(n)
         _, slopes = wires.force.first(np.concatenate([nothing, straight]))
         super().__init__(D=slopes[:, : wires.num_states], y0=wires.forces(nothing, straight))
 
 
-def _affine(parameters: LimbParameters, property_name: str, what: str) -> Wires:
-    wires = Wires(parameters)
+def _affine(parameters: LimbParameters | LimbModel, property_name: str, what: str) -> Wires:
+    wires = LimbModel.of(parameters).wires
     if not getattr(wires, property_name):
         raise ParameterError(
             f"The {what} of a wire of this limb is not linear; make_blocks makes the blocks of "
@@ -207,20 +208,22 @@ class LawDynamics(Diagram):
         builder.BuildInto(self)
 
 
-def make_blocks(parameters: LimbParameters) -> tuple[System, System, System]:
+def make_blocks(parameters: LimbParameters | LimbModel) -> tuple[System, System, System]:
     """The blocks of heat, measurement and torque, affine if the wires' laws are."""
-    wires, n = Wires(parameters), parameters.num_joints
+    model = LimbModel.of(parameters)
+    wires = model.wires
+    n = model.layout.num_joints
     heating: System
     lag: System
     torque_map: System
     if wires.rates_are_affine:
-        heating, lag = JouleHeating(parameters), ThermocoupleLag(parameters)
+        heating, lag = JouleHeating(model), ThermocoupleLag(model)
     else:
         cold = wires.cold_states
         heating = LawDynamics(wires.rates, wires.num_wires, cold)
         lag = LawDynamics(wires.reading_rates, wires.num_states, cold[: wires.num_wires])
     if wires.torque_is_affine:
-        torque_map = TorqueMap(parameters)
+        torque_map = TorqueMap(model)
     elif wires.torque_needs_angle:
         torque_map = VectorFunction(
             lambda states, joint_state: wires.forces(states, joint_state[:n]),
@@ -236,27 +239,29 @@ def make_blocks(parameters: LimbParameters) -> tuple[System, System, System]:
 
 
 def add_wires(
-    builder: DiagramBuilder, parameters: LimbParameters, joint_state: OutputPort
+    builder: DiagramBuilder, parameters: LimbParameters | LimbModel, joint_state: OutputPort
 ) -> tuple[dict[str, OutputPort], InputPort]:
     """Adds the blocks of Fig. 3 about mechanics, and exports the outputs 0 to 4 of `Limb`.
 
     Args:
         builder: builder of the diagram that has the mechanics.
-        parameters: description of the limb, or of all limbs of a robot together.
+        parameters: the limb, or all limbs of a robot together.
         joint_state: [θ, θ̇] (2n) of the mechanics, rad and rad/s.
 
     Returns:
         Output ports by name, with ``torque`` on the joints (n), N·m, which is not exported; and
         the input port of the duty, which is neither connected nor exported.
     """
-    layout = Layout(parameters)
+    model = LimbModel.of(parameters)
+    layout = model.layout
     n, num_wires, num_bends = layout.num_joints, layout.num_wires, layout.num_bends
-    heating, lag, torque_map = make_blocks(parameters)
+    heating, lag, torque_map = make_blocks(model)
     builder.AddNamedSystem("joule_heating", heating)
     builder.AddNamedSystem("thermocouple_lag", lag)
     builder.AddNamedSystem("torque_map", torque_map)
     bend = builder.AddNamedSystem(
-        "bend_angle", VectorFunction(lambda state: layout.bend_angle(state[:n]), [2 * n], num_bends)
+        "bend_angle",
+        VectorFunction(lambda state: model.mechanics.bend_angle(state[:n]), [2 * n], num_bends),
     )
     measurement = builder.AddSystem(Multiplexer([num_wires, num_bends]))
     wire_state = wire_temperature = heating.get_output_port()

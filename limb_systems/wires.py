@@ -1,16 +1,14 @@
 """All wires of a limb in their rubber: the heat (6)-(7) and the forces (4), stated in symbols."""
 
-import dataclasses
-from collections.abc import Hashable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from limb_systems.layout import Layout
+from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.rubber import REST_SCALE, NonlinearRubber
-from limb_systems.smooth_function import SmoothFunction, stated_once
+from limb_systems.smooth_function import SmoothFunction
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, runge_kutta
 
 LONGEST_STEP = 0.1  # s, of an integration
@@ -26,11 +24,12 @@ class Wires:
     axis and any number of points before it.
 
     - ``num_wires``, ``num_states``: W and N.
+    - ``ambient_temperature``: T0, °C.
     - ``state_names``: such as ``S_left``, N.
     - ``heat_scales``: typical changes of the states and of the readings (N + W,).
     - ``cold_states``: states of wires that were never heated (N,).
     - ``settles``: true where a state is no memory (N,).
-    - ``levers``: B, direction of the wires' torque on the joints (n, W), from `Layout`.
+    - ``levers``: B, direction of the wires' torque on the joints (n, W), from `LimbMechanics`.
     - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
     - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
     - ``laws_need_angle``: whether the torque of any law depends on the angle that its wire sees.
@@ -42,17 +41,13 @@ class Wires:
 
     Args:
         parameters: description of the limb.
+        mechanics: its joints.
     """
 
-    def __init__(self, parameters: LimbParameters):
-        key = Wires, *limb_key(parameters)
-        self.__dict__.update(stated_once(key, lambda: self._stated(parameters)))
-
-    def _stated(self, parameters: LimbParameters) -> dict[str, Any]:
-        """The attributes of all `Wires` of a limb."""
+    def __init__(self, parameters: LimbParameters, mechanics: LimbMechanics):
         laws = [wire.law for wire in parameters.wires]
         self.num_wires = len(laws)
-        self._ambient = parameters.ambient_temperature
+        self.ambient_temperature = parameters.ambient_temperature
         columns: list[list[int]] = [[] for _ in laws]
         names: list[str] = []
         scales: list[float] = []
@@ -66,10 +61,10 @@ class Wires:
                     columns[index].append(len(names))
                     names.append(f"{state}_{name}")
                     scales.append(scale)
-                    cold.append(law.cold_states(self._ambient)[number])
+                    cold.append(law.cold_states(self.ambient_temperature)[number])
                     ranges.append(law.memory.get(state, (-np.inf, np.inf)))
                     remembers.append(state in law.memory)
-        self._rubber = rubber = NonlinearRubber(parameters)
+        self._rubber = rubber = NonlinearRubber(parameters, mechanics)
         self._first_shift, num_shifts = len(names), len(rubber.state_names)
         names += rubber.state_names
         scales += [REST_SCALE] * num_shifts
@@ -81,15 +76,15 @@ class Wires:
         self._ranges = np.array(ranges).T
         self.settles = ~np.array([*remembers, *[True] * num_shifts])
         self._laws, self._columns = laws, columns
-        layout = Layout(parameters)
-        self.levers, self._links = layout.levers, layout.link_of_joint
+        self.levers = mechanics.levers
+        self._links = mechanics.layout.link_of_joint
         x, V, D, q = (
             ca.SX.sym(name, size)
             for name, size in (
                 ("x", self.num_states),
                 ("V", self.num_wires),
                 ("D", self.num_wires),
-                ("q", layout.num_joints),
+                ("q", mechanics.layout.num_joints),
             )
         )
         rates, reading_rates = self._state_heat(x, V, D)
@@ -104,17 +99,18 @@ class Wires:
         self.rates_are_affine = ca.is_linear(ca.vertcat(rates, reading_rates), ca.vertcat(x, V, D))
         self.torque_needs_angle = ca.depends_on(force, q)
         self.laws_need_angle = self.torque_needs_angle and any(
-            np.isnan(law.torque(law.cold_states(self._ambient), self._ambient, np.nan))
+            np.isnan(
+                law.torque(
+                    law.cold_states(self.ambient_temperature), self.ambient_temperature, np.nan
+                )
+            )
             for law in laws
         )
         self.torque_is_affine = not self.torque_needs_angle and ca.is_linear(force, x)
-        # A copy: the collector of Python 3.13 takes what only an object's own dictionary holds for
-        # garbage as soon as the object itself is, whoever else has the dictionary.
-        return dict(vars(self))
 
     def _state_heat(self, x: ca.SX, V: ca.SX, D: ca.SX) -> tuple[ca.SX, ca.SX]:
         """ẋ (N,) by (6) and the memory of the rubber, and V̇ (W,) by (7)."""
-        T0, rates = self._ambient, ca.SX.zeros(self.num_states)
+        T0, rates = self.ambient_temperature, ca.SX.zeros(self.num_states)
         torque_rates, reading_rates = [], []
         for wire, (law, columns) in enumerate(zip(self._laws, self._columns, strict=True)):
             own = [x[column] for column in columns]
@@ -144,7 +140,7 @@ class Wires:
                 levers = ca.DM(self.levers[joints, wire])
                 if not levers.is_zero():
                     own = [x[column] for column in columns]
-                    torque = law.torque(own, self._ambient, ca.dot(levers, q[joints]))
+                    torque = law.torque(own, self.ambient_temperature, ca.dot(levers, q[joints]))
                     force[joints] += levers * torque
         return force
 
@@ -264,29 +260,18 @@ class Wires:
         """The states (N,) by the laws' `warm_states`."""
         states = self.cold_states.copy()
         for law, columns, T in zip(self._laws, self._columns, temperature, strict=True):
-            states[columns] = law.warm_states(T, self._ambient)
+            states[columns] = law.warm_states(T, self.ambient_temperature)
         return states
 
     def _with_settled_rubber(self, states: np.ndarray) -> np.ndarray:
         """The states (N,) with the memory of the rubber as it settles under the wires' torques."""
-        T0 = self._ambient
+        T0 = self.ambient_temperature
         gained = [
             law.torque(states[columns], T0, 0.0) - law.torque(law.cold_states(T0), T0, 0.0)
             for law, columns in zip(self._laws, self._columns, strict=True)
         ]
         states[self._first_shift :] = self._rubber.settled(np.array(gained, float))
         return states
-
-
-def limb_key(parameters: LimbParameters) -> tuple[Hashable, ...]:
-    """Return what tells a limb from others whose equations differ, for `stated_once`."""
-    plain = dataclasses.replace(parameters, calibration=None)
-    return repr(plain), *(type(wire.law) for wire in parameters.wires)
-
-
-def num_wire_states(parameters: LimbParameters) -> int:
-    """N, the number of states of all wires' laws and of the rubber, without the readings."""
-    return Wires(parameters).num_states
 
 
 def _joined(one: np.ndarray, other: np.ndarray) -> np.ndarray:

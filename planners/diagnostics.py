@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from limb_systems import Layout, Trajectory
-from limb_systems.statics import HeldAngles
+from limb_systems import Trajectory
 from limb_systems.views.plots import WIDTH, Figure, dress
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE
-from limb_systems.wires import num_wire_states
 from planners.task import Task
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import TrajectoryProgram
@@ -22,21 +20,23 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     others look the same.
     """
     parameters, time = trajectory.parameters, trajectory.time
-    n, num_states = parameters.num_joints, num_wire_states(parameters)
+    model = trajectory.model
+    n = model.layout.num_joints
+    num_states = model.wires.num_states
     figure = Figure(figsize=(WIDTH, 8.5), layout="constrained")
     defects_axis, room_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
 
     sizes = {"θ": n, "θ̇": n, "wires": num_states, "V": len(parameters.wires)}
     program: TrajectoryProgram | QuasiStaticProgram
     block: ConstraintBlock
-    if Layout(parameters).is_planar:
-        program = TrajectoryProgram(parameters, time)
+    if model.layout.is_planar:
+        program = TrajectoryProgram(model, time)
         block, x = program.defects, program.variables(trajectory.state, trajectory.duty)
         motion, heat = (block.evaluate(x) for block in program.blocks)
         places = block.rows % (len(time) - 1) * 2 * n + block.rows // (len(time) - 1)
         defects = np.vstack([motion.reshape(2 * n, -1), heat.reshape(len(time) - 1, -1).T])
     else:  # which has heat alone
-        program = QuasiStaticProgram(parameters, time, HeldAngles(parameters), Task())
+        program = QuasiStaticProgram(model, time, model.statics, Task())
         block, x = program.blocks[0], program.variables(trajectory.state[2 * n :], trajectory.duty)
         defects, places = block.evaluate(x).reshape(len(time) - 1, -1).T, block.rows
         sizes = {"wires": num_states, "V": len(parameters.wires)}

@@ -3,7 +3,6 @@
 import numpy as np
 
 from limb_systems import LimbError, Trajectory, split_state
-from limb_systems.statics import HeldAngles
 from planners.task import Task
 from planners.transcription.quasi_static import solve_quasi_static
 
@@ -26,31 +25,30 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
     Returns:
         φ (F, K), rad, and T (W, K), °C, at the knots; None if there is no such plan.
     """
-    parameters, plan = trajectory.parameters, trajectory.since_start()
+    plan = trajectory.since_start()
+    model = plan.model
     num_knots = min(len(plan.time), int(np.ceil(plan.duration * KNOT_RATE)) + 1)
     times = np.linspace(0.0, plan.duration, max(2, num_knots))
     reference = plan.interpolated(plan.reference, times)
-    warm_up = max(0.0, parameters.temperature_limits.warm_up_time - float(trajectory.time[0]))
-    states, readings = split_state(parameters, plan.state_trajectory().vector_values(times))[2:]
+    warm_up = max(0.0, model.parameters.temperature_limits.warm_up_time - float(trajectory.time[0]))
+    states, readings = split_state(model, plan.state_trajectory().vector_values(times))[2:]
     heat, duty = np.vstack([states, readings]), plan.duty_trajectory().vector_values(times)
     try:
-        held = HeldAngles(parameters)
         heat, _ = solve_quasi_static(
-            parameters,
+            model,
             times,
             reference,
             heat[:, 0],
-            held,
             NEAREST,
             warm_up,
             start=(heat, np.clip(duty, 0.0, 1.0)),
         )
     except LimbError:  # infeasible, or the limb folds
         return None
-    bend = held.values(heat[: len(states)].T).T
+    bend = model.statics.values(heat[: len(states)].T).T
     bend, temperature = (
         np.array([np.interp(plan.time, times, row) for row in rows])
-        for rows in (bend, heat[: held.wires.num_wires])
+        for rows in (bend, heat[: model.wires.num_wires])
     )
     return bend, temperature
 

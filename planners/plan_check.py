@@ -7,20 +7,18 @@ from numpy.typing import ArrayLike
 
 from limb_systems import (
     ActiveConstraint,
-    Layout,
     Limb,
     LimbError,
-    LimbParameters,
+    LimbModel,
     Trajectory,
     bend_angle,
     simulate,
 )
-from limb_systems.dynamics import dynamics_of
 from limb_systems.files.signal_table import stretches
 from limb_systems.simulation import (
     sample_count,
 )
-from limb_systems.statics import HeldAngles, static_equilibrium
+from limb_systems.statics import static_equilibrium
 from limb_systems.tracking import reference_distances
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE
 from planners.radau import simulate_plan
@@ -54,13 +52,13 @@ def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarra
         Times (M,), s, and the largest difference of a segment (M,), rad.
     """
     rate = max(CHECK_RATE, 1 / np.diff(trajectory.time).min())
-    parameters, plan = trajectory.parameters, trajectory.since_start()
+    plan = trajectory.since_start()
     times = np.arange(sample_count(plan.duration, rate)) / rate
     try:
-        simulated = bend_angle(parameters, simulate_plan(plan, times))
+        simulated = bend_angle(plan.model, simulate_plan(plan, times))
     except LimbError:  # the equations turn too suddenly; Drake's error control gets over that
         recording = simulate(
-            Limb(parameters),
+            Limb(plan.parameters),
             plan,
             sample_rate=rate,
             accuracy=CHECK_ACCURACY,
@@ -76,16 +74,18 @@ def swings(trajectory: Trajectory) -> str | None:
 
     Such a plan leaves out the inertia of the chain. Of the damping it keeps the delay alone.
     """
-    parameters, layout = trajectory.parameters, Layout(trajectory.parameters)
-    if layout.is_planar:
+    model = trajectory.model
+    if model.layout.is_planar:
         return None
-    held, dynamics = HeldAngles(parameters), dynamics_of(parameters)
-    at_rest = np.zeros(2 * parameters.num_joints + dynamics.num_states)
-    at_rest[: parameters.num_joints] = held.rest_angles
+    held = model.statics
+    dynamics = model.dynamics
+    mechanics = model.mechanics
+    at_rest = np.zeros(2 * dynamics.num_joints + dynamics.num_states)
+    at_rest[: dynamics.num_joints] = held.rest_angles
     mass = dynamics.mass_and_load(at_rest)[0]
     slowest = np.linalg.eigvals(held.compliance @ mass).real.max()
     first_mode = 1 / (2 * np.pi * np.sqrt(slowest))  # Hz
-    lag = (layout.damping / layout.stiffness).max()
+    lag = (mechanics.damping / mechanics.stiffness).max()
     rates = np.diff(trajectory.bend_angle) / np.diff(trajectory.time)
     ringing = np.sqrt(slowest) * np.abs(np.diff(rates, prepend=0.0)).max()
     reasons = [
@@ -129,8 +129,9 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
     else:
         bend, knot = map(int, np.unravel_index(np.argmax(distance), distance.shape))
     asked, has = np.rad2deg([reference[bend, knot], planned[bend, knot]])
-    time, layout = trajectory.time[knot], Layout(trajectory.parameters)
-    of_bend = f" of segment {layout.bend_segment[bend] + 1}" if len(layout.chains) > 1 else ""
+    time = trajectory.time[knot]
+    layout = trajectory.model.layout
+    of_bend = f" of segment {layout.bend_segment[bend] + 1}" if len(layout.bends_of) > 1 else ""
     if not layout.is_planar:
         of_bend += f" towards {('E2', 'E3')[layout.bend_direction[bend]]}"
     average, most = np.rad2deg([mean, distance.max()])
@@ -144,7 +145,7 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
         if constraint.start <= time <= constraint.end
     ]
     said += f", where limits are {', '.join(active)}." if active else ", where no limit is active."
-    reach = _reach(trajectory.parameters, bend)
+    reach = _reach(trajectory.model, bend)
     if reach is not None:
         said += (
             f" With wires between T_warm and T_max, this limb can hold {reach[0]:.1f}° to "
@@ -153,18 +154,18 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
     return said + " Ask for less, or for a slower motion."
 
 
-def _reach(parameters: LimbParameters, bend: int) -> np.ndarray | None:
+def _reach(model: LimbModel, bend: int) -> np.ndarray | None:
     """Return the least and the largest bend that wires can hold (2,), degrees; None if unknown."""
-    limits, layout = parameters.temperature_limits, Layout(parameters)
-    sides = np.sign(layout.levers[layout.bend_joints[bend][0]])
+    limits = model.parameters.temperature_limits
+    sides = np.sign(model.mechanics.levers[model.layout.bend_joints[bend][0]])
     held = []
     for side in (-1, 1):
         temperature = np.where(sides == side, limits.maximum, limits.warm)
         try:
-            angles, _ = static_equilibrium(parameters, temperature)
+            angles, _ = static_equilibrium(model, temperature)
         except LimbError:
             return None  # it folds
-        held.append(bend_angle(parameters, angles[:, None])[bend, 0])
+        held.append(bend_angle(model, angles[:, None])[bend, 0])
     return np.rad2deg(held)
 
 
@@ -185,7 +186,7 @@ def active_constraints(
     near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE
     hottest, fullest = limits.maximum - task.temperature_margin, 1.0 - task.duty_margin
     hottest_name = f"T_max - {task.temperature_margin:g} °C" if task.temperature_margin else "T_max"
-    highest = reading_bounds(trajectory.parameters, measured_margin)
+    highest = reading_bounds(trajectory.model, measured_margin)
     bounds: list[tuple[str, np.ndarray]] = []
     for index, name in enumerate(names):
         reading = trajectory.measured_temperature[index]

@@ -11,14 +11,15 @@ from pydrake import trajectories
 from pydrake.solvers import SolverInterface
 
 from limb_systems import (
-    Layout,
+    LimbModel,
     LimbParameters,
     PlanCheck,
     Provenance,
     Trajectory,
     band,
 )
-from limb_systems.statics import HeldAngles
+from limb_systems.held_angles import HeldAngles
+from limb_systems.layout import Layout
 from planners import references
 from planners.plan_check import (
     active_constraints,
@@ -51,7 +52,7 @@ SMALL_STATE_CHANGE = 0.02  # of the scales of the states
 
 
 def plan(
-    parameters: LimbParameters | str | Path | None,
+    parameters: LimbModel | LimbParameters | str | Path | None,
     reference: trajectories.Trajectory,
     *,
     task: Task | None = None,
@@ -69,7 +70,7 @@ def plan(
     with a margin.
 
     Args:
-        parameters: description of the limb, or its YAML file; the nominal limb if None.
+        parameters: the limb, its description, or its YAML file; the nominal limb if None.
         reference: φ_ref in rad, a row for each segment, from time 0 on; it
             need not be feasible or continuous. See `planners.references`.
         task: weights and limits; `Task()` if None.
@@ -94,13 +95,13 @@ def plan(
             plan fails its check.
     """
     started = time.perf_counter()
-    parameters = LimbParameters.of(parameters)
+    limb = LimbModel.validated(parameters)
     num_knots = number_of_knots(reference, knot_rate, max_knots)
     times = np.linspace(0.0, reference.end_time(), num_knots)
-    largest, margin = np.inf, np.zeros(len(parameters.wires))
+    largest, margin = np.inf, np.zeros(limb.layout.num_wires)
     for refinement in range(MAX_REFINEMENTS + 1):
         planner = Planner(
-            parameters,
+            limb,
             times,
             task=task,
             tolerance_deg=tolerance_deg,
@@ -141,7 +142,7 @@ class Planner:
     that was reached, with a new reference.
 
     Args:
-        parameters: description of the limb, or its YAML file; the nominal limb if None.
+        parameters: the limb, its description, or its YAML file; the nominal limb if None.
         times: times of the knots (N,), s, increasing from 0.
         task: weights and limits; `Task()` if None.
         tolerance_deg, solver: as in `planners.plan`.
@@ -152,7 +153,7 @@ class Planner:
 
     def __init__(
         self,
-        parameters: LimbParameters | str | Path | None,
+        parameters: LimbModel | LimbParameters | str | Path | None,
         times: ArrayLike,
         *,
         task: Task | None = None,
@@ -160,15 +161,17 @@ class Planner:
         solver: SolverInterface | None = None,
         measured_margin: ArrayLike = 0.0,
     ):
-        self.parameters = parameters = LimbParameters.of(parameters)
+        self._model = model = LimbModel.validated(parameters)
+        self.parameters = model.parameters
         self.task = task or Task()
         self.times = np.asarray(times, float)
         if self.times.ndim != 1 or len(self.times) < 2 or not (np.diff(self.times) > 0).all():
             raise PlanningError("times must be at least two knots, increasing.")
         if self.times[0] != 0:
             raise PlanningError(f"times start at {self.times[0]:g} s; they must start at 0 s.")
-        self._margin = _measured_margin(measured_margin, len(parameters.wires))
-        self._held, self._layout = HeldAngles(parameters), Layout(parameters)
+        self._margin = _measured_margin(measured_margin, model.layout.num_wires)
+        self._held = model.statics
+        self._layout = model.layout
         planar = self._layout.is_planar
         if tolerance_deg is None:
             tolerance_deg = TOLERANCE_DEG if planar else QUASI_STATIC_TOLERANCE_DEG
@@ -180,7 +183,7 @@ class Planner:
             )
         self._tolerance_deg, self._solver = tolerance_deg, solver
         # Once for all plans, of which a control loop makes many.
-        self._provenance = Provenance.now(parameters)
+        self._provenance = Provenance.now(self.parameters)
         self._program: TrajectoryProgram | QuasiStaticProgram | None = None
         self._previous: tuple[np.ndarray, np.ndarray, Solution] | None = None
 
@@ -221,12 +224,12 @@ class Planner:
             The plan; times (M,), s; the largest difference of a bend angle at
             these times (M,), rad.
         """
-        parameters, times = self.parameters, self.times
+        times = self.times
         angles_ref = _sample_reference(reference, times, self._layout)
         state = _initial_state(self._held, initial_state)
-        heat = state[2 * parameters.num_joints :]
-        warm_up = max(0.0, parameters.temperature_limits.warm_up_time - elapsed)
-        check_temperature_limits(parameters, times, heat, warm_up, self.task, self._margin)
+        heat = state[2 * self._layout.num_joints :]
+        warm_up = max(0.0, self.parameters.temperature_limits.warm_up_time - elapsed)
+        check_temperature_limits(self._model, times, heat, warm_up, self.task, self._margin)
         if self._program is None:
             self._program = self._make_program()
         program = self._program
@@ -244,11 +247,9 @@ class Planner:
 
     def _make_program(self) -> TrajectoryProgram | QuasiStaticProgram:
         if not self._layout.is_planar:
-            return QuasiStaticProgram(
-                self.parameters, self.times, self._held, self.task, self._margin
-            )
+            return QuasiStaticProgram(self._model, self.times, self._held, self.task, self._margin)
         return TrajectoryProgram(
-            self.parameters,
+            self._model,
             self.times,
             self.task,
             measured_margin=self._margin,
@@ -260,11 +261,10 @@ class Planner:
         if isinstance(program, QuasiStaticProgram):
             return program.guess()
         heat, duty = solve_quasi_static(
-            self.parameters,
+            self._model,
             self.times,
             angles_ref,
-            state[2 * self.parameters.num_joints :],
-            self._held,
+            state[2 * self._layout.num_joints :],
             self.task,
             warm_up_time,
             self._margin,
@@ -375,7 +375,7 @@ def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_kn
 def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarray:
     if reference.cols() != 1 or reference.rows() != layout.num_bends:
         of_each = "an angle each" if layout.is_planar else f"{layout.num_bends} bend angles in all"
-        segments, angles = len(layout.chains), reference.rows() * reference.cols()
+        segments, angles = len(layout.bends_of), reference.rows() * reference.cols()
         raise PlanningError(
             f"The reference has {angles} angle{'s' * (angles != 1)} at each time; "
             f"this limb has {segments} segment{'s' * (segments > 1)}, with {of_each}."

@@ -16,9 +16,7 @@ import casadi as ca
 import numpy as np
 
 from limb_systems import LimbError, Trajectory, Wires, split_state
-from limb_systems.dynamics import dynamics_of
-from limb_systems.smooth_function import SmoothFunction, stated_once
-from limb_systems.wires import limb_key
+from limb_systems.smooth_function import SmoothFunction
 from planners.transcription.collocation import ANGLE_SCALE
 
 LONGEST_STEP = 0.1  # s
@@ -181,13 +179,14 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
     Raises:
         LimbError: if Newton's method finds no solution.
     """
-    parameters, knots = trajectory.parameters, trajectory.time
-    wires, num_joints = Wires(parameters), parameters.num_joints
-    heating = stated_once(("heating", *limb_key(parameters)), lambda: _heating(wires))
-    motion = dynamics_of(parameters).by_motion
-    angles, rates, states, _ = split_state(parameters, trajectory.state)
+    knots = trajectory.time
+    model = trajectory.model
+    wires = model.wires
+    heating = model.once("heating", lambda: _heating(wires))
+    motion = model.dynamics.by_motion
+    angles, rates, states, _ = split_state(model, trajectory.state)
     heat_scales = np.append(np.full(len(states), np.inf), wires.heat_scales[: len(states)])
-    motion_scales = np.repeat([ANGLE_SCALE, 1.0], num_joints)
+    motion_scales = np.repeat([ANGLE_SCALE, 1.0], len(angles))
 
     # Steps from knot to knot, shorter ones where the plan's accelerations are bent.
     bends = np.zeros(len(knots))

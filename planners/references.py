@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import Layout, LimbError, LimbParameters, Recording
+from limb_systems import LimbError, LimbModel, LimbParameters, Recording
 from limb_systems.errors import raised_as
 from limb_systems.files.first_line import first_line
 from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS, read_text
-from limb_systems.kinematics import tip_of_angles
+from limb_systems.symbolic_chain import tip_of_angles
 
 IN_SPACE = (
     "If yours bends in space, write axes: 2 into its segments in its YAML file, and where its "
@@ -77,7 +77,9 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
     angles = np.concatenate(
         [
             segment.bend_sensor.unrolled_bends(bend_angle[bends])
-            for segment, bends in zip(limb.segments, Layout(limb).bends_of, strict=True)
+            for segment, bends in zip(
+                limb.segments, LimbModel.of(limb).layout.bends_of, strict=True
+            )
         ]
     )
     if angles.shape[1] < 2:
@@ -121,7 +123,7 @@ def _bridged(recording: Recording) -> np.ndarray:
 def load(path: str | Path) -> PiecewisePolynomial:
     """A reference from a CSV: time in s, then a column of degrees for each bend.
 
-    A segment that bends in space has two bends, towards E2 and E3 (`limb_systems.Layout`).
+    A segment that bends in space has two bends, towards E2 and E3 (`limb_systems.layout.Layout`).
 
     The file may look as spreadsheets write it: columns are separated by commas,
     semicolons or tabs (with semicolons or tabs, numbers may have a decimal
@@ -307,8 +309,9 @@ def from_tip_path(
     Raises:
         LimbError: if shapes disagree, or the tip does not reach a point.
     """
-    layout = Layout(parameters)
-    tip_of = tip_of_angles(layout)
+    mechanics = LimbModel.of(parameters).mechanics
+    layout = mechanics.layout
+    tip_of = tip_of_angles(mechanics)
     wanted, times = np.atleast_2d(np.asarray(path, float)), np.asarray(times, float)
     sideways = [1] if layout.is_planar else [1, 2]
     if layout.is_planar and len(wanted) == 2:
@@ -324,12 +327,12 @@ def from_tip_path(
     if times.size < 2:
         return from_samples(times, bends.T)  # which says that there are too few
     for _ in range(TIP_STEPS):
-        angles = bends @ layout.shape.T
+        angles = bends @ mechanics.shape.T
         tip, slopes = tip_of.first(angles)
         missed = wanted.T - tip[:, sideways]
         if np.abs(missed).max() < 1e-10:
-            return from_samples(times, layout.bend_angle(angles.T))
-        step = (np.linalg.pinv(slopes[:, sideways] @ layout.shape) @ missed[..., None])[..., 0]
+            return from_samples(times, mechanics.bend_angle(angles.T))
+        step = (np.linalg.pinv(slopes[:, sideways] @ mechanics.shape) @ missed[..., None])[..., 0]
         bends = bends + step / np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True) / 0.3)
     worst = int(np.abs(missed).max(axis=1).argmax())
     place = " and ".join(f"{1e3 * value:.1f} mm" for value in wanted[:, worst])

@@ -42,7 +42,7 @@ from tornado.web import ErrorHandler, OutputTransform
 
 from hardware.board.serial_limb import DEADLINE
 from hardware.live_feed import DONE, Message, Reading, RunHeader
-from limb_systems import Layout, LimbError
+from limb_systems import LimbError, LimbModel
 from limb_systems.simulation import PERIOD
 from limb_systems.views.colors import REFERENCE_COLOR
 from limb_systems.views.panels import Curve, Panel, in_words, measured_panels
@@ -385,7 +385,7 @@ class Page:
 def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[float]]:
     """Return columns of the curves: angles in degrees, numbered by bend or wire; NaN for a gap."""
     readings = list(readings)
-    layout = Layout(header.parameters)
+    layout = LimbModel.of(header.parameters).layout
     found = {"time": [reading.time for reading in readings]}
     for name, size, scale in (
         ("bend_angle", layout.num_bends, 180.0 / np.pi),
@@ -559,7 +559,7 @@ def _bend_lines(header: RunHeader, reading: Reading) -> list[str]:
     if reading.reference is not None:
         angles.append(("asked for ", reading.reference))
     lines = []
-    for i, suffix in enumerate(Layout(header.parameters).bend_suffixes):
+    for i, suffix in enumerate(header.parameters.bend_suffixes):
         texts = [f"{name}{np.rad2deg(values[i]):+.1f}°" for name, values in angles]
         lines.append(f"φ{in_words(suffix)} {', '.join(texts)}")
     return lines

@@ -1,9 +1,9 @@
 """What several test files share, and which tests run beside each other.
 
-Two workers of pytest-xdist run the tests: a file is on one worker, and so are all of calibration,
-so that what tests share is made once. What starts hosts of boards in real time is on one worker as
-well, and all others leave the processor to it: a host that comes too late is started again, which
-takes time. No verdict depends on how fast the computer is.
+Two workers of pytest-xdist run the tests: a file is on one worker, and so are the files of
+`CALIBRATION`, so that what tests share is made once. What starts hosts of boards in real time is on
+one worker as well, and all others leave the processor to it: a host that comes too late is started
+again, which takes time. No verdict depends on how fast the computer is.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from pydrake.systems.analysis import Simulator
 
 from limb_systems import LimbParameters, PlanCheck, Recording, SegmentParameters, Trajectory
 from planners import Task, plan, references
-from walking import Gait, GaitCheck, GaitPhase, RobotParameters
+from walking import Gait, GaitCheck, GaitPhase, GaitVariation, RobotParameters
 
 CONTROL_PERIOD = 0.05  # s
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -37,16 +37,27 @@ REAL_TIME = (
     "tests/hardware/test_serial_limb.py",
     "tests/examples/test_bridge.py",
 )
-CALIBRATION = "tests/calibration/"  # its tests share recordings that take long to make
+# These share recordings that take long to make.
+CALIBRATION = (
+    "tests/calibration/test_calibrate.py",
+    "tests/calibration/test_checks.py",
+    "tests/calibration/test_collect.py",
+    "tests/calibration/test_logs_of_labs.py",
+    "tests/calibration/test_wire_fits.py",
+)
 # What takes long goes first, so that both processes end with short files, and about together.
 LONG = (
     "tests/examples/test_reproduce_paper.py",
     CALIBRATION,
+    "tests/walking/test_gait_in_space.py",
+    "tests/calibration/test_mechanics.py",
+    "tests/test_docs.py",
+    "tests/walking/test_gait_commands.py",
+    "tests/calibration/",
     "tests/examples/",
     "tests/test_wheel.py",
     "tests/walking/",
     "tests/planners/",
-    "tests/test_docs.py",
     "tests/hardware/",
 )
 
@@ -87,7 +98,7 @@ class Scheduling(LoadScopeScheduling):
     def _split_scope(self, nodeid):
         if nodeid.startswith(REAL_TIME):
             return "real time"
-        return CALIBRATION if nodeid.startswith(CALIBRATION) else nodeid.partition("::")[0]
+        return "calibration" if nodeid.startswith(CALIBRATION) else nodeid.partition("::")[0]
 
 
 def pytest_xdist_make_scheduler(config, log):
@@ -159,6 +170,25 @@ def gait() -> Gait:
         robot=robot,
         phases=[GaitPhase(start, done) for start, done in contacts.items()],
         check=GaitCheck(solver="IPOPT", status="solved", objective="speed", violation=1e-9),
+    )
+
+
+@pytest.fixture
+def gait_in_space() -> Gait:
+    """A gait of three limbs that is made up: a turn of 20° to the right in 8 s, on the spot."""
+    knots, heat, pose = np.linspace(0.0, 1.0, 5), np.full((9, 5), 60.0), np.zeros((6, 5))
+    pose[2], pose[5] = 0.061, np.deg2rad(-20.0) * knots
+    return Gait(
+        time=8.0 * knots,
+        duty=np.zeros((9, 5)),
+        joint_state=np.zeros((36, 5)),
+        wire_temperature=heat,
+        measured_temperature=heat,
+        body_pose=pose,
+        contact_force=np.ones((9, 5)),
+        robot=RobotParameters.in_space(3),
+        phases=[GaitPhase(0.0, ["stick", "slide", "stick"])],
+        check=GaitCheck(violation=0.0, simulation=GaitVariation("", [0.98], 61.0, "", [0.03])),
     )
 
 

@@ -1,6 +1,7 @@
 """The documentation says what is there: links, snippets, commands, ports, names and files."""
 
 import contextlib
+import functools
 import importlib
 import inspect
 import itertools
@@ -20,7 +21,13 @@ from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
 import hardware.board.serial_limb
-from calibration import BendAngleController, EquilibriumSchedule, LimitedDuty, excitations
+from calibration import (
+    BendAngleController,
+    EquilibriumSchedule,
+    LimitedDuty,
+    calibrate,
+    excitations,
+)
 from controllers import (
     LimbObserver,
     PlanFeedback,
@@ -190,7 +197,12 @@ def exists(symbol):
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_snippets_run(package, tmp_path, monkeypatch):
+    """With few knots for a gait and one law for a calibration, as all take long."""
     monkeypatch.chdir(tmp_path)
+    quick = functools.partial(plan_gait, intervals=12)
+    monkeypatch.setattr("planners.plan_gait", quick, raising=False)
+    one_law = functools.partial(calibrate, laws=[LinearLaw])
+    monkeypatch.setattr("calibration.calibrate", one_law)
     names, count = {}, 0
     for code, before in blocks(TEXTS[PAGES[package]], "python"):
         if not NOT_RUN.search(before):
@@ -271,7 +283,7 @@ def station(tmp_path):
 
 
 @pytest.fixture
-def systems(monkeypatch, fig5_plan, gait, station):
+def systems(monkeypatch, short_plan, gait, gait_in_space, station):
     """All systems by the names of their classes, with those that the limbs consist of."""
     monkeypatch.setattr(hardware.board.serial_limb, "open_link", Board)
     nominal, known = LimbParameters(), LimbParameters()
@@ -286,12 +298,12 @@ def systems(monkeypatch, fig5_plan, gait, station):
         EquilibriumSchedule([0.1]),
         LimitedDuty(known, excitations(2)[0].duty),
         LimbObserver(nominal),
-        PlanFeedback(fig5_plan),
+        PlanFeedback(short_plan),
         GaitFeedback(gait, 1),
-        HeatFeedback(fig5_plan),
-        Wayfinder({"ahead": plan_gait(RobotParameters.in_space(3), check=False)}, [(0.1, 0.0)]),
-        PlanRegulator(fig5_plan),
-        RecedingHorizon(fig5_plan),
+        HeatFeedback(short_plan),
+        Wayfinder({"spot": gait_in_space}, [(0.1, 0.0)]),
+        PlanRegulator(short_plan),
+        RecedingHorizon(short_plan),
         TemperatureSupervisor(nominal),
         SensedLimb(Limb()),
         SerialLimb("port"),
@@ -338,17 +350,14 @@ SECTIONS = [
 
 
 def test_tables_of_ports_are_those_of_the_systems(systems):
+    """They leave their names to Drake, so that two of a kind fit into one diagram; parts do not."""
+    named = {name for name, system in systems.items() if system.get_name()}
+    parts = (*Limb().GetSystems(), *LimbTwin(extra=["memory"]).GetSystems())
+    assert named <= {class_name(part) for part in parts} | {"Hand"}
     for _, name, section in SECTIONS:
         (rows,) = tables(section, "port")
         listed = [(row[0], row[1].strip("`"), int(re.search(r"\d+$", row[2])[0])) for row in rows]
         assert listed == interface(systems[name]), name
-
-
-def test_systems_leave_their_names_to_drake(systems):
-    """Two of a kind fit into one diagram; parts have names of the diagram that they are in."""
-    named = {name for name, system in systems.items() if system.get_name()}
-    parts = (*Limb().GetSystems(), *LimbTwin(extra=["memory"]).GetSystems())
-    assert named <= {class_name(part) for part in parts} | {"Hand"}
 
 
 def test_page_has_all_public_names_and_systems():

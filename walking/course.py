@@ -5,8 +5,7 @@ import math
 
 import numpy as np
 
-from limb_systems import Wires, tip_position
-from limb_systems.statics import HeldAngles
+from limb_systems import LimbModel, tip_position
 from planners.transcription.solving import PlanningError
 from walking.robot_parameters import RobotParameters
 
@@ -78,12 +77,12 @@ def _furthest_step(robot: RobotParameters) -> float:
     steps = []
     for limb in robot.limbs:
         parameters = limb.parameters
-        wires, hottest = Wires(parameters), parameters.temperature_limits.maximum
+        wires, hottest = LimbModel.of(parameters).wires, parameters.temperature_limits.maximum
         cold = np.full(wires.num_wires, parameters.ambient_temperature)
         heated = [
             np.where(np.arange(len(cold)) == wire, hottest, cold) for wire in range(len(cold))
         ]
         states = np.array([wires.settled_states(heat) for heat in heated])
-        tips = tip_position(parameters, HeldAngles(parameters).angles(states).T)[1:]
+        tips = tip_position(parameters, LimbModel.of(parameters).statics.angles(states).T)[1:]
         steps.append(max(np.linalg.norm(a - b) for a in tips.T for b in tips.T))
     return float(min(steps))

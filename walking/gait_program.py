@@ -30,7 +30,7 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram
 
 from controllers.temperature_supervisor import lag_error
-from limb_systems import Provenance, Wires
+from limb_systems import LimbModel, Provenance
 from limb_systems.segment_chain import rotation
 from limb_systems.smooth_function import SmoothFunction
 from planners.transcription.collocation import ANGLE_SCALE, heat_defects
@@ -127,7 +127,7 @@ class GaitProgram:
         self.robot, self.schedule, self.objective = robot, schedule, objective
         self.temperature_margin, self.course = temperature_margin, course or Course()
         self.sticking_share, self.steadiness = sticking_share, steadiness
-        self.walker, self.wires = Walker(robot), Wires(robot.together)
+        self.walker, self.wires = Walker(robot), LimbModel.of(robot.together).wires
         self.phase_of = np.repeat(np.arange(len(schedule)), intervals)
         self.contacts = np.array(schedule)[self.phase_of]  # in each interval (K, F)
         self.before = np.roll(self.contacts, 1, axis=0)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from limb_systems import LimbError, Recording, Wires, bend_angle
+from limb_systems import LimbError, LimbModel, Recording, bend_angle
 from limb_systems.simulation import PERIOD, SimulationError
 from planners.transcription.quasi_static import readings_along
 from urdf import robot_mjcf
@@ -111,7 +111,7 @@ def _wires_along(
     limbs = copy.deepcopy(robot.together)
     for segment in limbs.segments:
         segment.stiffening = 0.0  # which MuJoCo has
-    wires = Wires(limbs)
+    wires = LimbModel.of(limbs).wires
     duty = gait.duty_trajectory(cycles)
     breaks = np.array(duty.get_segment_times())
     ends = np.union1d(times, breaks)

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from hardware.emulation.lumped import add_physics
 from hardware.emulation.twin import SPACE_ACCURACY, SWING_TIME, LimbTwin, rest
-from limb_systems import EmulatedLimb, Layout, LimbParameters
+from limb_systems import EmulatedLimb, LimbModel, LimbParameters
 from limb_systems.simulation import PERIOD
 from walking.robot import (
     TIME_STEP,
@@ -148,8 +148,9 @@ class RobotTwin(Diagram):
             pause: s, to cool down where it stands.
             bend_rate, truth: as for the constructor.
         """
-        layout = Layout(self.specimen.mechanics())
-        stable = (layout.damping / layout.stiffness).min()  # half of what the springs would allow
+        mechanics = LimbModel.of(self.specimen.mechanics()).mechanics
+        # Half of what the springs would allow.
+        stable = (mechanics.damping / mechanics.stiffness).min()
         cooling = min(pause, SWING_TIME)  # and sliding
         longest = min(RESTING_STEP, max(TIME_STEP, stable))
         for duration, step in ((cooling, TIME_STEP), (pause - cooling, longest)):

@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from calibration.estimate import Estimate
 from calibration.recordings.repair import filled
 from calibration.remarks import CalibrationError
-from limb_systems import Layout, Recording, Wires
+from limb_systems import LimbModel, Recording
 from limb_systems.kinematics import joint_angles_from_bend_angle
 from planners.transcription.quasi_static import readings_along
 from walking.gait import Gait
@@ -58,7 +58,10 @@ class StridesFit:
 
     def heat_after(self, pause: float) -> np.ndarray:
         """[x, V] of the wires after a pause without duty, s (N + W,)."""
-        wires, times = Wires(self.robot.together), np.linspace(0.0, pause, 2 + int(pause))
+        wires, times = (
+            LimbModel.of(self.robot.together).wires,
+            np.linspace(0.0, pause, 2 + int(pause)),
+        )
         states, readings = np.split(self.heat, [-wires.num_wires])
         course = wires.under_duty(states, np.zeros((len(times), wires.num_wires)), times)
         return np.append(course[-1], readings_along(wires, course, readings, times)[-1])
@@ -127,7 +130,7 @@ def fit_heat(
         for rate, of_wires in zip(rates, changes, strict=True):
             for law, before, change in zip(laws, given, of_wires, strict=True):
                 setattr(law, rate, float(getattr(before, rate) * np.exp(change)))
-        wires = Wires(together)
+        wires = LimbModel.of(together).wires
         states = wires.under_duty(wires.cold_states, duty, times)
         return states, readings_along(wires, states, wires.cold_states[:W], times)
 
@@ -214,9 +217,12 @@ class _Balance:
     def __init__(
         self, robot: RobotParameters, states: np.ndarray, contacts: np.ndarray, *, exact: bool
     ):
-        self._walker, self._wires = Walker(robot), Wires(robot.together)
+        model = LimbModel.of(robot.together)
+        self._walker = Walker(robot)
+        self._wires = model.wires
         self._robot = robot
-        self._layout, self._exact = Layout(robot.together), exact
+        self._mechanics = model.mechanics
+        self._exact = exact
         self._slides = np.vectorize(lambda foot: SLIDES.get(foot, 0.0))(contacts)
         self._balance = balance_of(self._walker, self._wires)
         M, d, F = len(states), len(self._walker.stiffness), self._walker.num_feet
@@ -255,8 +261,8 @@ class _Balance:
 
     def _shown(self, angles: np.ndarray) -> np.ndarray:
         if self._exact:
-            return self._layout.bend_angle(angles.T).T
-        return self._layout.recorded_bend_angle(angles.T).T
+            return self._mechanics.bend_angle(angles.T).T
+        return self._mechanics.recorded_bend_angle(angles.T).T
 
     def _equations(self, logarithms: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What is not zero yet (M, U), and derivatives by the unknown [y, λ] and the multiples."""

@@ -4,11 +4,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from limb_systems import LimbError, PlanCheck, Provenance, Trajectory, Wires, bend_angle
+from limb_systems import LimbError, LimbModel, PlanCheck, Provenance, Trajectory, Wires, bend_angle
 from limb_systems.files.signal_table import doses
 from limb_systems.kinematics import joint_angles_from_bend_angle
 from limb_systems.simulation import PERIOD
-from limb_systems.statics import HeldAngles
 from planners.transcription.quasi_static import readings_along
 from walking.gait import Gait
 
@@ -54,7 +53,7 @@ def walk(
     """
     if not gait.check.is_missing and (failure := gait.check.failure()):
         raise LimbError(f"This gait failed its check and is not walked: {failure}")
-    wires, limits = Wires(gait.parameters), gait.parameters.temperature_limits
+    wires, limits = LimbModel.of(gait.parameters).wires, gait.parameters.temperature_limits
     W, ambient = wires.num_wires, gait.parameters.ambient_temperature
     cold = np.append(wires.cold_states, wires.cold_states[:W])
     start = cold if heat is None else np.asarray(heat, float)
@@ -83,7 +82,7 @@ def walk(
     along = _heat(wires, start, duty, times)
 
     course = PchipInterpolator(gait.time, gait.joint_angles, axis=1)
-    held = HeldAngles(gait.parameters).angles(along[:, :-W]).T
+    held = LimbModel.of(gait.parameters).statics.angles(along[:, :-W]).T
     share = np.clip(times / max(warm_up, PERIOD), 0.0, 1.0)
     first = held[:, 0] if bend is None else joint_angles_from_bend_angle(gait.parameters, bend)
     offsets = first - held[:, 0], course(0.0) - held[:, np.argmax(walks)]  # held by the ground
@@ -95,7 +94,7 @@ def walk(
         check = walk(gait, SETTLING, heat=heat, bend=bend).check
     elif not gait.check.is_missing:
         last = since >= (cycles - 1) * gait.period
-        in_gait = HeldAngles(gait.parameters).angles(planned[last]).T
+        in_gait = LimbModel.of(gait.parameters).statics.angles(planned[last]).T
         apart = bend_angle(gait.parameters, held[:, last] - in_gait)
         check = PlanCheck(
             solver=gait.check.solver,

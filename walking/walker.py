@@ -10,10 +10,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from limb_systems import Layout
-from limb_systems.kinematics import Chain, rest_joint_angles
+from limb_systems import LimbModel
 from limb_systems.segment_chain import rotation
 from limb_systems.smooth_function import SmoothFunction, stated_once
+from limb_systems.symbolic_chain import Chain
 from planners.transcription.solving import PlanningError
 from walking.robot_parameters import RobotParameters
 
@@ -56,11 +56,12 @@ class Walker:
 
     def _stated(self, robot: RobotParameters) -> dict[str, Any]:
         """The attributes of all `Walker`s of a description."""
-        layout, B = Layout(robot.together), robot.pose_size
+        mechanics = LimbModel.of(robot.together).mechanics
+        B = robot.pose_size
         self.pose_size, self.num_tangents, self.num_feet = B, B // 3, len(robot.limbs)
         self.height = self.num_tangents
-        self.stiffness = np.append(np.zeros(B), layout.stiffness)
-        self.rest = np.append(np.zeros(B), rest_joint_angles(robot.together))
+        self.stiffness = np.append(np.zeros(B), mechanics.stiffness)
+        self.rest = np.append(np.zeros(B), mechanics.rest_angles)
         self.radius = robot.feet.radius
         assert robot.ground is not None  # or it would not walk
         self.friction = robot.ground.friction
@@ -70,10 +71,10 @@ class Walker:
         origin, frame = _pose(y[:B])
         masses, places, feet = [robot.body.mass], [origin], []
         for limb, joints in zip(robot.limbs, robot.joints_of, strict=True):
-            of_limb = Layout(limb.parameters)
+            of_limb = LimbModel.of(limb.parameters).mechanics
             chain = Chain(of_limb, y[B + joints.start : B + joints.stop])
             base, to_world = origin + frame @ ca.DM(limb.position), frame @ ca.DM(limb.axes)
-            last, end = of_limb.num_joints - 1, of_limb.end_offset[-1]
+            last, end = of_limb.layout.num_joints - 1, of_limb.end_offset[-1]
             bodies = [
                 *zip(of_limb.body_joints, of_limb.body_masses, of_limb.body_centres, strict=True),
                 (last, robot.feet.mass, end),

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
 from calibration.recordings.kinds import heated_wires, only_segment
-from limb_systems import LimbParameters, Wires
+from limb_systems import LimbModel, LimbParameters, Wires
 from limb_systems.drake_python import declare_part, weak_method
 from limb_systems.simulation import PERIOD
 
@@ -50,7 +50,7 @@ class BendAngleController(LeafSystem):
         super().__init__()
         segment = only_segment(parameters)
         heated = heated_wires(parameters, actuated)
-        wires = Wires(parameters)
+        wires = LimbModel.of(parameters).wires
         # Bend angle per duty in the end, by (6), (12), in rad, of the last wire about T_max / 2.
         middle = 0.5 * (parameters.temperature_limits.maximum + parameters.ambient_temperature)
         (cooler, less), (warmer, more) = (

@@ -17,11 +17,11 @@ from limb_systems import (
     ChordSensor,
     Limb,
     LimbError,
+    LimbModel,
     LimbParameters,
     LinearLaw,
     Recording,
     TipTangentSensor,
-    Wires,
     joint_angles_from_bend_angle,
     simulate,
 )
@@ -535,7 +535,7 @@ def _fit_recording(parameters, recording: Recording):
         room = np.full(len(limb.wires), limb.ambient_temperature)
         swing = joint_angles_from_bend_angle(limb, released * towards)
         angles = rest_joint_angles(limb) + swing
-        cold = Wires(limb).cold_states
+        cold = LimbModel.of(limb).wires.cold_states
         state = np.concatenate([angles, np.zeros_like(angles), cold, room])
         model = simulate(
             Limb(limb),

@@ -13,12 +13,12 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
-from limb_systems import Layout, LimbParameters, SegmentParameters
+from limb_systems import LimbModel, LimbParameters, SegmentParameters
 from limb_systems.bend_sensor import rolled
-from limb_systems.kinematics import Chain
 from limb_systems.monte_carlo import OpenLoop
 from limb_systems.rubber import NonlinearRubber, ramp
 from limb_systems.smooth_function import SmoothFunction
+from limb_systems.symbolic_chain import Chain
 
 DEGREE = 8  # of the polynomial, which is within 0.03° of equilibria in all plans
 MOST = np.deg2rad(78.0)  # bend that both torques hold, at most; no tip tangent shows 90°
@@ -63,7 +63,7 @@ class OpenLoopInSpace(OpenLoop):
         unit.stiffness = unit.stiffening = unit.stiffness_ratio = 1.0
         unit.rest_angle = unit.rest_angle_e3 = 0.0
         unit.rest_memory = None
-        self._layout = Layout(LimbParameters(segments=[unit]))
+        self._mechanics = LimbModel.of(LimbParameters(segments=[unit])).mechanics
         self._sensor, self._disc = segment.bend_sensor, _disc()
         kinds, self._mounting = np.unique(np.round(loads, 9), axis=0, return_inverse=True)
         self._balances = [_balance(unit, gravity, payload) for *gravity, payload in kinds.tolist()]
@@ -116,7 +116,7 @@ class OpenLoopInSpace(OpenLoop):
     ) -> np.ndarray:
         """Bends (B, ..., 2) held by torques towards E2 and E3 over k (B, ..., 2), rad."""
         sizes = np.linalg.norm(pulls, axis=-1, keepdims=True)
-        most = np.minimum(sizes.max(axis=(1, 2, 3)), MOST * self._layout.shape.max()) + 1e-9
+        most = np.minimum(sizes.max(axis=(1, 2, 3)), MOST * self._mechanics.shape.max()) + 1e-9
         ranges = most[:, None, None, None]
         points, terms, weights = self._disc
         held = self.held(balance, ranges[:, 0] * points, rubber)
@@ -131,12 +131,13 @@ class OpenLoopInSpace(OpenLoop):
         self, balance: SmoothFunction, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]
     ) -> np.ndarray:
         """Bends (B, P, 2), rad, as exact equilibria of `_interpolated`; nan where there is none."""
-        layout = self._layout
-        towards = (layout.shape > 0).astype(float)  # joints by bends (n, 2)
+        mechanics = self._mechanics
+        towards = (mechanics.shape > 0).astype(float)  # joints by bends (n, 2)
         k, ratio = rubber["stiffness"], _springs(rubber)
         # A twist joint keeps its own share of k.
-        springs = ratio @ towards.T + layout.stiffness * (1 - towards.sum(axis=-1))
-        rest = np.stack([rubber["rest_angle"], rubber["rest_angle_e3"]], axis=-1) @ layout.shape.T
+        springs = ratio @ towards.T + mechanics.stiffness * (1 - towards.sum(axis=-1))
+        rest_bends = np.stack([rubber["rest_angle"], rubber["rest_angle_e3"]], axis=-1)
+        rest = rest_bends @ mechanics.shape.T
         stiffening = np.broadcast_to(rubber.get("stiffening", 0.0), k.shape)
         of_sets = np.column_stack([springs, rest, k, stiffening])
         force = pulls @ towards.T
@@ -151,7 +152,7 @@ class OpenLoopInSpace(OpenLoop):
             if np.abs(step).max() < TOLERANCE:
                 break
         angles = np.where(np.abs(step).max(axis=-1, keepdims=True) < TOLERANCE, angles, np.nan)
-        seen = self._sensor.exact_bends(layout.chains[0], np.moveaxis(angles, -1, 0))
+        seen = self._sensor.exact_bends(mechanics.chains[0], np.moveaxis(angles, -1, 0))
         return np.moveaxis(seen, 0, -1)
 
 
@@ -168,11 +169,11 @@ def _balance(unit: SegmentParameters, gravity: Sequence[float], payload: float) 
     (n,), k and the stiffening.
     """
     limb = LimbParameters(segments=[dataclasses.replace(unit, stiffening=1.0)], payload=payload)
-    layout = Layout(limb)
-    n = layout.num_joints
+    mechanics = LimbModel.of(limb).mechanics
+    n = mechanics.layout.num_joints
     q, force, springs, rest = (ca.SX.sym(name, n) for name in ("q", "f", "K", "r"))
     k, stiffening, still = ca.SX.sym("k"), ca.SX.sym("s"), ca.SX(n, 1)
-    weight = Chain(layout, q).inverse_dynamics(still, still, ca.DM(gravity)) / k
-    cubic = NonlinearRubber(limb).forces(ca.SX(0, 1), q - rest)
+    weight = Chain(mechanics, q).inverse_dynamics(still, still, ca.DM(gravity)) / k
+    cubic = NonlinearRubber(limb, mechanics).forces(ca.SX(0, 1), q - rest)
     residual = springs * (q - rest) + weight - stiffening * cubic - force
     return SmoothFunction(residual, q, ca.vertcat(force, springs, rest, k, stiffening))

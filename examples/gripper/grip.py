@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.optimize import brentq
 
-from limb_systems import Layout, LimbParameters, Trajectory, Wires, bend_angle
+from limb_systems import LimbModel, LimbParameters, Trajectory, bend_angle
 from limb_systems.dynamics import equation_of_motion
-from limb_systems.kinematics import Chain
-from limb_systems.statics import HeldAngles
+from limb_systems.symbolic_chain import Chain
 from planners import PlanningError
 
 
@@ -89,8 +88,8 @@ class _Finger:
     def __init__(
         self, parameters: LimbParameters, center: np.ndarray, radius: float, margin: float
     ):
-        layout = Layout(parameters)
-        if not layout.is_planar or len(parameters.segments) > 1:
+        model = LimbModel.of(parameters)
+        if not model.layout.is_planar or len(parameters.segments) > 1:
             raise PlanningError("Grips are of planar limbs of one segment; this limb is another.")
         if center.shape != (2,) or not center[1] or not radius > 0:
             raise PlanningError(
@@ -98,19 +97,20 @@ class _Finger:
                 "center in (E1, E2), to one side of the straight finger, and a radius above 0."
             )
         self._parameters, self._center = parameters, center
-        self._wires, self._held = Wires(parameters), HeldAngles(parameters, of_equal_angles=True)
+        self._wires = model.wires
+        self._held = model.mean_angle_statics
         side = np.sign(center[1])
         self._pulls = np.array([np.sign(wire.e2) == side for wire in parameters.wires])
         limits = parameters.temperature_limits
         self._warm, self._hottest = limits.warm, limits.maximum - margin
-        n, segment = layout.num_joints, parameters.segments[0]
+        n, segment = model.layout.num_joints, parameters.segments[0]
         q, x, F = ca.SX.sym("q", n), ca.SX.sym("x", self._wires.num_states), ca.SX.sym("F")
-        chain, still = Chain(layout, q), ca.SX(n, 1)
-        last = chain.position(n - 1, layout.end_offset[-1])
+        chain, still = Chain(model.mechanics, q), ca.SX(n, 1)
+        last = chain.position(n - 1, model.mechanics.end_offset[-1])
         ends = [*chain.origins, last]
         gap = ca.norm_2(ca.DM(center) - _nearest(ends, ca.DM(center))[:2])
         away = radius + segment.thickness / 2
-        residual = equation_of_motion(parameters, self._wires, q, still, still, x)
+        residual = equation_of_motion(model.mechanics, self._wires, q, still, still, x)
         balance = ca.vertcat(residual - F * ca.gradient(gap, q), gap - away)
         unknown = ca.vertcat(q, F)
         self._touching = ca.rootfinder(

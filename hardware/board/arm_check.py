@@ -6,7 +6,7 @@ import numpy as np
 
 from hardware.board.heat_rates import HeatRates, fit_heat_rates, warmth, without_gaps
 from hardware.board.link import BoardLink, check_fit, shares_of
-from limb_systems import Layout, LimbError, LimbParameters, bend_angle_from_tip_tangent
+from limb_systems import LimbError, LimbModel, LimbParameters, bend_angle_from_tip_tangent
 from limb_systems.heat_bounds import SPREAD
 from limb_systems.simulation import PERIOD
 
@@ -192,7 +192,7 @@ def check_wires(
     heating, most = [rate.heating for rate in rates], [kind.most_heating for kind in kinds]
     _judge_heat(names, heating, most, judge)
     if passed:
-        for around in Layout(parameters).wires_of:
+        for around in LimbModel.of(parameters).layout.wires_of:
             _judge_likeness(names[around], rates[around], bent[around], judge)
     return passed
 

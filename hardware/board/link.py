@@ -17,7 +17,7 @@ import serial
 from hardware.board.reasons import REASONS
 from hardware.board.signals import heed_signals
 from hardware.firmware import firmware, from_host, guard, protocol
-from limb_systems import Layout, LimbError, LimbParameters
+from limb_systems import LimbError, LimbModel, LimbParameters
 from limb_systems.heat_bounds import HeatBounds
 
 BAUD_RATE = 115200
@@ -286,7 +286,7 @@ def checked_duty(duty: np.ndarray, num_wires: int) -> np.ndarray:
 
 def check_fit(limb: LimbParameters, board: BoardInfo, port: str) -> None:
     """Raises LimbError unless a board has what a limb needs, and nothing else."""
-    wires, angles = len(limb.wires), Layout(limb).num_bends
+    wires, angles = len(limb.wires), LimbModel.of(limb).layout.num_bends
     if (wires, angles) != (board.channels, board.angles):
         raise LimbError(
             f"This limb has {wires} wires and {angles} bend angles, but the board on {port} has "
@@ -299,14 +299,15 @@ def pulls_of(limb: LimbParameters) -> list[int]:
     """How each wire pulls (W), as `protocol.shares` reads it."""
     return [
         from_host.pull(bends.start, wire.e2, wire.e3 if segment.axes == 2 else 0.0)
-        for bends, segment in zip(Layout(limb).bends_of, limb.segments, strict=True)
+        for bends, segment in zip(LimbModel.of(limb).layout.bends_of, limb.segments, strict=True)
         for wire in segment.wires
     ]
 
 
 def shares_of(limb: LimbParameters) -> np.ndarray:
     """Shares of each wire's torque that turn the bend angles (F, W), as the board has them."""
-    return np.array([protocol.shares(pulls_of(limb), n) for n in range(Layout(limb).num_bends)])
+    bends = range(LimbModel.of(limb).layout.num_bends)
+    return np.array([protocol.shares(pulls_of(limb), bend) for bend in bends])
 
 
 class BoardLink(Closed):

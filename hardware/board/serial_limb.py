@@ -9,7 +9,7 @@ from pydrake.systems.framework import LeafSystem
 
 from hardware.board.link import STALE, Closed, HardwareError, check_fit
 from hardware.board.several_boards import Ports, SeveralBoards, open_link
-from limb_systems import Layout, LimbParameters, NoBoard, SerialBoard
+from limb_systems import LimbModel, LimbParameters, NoBoard, SerialBoard
 from limb_systems.drake_python import declare_part, weak_method
 from limb_systems.limb_system import ACCURACY
 from limb_systems.simulation import PERIOD
@@ -99,7 +99,8 @@ class SerialLimb(LeafSystem, Closed):
         self._heated, self._start = heated, 0.0
         self._failure: HardwareError | None = None
         self._failure_is_recorded = False
-        segments = [self.parameters.segments[n] for n in Layout(self.parameters).bend_segment]
+        layout = LimbModel.of(self.parameters).layout
+        segments = [self.parameters.segments[n] for n in layout.bend_segment]
         self._bend_sensors = [segment.bend_sensor for segment in segments]
         wires, angles = len(self.parameters.wires), len(segments)
         self.DeclareVectorInputPort("duty", wires)

@@ -12,7 +12,7 @@ import numpy as np
 
 from hardware.board.link import STALE, BoardInfo, BoardLink, Closed, Sample, check_fit, checked_duty
 from hardware.firmware import guard
-from limb_systems import Layout, LimbError, LimbParameters
+from limb_systems import LimbError, LimbParameters
 from limb_systems.heat_bounds import HeatBounds
 from limb_systems.simulation import PERIOD
 
@@ -27,7 +27,7 @@ def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParam
     Raises:
         LimbError: if the names are not those of all limbs.
     """
-    given = [suffix[1:] or "1" for suffix in Layout(robot).segment_suffixes]
+    given = [suffix[1:] or "1" for suffix in robot.segment_suffixes]
     owners = [name if name in names else name.rpartition("_")[0] for name in given]
     groups = itertools.groupby(zip(owners, robot.segments, strict=True), operator.itemgetter(0))
     limbs = [(name, [segment for _, segment in group]) for name, group in groups]

@@ -18,7 +18,7 @@ from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.twin import EmulatedSystem
 from hardware.firmware.firmware import POWER_ON
 from hardware.firmware.protocol import MOST_ANGLES, MOST_CHANNELS
-from limb_systems import Layout, LimbError
+from limb_systems import LimbError, LimbModel
 from limb_systems.simulation import make_simulator
 
 LIMB_PERIOD = 0.02  # s, by which the limb is simulated at a time
@@ -131,7 +131,8 @@ class EmulatedBoard:
         self._on_duty = on_duty
         self._duty = [0.0] * self.channels
         segments = self.parameters.segments
-        self._sensors = [segments[n].bend_sensor for n in Layout(self.parameters).bend_segment]
+        layout = LimbModel.of(self.parameters).layout
+        self._sensors = [segments[n].bend_sensor for n in layout.bend_segment]
         self.to_host, self.from_host = bytearray(), bytearray()
         self.serial_number = self.parameters.board.serial_number.encode()
         self.random = random.SystemRandom().getrandbits(16)

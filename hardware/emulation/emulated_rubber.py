@@ -7,9 +7,10 @@ from pydrake.systems.primitives import SymbolicVectorSystem
 from pydrake.trajectories import Trajectory
 
 from hardware.emulation.specimen import Specimen
-from limb_systems import Layout, LimbParameters
+from limb_systems import LimbModel, LimbParameters
 from limb_systems.drake_python import weak_method
-from limb_systems.kinematics import rest_joint_angles, tip_of_angles
+from limb_systems.kinematics import rest_joint_angles
+from limb_systems.symbolic_chain import tip_of_angles
 
 GRIP = 20.0  # stiffness of the hand over bending stiffness of the limb
 GRIP_TIME = 0.05  # s, of the hand's damping
@@ -43,10 +44,11 @@ class EmulatedRubber(SymbolicVectorSystem):
             relaxed = state + specimen.state.get("rubber", specimen.rest_angles())
             bent = joint_state[:num_joints] - described
         force, rate = [], []
-        layout = Layout(specimen.mechanics())
-        bends = np.flatnonzero(layout.shape.any(axis=1))
+        mechanics = LimbModel.of(specimen.mechanics()).mechanics
+        layout = mechanics.layout
+        bends = np.flatnonzero(mechanics.shape.any(axis=1))
         for segment, chain, joints in zip(
-            specimen.segments, layout.chains, layout.joints_of, strict=True
+            specimen.segments, mechanics.chains, layout.joints_of, strict=True
         ):
             at_45 = 2 * np.pi / 4 / (2 / chain.equal_angle)  # eqn (11)
             for index in range(joints.start, joints.stop):
@@ -55,7 +57,7 @@ class EmulatedRubber(SymbolicVectorSystem):
                 if index in bends:
                     squared = sum(bent[i] ** 2 for i in bends if layout.link_of_joint[i] == link)
                     spring -= segment.stiffening * (bent[index] * squared) / at_45**2
-                stiffness = layout.stiffness[index]
+                stiffness = mechanics.stiffness[index]
                 force.append(stiffness * (spring - segment.viscous_share * (theta - q)))
                 rate.append((theta - q) / segment.relaxation_time)
         super().__init__(state=state, input=joint_state, dynamics=rate, output=[*force, *relaxed])
@@ -90,14 +92,15 @@ class RestShift(LeafSystem):
         """
         super().__init__()
         parameters, physics = specimen.description, specimen.segments
-        layout = Layout(specimen.mechanics())
-        self._num_wires, self._stiffness = layout.num_wires, layout.stiffness
-        self._shape = layout.shape
+        mechanics = LimbModel.of(specimen.mechanics()).mechanics
+        layout = mechanics.layout
+        self._num_wires, self._stiffness = layout.num_wires, mechanics.stiffness
+        self._shape = mechanics.shape
         # Rows are bends: what a wire's transformation draws each by, and from where.
         self._share, self._target = np.zeros((2, layout.num_bends, layout.num_wires))
         for bend, number in enumerate(layout.bend_segment):
             segment, around = physics[number], layout.wires_of[number]
-            levers = layout.levers[layout.bend_joints[bend][0], around]
+            levers = mechanics.levers[layout.bend_joints[bend][0], around]
             # A wire of a planar segment leads to ±Δ, however its lever is inclined.
             sides = np.sign(levers) if parameters.segments[number].axes == 1 else levers
             self._share[bend, around] = segment.memory_share
@@ -152,9 +155,11 @@ class Hand(LeafSystem):
             motion: bend angles (F) over time, rad, to which the hand moves the limb.
         """
         super().__init__()
-        self._motion, self._layout = motion, Layout(parameters)
-        (segment,), (self._segment_chain,) = parameters.segments, self._layout.chains
-        self._tip = tip_of_angles(self._layout)
+        self._motion = motion
+        mechanics = LimbModel.of(parameters).mechanics
+        self._layout = mechanics.layout
+        (segment,), (self._segment_chain,) = parameters.segments, mechanics.chains
+        self._tip = tip_of_angles(mechanics)
         # A torque at the tip turns the chord by about (n + 1) / 2 joints' worth of angle.
         self._stiffness = GRIP * segment.stiffness * self._segment_chain.equal_angle
         self._length, self._sensor = segment.length, segment.bend_sensor

@@ -8,7 +8,7 @@ from pydrake.systems.framework import InputPortIndex, LeafSystem
 
 from hardware.emulation.specimen import Specimen, WirePhysics
 from limb_systems.drake_python import declare_part, weak_method
-from limb_systems.layout import Layout
+from limb_systems.limb_model import LimbModel
 
 # The wires' fastest rates are those of heating, some °C in a tenth of a second,
 # and far below the limb's 4.6 Hz mode, which hardly feels smoothed steps at 20 Hz.
@@ -74,15 +74,15 @@ class ShapeMemoryWires(LeafSystem):
         self._room, self._num_wires, self._num_joints = specimen.ambient, num_wires, num_joints
         self._wires = wires
         self._rates = [_heat_rates(w.fast_time, w.slow_time, w.silicone_share) for w in wires]
-        layout = Layout(specimen.mechanics())
+        mechanics = LimbModel.of(specimen.mechanics()).mechanics
         # φ towards the wire's own side is the mean angle that it sees on the links, over what
         # equal ones are for a bend of one, eqn (11).
         twice, links = np.empty((2, num_joints, 1))
-        for chain, joints in zip(layout.chains, layout.joints_of, strict=True):
+        for chain, joints in mechanics.chains_with_joints:
             twice[joints], links[joints] = 2 / chain.equal_angle, len(chain.lengths)
-        relief = layout.levers * [wire.strain_relief for wire in wires]
+        relief = mechanics.levers * [wire.strain_relief for wire in wires]
         self._strain = np.ascontiguousarray(-(relief * twice / (2 * links)).T)
-        self._torque = layout.levers * [wire.torque for wire in wires]
+        self._torque = mechanics.levers * [wire.torque for wire in wires]
 
         room = np.full(num_wires, specimen.ambient)
         rest = np.concatenate([room, room, np.ones(num_wires), np.zeros(num_wires)])

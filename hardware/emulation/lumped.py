@@ -31,10 +31,10 @@ from hardware.emulation.sensors import (
 )
 from hardware.emulation.specimen import SegmentPhysics, Specimen
 from hardware.firmware import guard
-from limb_systems import Layout, ThermocoupleLag
+from limb_systems import LimbModel, ThermocoupleLag
 from limb_systems.bend_sensor import rolled
 from limb_systems.drake_python import weak_method
-from limb_systems.layout import slices
+from limb_systems.layout import Layout, slices
 
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
 
@@ -68,7 +68,7 @@ def add_physics(
         exported.
     """
     parameters, state = specimen.description, specimen.state
-    layout = Layout(parameters)
+    layout = LimbModel.of(parameters).layout
     num_wires, num_joints = layout.num_wires, layout.num_joints
     wires = builder.AddNamedSystem("shape_memory_wires", ShapeMemoryWires(specimen, wire_period))
     rubber = builder.AddNamedSystem("rubber", EmulatedRubber(specimen))

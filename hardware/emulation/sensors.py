@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
-from limb_systems import Layout, LimbParameters, LimbSystem
+from limb_systems import LimbModel, LimbParameters, LimbSystem
 from limb_systems.drake_python import weak_method
 from limb_systems.layout import slices
 from limb_systems.limb_system import check_limb
@@ -165,9 +165,10 @@ class SampledSensors(LeafSystem):
 
 def exact_bend(parameters: LimbParameters) -> System:
     """Return a system from [θ, θ̇] (2n), rad and rad/s, to what exact bend sensors show (F), rad."""
-    layout, n = Layout(parameters), parameters.num_joints
+    mechanics = LimbModel.of(parameters).mechanics
+    n = parameters.num_joints
     return VectorFunction(
-        lambda state: layout.recorded_bend_angle(state[:n]), [2 * n], layout.num_bends
+        lambda state: mechanics.recorded_bend_angle(state[:n]), [2 * n], mechanics.layout.num_bends
     )
 
 
@@ -198,7 +199,7 @@ def limb_sensors(
     )
     bend_sensors = Sensor(
         "bend_angle",
-        Layout(parameters).num_bends,
+        LimbModel.of(parameters).layout.num_bends,
         1 / bend_rate,
         BEND_STEP,
         noise=bend_noise,
@@ -246,7 +247,8 @@ class SensedLimb(Diagram):
         self.parameters, self.accuracy = limb.parameters, limb.accuracy
         self.source = f"{limb.source} with sensor noise, seed {seed}"
         builder.ExportInput(limb.GetInputPort("duty"), "duty")
-        layout, segments = Layout(limb.parameters), limb.parameters.segments
+        layout = LimbModel.of(limb.parameters).layout
+        segments = limb.parameters.segments
         described = [segments[number].bend_sensor for number in layout.bend_segment]
         gain = np.array([sensor.gain for sensor in described])
         offset = np.choose(

@@ -38,8 +38,8 @@ import numpy as np
 from hardware.emulation.sensors import Noise
 from limb_systems import (
     EmulatedLimb,
-    Layout,
     LimbError,
+    LimbModel,
     LimbParameters,
     LinearLaw,
     NoBoard,
@@ -245,7 +245,7 @@ class Specimen:
 
     def _draw_in_space(self, uniform) -> None:
         """Draws what only segments of two axes have; their other draws are those of planar ones."""
-        layout = Layout(self.description)
+        layout = LimbModel.of(self.description).layout
         for number, described in enumerate(self.description.segments):
             if described.axes == 2:
                 drawn = self._draw_second_axis(uniform, described)
@@ -371,7 +371,7 @@ class Specimen:
                 raise LimbError(f"{name} of a limb is changed by {value!r}, which makes no sense.")
         if changes and self.disturbances:
             raise LimbError("This limb is disturbed already; disturb the original by both at once.")
-        if "payload_e3" in changes and Layout(self.description).is_planar:
+        if "payload_e3" in changes and LimbModel.of(self.description).layout.is_planar:
             raise LimbError("A limb that bends in a plane takes no payload_e3; give it a payload.")
         specimen = copy.deepcopy(self)
         change = DISTURBANCES | {name: float(value) for name, value in changes.items()}

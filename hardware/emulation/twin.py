@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from hardware.emulation.emulated_wires import LONGEST_STEP
 from hardware.emulation.lumped import add_physics
 from hardware.emulation.specimen import Specimen, emulated_limb
-from limb_systems import Layout, LimbError, LimbParameters, LimbSystem, make_manipulator
+from limb_systems import LimbError, LimbModel, LimbParameters, LimbSystem, make_manipulator
 from limb_systems.connected_limbs import connected
 from limb_systems.simulation import PERIOD, make_simulator
 
@@ -121,7 +121,7 @@ class LimbTwin(Diagram):
             specimen = specimens_of(physics)(LimbParameters.of(parameters), seed, extra)
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
         self.parameters.board = specimen.board
-        layout = Layout(self.parameters)
+        layout = LimbModel.of(self.parameters).layout
         stiffest = max(
             np.sqrt(s.stiffness * s.links**3 / (s.mass * s.length**2))
             for s in self.parameters.segments

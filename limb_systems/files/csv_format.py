@@ -231,6 +231,9 @@ def _is_angle(name: str) -> bool:
 
 def _format_cells(name: str, values: np.ndarray) -> list[str]:
     form = _format_degrees if _is_angle(name) else repr
+    if len(values) == 1:  # as a journal writes them
+        number = float(values[0])
+        return ["" if math.isnan(number) else form(number)]
     # Sensors have few different readings, so that each text is made once; by bits, as -0.0 is 0.0.
     bits, index = np.unique(np.ascontiguousarray(values, float).view(np.int64), return_inverse=True)
     numbers = bits.view(float).tolist()

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from limb_systems.layout import Layout
+from limb_systems.limb_model import LimbModel
 from limb_systems.summary import Summary
 
 RATE = 20.0  # Hz, at which the distance from the reference is looked at
@@ -26,7 +26,7 @@ def plan_statements(trajectory: Any, nearest: str = "") -> Summary:
     plan = trajectory.since_start()
     times = np.linspace(0.0, plan.duration, int(np.ceil(plan.duration * RATE)) + 1)
     missed = plan.interpolated(plan.reference, times) - plan.bend_angle_at(times)
-    missed_mean_deg = np.rad2deg(Layout(parameters).distances(missed).mean())
+    missed_mean_deg = np.rad2deg(LimbModel.of(parameters).layout.distances(missed).mean())
     most = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference).max())
     texts = {
         "reference": f"missed by {missed_mean_deg:.2f}° on average, {most:.2f}° at most{nearest}",

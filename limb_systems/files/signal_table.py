@@ -6,6 +6,7 @@ them; times are (K,). Recordings and trajectories are made of these.
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -22,11 +23,10 @@ from limb_systems.files.output import write_atomically
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.schema import dump_typed, load_fields
 from limb_systems.kinematics import bend_angle
-from limb_systems.layout import Layout
+from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.progress import Progress
 from limb_systems.summary import Entry, Summarized
-from limb_systems.wires import Wires
 
 ROWS_AT_ONCE = 20_000  # rows that are texts at a time
 TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
@@ -51,9 +51,10 @@ def column_names(
     signal ``other_wire_state`` is there only if wires have states other than T. Connected limbs
     have signals of their own.
     """
-    wires, suffixes = parameters.wire_names, Layout(parameters).bend_suffixes
+    wires = parameters.wire_names
+    suffixes = parameters.bend_suffixes
     joints = range(1, parameters.num_joints + 1)
-    others = Wires(parameters).state_names[len(wires) :]
+    others = LimbModel.of(parameters).wires.state_names[len(wires) :]
     return {
         "time": ["time_s"],
         "duty": [f"duty_{wire}" for wire in wires],
@@ -125,6 +126,11 @@ class Samples(Summarized):
         signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}
         names = column_names(parameters, robot)
         return {name: group for name, group in names.items() if name in signals}
+
+    @functools.cached_property
+    def model(self) -> LimbModel:
+        """The limb that the samples are of."""
+        return LimbModel(self.parameters)
 
     def columns(self) -> dict[str, np.ndarray]:
         """The columns (K,) of the file, angles in rad, without signals that are None."""
@@ -326,7 +332,7 @@ class Planned(Samples):
     @property
     def bend_angle(self) -> np.ndarray:  # type: ignore[override]
         """φ* at the knots (F, K), rad, by forward kinematics."""
-        return bend_angle(self.parameters, self.joint_angles)
+        return bend_angle(self.model, self.joint_angles)
 
     @property
     def passed(self) -> bool:

@@ -227,7 +227,7 @@ class Trajectory(Planned):
         For the times of a recording, use it on `since_start`.
         """
         joints = PiecewisePolynomial.CubicHermite(self.time, self.joint_angles, self.joint_rates)
-        return self._at(times, lambda at: bend_angle(self.parameters, joints.vector_values(at)))
+        return self._at(times, lambda at: bend_angle(self.model, joints.vector_values(at)))
 
     def duty_at(self, times: ArrayLike) -> np.ndarray:
         """Return the duty at any times (M,), (W, M); at one time, (W,), as ports take it."""

@@ -31,8 +31,8 @@ from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Planned
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.kinematics import joint_angles_from_bend_angle, tip_position
-from limb_systems.layout import Layout
 from limb_systems.limb import add_limb
+from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters, SegmentParameters
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR
 
@@ -79,7 +79,7 @@ def wire_paths(limb: LimbParameters, bodies: str, model: str) -> list[list[str]]
     """
     return [
         [f"{bodies}{body}/{model}/wire_{wire.name}" for body, _ in pieces]
-        for segment, pieces in zip(limb.segments, Layout(limb).pieces, strict=True)
+        for segment, pieces in zip(limb.segments, LimbModel.of(limb).mechanics.pieces, strict=True)
         for wire in segment.wires
     ]
 
@@ -218,7 +218,7 @@ class LimbView:
             root: beginning of the paths in Meshcat; empty, or ends with a slash.
         """
         self._parameters, self._ghosts, self._root = parameters, ghosts, root
-        self._is_planar = Layout(parameters).is_planar
+        self._is_planar = LimbModel.of(parameters).layout.is_planar
         self._builder = DiagramBuilder()  # it keeps the plant
         self._plant, _ = self._add_plant(self._builder)
         self._context = self._plant.CreateDefaultContext()
@@ -229,7 +229,8 @@ class LimbView:
         self._links: list[tuple[RigidBody, SegmentParameters, float]] = []  # with their lengths
         self.wire_paths: list[list[str]] = []
         for prefix, limb in self._limbs().items():
-            for segment, pieces in zip(limb.segments, Layout(limb).pieces, strict=True):
+            pieces_of = LimbModel.of(limb).mechanics.pieces
+            for segment, pieces in zip(limb.segments, pieces_of, strict=True):
                 for body, length in pieces:
                     link = self._plant.GetBodyByName(f"{prefix}{body}")
                     self._links.append((link, segment, length))
@@ -379,7 +380,8 @@ class LimbView:
 
         # Enclose all bodies and ends of links, however they bend, in a box.
         if joint_angles is None:
-            bends = np.tile(np.radians([-60.0, 0.0, 60.0]), (Layout(self._parameters).num_bends, 1))
+            num_bends = LimbModel.of(self._parameters).layout.num_bends
+            bends = np.tile(np.radians([-60.0, 0.0, 60.0]), (num_bends, 1))
             joint_angles = joint_angles_from_bend_angle(self._parameters, bends)
         places = []
         for k in np.unique(np.linspace(0, joint_angles.shape[1] - 1, _MOMENTS).astype(int)):

@@ -16,7 +16,7 @@ from limb_systems.connected_limbs import connected
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Planned, Samples
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.layout import Layout
+from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
@@ -115,7 +115,7 @@ class Signal:
 
 
 def in_words(suffix: str) -> str:
-    """A suffix of `Layout`'s in words, such as " of segment 2 towards E3" or " of rear"."""
+    """A suffix of a segment or bend in words, such as " of segment 2 towards E3" or " of rear"."""
     match = re.fullmatch(r"(?:_(.+?))??(?:_e([23]))?", suffix)
     segment, axis = match.groups() if match else (None, None)
     words = "" if segment is None else f" of {'segment ' * segment.isdigit()}{segment}"
@@ -176,7 +176,7 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
             if start < time[-1]
         ],
     )
-    layout = Layout(trajectory.parameters)
+    layout = trajectory.model.layout
     for bend in np.flatnonzero(layout.bend_direction):
         place = bend + 2 * layout.bend_segment[bend]  # two of heat and duty follow each segment
         panels.append(_path_panel(panels[place - 1], panels[place]))
@@ -225,14 +225,14 @@ def measured_panels(
             band = low, high
         return [Curve(name, plan.time[shown], values, color, dash, width, band)]
 
-    layout = Layout(parameters)
+    layout = LimbModel.of(parameters).layout
     for segment, (bends, wired) in enumerate(zip(layout.bends_of, layout.wires_of, strict=True)):
         names = [wire.name for wire in parameters.segments[segment].wires]
         wires = list(
             zip(itertools.count(wired.start), names, wire_colors(len(names)), strict=False)
         )
         for index in range(bends.start, bends.stop):
-            bend, called = [], layout.bend_suffixes[index]
+            bend, called = [], parameters.bend_suffixes[index]
             if plan is not None:
                 wanted = np.rad2deg(plan.reference[index])
                 bend.append(Curve("reference φ_REF", plan.time, wanted, REFERENCE_COLOR))
@@ -249,7 +249,7 @@ def measured_panels(
             duty += planned(f"{name}, D* planned", "duty", index, color, dash)
         for index, name, color in wires:
             heat += planned(f"{name}, T* planned", "wire_temperature", index, color, "dotted", 1.0)
-        where = layout.segment_suffixes[segment] if parameters.segments[segment].name else ""
+        where = parameters.segment_suffixes[segment] if parameters.segments[segment].name else ""
         legend = 20 * max(0, len(names) - 3)  # px, of more lines
         for signal, curves, lines in (
             (SIGNALS["measured_temperature"], heat, limits),
@@ -324,7 +324,7 @@ def repetition_panels(
             x_ticks={int(number): str(number) for number in numbers},
         )
     ]
-    for bend, suffix in enumerate(Layout(trajectory.parameters).bend_suffixes):
+    for bend, suffix in enumerate(trajectory.parameters.bend_suffixes):
         curves = [
             Curve(name, run.time, np.rad2deg(angle[bend]), color, dash)
             for name, run, angle, color, dash in (

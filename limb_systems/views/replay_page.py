@@ -17,7 +17,7 @@ from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Planned
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.kinematics import bend_angle
-from limb_systems.layout import Layout
+from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.views.colors import ROLLOUT_COLOR
 from limb_systems.views.limb_view import (
@@ -89,9 +89,9 @@ def replay_page(
     if not (np.isfinite(frames_per_second) and frames_per_second > 0):
         raise LimbError(f"frames_per_second is {frames_per_second!r}; it must be positive.")
     motion = motion.for_replay()
-    parameters, layout = motion.parameters, Layout(motion.parameters)
+    parameters = motion.parameters
     robot = None if motion.robot is None or motion.robot.is_limb else motion.robot
-    in_space = not (robot or layout.is_planar)
+    in_space = not (robot or motion.model.layout.is_planar)
     start, end = motion.time[[0, -1]]
     times = np.linspace(start, end, 1 + max(1, round((end - start) * frames_per_second)))
     rate = (len(times) - 1) / (end - start)
@@ -148,7 +148,7 @@ def replay_page(
         title=title,
         motion=motion.origin,
         poses=[(how, None)] + [(ghost.name, _css(ghost.color)) for ghost in ghosts],
-        bends=[suffix.strip("_").replace("_", " ") for suffix in layout.bend_suffixes],
+        bends=[suffix.strip("_").replace("_", " ") for suffix in parameters.bend_suffixes],
         in_space=in_space,
         body=[(name, unit) for name, unit, _ in body],
         tip_color=ROLLOUT_COLOR,
@@ -182,7 +182,7 @@ def _ghosts_beside(motion: Recording | Planned, plan: Trajectory | None) -> list
 
 def _places_in_words(parameters: LimbParameters) -> str:
     """Where each wire is as one looks down on the limb, E2 being up, or at its tip in space."""
-    if not Layout(parameters).is_planar:
+    if not LimbModel.of(parameters).layout.is_planar:
         places = dict.fromkeys(
             ", ".join(f"{wire.name} {np.rad2deg(wire.angle):.0f}°" for wire in segment.wires)
             for segment in parameters.segments

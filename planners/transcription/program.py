@@ -9,14 +9,12 @@ from pydrake.planning import DirectCollocation
 from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
 
 from limb_systems import (
-    Layout,
     Limb,
+    LimbModel,
     LimbParameters,
-    Wires,
     joint_angles_from_bend_angle,
     split_state,
 )
-from limb_systems.dynamics import dynamics_of
 from limb_systems.files.trajectory import AddedTerms
 from planners.task import Task, TaskError
 from planners.transcription.collocation import ANGLE_SCALE, MotionDefects, heat_block
@@ -36,7 +34,7 @@ class PlanProgram:
     alone. `update` sets the reference, the initial state and the warm-up.
 
     - ``prog``: the `MathematicalProgram`.
-    - ``wires``: `Wires` of the limb.
+    - ``model``, ``wires``: the limb and its wires.
     - ``times``: times of the knots (K,), s, before they are stretched.
     - ``heat``, ``duty``, ``time_steps``: indices of [x, V] (K, M), u_k (K, W) and h_k (K - 1)
       among the decision variables.
@@ -46,7 +44,7 @@ class PlanProgram:
     - ``added``, ``added_costs``: the constraints and costs that the task's ``customize`` added.
 
     Args:
-        parameters: description of the limb.
+        parameters: the limb or its description.
         times: times of the knots (K,), s, from 0.
         task: weights and limits; `Task()` if None.
         measured_margin: how far readings V stay below ``measured_maximum``, °C, one number or
@@ -75,14 +73,18 @@ class PlanProgram:
 
     def __init__(
         self,
-        parameters: LimbParameters,
+        parameters: LimbParameters | LimbModel,
         times: np.ndarray,
         task: Task | None = None,
         measured_margin: ArrayLike = 0.0,
         limit_weight: float | None = None,
     ):
-        self.parameters, self.times, self.task = parameters, times, task or Task()
-        self.wires, self._layout = Wires(parameters), Layout(parameters)
+        self.model = LimbModel.of(parameters)
+        self.parameters = self.model.parameters
+        self.times = times
+        self.task = task or Task()
+        self.wires = self.model.wires
+        self._layout = self.model.layout
         self._add_variables()
         self.heat, self.duty = self.indices(self._heat), self.indices(self._duty)
         self._add_time()
@@ -138,7 +140,7 @@ class PlanProgram:
         heat = initial_state[-len(self.wires.heat_scales) :]
         start = initial_state if self.has_inertia else heat[: self._start.size]
         self._initial.evaluator().set_bounds(start, start)
-        lower = warm_bounds(self.parameters, self.times, warm_up_time)
+        lower = warm_bounds(self.model, self.times, warm_up_time)
         self._warm_up.evaluator().UpdateLowerBound(lower)
         if self.task.reach:
             end = reference[:, -1]
@@ -300,7 +302,7 @@ class PlanProgram:
         prog.AddBoundingBoxConstraint(0.0, 1.0 - task.duty_margin, duty.ravel())  # (18)
         if parameters.total_duty < W:
             add_at_knots(prog, np.ones((1, W)), -np.inf, parameters.total_duty, duty)
-        warm = warm_bounds(parameters, times, parameters.temperature_limits.warm_up_time)
+        warm = warm_bounds(self.model, times, parameters.temperature_limits.warm_up_time)
         hot = np.full(len(warm), parameters.temperature_limits.maximum - task.temperature_margin)
         hot[:W] = np.inf  # of the given initial state
         T = x[:, :W].ravel()
@@ -309,7 +311,7 @@ class PlanProgram:
         else:
             warm_up = add_soft_bounds(prog, T, warm, hot, limit_weight)
         if readings.size:
-            bounds = reading_bounds(parameters, measured_margin)
+            bounds = reading_bounds(self.model, measured_margin)
             bounded, bounds = readings[1:, np.isfinite(bounds)], bounds[np.isfinite(bounds)]
             if bounded.size:
                 upper = np.tile(bounds, len(bounded))
@@ -346,7 +348,7 @@ class TrajectoryProgram(PlanProgram):
 
     def __init__(
         self,
-        parameters: LimbParameters,
+        parameters: LimbParameters | LimbModel,
         times: np.ndarray,
         task: Task | None = None,
         *,
@@ -394,12 +396,12 @@ class TrajectoryProgram(PlanProgram):
         self._tracked, self._heat = self._states[:, :n], self._states[:, 2 * n :]
         self._shares, self._to_bends = np.ones(n), np.zeros((self._layout.num_bends, n))
         for row, joints, chain in zip(
-            self._to_bends, self._layout.bend_joints, self._layout.chains, strict=True
+            self._to_bends, self._layout.bend_joints, self.model.mechanics.chains, strict=True
         ):
             row[joints] = chain.bend_by_equal_angle / len(joints)  # (11)
 
     def _targets(self, reference: np.ndarray) -> np.ndarray:
-        return joint_angles_from_bend_angle(self.parameters, reference).T
+        return joint_angles_from_bend_angle(self.model, reference).T
 
     def _add_rate_limits(self, limits: np.ndarray) -> None:
         n = self.parameters.num_joints
@@ -411,7 +413,7 @@ class TrajectoryProgram(PlanProgram):
     def _make_blocks(self) -> list[ConstraintBlock]:
         is_free = self.task.stretch is not None
         self.defects = MotionDefects(
-            dynamics_of(self.parameters),
+            self.model.dynamics,
             self.wires,
             self.states,
             self.duty,
@@ -433,7 +435,7 @@ class TrajectoryProgram(PlanProgram):
 
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:
         """The signals of a `Trajectory`, from all decision variables."""
-        angles, rates, states, measured = split_state(self.parameters, x[self.states].T)
+        angles, rates, states, measured = split_state(self.model, x[self.states].T)
         return {
             "duty": x[self.duty].T,
             "joint_state": np.vstack([angles, rates]),
@@ -493,7 +495,7 @@ def temperature_weights(parameters: LimbParameters, times: np.ndarray, task: Tas
     return task.temperature_weight * np.outer(task.shares(times), shares)
 
 
-def reading_bounds(parameters: LimbParameters, margin: ArrayLike = 0.0) -> np.ndarray:
+def reading_bounds(model: LimbModel, margin: ArrayLike = 0.0) -> np.ndarray:
     """Upper bounds of the readings V (W,), °C: ``measured_maximum`` less a margin.
 
     They are infinite where V cannot rise beyond them because T is bounded (19).
@@ -501,13 +503,14 @@ def reading_bounds(parameters: LimbParameters, margin: ArrayLike = 0.0) -> np.nd
     Args:
         margin: °C, a number or one for each wire (W,).
     """
-    wires, limits = Wires(parameters), parameters.temperature_limits
+    wires = model.wires
+    limits = model.parameters.temperature_limits
     bounds = np.broadcast_to(limits.measured_maximum - np.asarray(margin, float), wires.num_wires)
     hottest = wires.settled_states(np.full(wires.num_wires, limits.maximum))
     return np.where(wires.reading_rates(bounds, hottest) > 0, bounds, np.inf)
 
 
-def warm_bounds(parameters: LimbParameters, times: np.ndarray, warm_up_time: float) -> np.ndarray:
+def warm_bounds(model: LimbModel, times: np.ndarray, warm_up_time: float) -> np.ndarray:
     """Lower bounds of the wire temperatures (K * W,), knot by knot, eqn (20), °C."""
-    bounds = np.where(times > warm_up_time, parameters.temperature_limits.warm, -np.inf)
-    return np.repeat(bounds, len(parameters.wires))
+    bounds = np.where(times > warm_up_time, model.parameters.temperature_limits.warm, -np.inf)
+    return np.repeat(bounds, model.layout.num_wires)

@@ -24,8 +24,8 @@ from pydrake.solvers import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import LimbError, LimbParameters, LinearLaw, Wires
-from limb_systems.statics import HeldAngles
+from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw, Wires
+from limb_systems.held_angles import HeldAngles
 from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE, heat_block
 from planners.transcription.function_block import FunctionBlock
@@ -44,7 +44,7 @@ LEAST_BETA = 1e-6  # N·m/°C, of wires that are taken to be linear
 
 
 def check_temperature_limits(
-    parameters: LimbParameters,
+    model: LimbModel,
     times: np.ndarray,
     initial_heat: np.ndarray,
     warm_up_time: float,
@@ -67,7 +67,8 @@ def check_temperature_limits(
         InfeasibleError: names the wire, the constraint and the time from which
             it could be met.
     """
-    limits, wires = parameters.temperature_limits, Wires(parameters)
+    wires = model.wires
+    limits = model.parameters.temperature_limits
     initial_states, initial_readings = np.split(initial_heat, [wires.num_states])
     warm_knots = times > warm_up_time
     full, highest = 1.0 - task.duty_margin, limits.maximum - task.temperature_margin
@@ -88,9 +89,9 @@ def check_temperature_limits(
     hottest = states_at(full, np.array([first]))[0]
     off = states_at(0.0, times[:2])
     cooled, cooled_readings = off[1], readings_along(wires, off, initial_readings, times[:2])[1]
-    bounds = reading_bounds(parameters, measured_margin)
+    bounds = reading_bounds(model, measured_margin)
     ahead = np.linspace(0.0, _settling_time(wires), 1000)
-    for index, name in enumerate(parameters.wire_names):
+    for index, name in enumerate(model.parameters.wire_names):
         start = initial_states[index]
         if cooled_readings[index] > bounds[index]:
             raise InfeasibleError(
@@ -128,11 +129,10 @@ def held_motion(held: HeldAngles, states: np.ndarray, duty: np.ndarray) -> np.nd
 
 
 def solve_quasi_static(
-    parameters: LimbParameters,
+    model: LimbModel,
     times: np.ndarray,
     reference: np.ndarray,
     initial_heat: np.ndarray,
-    held: HeldAngles,
     task: Task,
     warm_up_time: float,
     measured_margin: ArrayLike = 0.0,
@@ -145,7 +145,6 @@ def solve_quasi_static(
     Args:
         times, initial_heat, warm_up_time, measured_margin: as for `check_temperature_limits`.
         reference: φ_ref at the knots (F, K), rad.
-        held: angles that the wires hold.
         start: heat and duty, as they are returned, of a plan from which the solver starts; that of
             wires that are about linear if None.
 
@@ -155,7 +154,7 @@ def solve_quasi_static(
     Raises:
         InfeasibleError: if it has no solution.
     """
-    wires = held.wires
+    wires = model.wires
     num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
     grid = np.linspace(times[0], times[-1], num_intervals + 1)
     some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
@@ -168,7 +167,7 @@ def solve_quasi_static(
         time_weight=0.0,
         customize=None,
     )
-    program = QuasiStaticProgram(parameters, times[some], held, task, measured_margin)
+    program = QuasiStaticProgram(model, times[some], model.statics, task, measured_margin)
     program.update(reference[:, some], initial_heat, warm_up_time)
     guess = program.variables(*(part[:, some] for part in start)) if start else program.guess()
     x = solve_program(program, guess).x
@@ -196,7 +195,7 @@ class QuasiStaticProgram(PlanProgram):
 
     def __init__(
         self,
-        parameters: LimbParameters,
+        parameters: LimbParameters | LimbModel,
         times: np.ndarray,
         held: HeldAngles,
         task: Task,
@@ -209,7 +208,7 @@ class QuasiStaticProgram(PlanProgram):
 
     def _add_variables(self) -> None:
         K, wires = len(self.times), self.wires
-        self._shares = (self._layout.shape**2).sum(axis=0)  # of (15) in the joints' angles
+        self._shares = (self.model.mechanics.shape**2).sum(axis=0)  # of (15) in the joints' angles
         self._to_bends = np.eye(len(self._shares))
         num_heat = wires.num_states if self._is_soft else len(wires.heat_scales)
         self.prog = prog = MathematicalProgram()
@@ -306,8 +305,9 @@ class QuasiStaticProgram(PlanProgram):
         reference, warm_up_time = self._asked
         task = dataclasses.replace(self.task, customize=None)
         try:
-            limb, W = linear_limb(self.parameters), self.wires.num_wires
-            program = QuasiStaticProgram(limb, self.times, HeldAngles(limb), task)
+            linear = LimbModel.of(linear_limb(self.parameters))
+            W = self.wires.num_wires
+            program = QuasiStaticProgram(linear, self.times, linear.statics, task)
             heat = np.concatenate([self._initial_heat[:W], self._initial_heat[-W:]])
             program.update(reference, heat, warm_up_time)
             x = solve_program(program, program.guess()).x
@@ -320,7 +320,8 @@ class QuasiStaticProgram(PlanProgram):
         states, readings = np.split(x[self.heat].T, [self.wires.num_states])
         motion = held_motion(self.held, states.T, x[self.duty]).T
         angles, rates = np.split(motion, 2)
-        lag = self._layout.damping / self._layout.stiffness
+        mechanics = self.model.mechanics
+        lag = mechanics.damping / mechanics.stiffness
         angles -= lag[:, None] * rates
         motion[:, 0] = self._initial_motion
         return {

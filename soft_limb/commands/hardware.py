@@ -21,9 +21,9 @@ from hardware.emulation.specimen import emulated_limb
 from hardware.emulation.twin import EmulatedSystem
 from hardware.live_feed import DONE, LiveView, Reading, RunHeader, board_reading
 from limb_systems import (
-    Layout,
     Limb,
     LimbError,
+    LimbModel,
     LimbParameters,
     LimbSystem,
     Recording,
@@ -353,7 +353,7 @@ def _taught_limb(options: argparse.Namespace) -> tuple[LimbSystem, float]:
         return SerialLimb(options.port, limb, heated=False), options.time
     if options.hand:
         motion = reference_from_file(options.hand, 0.5)
-    elif Layout(limb).is_planar:
+    elif LimbModel.of(limb).layout.is_planar:
         times = np.linspace(0.0, 60.0, 601)
         motion = from_samples(times, np.deg2rad(15.0) * np.sin(times / 4.0))
     else:

@@ -13,7 +13,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.layout import Layout
+from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import CalibrationRecord, LimbParameters
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
@@ -289,7 +289,8 @@ def _is_size(value: Any) -> bool:
 
 def _check_shapes(results: Sequence[ResultFile]) -> None:
     limbs = [result.value.parameters for result in results]
-    shapes = [(len(one.segments), len(one.wires), Layout(one).num_bends) for one in limbs]
+    layouts = [LimbModel.of(one).layout for one in limbs]
+    shapes = [(len(each.bends_of), each.num_wires, each.num_bends) for each in layouts]
     for result, shape in zip(results, shapes, strict=True):
         if shape != shapes[0]:
             raise ComparisonError(
@@ -418,13 +419,14 @@ def comparison_page(comparison: Comparison) -> str:
 def _panels(comparison: Comparison) -> list[Panel]:
     results, names = comparison.results, comparison.names
     parameters = results[0].value.parameters
-    panels, layout = [], Layout(parameters)
+    panels = []
+    layout = LimbModel.of(parameters).layout
     drawn: list[tuple[str, list[int], str]] = []  # in each panel: a signal's rows, and where
     for bends, wires, suffix in zip(
-        layout.bends_of, layout.wires_of, layout.segment_suffixes, strict=True
+        layout.bends_of, layout.wires_of, parameters.segment_suffixes, strict=True
     ):
         for bend in range(bends.start, bends.stop):
-            drawn.append(("bend_angle", [bend], layout.bend_suffixes[bend]))
+            drawn.append(("bend_angle", [bend], parameters.bend_suffixes[bend]))
         wired = list(range(wires.start, wires.stop))
         drawn += [("measured_temperature", wired, suffix), ("duty", wired, suffix)]
     for signal, rows, suffix in drawn:

@@ -18,7 +18,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Samples
-from limb_systems.layout import Layout
+from limb_systems.limb_model import LimbModel
 from limb_systems.views.colors import (
     PLAN_COLOR,
     REFERENCE_COLOR,
@@ -209,7 +209,7 @@ def small_picture(run: object) -> Markup:
     bends = np.rad2deg(run.bend_angle)
     wires = run.measured_temperature
     color = ROLLOUT_COLOR if isinstance(run, Recording) else PLAN_COLOR
-    dashes = [DASHED if axis else "" for axis in Layout(run.parameters).bend_direction]
+    dashes = [DASHED if axis else "" for axis in LimbModel.of(run.parameters).layout.bend_direction]
     bend_lines = [(row, color, dash) for row, dash in zip(bends, dashes, strict=True)]
     reference = getattr(run, "reference", None)
     if reference is not None:

@@ -220,8 +220,11 @@ def test_a_value_that_no_limb_has_is_named(model_recordings, true_limb):
 def test_what_cannot_be_used_is_left_out_and_named(model_recordings, true_limb, tmp_path):
     """Interrupted recordings calibrate nothing, but validate; unfinished files are ignored."""
     right, both = (
-        dataclasses.replace(model_recordings[kind][0], interrupted="The cable is cut.")
+        dataclasses.replace(
+            part(whole, whole.time < 20.0), interrupted="The cable is cut.", kind=kind
+        )
         for kind in ("right", "both")
+        for whole in model_recordings[kind]
     )
     right.save(tmp_path / "some_name.csv")
     model_recordings["left"][0].save(tmp_path / "left.csv")

@@ -188,7 +188,7 @@ def test_equilibria_are_reached_and_recorded_with_their_set_points(model_recordi
         (recording,) = model_recordings[kind]
         assert recording.duty.max() <= 0.5
         angles = np.unique(recording.reference)
-        assert len(angles) == 6
+        assert len(angles) == 5
         assert (np.deg2rad(45) * sides[0] <= angles).all()
         assert (angles <= np.deg2rad(45) * sides[1]).all()
         ends = np.flatnonzero(np.diff(recording.reference[0]))
@@ -389,8 +389,9 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
     assert "error: There is no terminal to press Enter in" in capsys.readouterr().err
 
 
-def test_command_collects_three_wires_from_a_robot_as_four_kinds(tmp_path, monkeypatch):
+def test_command_collects_three_wires_from_a_robot_as_four_kinds(short_excitations, tmp_path):
     """With the model in place of the robot. Two of the wires are on one side."""
+    monkeypatch = short_excitations
     monkeypatch.setattr("calibration.collecting.measurement_protocol.SAG_TRIALS", 1)
     monkeypatch.setattr("calibration.collecting.measurement_protocol.RING_DOWNS", 1)
     ports, asked = [], []

@@ -74,7 +74,7 @@ def test_an_emulated_limb_is_warmed_up_and_then_hot_within_its_bounds():
     fitted = fit_heat_bounds([warm_up], parameters, WARM_UP_MARGIN)
     for wire, bounds in zip(parameters.wires, fitted, strict=True):
         wire.heat_bounds = bounds
-    board = SimulatedBoard(LimbTwin(seed=seed), parameters, step=10)
+    board = SimulatedBoard(LimbTwin(seed=seed), parameters, step=25)
     board.run(1.0)
     assert board.arm()
     hottest = 0.0

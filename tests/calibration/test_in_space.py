@@ -17,9 +17,8 @@ from calibration.prediction.law_fit import fit_law
 from calibration.recordings.at_rest import rest_angles
 from calibration.recordings.kinds import TURNS
 from calibration.wire_directions import WrongDescriptionError, check_directions, wire_directions
-from limb_systems import Layout, LimbParameters, LinearLaw, Recording, RestMemory, Wires
+from limb_systems import LimbModel, LimbParameters, LinearLaw, Recording, RestMemory
 from limb_systems.monte_carlo import draw_ensemble, stacked
-from limb_systems.statics import HeldAngles
 
 RATE, DRIFT = 4.0, np.deg2rad(0.1)
 TRUE = {
@@ -55,7 +54,7 @@ def true_limb() -> LimbParameters:
 def recording_of(turned: float | None, seed: int, levels: list[list[float]]) -> Recording:
     """Each level held for 15 s, then 15 s without duty, as a noisy, drifting sensor shows it."""
     limb = mounted(true_limb(), turned)
-    wires, random = Wires(limb), np.random.default_rng(seed)
+    wires, random = LimbModel.of(limb).wires, np.random.default_rng(seed)
     parts = np.array([[0.0] * 3, *(row for level in levels for row in (level, [0.0] * 3))])
     times = np.arange(0.0, 15.0 * len(parts), 1 / RATE)
     duty = np.repeat(parts, round(15 * RATE), axis=0)  # from each sample to the next
@@ -67,9 +66,9 @@ def recording_of(turned: float | None, seed: int, levels: list[list[float]]) -> 
             heat = heat + 0.05 * wires.heat_rates(middle, level)
         states.append(heat[: wires.num_states])
         readings.append(heat[wires.num_states :])
-    angles = HeldAngles(limb).angles(np.array(states))
+    angles = LimbModel.of(limb).statics.angles(np.array(states))
     (segment,) = limb.segments
-    seen = segment.bend_sensor.apparent_bends(Layout(limb).chains[0], angles.T)
+    seen = segment.bend_sensor.apparent_bends(LimbModel.of(limb).mechanics.chains[0], angles.T)
     noise = np.deg2rad(0.3) * random.standard_normal(seen.shape)
     return Recording(
         time=times,
@@ -132,8 +131,8 @@ def test_the_open_loop_in_space_shows_exact_equilibria():
     open_loop = OpenLoopInSpace(np.zeros((1, len(loads), 3)), 0.5, own, loads)
     rooms = np.full((1, len(loads)), ambient[0])
     _, _, bends = open_loop.simulate(law, rooms, [heat, heat], rubber)
-    chain = Layout(limb).chains[0]
-    angles = np.concatenate([HeldAngles(each).angles(hot) for each in limbs])
+    chain = LimbModel.of(limb).mechanics.chains[0]
+    angles = np.concatenate([LimbModel.of(each).statics.angles(hot) for each in limbs])
     exact = own.bend_sensor.apparent_bends(chain, angles.T).T
     assert np.rad2deg(np.linalg.norm(exact, axis=1)).max() > 45.0
     assert np.rad2deg(np.abs(bends[0, 0] - exact)).max() < 0.03
@@ -173,15 +172,15 @@ def test_the_memory_of_the_rest_angle_is_that_of_the_model():
     open_loop = OpenLoopInSpace(duty[:, None], 0.5, own, [[0.0] * 4])
     cold = np.full((1, 1, 3), ambient[0])
     _, _, bends = open_loop.simulate(law, ambient[:, None], [cold, cold], rubber)
-    wires, state = Wires(limb), Wires(limb).cold_states
+    wires, state = LimbModel.of(limb).wires, LimbModel.of(limb).wires.cold_states
     for level in np.repeat(duty, 50, axis=0):
         state = state + 0.01 * wires.rates(state, level)
     shown = own.bend_sensor.apparent_bends(
-        Layout(limb).chains[0], HeldAngles(limb).angles(state[None]).T
+        LimbModel.of(limb).mechanics.chains[0], LimbModel.of(limb).statics.angles(state[None]).T
     )
     own.rest_memory = None
     forgot = own.bend_sensor.apparent_bends(
-        Layout(limb).chains[0], HeldAngles(limb).angles(state[None, :3]).T
+        LimbModel.of(limb).mechanics.chains[0], LimbModel.of(limb).statics.angles(state[None, :3]).T
     )
     assert np.rad2deg(np.linalg.norm(shown - forgot)) > 1.0
     assert np.rad2deg(np.abs(bends[-1, 0, 0] - shown[:, 0])).max() < 0.1

@@ -16,7 +16,7 @@ from controllers.duty_correction import (
 )
 from controllers.learner import COOLER, SHARES, RepeatingError, wandering
 from controllers.reduced_model import ReducedModel
-from limb_systems import HystereticLaw, Layout, LimbParameters, Recording, Trajectory
+from limb_systems import HystereticLaw, LimbParameters, Recording, Trajectory
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.files.trajectory import PlanCheck
 
@@ -71,8 +71,8 @@ class Plant:
         self.heat = self.model.rollout(self.start, duty)
         self.bend = self.model.bend_angle(self.heat) + self.disturbance(times)[:, None] + offset
         bend = self.bend.copy()
-        limb = self.model.parameters
-        for column, segment in zip(bend.T, Layout(limb).bend_segment, strict=True):
+        limb = self.model.limb.parameters
+        for column, segment in zip(bend.T, self.model.limb.layout.bend_segment, strict=True):
             sensor = limb.segments[segment].bend_sensor
             drift = self.random.multivariate_normal(0 * times, wandering(times, sensor.drift, 120))
             column += drift + sensor.noise * self.random.normal(size=len(times))
@@ -81,7 +81,7 @@ class Plant:
             duty=course.vector_values(times),
             measured_temperature=self.model.readings(self.heat).T,
             bend_angle=bend.T,
-            parameters=self.model.parameters,
+            parameters=self.model.limb.parameters,
             source="reduced model",
             sample_rate=20.0,
             interrupted=interrupted,

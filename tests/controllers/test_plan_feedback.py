@@ -11,9 +11,8 @@ from controllers import PlanFeedback, PlanRegulator, ReducedModel
 from controllers.plan_controller import SampledPlan, allocate, within_total
 from controllers.plan_feedback import BEND, DUTY, TEMPERATURE, regulator_gains
 from hardware import replay
-from limb_systems import Layout, Limb, LimbParameters, simulate
+from limb_systems import Limb, LimbModel, LimbParameters, simulate
 from limb_systems.limb_parameters import CalibrationRecord
-from limb_systems.statics import HeldAngles
 from planners import plan, references
 
 LEFT, RIGHT = -0.12, 0.11  # rad/s, bend rates by full duty
@@ -73,7 +72,7 @@ def test_gains_are_those_of_the_springs(two_segments):
     """a2 β (n + 1) / (2 k) of the segment's own wires, and zero for the other segment's."""
     gains = ReducedModel(two_segments).mean_gains
     for index, (segment, wires) in enumerate(
-        zip(two_segments.segments, Layout(two_segments).wires_of, strict=True)
+        zip(two_segments.segments, LimbModel.of(two_segments).layout.wires_of, strict=True)
     ):
         own = [
             wire.lever[0] * wire.law.a2 * wire.law.beta * (segment.links + 1) / 2
@@ -160,7 +159,9 @@ def test_both_bends_of_a_limb_in_space_are_held():
     parameters.gravity = [0.0, -6.0, 7.0]
     parameters.temperature_limits.warm_up_time = 1000.0
     turned = np.deg2rad([[0.0, 0.0, 9.0, 9.0], [0.0, 0.0, -6.0, -6.0]])
-    start = Layout(parameters).bend_angle(HeldAngles(parameters).rest_angles)[:, None]
+    start = LimbModel.of(parameters).mechanics.bend_angle(
+        LimbModel.of(parameters).statics.rest_angles
+    )[:, None]
     course = plan(
         parameters, references.from_samples([0.0, 1.0, 3.0, 5.0], start + turned), knot_rate=5.0
     )
@@ -172,7 +173,9 @@ def test_both_bends_of_a_limb_in_space_are_held():
     for controller in (None, PlanFeedback(course), PlanRegulator(course)):
         held = replay(course, Limb(other), controller=controller)
         late = held.time > 4.0
-        errors = Layout(other).distances(held.bend_angle - course.bend_angle_at(held.time))
+        errors = LimbModel.of(other).layout.distances(
+            held.bend_angle - course.bend_angle_at(held.time)
+        )
         missed.append(np.rad2deg(errors[0, late]).max())
     assert missed[0] > 3.0
     assert max(missed[1:]) < 0.25 * missed[0]

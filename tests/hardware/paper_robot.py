@@ -8,7 +8,7 @@ from hardware.emulation.emulator import Emulation
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware import firmware
 from hardware.firmware.firmware import Firmware
-from limb_systems import Layout, LimbParameters
+from limb_systems import LimbModel, LimbParameters
 
 from .firmware_checks import ROOM, PaperBoard
 
@@ -21,7 +21,7 @@ class PaperRobot(PaperBoard):
 
     def __init__(self, program=Firmware, limb=None):
         limb = limb or LimbParameters()
-        super().__init__(pulls=pulls_of(limb), angles=Layout(limb).num_bends)
+        super().__init__(pulls=pulls_of(limb), angles=LimbModel.of(limb).layout.num_bends)
         self._names = limb.wire_names
         self._random = random.Random(0)
         self.program = program

@@ -11,8 +11,8 @@ from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import LimbTwin
 from limb_systems import (
     ChordSensor,
-    Layout,
     LimbError,
+    LimbModel,
     LimbParameters,
     make_manipulator,
     simulate,
@@ -66,7 +66,7 @@ def test_with_wires_at_e2_only_it_is_the_planar_limb():
     expected, found = (
         simulate(LimbTwin(specimen=limb, truth=True), [0.3, 0.1], 15.0) for limb in (planar, space)
     )
-    e2, e3 = Layout(limbs[1]).bend_joints
+    e2, e3 = LimbModel.of(limbs[1]).layout.bend_joints
     assert np.rad2deg(np.abs(expected.joint_state[:5]).max()) > 5.0
     np.testing.assert_allclose(found.joint_state[e2], expected.joint_state[:5], atol=1e-4)
     np.testing.assert_allclose(found.joint_state[e3], 0.0, atol=1e-9)
@@ -81,16 +81,18 @@ def test_energy_only_falls_without_heat():
     segment.rest_angle, segment.rest_angle_e3, segment.links = 0.2, -0.1, 2
     specimen = Specimen(limb, 5).without("stress")
     (rubber,) = changed(specimen, segments={"damping": 1e-6, "stiffening": 2.0}).segments
-    layout = Layout(specimen.mechanics())
-    start = layout.shape @ [0.9, -0.7] + 0.1 * np.sin(np.arange(6))
+    mechanics = LimbModel.of(specimen.mechanics()).mechanics
+    start = mechanics.shape @ [0.9, -0.7] + 0.1 * np.sin(np.arange(6))
     specimen.state = {"joints": start, "rubber": start}
-    plant, described = make_manipulator(specimen.mechanics()), layout.shape @ [0.2, -0.1]
+    plant, described = make_manipulator(specimen.mechanics()), mechanics.shape @ [0.2, -0.1]
     context = plant.CreateDefaultContext()
 
     def energy(state):
         plant.SetPositionsAndVelocities(context, state["joints"])
-        angles, k = state["joints"][:6], layout.stiffness
-        links = np.array([(angles - described)[j] ** 2 for j in layout.bend_joints]).sum(axis=0)
+        angles, k = state["joints"][:6], mechanics.stiffness
+        links = np.array([(angles - described)[j] ** 2 for j in mechanics.layout.bend_joints]).sum(
+            axis=0
+        )
         stiffening = rubber.stiffness * rubber.stiffening / (np.pi / 4) ** 2
         lost = k @ ((specimen.rest_angles() - described) * angles)
         creep = rubber.viscous_share * k @ (angles - state["rubber"]) ** 2 / 2
@@ -154,9 +156,9 @@ def test_the_continuum_hangs_as_its_chain_does_at_rest(limb):
     chain = dataclasses.replace(fine(segment), stiffness=segment.stiffness * 8 / 5)
     limb.segments = [dataclasses.replace(chain, stiffness_ratio=1.2)]
     angles, _ = static_equilibrium(limb)
-    twists = Layout(limb).axes[:, 0] != 0
+    twists = LimbModel.of(limb).mechanics.axes[:, 0] != 0
     assert not twists.any() or np.rad2deg(np.abs(angles[twists]).max()) > 3.0
-    bends = Layout(limb).recorded_bend_angle(angles)
+    bends = LimbModel.of(limb).mechanics.recorded_bend_angle(angles)
     np.testing.assert_allclose(np.rad2deg(specimen.state["play"]), np.rad2deg(bends), atol=0.05)
 
 
@@ -170,7 +172,9 @@ def test_in_the_continuum_a_wire_bends_the_limb_to_where_it_runs():
     seen = twin.specimen.state["play"]
     assert np.rad2deg(np.hypot(*seen)) > 20.0
     assert np.rad2deg(np.arctan2(seen[1], seen[0])) == pytest.approx(96.0, abs=0.2)
-    shown = Layout(twin.parameters).recorded_bend_angle(recording.joint_state[:10, -1])
+    shown = LimbModel.of(twin.parameters).mechanics.recorded_bend_angle(
+        recording.joint_state[:10, -1]
+    )
     np.testing.assert_allclose(shown, seen, atol=1e-3)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
 
-from limb_systems import Layout, LimbParameters, PlanCheck, Recording, Trajectory
+from limb_systems import LimbModel, LimbParameters, PlanCheck, Recording, Trajectory
 from limb_systems.kinematics import link_positions
 
 LIMB = "/drake/visualizer/limb"
@@ -169,7 +169,7 @@ def make_plan(parameters: LimbParameters) -> Trajectory:
     heat = np.full((num_wires, 9), 25.0)
     return Trajectory(
         time=time,
-        reference=rng.uniform(-0.5, 0.5, (Layout(parameters).num_bends, 9)),
+        reference=rng.uniform(-0.5, 0.5, (LimbModel.of(parameters).layout.num_bends, 9)),
         duty=rng.random((num_wires, 9)),
         joint_state=rng.uniform(-0.2, 0.2, (2 * num_joints, 9)),
         wire_temperature=heat,
@@ -182,7 +182,7 @@ def make_plan(parameters: LimbParameters) -> Trajectory:
 def make_recording(parameters: LimbParameters, num_samples: int = 41, **signals) -> Recording:
     """A bend to and fro over 2 s; wires from ambient temperature to T_max and back."""
     time = np.linspace(3.0, 5.0, num_samples)
-    num_wires, num_bends = len(parameters.wires), Layout(parameters).num_bends
+    num_wires, num_bends = len(parameters.wires), LimbModel.of(parameters).layout.num_bends
     wave = np.sin(np.pi * (time - 3.0) / 2)
     heat = 25.0 + 75.0 * np.outer(1 / np.arange(1, num_wires + 1), wave)
     return Recording(

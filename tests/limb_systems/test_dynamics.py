@@ -8,6 +8,7 @@ import pytest
 from limb_systems import (
     HystereticLaw,
     Limb,
+    LimbModel,
     LimbParameters,
     LinearLaw,
     RestMemory,
@@ -16,9 +17,6 @@ from limb_systems import (
     ThresholdLaw,
     WireParameters,
 )
-from limb_systems.dynamics import Dynamics
-from limb_systems.statics import HeldAngles
-from limb_systems.wires import Wires
 
 STEP = 1e-6  # of typical changes
 
@@ -74,7 +72,7 @@ def limb(request) -> LimbParameters:
 
 def random_points(limb: LimbParameters, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Points [θ, θ̇, x, V, D] (count, P) of moving limbs with warm wires, and typical changes."""
-    generator, wires, n = np.random.default_rng(0), Wires(limb), limb.num_joints
+    generator, wires, n = np.random.default_rng(0), LimbModel.of(limb).wires, limb.num_joints
     is_warm, is_shift = wires.heat_scales == 50.0, wires.heat_scales == 0.03
     low, high = np.where(is_warm, 40.0, 0.2), np.where(is_warm, 80.0, 0.8)
     low[is_shift], high[is_shift] = -0.02, 0.02
@@ -88,7 +86,8 @@ def random_points(limb: LimbParameters, count: int) -> tuple[np.ndarray, np.ndar
 def test_accelerations_and_heat_rates_are_those_of_the_diagram(limb):
     """Drake's plant and blocks are the witness."""
     points, _ = random_points(limb, 3)
-    dynamics, wires, n, W = Dynamics(limb), Wires(limb), limb.num_joints, len(limb.wires)
+    model, n, W = LimbModel.of(limb), limb.num_joints, len(limb.wires)
+    dynamics, wires = model.dynamics, model.wires
     states = points[:, : 2 * n + wires.num_states]
     heat_rates = wires.heat_rates(points[:, 2 * n : -W], points[:, -W:])
     values = np.hstack([dynamics.accelerations(states), heat_rates])
@@ -113,13 +112,13 @@ def quotients(function, points, scales):
 
 
 def test_held_bends_have_their_derivatives_and_no_acceleration(limb):
-    held, n = HeldAngles(limb), limb.num_joints
+    held, n = LimbModel.of(limb).statics, limb.num_joints
     N = held.wires.num_states
     points, scales = random_points(limb, 3)
     states, scales = points[:, 2 * n : 2 * n + N], scales[2 * n : 2 * n + N]
     still = np.zeros((3, n + 2 * len(limb.wires)))
     at_rest = np.hstack([held.angles(states), still[:, :n], states, still[:, n:]])
-    dynamics, states_of = Dynamics(limb), slice(2 * n + N)
+    dynamics, states_of = LimbModel.of(limb).dynamics, slice(2 * n + N)
     accelerations = dynamics.accelerations(at_rest[:, states_of])
     moving = dynamics.accelerations(points[:, states_of])
     assert np.abs(accelerations).max() < 1e-6 * np.abs(moving).max()

@@ -8,8 +8,8 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 
 from limb_systems import (
-    Layout,
     Limb,
+    LimbModel,
     LimbParameters,
     SegmentParameters,
     bend_angle,
@@ -18,9 +18,9 @@ from limb_systems import (
     make_manipulator,
     tip_position,
 )
-from limb_systems.kinematics import Chain
 from limb_systems.monte_carlo import OpenLoop, stacked
 from limb_systems.smooth_function import SmoothFunction
+from limb_systems.symbolic_chain import Chain
 
 
 def plant_tip(parameters, joint_angles, segment=-1, base="base") -> np.ndarray:
@@ -28,7 +28,7 @@ def plant_tip(parameters, joint_angles, segment=-1, base="base") -> np.ndarray:
     plant = make_manipulator(parameters)
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, joint_angles)
-    last = Layout(parameters).joints_of[segment].stop
+    last = LimbModel.of(parameters).layout.joints_of[segment].stop
     length = parameters.segments[segment].length / parameters.segments[segment].links
     link = plant.GetFrameByName(f"link_{last}")
     tip = plant.CalcPointsPositions(
@@ -109,42 +109,42 @@ def test_centred_joints_bend_alike_in_a_plane_however_they_are_calculated():
 
 
 @pytest.fixture(params=[1, 2], ids=["one axis each", "two axes each"])
-def layout(request) -> SimpleNamespace:
+def mechanics(request) -> SimpleNamespace:
     """Two uneven segments, with offsets and centres to all sides, and joints in any order."""
     rng, count = np.random.default_rng(27), request.param
     order = [2, 1, 1, 2, 2, 0, 1, 2, 1] if count == 2 else [2] * 9
     return SimpleNamespace(
-        num_joints=9,
         axes=np.eye(3)[order] * rng.choice([-1.0, 1.0], (9, 1)),
         offsets=rng.uniform([0.01, -0.01, -0.01], [0.04, 0.01, 0.01], (9, 3)),
         body_joints=np.array([1, 3, 5, 8]),
         body_masses=rng.uniform(0.01, 0.05, 4),
         body_centres=rng.uniform(-0.02, 0.03, (4, 3)),
         body_moments=rng.uniform(2e-6, 3e-6, (4, 3)),
-        joints_of=[slice(0, 4), slice(4, 9)],
         end_offset=np.array([[0.03, 0.002, 0.0], [0.02, 0.0, -0.004]]),
-        bends_of=[slice(0, count), slice(count, 2 * count)],
-        bend_direction=np.tile(range(count), 2),
+        layout=SimpleNamespace(
+            joints_of=[slice(0, 4), slice(4, 9)],
+            bends_of=[slice(0, count), slice(count, 2 * count)],
+        ),
     )
 
 
-def test_bends_are_smooth_where_the_chain_is_straight(layout):
+def test_bends_are_smooth_where_the_chain_is_straight(mechanics):
     """Series and closed form meet, and neither loses digits: a chord at 1e-9 to 1 rad."""
-    layout.offsets[:, 1:] = layout.end_offset[:, 1:] = 0.0
+    mechanics.offsets[:, 1:] = mechanics.end_offset[:, 1:] = 0.0
     q = ca.SX.sym("q", 9)
-    bends = SmoothFunction(Chain(layout, q).bends(), q)
+    bends = SmoothFunction(Chain(mechanics, q).bends(), q)
     sizes = np.unique(np.append(np.logspace(-9, 0, 91), np.linspace(0.05, 0.2, 301)))
     course = sizes[:, None] * np.array([0.3, 0.1, 0.2, 0.3] + [0.2] * 5)
     values, slopes = bends.first(course)
     curved = bends.second(course, np.tile([1.0, -0.5][: values.shape[1] // 2], (len(course), 2)))
     steps = np.diff(course, axis=0)
-    first_end = SmoothFunction(Chain(layout, q).position(3, layout.end_offset[0]), q)
+    first_end = SmoothFunction(Chain(mechanics, q).position(3, mechanics.end_offset[0]), q)
     ahead, across = np.split(
-        first_end.values(course)[:, : 1 + layout.bends_of[0].stop], [1], axis=1
+        first_end.values(course)[:, : 1 + mechanics.layout.bends_of[0].stop], [1], axis=1
     )
     size = np.linalg.norm(across, axis=1, keepdims=True)
     expected = np.arctan2(size, ahead) * across / size
-    np.testing.assert_allclose(values[:, layout.bends_of[0]], expected, rtol=3e-14)
+    np.testing.assert_allclose(values[:, mechanics.layout.bends_of[0]], expected, rtol=3e-14)
     for given, derivative in ((values, slopes), (slopes, curved)):
         if given is slopes:
             weights = np.tile([1.0, -0.5][: values.shape[1] // 2], 2)

@@ -6,12 +6,12 @@ from scipy.integrate import solve_ivp
 
 from limb_systems import (
     Limb,
+    LimbModel,
     LimbParameters,
     LinearLaw,
     RestMemory,
     SegmentParameters,
     WireParameters,
-    Wires,
     bend_angle,
 )
 from limb_systems.simulation import make_simulator
@@ -103,7 +103,7 @@ def ramp(z):
 
 def test_the_memory_has_the_rates_of_its_law_written_out():
     parameters = two_segments()
-    wires = Wires(parameters)
+    wires = LimbModel.of(parameters).wires
     assert wires.state_names[5:] == ["rest_shift_1", "rest_shift_2"]
     assert len(wires.cold_states) == wires.num_states == 7
     np.testing.assert_array_equal(wires.heat_scales[5:7], 0.03)
@@ -148,7 +148,7 @@ def test_a_cold_limb_rests_on_the_side_of_the_wire_that_was_hot_last():
 def test_settled_wires_have_the_memory_of_being_heated_at_once():
     """Both wires heated within a second, in proportion; the shift bends the limb at rest."""
     limb = limb_with(rest_memory=RestMemory(0.03, 2.0))
-    wires, ends = Wires(limb), np.array([45.0, 85.0])
+    wires, ends = LimbModel.of(limb).wires, np.array([45.0, 85.0])
 
     def slope(_, states):
         rate = ends - 25.0

@@ -12,9 +12,9 @@ from limb_systems import (
     CoupledLaw,
     Limb,
     LimbError,
+    LimbModel,
     LimbParameters,
     SegmentParameters,
-    Wires,
     bend_angle,
     joint_angles_from_bend_angle,
     resting_state,
@@ -22,7 +22,7 @@ from limb_systems import (
     wires_around,
 )
 from limb_systems.limb import make_manipulator
-from limb_systems.statics import HeldAngles, static_equilibrium
+from limb_systems.statics import static_equilibrium
 
 SIDEWAYS = [0.0, -9.81, 0.0]
 
@@ -59,7 +59,7 @@ def test_a_limb_that_has_rested_is_foreseen_from_its_readings_alone():
     limb = LimbParameters()
     for wire in limb.wires:
         wire.law = CoupledLaw(outer_cooling=0.003)
-    wires, n = Wires(limb), limb.num_joints
+    wires, n = LimbModel.of(limb).wires, limb.num_joints
 
     def heated(heat, duty, duration):
         """[x, V] each second (N + W, K)."""
@@ -159,7 +159,7 @@ def states_of(parameters) -> np.ndarray:
 
 @of_each(HELD_LIMBS | HEAVY_LIMBS)
 def test_drakes_plant_stays_at_rest_where_wires_hold_it(held_limb):
-    held, states = HeldAngles(held_limb), states_of(held_limb)
+    held, states = LimbModel.of(held_limb).statics, states_of(held_limb)
     plant = make_manipulator(held_limb)
     context, forces = plant.CreateDefaultContext(), MultibodyForces(plant)
     angles = held.angles(states)
@@ -172,7 +172,7 @@ def test_drakes_plant_stays_at_rest_where_wires_hold_it(held_limb):
 
 
 def test_points_without_an_equilibrium_are_named(refused):
-    held = HeldAngles(HELD_LIMBS["planar"])
+    held = LimbModel.of(HELD_LIMBS["planar"]).statics
     states = np.array([[30.0] * 4, [30.0, 1e6, 30.0, 30.0], [40.0] * 4])
     with refused(LimbError, "no static equilibrium", "at point 1 of 3"):
         held.angles(states)

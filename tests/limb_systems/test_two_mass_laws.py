@@ -15,11 +15,11 @@ from limb_systems import (
     HeatBounds,
     HystereticLaw,
     Limb,
+    LimbModel,
     LimbParameters,
     SaturatingLaw,
     ThresholdLaw,
     TwoMassLaw,
-    Wires,
     simulate,
 )
 from limb_systems.monte_carlo import OpenLoop, with_fields
@@ -58,7 +58,7 @@ def test_heat_of_two_masses_is_the_matrix_exponential():
         T, _, V, _ = expm(np.array(rates) * time) @ [0.0, 0.0, 0.0, 0.3]
         np.testing.assert_allclose([row[k] for row in found], [25 + T, 25 + V], atol=1e-4)
     # In the end the silicone passes on all that it gets.
-    _, settled = Wires(limb_with(law, law)).under_duty(
+    _, settled = LimbModel.of(limb_with(law, law)).wires.under_duty(
         np.full(4, 25.0), np.array([[0.0, 0.3]] * 2), np.array([0.0, 2000.0]), longest_step=1.0
     )
     silicone = 0.3 * 15.0 / 0.1 * 0.02 / 0.03
@@ -161,8 +161,11 @@ def test_what_transforms_takes_up_its_latent_heat():
     law = CoupledLaw(a1=-1e-4, latent_heat=12.0, direct_cooling=0.0, convection=0.0)
     limb = limb_with(law, law)
     recording = simulate(Limb(limb), [0.0, 0.25], 16.0, sample_rate=1.0, accuracy=1e-6)
-    states = Wires(limb).under_duty(
-        Wires(limb).cold_states, np.array([[0.0, 0.25]] * 17), recording.time, longest_step=0.02
+    states = LimbModel.of(limb).wires.under_duty(
+        LimbModel.of(limb).wires.cold_states,
+        np.array([[0.0, 0.25]] * 17),
+        recording.time,
+        longest_step=0.02,
     )
     gained = law.torque(states.T[1::2], ROOM, 0.0) / law.full_torque
     assert gained[-1] > 0.9
@@ -223,7 +226,7 @@ def test_the_share_stays_from_0_to_1_in_every_simulation():
     for start in (-0.3, 1.4):
         law = HystereticLaw(a1=-0.3, a2=150.0, a3=-0.5, heating_middle=75.0, width=3.0)
         limb, generator = limb_with(law, law), np.random.default_rng(2)
-        wires, low, high = Wires(limb), min(start, 0.0), max(start, 1.0)
+        wires, low, high = LimbModel.of(limb).wires, min(start, 0.0), max(start, 1.0)
         duty = generator.uniform(0.0, 1.0, (120, 2)) * generator.integers(0, 2, (120, 2))
         for T in (25.0, 110.0):
             states = np.array([T, T, 30.0, 30.0, T - 3.0, T + 3.0, start, start])

@@ -9,11 +9,10 @@ from wire_laws import LIMBS, limb_with, random_state
 from limb_systems import (
     HystereticLaw,
     Limb,
+    LimbModel,
     LimbParameters,
     SegmentParameters,
-    Wires,
 )
-from limb_systems.dynamics import Dynamics
 from planners.transcription.collocation import MotionDefects, heat_block
 
 TIME_STEP = 5e-4  # s, short enough for the fixed point that closes the θ rows below
@@ -36,14 +35,20 @@ class Trajectories:
     """(17) of K knots as functions of states (K, ..), duty (K, W) and time steps."""
 
     def __init__(self, parameters, num_knots=2, time_step=TIME_STEP):
-        wires = Wires(parameters)
+        wires = LimbModel.of(parameters).wires
         num_states = 2 * parameters.num_joints + len(wires.heat_scales)
         sizes = num_knots * num_states, num_knots * wires.num_wires, num_knots - 1
         ends = np.cumsum(sizes)
         states, duty, steps = np.split(np.arange(ends[-1]), ends[:-1])
         states, duty = states.reshape(num_knots, -1), duty.reshape(num_knots, -1)
         motion = MotionDefects(
-            Dynamics(parameters), wires, states, duty, steps, time_step, free_duration=True
+            LimbModel.of(parameters).dynamics,
+            wires,
+            states,
+            duty,
+            steps,
+            time_step,
+            free_duration=True,
         )
         heat = heat_block(wires, states[:, 2 * parameters.num_joints :], duty, steps)
         self.blocks, self.num_variables = [motion, heat], ends[-1]
@@ -83,8 +88,8 @@ def test_defects_and_their_jacobian_agree_with_drakes_autodiff():
         constraint = DirectCollocationConstraint(
             system, system.CreateDefaultContext(), input_port_index=port
         )
-        weight = np.linalg.inv(Dynamics(parameters).acceleration_to_angle)
-        heat_weight = np.diag(Wires(parameters).heat_scales / TIME_STEP)
+        weight = np.linalg.inv(LimbModel.of(parameters).dynamics.acceleration_to_angle)
+        heat_weight = np.diag(LimbModel.of(parameters).wires.heat_scales / TIME_STEP)
         unscale = block_diag(TIME_STEP / 8 * weight, weight, heat_weight)
         defects, step = Trajectories(parameters), np.array([TIME_STEP])
 
@@ -121,7 +126,7 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian():
     """The whole one, and then that by heat and duty alone."""
     generator = np.random.default_rng(7)
     for parameters in limbs().values():
-        wires, n = Wires(parameters), parameters.num_joints
+        wires, n = LimbModel.of(parameters).wires, parameters.num_joints
         signals = *random_state(parameters, generator, 3), generator.uniform(0.04, 0.06, 2)
         defects = Trajectories(parameters, 3, 0.05)
         multipliers = generator.normal(size=sum(len(block.lower) for block in defects.blocks))

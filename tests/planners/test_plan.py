@@ -10,14 +10,13 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
     Limb,
+    LimbModel,
     LimbParameters,
     SegmentParameters,
     bend_angle,
     joint_angles_from_bend_angle,
     simulate,
 )
-from limb_systems.dynamics import dynamics_of
-from limb_systems.statics import HeldAngles
 from planners import (
     InfeasibleError,
     Planner,
@@ -125,11 +124,10 @@ def test_plan_is_better_than_its_quasi_static_start(fig5_plan):
     parameters, times = fig5_plan.parameters, fig5_plan.time
     heat = np.full(4, parameters.ambient_temperature)
     _, duty = solve_quasi_static(
-        parameters,
+        fig5_plan.model,
         times,
         fig5_plan.reference,
         heat,
-        HeldAngles(parameters),
         Task.paper(),
         20.0,
     )
@@ -219,7 +217,7 @@ def test_a_simulation_that_goes_elsewhere_is_noticed(fig5_plan, monkeypatch):
     """The check simulates the limb that the plan names, not the program's equations."""
     other = LimbParameters()
     other.segments[0].wire("right").law.beta *= 1.02
-    monkeypatch.setattr(radau, "dynamics_of", lambda _: dynamics_of(other))
+    monkeypatch.setattr(type(fig5_plan), "model", property(lambda _: LimbModel(other)))
     _, differences = plan_check.simulated_differences(fig5_plan)
     assert np.rad2deg(differences.max()) > 0.3
 

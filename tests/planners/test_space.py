@@ -6,7 +6,8 @@ import warnings
 import numpy as np
 import pytest
 
-from limb_systems import Layout, LimbParameters, simulate
+from limb_systems import LimbParameters, simulate
+from limb_systems.layout import Layout
 from limb_systems.limb import Limb
 from planners import Task, plan, references
 
@@ -83,7 +84,8 @@ def test_limits_of_the_task_and_of_the_supply_hold():
     assert np.rad2deg(np.abs(np.diff(held.bend_angle[:, held.time >= 10.0]))).max() <= 0.051
     assert np.abs(np.diff(limited.wire_temperature)).max() < 0.7001
     assert free.duty.sum(axis=0).max() == pytest.approx(0.7, abs=1e-4)
-    in_plane = plan(LimbParameters(total_duty=0.7), references.step_and_decaying_sine())
+    planar = LimbParameters(total_duty=0.7, temperature_limits=parameters.temperature_limits)
+    in_plane = plan(planar, references.from_samples([0.0, 3.0, 3.1, 12.0], [0.0, 0.0, 0.6, 0.6]))
     assert in_plane.duty.sum(axis=0).max() == pytest.approx(0.7, abs=1e-4)
     shortest = Task(stretch=(0.5, 2.0), time_weight=10.0, reach=True)
     assert plan(parameters, step, task=shortest).duration < 11.0

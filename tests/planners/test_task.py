@@ -13,6 +13,7 @@ from pydrake.solvers import SnoptSolver
 from controllers.horizon import HorizonPlanner
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import (
+    LimbModel,
     LimbParameters,
     SaturatingLaw,
     Trajectory,
@@ -20,7 +21,6 @@ from limb_systems import (
     joint_angles_from_bend_angle,
 )
 from limb_systems.limb_parameters import CalibrationRecord
-from limb_systems.statics import HeldAngles
 from planners import (
     ExactHessianIpoptSolver,
     Planner,
@@ -332,7 +332,7 @@ def test_programs_have_the_attributes_on_the_page():
     for made in (
         Planner(limb, times),
         TrajectoryProgram(limb, times),
-        QuasiStaticProgram(limb, times, HeldAngles(limb), Task()),
+        QuasiStaticProgram(limb, times, LimbModel.of(limb).statics, Task()),
         ExactHessianIpoptSolver(),
     ):
         names = re.findall(r"`(\w+)`", attributes[type(made).__name__])

@@ -13,12 +13,12 @@ from wire_laws import LIMBS, QuadraticLaw, SiliconeLaw, limb_with, mixed_limb, r
 from limb_systems import (
     HystereticLaw,
     Limb,
+    LimbModel,
     LimbParameters,
     RestMemory,
     SaturatingLaw,
     ThresholdLaw,
     Trajectory,
-    Wires,
     make_manipulator,
     simulate,
     split_state,
@@ -73,7 +73,7 @@ def test_blocks_have_the_rates_of_the_law_written_out_by_hand():
 
 
 def test_the_lever_of_a_wire_gives_its_torque_a_direction():
-    wires = Wires(mixed_limb())
+    wires = LimbModel.of(mixed_limb()).wires
     np.testing.assert_allclose(wires.levers[0], [-1.0, 1.0, 0.6, 0.0, 0.0], rtol=1e-15)
     np.testing.assert_allclose(wires.levers[4], [0.0, 0.0, 0.0, -1.0, 1.0], rtol=1e-15)
     assert wires.state_names == [
@@ -119,7 +119,7 @@ def test_plans_are_found_checked_and_saved(tmp_path):
         assert loaded.parameters == limb
         np.testing.assert_array_equal(loaded.state, trajectory.state)
         states = split_state(limb, trajectory.state)[2]
-        assert states.shape == (Wires(limb).num_states, len(trajectory.time))
+        assert states.shape == (LimbModel.of(limb).wires.num_states, len(trajectory.time))
 
 
 def test_hysteresis_and_a_memory_of_the_rubber_are_planned_with_their_curvature():
@@ -140,8 +140,8 @@ def test_the_check_simulates_wires_and_motion_as_the_whole_limb():
     for name in ("threshold", "hysteretic"):
         limb = limb_with(TWO_MASS_LAWS[name](), TWO_MASS_LAWS[name]())
         limb.segments[0].stiffening = 0.4 if name == "threshold" else 0.0
-        limb.segments[0].rest_angle = 0.1
-        reference = references.from_samples([0, 20, 22, 24], np.deg2rad([0, 0, 20, -20]))
+        limb.segments[0].rest_angle, limb.temperature_limits.warm_up_time = 0.1, 1000.0
+        reference = references.from_samples([0, 2, 6, 8], np.deg2rad([0, 0, 20, -20]))
         trajectory = plan(limb, reference, knot_rate=2.0, tolerance_deg=10.0)
         times, differences = simulated_differences(trajectory)
         finer = simulate(
@@ -155,7 +155,7 @@ def test_the_check_simulates_wires_and_motion_as_the_whole_limb():
         np.testing.assert_allclose(times, finer.time, atol=1e-12)
         expected = np.rad2deg(np.abs(finer.bend_angle - planned))[0]
         np.testing.assert_allclose(np.rad2deg(differences), expected, atol=0.004)
-        assert expected.max() > 0.03
+        assert expected.max() > 0.02
 
 
 def test_temperature_limits_are_those_of_the_law():

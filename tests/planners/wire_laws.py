@@ -6,6 +6,7 @@ import numpy as np
 
 from limb_systems import (
     HystereticLaw,
+    LimbModel,
     LimbParameters,
     LinearLaw,
     RestMemory,
@@ -13,7 +14,6 @@ from limb_systems import (
     ThresholdLaw,
     WireLaw,
     WireParameters,
-    Wires,
 )
 from limb_systems.files.schema import quantity
 
@@ -118,7 +118,7 @@ LIMBS = {
 
 def random_state(limb: LimbParameters, generator, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Warm states (size, 2n + N + W) and duty (size, W)."""
-    n, wires = limb.num_joints, Wires(limb)
+    n, wires = limb.num_joints, LimbModel.of(limb).wires
     is_temperature = wires.heat_scales == 50.0
     low, high = np.where(is_temperature, [[30.0], [100.0]], [[0.0], [1.0]] * wires.heat_scales)
     return (

@@ -15,17 +15,15 @@ from scipy.linalg import eig
 import urdf
 from limb_systems import (
     HystereticLaw,
-    Layout,
     Limb,
+    LimbModel,
     LimbParameters,
     RestMemory,
     SegmentParameters,
     TwoMassLaw,
-    Wires,
     simulate,
 )
 from limb_systems.dynamics import Dynamics
-from limb_systems.statics import HeldAngles
 from soft_limb.command import main
 from urdf import limb_mjcf, robot_mjcf
 from walking import RobotParameters
@@ -85,7 +83,7 @@ class Loaded:
 @pytest.mark.parametrize("kind", KINDS)
 def test_accelerations_and_rates_are_those_of_the_equation_of_motion(kind):
     limb = limb_of(kind)
-    loaded, wires, n = Loaded(limb), Wires(limb), limb.num_joints
+    loaded, wires, n = Loaded(limb), LimbModel.of(limb).wires, limb.num_joints
     model, data, W = loaded.model, loaded.data, wires.num_wires
     rng = np.random.default_rng(3)
     for _ in range(5):
@@ -111,7 +109,7 @@ def test_accelerations_and_rates_are_those_of_the_equation_of_motion(kind):
 @pytest.mark.parametrize("kind", ["nominal", "in space", "two thermal masses"])
 def test_heat_of_random_duty_is_that_of_the_wires(kind):
     limb = limb_of(kind)
-    loaded, wires = Loaded(limb, timestep=0.01), Wires(limb)
+    loaded, wires = Loaded(limb, timestep=0.01), LimbModel.of(limb).wires
     levels = np.random.default_rng(1).uniform(0, 0.8, (10, wires.num_wires))
     positions, _, act = loaded.rollout(np.repeat(levels, 200, axis=0))
     states = [wires.cold_states]
@@ -136,8 +134,8 @@ def test_bend_under_random_duty_is_drakes():
     limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
     levels = np.random.default_rng(1).uniform(0, 0.8, (2, 6))
     duty = PiecewisePolynomial.ZeroOrderHold(2.0 * np.arange(6), levels)
-    held = HeldAngles(limb).angles(Wires(limb).cold_states[None])[0]
-    cold = Wires(limb).cold_states
+    held = LimbModel.of(limb).statics.angles(LimbModel.of(limb).wires.cold_states[None])[0]
+    cold = LimbModel.of(limb).wires.cold_states
     initial = np.concatenate([held, 0 * held, cold, cold])
     recording = simulate(Limb(limb), duty, 10.0, accuracy=1e-5, initial_state=initial)
     loaded = Loaded(limb, timestep=0.001)
@@ -145,7 +143,9 @@ def test_bend_under_random_duty_is_drakes():
     positions, _, act = loaded.rollout(np.repeat(levels.T[:5], 2000, axis=0))
     at_samples = slice(49, None, 50)
     angles = positions[at_samples, loaded.joints]
-    bend = np.rad2deg(Layout(limb).bend_angle(angles.T) - recording.bend_angle[:, 1:])
+    bend = np.rad2deg(
+        LimbModel.of(limb).mechanics.bend_angle(angles.T) - recording.bend_angle[:, 1:]
+    )
     assert np.abs(bend).max() < 0.01
     V = positions[at_samples, loaded.readings].T - recording.measured_temperature[:, 1:]
     assert np.abs(V).max() < 0.02
@@ -156,7 +156,7 @@ def test_bend_under_random_duty_is_drakes():
 def test_sag_and_first_mode():
     limb = limb_of("bent at rest, loaded")
     loaded, n = Loaded(limb), limb.num_joints
-    held = HeldAngles(limb).angles(Wires(limb).cold_states[None])[0]
+    held = LimbModel.of(limb).statics.angles(LimbModel.of(limb).wires.cold_states[None])[0]
     loaded.data.qpos[loaded.joints] = held
     mujoco.mj_forward(loaded.model, loaded.data)
     np.testing.assert_allclose(loaded.data.qfrc_passive[:n], loaded.data.qfrc_bias[:n], atol=1e-12)
@@ -237,7 +237,7 @@ def test_hysteretic_wires_heat_and_pull_by_c_code(tmp_path, capsys):
     )
     callbacks = ctypes.CDLL(library)
     model = mujoco.MjModel.from_xml_path(xml)
-    data, wires = mujoco.MjData(model), Wires(limb)
+    data, wires = mujoco.MjData(model), LimbModel.of(limb).wires
     duty = np.array([0.1, 0.5])
     mujoco.set_mjcb_act_dyn(callbacks.wire_rates)
     mujoco.set_mjcb_act_bias(callbacks.wire_torque)

@@ -11,7 +11,7 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 
-from limb_systems import CoupledLaw, LimbParameters, SegmentParameters, Wires
+from limb_systems import CoupledLaw, LimbModel, LimbParameters, SegmentParameters
 from walking import Gait, GaitVariation, RobotLimb, RobotParameters, add_robot, plan_gait
 from walking.gait_check import simulate_gait
 from walking.gait_planning import _reason, standing_still
@@ -132,7 +132,7 @@ def test_derivatives_of_all_blocks(robot, schedule, course, objective):
 
 def test_pivots_are_positive_where_the_stiffness_is():
     robot = RobotParameters()
-    planar, wires = Walker(robot), Wires(robot.together)
+    planar, wires = Walker(robot), LimbModel.of(robot.together).wires
     rng = np.random.default_rng(3)
     stable = []
     for load in rng.uniform(0.0, 3.0, 60):
@@ -159,7 +159,7 @@ def three_limbs() -> RobotParameters:
 
 def test_load_and_friction_by_balance_where_the_ground_rises_and_a_foot_is_dragged():
     robot = three_limbs()
-    planar, wires, mu = Walker(robot), Wires(robot.together), 0.3
+    planar, wires, mu = Walker(robot), LimbModel.of(robot.together).wires, 0.3
     held = np.array([[[1.0, 1.0], [1.0, 1.0], [0.0, 1.0]]])  # the front foot slides
     standing, balance_at = Stability(planar, wires, held), balance_of(planar, wires)
     d = len(planar.stiffness)
@@ -218,7 +218,7 @@ def test_crawler_is_as_fast_as_one_that_works(gait):
 
 def test_pitch_is_as_stiff_as_asked_for(gait):
     """The stiffness that turning the body meets while all else gives way, by its inverse."""
-    planar, wires = Walker(gait.robot), Wires(gait.parameters)
+    planar, wires = Walker(gait.robot), LimbModel.of(gait.parameters).wires
     starts = [phase.start for phase in gait.phases]
     phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
     sticks = np.array([gait.phases[p].contacts for p in phases]) == "stick"
@@ -266,7 +266,7 @@ def test_reasons_why_there_is_no_gait_are_told():
 
 def test_gait_is_in_balance_by_drakes_inverse_dynamics(gait):
     """Gravity, springs, forces at the feet and torques of the wires, and nothing else."""
-    plant, wires = plant_of(gait.robot), Wires(gait.parameters)
+    plant, wires = plant_of(gait.robot), LimbModel.of(gait.parameters).wires
     context, load, radius = plant.CreateDefaultContext(), 0.49, gait.robot.feet.radius
     for k in range(len(gait.time)):
         plant.SetPositions(context, np.append(gait.body_pose[:, k], gait.joint_angles[:, k]))

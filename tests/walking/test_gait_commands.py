@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from limb_systems import LimbParameters, Recording
+from calibration import calibrate
+from limb_systems import Recording
 from soft_limb.command import main
 from walking import Gait, RobotParameters, RobotTwin
 
@@ -47,33 +48,35 @@ def test_a_robot_gets_a_gait_and_walks_by_it(robot, tmp_path, capsys):
 
 
 def test_limbs_of_a_robot_are_fitted_one_by_one_and_put_back(tmp_path, capsys, monkeypatch):
-    """The recordings are those of one limb, which in the robot has a foot of 2 g at its tip."""
+    """Each limb is described by itself; in the robot it has a foot of 2 g at its tip."""
     robot = RobotParameters()
     robot.feet.mass = 0.002
     robot.limbs[1].parameters.payload = 0.001
-    few = [LIMB / f"{name}.csv" for name in ("sag_1", "ring_down", "right", "left")]
-    for name in ("rear", "front", "alone"):
+    for name in ("rear", "front"):
         (tmp_path / "rec" / name).mkdir(parents=True)
-        for path in few:
-            shutil.copy(path, tmp_path / "rec" / name)
-    shutil.move(tmp_path / "rec" / "alone", tmp_path / "one")
+        for kind in ("sag_1", "ring_down", "right", "left"):
+            shutil.copy(LIMB / f"{kind}.csv", tmp_path / "rec" / name)
     robot.save(tmp_path / "rec" / "robot.yaml")
-    reports = []
-    monkeypatch.setattr(
-        "soft_limb.commands.calibration.write_report", lambda *given: reports.append(given[1].name)
-    )
+    commands, described, reports = "soft_limb.commands.calibration", [], []
+    calibration = calibrate(tmp_path / "rec" / "rear", method="paper")  # of either limb
+
+    def fit(folder, limb, *, method, **_):
+        described.append((folder.name, limb, method))
+        return calibration
+
+    monkeypatch.setattr(f"{commands}.calibrate", fit)
+    monkeypatch.setattr(f"{commands}.write_report", lambda *given: reports.append(given[1].name))
     words = ["fit", str(tmp_path / "rec"), "-o", str(tmp_path / "robot.yaml"), "--method", "paper"]
     assert main([*words, "--report", str(tmp_path / "fit.html"), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    fitted, alone = RobotParameters.load(tmp_path / "robot.yaml"), tmp_path / "limb.yaml"
-    assert main(["fit", str(tmp_path / "one"), "-o", str(alone), "--method", "paper"]) == 0
-    expected = LimbParameters.load(alone)
+    assert described == [("rear", None, "paper"), ("front", None, "paper")]
+    fitted = RobotParameters.load(tmp_path / "robot.yaml")
     for limb in fitted.limbs:
-        assert limb.parameters.segments == expected.segments
+        assert limb.parameters.segments == calibration.parameters.segments
         assert limb.parameters.calibration is not None
         assert limb.parameters.payload == 0.0  # the recordings' limb has no foot
         k = said[limb.name]["estimates"]["stiffness"]["value"]
-        assert k == pytest.approx(expected.segments[0].stiffness)
+        assert k == pytest.approx(calibration.parameters.segments[0].stiffness)
         assert f"fit_{limb.name}.html" in reports
     assert [limb.position for limb in fitted.limbs] == [limb.position for limb in robot.limbs]
 

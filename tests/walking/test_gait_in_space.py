@@ -34,11 +34,12 @@ THREE = RobotParameters.in_space(3)
 
 @pytest.fixture(scope="module")
 def gaits() -> dict[str, Gait]:
-    ahead = plan_gait(THREE, check=False)
-    asked = {"near": ahead, "schedule": ahead.schedule, "check": False, "explain": False}
-    left = plan_gait(THREE, turn=0.2, begins_as=ahead, **asked)
-    right = plan_gait(THREE, turn=-0.2, **asked)
-    spot = plan_gait(THREE, turn=-0.4, stride=0.0, schedule=ahead.schedule, check=False)
+    few = {"check": False, "intervals": 12}
+    ahead = plan_gait(THREE, **few)
+    near = {"near": ahead, "schedule": ahead.schedule, "explain": False, **few}
+    left = plan_gait(THREE, turn=0.2, begins_as=ahead, **near)
+    right = plan_gait(THREE, turn=-0.2, **near)
+    spot = plan_gait(THREE, turn=-0.4, stride=0.0, schedule=ahead.schedule, **few)
     return {"ahead": ahead, "left": left, "right": right, "spot": spot}
 
 
@@ -153,12 +154,12 @@ def test_what_cannot_be_had_is_said_in_a_sentence(robot, request_, said):
 
 
 def test_a_robot_walks_to_a_place_with_contact(tmp_path, capsys):
-    """By a folder of gaits and the command, from cold wires, which are four times as quick."""
+    """By a folder of gaits and the command, from cold wires, which are eight times as quick."""
     folder, output, picture = (tmp_path / name for name in ("gaits", "walk.csv", "way.png"))
     robot = RobotParameters.in_space(3)
     for law in (wire.law for limb in robot.limbs for wire in limb.parameters.wires):
-        law.a1, law.a2, law.a3 = 4 * law.a1, 4 * law.a2, 4 * law.a3
-    gait = plan_gait(robot, temperature_margin=5.0, check=False)
+        law.a1, law.a2, law.a3 = 8 * law.a1, 8 * law.a2, 8 * law.a3
+    gait = plan_gait(robot, temperature_margin=5.0, check=False, intervals=12)
     check = dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
     gait = dataclasses.replace(gait, check=check)
     save_gaits({"ahead": gait, "spot_left": gait, "mine": gait}, folder)

@@ -10,7 +10,7 @@ import pytest
 
 from limb_systems import Recording
 from soft_limb.command import main
-from walking import Gait, GaitCheck, GaitPhase, GaitVariation, RobotParameters
+from walking import GaitVariation, RobotParameters
 from walking.commands.gait_report import gait_report, gait_verdict
 
 
@@ -86,22 +86,8 @@ def test_a_gait_s_page_has_its_verdict_its_check_and_the_robot_in_3d(folder, gai
     assert "Not to be used: its constraints are violated" in gait_verdict(gait)
 
 
-def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(tmp_path, capsys):
-    robot, knots = RobotParameters.in_space(3), np.linspace(0.0, 1.0, 5)
-    heat, pose = np.full((9, 5), 60.0), np.zeros((6, 5))
-    pose[2], pose[5] = 0.061, np.deg2rad(-20.0) * knots
-    gait = Gait(
-        time=8.0 * knots,
-        duty=np.zeros((9, 5)),
-        joint_state=np.zeros((36, 5)),
-        wire_temperature=heat,
-        measured_temperature=heat,
-        body_pose=pose,
-        contact_force=np.ones((9, 5)),
-        robot=robot,
-        phases=[GaitPhase(0.0, ["stick", "slide", "stick"])],
-        check=GaitCheck(violation=0.0, simulation=GaitVariation("", [0.98], 61.0, "", [0.03])),
-    )
+def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(gait_in_space, tmp_path, capsys):
+    gait = gait_in_space
     gait_report(gait, tmp_path / "gait.html")
     page = html.unescape((tmp_path / "gait.html").read_text(encoding="utf-8"))
     assert "Turns of 20.0° to the right in 8.0 s, 2.50 °/s, with wires up to 60 °C." in page
@@ -112,13 +98,13 @@ def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(tmp_path, caps
     Recording(
         time=gait.time,
         duty=gait.duty,
-        measured_temperature=heat,
+        measured_temperature=gait.wire_temperature,
         bend_angle=np.zeros((6, 5)),
         parameters=gait.parameters,
         source="model",
         sample_rate=0.5,
-        robot=robot,
-        body_pose=pose + np.array([[0.003], [0.004], [0], [0], [0], [0]]) * knots,
+        robot=gait.robot,
+        body_pose=gait.body_pose + np.outer([0.003, 0.004, 0, 0, 0, 0], np.linspace(0.0, 1.0, 5)),
     ).save(tmp_path / "walk.csv")
     shown = said(["show", str(tmp_path / "walk.csv")], capsys)
     assert "travel 5.0 mm" in shown

@@ -10,7 +10,7 @@ from hardware import replay
 from walking import GaitFeedback, Robot, RobotParameters, plan_gait, walk
 from walking.strides import fit_strides
 
-QUICK = 4.0  # times, that wires heat and cool faster, so that cycles are so much shorter
+QUICK = 8.0  # times, that wires heat and cool faster, so that cycles are so much shorter
 
 
 @pytest.fixture(scope="module")

@@ -48,9 +48,10 @@ from hardware.emulation.sensors import (
 )
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import SPECIMENS
-from limb_systems import Layout, LimbError, kinematics
+from limb_systems import LimbError, LimbModel, symbolic_chain
 from limb_systems.bend_sensor import rolled
 from limb_systems.drake_python import declare_part, weak_method
+from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import SegmentParameters
 from limb_systems.simulation import PERIOD as SIMULATION_PERIOD
 from limb_systems.smooth_function import SmoothFunction
@@ -343,10 +344,11 @@ def bend_gradient(segment: SegmentParameters, axis: int = 0) -> np.ndarray:
     return segment.bend_sensor.exact_bends(chain, angles)[axis] / step
 
 
-def _weight_of_angles(layout: Layout, gravity: Sequence[float]) -> SmoothFunction:
+def _weight_of_angles(mechanics: LimbMechanics, gravity: Sequence[float]) -> SmoothFunction:
     """The torques that hold a chain against gravity (3,), m/s², (n,), N·m, of θ (n,), rad."""
-    angles, still = ca.SX.sym("q", layout.num_joints), ca.SX(layout.num_joints, 1)
-    chain = kinematics.Chain(layout, angles)
+    n = mechanics.layout.num_joints
+    angles, still = ca.SX.sym("q", n), ca.SX(n, 1)
+    chain = symbolic_chain.Chain(mechanics, angles)
     return SmoothFunction(chain.inverse_dynamics(still, still, ca.DM(gravity)), angles)
 
 
@@ -598,12 +600,13 @@ class ContinuumLimb(LeafSystem):
         self._beam, self._room, num_wires = beam, specimen.ambient, len(wires)
         self._heat, self._preisach = RadialShells(specimen), Preisach.of(wires)
         self._chains = [Chain(specimen, axis) for axis in range(segment.axes)]
-        self._described = Layout(specimen.description)
+        self._described = LimbModel.of(specimen.description).mechanics
         limb = dataclasses.replace(specimen.description, segments=[fine(segment)])
-        self._layout, self._sensor = Layout(limb), segment.bend_sensor
-        self._weighs = bool(np.cross(limb.gravity, self._layout.axes).any())
-        self._weight = _weight_of_angles(self._layout, limb.gravity)
-        self._twists = np.flatnonzero(~self._layout.shape.any(axis=1))
+        self._mechanics = LimbModel.of(limb).mechanics
+        self._sensor = segment.bend_sensor
+        self._weighs = bool(np.cross(limb.gravity, self._mechanics.axes).any())
+        self._weight = _weight_of_angles(self._mechanics, limb.gravity)
+        self._twists = np.flatnonzero(~self._mechanics.shape.any(axis=1))
         self._torsional = segment.torsional_ratio * self._chains[0].stiffness[: len(self._twists)]
         step = period / SUBSTEPS
         self._free = [chain.propagator(step) for chain in self._chains]
@@ -631,7 +634,7 @@ class ContinuumLimb(LeafSystem):
         self._rest = np.array(
             [[c.rest, 0 * c.rest, *[c.rest] * len(CREEP_TIMES)] for c in self._chains]
         ).reshape(segment.axes, -1)
-        joints = self._described.num_joints
+        joints = self._described.layout.num_joints
 
         unused = self._unused()
         ends = np.cumsum([len(part) for part in unused.values()]).tolist()
@@ -678,15 +681,15 @@ class ContinuumLimb(LeafSystem):
 
     def _all_angles(self, angles: np.ndarray, twist: np.ndarray) -> np.ndarray:
         """Angles of all joints, of those of each axis (axes, 8) and the twists."""
-        result = np.zeros(self._layout.num_joints)
+        result = np.zeros(self._mechanics.layout.num_joints)
         result[self._twists] = twist
-        for joints, of_axis in zip(self._layout.bend_joints, angles, strict=True):
+        for joints, of_axis in zip(self._mechanics.layout.bend_joints, angles, strict=True):
             result[joints] = of_axis
         return result
 
     def _exact_bend(self, angles: np.ndarray, twist: np.ndarray) -> np.ndarray:
         """What an exact bend sensor shows (F), rad, of joint angles as of `_all_angles`."""
-        return self._sensor.exact_bends(self._layout.chains[0], self._all_angles(angles, twist))
+        return self._sensor.exact_bends(self._mechanics.chains[0], self._all_angles(angles, twist))
 
     def _part(self, context: Context, name: str) -> np.ndarray:
         return context.get_discrete_state_vector().value()[self._parts[name]]
@@ -774,7 +777,7 @@ class ContinuumLimb(LeafSystem):
             return [0.0] * len(self._chains)
         moments = -self._weight.values(self._all_angles(angles, twist))
         twist[:] = moments[self._twists] / self._torsional
-        return [moments[joints] for joints in self._layout.bend_joints]
+        return [moments[joints] for joints in self._mechanics.layout.bend_joints]
 
     def _calc_thermocouples(self, context, output):
         _, read = np.split(self._part(context, "thermocouples"), 2)
@@ -795,14 +798,14 @@ class ContinuumLimb(LeafSystem):
     def _calc_joints(self, context, output):
         beam = self._part(context, "beam").reshape(len(self._chains), -1)
         angles, rates = beam[:, :JOINTS], beam[:, JOINTS : 2 * JOINTS]
-        shown = np.zeros((2, self._described.num_joints))
-        for axis, joints in enumerate(self._described.bend_joints):
+        shown = np.zeros((2, self._described.layout.num_joints))
+        for axis, joints in enumerate(self._described.layout.bend_joints):
             shown[:, joints] = [self._shown[axis][0] @ row[axis] for row in (angles, rates)]
         # Exact already for a sensor that adds up angles; one that sees the chord is curved.
         bend = self._exact_bend(angles, self._part(context, "twist"))
         for _ in self._chains:
             error = bend - self._sensor.exact_bends(self._described.chains[0], shown[0])
-            for axis, joints in enumerate(self._described.bend_joints):
+            for axis, joints in enumerate(self._described.layout.bend_joints):
                 shown[0, joints] += self._shown[axis][1] * error[axis]
         output.SetFromVector(shown.ravel())
 

@@ -1,13 +1,12 @@
-"""What arm-check finds; benchmarks/first_day.py goes on from there to replays."""
+"""What arm-check finds."""
 
 import io
 import re
 
-import first_day
 import numpy as np
 import pytest
 from other_limbs import OtherLimb
-from simulated_board import SimulatedBoard
+from simulated_board import SimulatedBoard, SimulatedLink
 
 from hardware import LimbTwin
 from hardware.board import arm_check
@@ -23,7 +22,7 @@ def check(limb, order=None, described=None):
     if order:
         board.emulation.misbehave(order)
     board.run(1.0)
-    link = first_day.SimulatedLink(board)
+    link = SimulatedLink(board)
     failures = []
     passed = check_wires(link, lambda good, what: good or failures.append(what), described)
     assert not any(board.duty)

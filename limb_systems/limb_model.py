@@ -1,0 +1,95 @@
+"""The limb as one object: its description, and all that follows from it, built once."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from limb_systems.dynamics import Dynamics
+from limb_systems.held_angles import HeldAngles
+from limb_systems.layout import Layout
+from limb_systems.limb_mechanics import LimbMechanics
+from limb_systems.limb_parameters import LimbParameters
+from limb_systems.smooth_function import stated_once
+from limb_systems.wires import Wires
+
+T = TypeVar("T")
+
+
+class LimbModel:
+    """A limb and all that follows from its description.
+
+    Each part is built when it is first used. Models of equal limbs share the parts that take
+    long to build: wires, dynamics and statics. The description must not change while the model is
+    in use.
+
+    Args:
+        parameters: description of the limb.
+    """
+
+    def __init__(self, parameters: LimbParameters):
+        self.parameters = parameters
+
+    @classmethod
+    def of(cls, limb: "LimbModel | LimbParameters") -> "LimbModel":
+        """Return the model of a limb: a model itself, or the model of a description."""
+        return limb if isinstance(limb, LimbModel) else cls(limb)
+
+    @classmethod
+    def validated(cls, limb: "LimbModel | LimbParameters | str | Path | None") -> "LimbModel":
+        """Return the model of a valid copy of a description.
+
+        Args:
+            limb: a description, or its YAML file; the nominal limb if None. A model is returned
+                itself.
+
+        Raises:
+            ParameterError: if the description is invalid.
+        """
+        return limb if isinstance(limb, LimbModel) else cls(LimbParameters.of(limb))
+
+    def __reduce__(self):
+        """Copy and pickle the description alone; what follows from it is built again."""
+        return LimbModel, (self.parameters,)
+
+    @functools.cached_property
+    def layout(self) -> Layout:
+        """Indices of the wires, joints and bends."""
+        return Layout(self.parameters)
+
+    @functools.cached_property
+    def mechanics(self) -> LimbMechanics:
+        """Joints, springs and bodies."""
+        return LimbMechanics(self.parameters, self.layout)
+
+    @functools.cached_property
+    def wires(self) -> Wires:
+        """Heat and forces of the wires in their rubber."""
+        return self.once("wires", lambda: Wires(self.parameters, self.mechanics))
+
+    @functools.cached_property
+    def dynamics(self) -> Dynamics:
+        """The equation of motion."""
+        return self.once("dynamics", lambda: Dynamics(self.mechanics, self.wires))
+
+    @functools.cached_property
+    def statics(self) -> HeldAngles:
+        """The angles and bends that the wires hold at rest; the bends are those of the chords."""
+        return self.once("statics", lambda: HeldAngles(self.dynamics))
+
+    @functools.cached_property
+    def mean_angle_statics(self) -> HeldAngles:
+        """As ``statics``, with bends by (11) from the mean of the joints' angles."""
+        return self.once("mean angles", lambda: HeldAngles(self.dynamics, of_equal_angles=True))
+
+    def once(self, name: str, build: Callable[[], T]) -> T:
+        """Return what a function builds for this limb, or built before for an equal one.
+
+        Args:
+            name: name of what is built.
+        """
+        # The calibration's record changes no equation; laws of a lab's own may have equal texts.
+        plain = dataclasses.replace(self.parameters, calibration=None)
+        laws = [type(wire.law) for wire in plain.wires]
+        return stated_once((name, repr(plain), *laws), build)
