@@ -1,6 +1,6 @@
 """Gaits of the default robots in space: time to plan them, and what they make in simulation.
 
-python benchmarks/gaits_in_space.py            # with contact, in Drake; a table
+python benchmarks/gaits_in_space.py            # with contact, in MuJoCo; a table
 python benchmarks/gaits_in_space.py FOLDER     # also keeps the gaits, for walks_in_mujoco.py
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from planners import PlanningError
 from walking import Gait, RobotParameters, plan_gait
-from walking.gait_check import simulate_gait, simulate_in_drake
+from walking.gait_check import simulate_gait
 from walking.schedules import sensible_schedules
 
 ROW = "{:<7}{:<20}{:<28}{:>7}{:>7}  {:<15}{:>6}"
@@ -59,7 +59,7 @@ def main() -> None:
                 print(ROW.format(limbs, name, f"none: {error}", *[""] * 4), flush=True)
                 continue
             taken = time.process_time() - began
-            made = simulate_gait(gait, "", robot, CYCLES, simulated=simulate_in_drake)
+            made = simulate_gait(gait, "", robot, CYCLES)
             shares = f"{min(made.strides):.3f}-{max(made.strides):.3f}" if made.strides else ""
             aside = f"{max(made.aside, default=math.nan):.1%}"
             how = f"{taken:.1f}", f"{gait.check.iterations}"

@@ -531,10 +531,11 @@ class RobotParameters(ConnectedLimbs):
         return f"ground: a mark each 10 mm, μ = {self.ground.friction:g}{rises}"
 
     def commands_after_fit(self, path: Path) -> list[list[str]]:
-        """Return the words of the command that plans a gait, if the robot walks in the plane."""
-        if self.body.mount != "planar" or not self.ground:
+        """Return the words of the command that plans gaits, if the robot walks."""
+        if self.body.mount == "welded" or not self.ground:
             return []
-        return [["gait", str(path), "-o", str(free_path(Path("gait.csv")))]]
+        name, output = ("gait", "gait.csv") if self.body.mount == "planar" else ("gaits", "gaits")
+        return [[name, str(path), "-o", str(free_path(Path(output)))]]
 
     @property
     def joints_of(self) -> list[slice]:
