@@ -46,9 +46,13 @@ def fit_strides_in_space(gait: Gait, recording: Recording, start: float, cycles:
         CalibrationError: if the body is not seen, or falls on every robot that is tried.
     """
     last = start + (cycles - 1) * gait.period
-    seen = _course(recording, last, gait.period)
+    pose = recording.body_pose
+    seen = np.full(1, np.nan) if pose is None else _course(recording, last, gait.period)
     if not np.isfinite(seen).all():
-        raise CalibrationError("The body is not seen in the last stride, which tells of its feet.")
+        raise CalibrationError(
+            "No camera sees the body in the last stride, which would tell of its feet; walk "
+            "without --replan."
+        )
     warps = len(gait.robot.limbs) > 3
 
     def cost(values: np.ndarray) -> float:
