@@ -5,7 +5,7 @@ stride is then simulated in MuJoCo, with the heat held to the plan, on robots of
 each limb differ by up to 10%, rest angles by 0.5°, friction by 30%, and hips by 1 mm in height and
 place.
 
-    python benchmarks/strides_on_soft_feet.py [--draws 10] [--stiffness 20000 1000 200]
+    python benchmarks/strides_on_soft_feet.py [--draws 10] [--stiffness 20000 1000 200] [--replan]
 """
 
 import argparse
@@ -15,8 +15,11 @@ import dataclasses
 import numpy as np
 
 from planners import PlanningError
-from walking import RobotParameters, plan_gait
+from walking import Gait, RobotParameters, plan_gait
+from walking.commands.gaits import WELL_MADE, planned_anew
 from walking.gait_check import scale_limb, simulate_gait, with_friction
+from walking.in_mujoco import simulate_in_mujoco
+from walking.strides_in_space import fit_strides_in_space
 
 MARGIN = 5.0  # °C
 HIPS = 1e-3  # m
@@ -35,9 +38,23 @@ def drawn(robot: RobotParameters, seed: int) -> RobotParameters:
     return robot
 
 
+def replanned(gait: Gait, robot: RobotParameters) -> str:
+    """Return what the fit to two strides says, and what strides of the new gait are, in words."""
+    recording = simulate_in_mujoco(gait, robot, 2)
+    # The wires have the gait's heat.
+    fit = fit_strides_in_space(gait, recording, 0.0, 2)
+    again, said = planned_anew(gait, fit)
+    made = simulate_gait(again, "", robot, 2)
+    shares = ", ".join(f"{share:.2f}" for share in made.strides)
+    found = ", ".join(f"{name} {value.value:.3g}" for name, value in fit.estimates.items())
+    return f"{found}; {said}; strides {shares} {made.fall}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--draws", type=int, default=10)
+    parser.add_argument("--replan", action="store_true", help="plan anew where a stride is < 0.9")
+    parser.add_argument("--only", type=int, nargs="+", help="draws (default: the first ones)")
     parser.add_argument("--stiffness", type=float, nargs="+", default=[2e4, 1e3, 200.0])
     options = parser.parse_args()
     for stiffness in options.stiffness:
@@ -50,10 +67,12 @@ def main() -> None:
             print(f"{stiffness:g} N/m: {error}", flush=True)
             continue
         print(f"{stiffness:g} N/m: {gait!r}", flush=True)
-        for seed in range(options.draws):
+        for seed in options.only or range(options.draws):
             made = simulate_gait(gait, "", drawn(robot, seed), 2)
             shares = ", ".join(f"{share:.2f}" for share in made.strides)
             print(f"  draw {seed}: {shares} {made.fall}", flush=True)
+            if options.replan and made.strides[-1:] and made.strides[-1] < WELL_MADE:
+                print(f"    {replanned(gait, drawn(robot, seed))}", flush=True)
 
 
 if __name__ == "__main__":

@@ -375,7 +375,7 @@ def _replanned(
     if gait.in_space and fit.made >= WELL_MADE:
         planned, said = gait, f"the gait is kept, of whose stride the robot makes {fit.made:.0%}"
     else:
-        planned, said = _planned_anew(gait, fit)
+        planned, said = planned_anew(gait, fit)
     pause = time.monotonic() - began if options.port else STANDING
     told = {name: estimate.value for name, estimate in fit.estimates.items()}
     shown = "\n".join(f"{name} {estimate}" for name, estimate in fit.estimates.items())
@@ -383,7 +383,7 @@ def _replanned(
     return planned, fit.heat_after(pause), Summary(entries)
 
 
-def _planned_anew(gait: Gait, fit: StridesFit) -> tuple[Gait, str]:
+def planned_anew(gait: Gait, fit: StridesFit) -> tuple[Gait, str]:
     """The gait for the fitted robot if it walks there, and else the gait as it was; and why.
 
     In space it must be faster there than the gait as it was, in MuJoCo.
