@@ -91,8 +91,14 @@ def _along_arc(
 
 
 def _on_the_spot(robot: RobotParameters, sign: float, request: GaitRequest) -> Gait | None:
-    """The gait with the largest turn, of the first two schedules, that never falls."""
-    for turn, schedule in itertools.product(ON_THE_SPOT, sensible_schedules(robot)[:2]):
+    """The gait with the largest turn that never falls, of schedules with rests before others.
+
+    On soft feet, four limbs that go one after the other without rests slip where they stand.
+    """
+    sensible, still = sensible_schedules(robot), ["stick"] * len(robot.limbs)
+    with_rests = [schedule for schedule in sensible if still in schedule][:2]
+    schedules = with_rests + [each for each in sensible[:2] if each not in with_rests]
+    for turn, schedule in itertools.product(ON_THE_SPOT, schedules):
         with contextlib.suppress(PlanningError):
             gait = plan_gait(robot, request, turn=sign * turn, stride=0.0, schedule=schedule)
             if _never_falls(gait):

@@ -25,7 +25,7 @@ from walking.strides import FRICTION, StridesFit, fit_heat, smoothed
 WARP = 1e-3  # m, that is expected
 STARTS = (-0.7, 0.0, 0.7)  # of the warp, as multiples of the expected one
 SIMULATIONS = 16  # from each start
-PLACE_ERROR, TURN_ERROR = 1e-3, np.deg2rad(0.5)  # m and rad, of a pose that the model explains
+PLACE_ERROR, TURN_ERROR = 5e-4, np.deg2rad(0.25)  # m and rad, of a pose that the model explains
 POSES = 20  # in a cycle, that count
 CYCLES = 2  # that are simulated, from the heat of the limit cycle, of which the last one counts
 
