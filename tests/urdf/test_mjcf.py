@@ -23,7 +23,7 @@ from limb_systems import (
     TwoMassLaw,
     simulate,
 )
-from limb_systems.dynamics import Dynamics
+from limb_systems.limb_model import LimbModel
 from soft_limb.command import main
 from urdf import limb_mjcf, robot_mjcf
 from walking import RobotParameters
@@ -97,7 +97,7 @@ def test_accelerations_and_rates_are_those_of_the_equation_of_motion(kind):
         heat = wires.cold_states.copy()
         heat[:W] = T
         point = np.concatenate([angles, rates, heat, readings, np.zeros(W)])
-        expected = Dynamics(limb).accelerations(point)
+        expected = LimbModel.of(limb).dynamics.accelerations(point)
         np.testing.assert_allclose(data.qacc[loaded.joints], expected, rtol=1e-8, atol=1e-6)
         # Without inertia the reading moves as its spring and its damper say.
         lag = model.joint("thermocouple_" + limb.wire_names[0]).damping[0]
@@ -164,7 +164,7 @@ def test_sag_and_first_mode():
     # A swing that the first mode's shape begins, against the modes of the equation of motion.
     limb = LimbParameters()
     segment = limb.segments[0]
-    by_square, shapes = eig(Dynamics(limb).acceleration_to_angle)  # 1 / ω²
+    by_square, shapes = eig(LimbModel.of(limb).dynamics.acceleration_to_angle)  # 1 / ω²
     slowest = by_square.real.argmax()
     omega = by_square.real[slowest] ** -0.5
     ratio = segment.damping * omega / (2 * segment.stiffness)
