@@ -14,6 +14,7 @@ import numpy as np
 from planners import PlanningError
 from walking import Gait, RobotParameters, plan_gait
 from walking.gait_check import simulate_gait
+from walking.gait_set import schedules_on_the_spot
 from walking.schedules import sensible_schedules
 
 ROW = "{:<7}{:<20}{:<28}{:>7}{:>7}  {:<15}{:>6}"
@@ -43,8 +44,9 @@ def main() -> None:
     print(ROW.format("limbs", "gait", "planned", "CPU, s", "iter.", "made, of plan", "aside"))
     for limbs in (3, 4):
         robot = RobotParameters.in_space(limbs)
-        schedule = sensible_schedules(robot)[0]
         for name, request in COURSES.items():
+            turns = "spot" in name or "as far" in name
+            schedule = (schedules_on_the_spot if turns else sensible_schedules)(robot)[0]
             began = time.process_time()
             try:
                 gait = plan_gait(
