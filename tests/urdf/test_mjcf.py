@@ -23,7 +23,6 @@ from limb_systems import (
     TwoMassLaw,
     simulate,
 )
-from limb_systems.limb_model import LimbModel
 from soft_limb.command import main
 from urdf import limb_mjcf, robot_mjcf
 from walking import RobotParameters
