@@ -26,6 +26,8 @@ WARP = 1e-3  # m, that is expected
 STARTS = (-0.7, 0.0, 0.7)  # of the warp, as multiples of the expected one
 SIMULATIONS = 16  # from each start
 PLACE_ERROR, TURN_ERROR = 5e-4, np.deg2rad(0.25)  # m and rad, of a pose that the model explains
+STEP = 0.3  # of logarithm and multiple, over which the curvature of the cost is taken
+LEAST_CURVATURE = 2.0  # of what is expected of the warp alone
 POSES = 20  # in a cycle, that count
 CYCLES = 2  # that are simulated, from the heat of the limit cycle, of which the last one counts
 
@@ -45,6 +47,7 @@ def fit_strides_in_space(gait: Gait, recording: Recording, start: float, cycles:
     Raises:
         CalibrationError: if the body is not seen, or falls on every robot that is tried.
     """
+    # What is seen of the last cycle.
     last = start + (cycles - 1) * gait.period
     pose = recording.body_pose
     seen = np.full(1, np.nan) if pose is None else _course(recording, last, gait.period)
@@ -81,9 +84,17 @@ def fit_strides_in_space(gait: Gait, recording: Recording, start: float, cycles:
         raise CalibrationError("The robot falls by this gait whatever its friction and its feet.")
     logarithm, *others = best.x
     robot = with_warp_and_friction(gait.robot, WARP * sum(others), logarithm)
-    estimates = {"friction": Estimate(float(np.exp(logarithm)), np.nan, "of before")}
+    # Standard errors follow from the curvature of the cost along each value.
+    curvatures = [
+        (cost(best.x + step) + cost(best.x - step) - 2 * best.fun) / STEP**2
+        for step in STEP * np.eye(len(best.x))
+    ]
+    errors = np.sqrt(2 / np.maximum(curvatures, LEAST_CURVATURE))
+    friction = float(np.exp(logarithm))
+    estimates = {"friction": Estimate(friction, friction * float(errors[0]), "of before")}
     if others:
-        estimates["warp"] = Estimate(WARP * float(others[0]), np.nan, "m")
+        estimates["warp"] = Estimate(WARP * float(others[0]), WARP * float(errors[1]), "m")
+    # The heat at the end of the recording is the wires' own.
     heat = fit_heat(copy.deepcopy(gait.robot), recording)[0]
     return StridesFit(robot, estimates, heat[-1], smoothed(recording)[:, -1])
 
