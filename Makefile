@@ -37,21 +37,15 @@ wheel: $(VENV)/ready
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
 
 bench: $(VENV)/ready
-	$(BIN)/python benchmarks/simulation_speed.py
 	$(BIN)/python benchmarks/space_planning.py --problems 30
 	$(BIN)/python benchmarks/public_crawler.py
 	$(BIN)/python benchmarks/gaits.py
-	$(BIN)/python benchmarks/walks_from_cold.py
 	$(BIN)/python benchmarks/random_plans.py
-	$(BIN)/python benchmarks/calibration_accuracy.py
 	$(BIN)/python benchmarks/space_calibration.py
 	$(BIN)/python benchmarks/frame_fuzzing.py
 	$(BIN)/python benchmarks/lab_door.py --quick
-	$(BIN)/python benchmarks/board_faults.py faults --limbs 2
-	$(BIN)/python benchmarks/board_faults.py ordinary --limbs 2
+	$(BIN)/python benchmarks/board_faults.py --limbs 2
 	$(BIN)/python benchmarks/serial_timing.py
-	$(BIN)/python benchmarks/live_page.py
-	$(BIN)/python benchmarks/ros_bridge_delay.py
 	$(BIN)/python benchmarks/plan_time_by_law.py
 	$(BIN)/python benchmarks/controller_step_time.py
 	$(BIN)/python benchmarks/space_feedback.py
@@ -68,10 +62,7 @@ pictures: evaluation
 	$(BIN)/python docs/pictures.py build/evaluation
 
 tables: evaluation
-	$(BIN)/python benchmarks/controller_step_time.py > build/evaluation/controller_steps.txt
 	$(BIN)/python benchmarks/plan_time_by_law.py > build/evaluation/laws.txt
-	$(BIN)/python benchmarks/board_faults.py faults --limbs 2 > build/evaluation/board_faults.txt
-	$(BIN)/python examples/gripper/grip_forces.py > build/evaluation/grips.txt
 	$(BIN)/python benchmarks/gaits_in_space.py > build/evaluation/gaits_in_space.txt
 	$(BIN)/python docs/tables.py build/evaluation
 

@@ -58,7 +58,10 @@ measured = {"seconds": timed(lambda: simulated_differences(trajectory))}
 HORIZON = """
 from controllers import RecedingHorizon
 sys.path.insert(0, "benchmarks")
-from controller_steps import steps
+try:
+    from controller_step_time import steps
+except ImportError:  # as the script was called at df068b4
+    from controller_steps import steps
 from limb_systems import Limb, simulate
 trajectory = planned(with_law(CoupledLaw), task=Task.closed_loop(with_law(CoupledLaw)))[0]
 time.perf_counter = time.process_time

@@ -96,7 +96,7 @@ def row(robot: str) -> None:
 
 
 def row_in_space(folder: Path, robot: str) -> None:
-    said = command(folder, "gaits", "calibrated.yaml", "-o", "gaits", "--json")
+    said = command(folder, "gait", "calibrated.yaml", "--set", "-o", "gaits", "--json")
     if "fall" in said:
         print(f"| {robot} | {said['fall']} |", flush=True)
         return

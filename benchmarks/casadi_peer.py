@@ -21,8 +21,6 @@ wherever the defects of θ are zero.
 """
 
 import dataclasses
-import subprocess
-import tempfile
 import time
 from typing import Literal
 
@@ -105,18 +103,15 @@ def run(problem: dict, time_limit: float, **options) -> dict:
         time_limit: s, for each solution.
 
     Returns:
-        ``build``, ``compile`` (the part of it for C code, if any), ``solve``, ``again``
-        (the second solution by the same solver) and ``evaluation`` (the part of
-        ``solve`` in functions and derivatives), s; ``status``, ``success``,
-        ``iterations``; ``states`` (2n + 4, N) and ``duty`` (2, N).
+        ``build``, ``solve``, ``again`` (the second solution by the same solver) and
+        ``evaluation`` (the part of ``solve`` in functions and derivatives), s;
+        ``status``, ``success``, ``iterations``; ``states`` (2n + 4, N) and ``duty`` (2, N).
     """
     problem = Problem(**problem)
     started = time.perf_counter()
     solver = Solver(problem, **options, time_limit=time_limit)
     build = time.perf_counter() - started
     result = {"build": build, **solver.solve(problem)}
-    if options.get("compiled"):
-        result["compile"] = solver.compile_time
     if result["success"]:
         result["again"] = solver.solve(problem)["solve"]
     return result
@@ -158,16 +153,13 @@ class PointFunctions:
     - ``hessian``: y and multipliers (n, 1) to the nonzeros of ∂²(μᵀF)/∂y², in
       the order of ``hessian_sparsity`` (ny, ny).
 
-    - ``compile_time``: s.
-
     y is [θ, θ̇, torque] and, in the implicit form, θ̈.
 
     Args:
-        order: 0 for the value alone, 1 with the Jacobian, 2 with the Hessian.
-        compiled: as C code, by gcc.
+        order: 1 with the Jacobian, 2 with the Hessian as well.
     """
 
-    def __init__(self, problem: Problem, form: Form, order: int, compiled: bool):
+    def __init__(self, problem: Problem, form: Form, order: int):
         n = problem.links
         y, a = ca.SX.sym("y", 2 * n + 1), ca.SX.sym("a", n)
         multipliers = ca.SX.sym("mu", n)
@@ -178,14 +170,13 @@ class PointFunctions:
             factors = ca.ldl(ca.jacobian(residual, a), False)
             value = ca.ldl_solve(-ca.substitute(residual, a, ca.SX.zeros(n)), *factors)
         functions = [_nonzeros("value", [y], value)]
-        if order > 0:
-            if form == "implicit":
-                jacobian = ca.jacobian(value, y)
-            else:  # the residual R(y, a) stays zero: a_y = -R_a⁻¹ R_y
-                by_y = ca.substitute(ca.jacobian(residual, y), a, value)
-                jacobian = -ca.ldl_solve(ca.densify(by_y), *factors)
-            self.jacobian_sparsity = jacobian.sparsity()
-            functions.append(_nonzeros("jacobian", [y], jacobian))
+        if form == "implicit":
+            jacobian = ca.jacobian(value, y)
+        else:  # the residual R(y, a) stays zero: a_y = -R_a⁻¹ R_y
+            by_y = ca.substitute(ca.jacobian(residual, y), a, value)
+            jacobian = -ca.ldl_solve(ca.densify(by_y), *factors)
+        self.jacobian_sparsity = jacobian.sparsity()
+        functions.append(_nonzeros("jacobian", [y], jacobian))
         if order > 1:
             if form == "implicit":
                 hessian = ca.hessian(ca.dot(multipliers, value), y)[0]
@@ -200,42 +191,22 @@ class PointFunctions:
                 hessian = -ca.mtimes(along.T, ca.mtimes(curvature, along))
             self.hessian_sparsity = hessian.sparsity()
             functions.append(_nonzeros("hessian", [y, multipliers], hessian))
-        started = time.perf_counter()
-        for function in _compiled(functions) if compiled else functions:
+        for function in functions:
             setattr(self, function.name(), function)
-        self.compile_time = time.perf_counter() - started
 
 
 def _nonzeros(name: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
     return ca.Function(name, inputs, [ca.vertcat(*output.nonzeros())], {"cse": True})
 
 
-def _compiled(functions: list[ca.Function]) -> list[ca.Function]:
-    """The same functions as C code, compiled by gcc."""
-    with tempfile.TemporaryDirectory() as folder:
-        generator = ca.CodeGenerator("point.c")
-        for function in functions:
-            generator.add(function)
-        generator.generate(f"{folder}/")
-        library = f"{folder}/point.so"
-        command = ["gcc", "-O2", "-march=native", "-fPIC", "-shared"]
-        subprocess.run([*command, f"{folder}/point.c", "-lm", "-o", library], check=True)
-        return [ca.external(function.name(), library) for function in functions]
-
-
 class Solver:
     """The program built once, to be solved for any reference, initial state and guess.
-
-    - ``compile_time``: s, the part of building that C code took.
 
     Args:
         problem: fixes the limb and the times of the knots.
         form: see the module's docstring.
-        hessian: of the Lagrangian, "exact"; that of the cost alone,
-            "gauss-newton"; or "limited-memory".
-        derivatives: "assembled" from those of F by the chain rule, or
-            "automatic", what `nlpsol` does by itself.
-        compiled: F and its derivatives run as compiled C code.
+        hessian: of the Lagrangian, "exact", or that of the cost alone,
+            "gauss-newton".
         time_limit: s, for one solution.
     """
 
@@ -243,9 +214,7 @@ class Solver:
         self,
         problem: Problem,
         form: Form = "implicit",
-        hessian: Literal["exact", "gauss-newton", "limited-memory"] = "exact",
-        derivatives: Literal["assembled", "automatic"] = "assembled",
-        compiled: bool = False,
+        hessian: Literal["exact", "gauss-newton"] = "exact",
         time_limit: float = 120.0,
     ):
         self._form = form
@@ -253,9 +222,7 @@ class Solver:
         sizes = [n, n, 2, 2, 2, n if form == "implicit" else 0]
         scales = [ANGLE_SCALE, RATE_SCALE, TEMPERATURE_SCALE, TEMPERATURE_SCALE, 1.0]
         self._scale = np.repeat([*scales, ACCELERATION_SCALE], sizes)[:, None]
-        order = 0 if derivatives == "automatic" else 2 if hessian == "exact" else 1
-        point = PointFunctions(problem, form, order, compiled)
-        self.compile_time = point.compile_time
+        point = PointFunctions(problem, form, 2 if hessian == "exact" else 1)
 
         guess, target, weights = self._guess(problem), self._target(problem), self._weights(problem)
         self._cost_scale = min(1.0, 100.0 / (0.5 * np.sum(weights * (guess - target) ** 2)))
@@ -271,37 +238,33 @@ class Solver:
 
         options = {"ipopt": {**IPOPT_OPTIONS, "max_wall_time": time_limit}, "print_time": False}
         options |= {"no_nlp_grad": True, "calc_lam_p": False}
-        if hessian == "limited-memory":
-            options["ipopt"]["hessian_approximation"] = "limited-memory"
         cost_factor, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", constraints.numel())
         lagrangian_hessian = cost_factor * ca.MX(Q)
-        if derivatives == "assembled":
-            by_arguments = ca.MX(
-                ca.diagcat(*[point.jacobian_sparsity] * num_points),
-                ca.vec(point.jacobian.map(num_points)(arguments)),
+        by_arguments = ca.MX(
+            ca.diagcat(*[point.jacobian_sparsity] * num_points),
+            ca.vec(point.jacobian.map(num_points)(arguments)),
+        )
+        jacobian = A + ca.mtimes(B, ca.mtimes(by_arguments, P))
+        if hessian == "exact":
+            on_points = ca.reshape(ca.mtimes(B.T, multipliers), n, num_points)
+            curvature = ca.MX(
+                ca.diagcat(*[point.hessian_sparsity] * num_points),
+                ca.vec(point.hessian.map(num_points)(arguments, on_points)),
             )
-            jacobian = A + ca.mtimes(B, ca.mtimes(by_arguments, P))
-            if hessian == "exact":
-                on_points = ca.reshape(ca.mtimes(B.T, multipliers), n, num_points)
-                curvature = ca.MX(
-                    ca.diagcat(*[point.hessian_sparsity] * num_points),
-                    ca.vec(point.hessian.map(num_points)(arguments, on_points)),
-                )
-                lagrangian_hessian += ca.mtimes(P.T, ca.mtimes(curvature, P))
-            options["jac_g"] = ca.Function(
-                "jac_g", [x, target], [constraints, jacobian], ["x", "p"], ["g", "jac_g_x"]
-            )
-            options["grad_f"] = ca.Function(
-                "grad_f", [x, target], [cost, cost_gradient], ["x", "p"], ["f", "grad_f_x"]
-            )
-        if hessian == "gauss-newton" or (hessian, derivatives) == ("exact", "assembled"):
-            options["hess_lag"] = ca.Function(
-                "hess_lag",
-                [x, target, cost_factor, multipliers],
-                [ca.triu(lagrangian_hessian)],
-                ["x", "p", "lam_f", "lam_g"],
-                ["triu_hess_gamma_x_x"],
-            )
+            lagrangian_hessian += ca.mtimes(P.T, ca.mtimes(curvature, P))
+        options["jac_g"] = ca.Function(
+            "jac_g", [x, target], [constraints, jacobian], ["x", "p"], ["g", "jac_g_x"]
+        )
+        options["grad_f"] = ca.Function(
+            "grad_f", [x, target], [cost, cost_gradient], ["x", "p"], ["f", "grad_f_x"]
+        )
+        options["hess_lag"] = ca.Function(
+            "hess_lag",
+            [x, target, cost_factor, multipliers],
+            [ca.triu(lagrangian_hessian)],
+            ["x", "p", "lam_f", "lam_g"],
+            ["triu_hess_gamma_x_x"],
+        )
         program = {"x": x, "p": target, "f": cost, "g": constraints}
         self._solver = ca.nlpsol("solver", "ipopt", program, options)
 

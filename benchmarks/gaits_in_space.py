@@ -1,13 +1,10 @@
-"""Gaits of the default robots in space: time to plan them, and what they make in simulation.
+"""Gaits of the default robots in space: time to plan them, and what they make in MuJoCo's contact.
 
-python benchmarks/gaits_in_space.py            # with contact, in MuJoCo; a table
-python benchmarks/gaits_in_space.py FOLDER     # also keeps the gaits, for walks_in_mujoco.py
+python benchmarks/gaits_in_space.py
 """
 
-import argparse
 import math
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -38,9 +35,6 @@ def goes(gait: Gait) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path, nargs="?", help="folder to keep the gaits in")
-    folder = parser.parse_args().folder
     print(ROW.format("limbs", "gait", "planned", "CPU, s", "iter.", "made, of plan", "aside"))
     for limbs in (3, 4):
         robot = RobotParameters.in_space(limbs)
@@ -66,9 +60,6 @@ def main() -> None:
             aside = f"{max(made.aside, default=math.nan):.1%}"
             how = f"{taken:.1f}", f"{gait.check.iterations}"
             print(ROW.format(limbs, name, goes(gait), *how, shares + made.fall, aside), flush=True)
-            if folder:
-                folder.mkdir(parents=True, exist_ok=True)
-                gait.save(folder / f"{limbs}_{name.replace(' ', '_').replace(',', '')}.csv")
 
 
 if __name__ == "__main__":

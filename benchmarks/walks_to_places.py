@@ -80,7 +80,7 @@ def run(job: tuple[dict[str, Gait], int]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--gaits", type=Path, help="folder that soft-limb gaits wrote")
+    parser.add_argument("--gaits", type=Path, help="folder that soft-limb gait --set wrote")
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)

@@ -26,8 +26,7 @@ from controllers.estimator import DRIFT_TIME
 from limb_systems import LimbError, LimbModel, Provenance, Recording, Trajectory
 from limb_systems.errors import raised_as
 from limb_systems.files.csv_format import FileFormatError
-from limb_systems.files.first_line import FirstLine
-from limb_systems.files.input import LARGEST_TABLE, read_bytes
+from limb_systems.files.input import LARGEST_TABLE, FirstLine, read_bytes
 from limb_systems.files.output import write_atomically
 from limb_systems.plan_band import MEAN_TO_DEVIATION
 from limb_systems.tracking import reference_distances, tracking_errors

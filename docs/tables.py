@@ -37,12 +37,10 @@ def read_summaries(path: Path) -> list[Summary]:
 TABLES: dict[str, Callable[[Sequence[Summary]], tables.Rows]] = {
     "distances": tables.distance_table,
     "distances_continuum": lambda limbs: tables.distance_table(limbs, "continuum"),
-    "table_1": tables.table_1,
     "limbs": tables.law_table,
     "disturbances": tables.disturbance_table,
     "models": tables.approach_table,
     "split": tables.step_table,
-    "split_parts": tables.part_table,
 }
 
 

@@ -16,7 +16,6 @@ from .kinematics import (
     joint_angles_from_bend_angle,
     tip_position,
 )
-from .layout import Layout
 from .limb import (
     Limb,
     LimbActuation,
@@ -56,7 +55,6 @@ from .wire_laws.saturating import SaturatingLaw
 from .wire_laws.threshold import ThresholdLaw
 from .wire_laws.two_mass import TwoMassLaw
 from .wire_laws.wire_law import WireLaw
-from .wires import Wires
 
 __all__ = [
     "ActiveConstraint",
@@ -69,7 +67,6 @@ __all__ = [
     "HeatBounds",
     "HystereticLaw",
     "JouleHeating",
-    "Layout",
     "Limb",
     "LimbActuation",
     "LimbError",
@@ -96,7 +93,6 @@ __all__ = [
     "WireColors",
     "WireLaw",
     "WireParameters",
-    "Wires",
     "add_limb",
     "add_limb_actuation",
     "add_springs",

@@ -1,5 +1,7 @@
 """Joint angles and bends that wires hold at rest: K θ = f(T) + gravity, eqn (2) at rest."""
 
+import functools
+
 import casadi as ca
 import numpy as np
 
@@ -23,8 +25,6 @@ class HeldAngles:
     The equilibria of the last states are kept, so that values, slopes and curvature at the same
     states take one solution. All methods raise LimbError where the limb has no stable equilibrium.
 
-    - ``rest_angles``: θ (n,), rad, with wires that were never heated.
-    - ``compliance``: ∂θ/∂f (n, n) there, rad/(N·m).
     - ``wires``: the limb's `Wires`.
     - ``bends_of_angles``: φ (F,) of θ as a `SmoothFunction`.
 
@@ -48,10 +48,26 @@ class HeldAngles:
         self.num_values = F
         self.slope_places = np.indices((F, N)).reshape(2, -1)
         self.curvature_places = np.array(np.tril_indices(N))
-        ambient = np.full(self.wires.num_wires, self.wires.ambient_temperature)
-        self.rest_angles, self.compliance = self.at_rest(ambient)
-        self._cold = self.wires.forces(self.wires.cold_states, self.rest_angles)
         self._kept: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+
+    @functools.cached_property
+    def _cold_rest(self) -> tuple[np.ndarray, np.ndarray]:
+        """θ and ∂θ/∂f of wires that were never heated."""
+        return self.at_rest(np.full(self.wires.num_wires, self.wires.ambient_temperature))
+
+    @property
+    def rest_angles(self) -> np.ndarray:
+        """θ (n,), rad, with wires that were never heated."""
+        return self._cold_rest[0]
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """∂θ/∂f (n, n) at the rest angles, rad/(N·m)."""
+        return self._cold_rest[1]
+
+    @functools.cached_property
+    def _cold_forces(self) -> np.ndarray:
+        return self.wires.forces(self.wires.cold_states, self.rest_angles)
 
     def at_rest(self, temperature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """θ (n,), rad, where wires have settled at T (W,), °C, and ∂θ/∂f (n, n), rad/(N·m)."""
@@ -159,7 +175,7 @@ class HeldAngles:
         kept = self._kept
         if kept is None or not np.array_equal(kept[0], states):
             at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
-            moved = (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
+            moved = (self.wires.forces(states, at_rest) - self._cold_forces) @ self.compliance.T
             angles, by_point = self._solved(states, at_rest + moved)
             stiffness, by_state = np.split(by_point, [angles.shape[-1]], axis=-1)
             compliance = np.linalg.inv(stiffness)

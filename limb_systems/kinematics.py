@@ -1,6 +1,6 @@
 """Kinematics of a limb in numbers: bends, tip and links of joint angles.
 
-Angles are in rad; frames are the ones of `limb_systems.symbolic_chain`.
+Angles are in rad; `limb_systems.symbolic_chain` defines the frames.
 """
 
 import numpy as np

@@ -1,7 +1,6 @@
 """How far a limb may be from a plan: the limbs that its calibration cannot tell apart."""
 
 import dataclasses
-from statistics import NormalDist
 
 import numpy as np
 
@@ -34,8 +33,6 @@ class Band:
     - ``wire_temperature``, ``measured_temperature``: distance above the plan's T and V that
       995 of 1000 limbs keep within, for each wire (W, M), °C.
     - ``highest_readings``: highest V of each wire that 995 of 1000 limbs keep within (W,), °C.
-    - ``aborted_share``: share of limbs in which V of a wire gets above
-      ``temperature_limits.measured_maximum``, where a board cuts out.
     """
 
     time: np.ndarray
@@ -44,7 +41,6 @@ class Band:
     wire_temperature: np.ndarray
     measured_temperature: np.ndarray
     highest_readings: np.ndarray
-    aborted_share: float
 
 
 def temperature_margin(parameters: LimbParameters) -> float:
@@ -107,10 +103,6 @@ def band(trajectory: Trajectory) -> Band | None:
         return mean + READING_QUANTILE * spread
 
     highest = reading.max(axis=0)
-    limit = parameters.temperature_limits.measured_maximum
-    mean, spread = above(highest)
-    excess = (highest[0] + mean - limit) / spread
-    passing = np.array([NormalDist().cdf(value) for value in excess])
     return Band(
         time=ends,
         bend_angle=BEND_QUANTILE * bend_deviation,
@@ -119,5 +111,4 @@ def band(trajectory: Trajectory) -> Band | None:
         wire_temperature=quantile(temperature).T,
         measured_temperature=quantile(reading).T,
         highest_readings=highest[0] + quantile(highest),
-        aborted_share=float(1.0 - np.prod(1.0 - passing)),
     )

@@ -29,7 +29,7 @@ class NonlinearRubber:
     Its forces and rates are expressions of symbols.
 
     - ``state_names``: such as ``rest_shift_2``, R.
-    - ``stiffens``, ``remembers``: whether any segment does.
+    - ``remembers``: whether any segment does.
     - ``bend_by_torque``: bend angle that a torque of each wire alone holds (W,), rad/(N·m).
 
     Args:
@@ -71,7 +71,6 @@ class NonlinearRubber:
             # A wire of a planar segment leads to ±Δ, however its lever is inclined.
             share = np.sign(lever) if segment.axes == 1 else lever
             self._towards[row, wires] = memory.rate * memory.shift * share
-        self.stiffens = bool(self._cubic.any())
         bends = np.flatnonzero(mechanics.shape.any(axis=1))
         self._same_link = np.zeros((num_joints, num_joints))
         links = layout.link_of_joint[bends]

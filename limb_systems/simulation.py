@@ -37,7 +37,7 @@ class SimulationError(LimbError):
 
 # The chain has eigenvalues to -15 000 1/s beside the wires' -0.07 1/s. Of
 # Drake's implicit schemes this one needs the fewest evaluations here: a third
-# of those of implicit_euler at accuracy 1e-3 (benchmarks/simulation_speed.py).
+# of those of implicit_euler at accuracy 1e-3.
 INTEGRATION_SCHEME = "radau3"
 MAX_STEP_SIZE = 0.1  # s
 # With nonlinear torque, Newton's method leaves errors that do not decrease with the step, and the

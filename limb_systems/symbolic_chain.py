@@ -65,6 +65,8 @@ class Chain:
             gravity: (3,), m/s².
         """
         mechanics = self._mechanics
+        num_joints = len(self.origins)
+        # From the base outward, find the motion of each joint and the forces on its bodies.
         spin = turning = before = ca.SX(3, 1)  # ω, ω̇, and the origin of the joint before
         moved = -gravity
         forces, moments = [], []  # of the bodies on each joint, about its origin
@@ -74,7 +76,9 @@ class Chain:
             moved += _acceleration(turning, spin, origin - before)
             turning += axis * accelerations[joint] + ca.cross(spin, axis * rates[joint])
             spin += axis * rates[joint]
-            before, force, moment = origin, ca.SX(3, 1), ca.SX(3, 1)
+            before = origin
+            force = ca.SX(3, 1)
+            moment = ca.SX(3, 1)
             for body in np.flatnonzero(mechanics.body_joints == joint).tolist():
                 centre = frame @ ca.DM(mechanics.body_centres[body])
                 pull = mechanics.body_masses[body] * (moved + _acceleration(turning, spin, centre))
@@ -84,8 +88,10 @@ class Chain:
                 moment += ca.cross(centre, pull)
             forces.append(force)
             moments.append(moment)
-        torques, outboard, moment = [], ca.SX(3, 1), ca.SX(3, 1)
-        num_joints = len(self.origins)
+        # From the tip inward, add the forces up.
+        torques = []
+        outboard = ca.SX(3, 1)
+        moment = ca.SX(3, 1)
         for joint in reversed(range(num_joints)):
             if joint + 1 < num_joints:
                 moment += ca.cross(self.origins[joint + 1] - self.origins[joint], outboard)

@@ -32,7 +32,6 @@ class Wires:
     - ``levers``: B, direction of the wires' torque on the joints (n, W), from `LimbMechanics`.
     - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
     - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
-    - ``laws_need_angle``: whether the torque of any law depends on the angle that its wire sees.
     - ``torque_needs_angle``: whether any force depends on the angle, of a wire or of the rubber.
     - ``heat``: [ẋ, V̇] (N + W,), per second, of [x, V, D], as a `SmoothFunction`: (6), (7) and the
       memory of the rubber. ``symbolic_heat`` is the same as a CasADi function of x, V and D.
@@ -45,67 +44,61 @@ class Wires:
     """
 
     def __init__(self, parameters: LimbParameters, mechanics: LimbMechanics):
-        laws = [wire.law for wire in parameters.wires]
+        self._laws = laws = [wire.law for wire in parameters.wires]
         self.num_wires = len(laws)
-        self.ambient_temperature = parameters.ambient_temperature
-        columns: list[list[int]] = [[] for _ in laws]
+        self.ambient_temperature = T0 = parameters.ambient_temperature
+        self.levers = mechanics.levers
+        self._links = mechanics.layout.link_of_joint
+        # Number the states: the first of all wires, the second of all wires, and so on.
+        self._columns: list[list[int]] = [[] for _ in laws]
         names: list[str] = []
         scales: list[float] = []
         cold: list[float] = []
         ranges: list[tuple[float, float]] = []
-        remembers: list[bool] = []
+        settles: list[bool] = []
         for number in range(max(len(law.states) for law in laws)):
-            for index, (law, name) in enumerate(zip(laws, parameters.wire_names, strict=True)):
+            for law, name, columns in zip(laws, parameters.wire_names, self._columns, strict=True):
                 if number < len(law.states):
-                    state, scale = list(law.states.items())[number]
-                    columns[index].append(len(names))
+                    state = list(law.states)[number]
+                    columns.append(len(names))
                     names.append(f"{state}_{name}")
-                    scales.append(scale)
-                    cold.append(law.cold_states(self.ambient_temperature)[number])
+                    scales.append(law.states[state])
+                    cold.append(law.cold_states(T0)[number])
                     ranges.append(law.memory.get(state, (-np.inf, np.inf)))
-                    remembers.append(state in law.memory)
-        self._rubber = rubber = NonlinearRubber(parameters, mechanics)
-        self._first_shift, num_shifts = len(names), len(rubber.state_names)
-        names += rubber.state_names
-        scales += [REST_SCALE] * num_shifts
-        cold += [0.0] * num_shifts
-        self.num_states, self.state_names = len(names), names
+                    settles.append(state not in law.memory)
+        # Add the states of the rubber.
+        self._rubber = NonlinearRubber(parameters, mechanics)
+        self._first_shift = len(names)
+        for name in self._rubber.state_names:
+            names.append(name)
+            scales.append(REST_SCALE)
+            cold.append(0.0)
+            ranges.append((-np.inf, np.inf))
+            settles.append(False)
+        self.num_states = len(names)
+        self.state_names = names
         self.heat_scales = np.array(scales + [TEMPERATURE_SCALE] * self.num_wires)
         self.cold_states = np.array(cold, float)
-        ranges += [(-np.inf, np.inf)] * num_shifts
         self._ranges = np.array(ranges).T
-        self.settles = ~np.array([*remembers, *[True] * num_shifts])
-        self._laws, self._columns = laws, columns
-        self.levers = mechanics.levers
-        self._links = mechanics.layout.link_of_joint
-        x, V, D, q = (
-            ca.SX.sym(name, size)
-            for name, size in (
-                ("x", self.num_states),
-                ("V", self.num_wires),
-                ("D", self.num_wires),
-                ("q", mechanics.layout.num_joints),
-            )
-        )
+        self.settles = np.array(settles)
+        # State heat and forces in symbols.
+        x = ca.SX.sym("x", self.num_states)
+        V = ca.SX.sym("V", self.num_wires)
+        D = ca.SX.sym("D", self.num_wires)
+        q = ca.SX.sym("q", mechanics.layout.num_joints)
         rates, reading_rates = self._state_heat(x, V, D)
+        heat_rates = ca.vertcat(rates, reading_rates)
         force = self._state_force(x, q)
-        self.symbolic_heat = ca.Function("heat", [x, V, D], [ca.vertcat(rates, reading_rates)])
+        self.symbolic_heat = ca.Function("heat", [x, V, D], [heat_rates])
         self.symbolic_force = ca.Function("force", [x, q], [force])
-        self.heat = SmoothFunction(ca.vertcat(rates, reading_rates), ca.vertcat(x, V, D))
+        self.heat = SmoothFunction(heat_rates, ca.vertcat(x, V, D))
         self.force = SmoothFunction(force, ca.vertcat(x, q))
         self._rates = SmoothFunction(rates, ca.vertcat(x, D))
         self._reading_rates = SmoothFunction(reading_rates, ca.vertcat(V, x))
         self._runge_kutta_step = self._state_runge_kutta_step(x, D, rates)
-        self.rates_are_affine = ca.is_linear(ca.vertcat(rates, reading_rates), ca.vertcat(x, V, D))
+        # Find out what is linear.
+        self.rates_are_affine = ca.is_linear(heat_rates, ca.vertcat(x, V, D))
         self.torque_needs_angle = ca.depends_on(force, q)
-        self.laws_need_angle = self.torque_needs_angle and any(
-            np.isnan(
-                law.torque(
-                    law.cold_states(self.ambient_temperature), self.ambient_temperature, np.nan
-                )
-            )
-            for law in laws
-        )
         self.torque_is_affine = not self.torque_needs_angle and ca.is_linear(force, x)
 
     def _state_heat(self, x: ca.SX, V: ca.SX, D: ca.SX) -> tuple[ca.SX, ca.SX]:

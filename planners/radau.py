@@ -15,8 +15,9 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from limb_systems import LimbError, Trajectory, Wires, split_state
+from limb_systems import LimbError, Trajectory, split_state
 from limb_systems.smooth_function import SmoothFunction
+from limb_systems.wires import Wires
 from planners.transcription.collocation import ANGLE_SCALE
 
 LONGEST_STEP = 0.1  # s

@@ -17,8 +17,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbModel, LimbParameters, Recording
 from limb_systems.errors import raised_as
-from limb_systems.files.first_line import first_line
-from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS, read_text
+from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS, first_line, read_text
 from limb_systems.symbolic_chain import tip_of_angles
 
 IN_SPACE = (

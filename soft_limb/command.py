@@ -38,7 +38,6 @@ COMMANDS = {
     "status": ("hardware", "print the state of a board, or list the serial ports"),
     "arm-check": ("hardware", "test sensors and wires one by one"),
     "board-check": ("hardware", "test that a board refuses what it must and ends duty in time"),
-    "recover": ("hardware", "finish the recording of a program that was killed"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
     "sweep": ("sweep", "plan and drive many emulated limbs, motions, tasks and controllers"),
     "show": ("results", "say what files are, and what made them"),

@@ -23,6 +23,7 @@ from xdist.scheduler import LoadScopeScheduling
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.analysis import Simulator
 
 from limb_systems import LimbParameters, PlanCheck, Recording, SegmentParameters, Trajectory
@@ -60,6 +61,20 @@ LONG = (
     "tests/planners/",
     "tests/hardware/",
 )
+
+
+MESHCATS: list[Meshcat] = []
+
+
+@pytest.fixture
+def meshcat() -> Meshcat:
+    """A Meshcat that nothing frees.
+
+    Drake ends the process where the garbage of a diagram is collected on another thread than the
+    one that made its Meshcat, such as a thread that reads a board.
+    """
+    MESHCATS.append(Meshcat(MeshcatParams(host="localhost", port=0)))
+    return MESHCATS[-1]
 
 
 @pytest.fixture

@@ -16,7 +16,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from pydrake.geometry import Meshcat
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -283,7 +282,7 @@ def station(tmp_path):
 
 
 @pytest.fixture
-def systems(monkeypatch, short_plan, gait, gait_in_space, station):
+def systems(monkeypatch, short_plan, gait, gait_in_space, meshcat, station):
     """All systems by the names of their classes, with those that the limbs consist of."""
     monkeypatch.setattr(hardware.board.serial_limb, "open_link", Board)
     nominal, known = LimbParameters(), LimbParameters()
@@ -293,7 +292,7 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, station):
     limb, twin = Limb(), LimbTwin(hand=course, extra=["memory"])
     made = [*limb.GetSystems(), *twin.GetSystems(), limb, LimbTwin(), Robot(), RobotTwin()]
     made += [
-        LimbVisualizer(nominal, Meshcat()),
+        LimbVisualizer(nominal, meshcat),
         BendAngleController(nominal, "right"),
         EquilibriumSchedule([0.1]),
         LimitedDuty(known, excitations(2)[0].duty),
@@ -310,7 +309,7 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, station):
         Feed(None, Limb()),
         Journal(os.devnull, Limb(), 20.0),
         LimbActuation(),
-        WireColors(nominal, Meshcat()),
+        WireColors(nominal, meshcat),
         station,
     ]
     return {class_name(system): system for system in made}

@@ -159,14 +159,14 @@ def load_gaits(folder: Path) -> dict[str, Gait]:
     """
     if folder.is_file():
         raise LimbError(
-            f"{folder} is a file; places are walked to by the folder of gaits that soft-limb gaits "
-            "writes."
+            f"{folder} is a file; places are walked to by the folder of gaits that soft-limb gait "
+            "--set writes."
         )
     files = sorted(folder.glob("*.csv"), key=lambda file: (file.stem != AHEAD, file.stem))
     if not files or files[0].stem != AHEAD:
         raise LimbError(
-            f"{folder} has no gait named {AHEAD}.csv; soft-limb gaits ROBOT -o {folder} writes "
-            "one, and others that turn."
+            f"{folder} has no gait named {AHEAD}.csv; soft-limb gait ROBOT --set -o {folder} "
+            "writes one, and others that turn."
         )
     gaits = {file.stem: Gait.load(file) for file in files}
     for name, gait in gaits.items():

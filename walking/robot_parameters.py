@@ -432,7 +432,7 @@ class RobotParameters(ConnectedLimbs):
     def together(self) -> LimbParameters:
         """All limbs as one: their segments in order, with the limbs' names.
 
-        Whatever is about wires, joints and bends takes a robot by it: `Wires`, `Layout`,
+        Whatever is about wires, joints and bends takes a robot by it: `LimbModel`,
         recordings, supervisors and boards. Where the limbs are it does not say. Its ``board`` has
         the serial numbers of all limbs' boards, if all were calibrated on one, or is the emulated
         robot that all of them are of.
@@ -534,8 +534,9 @@ class RobotParameters(ConnectedLimbs):
         """Return the words of the command that plans gaits, if the robot walks."""
         if self.body.mount == "welded" or not self.ground:
             return []
-        name, output = ("gait", "gait.csv") if self.body.mount == "planar" else ("gaits", "gaits")
-        return [[name, str(path), "-o", str(free_path(Path(output)))]]
+        if self.body.mount == "free":
+            return [["gait", str(path), "--set", "-o", str(free_path(Path("gaits")))]]
+        return [["gait", str(path), "-o", str(free_path(Path("gait.csv")))]]
 
     @property
     def joints_of(self) -> list[slice]:

@@ -26,8 +26,8 @@ curvature is Φ's less what the eliminated coordinates give way.
 import casadi as ca
 import numpy as np
 
-from limb_systems import Wires
 from limb_systems.smooth_function import SmoothFunction, stated_once
+from limb_systems.wires import Wires
 from walking.walker import Walker
 
 # Least pivots. With less, gaits tip over a slightly uneven ground or slip of a foot: at 10 N/m, a

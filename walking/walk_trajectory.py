@@ -4,10 +4,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from limb_systems import LimbError, LimbModel, PlanCheck, Provenance, Trajectory, Wires, bend_angle
+from limb_systems import LimbError, LimbModel, PlanCheck, Provenance, Trajectory, bend_angle
 from limb_systems.files.signal_table import doses
 from limb_systems.kinematics import joint_angles_from_bend_angle
 from limb_systems.simulation import PERIOD
+from limb_systems.wires import Wires
 from planners.transcription.quasi_static import readings_along
 from walking.gait import Gait
 

@@ -6,9 +6,10 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
 from calibration.recordings.kinds import heated_wires, only_segment
-from limb_systems import LimbModel, LimbParameters, Wires
+from limb_systems import LimbModel, LimbParameters
 from limb_systems.drake_python import declare_part, weak_method
 from limb_systems.simulation import PERIOD
+from limb_systems.wires import Wires
 
 TAPER = 15.0  # °C
 CUT_OUT = 5.0  # °C below T_max, where a wire is switched off

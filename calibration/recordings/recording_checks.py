@@ -150,12 +150,15 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
         rise = of_wires.max(axis=0)
         driven = rise > MUCH_HEAT * rise.max()
         first = np.arange(len(rise))
-        for from_change, to_change in stretches(~changes):
+        num_changes = np.cumsum(changes)
+        still = stretches(~changes)
+        durations = np.diff(recording.time[shown[still]], axis=1)[:, 0]
+        for from_change, to_change in still[durations >= FROZEN]:
             start, end = shown[[from_change, to_change]]
             # How improbable it is that so many readings stand, by what the sensor did before.
-            usual = np.mean(changes[:from_change]) if from_change else 0.0
+            usual = num_changes[from_change - 1] / from_change if from_change else 0.0
             chance = (1.0 - usual) ** (to_change - from_change)
-            if recording.time[end] - recording.time[start] < FROZEN or chance > LEAST_CHANCE:
+            if chance > LEAST_CHANCE:
                 continue
             during = driven & (first >= start) & (first + window <= end)
             before = moved[driven & (first + window <= start)]

@@ -56,7 +56,7 @@ class LimbTwin(Diagram):
     All this is its physics "lumped". A specimen of other physics builds itself, and shares the
     ports alone, see `Specimen.build`.
 
-    For a limb of n joints, W wires and F bends in all, see `Layout`:
+    For a limb of n joints, W wires and F bends in all, see `limb_systems.layout.Layout`:
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it

@@ -26,8 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.files.first_line import FirstLine, first_line
-from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS
+from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS, FirstLine, first_line
 
 FORMAT_VERSION = 3
 KILLED = "the program that recorded it was killed"

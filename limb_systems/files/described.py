@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from limb_systems.errors import LimbError, raised_as
-from limb_systems.files.first_line import first_line
-from limb_systems.files.input import read_text
+from limb_systems.files.input import first_line, read_text
 from limb_systems.files.output import write_atomically
 from limb_systems.files.schema import Strict, dump_typed, load_typed
 

@@ -6,7 +6,6 @@ them; times are (K,). Recordings and trajectories are made of these.
 
 import copy
 import dataclasses
-import functools
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -127,10 +126,13 @@ class Samples(Summarized):
         names = column_names(parameters, robot)
         return {name: group for name, group in names.items() if name in signals}
 
-    @functools.cached_property
+    @property
     def model(self) -> LimbModel:
-        """The limb that the samples are of."""
-        return LimbModel(self.parameters)
+        """The limb that the samples are of; a new one if they are given other parameters."""
+        model = vars(self).get("_model")
+        if model is None or model.parameters is not self.parameters:
+            model = vars(self)["_model"] = LimbModel(self.parameters)
+        return model
 
     def columns(self) -> dict[str, np.ndarray]:
         """The columns (K,) of the file, angles in rad, without signals that are None."""

@@ -7,11 +7,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from limb_systems.files.schema import quantity
-from limb_systems.wire_laws.curves import logistic
 from limb_systems.wire_laws.hysteretic import BACKLASH, GRADUAL, HystereticLaw, heat_fields, midway
 from limb_systems.wire_laws.saturating import SaturatingLaw
 from limb_systems.wire_laws.two_mass import _TwoMassHeat
-from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, Prior, WireLaw
+from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, Prior, WireLaw, logistic
 
 # Priors. Latent heat: 6 to 20 J/g of NiTi wires and 0.5 to 0.9 J/(g K), of which coils in silicone
 # show a part. Direct losses: of leads, and free convection by the fourth root of the temperature

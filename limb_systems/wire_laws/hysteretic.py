@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from limb_systems.files.schema import quantity
-from limb_systems.wire_laws.curves import logistic, softplus
 from limb_systems.wire_laws.saturating import SaturatingLaw
 from limb_systems.wire_laws.two_mass import _TwoMassHeat
 from limb_systems.wire_laws.wire_law import (
@@ -18,6 +17,8 @@ from limb_systems.wire_laws.wire_law import (
     WIDTH,
     Prior,
     WireLaw,
+    logistic,
+    softplus,
 )
 
 # Of the temperature that tells heating from cooling: b, ε, °C, and τ, s. A reversal costs 2 b

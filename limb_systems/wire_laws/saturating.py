@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from limb_systems.files.schema import quantity
-from limb_systems.wire_laws.curves import logistic
 from limb_systems.wire_laws.two_mass import _TwoMassHeat
-from limb_systems.wire_laws.wire_law import FULL_TORQUE, MIDDLE, WIDTH
+from limb_systems.wire_laws.wire_law import FULL_TORQUE, MIDDLE, WIDTH, logistic
 
 
 @dataclasses.dataclass

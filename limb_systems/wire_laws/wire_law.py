@@ -160,3 +160,14 @@ def runge_kutta(
     third = rates(states + step / 2 * second, middle)
     fourth = rates(states + step * third, after)
     return states + step / 6 * (first + 2 * (second + third) + fourth)
+
+
+def logistic(z: Any) -> Any:
+    """1 / (1 + exp(-z))."""
+    return 0.5 * (1.0 + np.tanh(0.5 * z))
+
+
+def softplus(z: Any) -> Any:
+    """ln(1 + exp(z)), where exp(z) may be too large for a number, too."""
+    size = np.sqrt(z**2 + 1e-12)  # |z|, whose derivative all scalar types have at 0
+    return 0.5 * (z + size) + np.log(1.0 + np.exp(-size))

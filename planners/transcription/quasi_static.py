@@ -24,8 +24,9 @@ from pydrake.solvers import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw, Wires
+from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw
 from limb_systems.held_angles import HeldAngles
+from limb_systems.wires import Wires
 from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE, heat_block
 from planners.transcription.function_block import FunctionBlock

@@ -26,7 +26,6 @@ from limb_systems import (
     LimbModel,
     LimbParameters,
     LimbSystem,
-    Recording,
     Trajectory,
     bend_angle_from_tip_tangent,
 )
@@ -49,11 +48,11 @@ from soft_limb.commands.options import (
     shared,
 )
 from soft_limb.reports.plan_report import write_rollout_report
-from soft_limb.results.summaries import repetitions_summary
+from soft_limb.results.summaries import repetitions_summary, troubles
 from soft_limb.runs import repetitions
 from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.plan_run import FOLLOWED, NAMED, reference_from_file, task_named, teach_and_go
-from soft_limb.runs.rollout import NEAREST, Rollout, roll_out, troubles
+from soft_limb.runs.rollout import NEAREST, Rollout, roll_out
 
 if TYPE_CHECKING:  # Bokeh takes long to import
     from soft_limb.live_page import LivePage
@@ -389,17 +388,6 @@ def _teach(options: argparse.Namespace) -> int:
     return 0
 
 
-def _recover(options: argparse.Namespace) -> int:
-    output = checked_outputs(options, options.recording)
-    recording = Recording.load(options.recording, unfinished=True)
-    if not len(recording.time):
-        raise LimbError(f"{options.recording} has no samples; there is nothing to recover.")
-    recording.save(options.output)
-    said = f"{len(recording.time)} samples, {recording.time[-1]:.2f} s"
-    print_summary(options, Summary.of({"recovered": said}, {}) + troubles(recording), output)
-    return 0
-
-
 def _emulate(options: argparse.Namespace) -> int:
     check_outputs([options.log], inputs=[options.limb, options.robot], force=options.force)
     twin: EmulatedSystem
@@ -532,13 +520,6 @@ COMMANDS = {
             "soft-limb teach --emulated 1 -o out/taught.csv",
             "soft-limb teach /dev/ttyACM0 -o out/taught.csv -t 30",
         ],
-    ),
-    "recover": Command(
-        _recover,
-        "Finishes the recording of a program that was killed.",
-        "output force",
-        [Option("recording", type=Path, help="recording without its end (.unfinished.csv)")],
-        examples=["soft-limb recover out/recording.unfinished.csv -o out/recording.csv"],
     ),
     "emulate": Command(
         _emulate,

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from limb_systems import LimbParameters
+from limb_systems import LimbParameters, Recording
 from limb_systems.errors import LimbError
 from limb_systems.files.duty_export import write_c_header, write_rows
 from limb_systems.files.output import OutputError, check_outputs, write_atomically
@@ -18,6 +18,7 @@ from soft_limb.commands.options import Command, Option, print_summary, print_tab
 from soft_limb.results.comparison import compare, comparison_page
 from soft_limb.results.overview import overview_page
 from soft_limb.results.read_result import LIMB, TRAJECTORY, read_result
+from soft_limb.results.summaries import troubles
 from urdf import limb_mjcf, limb_sdf, limb_urdf
 
 
@@ -45,7 +46,25 @@ _FORMATS: dict[str, tuple[str, str, Callable]] = {  # suffix, what is written so
 }
 
 
+def _recover(options: argparse.Namespace) -> int:
+    """Finish the recording of a program that was killed."""
+    if len(options.files) > 1:
+        raise LimbError("--recover finishes one recording; name one file.")
+    path = options.files[0]
+    check_outputs([options.recover], inputs=[path], force=options.force)
+    recording = Recording.load(path, unfinished=True)
+    if not len(recording.time):
+        raise LimbError(f"{path} has no samples; there is nothing to recover.")
+    recording.save(options.recover)
+    said = f"{len(recording.time)} samples, {recording.time[-1]:.2f} s"
+    summary = Summary.of({"recovered": said}, {}) + troubles(recording)
+    print_summary(options, summary, [options.recover])
+    return 0
+
+
 def _show(options: argparse.Namespace) -> int:
+    if options.recover:
+        return _recover(options)
     results, errors = [], []
     for path in options.files:
         try:
@@ -120,8 +139,17 @@ COMMANDS = {
         "Says what each file is, what is in it, and what made it: a recording, a trajectory, a "
         "gait, a limb, a robot or a task (.yaml), a reference (.csv of s and degrees), "
         "learning.txt, or a report (.html).",
-        "json",
-        [Option("files", nargs="+", metavar="FILE", type=Path, help="any of these")],
+        "json force",
+        [
+            Option("files", nargs="+", metavar="FILE", type=Path, help="any of these"),
+            Option(
+                "--recover",
+                type=Path,
+                metavar="WHOLE",
+                help="file to write (.csv) from the recording of a program that was killed "
+                "(.unfinished.csv)",
+            ),
+        ],
         stopped=STOPPED,
         examples=["soft-limb show out/plan.csv out/recording.csv"],
     ),

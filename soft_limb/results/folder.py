@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from limb_systems.connected_limbs import FIELDS
-from limb_systems.files.first_line import first_line
+from limb_systems.files.input import first_line
 
 TABLES = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
 SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")

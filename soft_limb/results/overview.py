@@ -18,7 +18,6 @@ from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Samples
-from limb_systems.limb_model import LimbModel
 from limb_systems.views.colors import (
     PLAN_COLOR,
     REFERENCE_COLOR,
@@ -42,7 +41,6 @@ from soft_limb.results.read_result import (
 
 PICTURE_POINTS = 150  # of a curve in a small picture
 WIDTH, HEIGHT = 240.0, 56.0  # of a panel of a small picture
-DASHED = "4 3"
 # Of kinds of files, those from which they are made.
 _MADE_FROM = {
     RECORDING: (TRAJECTORY, LIMB, ROBOT, GAIT),
@@ -149,50 +147,41 @@ def find_origins(files: Sequence[ResultFile]) -> dict[ResultFile, list[ResultFil
     limbs = {file.value.digest: file for file in files if file.kind in (LIMB, ROBOT)}
     origins = {}
     for file in files:
-        kinds = _MADE_FROM.get(file.kind, ())
-        older = [o for o in files if o.kind in kinds and times[o] <= times[file] and o is not file]
-        found: list[ResultFile] = []
-        # What the command names: a file, or all files of a folder.
-        for word in _input_names(file.provenance):
-            named = [other for other in older if word in (other.path.name, other.path.parent.name)]
-            found += _nearest(file, named)
-        # The plan that the same command made beside it.
-        if file.kind == RECORDING and file.provenance:
-            found += [
-                other
-                for other in older
-                if other.kind == TRAJECTORY
-                and other.path.parent == file.path.parent
-                and other.provenance
-                and other.provenance.command == file.provenance.command
-            ]
-        # The limb.
-        if file.kind in (RECORDING, TRAJECTORY, GAIT):
-            described = getattr(file.value, "robot", None) or file.value.parameters
-            found += [limbs[described.digest]] if described.digest in limbs else []
+        names = _input_names(file.provenance)
+        found = [
+            other
+            for other in files
+            if other is not file
+            and other.kind in _MADE_FROM.get(file.kind, ())
+            and times[other] <= times[file]
+            and ({other.path.name, other.path.parent.name} & names or _is_plan_of(other, file))
+        ]
+        described = getattr(file.value, "robot", None) or getattr(file.value, "parameters", None)
+        if described and described.digest in limbs:
+            found.append(limbs[described.digest])
         origins[file] = list(dict.fromkeys(found))
     return origins
 
 
-def _input_names(made: Provenance | None) -> list[str]:
+def _input_names(made: Provenance | None) -> set[str]:
     """Return the names of files and folders that a command may have read."""
     try:
         words = shlex.split(made.command) if made else []
     except ValueError:  # it was too long, and cut
-        return []
+        return set()
     inputs = [w for option, w in itertools.pairwise(words) if option not in _OUTPUT_OPTIONS]
-    return [name for word in inputs if (name := PurePath(word).name)]
+    return {PurePath(word).name for word in inputs} - {""}
 
 
-def _nearest(file: ResultFile, named: Sequence[ResultFile]) -> list[ResultFile]:
-    """Return the files in the folder nearest to a file, as nobody knows where its command ran."""
-
-    def nearness(folder: Path) -> tuple[int, int]:
-        shared = Path(os.path.commonpath([folder, file.path.parent]))
-        return len(shared.parts), -len(folder.parts)
-
-    nearest = max((other.path.parent for other in named), key=nearness, default=None)
-    return [other for other in named if other.path.parent == nearest]
+def _is_plan_of(plan: ResultFile, file: ResultFile) -> bool:
+    """Return whether one command made a plan and, in the same folder, the recording."""
+    return (
+        (plan.kind, file.kind) == (TRAJECTORY, RECORDING)
+        and plan.path.parent == file.path.parent
+        and plan.provenance is not None
+        and file.provenance is not None
+        and plan.provenance.command == file.provenance.command
+    )
 
 
 def small_picture(run: object) -> Markup:
@@ -205,30 +194,24 @@ def small_picture(run: object) -> Markup:
         return Markup()
     evenly = np.linspace(0, len(usable) - 1, PICTURE_POINTS).astype(int)
     kept = usable[np.unique(evenly)]
-    # Choose the lines: the reference, the bends (those towards E3 dashed) and the wires.
+    # Choose the lines: the bends, their reference and the wires.
     bends = np.rad2deg(run.bend_angle)
+    asked = getattr(run, "reference", None)
+    reference = bends[:0] if asked is None else np.rad2deg(asked)
     wires = run.measured_temperature
     color = ROLLOUT_COLOR if isinstance(run, Recording) else PLAN_COLOR
-    dashes = [DASHED if axis else "" for axis in LimbModel.of(run.parameters).layout.bend_direction]
-    bend_lines = [(row, color, dash) for row, dash in zip(bends, dashes, strict=True)]
-    reference = getattr(run, "reference", None)
-    if reference is not None:
-        bend_lines += [(row, REFERENCE_COLOR, "") for row in np.rad2deg(reference)]
-    shades = wire_colors(len(wires))
-    wire_lines = [(row, shade, "") for row, shade in zip(wires, shades, strict=True)]
+    bend_colors = [color] * len(bends) + [REFERENCE_COLOR] * len(reference)
     # Scale them to the panels.
     times = run.time[kept] - run.time[kept[0]]
     panels = []
-    for name, unit, lines, values in (
-        ("bend angle", "°", bend_lines, bends[:, usable]),
-        ("temperature", " °C", wire_lines, wires[:, usable]),
+    for name, unit, signal, rows, colors in (
+        ("bend angle", "°", bends, np.vstack([bends, reference]), bend_colors),
+        ("temperature", " °C", wires, wires, wire_colors(len(wires))),
     ):
-        rows = np.array([row[kept] for row, *_ in lines])
-        points = np.empty((len(rows), len(kept), 2))
-        points[..., 0] = WIDTH * times / times[-1]
-        points[..., 1] = HEIGHT * (rows.max() - rows) / max(np.ptp(rows), 1e-9)
-        texts = [" ".join(f"{x:.1f},{y:.1f}" for x, y in line) for line in points]
-        styled = [(text, *style) for text, (_, *style) in zip(texts, lines, strict=True)]
-        ends = f"{values.min():.0f} to {values.max():.0f}{unit}"
-        panels.append((name, ends, f"{times[-1]:.0f} s", styled))
-    return page.part("picture_in_small", panels, WIDTH, HEIGHT)
+        values = rows[:, kept]
+        x = np.broadcast_to(WIDTH * times / times[-1], values.shape)
+        y = HEIGHT * (values.max() - values) / max(np.ptp(values), 1e-9)
+        texts = [" ".join(f"{a:.1f},{b:.1f}" for a, b in line) for line in np.dstack([x, y])]
+        ends = f"{signal[:, usable].min():.0f} to {signal[:, usable].max():.0f}{unit}"
+        panels.append((name, ends, f"{times[-1]:.0f} s", zip(texts, colors, strict=True)))
+    return page.part("small_picture", panels, WIDTH, HEIGHT)

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limb_systems import Trajectory
+from limb_systems import Recording, Trajectory
 from limb_systems.files.plan_statements import plan_statements
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances
@@ -179,3 +179,8 @@ def validation_summary(validation: "Validation") -> Summary:
             "temperature_mean_c": validation.temperature_mean,
         },
     )
+
+
+def troubles(recording: Recording) -> Summary:
+    """Return why a recording was interrupted, and why it is to be doubted."""
+    return Summary([Entry("interrupted", recording.interrupted), Entry("doubt", recording.doubt)])

@@ -22,7 +22,7 @@ from limb_systems.simulation import PERIOD
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from planners import nearest_bend_angle
-from soft_limb.results.summaries import distances_summary
+from soft_limb.results.summaries import distances_summary, troubles
 from soft_limb.runs import CONTROLLERS, OPEN
 
 # The controller that has come nearest to references, on limbs of several physics.
@@ -144,11 +144,6 @@ class Rollout:
         )
         said = ", ".join(f"{count} {what}" for what, count in counts.items())
         return Entry("replans", counts, sentence=said)
-
-
-def troubles(recording: Recording) -> Summary:
-    """Why a recording was interrupted, and why it is to be doubted."""
-    return Summary([Entry("interrupted", recording.interrupted), Entry("doubt", recording.doubt)])
 
 
 def roll_out(

@@ -39,7 +39,7 @@ def model_recordings(true_limb):
     ring_down = simulate(Limb(true_limb), [0.0, 0.0], 4.0, sample_rate=100.0, initial_state=state)
     recordings = {"sag": [collect_sag(Limb(mounted))], "ring_down": [ring_down]}
     for seed, kind in enumerate(("right", "left", "both")):
-        recordings[kind] = [collect_equilibria(Limb(true_limb), kind, num_angles=5, seed=seed)]
+        recordings[kind] = [collect_equilibria(Limb(true_limb), kind, num_angles=6, seed=seed)]
     return recordings
 
 

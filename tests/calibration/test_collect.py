@@ -39,6 +39,7 @@ from limb_systems import (
     TwoMassLaw,
     WireParameters,
 )
+from limb_systems.progress import Progress
 from soft_limb.command import main
 
 
@@ -188,7 +189,7 @@ def test_equilibria_are_reached_and_recorded_with_their_set_points(model_recordi
         (recording,) = model_recordings[kind]
         assert recording.duty.max() <= 0.5
         angles = np.unique(recording.reference)
-        assert len(angles) == 5
+        assert len(angles) == 6
         assert (np.deg2rad(45) * sides[0] <= angles).all()
         assert (angles <= np.deg2rad(45) * sides[1]).all()
         ends = np.flatnonzero(np.diff(recording.reference[0]))
@@ -277,6 +278,74 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     runs = [HeatedRun.of(recording) for recording in load_recordings(tmp_path)["heated"]]
     estimates = fit_law(LinearLaw, runs, described.segments[0], 25.0).estimates
     assert estimates["right.a2"].value == pytest.approx(22.0, rel=0.03)
+
+
+def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_path):
+    """With the model in place of a robot, which a context manager closes alike."""
+    protocol = "calibration.collecting.measurement_protocol"
+    short_excitations.setattr(f"{protocol}.SAG_TRIALS", 2)
+    short_excitations.setattr(f"{protocol}.RING_DOWNS", 1)
+    in_use, asked = [], []
+
+    class Closing(Limb):
+        __slots__ = ()
+
+        def __enter__(self):
+            in_use.append(self.parameters.gravity)
+            return self
+
+        def __exit__(self, *_):
+            in_use.clear()
+
+    def ask(what):
+        assert not in_use  # nobody gets a hand on a limb that may be heated
+        asked.append(what.split(":")[0])
+
+    limb = LimbParameters()
+    limb.segments[0].links, limb.segments[0].stiffness = 2, 0.0623  # which is simulated fast
+
+    def collect():
+        options = {"num_angles": 1, "longest": 10.0, "protocol": "paper"}
+        collect_from_robot(Closing, limb, tmp_path, ask, **options)
+
+    def stop(_, done, remark=""):
+        if asked[-1] == "ring_down_1" and done >= 3.0:
+            assert in_use == [[0.0, 0.0, 0.0]]
+            raise KeyboardInterrupt
+
+    with short_excitations.context() as interrupted:
+        interrupted.setattr(Progress, "update", stop)
+        with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
+            collect()
+    assert not in_use
+    assert asked == ["sag_1", "sag_2", "ring_down_1"]
+    finished = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    left = tmp_path / "ring_down_1.unfinished.csv"
+    assert sorted(finished) == [left, tmp_path / "sag_1.csv", tmp_path / "sag_2.csv"]
+    assert Recording.load(left).time[-1] == pytest.approx(3.0)
+
+    message = rf"{left} was interrupted; .* calibration ignores it, and ring_down_1 is recorded"
+    with pytest.warns(UserWarning, match=message) as warned:
+        collect()
+    assert len(warned) == 1
+    assert asked[3:] == ["ring_down_1", "first_contact", "warm_up", "right", "left", "both"]
+    assert {path: path.read_bytes() for path in finished} == finished
+    left.unlink()
+    found = {path.stem: Recording.load(path) for path in tmp_path.iterdir()}
+    assert sorted(found) == sorted({*asked})
+    assert not any(recording.interrupted for recording in found.values())
+    assert found["sag_1"].parameters.gravity == [0.0, -9.81, 0.0]
+    assert found["right"].parameters.gravity == [0.0, 0.0, 0.0]
+    # The board is told more and more of what to expect of these wires.
+    contact, warm_up, right = (
+        found[name].parameters.wires[0].heat_bounds
+        for name in ("first_contact", "warm_up", "right")
+    )
+    assert contact.most_heating > warm_up.most_heating > right.most_heating
+    assert contact.slowest_cooling < warm_up.slowest_cooling < right.slowest_cooling
+    assert found["first_contact"].parameters.total_duty == 0.3
+    collect()
+    assert len(asked) == 9
 
 
 def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitations, tmp_path):

@@ -54,6 +54,7 @@ def named(printed: str) -> list[str]:
     return shlex.split(line)[2:]
 
 
+@pytest.mark.whole
 def test_from_logs_to_a_plan(logs, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "limb.yaml").touch()  # which is somebody's

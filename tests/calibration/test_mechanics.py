@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from calibration import (
     CalibrationError,
@@ -75,15 +76,15 @@ def sagging(angle: float, trials: int = 1, spread: float = 0.0, sensor=None) -> 
 
 
 def stiffness_that_sags_by_ten_degrees(links: int, sensor: BendSensor) -> float:
-    """By bisection on the plant's statics."""
+    """By a root of the plant's statics."""
     limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
-    low, high = 0.02, 0.5
-    for _ in range(15):
-        middle = (low + high) / 2
-        limb.segments[0].links, limb.segments[0].stiffness = links, middle
-        sag = sensor.apparent_bend_angle(static_equilibrium(limb)[0])
-        low, high = (middle, high) if sag < SAG else (low, middle)
-    return middle
+    limb.segments[0].links = links
+
+    def missed(stiffness: float) -> float:
+        limb.segments[0].stiffness = stiffness
+        return sensor.apparent_bend_angle(static_equilibrium(limb)[0]) - SAG
+
+    return brentq(missed, 0.06, 0.5, rtol=1e-4)
 
 
 def test_correction_factor_is_the_papers_and_stiffness_the_one_that_sags():

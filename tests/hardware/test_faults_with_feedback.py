@@ -1,17 +1,19 @@
 """Sensors that lie while a limb is held to its plan: no wire gets hot, and nothing winds up.
 
 The limb is an emulated one that its plan does not know well, and the fault is between it and the
-controller, so that neither board nor cut-out sees it. benchmarks/board_faults.py has more of them,
-with the board's rules and on many limbs.
+controller, so that neither board nor cut-out sees it.
 """
 
 import numpy as np
 import pytest
-from sensor_faults import SensorFault, with_faulty_sensors
+from pydrake.systems.framework import LeafSystem
 
 from controllers import PlanFeedback
 from hardware import LimbTwin, replay
 from limb_systems import LimbParameters
+from limb_systems.drake_python import weak_method
+from limb_systems.limb_system import behind
+from limb_systems.simulation import PERIOD
 from planners import Task, plan, references
 
 START, END = 6.0, 12.0  # s, of the faults
@@ -27,11 +29,54 @@ def wave():
     return plan(LimbParameters(), reference, task=Task.closed_loop(), tolerance_deg=0.2)
 
 
+class FaultySensor(LeafSystem):
+    """Passes on what two thermocouples and a bend sensor read, one of which lies for a while.
+
+    It shows a function of the time since the fault came, s, of its reading, of its reading before
+    the fault, and of a random number that is new each period. The state has the last two.
+    """
+
+    __slots__ = ()
+
+    def __init__(self, sensor, shown, start):
+        super().__init__()
+        self._sensor, self._shown, self._start = sensor, shown, start
+        self._random = np.random.default_rng(0)
+        self.DeclareDiscreteState(2)
+        for name, size in (("measured_temperature", 2), ("bend_angle", 1)):
+            self.DeclareVectorInputPort(name, size)
+            calc = weak_method(self._bend if name == "bend_angle" else self._temperature)
+            self.DeclareVectorOutputPort(name, size, calc)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
+
+    def _readings(self, context):
+        return np.concatenate([self.get_input_port(index).Eval(context) for index in range(2)])
+
+    def _update(self, context, state):
+        before = context.get_discrete_state_vector()[0]
+        if context.get_time() < self._start:
+            before = self._readings(context)[self._sensor]
+        state.set_value([before, self._random.normal()])
+
+    def _shown_now(self, context):
+        readings, time = self._readings(context), context.get_time()
+        if self._start <= time < END:
+            state = context.get_discrete_state_vector().value()
+            shown = self._shown(time - self._start, readings[self._sensor], *state)
+            readings[self._sensor] = shown
+        return readings
+
+    def _temperature(self, context, output):
+        output.SetFromVector(self._shown_now(context)[:2])
+
+    def _bend(self, context, output):
+        output.SetFromVector(self._shown_now(context)[2:])
+
+
 def driven(trajectory, sensor=None, shown=None, start=START):
     controller = PlanFeedback(trajectory)
     if shown:
-        fault = SensorFault(sensor, shown, start, END)
-        controller = with_faulty_sensors(controller, fault)
+        controller = behind(FaultySensor(sensor, shown, start), controller)
     return replay(trajectory, LimbTwin(truth=True), controller=controller)
 
 

@@ -137,7 +137,7 @@ def test_what_is_recovered_says_that_it_was_interrupted(path, capsys):
     recording.save(path)
     path.write_bytes(path.read_bytes()[: path.read_bytes().index(b"# end") - 10])
     whole = path.with_name("whole.csv")
-    assert main(["recover", str(path), "-o", str(whole)]) == 0
+    assert main(["show", str(path), "--recover", str(whole)]) == 0
     said = capsys.readouterr().out
     assert "recovered   40 samples, 1.95 s" in said
     assert f"interrupted {KILLED}\n" in said

@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import functools
 import json
-import re
 import sys
 from types import SimpleNamespace
 
@@ -12,19 +11,16 @@ import numpy as np
 import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
-from calibration import collect_from_robot
 from hardware import HardwareError, LimbTwin, ReplayError, SerialLimb, replay
 from hardware.replaying import check_replayable
 from limb_systems import (
     EmulatedLimb,
-    Limb,
     LimbError,
     LimbParameters,
     Recording,
     SerialBoard,
     simulate,
 )
-from limb_systems.progress import Progress
 from planners import plan, references
 from soft_limb.command import main
 from soft_limb.runs.rollout import controller_of
@@ -200,7 +196,7 @@ def test_a_host_that_is_killed_leaves_the_wires_off_and_its_recording(
     assert output.read_text() == "old"
     recording = Recording.load(journal, unfinished=True)
     assert recording.duty[1, -1] > 0.0
-    assert main(["recover", str(journal), "-o", str(tmp_path / "whole.csv")]) == 0
+    assert main(["show", str(journal), "--recover", str(tmp_path / "whole.csv")]) == 0
     assert len(Recording.load(tmp_path / "whole.csv").time) == len(recording.time)
 
 
@@ -319,26 +315,6 @@ def test_status_says_how_the_board_is(virtual_time, emulator, capsys):
     assert "thermocouple" not in capsys.readouterr().out.split("wires")[0]
 
 
-def test_replay_tells_its_timing_in_words_and_in_json(emulator, short_plan, tmp_path, capsys):
-    reference = references.from_samples([0.0, 0.5], [0.0, 0.02])
-    plan(short_plan.parameters, reference).save(tmp_path / "plan.csv")
-    output = tmp_path / "recording.csv"
-    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output), "-p", emulator.port]
-    assert main(arguments) == 0
-    words = r"timing      commands were late by \d+\.\d ms .*; 0 samples were lost"
-    words += r"(; the duty was reduced .*)?\nsource "
-    assert re.search(words, capsys.readouterr().out)
-    assert main([*arguments, "--json", "--force"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["source"] == Recording.load(output).source
-    assert said["timing"]["lost_samples"] == 0
-    assert (
-        0.0 <= said["timing"]["late_median_ms"] <= said["timing"]["late_percentile_99_ms"] < 100.0
-    )
-    assert 0 <= said["timing"]["missed_deadline"] <= 20
-    assert said["tracking"]["mean_deg"] > 0.0
-
-
 def test_arm_check_heats_nothing_that_is_hot(virtual_time, emulator, capsys):
     emulator.order("hot left")
     virtual_time.sleep(0.2)
@@ -360,70 +336,3 @@ def test_orders_that_come_together_are_obeyed_but_for_those_that_make_no_sense(r
     assert wait_for(lambda: len(real_emulator.events("order")) == 2)  # the first is its restart
     assert real_emulator.events("order")[1]["order"] == "open left"
     assert "'explode" in real_emulator.errors.read_text()
-
-
-def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
-    """With the model in place of a robot, which a context manager closes alike."""
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.SAG_TRIALS", 2)
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.RING_DOWNS", 1)
-    in_use, asked = [], []
-
-    class Closing(Limb):
-        __slots__ = ()
-
-        def __enter__(self):
-            in_use.append(self.parameters.gravity)
-            return self
-
-        def __exit__(self, *_):
-            in_use.clear()
-
-    def ask(what):
-        assert not in_use  # nobody gets a hand on a limb that may be heated
-        asked.append(what.split(":")[0])
-
-    limb = LimbParameters()
-    limb.segments[0].links, limb.segments[0].stiffness = 2, 0.0623  # which is simulated fast
-
-    def collect():
-        options = {"num_angles": 1, "longest": 20.0, "protocol": "paper"}
-        collect_from_robot(Closing, limb, tmp_path, ask, **options)
-
-    def stop(_, done, remark=""):
-        if asked[-1] == "ring_down_1" and done >= 3.0:
-            assert in_use == [[0.0, 0.0, 0.0]]
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as interrupted:
-        interrupted.setattr(Progress, "update", stop)
-        with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
-            collect()
-    assert not in_use
-    assert asked == ["sag_1", "sag_2", "ring_down_1"]
-    finished = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    left = tmp_path / "ring_down_1.unfinished.csv"
-    assert sorted(finished) == [left, tmp_path / "sag_1.csv", tmp_path / "sag_2.csv"]
-    assert Recording.load(left).time[-1] == pytest.approx(3.0)
-
-    message = rf"{left} was interrupted; .* calibration ignores it, and ring_down_1 is recorded"
-    with pytest.warns(UserWarning, match=message) as warned:
-        collect()
-    assert len(warned) == 1
-    assert asked[3:] == ["ring_down_1", "first_contact", "warm_up", "right", "left", "both"]
-    assert {path: path.read_bytes() for path in finished} == finished
-    left.unlink()
-    found = {path.stem: Recording.load(path) for path in tmp_path.iterdir()}
-    assert sorted(found) == sorted({*asked})
-    assert not any(recording.interrupted for recording in found.values())
-    assert found["sag_1"].parameters.gravity == [0.0, -9.81, 0.0]
-    assert found["right"].parameters.gravity == [0.0, 0.0, 0.0]
-    # The board is told more and more of what to expect of these wires.
-    contact, warm_up, right = (
-        found[name].parameters.wires[0].heat_bounds
-        for name in ("first_contact", "warm_up", "right")
-    )
-    assert contact.most_heating > warm_up.most_heating > right.most_heating
-    assert contact.slowest_cooling < warm_up.slowest_cooling < right.slowest_cooling
-    assert found["first_contact"].parameters.total_duty == 0.3
-    collect()
-    assert len(asked) == 9

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat
 from pydrake.trajectories import PiecewisePolynomial
 
 from hardware import (
@@ -57,8 +56,8 @@ def test_simulated_limbs_bend_as_each_alone(scenario):
     assert np.abs(seen["finger.bend_angle"]).max() > 0.1
 
 
-def test_the_wires_that_meshcat_shows_have_the_colour_of_their_heat(scenario):
-    colored, meshcat = {}, Meshcat()
+def test_the_wires_that_meshcat_shows_have_the_colour_of_their_heat(scenario, meshcat):
+    colored = {}
     station = Station(scenario, meshcat=meshcat)
     station.ForcedPublish(station.CreateDefaultContext())  # what is shown is there from now on
 

@@ -64,7 +64,7 @@ def test_with_wires_at_e2_only_it_is_the_planar_limb():
     planar, space = (Specimen(limb, 3, ["memory"]) for limb in limbs)
     space = changed(space.without("places"), segments={"rest_offset_e3": 0.0})
     expected, found = (
-        simulate(LimbTwin(specimen=limb, truth=True), [0.3, 0.1], 15.0) for limb in (planar, space)
+        simulate(LimbTwin(specimen=limb, truth=True), [0.6, 0.1], 5.0) for limb in (planar, space)
     )
     e2, e3 = LimbModel.of(limbs[1]).layout.bend_joints
     assert np.rad2deg(np.abs(expected.joint_state[:5]).max()) > 5.0

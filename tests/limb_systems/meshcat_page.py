@@ -4,9 +4,9 @@ import base64
 import html.parser
 import json
 import re
-import struct
 from collections.abc import Callable
 
+import msgpack
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
@@ -17,47 +17,13 @@ from limb_systems.kinematics import link_positions
 LIMB = "/drake/visualizer/limb"
 
 
-def unpack(data: bytes, at: int = 0):
-    """A MessagePack value, and where it ends: the part of the format that Drake writes."""
-    tag, at = data[at], at + 1
-    if tag < 0x80 or tag >= 0xE0:
-        return (tag if tag < 0x80 else tag - 0x100), at
-    if tag in (0xC0, 0xC2, 0xC3):
-        return {0xC0: None, 0xC2: False, 0xC3: True}[tag], at
-    if tag in (0xCB, 0xCC, 0xCD, 0xCE):
-        code = {0xCB: ">d", 0xCC: ">B", 0xCD: ">H", 0xCE: ">I"}[tag]
-        return struct.unpack_from(code, data, at)[0], at + struct.calcsize(code)
-    if tag in (0xC7, 0xC8, 0xC9):  # an array: its size in bytes, its type, its numbers
-        code = {0xC7: ">B", 0xC8: ">H", 0xC9: ">I"}[tag]
-        at += struct.calcsize(code) + 1
-        (size,) = struct.unpack_from(code, data, at - struct.calcsize(code) - 1)
-        return data[at : at + size], at + size
-    if tag < 0xC0:
-        kind, mask = ("map", 0xF) if tag < 0x90 else ("array", 0xF) if tag < 0xA0 else ("str", 0x1F)
-        size = tag & mask
-    else:
-        kind, code = {
-            0xD9: ("str", ">B"),
-            0xDA: ("str", ">H"),
-            0xDC: ("array", ">H"),
-            0xDD: ("array", ">I"),
-            0xDE: ("map", ">H"),
-        }[tag]
-        (size,) = struct.unpack_from(code, data, at)
-        at += struct.calcsize(code)
-    if kind == "str":
-        return data[at : at + size].decode(), at + size
-    values = []
-    for _ in range(size if kind == "array" else 2 * size):
-        value, at = unpack(data, at)
-        values.append(value)
-    return (values if kind == "array" else dict(zip(values[::2], values[1::2], strict=True))), at
-
-
 def commands(page: str) -> list[dict]:
     """What a page tells Meshcat, in order."""
     messages = re.findall(r'fetch\("data:application/octet-binary;base64,([^"]+)"\)', page)
-    return [unpack(base64.b64decode(message))[0] for message in messages]
+    return [
+        msgpack.unpackb(base64.b64decode(message), ext_hook=lambda _, data: data)
+        for message in messages
+    ]
 
 
 def properties(page: str) -> dict:

@@ -5,7 +5,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from limb_systems import CalibrationRecord, band
 
@@ -52,15 +51,6 @@ def test_the_band_of_a_linear_limb_is_that_of_its_one_parameter(uncertain):
     read = around.bend_angle / 1.96 * drawn[0] + sensor.noise * drawn[1] + sensor.drift * drawn[2]
     share = (np.abs(read) < around.bend_reading).mean(axis=0)
     np.testing.assert_allclose(share, 0.95, atol=0.01)
-
-
-def test_the_share_of_aborted_limbs_is_that_of_a_normal_distribution(uncertain):
-    highest = uncertain.measured_temperature.max(axis=1)
-    deviations = np.hypot([DEVIATION * (highest[0] - 25.0), 0.0], 1.0)
-    for above in (-2.0, 4.0):
-        uncertain.parameters.temperature_limits.measured_maximum = float(highest[0] + above)
-        fine = 1.0 - norm.sf((highest[0] + above - highest) / deviations)
-        assert band(uncertain).aborted_share == pytest.approx(1.0 - fine.prod(), abs=0.06)
 
 
 def test_there_is_no_band_of_a_limb_that_was_not_calibrated(fig5_plan):

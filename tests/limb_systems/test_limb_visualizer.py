@@ -41,8 +41,7 @@ def test_wire_color_runs_from_greyish_blue_at_ambient_to_orange_at_the_maximum()
     assert (np.diff(between[0, :, 0] - between[0, :, 2]) > 0).all()
 
 
-def test_live_view_follows_the_limb_in_a_simulation(two_segments):
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+def test_live_view_follows_the_limb_in_a_simulation(two_segments, meshcat):
     builder = DiagramBuilder()
     limb = builder.AddSystem(Limb(two_segments))
     visualizer = builder.AddSystem(LimbVisualizer(two_segments, meshcat))
@@ -79,9 +78,8 @@ def test_live_view_follows_the_limb_in_a_simulation(two_segments):
     assert (shown[1] - shown[0])[[1, 2]].min() > 5.0
 
 
-def test_live_view_shows_ghosts_at_the_context_s_time(two_segments):
+def test_live_view_shows_ghosts_at_the_context_s_time(two_segments, meshcat):
     plan = make_plan(two_segments)
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
     visualizer = LimbVisualizer(two_segments, meshcat, plan)
     context = visualizer.CreateDefaultContext()
     visualizer.GetInputPort("joint_state").FixValue(context, np.zeros(10))

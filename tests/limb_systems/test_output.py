@@ -98,7 +98,7 @@ COMMANDS = (
     "plan reference.csv -o new.csv --plot new.xyz",
     "replay reference.csv -o kept.csv -p nowhere",
     "teach nowhere -o kept.csv",
-    "recover recording.csv -o kept.csv",
+    "show recording.csv --recover kept.csv",
     "emulate --log kept",
     "collect -o .",
     "fit . -o kept",

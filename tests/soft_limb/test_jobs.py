@@ -48,6 +48,7 @@ def test_processes_load_what_import_names_and_keep_off_the_terminal(module_of_on
         list(run_each(_square_or_fail, [1, -1, 2], 2))
 
 
+@pytest.mark.whole
 def test_runs_on_a_cluster_are_those_of_this_process(fig5_plan, module_of_ones_own):
     distributed = pytest.importorskip(
         "distributed", reason="Dask is not installed: pip install -e '.[cluster]'"

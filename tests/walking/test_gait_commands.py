@@ -116,6 +116,7 @@ def test_what_cannot_walk_is_said_in_a_sentence(robot, tmp_path, capsys):
         (["--schedule", "fx ss"], "The schedule is 'fx ss'; it must have phases of 2 letters"),
         (["--schedule", "fs sf"], "so that nothing holds the body"),
         (["--margin", "-5"], "temperature_margin is -5 °C; it must be from 0"),
+        (["--set", "--turn", "left"], "plans gaits of all directions; leave out --turn."),
     ):
         assert main(["gait", str(robot), "-o", str(output), *change]) == 1
         said = capsys.readouterr()

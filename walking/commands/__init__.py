@@ -6,6 +6,5 @@
 _GAITS = "walking.commands.gaits"
 COMMANDS = {
     "gait": (_GAITS, "plan how a robot of several limbs walks"),
-    "gaits": (_GAITS, "plan the gaits by which a robot in space gets anywhere"),
     "walk": (_GAITS, "walk by a gait: a robot, or an emulated one, from cold wires"),
 }

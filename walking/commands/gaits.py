@@ -63,6 +63,7 @@ from walking.walker import check_walker
 from walking.wayfinder import LEAST_SHARE, STALLED_CYCLES, Wayfinder
 
 STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
+OF_ONE_GAIT = ("schedule", "turn", "stride", "speed", "steadiness", "quick", "plot", "report")
 FIRST_STRIDES = 2  # after which the gait is planned again
 WELL_MADE = 0.9  # of a stride in space, from which on the gait is kept
 CAMERA_SLACK = 1.2  # times the tolerance, within which a camera sees a robot that has arrived
@@ -86,6 +87,8 @@ def _turn(text: str) -> float:
 
 
 def _gait(options: argparse.Namespace) -> int:
+    if options.set:
+        return _gait_set(options)
     outputs = checked_outputs(options, options.robot)
     robot = RobotParameters.of(options.robot)
     check_walker(robot)
@@ -134,8 +137,13 @@ def _gait(options: argparse.Namespace) -> int:
     return 0
 
 
-def _gaits(options: argparse.Namespace) -> int:
-    # Before they are planned, which takes minutes.
+def _gait_set(options: argparse.Namespace) -> int:
+    """Plan the gaits by which a robot in space gets anywhere, into a folder."""
+    # Refuse what is about one gait.
+    given = [f"--{name}" for name in OF_ONE_GAIT if getattr(options, name)]
+    if given:
+        raise LimbError(f"--set plans gaits of all directions; leave out {', '.join(given)}.")
+    # Check the files before the gaits are planned, which takes minutes.
     check_outputs(gait_files(options.output), inputs=[options.robot], force=options.force)
     robot = RobotParameters.of(options.robot)
     num_processes = min(os.cpu_count() or 1, len(TURNING))
@@ -445,7 +453,13 @@ COMMANDS = {
                 type=Path,
                 help="robot parameters (.yaml); a crawler of two limbs if left out",
             ),
-            shared("output", help="gait file to write (.csv)"),
+            shared("output", help="gait file to write (.csv); with --set a folder"),
+            Option(
+                "--set",
+                action="store_true",
+                help="plan the gaits by which a robot in space gets anywhere: ahead, along arcs to "
+                "the left and right, and on the spot; soft-limb walk --to takes their folder",
+            ),
             Option(
                 "--schedule",
                 action="append",
@@ -499,22 +513,10 @@ COMMANDS = {
             ),
         ],
         stopped="stopped; nothing was written",
-        examples=["soft-limb gait -o out/gait.csv --schedule 'fs ss sf ss'"],
-    ),
-    "gaits": Command(
-        _gaits,
-        "Plans the gaits by which a robot in space gets anywhere: ahead, along arcs to the left "
-        "and right, and on the spot, each checked by simulation, and writes them to a folder, "
-        "which soft-limb walk --to takes.",
-        "json force",
-        [
-            Option("robot", type=Path, help="robot parameters (.yaml), with a body that is free"),
-            shared("folder"),
-            MARGIN,
-            STICKING,
+        examples=[
+            "soft-limb gait -o out/gait.csv --schedule 'fs ss sf ss'",
+            "soft-limb gait robot.yaml --set -o out/gaits/",
         ],
-        stopped="stopped; nothing was written",
-        examples=["soft-limb gaits robot.yaml -o out/gaits/"],
     ),
     "walk": Command(
         _walk,
@@ -527,7 +529,7 @@ COMMANDS = {
                 "gait",
                 type=Path,
                 help="gait file (.csv), as soft-limb gait writes it; with --to, the folder of "
-                "soft-limb gaits",
+                "soft-limb gait --set",
             ),
             Option(
                 "--to",

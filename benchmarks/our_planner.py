@@ -1,16 +1,10 @@
-"""What the benchmark of the planner needs Drake for.
-
-The problem, our planner and its stages, Drake's own solvers on the program
-that our planner solves, and the judge of all solutions.
-"""
+"""The problem of the planner's benchmark, our planner stage by stage, and the judge of all."""
 
 import contextlib
-import logging
 import time
 from unittest import mock
 
 import numpy as np
-from pydrake.solvers import IpoptSolver, SnoptSolver, SolverOptions
 from pydrake.systems.analysis import BatchEvalTimeDerivatives
 
 import planners.planning
@@ -26,7 +20,6 @@ from planners.transcription import ipopt
 DURATION = 60.0  # s
 # No knots are added: a plan may differ by this from its simulation.
 TOLERANCE_DEG = 2.0
-SOLVERS = {"ipopt": IpoptSolver, "snopt": SnoptSolver}
 
 # What `planners.planning` calls one after the other, to be timed.
 STAGES = {
@@ -77,7 +70,7 @@ def make_problem(links: int, knots: int) -> dict:
     }
 
 
-def run_ours(problem: dict, time_limit: float) -> dict:
+def run(problem: dict, time_limit: float) -> dict:
     """Our planner, from nothing to a plan that was checked, stage by stage.
 
     Returns:
@@ -118,43 +111,6 @@ def run_ours(problem: dict, time_limit: float) -> dict:
         "states": trajectory.state,
         "duty": trajectory.duty,
         "difference_deg": check.largest_difference_deg,
-    }
-
-
-def run(problem: dict, time_limit: float, solver: str, options: dict) -> dict:
-    """Drake's "ipopt" or "snopt" on our `MathematicalProgram`, from our guess.
-
-    Args:
-        options: of the solver, beside the time limit.
-
-    Returns:
-        As `casadi_peer.run`; Drake does not tell the number of iterations.
-    """
-    logging.getLogger("drake").setLevel(logging.ERROR)  # IPOPT ignores the variables' scaling
-    times = {"build": 0.0}
-    original = planners.planning.TrajectoryProgram
-    timed = _timed(times, "build", original)
-    with mock.patch.object(planners.planning, "TrajectoryProgram", timed):
-        program, guess = _program_and_guess(problem["links"], len(problem["times"]))
-    solver_class = SOLVERS[solver]
-    solver_options = SolverOptions()
-    if solver == "ipopt":  # SNOPT heeds no limit; its process is killed
-        options = {**options, "max_wall_time": time_limit}
-    for name, value in options.items():
-        solver_options.SetOption(solver_class.id(), name, value)
-    started = time.perf_counter()
-    result = solver_class().Solve(program.prog, guess, solver_options)
-    solve_time = time.perf_counter() - started
-    states, duty = _states_and_duty(program, result.get_x_val())
-    details = result.get_solver_details()
-    reason = details.info if solver == "snopt" else details.ConvertStatusToString()
-    return {
-        "build": times["build"],
-        "solve": solve_time,
-        "status": f"{result.get_solution_result().name} ({reason})",
-        "success": result.is_success(),
-        "states": states,
-        "duty": duty,
     }
 
 
