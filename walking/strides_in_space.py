@@ -23,8 +23,8 @@ from walking.robot_parameters import RobotParameters
 from walking.strides import FRICTION, StridesFit, fit_heat, smoothed
 
 WARP = 1e-3  # m, that is expected
-STARTS = (-0.7, 0.0, 0.7)  # of the warp, as multiples of the expected one
-SIMULATIONS = 16  # from each start
+STARTS = (-0.7, 0.7)  # of the warp, as multiples of the expected one
+SIMULATIONS = 25  # from each start
 PLACE_ERROR, TURN_ERROR = 5e-4, np.deg2rad(0.25)  # m and rad, of a pose that the model explains
 STEP = 0.3  # of logarithm and multiple, over which the curvature of the cost is taken
 LEAST_CURVATURE = 2.0  # of what is expected of the warp alone

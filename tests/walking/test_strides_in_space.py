@@ -35,6 +35,6 @@ def test_warp_and_friction_are_those_of_the_robot_that_walked():
     fit = fit_strides_in_space(gait, recording, 0.0, 2)
     assert fit.estimates["warp"].value == pytest.approx(-1e-3, abs=3e-4)
     assert fit.estimates["friction"].value == pytest.approx(0.8, abs=0.1)
-    unseen = dataclasses.replace(recording, body_pose=np.nan * recording.body_pose)
+    unseen = dataclasses.replace(recording, body_pose=None)
     with pytest.raises(CalibrationError, match="No camera sees the body"):
         fit_strides_in_space(gait, unseen, 0.0, 2)
