@@ -20,6 +20,11 @@ UNCALIBRATED_LAG_ERROR = 1.0
 BOARD_MARGIN = 5.0  # °C, between feedback and the reading at which the board cuts out
 
 
+def lag_error(parameters: LimbParameters) -> float:
+    """Return the share of T - V by which wires may be warmer than estimated."""
+    return LAG_ERROR if parameters.calibration else UNCALIBRATED_LAG_ERROR
+
+
 class TemperatureLimiter:
     """The upper limit of a wire's duty.
 
@@ -53,7 +58,7 @@ class TemperatureLimiter:
                 f"measured_maximum, {limits.measured_maximum:g} °C, where the board cuts out."
             )
         self.limit = limit
-        self._lag_error = LAG_ERROR if parameters.calibration else UNCALIBRATED_LAG_ERROR
+        self._lag_error = lag_error(parameters)
         self._model = ReducedModel(parameters, HOLD_TIME)
 
     def caps(self, estimate: StateEstimate, limit: ArrayLike | None = None) -> np.ndarray:

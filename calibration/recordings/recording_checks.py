@@ -172,19 +172,13 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
 
 
 def _check_missing(recording: Recording) -> None:
-    """Whether enough readings are there, of the bend and of a thermocouple."""
+    """Whether enough readings of the bend are there."""
     count = len(recording.time)
     bends = int((~np.isnan(recording.bend_angle)).sum(axis=1).min())
     if bends < FEWEST:
         raise CalibrationError(
             f"the bend angle is there in {bends} of {count} samples, which tell nothing; leave "
             "this recording out, and see whether the column is the right one."
-        )
-    read = int((~np.isnan(recording.measured_temperature)).sum(axis=1).max())
-    if recording.duty.any() and read < FEWEST:
-        raise CalibrationError(
-            "no thermocouple shows how warm a heated wire is, without which heat and torque cannot "
-            "be told apart; bond one to a wire and record that, or leave this recording out."
         )
 
 
