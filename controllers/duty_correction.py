@@ -114,7 +114,7 @@ class DutyCorrection:
         return PiecewisePolynomial.FirstOrderHold(times, duty)
 
     def start(self, readings: np.ndarray | None = None) -> np.ndarray:
-        """Return the heat (H,) at the start of the plan, or with other readings (W,), °C."""
+        """Return the heat (H,) at the start of the plan, moved to readings (W,), °C, if given."""
         plan = self.plan
         model = self.model
         heat = plan.state[2 * plan.parameters.num_joints :, 0]

@@ -587,9 +587,10 @@ def _node_means(
 
     Samples lie symmetrically about a node, so that the first and the last node have only one.
     """
-    reach = np.minimum(0.5 * spacing, np.minimum(nodes - nodes[0], nodes[-1] - nodes)) + 1e-6
-    low = np.searchsorted(times, nodes - reach)
-    high = np.searchsorted(times, nodes + reach)
+    to_end = np.minimum(nodes - nodes[0], nodes[-1] - nodes)
+    half_width = np.minimum(0.5 * spacing, to_end) + 1e-6
+    low = np.searchsorted(times, nodes - half_width)
+    high = np.searchsorted(times, nodes + half_width)
     sums = np.cumsum(np.pad(signals, ((0, 0), (1, 0))), axis=1)
     counts = np.where(high > low, high - low, np.nan)
     return ((sums[:, high] - sums[:, low]) / counts).T

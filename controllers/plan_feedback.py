@@ -53,7 +53,7 @@ class PlanFeedback(PlanController):
     plan). A bend that needs more heat is given up, as the heat would stay for long after it. Up to
     10 °C above T_warm there is no such limit, as wires cool from there soon.
 
-    Ports and state are those of `PlanController`.
+    Ports and state are as in `PlanController`.
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -149,7 +149,7 @@ class PlanRegulator(PlanController):
     stays: D = D* - K(t) [x - x*, p]. Where the duty of a wire is at a bound, the other wires of its
     segment take over, as far as they can. No duty exceeds the caps of `TemperatureLimiter`.
 
-    Ports and state are those of `PlanController`.
+    Ports and state are as in `PlanController`.
     """
 
     __slots__ = ()  # see limb_systems.drake_python

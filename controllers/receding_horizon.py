@@ -42,7 +42,7 @@ class RecedingHorizon(PlanController):
     ready. A plan that is not ready when the next plan is due is late, and the next plan is left
     out. The previous plan also stays in force if planning fails.
 
-    Ports and state are those of `PlanController`, and
+    Ports and state are as in `PlanController`, and
 
     - output 1 ``replans``: numbers of plans that were begun, were late and failed (3)
     - state, discrete, at 20 Hz: 2: the replans; 3: the plan in force

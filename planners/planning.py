@@ -464,7 +464,7 @@ def _refine_knots(
 
     Args:
         times: times of the knots (N,), s.
-        sample_times, differences: as of `Planner.plan_unchecked`, (M,).
+        sample_times, differences: from `Planner.plan_unchecked`, (M,).
         tolerance: rad.
     """
     starts = times[:-1]

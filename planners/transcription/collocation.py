@@ -37,15 +37,15 @@ ANGLE_SCALE = 0.1  # rad, a typical change, which is scaled to one
 class MotionDefects:
     """The defects (17) of the chain's motion in the K - 1 intervals between K knots.
 
-    It is a `planners.transcription.ipopt.ConstraintBlock`. Rows are those of θ (n, K - 1), then
-    those of θ̇ (n, K - 1). An interval depends on z = [p0, p1, h], with p = [θ, θ̇, x, D] at its two
+    It is a `planners.transcription.ipopt.ConstraintBlock`. The first rows are of θ (n, K - 1), then
+    of θ̇ (n, K - 1). An interval depends on z = [p0, p1, h], with p = [θ, θ̇, x, D] at its two
     knots and its length h:
 
         3/(2h) (θ1 - θ0) - 3/4 (θ̇0 + θ̇1) + h/8 (a1 - a0)    times 8/h K⁻¹ M(0)
         3/(2h) (θ̇1 - θ̇0) - (a0 + a1)/4 - a_c                 times K⁻¹ M(0)
 
     The accelerations a at the knots and a_c in the middle solve the limb's equation of motion
-    r(θ, θ̇, x, a) = 0, whose derivatives give those of the accelerations: M ∂a = -∂r.
+    r(θ, θ̇, x, a) = 0, whose derivatives give the accelerations' derivatives: M ∂a = -∂r.
 
     Args:
         model: the limb.

@@ -30,7 +30,7 @@ def describe(binding: Binding) -> str:
 
 
 def group_by_name(bindings: Sequence[Binding]) -> dict[str, list[Binding]]:
-    """Return costs or constraints by their descriptions.
+    """Return groups of costs or constraints by their descriptions.
 
     Terms without a description are grouped if their formulas differ by numbers alone, under the
     formula of the first one.

@@ -466,7 +466,7 @@ class TrajectoryProgram(PlanProgram):
             self.duty,
             self.time_steps,
             typical_time_step=float(np.median(np.diff(self.times))),
-            replaces=self.prog.generic_constraints(),  # those of `DirectCollocation`
+            replaces=self.prog.generic_constraints(),  # Drake's constraints, if any
             free_duration=is_free,
         )
         heat = heat_block(self.model, self.heat, self.duty, self.time_steps)
@@ -520,10 +520,10 @@ def add_soft_bounds(
     upper: np.ndarray,
     weight: float,
 ) -> Binding:
-    """Add bounds of variables (m,) that they may pass at a cost of a weight times the excess.
+    """Add soft bounds of variables (m,): the cost is a weight times the excess.
 
     Args:
-        lower, upper: the bounds (m,); there is no lower one if None.
+        lower, upper: the bounds (m,); ``lower`` may be None.
 
     Returns:
         The binding of the bounds.
@@ -533,8 +533,9 @@ def add_soft_bounds(
     prog.AddLinearCost(np.full(len(excess), weight), 0.0, excess)
     prog.AddBoundingBoxConstraint(0.0, np.inf, excess)
     A = scipy.sparse.kron([[1.0, *signs]], scipy.sparse.identity(len(variables)), "csc")
-    least = np.full(len(variables), -np.inf) if lower is None else lower
-    return prog.AddConstraint(LinearConstraint(A, least, upper), np.append(variables, excess))
+    if lower is None:
+        lower = np.full(len(variables), -np.inf)
+    return prog.AddConstraint(LinearConstraint(A, lower, upper), np.append(variables, excess))
 
 
 def temperature_weights(parameters: LimbParameters, times: np.ndarray, task: Task) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 The motion [θ, θ̇] of all knots follows from the heat by the rows (17) of `MotionDefects`, and the
 multipliers of these rows follow from the cost by the adjoint of the rows. The multipliers of the
-heat and of its bounds are those of the quasi-static plan.
+heat and of its bounds are the quasi-static plan's multipliers.
 """
 
 import numpy as np

@@ -108,7 +108,7 @@ def test_on_a_linear_law_it_is_the_textbook_filter():
     np.testing.assert_allclose(estimate.covariance, covariance, rtol=1e-7, atol=1e-12)
 
 
-def test_its_covariance_is_that_of_its_errors_in_space():
+def test_covariance_matches_the_errors_in_space():
     """e' P⁻¹ e of 15 limbs whose errors are as large as the filter's constants say is of χ²."""
     parameters, rng = LimbParameters.in_space(links=2), np.random.default_rng(5)
     offsets = -0.02, 0.1
@@ -233,7 +233,7 @@ def test_a_reading_that_creeps_is_drift_of_a_sensor_unless_the_wires_heat(limb):
     assert shares[1] < 0.4
 
 
-def test_a_sensor_that_drifts_further_than_described_is_told(limb):
+def test_a_sensor_that_drifts_further_than_described_is_reported(limb):
     """By 6° within 10 s. A drift of 1° is described."""
     recording = simulate(Limb(limb), course_of([[0.1, 0.3], [0.3, 0.1]], 20.0), 20.0)
     limb = copy.deepcopy(limb)
@@ -384,7 +384,7 @@ def test_the_observer_says_which_sensor_it_does_not_believe(fed):
     np.testing.assert_array_equal(shown.believed[41:], np.tile([1, 0, 0], (20, 1)))
 
 
-def test_the_observer_foretells_the_highest_temperature_of_the_next_second(fed):
+def test_observer_predicts_the_highest_temperature_of_the_next_second(fed):
     """Of a wire that heats by 21% more than known, 2.5 °C/s, as a supply of 10% more voltage has
     it, and of one that cools: its own temperature now."""
     known, limb = LimbParameters(), LimbParameters()

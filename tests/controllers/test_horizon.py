@@ -174,7 +174,7 @@ def test_both_bends_of_a_limb_in_space_follow_their_references():
     assert missed[10:].mean() < 0.7
 
 
-def test_what_the_model_leaves_out_fades_but_for_what_lasts():
+def test_residual_fades_and_lasting_bend_stays():
     """The plan straightens the limb now, and less so when the residual has gone."""
     parameters = small_limb()
     planner, heat = HorizonPlanner(parameters, wave(0.0)), warm_heat(parameters)
@@ -217,7 +217,7 @@ def test_a_weaker_limb_follows_the_reference(short_plan):
     assert missed[1] < 0.8
 
 
-def test_what_is_done_between_plans_heats_no_wire_beyond_a_horizon(short_plan):
+def test_feedback_between_plans_heats_no_wire_beyond_a_horizon(short_plan):
     """A wire at 89 °C has less duty than plan and feedback want, by the horizon's limit alone."""
     controller = RecedingHorizon(short_plan)
     parameters, estimator = short_plan.parameters, controller._estimator
@@ -259,7 +259,7 @@ def test_in_real_time_the_command_does_not_wait_for_a_plan(short_plan):
     assert newest[0] == pytest.approx(0.05)  # from the tick after it was asked for
 
 
-def test_another_process_plans_alike_until_it_ends(short_plan):
+def test_another_process_makes_the_same_plans_until_it_ends(short_plan):
     task = Task(duty_weight=0.01, customize=lambda _: None)  # which cannot be sent
     here, there = HorizonPlanner.of(short_plan, task), PlannerProcess(short_plan, task)
     first = here.first_horizon(short_plan)

@@ -100,7 +100,7 @@ def ripple(times):
     return np.deg2rad(3.0) * np.sin(0.5 * times) ** 2
 
 
-def test_gains_and_the_share_that_is_wrong_are_found_from_changes():
+def test_gains_and_random_errors_are_estimated_from_changes():
     """Of 40 repetitions whose changes the limb has 1.4 times and, but for 30%, 0.8 times."""
     random, times = np.random.default_rng(0), np.arange(0.0, 20.0, 0.2)
     noise = np.deg2rad(0.1)
@@ -275,7 +275,7 @@ def test_first_repetition_that_was_too_hot_lowers_the_bounds():
     assert readings.max() < warmest - READING_MARGIN - OVERHEATING_MARGIN + 0.5
 
 
-def test_it_goes_on_from_a_file_as_if_it_had_never_ended(tmp_path):
+def test_a_loaded_learner_continues_identically(tmp_path):
     parameters = limb()
     learner, plant = Learner(plan_of(parameters)), Plant(wrong(parameters))
     learner.update(plant.repeat(learner))

@@ -73,7 +73,7 @@ def test_duty_within_the_supply_keeps_its_proportions():
     np.testing.assert_array_equal(limit_total_duty(np.zeros(2), 1.0), np.zeros(2))
 
 
-def test_gains_are_those_of_the_springs(two_segments):
+def test_gains_follow_from_the_springs(two_segments):
     """a2 β (n + 1) / (2 k) of the segment's own wires, and zero for the other segment's."""
     gains = ReducedModel(two_segments).mean_gains
     for index, (segment, wires) in enumerate(
@@ -95,7 +95,7 @@ def heavier(parameters):
     return other
 
 
-def test_what_a_payload_bends_is_made_up_for_but_towards_the_reference(short_plan):
+def test_feedback_compensates_a_payload_except_towards_the_reference(short_plan):
     limb = heavier(short_plan.parameters)
     alone = simulate(Limb(limb), short_plan)
     late = alone.time > 3.4
@@ -217,7 +217,7 @@ def test_no_wire_is_heated_far_beyond_the_plan(short_plan):
         np.testing.assert_allclose(limit, np.minimum(np.add(hottest, 20.0), most), atol=0.5)
 
 
-def test_the_regulator_costs_least(short_plan):
+def test_the_regulator_minimizes_its_cost(short_plan):
     """For linear wires whose duty is free, over a plan of six periods, by least squares."""
     model = ReducedModel(short_plan.parameters)
     sampled = SampledPlan(short_plan, short_plan.parameters)
