@@ -461,8 +461,7 @@ class LimbObserver(LeafSystem):
     - output 5 ``torque_disturbance``: from outside, on each joint that makes a bend (F), N·m
     - output 6 ``believed``: 1 for each thermocouple (W) and bend (F), or 0 if its last
       reading cannot be explained
-    - output 7 ``highest_temperature``: largest T within the next second (W), °C, if the duty
-      stays
+    - output 7 ``highest_temperature``: largest T within the next second (W), °C, if the duty stays
     - state, discrete, at 20 Hz: the `StateEstimate`, NaN before the first readings
     """
 

@@ -171,8 +171,7 @@ class Repetition:
       read, rad; until it ended.
     - ``interrupted``: why it ended before its time; empty if it did not.
     - ``remark``: the consequence, if it was interrupted or undone; else empty.
-    - ``correction``: change of the plan's duty, at the M + 1 nodes of `DutyCorrection`
-      (M + 1, W).
+    - ``correction``: change of the plan's duty, at the M + 1 nodes of `DutyCorrection` (M + 1, W).
     - ``duty``: duty of the wires, in the model's L steps (L, W).
     - ``start``: readings at the start (W,), °C.
     - ``bend_angle``, ``measured_temperature``: readings around the nodes (M + 1, F), rad,

@@ -95,8 +95,7 @@ def plan(
 
     Raises:
         InfeasibleError: if the temperature constraints cannot be met.
-        PlanningError: if an argument is invalid, no solver converges or the
-            plan fails its check.
+        PlanningError: if an argument is invalid, no solver converges or the plan fails its check.
     """
     started = time.perf_counter()
     limb = LimbModel.validated(parameters)
@@ -139,18 +138,16 @@ def plan(
 class Planner:
     """A planner for one limb and task, which plans repeatedly at the same knots.
 
-    The program is built once; each call of `plan` replaces the reference and
-    the initial state in it. A control loop can thus plan again from the current
-    state, with a new reference.
+    The program is built once; each call of `plan` replaces the reference and the initial state in
+    it. A control loop can thus plan again from the current state, with a new reference.
 
     Args:
         parameters: the limb, its description, or its YAML file; the nominal limb if None.
         times: times of the knots (N,), s, increasing from 0.
         task: weights and limits; `Task()` if None.
         tolerance_deg, solver: as in `planners.plan`.
-        measured_margin: how far readings V stay below
-            ``temperature_limits.measured_maximum``, °C, one number or one for
-            each wire (W,).
+        measured_margin: how far readings V stay below ``temperature_limits.measured_maximum``, °C,
+            one number or one for each wire (W,).
     """
 
     def __init__(
@@ -459,8 +456,7 @@ def _refine_knots(
 ) -> np.ndarray:
     """Return the knots with a new knot in the middle of each interval that caused a difference.
 
-    An interval may cause a difference within it and, because the limb rings,
-    shortly after it.
+    An interval may cause a difference within it and, because the limb rings, shortly after it.
 
     Args:
         times: times of the knots (N,), s.

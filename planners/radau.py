@@ -189,7 +189,6 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
     model = trajectory.model
     wires = model.wires
     heating = model.once("heating", lambda: _heating_residual(wires))
-    motion = model.dynamics.by_motion
     angles, rates, states, _ = split_state(model, trajectory.state)
     heat_scales = np.append(np.full(len(states), np.inf), wires.heat_scales[: len(states)])
     motion_scales = np.repeat([ANGLE_SCALE, 1.0], len(angles))
@@ -207,7 +206,7 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
         duty = [np.interp(guess.stage_times, knots, row) for row in trajectory.duty]
         heat = solve_steps(heating, guess, np.stack(duty, axis=-1), heat_scales)
         guess = _initial_steps(trajectory, ends, angles, rates)
-        steps = solve_steps(motion, guess, heat.stages()[1], motion_scales)
+        steps = solve_steps(model.dynamics.by_motion, guess, heat.stages()[1], motion_scales)
         # Cut the steps with large errors.
         errors = steps.errors()
         if (errors <= STEP_TOLERANCE).all():

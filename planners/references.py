@@ -1,8 +1,7 @@
 """Reference bend angles for the limb, feasible or not.
 
-A reference is a Drake trajectory of φ_ref in rad, a row for each bend of the limb,
-that starts at time zero. It may be any `pydrake.trajectories.Trajectory`; the
-functions here make the usual ones.
+A reference is a Drake trajectory of φ_ref in rad, a row for each bend of the limb, that starts at
+time zero. It may be any `pydrake.trajectories.Trajectory`; the functions here make the usual ones.
 """
 
 import csv
@@ -364,10 +363,9 @@ def ramps() -> PiecewisePolynomial:
 def step_and_decaying_sine() -> PiecewisePolynomial:
     """Return the reference of the paper's Fig. 5: two steps and a decaying sinusoid, 60 s.
 
-    The paper gives no numbers; these are ours. The limb rests while the wires
-    warm up (20), steps to 25° at 22 s and to -20° at 30 s, and from 38 s swings
-    about zero with a period of 8 s and an amplitude that starts at 25° and
-    decays with a time constant of 10 s.
+    The paper gives no numbers; these are ours. The limb rests while the wires warm up (20), steps
+    to 25° at 22 s and to -20° at 30 s, and from 38 s swings about zero with a period of 8 s and an
+    amplitude that starts at 25° and decays with a time constant of 10 s.
     """
     rate = 100.0  # samples per second
     times = np.arange(0.0, 60.0 + 0.5 / rate, 1 / rate)

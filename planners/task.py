@@ -38,11 +38,10 @@ class Phase:
 class Task:
     """Weights and limits of a plan.
 
-    The defaults are the weights of the paper's (15), except at the end of the plan. In
-    (15), duty at the last knot has no weight and the last angle has 1000 times
-    the weight of the others, so that duty chatters and jumps in the last second.
-    Here duty is constant in the last second, and the last angle has less weight.
-    `Task.paper` is (15) as printed.
+    The defaults are the weights of the paper's (15), except at the end of the plan. In (15), duty
+    at the last knot has no weight and the last angle has 1000 times the weight of the others, so
+    that duty chatters and jumps in the last second. Here duty is constant in the last second, and
+    the last angle has less weight. `Task.paper` is (15) as printed.
 
     Cost:
 
@@ -62,25 +61,21 @@ class Task:
     - ``max_temperature_rate``: largest temperature rate of each wire, °C/s.
     - ``reach``: whether each segment must end within 0.1° of the reference's
       last angle, with a bend rate of at most 0.5°/s.
-    - ``final_hold``: time before the end in which the bend rate is at most
-      0.5°/s, s.
+    - ``final_hold``: time before the end in which the bend rate is at most 0.5°/s, s.
     - ``duty_hold``: time before the end in which duty is constant, s; at least
       the last interval, unless it is zero.
-    - ``temperature_margin``: distance of the wires from T_max, °C, where feedback
-      may heat them.
+    - ``temperature_margin``: distance of the wires from T_max, °C, where feedback may heat them.
     - ``duty_margin``: distance of duty from 1. It may be 0 all the same: then
       feedback heats the other wire.
-    - ``stretch``: shortest and longest duration of the plan, as factors of the
-      reference's duration; None if both are 1. Reference and warm-up (20) are
-      stretched alike.
+    - ``stretch``: shortest and longest duration of the plan, as factors of the reference's
+      duration; None if both are 1. Reference and warm-up (20) are stretched alike.
 
-    - ``customize``: function that is called with the program before it is solved, to add
-      your own costs and constraints to its ``prog``. A planar limb has a `TrajectoryProgram`.
-      Its ``states`` are the indices of θ (n), rad; θ̇ (n), rad/s; the wires' states (N),
-      which begin with T (W), °C; and V (W), °C, at each knot. A limb in space has a
-      `QuasiStaticProgram`, with ``bends`` in place of ``states``. Both have ``heat``, the
-      wires' states and V, and ``duty``. The plan's check lists the added terms, by the
-      descriptions of their evaluators.
+    - ``customize``: function that is called with the program before it is solved, to add your own
+      costs and constraints to its ``prog``. A planar limb has a `TrajectoryProgram`. Its ``states``
+      are the indices of θ (n), rad; θ̇ (n), rad/s; the wires' states (N), which begin with T (W),
+      °C; and V (W), °C, at each knot. A limb in space has a `QuasiStaticProgram`, with ``bends`` in
+      place of ``states``. Both have ``heat``, the wires' states and V, and ``duty``. The plan's
+      check lists the added terms, by the descriptions of their evaluators.
     """
 
     angle_weight: float = 100.0
@@ -169,9 +164,8 @@ class Task:
     def weights(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Q and R at the knots, each (N,); the last Q is Q_N, the last R has no effect.
 
-        (15) is a sum over knots. Knots that are closer than the widest spacing
-        have proportionally less weight, so that adding knots does not change
-        the sum.
+        (15) is a sum over knots. Knots that are closer than the widest spacing have proportionally
+        less weight, so that adding knots does not change the sum.
         """
         angle = np.full(len(times), self.angle_weight)
         duty = np.full(len(times), self.duty_weight)

@@ -1,8 +1,7 @@
 """Direct collocation of a whole limb trajectory at once, eqn (17).
 
-Drake's `DirectCollocationConstraint` requires, for each interval of length h,
-that the cubic through the knots (x0, ẋ0), (x1, ẋ1) obeys the dynamics at its
-middle:
+Drake's `DirectCollocationConstraint` requires, for each interval of length h, that the cubic
+through the knots (x0, ẋ0), (x1, ẋ1) obeys the dynamics at its middle:
 
     x_c = (x0 + x1)/2 + h/8 (ẋ0 - ẋ1),    u_c = (u0 + u1)/2
     ẋ_c = 3/(2h) (x1 - x0) - (ẋ0 + ẋ1)/4 = f(x_c, u_c)

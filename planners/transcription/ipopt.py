@@ -164,11 +164,10 @@ class IpoptResult:
 class ExactHessianIpoptSolver:
     """A solver for programs of any smooth costs and constraints, IPOPT.
 
-    It is used as Drake's own solvers are: ``Solve(prog, initial_guess)``.
-    Bounds, linear and quadratic terms are read from the program, all other terms are
-    evaluated with AutoDiff. Variables are scaled by the program's
-    `SetVariableScaling`. Ctrl-C raises KeyboardInterrupt after the current
-    iteration, whatever its point.
+    It is used as Drake's own solvers are: ``Solve(prog, initial_guess)``. Bounds, linear and
+    quadratic terms are read from the program, all other terms are evaluated with AutoDiff.
+    Variables are scaled by the program's `SetVariableScaling`. Ctrl-C raises KeyboardInterrupt
+    after the current iteration, whatever its point.
 
     Args:
         blocks: constraints in addition to the program's. A block stands in place of the
@@ -196,15 +195,12 @@ class ExactHessianIpoptSolver:
         """Solve a program.
 
         Args:
-            initial_guess: values of all decision variables, (num_vars,); by default
-                the program's.
-            solver_options: options for `IpoptSolver.id()` go over this
-                module's ``OPTIONS``.
+            initial_guess: values of all decision variables, (num_vars,); by default the program's.
+            solver_options: options for `IpoptSolver.id()` go over this module's ``OPTIONS``.
             multipliers: multipliers of a neighbouring solution, for a warm start.
 
         Raises:
-            ValueError: if the program has constraints that are not smooth,
-                such as cones.
+            ValueError: if the program has constraints that are not smooth, such as cones.
         """
         guess = prog.initial_guess() if initial_guess is None else np.asarray(initial_guess)
         guess = np.nan_to_num(guess)

@@ -60,8 +60,7 @@ def check_temperature_limits(
         measured_margin: margin of the readings, as for `PlanProgram`.
 
     Raises:
-        InfeasibleError: names the wire, the constraint and the time from which
-            it could be met.
+        InfeasibleError: names the wire, the constraint and the time from which it could be met.
     """
     wires = model.wires
     limits = model.parameters.temperature_limits

@@ -71,10 +71,9 @@ def solve_program(
     1. IPOPT with the Hessian of the ``cheap_blocks``, if there are some: from near the solution,
        if the guess is, then with patience;
     2. IPOPT with the Hessian of the Lagrangian;
-    3. the same with a monotone barrier.
+    3. IPOPT with this Hessian and a monotone barrier.
 
-    All of them together end after `LONGEST_SOLVE`, and Ctrl-C ends each of them
-    after an iteration.
+    All of them together end after `LONGEST_SOLVE`, and Ctrl-C ends each of them after an iteration.
 
     Args:
         guess: values of all decision variables.
