@@ -41,8 +41,8 @@ class PlanController(LeafSystem):
         Args:
             parameters: description of the limb.
             duty: initial duty (W,).
-            start: [x, V] (H) and φ (F), rad, of a limb that begins warm or with a load; of a limb
-                at rest, by its first readings, if None.
+            start: [x, V] (H) and φ (F), rad, of a limb that begins warm or with a load; if None,
+                the limb is at rest, and its first readings give both.
         """
         super().__init__()
         self._parameters = parameters
@@ -50,6 +50,7 @@ class PlanController(LeafSystem):
         self._limiter = TemperatureLimiter(parameters)
         model = self._estimator.model
         self._gains = model.mean_gains
+        # Ports and the discrete state, which is updated at each tick.
         self.DeclareVectorInputPort("measured_temperature", model.num_wires)
         self.DeclareVectorInputPort("bend_angle", model.num_bends)
         state = self.DeclareDiscreteState(duty)

@@ -231,7 +231,7 @@ class Planner:
         *,
         elapsed: float = 0.0,
     ) -> Trajectory:
-        """Return a plan from a state as `planners.plan` does, but without more knots.
+        """Return a plan from a state as `planners.plan` does, but without refining the knots.
 
         The solver starts from the previous plan if reference and state are
         nearly the same, and else from the quasi-static plan.
@@ -415,16 +415,18 @@ def initial_num_knots(reference: trajectories.Trajectory, knot_rate: float, max_
 
 
 def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarray:
+    """Return φ_ref (F, K), rad, at times (K,), s."""
     if reference.cols() != 1 or reference.rows() != layout.num_bends:
         of_each = "an angle each" if layout.is_planar else f"{layout.num_bends} bend angles in all"
         segments = len(layout.bends_of)
         angles = reference.rows() * reference.cols()
-        raise PlanningError(
+        sentence = (
             f"The reference has {angles} angle{'s' * (angles != 1)} at each time; "
             f"this limb has {segments} segment{'s' * (segments > 1)}, with {of_each}."
-            + f" {references.IN_SPACE}"
-            * (layout.is_planar and angles == 2 * segments)
         )
+        if layout.is_planar and angles == 2 * segments:
+            sentence += f" {references.IN_SPACE}"
+        raise PlanningError(sentence)
     # Refuse angles beyond a half turn.
     angles = reference.vector_values(times)
     bad = ~(np.abs(angles) <= np.pi + ANGLE_ROUNDING).all(axis=0)  # also true for NaN
