@@ -623,10 +623,10 @@ def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
         return
     # Replace the handlers of Python functions.
     handlers: dict[int, Any] = {}
-    for number in INTERRUPT_SIGNALS:
-        handler = signal.getsignal(number)
+    for interrupt in INTERRUPT_SIGNALS:
+        handler = signal.getsignal(interrupt)
         if callable(handler):
-            handlers[number] = handler
+            handlers[interrupt] = handler
 
     def keep_error(number, frame):
         try:
