@@ -15,9 +15,9 @@ from typing import Any
 
 from hardware.board.signals import SIGNALS, came, stop
 from limb_systems.errors import LimbError
-from soft_limb.results.folder import find, glance
+from soft_limb.results.folder import find_results, guess_file_kind
 
-NEWEST = 12  # results that are listed without a command
+MAX_LISTED_RESULTS = 12  # results that are listed without a command
 EXIT_STATUS = (
     "exit status: 0 done, 1 it could not be done, 2 wrong usage, or import or fit asks, "
     "130 stopped by Ctrl-C"
@@ -106,10 +106,10 @@ def run_words(command: Any, prog: str, words: Sequence[str], modules: Sequence[s
 
 def _print_results() -> bool:
     """Lists the newest results in this folder; whether there are any."""
-    found = [(kind, file) for file in find(Path()) if (kind := glance(file.path))]
+    found = [(kind, file) for file in find_results(Path()) if (kind := guess_file_kind(file.path))]
     if found:
         print(f"{len(found)} results here, newest first:")
-    for kind, file in found[:NEWEST]:
+    for kind, file in found[:MAX_LISTED_RESULTS]:
         changed = datetime.datetime.fromtimestamp(file.changed)
         print(f"  {changed:%Y-%m-%d %H:%M}  {kind:<10}  {file.key}")
     if found:
@@ -140,7 +140,7 @@ def _top_level_parser() -> argparse.ArgumentParser:
 
 
 class _Version(argparse.Action):
-    """Prints the version, which takes long to find."""
+    """Prints the version, which takes long to find_results."""
 
     def __call__(self, parser, *_: Any) -> None:
         from importlib.metadata import version
@@ -194,7 +194,7 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
             signal.signal(number, stop)
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _say_warning
+            warnings.showwarning = _print_warning
             status = command()
         sys.stdout.flush()
     except BrokenPipeError:
@@ -220,5 +220,5 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
     return status
 
 
-def _say_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     print(f"warning: {message}", file=sys.stderr)

@@ -16,9 +16,9 @@ def let_ctrl_c_end_imports() -> None:
     module = words[words.index("-m") + 1 :][:1] if "-m" in words else []
     ours = module == ["soft_limb"] or Path(sys.argv[0]).stem == "soft-limb"
     if ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _end)
+        signal.signal(signal.SIGINT, _exit)
 
 
-def _end(*_: object) -> None:
+def _exit(*_: object) -> None:
     os.write(2, b"stopped before it began; nothing was written\n")
     os._exit(128 + signal.SIGINT)

@@ -32,7 +32,7 @@ class Grip:
 
     - ``bend_angle``: φ of the free finger under the same heat, rad, by (11) from the mean of its
       joints' angles, as (15) weighs them: what to ask of a plan.
-    - ``held_bend_angle``: φ with the ball, rad.
+    - ``gripping_bend_angle``: φ with the ball, rad.
     - ``joint_angles``: θ with the ball (n,), rad.
     - ``force``: F, N, and ``normal``: unit vector from the finger to the ball in (E1, E2).
     - ``wire_temperature``: T of each wire (W,), °C.
@@ -40,7 +40,7 @@ class Grip:
     """
 
     bend_angle: float
-    held_bend_angle: float
+    gripping_bend_angle: float
     joint_angles: np.ndarray
     force: float
     normal: np.ndarray
@@ -145,7 +145,7 @@ class _Finger:
         away = self._center - np.array(self._point(angles)).ravel()[:2]
         return Grip(
             bend_angle=float(self._held.values(self._states(T))[0]),
-            held_bend_angle=float(bend_angle(self._parameters, angles)[0]),
+            gripping_bend_angle=float(bend_angle(self._parameters, angles)[0]),
             joint_angles=angles,
             force=force,
             normal=away / np.linalg.norm(away),

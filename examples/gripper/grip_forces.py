@@ -67,7 +67,7 @@ def main() -> None:
             seen = drive(made, {**inputs, "wrist.desired_state": [0.0, 0.0]}, END)
         forces = np.linalg.norm(seen["left_finger.contact_force"], axis=0)
         simulated = forces[seen["time"] >= OPENS - 2.0][0]
-        opens = trajectory.time[trajectory.bend_angle[0] > held.held_bend_angle][-1] - OPENS
+        opens = trajectory.time[trajectory.bend_angle[0] > held.gripping_bend_angle][-1] - OPENS
         cells = (
             f"{force:.2f}",
             f"{held.wire_temperature.max():.0f}",

@@ -31,7 +31,7 @@ seen = drive(Station(FOLDER / "scenario.yaml"), inputs, END)
 
 time, force = seen["time"], np.linalg.norm(seen["left_finger.contact_force"], axis=0)
 hot, duty = held.wire_temperature.max(), planned.duty[:, planned.time >= HOLDS][:, 0].max()
-opens = planned.time[planned.bend_angle[0] > held.held_bend_angle][-1] - OPENS
+opens = planned.time[planned.bend_angle[0] > held.gripping_bend_angle][-1] - OPENS
 free = time[np.flatnonzero(force)[-1]] - OPENS
 print(f"grip        {held.force:.3f} N at {hot:.0f} °C, at most {held.largest_force:.3f} N")
 print(f"plan        held with a duty of {duty:.2f}, open {opens:.1f} s after that")

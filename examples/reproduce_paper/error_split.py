@@ -24,7 +24,7 @@ from calibration.prediction.law_fit import fit_law
 from calibration.prediction.selection import rubber_of
 from limb_systems import Limb, simulate
 from limb_systems.tracking import true_bend
-from reproduce_paper.ways import Way
+from reproduce_paper.driving import PlanWithRollouts
 
 # For each of `STEPS` the mean absolute difference that it makes, and its part of the error, °.
 Split = dict[str, tuple[float, float]]
@@ -36,7 +36,9 @@ STEPS = {
 }
 
 
-def error_split(calibration: Calibration, motions: Mapping[str, Way]) -> dict[str, Split]:
+def error_split(
+    calibration: Calibration, motions: Mapping[str, PlanWithRollouts]
+) -> dict[str, Split]:
     """Split the error of the first open-loop rollout of each motion.
 
     The best parameters belong to the law that was calibrated. They are fitted in hindsight to

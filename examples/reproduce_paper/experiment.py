@@ -17,8 +17,7 @@ from hardware import LimbTwin, present_readings, watch
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, Recording, Trajectory, resting_state
 from planners import Task, plan, references
-from reproduce_paper.error_split import Split, error_split
-from reproduce_paper.ways import (
+from reproduce_paper.driving import (
     CLOSED_LOOP,
     DISTURBANCES,
     FEEDBACK,
@@ -27,10 +26,11 @@ from reproduce_paper.ways import (
     OPEN_LOOP,
     PAUSE,
     REGULATOR,
-    Way,
+    PlanWithRollouts,
     roll_out,
     roll_out_disturbed,
 )
+from reproduce_paper.error_split import Split, error_split
 from soft_limb.runs.jobs import run_each
 
 # Table I has the distance of each plan from its reference.
@@ -97,13 +97,13 @@ class Experiment:
     recordings: dict[str, list[Recording]]
     calibration: Calibration
     taught: dict[str, Recording]
-    ways: dict[str, dict[str, Way]]
-    disturbed: dict[str, dict[str, Way]]
+    ways: dict[str, dict[str, PlanWithRollouts]]
+    disturbed: dict[str, dict[str, PlanWithRollouts]]
     split: dict[str, Split]
-    compared: dict[str, dict[str, Way]]
+    compared: dict[str, dict[str, PlanWithRollouts]]
 
 
-def hand_course(name: str) -> PiecewisePolynomial:
+def taught_motion(name: str) -> PiecewisePolynomial:
     """The bend angle over time of a taught motion, rad; the hand rests at both ends."""
     times, angles = np.loadtxt(Path(__file__).with_name(HANDS[name]), delimiter=",").T
     return PiecewisePolynomial.CubicShapePreserving(
@@ -220,7 +220,7 @@ def teach(specimen: Specimen) -> tuple[Specimen, dict[str, Recording]]:
     """Move a limb by hand, and let it rest; return the limb then, and what it recorded."""
     taught = {}
     for name in HANDS:
-        hand = hand_course(name)
+        hand = taught_motion(name)
         taught[name] = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), hand.end_time())
     LimbTwin(specimen=specimen).again(PAUSE)
     return specimen.with_noise(0), taught
@@ -228,7 +228,7 @@ def teach(specimen: Specimen) -> tuple[Specimen, dict[str, Recording]]:
 
 def open_loop(
     rested: Specimen, calibration: Calibration, plans: dict[str, Trajectory]
-) -> tuple[dict[str, Way], dict[str, Split]]:
+) -> tuple[dict[str, PlanWithRollouts], dict[str, Split]]:
     """Return rollouts of each motion's plan, and how the error of the first one is split."""
     ways = {
         motion: roll_out(rested, trajectory, OPEN_LOOP, NUM_ROLLOUTS, MOTIONS.index(motion))

@@ -14,9 +14,9 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.panels import Panel, tracking_panels
 from limb_systems.views.plots import WIDTH, Figure
+from reproduce_paper.driving import FOLLOW, LEARNING, OPEN_LOOP, PlanWithRollouts
 from reproduce_paper.experiment import AS_DESCRIBED, HANDS, RAMPS, VALIDATION, Experiment
-from reproduce_paper.tables import Followed, nearest_distance
-from reproduce_paper.ways import FOLLOW, LEARNING, OPEN_LOOP, Way
+from reproduce_paper.tables import RolloutStatistics, nearest_distance
 from soft_limb.reports.calibration_report import validation_panels
 
 
@@ -58,7 +58,7 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
     axis.tick_params(length=0)
 
 
-def ways_shown(experiment: Experiment) -> dict[str, Way]:
+def plans_to_plot(experiment: Experiment) -> dict[str, PlanWithRollouts]:
     """Return the ways in which the limb was driven along `RAMPS`.
 
     The ways are open loop before and after calibration, `follow`, and the repetition of learning
@@ -68,11 +68,13 @@ def ways_shown(experiment: Experiment) -> dict[str, Way]:
     shown = {f"{OPEN_LOOP}, not calibrated": experiment.compared[AS_DESCRIBED][RAMPS]}
     shown |= {name: ways[name] for name in (OPEN_LOOP, FOLLOW)}
     trajectory, learned = ways[LEARNING].trajectory, ways[LEARNING].rollouts
-    return shown | {f"{LEARNING}, best of {len(learned)} as read": Way(trajectory, learned[-1:])}
+    return shown | {
+        f"{LEARNING}, best of {len(learned)} as read": PlanWithRollouts(trajectory, learned[-1:])
+    }
 
 
-def plot_ways(shown: Mapping[str, Way]) -> Figure:
-    """Ways to drive one motion, side by side: bend as read and true, and V; see `ways_shown`.
+def plot_methods(shown: Mapping[str, PlanWithRollouts]) -> Figure:
+    """Ways to drive one motion, side by side: bend as read and true, and V; see `plans_to_plot`.
 
     Titles have the mean distance of the true bend from the reference over all rollouts, of which
     the first one is drawn, and above all is what the limits leave.
@@ -82,7 +84,7 @@ def plot_ways(shown: Mapping[str, Way]) -> Figure:
     for (bend, heat), (name, way) in zip(axes.T, shown.items(), strict=True):
         rollout, plan = way.rollouts[0], way.trajectory.since_start()
         angles = rollout.bend_angle[0], true_bend(rollout).bend_angle[0]
-        bend.set_title(f"{name}: {Followed.of(way).true_reference:.2f}°")
+        bend.set_title(f"{name}: {RolloutStatistics.of(way).true_reference:.2f}°")
         wanted = np.rad2deg(plan.reference[0])
         bend.plot(plan.time, wanted, color=REFERENCE_COLOR, lw=1.0, label="reference")
         bend.plot(rollout.time, np.rad2deg(angles[0]), color=ROLLOUT_COLOR, lw=0.6, label="read")
@@ -140,7 +142,7 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str
         "and as it repeated it",
     )
     result["ways"] = (
-        plot_ways(ways_shown(experiment)),
+        plot_methods(plans_to_plot(experiment)),
         "Ramps that the limb can follow: open loop before and after calibration, follow, and the "
         "repetition of learning that was read nearest to the reference. Each curve is the first "
         "rollout, and each distance is the mean over all rollouts",

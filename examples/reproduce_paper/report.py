@@ -7,8 +7,8 @@ from pathlib import Path
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure
 from reproduce_paper import tables
+from reproduce_paper.driving import OPEN_LOOP, PAUSE
 from reproduce_paper.experiment import Experiment
-from reproduce_paper.ways import OPEN_LOOP, PAUSE
 from soft_limb.reports import page
 
 Table = Callable[[Sequence[tables.Summary]], tables.Rows]
@@ -34,7 +34,7 @@ def write_report(
         pictures: `figures` of it.
         data: files that the page links to, by what they are.
     """
-    limbs = tables.of_family(summaries)
+    limbs = tables.limbs_of_family(summaries)
     title = "The paper reproduced, on emulated limbs"
     parts: list[page.Part] = [
         page.paragraph(
@@ -71,7 +71,7 @@ def write_report(
 
 def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
     """The tables, each with what it says; without those that are empty."""
-    limbs = tables.of_family(summaries)
+    limbs = tables.limbs_of_family(summaries)
     laws = collections.Counter(limb.law for limb in limbs)
     chosen = ", ".join(f"{law} for {count}" for law, count in laws.most_common())
     margin = "± is half of the 95% confidence interval over limbs." if len(limbs) > 1 else ""

@@ -12,11 +12,11 @@ from limb_systems import write_meshcat_replay
 from limb_systems.files.output import write_atomically
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure, draw, save_figure
+from reproduce_paper.driving import FOLLOW, LEARNING, OPEN_LOOP
 from reproduce_paper.experiment import RAMPS, Experiment, Settings, evaluate
 from reproduce_paper.figures import figures
 from reproduce_paper.report import EMULATED, write_report
 from reproduce_paper.tables import LUMPED, Summary, distance_table, summarize
-from reproduce_paper.ways import FOLLOW, LEARNING, OPEN_LOOP
 from soft_limb.commands.options import print_table
 from soft_limb.reports.calibration_report import write_report as write_calibration_report
 from soft_limb.results.summaries import calibration_summary

@@ -13,9 +13,9 @@ from scipy.stats import t as student
 from limb_systems import Provenance, Trajectory
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import nearest_bend_angle
+from reproduce_paper.driving import FEEDBACK, FOLLOW, LEARNING, OPEN_LOOP, PlanWithRollouts
 from reproduce_paper.error_split import STEPS, Split
 from reproduce_paper.experiment import AS_DESCRIBED, MOTIONS, RAMPS, VALIDATION, Experiment
-from reproduce_paper.ways import FEEDBACK, FOLLOW, LEARNING, OPEN_LOOP, Way
 
 LUMPED = "lumped"  # the family of limbs that most tables are about
 PREDICTION = "the law that predicts best"
@@ -35,7 +35,7 @@ Rows = list[list[str]]
 
 
 @dataclasses.dataclass(frozen=True)
-class Followed:
+class RolloutStatistics:
     """How rollouts of a plan went, as far as they came; angles in degrees.
 
     - ``rollouts``, ``aborted``: number of rollouts, and of those that ended at the board's limit.
@@ -59,7 +59,7 @@ class Followed:
     highest_temperature: float
 
     @classmethod
-    def of(cls, way: Way) -> "Followed":
+    def of(cls, way: PlanWithRollouts) -> "RolloutStatistics":
         """Compare the rollouts of a plan with the plan, its reference and the truth."""
         plan, rollouts = way.trajectory.since_start(), way.rollouts
         truths = [true_bend(rollout) for rollout in rollouts]
@@ -112,11 +112,11 @@ class Summary:
 
     seed: int
     nearest: dict[str, float | None]
-    ways: dict[str, dict[str, Followed]]
-    repetitions: dict[str, list[Followed]]
-    disturbed: dict[str, dict[str, Followed]]
+    ways: dict[str, dict[str, RolloutStatistics]]
+    repetitions: dict[str, list[RolloutStatistics]]
+    disturbed: dict[str, dict[str, RolloutStatistics]]
     split: dict[str, Split]
-    approaches: dict[str, dict[str, Followed]]
+    approaches: dict[str, dict[str, RolloutStatistics]]
     law: str
     provenance: Provenance | None = None
     physics: str = LUMPED
@@ -125,9 +125,11 @@ class Summary:
 def summarize(experiment: Experiment) -> Summary:
     """Return the numbers of an experiment."""
 
-    def numbers(groups: dict[str, dict[str, Way]]) -> dict[str, dict[str, Followed]]:
+    def numbers(
+        groups: dict[str, dict[str, PlanWithRollouts]],
+    ) -> dict[str, dict[str, RolloutStatistics]]:
         return {
-            group: {name: Followed.of(way) for name, way in ways.items()}
+            group: {name: RolloutStatistics.of(way) for name, way in ways.items()}
             for group, ways in groups.items()
         }
 
@@ -140,7 +142,10 @@ def summarize(experiment: Experiment) -> Summary:
         {m: nearest_distance(way[OPEN_LOOP].trajectory) for m, way in experiment.ways.items()},
         ways,
         {
-            motion: [Followed.of(Way(way.trajectory, [rollout])) for rollout in way.rollouts]
+            motion: [
+                RolloutStatistics.of(PlanWithRollouts(way.trajectory, [rollout]))
+                for rollout in way.rollouts
+            ]
             for motion, way in learned.items()
         },
         numbers(experiment.disturbed),
@@ -158,7 +163,7 @@ def nearest_distance(trajectory: Trajectory) -> float | None:
     return None if nearest is None else float(np.rad2deg(nearest))
 
 
-def of_family(summaries: Sequence[Summary], physics: str = LUMPED) -> list[Summary]:
+def limbs_of_family(summaries: Sequence[Summary], physics: str = LUMPED) -> list[Summary]:
     """Return the summaries of the limbs of one physics."""
     return [s for s in summaries if s.physics == physics]
 
@@ -171,7 +176,7 @@ def distance_table(summaries: Sequence[Summary], physics: str = LUMPED) -> Rows:
     """Mean distances of the true bend from the reference of each motion, over a family's limbs."""
     header = ["motion", "best within the limits", "open loop, not calibrated"]
     rows = [[*header, OPEN_LOOP, FOLLOW, LEARNING]]
-    limbs = of_family(summaries, physics)
+    limbs = limbs_of_family(summaries, physics)
     for motion, name in MOTION_NAMES.items():
         ways = [limb.ways[motion] for limb in limbs]
         driven = [
@@ -205,12 +210,12 @@ def table_1(summaries: Sequence[Summary]) -> Rows:
     for motion in MOTIONS:
         of_motion = []
         for physics in dict.fromkeys(summary.physics for summary in summaries):
-            limbs = of_family(summaries, physics)
+            limbs = limbs_of_family(summaries, physics)
             name = f"{'emulated' if physics == LUMPED else physics} limb"
             name = f"{len(limbs)} {name}s" if len(limbs) > 1 else name
             best = f"{name}, best plan within the limits"
             of_motion.append([best, mean_and_margin(_nearest(limbs, motion))])
-            groups: dict[str, list[Followed]] = {}
+            groups: dict[str, list[RolloutStatistics]] = {}
             for limb in limbs:
                 ways = {way: made for way, made in limb.ways[motion].items() if way != LEARNING}
                 for count, learned in enumerate(limb.repetitions.get(motion, []), 1):
@@ -227,7 +232,7 @@ def table_1(summaries: Sequence[Summary]) -> Rows:
     return _filled(rows)
 
 
-def _cells(group: Sequence[Followed]) -> list[str]:
+def _cells(group: Sequence[RolloutStatistics]) -> list[str]:
     return [
         mean_and_margin([made.true_reference for made in group]),
         f"{np.mean([made.reference for made in group]):.2f}",
@@ -238,7 +243,7 @@ def _cells(group: Sequence[Followed]) -> list[str]:
     ]
 
 
-def _hottest(group: Sequence[Followed]) -> list[str]:
+def _hottest(group: Sequence[RolloutStatistics]) -> list[str]:
     """Highest V and highest T of all rollouts, °C, and how many were aborted."""
     return [
         f"{max(made.highest_reading for made in group):.0f}",
@@ -247,7 +252,7 @@ def _hottest(group: Sequence[Followed]) -> list[str]:
     ]
 
 
-def _distances(group: Sequence[Followed]) -> tuple[str, str]:
+def _distances(group: Sequence[RolloutStatistics]) -> tuple[str, str]:
     """Mean distance of the true bend from the reference; that from the plan, read / true."""
     away, read, true = np.mean([(m.true_reference, m.read, m.true) for m in group], axis=0)
     return f"{away:.2f}", f"{read:.2f} / {true:.2f}"
@@ -266,7 +271,7 @@ def disturbance_table(summaries: Sequence[Summary]) -> Rows:
         + [f"feedback: {name}" for name in (*columns, "highest V", "highest T", "aborted")]
         + [f"open loop: {name}" for name in (*columns, "highest T", "aborted")]
     ]
-    limbs = [limb.disturbed for limb in of_family(summaries) if limb.disturbed]
+    limbs = [limb.disturbed for limb in limbs_of_family(summaries) if limb.disturbed]
     every = []
     for name in limbs[0] if limbs else []:
         closed = [limb[name][FEEDBACK] for limb in limbs]
@@ -281,7 +286,7 @@ def disturbance_table(summaries: Sequence[Summary]) -> Rows:
 
 def approach_table(summaries: Sequence[Summary]) -> Rows:
     """Mean distances of each motion, error of V and aborted rollouts, by calibration."""
-    limbs = of_family(summaries)
+    limbs = limbs_of_family(summaries)
     rows = [["model", *MOTIONS, "V, °C", "aborted"]]
     for name in dict.fromkeys(name for limb in limbs for name in limb.approaches):
         those = [limb.approaches[name] for limb in limbs if name in limb.approaches]
@@ -321,7 +326,7 @@ def part_table(summaries: Sequence[Summary]) -> Rows:
 
 
 def _split_table(summaries: Sequence[Summary], names: dict[str, str], which: int) -> Rows:
-    splits = [limb.split for limb in of_family(summaries)]
+    splits = [limb.split for limb in limbs_of_family(summaries)]
     rows = [["", *MOTIONS]]
     for step, name in names.items():
         columns = [[split[motion][step][which] for split in splits] for motion in MOTIONS]

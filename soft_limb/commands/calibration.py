@@ -28,7 +28,7 @@ from limb_systems.connected_limbs import ConnectedLimbs, connected, load_describ
 from limb_systems.files.output import OutputError, check_folder, check_outputs, free_path
 from limb_systems.progress import part_of_work
 from limb_systems.summary import Entry, Summary
-from soft_limb.commands.logs import ASKED, fit_line, shell_line
+from soft_limb.commands.logs import EXIT_QUESTIONS, fit_command, shell_command
 from soft_limb.commands.options import (
     Command,
     Option,
@@ -44,7 +44,7 @@ from soft_limb.reports.calibration_report import (
 )
 from soft_limb.results.summaries import calibration_summary, validation_summary
 
-ROBOT = "robot.yaml"  # description of the robot, in the folder with the folders of its limbs
+ROBOT_FILE = "robot.yaml"  # description of the robot, in the folder with the folders of its limbs
 
 
 def _collect(options: argparse.Namespace) -> int:
@@ -68,15 +68,15 @@ def _collect(options: argparse.Namespace) -> int:
             link.sample()
     written: list[Path] = []
     if robot:
-        robot.save(options.output / ROBOT)
-        written.append(options.output / ROBOT)
+        robot.save(options.output / ROBOT_FILE)
+        written.append(options.output / ROBOT_FILE)
     with live_page(options) as live:
         written += [
             path
             for name, limb in limbs.items()
             for path in _collect_limb(options, limb, robot, name, live)
         ]
-    told = _fit_next(options.output, [*folders.values()])
+    told = _next_step(options.output, [*folders.values()])
     print_summary(options, told, None if options.port else written)
     return 0
 
@@ -104,7 +104,7 @@ def _collect_limb(
                 lambda parameters: SerialLimb(port, parameters),
                 limb,
                 folder,
-                lambda what: _ask(f"{about}{what}", live),
+                lambda what: _ask_operator(f"{about}{what}", live),
                 **chosen,
             )
             return []
@@ -149,15 +149,15 @@ def _limbs_to_record(
     return {name: robot.limb_alone(name) for name in names if name in (options.port or names)}
 
 
-def _fit_next(folder: Path, of_limbs: Sequence[Path]) -> Summary:
+def _next_step(folder: Path, of_limbs: Sequence[Path]) -> Summary:
     """The command that fits a limb, or the limbs of a robot, to a folder, if it can."""
     usable_each = [usable(read_folder(own)[0]).heated for own in of_limbs]
     name = "limb" if list(of_limbs) == [folder] else "robot_calibrated"
-    line = fit_line(folder, name) if all(usable_each) else ""
+    line = fit_command(folder, name) if all(usable_each) else ""
     return Summary.of({"next": line}, {})
 
 
-def _ask(what: str, live: LiveView | None) -> None:
+def _ask_operator(what: str, live: LiveView | None) -> None:
     """Asks the operator to do something, and waits until it is done."""
     if live:
         live.say(f"{what} Press Enter in the terminal when this is done.")
@@ -168,7 +168,7 @@ def _ask(what: str, live: LiveView | None) -> None:
 
 
 def _fit(options: argparse.Namespace) -> int:
-    robot = _robot_recorded(options)
+    robot = _recorded_robot(options)
     if robot:
         folders = {limb.name: options.recordings / limb.name for limb in robot.limbs}
         folders = {name: folder for name, folder in folders.items() if folder.is_dir()}
@@ -207,13 +207,13 @@ def _fit(options: argparse.Namespace) -> int:
             corrected = robot.with_limbs({name: question.corrected}) if robot else None
             path = free_path(options.output.with_stem(f"{options.output.stem}_described"))
             (corrected or question.corrected).save(path)
-            line = shell_line("fit", options.recordings, "-o", options.output, "-l", path)
+            line = shell_command("fit", options.recordings, "-o", options.output, "-l", path)
             print(
                 f"question: {question} Is that so? If it is, run: {line}\nIf not, see which output "
                 "of the board is wired to which wire, and how the sensor is mounted.",
                 file=sys.stderr,
             )
-            return ASKED
+            return EXIT_QUESTIONS
         if name in reports:
             data = {path.stem: path for path in recorded[name]}
             write_report(calibration, reports[name], {"calibrated limb": options.output, **data})
@@ -228,16 +228,16 @@ def _fit(options: argparse.Namespace) -> int:
     told = [Entry(name, each.to_json(), "", f"{each}\n") for name, each in summaries.items()]
     told += [Entry("as_described", kept, sentence=", ".join(kept) or None)]
     told += [
-        Entry("next", sentence=shell_line(*words))
+        Entry("next", sentence=shell_command(*words))
         for words in robot.commands_after_fit(options.output)
     ]
     print_summary(options, Summary(told), outputs)
     return 0
 
 
-def _robot_recorded(options: argparse.Namespace) -> ConnectedLimbs | None:
+def _recorded_robot(options: argparse.Namespace) -> ConnectedLimbs | None:
     """The robot whose limbs were recorded in the folders of a folder; None if it is of a limb."""
-    path = options.limb or options.recordings / ROBOT
+    path = options.limb or options.recordings / ROBOT_FILE
     if not options.limb and not path.is_file():
         return None
     described = load_described(path)

@@ -42,23 +42,29 @@ from soft_limb.commands.options import (
     Option,
     checked_outputs,
     live_page,
+    print_duration,
     print_summary,
     save_panels,
-    say_duration,
     shared,
 )
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary, troubles
 from soft_limb.runs import repetitions
 from soft_limb.runs.cooling import cool_down
-from soft_limb.runs.plan_run import FOLLOWED, NAMED, reference_from_file, task_named, teach_and_go
-from soft_limb.runs.rollout import NEAREST, Rollout, roll_out
+from soft_limb.runs.plan_run import (
+    FOLLOW_FILES,
+    NAMED_REFERENCES,
+    load_reference,
+    load_task,
+    plan_and_follow,
+)
+from soft_limb.runs.rollout import DEFAULT_FEEDBACK, Rollout, roll_out
 
 if TYPE_CHECKING:  # Bokeh takes long to import
     from soft_limb.live_page import LivePage
 
-SIMULATED = 20.0  # times real time, about, of an emulated limb on an idle computer
-LONGEST_LESSON = 3600.0  # s, that a hand moves a limb
+SIMULATION_SPEED = 20.0  # times real time, about, of an emulated limb on an idle computer
+MAX_TEACHING_TIME = 3600.0  # s, that a hand moves a limb
 
 
 def _serial_ports() -> Summary:
@@ -80,7 +86,7 @@ def _status(options: argparse.Namespace) -> int:
         info = link.info()
         if options.clear:
             link.clear()
-        print_summary(options, _state(info, link.sample(), limb))
+        print_summary(options, _board_summary(info, link.sample(), limb))
         with live_page(options) as live:
             if live:
                 check_fit(limb, info, options.port)
@@ -88,7 +94,7 @@ def _status(options: argparse.Namespace) -> int:
     return 0
 
 
-def _state(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Summary:
+def _board_summary(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Summary:
     bends = np.rad2deg(bend_angle_from_tip_tangent(sample.tip_tangent)).tolist()
     names = limb.wire_names
     if len(names) != info.channels:  # of another limb
@@ -140,7 +146,7 @@ def _show_board(link: BoardLink, info: BoardInfo, limb: LimbParameters, live: Li
         time.sleep(PERIOD)
 
 
-def _say(options: argparse.Namespace, outcome: str, what: str) -> None:
+def _print_check(options: argparse.Namespace, outcome: str, what: str) -> None:
     """Prints what came of a check at once, unless all is printed as JSON in the end."""
     if not options.json:
         print(f"{outcome:<9}{what}", flush=True)
@@ -152,9 +158,9 @@ def _arm_check(options: argparse.Namespace) -> int:
 
     def say(good: bool, what: str) -> None:
         checks.append({"passed": good, "what": what})
-        _say(options, "ok" if good else "FAILED", what)
+        _print_check(options, "ok" if good else "FAILED", what)
 
-    voltage, cut_off = _supply(options)
+    voltage, cut_off = _supply_answers(options)
     passed = check_supply(parameters, voltage, cut_off, say)
     if passed:
         with BoardLink(options.port, parameters) as link:
@@ -164,24 +170,26 @@ def _arm_check(options: argparse.Namespace) -> int:
     return 0 if passed else 1
 
 
-def _ask(question: str) -> str:
+def _read_answer(question: str) -> str:
     """What a person types at the terminal; nothing at its end, Ctrl-D."""
     print(question, end="", flush=True)
     return sys.stdin.readline().strip()
 
 
-def _supply(options: argparse.Namespace) -> tuple[float | None, bool | None]:
+def _supply_answers(options: argparse.Namespace) -> tuple[float | None, bool | None]:
     """Return the supply's voltage, V, and whether there is a cut-off; None where nobody answers."""
     voltage, cut_off = options.supply, options.cut_off
     if sys.stdin.isatty() and not options.json:
         if voltage is None:
-            said = _ask("Measured voltage of the wires' supply, V (Enter: not measured, no heat): ")
+            said = _read_answer(
+                "Measured voltage of the wires' supply, V (Enter: not measured, no heat): "
+            )
             try:
                 voltage = float(said) if said else None
             except ValueError:
                 raise LimbError(f"{said!r} is no voltage; measure it, and say it as 7.0.") from None
         if cut_off is None:
-            said = _ask("A thermal cut-off on the limb, in series with its wires, y or n? ")
+            said = _read_answer("A thermal cut-off on the limb, in series with its wires, y or n? ")
             cut_off = said.lower() in ("y", "yes")
     return voltage, cut_off
 
@@ -201,9 +209,11 @@ def _board_check(options: argparse.Namespace) -> int:
                 "what": result.what,
             }
         )
-        _say(options, words[result.outcome], case.name + f": {result.what}" * bool(result.what))
+        _print_check(
+            options, words[result.outcome], case.name + f": {result.what}" * bool(result.what)
+        )
         if result.outcome == board_check.FAILED:
-            _say(options, "", f"rule: {case.rule} {section}")
+            _print_check(options, "", f"rule: {case.rule} {section}")
 
     with SerialPort(options.port) as cable:
         board_check.check_board(board_check.Host(cable, LimbParameters.of(options.limb)), say)
@@ -236,11 +246,11 @@ def _replay(options: argparse.Namespace) -> int:
             data = {"plan": options.trajectory, "recording": options.output}
             write_rollout_report(rollout, summary, options.report, data)
         print_summary(options, summary, outputs)
-        _end(live, rollout, options)
+        _end_page(live, rollout, options)
     return 1 if rollout.recording.interrupted else 0  # an emulated limb's that cut out
 
 
-def _end(live: "LivePage | None", rollout: Rollout, options: argparse.Namespace) -> None:
+def _end_page(live: "LivePage | None", rollout: Rollout, options: argparse.Namespace) -> None:
     """Ends a page, if there is one, when the wires have cooled as the command was asked."""
     if live:
         if rollout.limb:
@@ -275,13 +285,13 @@ def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
 
 
 def _follow(options: argparse.Namespace) -> int:
-    outputs = [options.output / name for name in FOLLOWED]
+    outputs = [options.output / name for name in FOLLOW_FILES]
     inputs = [Path(options.reference), options.limb, options.task and Path(options.task)]
     check_outputs(outputs, inputs=inputs, force=options.force)
     limb = LimbParameters.of(options.limb)
-    task = options.task and task_named(options.task, limb)
+    task = options.task and load_task(options.task, limb)
     with live_page(options) as live:
-        rollout, summary = teach_and_go(
+        rollout, summary = plan_and_follow(
             options.reference,
             lambda planned: _limb(planned, options),
             options.output,
@@ -294,7 +304,7 @@ def _follow(options: argparse.Namespace) -> int:
             live=live,
         )
         print_summary(options, summary, outputs)
-        _end(live, rollout, options)
+        _end_page(live, rollout, options)
     return 1 if rollout.recording.interrupted else 0
 
 
@@ -302,7 +312,7 @@ def _learn(options: argparse.Namespace) -> int:
     if options.repetitions < 1:
         raise ReplayError(f"--repetitions is {options.repetitions}; it must be 1 or more.")
     trajectory, folder = Trajectory.load(options.trajectory), options.output
-    learner = repetitions.learner_in(folder, trajectory, force=options.force)
+    learner = repetitions.load_or_create_learner(folder, trajectory, force=options.force)
     if far := far_from_reference(trajectory):
         warnings.warn(far, stacklevel=1)
 
@@ -317,33 +327,33 @@ def _learn(options: argparse.Namespace) -> int:
     count = options.repetitions
     each = f"{count} repetition{'s' * (count > 1)} of {trajectory.duration:g} s"
     if options.port:
-        say_duration(f"{each}, and rests of some minutes, until the wires are cool")
+        print_duration(f"{each}, and rests of some minutes, until the wires are cool")
     elif options.live:
-        say_duration(f"{each}, in real time")
+        print_duration(f"{each}, in real time")
     else:
-        about = count * trajectory.duration / SIMULATED
-        say_duration(f"about {max(1.0, about):.0f} s for {each}")
+        about = count * trajectory.duration / SIMULATION_SPEED
+        print_duration(f"about {max(1.0, about):.0f} s for {each}")
     limbs: Callable[[], LimbSystem]
     try:
         with live_page(options) as live:
             if options.port:
-                limbs = repetitions.rested_robots(options.port, trajectory, live)
+                limbs = repetitions.make_rested_robots(options.port, trajectory, live)
             elif options.model:
                 limbs = lambda: Limb(trajectory.parameters)  # noqa: E731 - before any heat
             else:
                 twin = _twin(trajectory.parameters, options)
-                limbs = repetitions.rested_twins(twin, trajectory, learner)
+                limbs = repetitions.make_rested_twins(twin, trajectory, learner)
             repetitions.repeat(learner, limbs, options.repetitions, folder, tell=say, live=live)
     except LimbError:
-        repetitions.draw_repetitions(learner, folder)
+        repetitions.report_repetitions(learner, folder)
         raise
-    drawn = repetitions.draw_repetitions(learner, folder)
-    written = [folder / repetitions.STATE, folder / repetitions.LEARNED, *drawn]
+    drawn = repetitions.report_repetitions(learner, folder)
+    written = [folder / repetitions.STATE_FILE, folder / repetitions.LEARNED_FILE, *drawn]
     print_summary(options, repetitions_summary(learner), written)
     return 0
 
 
-def _taught_limb(options: argparse.Namespace) -> tuple[LimbSystem, float]:
+def _limb_to_teach(options: argparse.Namespace) -> tuple[LimbSystem, float]:
     """The limb that is moved by hand, wires off, and how long it is recorded, s."""
     limb = LimbParameters.of(options.limb)
     if options.emulated is None:
@@ -351,12 +361,12 @@ def _taught_limb(options: argparse.Namespace) -> tuple[LimbSystem, float]:
             raise LimbError("--hand moves an emulated limb; give its seed: --emulated SEED.")
         return SerialLimb(options.port, limb, heated=False), options.time
     if options.hand:
-        motion = reference_from_file(options.hand, 0.5)
+        motion = load_reference(options.hand, 0.5)
     elif LimbModel.of(limb).layout.is_planar:
         times = np.linspace(0.0, 60.0, 601)
         motion = from_samples(times, np.deg2rad(15.0) * np.sin(times / 4.0))
     else:
-        motion = NAMED["circle"]()
+        motion = NAMED_REFERENCES["circle"]()
     twin = LimbTwin(limb, seed=options.emulated, hand=motion)
     return twin, min(options.time, motion.end_time())
 
@@ -365,12 +375,12 @@ def _teach(options: argparse.Namespace) -> int:
     output = checked_outputs(options, options.limb)
     if (options.port is None) == (options.emulated is None):
         raise LimbError("Give the PORT of a board, or --emulated SEED for an emulated limb.")
-    if not 0 < options.time <= LONGEST_LESSON:
+    if not 0 < options.time <= MAX_TEACHING_TIME:
         raise LimbError(
-            f"--time is {options.time:g} s; it must be above 0 and at most {LONGEST_LESSON:g} s."
+            f"--time is {options.time:g} s; it must be above 0 and at most {MAX_TEACHING_TIME:g} s."
         )
     with live_page(options) as live:
-        limb, longest = _taught_limb(options)
+        limb, longest = _limb_to_teach(options)
         what = "Move the limb by hand; Ctrl-C ends the recording."
         if options.emulated is not None:
             what = "An emulated hand moves the limb."
@@ -469,7 +479,7 @@ COMMANDS = {
         "report.html.",
         "reference folder limb driven smooth knot-rate live cool json force",
         [
-            shared("controller", default=NEAREST),
+            shared("controller", default=DEFAULT_FEEDBACK),
             shared("task", help=f"{TASK_HELP}; closed-loop if left out"),
         ],
         examples=["soft-limb follow mine.csv -o out/followed/"],

@@ -18,15 +18,15 @@ from limb_systems.files.output import check_folder, check_outputs, free_path
 from limb_systems.summary import Entry, Summary
 from soft_limb.commands.options import Command, Option, print_summary, shared
 
-ASKED = 2  # exit status: a log leaves something open, which the mapping has to say
+EXIT_QUESTIONS = 2  # exit status: a log leaves something open, which the mapping has to say
 
 
-def shell_line(*words: str | Path) -> str:
+def shell_command(*words: str | Path) -> str:
     """A command of ``soft-limb`` as a shell takes it."""
     return shlex.join(["soft-limb", *map(str, words)])
 
 
-def usable_of(recordings: Iterable[Recording]) -> Usable:
+def usable_recordings(recordings: Iterable[Recording]) -> Usable:
     """What a limb can be fitted to of recordings with their kinds in their headers."""
     by_kind: dict[str, list[Recording]] = {}
     for recording in recordings:
@@ -34,9 +34,9 @@ def usable_of(recordings: Iterable[Recording]) -> Usable:
     return usable(by_kind)
 
 
-def fit_line(folder: Path, name: str = "limb") -> str:
+def fit_command(folder: Path, name: str = "limb") -> str:
     """The command that fits a limb to a folder of recordings, and writes a new file."""
-    return shell_line("fit", folder, "-o", free_path(Path(f"{name}.yaml")))
+    return shell_command("fit", folder, "-o", free_path(Path(f"{name}.yaml")))
 
 
 def _import(options: argparse.Namespace) -> int:
@@ -47,7 +47,7 @@ def _import(options: argparse.Namespace) -> int:
     unread: list[str] = []
     logs = import_logs(options.logs, given, parameters, unread, dictionary)
     if sys.stdin.isatty() and not options.json:
-        _answer(logs, parameters)
+        _ask_questions(logs, parameters)
     mappings = [options.output / log.limb.name / f"{log.stem}.mapping.yaml" for log in logs]
     files = [options.output / file for log in logs for file in log.files]
     every = [recording for log in logs for recording in log.recordings]
@@ -56,13 +56,17 @@ def _import(options: argparse.Namespace) -> int:
     inputs = [*options.logs, options.mapping, options.words]
     check_outputs(written, inputs=inputs, force=options.force)
     for log in logs:
-        log.remarks.extend(map(str, _of_kind(log, options.kind)))
+        log.remarks.extend(map(str, _set_kinds(log, options.kind)))
     told, heated = [], set()
     for log, mapping in zip(logs, mappings, strict=True):
         if not given:
-            about = [f"How soft-limb reads {log.path.name}.", *log.limb.notes, *_asked(log)]
+            about = [
+                f"How soft-limb reads {log.path.name}.",
+                *log.limb.notes,
+                *_question_lines(log),
+            ]
             log.limb.mapping.save(mapping, about)
-        own = usable_of(recording for recording in log.recordings if recording.kind)
+        own = usable_recordings(recording for recording in log.recordings if recording.kind)
         log.remarks.extend(f"soft-limb fit: {remark}" for remark in own.left_out)
         heated |= {mapping.parent} if own.heated else set()
         summary = _summary(log, mapping)
@@ -72,14 +76,14 @@ def _import(options: argparse.Namespace) -> int:
     for path, recording in recordings.items():
         recording.save(path)
     failed = [log for log in logs if log.error or log.asks]
-    text = "" if failed else "\n".join(_next(options.output, recordings, heated))
+    text = "" if failed else "\n".join(_next_commands(options.output, recordings, heated))
     print_summary(options, Summary.of({"next": text}, {"logs": told}), written)
     for error in unread:
         print(f"error: {error} It is left out.", file=sys.stderr)
-    return ASKED if any(log.asks for log in failed) else int(bool(failed or unread))
+    return EXIT_QUESTIONS if any(log.asks for log in failed) else int(bool(failed or unread))
 
 
-def _answer(logs: Iterable[ImportedLog], parameters: LimbParameters | None) -> None:
+def _ask_questions(logs: Iterable[ImportedLog], parameters: LimbParameters | None) -> None:
     """Ask a person at the terminal what logs do not tell; Enter leaves a question open.
 
     Answers to the questions of one log hold for all logs that have the same columns.
@@ -104,12 +108,12 @@ def _answer(logs: Iterable[ImportedLog], parameters: LimbParameters | None) -> N
             log.error = str(problem)
 
 
-def _asked(log: ImportedLog) -> list[str]:
+def _question_lines(log: ImportedLog) -> list[str]:
     """The questions of a log, with lines of the mapping ready to be edited."""
     return [line for question in log.limb.questions for line in question.lines]
 
 
-def _of_kind(log: ImportedLog, kind: str | None) -> Iterator[Remark]:
+def _set_kinds(log: ImportedLog, kind: str | None) -> Iterator[Remark]:
     """Gives recordings of a log their kinds, and yields remarks on those that have none.
 
     Raises:
@@ -125,16 +129,16 @@ def _of_kind(log: ImportedLog, kind: str | None) -> Iterator[Remark]:
             yield leaving_out(recording.title, error)
 
 
-def _next(
+def _next_commands(
     folder: Path, recordings: Mapping[Path, Recording], heated: Collection[Path]
 ) -> Iterator[str]:
     """A command for each limb that was read, if there is one that takes its recordings."""
     for limb in sorted({path.parent for path in recordings}):
         own = {path: r for path, r in recordings.items() if path.parent == limb}
         if limb in heated:
-            yield fit_line(limb, "limb" if limb == folder else limb.name)
+            yield fit_command(limb, "limb" if limb == folder else limb.name)
         elif not any(recording.duty.any() for recording in own.values()):
-            plan = shell_line("plan", next(iter(own)), "-o", free_path(Path("plan.csv")))
+            plan = shell_command("plan", next(iter(own)), "-o", free_path(Path("plan.csv")))
             yield f"{plan}  # nothing is heated, so that it can be a reference"
 
 
@@ -143,7 +147,7 @@ def _summary(log: ImportedLog, mapping: Path) -> Summary:
     found = [recording.summary().line() for recording in log.recordings]
     doubt = log.error or ("It leaves something open." if log.asks else "")
     error = f"{doubt} Correct {mapping} and give it with --mapping." if doubt else ""
-    asked = _asked(log)
+    asked = _question_lines(log)
     notes = log.limb.notes
     return Summary(
         [

@@ -16,7 +16,7 @@ from limb_systems.files.output import check_outputs
 from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import Panel
 from soft_limb.command import EXIT_STATUS
-from soft_limb.runs import CONTROLLERS, OPEN
+from soft_limb.runs import CONTROLLERS, OPEN_LOOP
 
 if TYPE_CHECKING:
     from soft_limb.live_page import LivePage
@@ -89,7 +89,7 @@ def shared(key: str, **settings: Any) -> Option:
     return Option(*option.names, **option.settings | settings)
 
 
-LONGEST_COOLING = 3600.0  # s
+MAX_COOLING_TIME = 3600.0  # s
 PORT_HELP = "a serial port or any URL that pyserial accepts"
 TASK_HELP = (
     "weights and limits: a file (.yaml), 'paper' for the paper's, or 'closed-loop' for plans that "
@@ -165,7 +165,7 @@ SHARED: dict[str, Option | list[Option]] = {
     "controller": Option(
         "--controller",
         choices=CONTROLLERS,
-        default=OPEN,
+        default=OPEN_LOOP,
         help="what drives it: open-loop, the plan's duty; plan-feedback, feedback about the plan; "
         "plan-regulator, a time-varying linear-quadratic regulator about the plan; "
         "receding-horizon, plans of the coming seconds towards the reference "
@@ -219,8 +219,8 @@ def live_page(options: argparse.Namespace) -> Iterator["LivePage | None"]:
             cool-down is out of range.
     """
     cool_down = vars(options).get("cool_down", 0.0)
-    if not 0 <= cool_down <= LONGEST_COOLING:
-        raise LimbError(f"--cool-down is {cool_down:g} s; it must be 0 to {LONGEST_COOLING:g} s.")
+    if not 0 <= cool_down <= MAX_COOLING_TIME:
+        raise LimbError(f"--cool-down is {cool_down:g} s; it must be 0 to {MAX_COOLING_TIME:g} s.")
     if not options.live:
         if cool_down:
             raise LimbError("--cool-down is for the live page; add --live.")
@@ -286,7 +286,7 @@ def print_summary(
         print(told, flush=True)
 
 
-def say_duration(about: str) -> None:
+def print_duration(about: str) -> None:
     """Tells at a command's start about how long it takes, beside what it prints as its result."""
     print(f"takes {about}", file=sys.stderr, flush=True)
 

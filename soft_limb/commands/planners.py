@@ -16,7 +16,7 @@ from soft_limb.commands.options import (
 )
 from soft_limb.reports.plan_report import write_plan_report
 from soft_limb.results.summaries import plan_summary
-from soft_limb.runs.plan_run import plan_from_files, task_named
+from soft_limb.runs.plan_run import load_task, plan_from_files
 
 
 def _temperatures(text: str) -> list[float]:
@@ -38,7 +38,7 @@ def _plan(options: argparse.Namespace) -> int:
         options.smooth,
         options.tip,
         options.start,
-        task=options.task and task_named(options.task, limb),
+        task=options.task and load_task(options.task, limb),
         knot_rate=options.knot_rate,
         max_knots=options.max_knots,
         tolerance_deg=options.tolerance,

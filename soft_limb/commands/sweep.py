@@ -14,32 +14,32 @@ from soft_limb.commands.options import (
     Option,
     checked_outputs,
     count,
+    print_duration,
     print_summary,
     print_table,
-    say_duration,
     shared,
 )
-from soft_limb.runs import CONTROLLERS, OPEN
-from soft_limb.runs.plan_run import task_named
-from soft_limb.runs.sweep_cases import cases, means, sweep
+from soft_limb.runs import CONTROLLERS, OPEN_LOOP
+from soft_limb.runs.plan_run import load_task
+from soft_limb.runs.sweep_cases import make_cases, mean_table, sweep
 
 
 def _sweep(options: argparse.Namespace) -> int:
     tasks = options.task or []
     checked_outputs(options, options.limb, *options.references, *tasks, goes_on=True)
-    wanted = cases(
+    wanted = make_cases(
         LimbParameters.of(options.limb),
         options.references,
         smoothing_time=options.smooth,
         vary=options.vary,
-        tasks={name: task_named(name) for name in tasks},
-        controllers=options.controller or [OPEN],
+        tasks={name: load_task(name) for name in tasks},
+        controllers=options.controller or [OPEN_LOOP],
         physics=options.physics or ["lumped"],
         seeds=options.seeds,
     )
     if options.force:
         options.output.unlink(missing_ok=True)
-    say_duration(f"some seconds for each run, of {len(wanted)} in {options.jobs} at a time")
+    print_duration(f"some seconds for each run, of {len(wanted)} in {options.jobs} at a time")
     with Progress("sweep", len(wanted), "runs") as progress:
         rows = sweep(
             wanted,
@@ -49,8 +49,8 @@ def _sweep(options: argparse.Namespace) -> int:
             cluster=options.cluster,
         )
     if not options.json:
-        title = "means over limbs of mean distances of the true bend, highest V and T"
-        print_table(title, list(means(rows)))
+        title = "mean_table over limbs of mean distances of the true bend, highest V and T"
+        print_table(title, list(mean_table(rows)))
     print_summary(options, Summary.of({}, {"runs": rows}), [options.output])
     return 0
 
@@ -124,7 +124,7 @@ COMMANDS = {
                 "--controller",
                 action="append",
                 choices=CONTROLLERS,
-                help=f"what drives them, as for soft-limb replay (default {OPEN})",
+                help=f"what drives them, as for soft-limb replay (default {OPEN_LOOP})",
             ),
             Option(
                 "--physics",

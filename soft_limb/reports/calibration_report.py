@@ -21,9 +21,9 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.panels import SIGNALS, Curve, Panel
 from soft_limb.reports import page
-from soft_limb.results.summaries import ranked, validation_summary
+from soft_limb.results.summaries import ranked_remarks, validation_summary
 
-_MEANING = {
+_PARAMETER_MEANINGS = {
     "ambient_temperature": "T0",
     "stiffness": "k, Sec. V-A",
     "damping": "σ, Sec. V-B",
@@ -76,7 +76,7 @@ def write_report(
     """
     sources = sorted({source for group in calibration.sources.values() for source in group})
     parts: list[page.Part] = [page.verdict(calibration.verdict)]
-    to_do, kept = ranked(calibration), calibration.as_described
+    to_do, kept = ranked_remarks(calibration), calibration.as_described
     if calibration.next_recording:
         to_do.append(f"next recording: {calibration.next_recording}")
     if to_do:
@@ -156,7 +156,7 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
 def parameter_table(calibration: Calibration) -> Markup:
     """The calibrated quantities with their standard errors, as part of a page."""
     rows = [
-        [name, str(estimate), _MEANING.get(name.split(".")[-1], "")]
+        [name, str(estimate), _PARAMETER_MEANINGS.get(name.split(".")[-1], "")]
         for name, estimate in calibration.estimates.items()
     ]
     return page.table(["parameter", "value ± standard error", "meaning"], rows)
@@ -198,7 +198,7 @@ def validation_panels(validation: Validation) -> list[Panel]:
         Curve(name, recording.time, duty, color, width=1.0)
         for name, duty, color in zip(names, recording.duty, colors, strict=True)
     ]
-    return [*_against_model(runs, names, wanted), SIGNALS["duty"].panel(duties)]
+    return [*_model_panels(runs, names, wanted), SIGNALS["duty"].panel(duties)]
 
 
 def predicted_panels(predicted: Predicted, wire_names: Sequence[str]) -> list[Panel]:
@@ -208,10 +208,10 @@ def predicted_panels(predicted: Predicted, wire_names: Sequence[str]) -> list[Pa
         ("limb", run.times, run.bend.T, run.temperature.T),
         ("law", run.times, predicted.bend.T, predicted.temperature.T),
     ]
-    return _against_model(runs, wire_names)
+    return _model_panels(runs, wire_names)
 
 
-def _against_model(
+def _model_panels(
     runs: list[Samples], wire_names: Sequence[str], wanted: np.ndarray | None = None
 ) -> list[Panel]:
     """Bends and readings of a limb, and dashed of its model; with set points (F, K), degrees."""

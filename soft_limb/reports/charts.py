@@ -97,13 +97,16 @@ def draw(
     drawn: dict[str, list[GlyphRenderer]] = {}
     for curve in curves:
         named.setdefault(curve.name, curve)
-        drawn.setdefault(curve.name, []).extend(_draw(plot, curve, stream))
+        drawn.setdefault(curve.name, []).extend(_draw_curve(plot, curve, stream))
     named.pop("", None)
     if stream is None:
         plot.add_tools(
             HoverTool(
                 renderers=[drawn[name][-1] for name in named],
-                tooltips=[("", "$name"), (_name(panel.label), f"@y{{0.00}}{_unit(panel.label)}")],
+                tooltips=[
+                    ("", "$name"),
+                    (_label_name(panel.label), f"@y{{0.00}}{_label_unit(panel.label)}"),
+                ],
             )
             if not named or any(curve.marks or not _increasing(curve.x) for curve in curves)
             else _hover_at_x(plot, list(named.values()), panel)
@@ -138,7 +141,7 @@ def draw(
     return plot
 
 
-def _draw(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> list[GlyphRenderer]:
+def _draw_curve(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> list[GlyphRenderer]:
     """The band of a curve, if it has one, and the curve."""
     style = {"color": curve.color, "alpha": curve.alpha, "name": curve.name}
     line = {"line_width": curve.width, "line_dash": curve.dash}
@@ -150,7 +153,7 @@ def _draw(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> list[G
         columns["low"], columns["high"] = curve.band
     elif curve.band is not None:
         columns["low"], columns["high"] = curve.y - curve.band, curve.y + curve.band
-    kept = _kept(np.asarray(curve.y))
+    kept = _drawn_indices(np.asarray(curve.y))
     # Seven digits are more than any sensor has, in half the bytes.
     style["source"] = ColumnDataSource(
         {name: np.asarray(column, np.float32)[kept] for name, column in columns.items()}
@@ -174,7 +177,7 @@ def _increasing(x: np.ndarray) -> bool:
 def _hover_at_x(plot: figure, curves: Sequence[Curve], panel: Panel) -> HoverTool:
     """Show the values of all curves at the pointer's x."""
     longest = max((curve.x for curve in curves), key=len)
-    x = np.asarray(longest)[_kept(np.asarray(longest))]
+    x = np.asarray(longest)[_drawn_indices(np.asarray(longest))]
     columns = {"x": x, "y": np.interp(x, curves[0].x, curves[0].y)}
     for number, curve in enumerate(curves):
         columns[f"y{number}"] = np.interp(x, curve.x, curve.y, left=np.nan, right=np.nan)
@@ -185,16 +188,16 @@ def _hover_at_x(plot: figure, curves: Sequence[Curve], panel: Panel) -> HoverToo
         line_policy="nearest",
         attachment="horizontal",
         tooltips=[
-            (_name(panel.x_label), f"@x{{0.00}}{_unit(panel.x_label)}"),
+            (_label_name(panel.x_label), f"@x{{0.00}}{_label_unit(panel.x_label)}"),
             *(
-                (curve.name, f"@y{number}{{0.00}}{_unit(panel.label)}")
+                (curve.name, f"@y{number}{{0.00}}{_label_unit(panel.label)}")
                 for number, curve in enumerate(curves)
             ),
         ],
     )
 
 
-def _kept(y: np.ndarray) -> np.ndarray:
+def _drawn_indices(y: np.ndarray) -> np.ndarray:
     """Indices of the samples that are drawn: all, or of many the extremes of short stretches."""
     if len(y) <= MAX_POINTS:
         return np.arange(len(y))
@@ -204,12 +207,12 @@ def _kept(y: np.ndarray) -> np.ndarray:
     )
 
 
-def _name(label: str) -> str:
+def _label_name(label: str) -> str:
     """An axis' label without its unit."""
     return label.partition(" (")[0]
 
 
-def _unit(label: str) -> str:
+def _label_unit(label: str) -> str:
     """The unit in the brackets of an axis' label, with a space before it if it takes one."""
     unit = label.rpartition("(")[2].removesuffix(")") if label.endswith(")") else ""
     return unit if unit in ("", "°") else f" {unit}"

@@ -23,14 +23,14 @@ from soft_limb.reports import page
 from soft_limb.results.read_result import LIMB, RECORDING, TRAJECTORY, ResultFile
 from soft_limb.results.summaries import distances_summary
 
-NONE = "-"  # for a value that one of the runs does not have
-LONGEST = 60  # characters of a value in a table
+NO_VALUE = "-"  # for a value that one of the runs does not have
+MAX_TEXT_LENGTH = 60  # characters of a value in a table
 _COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
 _STYLES = tuple(  # of wires
     (dash, width) for width in (1.5, 3.0) for dash in ("solid", "dashed", "dotted", "dashdot")
 )
-_RUNS = (RECORDING, TRAJECTORY)
-_OF_FITS = ("names", "values", "standard_errors", "covariance", "provenance")  # see the laws
+_RUN_KINDS = (RECORDING, TRAJECTORY)
+_FIT_FIELDS = ("names", "values", "standard_errors", "covariance", "provenance")  # see the laws
 
 
 class ComparisonError(LimbError):
@@ -195,7 +195,7 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
         raise ComparisonError("There is one result; a comparison needs two or more.")
     first = results[0]
     for other in results:
-        if other.kind not in (*_RUNS, LIMB):
+        if other.kind not in (*_RUN_KINDS, LIMB):
             raise ComparisonError(
                 f"{other.path} is a {other.kind}; plans, recordings and limbs are compared."
             )
@@ -243,7 +243,7 @@ def _leaves(value: Any, unit: str, path: str = "") -> dict[str, tuple[Any, str]]
         if path.endswith((".law", ".bend_sensor", "board")):
             leaves[path] = (type(value).__name__, "")
         for field in dataclasses.fields(value):
-            is_fit = isinstance(value, CalibrationRecord) and field.name in _OF_FITS
+            is_fit = isinstance(value, CalibrationRecord) and field.name in _FIT_FIELDS
             rare = field.metadata.get("rare") and getattr(value, field.name) == field.default
             if is_fit or rare:
                 continue
@@ -377,18 +377,18 @@ def _texts(values: Sequence[Any]) -> list[str]:
 
 def _text(value: Any, digits: int) -> str:
     if value is None:
-        return NONE
+        return NO_VALUE
     if isinstance(value, float):
         return f"{value:.{digits}g}"
     if isinstance(value, list):
         text = ", ".join(_text(item, digits) for item in value)
     else:
         text = " ".join(str(value).split())
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    return text if len(text) <= MAX_TEXT_LENGTH else f"{text[: MAX_TEXT_LENGTH - 3]}..."
 
 
 def _degrees(angle: float | None) -> str:
-    return NONE if angle is None else f"{np.rad2deg(angle):.2f}°"
+    return NO_VALUE if angle is None else f"{np.rad2deg(angle):.2f}°"
 
 
 def comparison_page(comparison: Comparison) -> str:

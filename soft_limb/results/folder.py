@@ -9,9 +9,9 @@ from pathlib import Path
 from limb_systems.connected_limbs import FIELDS
 from limb_systems.files.input import first_line
 
-TABLES = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
-SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")
-MOST_NAMES = 50_000
+TABLE_KINDS = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
+RESULT_SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")
+MAX_ENTRIES = 50_000
 _HEAD = 4096  # bytes
 _TAIL = 16384  # bytes of a page, whose provenance is at its end
 # Fields at the top level of a limb.
@@ -20,7 +20,7 @@ _LIMB |= {"supply_voltage", "temperature_limits", "total_duty"}
 
 
 @dataclasses.dataclass(frozen=True)
-class FoundFile:
+class ListedFile:
     """A file of a folder.
 
     - ``key``: its path from the folder, with "/".
@@ -35,18 +35,18 @@ class FoundFile:
     size: int
 
 
-def find(folder: Path) -> list[FoundFile]:
+def find_results(folder: Path) -> list[ListedFile]:
     """Files in a folder and below that may be results, newest first.
 
     Hidden folders, installed packages, and links that lead out of the folder are left out, and in
-    a tree of more than `MOST_NAMES` what is farthest down.
+    a tree of more than `MAX_ENTRIES` what is farthest down.
 
     Raises:
         OSError: if the folder cannot be read.
     """
     root, found, looked = folder.resolve(), [], 0
     folders = collections.deque([folder])
-    while folders and looked < MOST_NAMES:
+    while folders and looked < MAX_ENTRIES:
         place = folders.popleft()
         try:
             entries = list(os.scandir(place))
@@ -56,28 +56,28 @@ def find(folder: Path) -> list[FoundFile]:
             continue
         looked += len(entries)
         for entry in entries:
-            if not _is_theirs(entry.name):
+            if not _is_visible(entry.name):
                 continue
             path = place / entry.name
             try:
                 if entry.is_dir(follow_symlinks=False):
                     folders.append(path)
-                elif entry.is_file() and entry.name.endswith(SUFFIXES):
+                elif entry.is_file() and entry.name.endswith(RESULT_SUFFIXES):
                     if entry.is_symlink() and not path.resolve().is_relative_to(root):
                         continue
                     status, key = entry.stat(), path.relative_to(folder).as_posix()
-                    found.append(FoundFile(key, path, status.st_mtime, status.st_size))
+                    found.append(ListedFile(key, path, status.st_mtime, status.st_size))
             except OSError:  # it has gone
                 continue
     return sorted(found, key=lambda file: (-file.changed, file.key))
 
 
-def _is_theirs(name: str) -> bool:
+def _is_visible(name: str) -> bool:
     """Whether a file or folder is one that people look at."""
     return name[0] not in "._" and name.isprintable() and name not in ("node_modules", "venv")
 
 
-def glance(path: Path) -> str:
+def guess_file_kind(path: Path) -> str:
     """The kind that a file seems to be, as of `ResultFile`; empty for none, and for a task.
 
     A reference is none: any table may be one.
@@ -97,7 +97,7 @@ def glance(path: Path) -> str:
 def kind_of_head(path: Path, head: str) -> str:
     """The kind of a table, or of the limb or robot that a YAML file describes; else empty."""
     ours = first_line(head)
-    if ours and ours.kind in TABLES:
+    if ours and ours.kind in TABLE_KINDS:
         return ours.kind
     given = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
     return "robot" if given & FIELDS else "limb" if given & _LIMB else ""

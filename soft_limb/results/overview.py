@@ -25,7 +25,7 @@ from limb_systems.views.colors import (
     wire_colors,
 )
 from soft_limb.reports import page
-from soft_limb.results.folder import find, glance
+from soft_limb.results.folder import find_results, guess_file_kind
 from soft_limb.results.read_result import (
     GAIT,
     LEARNING,
@@ -104,12 +104,12 @@ def overview_page(folder: Path, output: Path) -> str:
 def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]]:
     """Return the files of a folder that can be read, newest first, and why others cannot be."""
     try:
-        found = find(folder)
+        found = find_results(folder)
     except OSError as error:
         raise LimbError(f"Cannot list {folder}: {error.strerror}.") from error
     files, troubles = [], []
     for path in [file.path for file in found if file.path.resolve() != output]:
-        if path.suffix == ".txt" and not glance(path):
+        if path.suffix == ".txt" and not guess_file_kind(path):
             continue  # a text of somebody else
         try:
             file = read_result(path, quick=True)

@@ -43,11 +43,11 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
 def distances_summary(distances: ReferenceDistances) -> Summary:
     """Mean distances from the reference: of the limb, of its plan and of the best plan."""
     done = _degrees(distances.done)
-    of_plan = _beside("" if done is None else f"{done:.2f}°", distances)
+    of_plan = _distance_entries("" if done is None else f"{done:.2f}°", distances)
     return Summary([*of_plan, Entry("reference_distance_deg", done, "°", None)])
 
 
-def _beside(done: str, distances: ReferenceDistances) -> list[Entry]:
+def _distance_entries(done: str, distances: ReferenceDistances) -> list[Entry]:
     """What was done, in words, beside the distances of the plan and of the best plan."""
     planned, nearest = _degrees(distances.planned), _degrees(distances.nearest)
     said = f"mean distance: measured {done}, " if done else "mean distance: "
@@ -91,7 +91,7 @@ def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
     distances = reference_distances(plan, nearest=None if quick else nearest_bend_angle(plan))
     return Summary(
         [
-            *_beside(done, distances),
+            *_distance_entries(done, distances),
             Entry("repetitions", values, sentence=None),
             Entry("errors", sentence=said),
             Entry("finished", learner.finished),
@@ -109,11 +109,11 @@ def calibration_summary(calibration: "Calibration") -> Summary:
     remarks = [remark.sentence for remark in calibration.remarks]
     entries = [
         Entry("verdict", calibration.verdict),
-        Entry("remarks", remarks, sentence="\n".join(ranked(calibration)) or None),
+        Entry("remarks", remarks, sentence="\n".join(ranked_remarks(calibration)) or None),
         Entry("next", calibration.next_recording, sentence=calibration.next_recording or None),
         Entry("estimates", values, sentence=None),
         *(Entry(name, sentence=str(estimate)) for name, estimate in estimates.items()),
-        _laws(calibration.prediction),
+        _law_entry(calibration.prediction),
     ]
     kept = calibration.as_described
     entries.append(Entry("as_described", kept, sentence=", ".join(kept) or None))
@@ -132,12 +132,12 @@ def calibration_summary(calibration: "Calibration") -> Summary:
     return Summary([*entries, validated])
 
 
-def ranked(calibration: "Calibration") -> list[str]:
+def ranked_remarks(calibration: "Calibration") -> list[str]:
     """The remarks on a calibration, each after its severity."""
     return [f"{remark.severity.name.lower()}: {remark}" for remark in calibration.remarks]
 
 
-def _laws(prediction: "Prediction | None") -> Entry:
+def _law_entry(prediction: "Prediction | None") -> Entry:
     """The laws that were compared, and how well each predicts what it was not fitted to."""
     if prediction is None:
         return Entry("laws")

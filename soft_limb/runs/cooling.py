@@ -11,7 +11,7 @@ from hardware.live_feed import LiveView, Reading, RunHeader
 from hardware.replaying import watch
 from limb_systems import LimbError, LimbSystem, Recording
 
-COOL = 3.0  # °C, by which a wire may be warmer than at the start
+COOL_TOLERANCE = 3.0  # °C, by which a wire may be warmer than at the start
 
 
 def cool_down(limb: LimbSystem, recording: Recording, live: LiveView, longest: float) -> None:
@@ -26,7 +26,7 @@ def cool_down(limb: LimbSystem, recording: Recording, live: LiveView, longest: f
         live: the page.
         longest: longest time, s; 0 for none.
     """
-    start = recording.measured_temperature[:, recording.usable][:, :1].ravel() + COOL
+    start = recording.measured_temperature[:, recording.usable][:, :1].ravel() + COOL_TOLERANCE
     if longest <= 0 or not start.size or not isinstance(limb, SerialLimb | LimbTwin):
         return
     try:
@@ -35,7 +35,7 @@ def cool_down(limb: LimbSystem, recording: Recording, live: LiveView, longest: f
             if isinstance(limb, SerialLimb)
             else limb.again()
         )
-        view = _Beyond(live, float(recording.time[-1]))
+        view = _CoolingView(live, float(recording.time[-1]))
         watch(after, longest, until=lambda measured: bool((measured <= start).all()), live=view)
     except LimbError as error:
         warnings.warn(f"The wires are not shown while they cool: {error}", stacklevel=2)
@@ -45,7 +45,7 @@ def cool_down(limb: LimbSystem, recording: Recording, live: LiveView, longest: f
         came.clear()
 
 
-class _Beyond:
+class _CoolingView:
     """A `LiveView` that goes on with the curves of a run."""
 
     def __init__(self, live: LiveView, start: float):

@@ -54,8 +54,12 @@ def run_each(
 def _backend(num_processes: int, cluster: str | None) -> Iterator[dict[str, Any]]:
     """Yield the options of joblib's backend."""
     if cluster is None:
-        folders = {specimen.__module__: "" for specimen in SPECIMENS.values()} | _folders
-        begin = {"initializer": _begin, "initargs": (folders,)} if num_processes > 1 else {}
+        folders = {specimen.__module__: "" for specimen in SPECIMENS.values()} | _module_folders
+        begin = (
+            {"initializer": _initialize_process, "initargs": (folders,)}
+            if num_processes > 1
+            else {}
+        )
         yield {"n_jobs": num_processes, "backend": "loky", **begin}
         return
     try:
@@ -71,7 +75,9 @@ def _backend(num_processes: int, cluster: str | None) -> Iterator[dict[str, Any]
     with client:
         try:
             # Also for workers that join later.
-            client.register_worker_callbacks(functools.partial(_load, dict(_folders)))
+            client.register_worker_callbacks(
+                functools.partial(_import_modules, dict(_module_folders))
+            )
         except ImportError as error:
             raise LimbError(f"A worker of the cluster cannot load a module: {error}") from error
         yield {"n_jobs": -1, "backend": "dask", "client": client}
@@ -86,21 +92,21 @@ def load_module(name: str, folder: str | Path) -> None:
         name: its name, with dots.
         folder: folder where it is found if it is not installed.
     """
-    _load({name: str(Path(folder).resolve())})
+    _import_modules({name: str(Path(folder).resolve())})
 
 
-_folders: dict[str, str] = {}  # of the modules that `load_module` has loaded, by their names
+_module_folders: dict[str, str] = {}  # of the modules that `load_module` has loaded, by their names
 
 
-def _load(folders: dict[str, str]) -> None:
+def _import_modules(folders: dict[str, str]) -> None:
     for name, folder in folders.items():
         if folder and folder not in sys.path:
             sys.path.append(folder)  # last, so that its modules take no other's place
         importlib.import_module(name)
-        _folders[name] = folder
+        _module_folders[name] = folder
 
 
-def _begin(folders: dict[str, str]) -> None:
+def _initialize_process(folders: dict[str, str]) -> None:
     """Load modules in a new process, and keep its progress off the terminal of the others."""
-    _load(folders)
+    _import_modules(folders)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)

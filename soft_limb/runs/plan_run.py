@@ -18,11 +18,11 @@ from limb_systems.limb_system import check_limb
 from limb_systems.summary import Summary
 from planners import Task, plan, references
 from soft_limb.reports.plan_report import write_rollout_report
-from soft_limb.results.folder import glance
-from soft_limb.runs.rollout import NEAREST, Rollout, roll_out
+from soft_limb.results.folder import guess_file_kind
+from soft_limb.runs.rollout import DEFAULT_FEEDBACK, Rollout, roll_out
 
-FOLLOWED = ("plan.csv", "recording.csv", "tracking.png", "report.html")  # of `teach_and_go`
-NAMED = {
+FOLLOW_FILES = ("plan.csv", "recording.csv", "tracking.png", "report.html")  # of `plan_and_follow`
+NAMED_REFERENCES = {
     "ramps": references.ramps,
     "fig5": references.step_and_decaying_sine,
     "circle": lambda: references.circle(np.deg2rad(15.0), 50.0),
@@ -41,7 +41,7 @@ def plan_from_files(
     """Plans for a command, which a signal then ends at once.
 
     Args:
-        reference: a name of `NAMED`, or the path of a recording or of a CSV of time and degrees.
+        reference: a name of `NAMED_REFERENCES`, or the path of a recording or a CSV (time, degrees).
         limb: parameters, or their path; None for the nominal limb.
         smoothing_time: window over which a recording's bend angle is smoothed, s.
         tip: whether the reference is a path of the tip, a CSV of time and mm.
@@ -57,14 +57,14 @@ def plan_from_files(
     if tip:
         course = references.load_tip_path(reference, parameters)
     else:
-        course = reference_from_file(reference, smoothing_time)
+        course = load_reference(reference, smoothing_time)
     if start is not None:
         settings["initial_state"] = resting_state(parameters, start)
     with ended_at_once():
         return plan(parameters, course, **settings)
 
 
-def task_named(name: str, limb: LimbParameters | None = None) -> Task:
+def load_task(name: str, limb: LimbParameters | None = None) -> Task:
     """The task that a command calls "paper", "closed-loop" or by its file.
 
     Args:
@@ -78,16 +78,16 @@ def task_named(name: str, limb: LimbParameters | None = None) -> Task:
     return Task.paper() if name == "paper" else Task.load(name)
 
 
-def reference_from_file(name: str, smoothing_time: float) -> trajectories.Trajectory:
+def load_reference(name: str, smoothing_time: float) -> trajectories.Trajectory:
     """A reference by what a command calls it; see `plan_from_files`."""
-    if name in NAMED:
-        return NAMED[name]()
-    if glance(Path(name)) == "recording":
+    if name in NAMED_REFERENCES:
+        return NAMED_REFERENCES[name]()
+    if guess_file_kind(Path(name)) == "recording":
         return references.from_recording(Recording.load(name), smoothing_time)
     return references.load(name)
 
 
-def teach_and_go(
+def plan_and_follow(
     reference: str,
     make_limb: Callable[[LimbParameters], LimbSystem],
     folder: str | Path,
@@ -96,13 +96,13 @@ def teach_and_go(
     task: Task | None = None,
     knot_rate: float = 10.0,
     smoothing_time: float = 0.5,
-    controller: str = NEAREST,
+    controller: str = DEFAULT_FEEDBACK,
     real_time: bool = False,
     live: LiveView | None = None,
 ) -> tuple[Rollout, Summary]:
     """Plan for feedback from where a limb is, and drive it along the plan.
 
-    The folder gets the files `FOLLOWED`.
+    The folder gets the files `FOLLOW_FILES`.
     If the limb fails, the plan is there, and of a robot an unfinished recording.
 
     Args:
@@ -117,7 +117,7 @@ def teach_and_go(
         ReplayError, HardwareError, OutputError: as `hardware.replaying.replay` does.
         LimbError: if a file cannot be read.
     """
-    plan_file, recording_file, picture, report = (Path(folder) / name for name in FOLLOWED)
+    plan_file, recording_file, picture, report = (Path(folder) / name for name in FOLLOW_FILES)
     say = live.say if live else lambda _: None
     say(f"Planning {reference}")
     parameters = LimbParameters.of(limb)

@@ -20,14 +20,14 @@ from limb_systems.files.output import OutputError, check_folder
 from limb_systems.files.table_writer import unfinished_files
 from limb_systems.progress import Progress
 from soft_limb.reports.plan_report import write_learning_report
-from soft_limb.runs.cooling import COOL
+from soft_limb.runs.cooling import COOL_TOLERANCE
 from soft_limb.runs.rollout import record_replay
 
-STATE, LEARNED = "learning.txt", "learned.csv"
-PICTURE, REPORT = "learning.png", "learning.html"
-PAUSE = 300.0  # s, without heat, between two repetitions on an emulated limb
-LONGEST_REST = 1200.0  # s
-LOOK_PERIOD = 1.0  # s
+STATE_FILE, LEARNED_FILE = "learning.txt", "learned.csv"
+PICTURE_FILE, REPORT_FILE = "learning.png", "learning.html"
+REST_TIME = 300.0  # s, without heat, between two repetitions on an emulated limb
+MAX_REST_TIME = 1200.0  # s
+READ_PERIOD = 1.0  # s
 _NAME = re.compile(r"repetition_[0-9]+\.csv")
 
 
@@ -60,10 +60,10 @@ def repeat(
         OutputError: if a file cannot be written.
     """
     folder = Path(folder)
-    learner.save(folder / STATE)
+    learner.save(folder / STATE_FILE)
     while len(learner.repetitions) < repetitions and not learner.finished:
         number = len(learner.repetitions) + 1
-        path = recording_of(folder, number)
+        path = recording_path(folder, number)
         failure = None
         if path.exists():
             recording = Recording.load(path)
@@ -82,14 +82,14 @@ def repeat(
                     raise
                 failure, recording = error, Recording.load(new.pop(), unfinished=True)
         repetition = learner.update(recording)
-        learner.save(folder / STATE)
-        learner.learned_trajectory().save(folder / LEARNED)
+        learner.save(folder / STATE_FILE)
+        learner.learned_trajectory().save(folder / LEARNED_FILE)
         tell(number, repetition)
         if failure:
             raise failure
 
 
-def recording_of(folder: Path, number: int) -> Path:
+def recording_path(folder: Path, number: int) -> Path:
     """The file of a repetition's recording."""
     return folder / f"repetition_{number}.csv"
 
@@ -99,25 +99,25 @@ def _errors_so_far(learner: Learner) -> str:
     return f"; mean |φ* - φ| so far {', '.join(errors)}" if errors else ""
 
 
-def rested_twins(
+def make_rested_twins(
     twin: LimbTwin, trajectory: Trajectory, learner: Learner
 ) -> Callable[[], LimbSystem]:
-    """An emulated limb for `repeat`, `PAUSE` after each repetition.
+    """An emulated limb for `repeat`, `REST_TIME` after each repetition.
 
     The time of repetitions before, in a program that ended, passes first: its
     sensors do not have the same noise again.
     """
-    pause = len(learner.repetitions) * (trajectory.duration + PAUSE)
+    pause = len(learner.repetitions) * (trajectory.duration + REST_TIME)
 
     def rested() -> LimbSystem:
         nonlocal pause
-        limb, pause = twin.again(pause), PAUSE
+        limb, pause = twin.again(pause), REST_TIME
         return limb
 
     return rested
 
 
-def rested_robots(
+def make_rested_robots(
     port: Ports,
     trajectory: Trajectory,
     live: LiveView | None = None,
@@ -131,18 +131,18 @@ def rested_robots(
 
     def rested() -> LimbSystem:
         with open_link(port, trajectory.parameters) as link:
-            wait_until_cool(lambda: present_temperature(link), trajectory, tell=tell)
+            wait_for_cool_wires(lambda: present_temperature(link), trajectory, tell=tell)
         return SerialLimb(port, trajectory.parameters)
 
     return rested
 
 
-def wait_until_cool(
+def wait_for_cool_wires(
     read: Callable[[], np.ndarray],
     trajectory: Trajectory,
     *,
-    longest: float = LONGEST_REST,
-    period: float = LOOK_PERIOD,
+    longest: float = MAX_REST_TIME,
+    period: float = READ_PERIOD,
     tell: Callable[[str], object] = lambda what: None,
 ) -> None:
     """Waits until no wire is read more than 3 °C warmer than where a plan starts.
@@ -162,7 +162,7 @@ def wait_until_cool(
         while True:
             above = read() - start
             warmest = int(np.argmax(above))
-            if above[warmest] <= COOL:
+            if above[warmest] <= COOL_TOLERANCE:
                 return
             waited = time.monotonic() - begin
             now = start[warmest] + above[warmest]
@@ -178,7 +178,7 @@ def wait_until_cool(
             time.sleep(period)
 
 
-def learner_in(folder: Path, trajectory: Trajectory, *, force: bool = False) -> Learner:
+def load_or_create_learner(folder: Path, trajectory: Trajectory, *, force: bool = False) -> Learner:
     """The learner of a plan in a folder, or a new one.
 
     Args:
@@ -189,7 +189,7 @@ def learner_in(folder: Path, trajectory: Trajectory, *, force: bool = False) -> 
         FileFormatError: if what is there is damaged.
     """
     check_folder(folder)
-    state = folder / STATE
+    state = folder / STATE_FILE
     if state.exists() and not force:
         learner = Learner.load(state)
         if not learner.trajectory.is_same_plan(trajectory):
@@ -200,7 +200,7 @@ def learner_in(folder: Path, trajectory: Trajectory, *, force: bool = False) -> 
     made = [path for path in folder.glob("repetition_*.csv") if _NAME.fullmatch(path.name)]
     if made and not force:
         raise OutputError(
-            f"{folder} holds repetitions without {STATE}; give another folder, or --force to "
+            f"{folder} holds repetitions without {STATE_FILE}; give another folder, or --force to "
             "replace them."
         )
     learner = Learner(trajectory)
@@ -211,14 +211,16 @@ def learner_in(folder: Path, trajectory: Trajectory, *, force: bool = False) -> 
     return learner
 
 
-def draw_repetitions(learner: Learner, folder: Path) -> list[Path]:
+def report_repetitions(learner: Learner, folder: Path) -> list[Path]:
     """Writes picture and report of all repetitions, if there are recordings; their paths."""
     complete = {
         number: path
         for number in range(1, len(learner.repetitions) + 1)
-        if (path := recording_of(folder, number)).exists()
+        if (path := recording_path(folder, number)).exists()
     }
     if not complete:
         return []
-    write_learning_report(learner, complete, folder / STATE, folder / PICTURE, folder / REPORT)
-    return [folder / PICTURE, folder / REPORT]
+    write_learning_report(
+        learner, complete, folder / STATE_FILE, folder / PICTURE_FILE, folder / REPORT_FILE
+    )
+    return [folder / PICTURE_FILE, folder / REPORT_FILE]

@@ -23,10 +23,10 @@ from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from planners import nearest_bend_angle
 from soft_limb.results.summaries import distances_summary, troubles
-from soft_limb.runs import CONTROLLERS, OPEN
+from soft_limb.runs import CONTROLLERS, OPEN_LOOP
 
 # The controller that has come nearest to references, on limbs of several physics.
-NEAREST = "receding-horizon"
+DEFAULT_FEEDBACK = "receding-horizon"
 UNEXPLAINED_TIME = 5.0  # s, that a bend may be read otherwise than explained before a user is told
 
 
@@ -151,7 +151,7 @@ def roll_out(
     make_limb: Callable[[], LimbSystem],
     output: Path,
     *,
-    controller: str = OPEN,
+    controller: str = OPEN_LOOP,
     real_time: bool = False,
     live: LiveView | None = None,
 ) -> Rollout:
@@ -167,7 +167,7 @@ def roll_out(
     Raises:
         ReplayError, HardwareError, OutputError, LimbError: as `replay` does.
     """
-    driver = controller_of(controller, trajectory, real_time=real_time)
+    driver = make_controller(controller, trajectory, real_time=real_time)
     limb = make_limb()
     if kind := CONTROLLERS[controller]:
         limb.source += f", driven by {kind}"
@@ -208,7 +208,7 @@ def record_replay(
     return recording
 
 
-def controller_of(name: str, trajectory: Trajectory, *, real_time: bool = False) -> System | None:
+def make_controller(name: str, trajectory: Trajectory, *, real_time: bool = False) -> System | None:
     """A controller by its key in `CONTROLLERS`; None for open loop."""
     kind = CONTROLLERS[name]
     if kind == "RecedingHorizon":

@@ -25,11 +25,11 @@ from limb_systems.files.schema import shown
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import Task, plan
 from soft_limb.runs.jobs import run_each
-from soft_limb.runs.plan_run import reference_from_file
-from soft_limb.runs.rollout import OPEN, controller_of
+from soft_limb.runs.plan_run import load_reference
+from soft_limb.runs.rollout import OPEN_LOOP, make_controller
 
 # Of a run, beside what names it; angles in degrees, mean distances of the true bend.
-RESULTS = (
+RESULT_COLUMNS = (
     "reference_deg",
     "planned_deg",
     "plan_deg",
@@ -80,14 +80,14 @@ class Case:
         }
 
 
-def cases(
+def make_cases(
     limb: LimbParameters,
     motions: Sequence[str],
     *,
     smoothing_time: float = 0.5,
     vary: Sequence[tuple[str, Sequence[float]]] = (),
     tasks: dict[str, Task] | None = None,
-    controllers: Sequence[str] = (OPEN,),
+    controllers: Sequence[str] = (OPEN_LOOP,),
     physics: Sequence[str] = ("lumped",),
     seeds: Sequence[int] | None = None,
 ) -> list[Case]:
@@ -122,10 +122,12 @@ def cases(
         varied = _with_fields(limb, fields)
         for motion, controller in itertools.product(motions, controllers):
             default = (
-                {"default": None} if controller == OPEN else {"closed loop": Task.closed_loop()}
+                {"default": None}
+                if controller == OPEN_LOOP
+                else {"closed loop": Task.closed_loop()}
             )
             for task, weights in (tasks or default).items():
-                problem = _digest(varied, reference_from_file(motion, smoothing_time), weights)
+                problem = _digest(varied, load_reference(motion, smoothing_time), weights)
                 case = functools.partial(
                     Case, motion, smoothing_time, varied, fields, task, weights, problem, controller
                 )
@@ -146,8 +148,8 @@ def _with_fields(described: LimbParameters, fields: Sequence[tuple[str, float]])
     for path, value in fields:
         *way, last = path.split(".")
         try:
-            owner = functools.reduce(_part, way, limb)
-            whole = isinstance(_part(owner, last), int) and float(value).is_integer()
+            owner = functools.reduce(_get_part, way, limb)
+            whole = isinstance(_get_part(owner, last), int) and float(value).is_integer()
             setattr(owner, last, int(value) if whole else float(value))
         except (AttributeError, IndexError, TypeError, ValueError):
             raise LimbError(
@@ -158,39 +160,39 @@ def _with_fields(described: LimbParameters, fields: Sequence[tuple[str, float]])
     return limb
 
 
-def _part(owner: Any, name: str) -> Any:
+def _get_part(owner: Any, name: str) -> Any:
     part = owner[int(name)] if isinstance(owner, list) else getattr(owner, name)
     if part is None or isinstance(part, str | bool) or callable(part):
         raise TypeError
     return part
 
 
-# The last plan of this process, as cases of one plan come one after the other.
-_last: dict[str, tuple[Trajectory, float]] = {}
+# The last plan of this process, as make_cases of one plan come one after the other.
+_last_plan: dict[str, tuple[Trajectory, float]] = {}
 
 
-def _planned(case: Case) -> tuple[Trajectory, float]:
+def _plan_case(case: Case) -> tuple[Trajectory, float]:
     """Return a plan, and how long it took, s."""
-    if case.problem not in _last:
+    if case.problem not in _last_plan:
         start = time.perf_counter()
-        reference = reference_from_file(case.motion, case.smoothing_time)
+        reference = load_reference(case.motion, case.smoothing_time)
         trajectory = plan(case.limb, reference, task=case.weights)
-        _last.clear()
-        _last[case.problem] = trajectory, time.perf_counter() - start
-    return _last[case.problem]
+        _last_plan.clear()
+        _last_plan[case.problem] = trajectory, time.perf_counter() - start
+    return _last_plan[case.problem]
 
 
-def run(case: Case) -> dict[str, str]:
+def run_case(case: Case) -> dict[str, str]:
     """Plan a case, drive the emulated limb along the plan, and return the row."""
-    row = dict.fromkeys(RESULTS, "")
+    row = dict.fromkeys(RESULT_COLUMNS, "")
     try:
-        trajectory, seconds = _planned(case)
+        trajectory, seconds = _plan_case(case)
         row["planning_s"] = f"{seconds:.3g}"
         if case.seed is None:
             twin = LimbTwin.of(case.limb)
         else:
             twin = LimbTwin(case.limb, seed=case.seed, physics=case.physics)
-        controller = controller_of(case.controller, trajectory)
+        controller = make_controller(case.controller, trajectory)
         recording = replay(trajectory, twin.again(truth=True), controller=controller)
         truth = true_bend(recording)
         from_reference = reference_distances(trajectory, [truth])
@@ -218,22 +220,22 @@ def sweep(
     num_processes: int = 1,
     cluster: str | None = None,
 ) -> list[dict[str, str]]:
-    """Runs the cases that a file does not have yet, and writes each row when it is there.
+    """Runs the make_cases that a file does not have yet, and writes each row when it is there.
 
     Args:
         wanted: with the same fields.
-        file: table (.csv), which goes on where it ended; rows of other cases stay in it.
+        file: table (.csv), which goes on where it ended; rows of other make_cases stay in it.
         tell: is called with how many of the rows there are.
         num_processes, cluster: as for `run_each`.
 
     Returns:
-        The rows of the cases, in their order.
+        The rows of the make_cases, in their order.
 
     Raises:
         LimbError: if the file is not that of a sweep of these fields.
     """
     names = [case.name for case in wanted]
-    columns = [*names[0], *RESULTS]
+    columns = [*names[0], *RESULT_COLUMNS]
 
     def key(row: dict[str, str]) -> tuple[str, ...]:
         return tuple(row[column] for column in names[0])
@@ -244,7 +246,7 @@ def sweep(
     missing = [case for case, name in zip(wanted, names, strict=True) if key(name) not in found]
     done = len(wanted) - len(missing)
     tell(done)
-    for row in run_each(run, missing, num_processes, cluster=cluster):
+    for row in run_each(run_case, missing, num_processes, cluster=cluster):
         found[key(row)] = row
         with file.open("a", newline="", encoding="utf-8") as table:
             table.write(_table([list(row.values())]))
@@ -272,16 +274,16 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
     return text.getvalue()
 
 
-def means(rows: Sequence[dict[str, str]]) -> Iterator[list[str]]:
-    """A header, and a row for the limbs of each combination: means of angles, highest V and T."""
-    sorts = [name for name in rows[0] if name not in ("problem", "seed", *RESULTS)]
+def mean_table(rows: Sequence[dict[str, str]]) -> Iterator[list[str]]:
+    """A header, and a row for the limbs of each combination: mean angles, highest V, T."""
+    sorts = [name for name in rows[0] if name not in ("problem", "seed", *RESULT_COLUMNS)]
     yield [*sorts, "runs", "from reference", "plan from it", "from plan", "V", "T", "troubles"]
     groups: dict[tuple[str, ...], list[dict[str, str]]] = {}
     for row in rows:
         groups.setdefault(tuple(row[name] for name in sorts), []).append(row)
     for group, runs in groups.items():
         driven = [row for row in runs if row["reference_deg"]]
-        columns = np.array([[float(row[name]) for name in RESULTS[:5]] for row in driven])
+        columns = np.array([[float(row[name]) for name in RESULT_COLUMNS[:5]] for row in driven])
         cells = [""] * 5
         if driven:
             cells = [f"{mean:.2f}°" for mean in columns[:, :3].mean(axis=0)]

@@ -21,7 +21,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from reproduce_paper import error_split, tables
 from reproduce_paper import experiment as experiments
-from reproduce_paper.ways import LEARNING, BendPath, Way
+from reproduce_paper.driving import LEARNING, BendPath, PlanWithRollouts
 from scipy.interpolate import CubicSpline
 
 from calibration import calibrate, collect_from_twin
@@ -63,7 +63,7 @@ def demo(tmp_path_factory):
             PAUSE=20.0,
         ),
         mock.patch("calibration.prediction.law_fit.MOST_ITERATIONS", 4),
-        mock.patch("reproduce_paper.ways.PAUSE", 20.0),
+        mock.patch("reproduce_paper.driving.PAUSE", 20.0),
         mock.patch.object(sys, "argv", ["demo.py", str(folder)]),
         contextlib.redirect_stdout(said),
         contextlib.redirect_stderr(complained),
@@ -201,7 +201,9 @@ def driven():
     )
 
     def experiment(rollouts):
-        ways = {name: Way(trajectory, recordings) for name, recordings in rollouts.items()}
+        ways = {
+            name: PlanWithRollouts(trajectory, recordings) for name, recordings in rollouts.items()
+        }
         split = error_split.error_split(calibration, ways)
         driven = {name: {"open loop": way} for name, way in ways.items()}
         return experiments.Experiment(
@@ -273,7 +275,7 @@ def test_hands_move_through_their_points_as_the_paper_says():
     for name, file in experiments.HANDS.items():
         times, degrees = np.loadtxt(Path(experiments.__file__).with_name(file), delimiter=",").T
         assert (times[0], times[-1]) == (0.0, 60.0)
-        course = experiments.hand_course(name)
+        course = experiments.taught_motion(name)
         assert np.rad2deg(course.vector_values(times)[0]) == pytest.approx(degrees)
         rates = course.MakeDerivative().vector_values(fine)[0]
         np.testing.assert_allclose(rates[[0, -1]], 0.0, atol=1e-12)

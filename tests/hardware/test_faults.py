@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 from ros_bridge.drive import drive
-from ros_bridge.messages import Heard
+from ros_bridge.messages import ReceivedCommands
 
 from hardware import BoardLink, HardwareError, SerialLimb, replay
 from hardware.firmware import guard, heat
@@ -92,7 +92,7 @@ def test_a_bridge_that_is_told_to_stop(virtual_time, emulator, monkeypatch):
             self.tell, self.close = told.append, lambda: None
 
         def hear(self):
-            return Heard(duty=[0.0, 0.2], born=virtual_time.monotonic())
+            return ReceivedCommands(duty=[0.0, 0.2], born=virtual_time.monotonic())
 
     monkeypatch.setattr("ros_bridge.drive.NodeProcess", Node)
 

@@ -186,7 +186,7 @@ def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path, monkeypatch, caps
     """From a module in the folder of the command, as a lab has it; no file of YAML imports one."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr("soft_limb.runs.jobs._folders", {})
+    monkeypatch.setattr("soft_limb.runs.jobs._module_folders", {})
     law = "import dataclasses, limb_systems\n@dataclasses.dataclass\n"
     law += "class MyOwnLaw(limb_systems.LinearLaw): pass\n"
     (tmp_path / "my_law_of_a_test.py").write_text(law)

@@ -31,7 +31,7 @@ def _process(name):
 def module_of_ones_own(tmp_path, monkeypatch):
     """The name of a module that this process has loaded from a folder."""
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr("soft_limb.runs.jobs._folders", {})
+    monkeypatch.setattr("soft_limb.runs.jobs._module_folders", {})
     (tmp_path / "limb_of_ones_own.py").touch()
     load_module("limb_of_ones_own", tmp_path)
     yield "limb_of_ones_own"

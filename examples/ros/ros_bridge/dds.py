@@ -19,11 +19,11 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from ros_bridge.messages import LARGEST, Message, Topics, Written
+from ros_bridge.messages import MAX_MESSAGE_SIZE, Message, ReceivedMessage, Topics
 
 # Messages of all writers that wait to be read, so that no other writer's displace those of who
 # commands; of each writer only the newest is looked into.
-WAITING = 5000
+QUEUE_LENGTH = 5000
 
 
 class Undecoded(bytes):
@@ -63,7 +63,7 @@ class DdsNode:
         reliable = Policy.Reliability.Reliable(duration(milliseconds=100))
         kept, waiting = (
             Qos(reliable, Policy.History.KeepLast(n), Policy.WriterDataLifecycle(autodispose=False))
-            for n in (10, WAITING)
+            for n in (10, QUEUE_LENGTH)
         )
         written = {topics.sensors: Float64MultiArray, topics.plan: Float64MultiArray}
         written[topics.state] = String
@@ -85,21 +85,21 @@ class DdsNode:
         else:
             self._writers[topic].write(String(message))
 
-    def take(self) -> list[Written]:
+    def take(self) -> list[ReceivedMessage]:
         """The newest message of each writer since the last call."""
         return [written for name in self._readers for written in self._take(name)]
 
-    def _take(self, name: str) -> list[Written]:
+    def _take(self, name: str) -> list[ReceivedMessage]:
         reader = self._readers[name]
         newest: dict[int, Any] = {}
         counts: collections.Counter[int] = collections.Counter()
-        for sample in reader.take(WAITING):
+        for sample in reader.take(QUEUE_LENGTH):
             if isinstance(sample, Undecoded):  # not that a writer has gone
                 writer = sample.sample_info.publication_handle
                 newest[writer] = sample
                 counts[writer] += 1
         return [
-            Written(
+            ReceivedMessage(
                 name,
                 writer,
                 _value(reader.topic.data_type.__idl__.deserialize, sample),
@@ -111,7 +111,7 @@ class DdsNode:
 
 
 def _value(decode: Callable[[bytes], Any], data: Undecoded) -> Any:
-    if len(data) > LARGEST:
+    if len(data) > MAX_MESSAGE_SIZE:
         return f"it has {len(data)} bytes"
     try:
         return decode(data).data

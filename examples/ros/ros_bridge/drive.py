@@ -22,13 +22,13 @@ from hardware.replaying import START_TOLERANCE
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
 from limb_systems.limb_system import check_limb
 from limb_systems.simulation import PERIOD, failure_told, make_simulator
-from ros_bridge.messages import LATEST, SILENCE, Heard, Message, Topics
+from ros_bridge.messages import MAX_DUTY_AGE, START_SILENCE, Message, ReceivedCommands, Topics
 
-READY_TIME = 60.0  # s, in which the other process starts, on a computer that is busy
-DEAF = 20  # ticks without an answer of the other process
-FAREWELL = 3.0  # s, in which it ends
+STARTUP_TIME = 60.0  # s, in which the other process starts, on a computer that is busy
+MAX_UNANSWERED = 20  # ticks without an answer of the other process
+EXIT_TIME = 3.0  # s, in which it ends
 # Of a duty when a command leaves: the next one leaves a period later.
-OLDEST = LATEST - PERIOD
+MAX_COMMAND_AGE = MAX_DUTY_AGE - PERIOD
 ARMED, RUNNING, FAULT, IDLE = "armed", "running", "fault", "idle"
 
 
@@ -57,11 +57,13 @@ class NodeProcess:
             },
         )
         theirs.close()
-        self._heard, self._unanswered = Heard(), 0
+        self._heard, self._unanswered = ReceivedCommands(), 0
         try:
-            with _living():
+            with raising_if_dead():
                 self._pipe.send((topics, len(parameters.wires), parameters.total_duty))
-                trouble = self._pipe.recv() if self._pipe.poll(READY_TIME) else "it does not start"
+                trouble = (
+                    self._pipe.recv() if self._pipe.poll(STARTUP_TIME) else "it does not start"
+                )
             if trouble:
                 raise LimbError(
                     f"There is no way to ROS 2: {trouble}. Without ROS 2 on this computer, the "
@@ -71,18 +73,18 @@ class NodeProcess:
             self.close()
             raise
 
-    def tell(self, messages: dict[str, Message]) -> None:
+    def publish(self, messages: dict[str, Message]) -> None:
         """Publishes messages on topics; LimbError if the process has died."""
         self._unanswered += 1
-        with _living():
+        with raising_if_dead():
             self._pipe.send(list(messages.items()))
 
-    def hear(self) -> Heard:
-        """What was heard so far; LimbError if the process has died or is silent for a second."""
-        with _living():
+    def receive(self) -> ReceivedCommands:
+        """What was received so far; LimbError if the process has died or is silent for a second."""
+        with raising_if_dead():
             while self._pipe.poll():
                 self._heard, self._unanswered = self._pipe.recv(), 0
-        if self._unanswered > DEAF:
+        if self._unanswered > MAX_UNANSWERED:
             raise LimbError("The process that speaks to ROS 2 does not answer.")
         return self._heard
 
@@ -90,14 +92,14 @@ class NodeProcess:
         """Ends the process, once it has published what it was told."""
         self._pipe.close()
         try:
-            self._process.wait(FAREWELL)
+            self._process.wait(EXIT_TIME)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
 
 
 @contextlib.contextmanager
-def _living() -> Iterator[None]:
+def raising_if_dead() -> Iterator[None]:
     try:
         yield
     except (EOFError, OSError) as error:
@@ -127,19 +129,19 @@ class Driver:
         self._start, self._requests = 0.0, 0
         self._refused_start = ""
 
-    def duty(self, heard: Heard, measured: np.ndarray, now: float) -> np.ndarray:
+    def duty(self, received: ReceivedCommands, measured: np.ndarray, now: float) -> np.ndarray:
         """The duty (W,) to apply from now on for a period.
 
         Args:
-            heard: what was heard so far.
+            received: what was received so far.
             measured: V (W,), °C.
             now: time, s of the monotonic clock.
         """
-        self.age = now - heard.born
-        if heard.requests != self._requests:
-            self._requests = heard.requests
-            self._heed(heard, measured, now)
-        duty, why = self._choose(heard, measured, now)
+        self.age = now - received.born
+        if received.requests != self._requests:
+            self._requests = received.requests
+            self._start_or_stop(received, measured, now)
+        duty, why = self._choose(received, measured, now)
         self.state = ARMED if duty is None else RUNNING
         self.why = "; ".join(filter(None, [self._refused_start, why]))
         self.applied = np.zeros(len(measured)) if duty is None else duty
@@ -158,20 +160,20 @@ class Driver:
             **_named("duty_{}", plan.interpolated(plan.duty, time), self._parameters.wire_names),
         }
 
-    def _heed(self, heard: Heard, measured: np.ndarray, now: float) -> None:
+    def _start_or_stop(self, received: ReceivedCommands, measured: np.ndarray, now: float) -> None:
         """Starts or stops the plan."""
         self._refused_start = ""
-        if not heard.run:
+        if not received.run:
             self.plan_time = None
         elif self.plan_time is None:
-            self._refused_start = self._why_not_start(heard, measured)
+            self._refused_start = self._start_refusal(received, measured)
             if not self._refused_start:
                 self.plan_time, self._start = 0.0, now
 
-    def _why_not_start(self, heard: Heard, measured: np.ndarray) -> str:
+    def _start_refusal(self, received: ReceivedCommands, measured: np.ndarray) -> str:
         if self._plan is None:
             return "the plan was not started: this bridge was given none"
-        if heard.duty is not None and self.age <= LATEST:
+        if received.duty is not None and self.age <= MAX_DUTY_AGE:
             return "the plan was not started: somebody commands the duty"
         away = np.abs(measured - self._plan.measured_temperature[:, 0]).max()
         if not away <= START_TOLERANCE:
@@ -181,7 +183,7 @@ class Driver:
         return ""
 
     def _choose(
-        self, heard: Heard, measured: np.ndarray, now: float
+        self, received: ReceivedCommands, measured: np.ndarray, now: float
     ) -> tuple[np.ndarray | None, str]:
         if self.plan_time is not None:
             assert self._plan
@@ -189,15 +191,15 @@ class Driver:
             if self.plan_time < self._plan.duration:
                 return self._plan.interpolated(self._plan.duty, self.plan_time), ""
             self.plan_time = None
-        if self.age > OLDEST:
+        if self.age > MAX_COMMAND_AGE:
             return None, "" if np.isinf(self.age) else "the newest duty is too old"
-        if heard.duty is None:
-            return None, f"the duty was refused: {heard.refused}"
+        if received.duty is None:
+            return None, f"the duty was refused: {received.refused}"
         limit = self._parameters.temperature_limits.maximum
         if not (highest := measured.max()) < limit:
             return None, f"a wire is at {highest:.1f} °C; temperature_limits.maximum is {limit:g}"
-        is_alone = now - heard.other > SILENCE
-        return np.array(heard.duty), "" if is_alone else "another writer of the duty is ignored"
+        is_alone = now - received.other > START_SILENCE
+        return np.array(received.duty), "" if is_alone else "another writer of the duty is ignored"
 
 
 def drive(
@@ -234,7 +236,7 @@ def drive(
         finally:
             close()
             with contextlib.suppress(LimbError):
-                node.tell({topics.state: json.dumps({"state": end[0], "why": end[1]})})
+                node.publish({topics.state: json.dumps({"state": end[0], "why": end[1]})})
 
 
 def _loop(
@@ -255,11 +257,11 @@ def _loop(
         start = time.monotonic()
         for due in (PERIOD * tick for tick in itertools.count()):
             time.sleep(max(0.0, start + due - time.monotonic()))
-            heard, measured = node.hear(), _read(limb, context, "measured_temperature")
-            duty.FixValue(context, driver.duty(heard, measured, time.monotonic()))
+            received, measured = node.receive(), _read(limb, context, "measured_temperature")
+            duty.FixValue(context, driver.duty(received, measured, time.monotonic()))
             with failure_told(simulator, np.inf):
                 simulator.AdvanceTo(due + PERIOD / 2)  # so that what is due now is done
-            node.tell(_messages(limb, context, topics, driver, heard))
+            node.publish(_messages(limb, context, topics, driver, received))
             if limb.HasOutputPort("cut_out") and _read(limb, context, "cut_out")[0]:
                 raise LimbError(
                     f"A wire of the {limb.source} was measured at {guard.TEMPERATURE_LIMIT:g} °C "
@@ -272,7 +274,7 @@ def _read(limb: LimbSystem, context: Context, name: str) -> np.ndarray:
 
 
 def _messages(
-    limb: LimbSystem, context: Context, topics: Topics, driver: Driver, heard: Heard
+    limb: LimbSystem, context: Context, topics: Topics, driver: Driver, received: ReceivedCommands
 ) -> dict[str, Message]:
     """What is published at a tick."""
     measured, bend = (_read(limb, context, name) for name in ("measured_temperature", "bend_angle"))
@@ -283,8 +285,8 @@ def _messages(
         "why": driver.why,
         "duty": applied.tolist(),
         "age": driver.age if np.isfinite(driver.age) else None,
-        "delay": heard.delay,
-        "commands": heard.commands,
+        "delay": received.delay,
+        "commands": received.commands,
         "plan_time": driver.plan_time,
     }
     wires = _named("{}_c", measured, limb.parameters.wire_names)

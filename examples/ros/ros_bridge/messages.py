@@ -1,4 +1,4 @@
-"""What is written on topics, what is heard there, and who may command."""
+"""What is written on topics, what is received there, and who may command."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,10 +8,12 @@ import numpy as np
 
 # A String, or a Float64MultiArray of numbers by their names, with which its dimension is labelled.
 Message = str | dict[str, float]
-LATEST = 0.25  # s, age from which a duty is not applied, and silence after which a topic is free
-LARGEST = 4096  # bytes, of a message that is looked into
-LONGEST_TURN = 0.02  # s, between two looks at what was written, on a computer that is not busy
-SILENCE = 2.0  # s, without any word on starting, after which a start counts
+MAX_DUTY_AGE = (
+    0.25  # s, age from which a duty is not applied, and silence after which a topic is free
+)
+MAX_MESSAGE_SIZE = 4096  # bytes, of a message that is looked into
+MAX_TURN_TIME = 0.02  # s, between two looks at what was written, on a computer that is not busy
+START_SILENCE = 2.0  # s, without any word on starting, after which a start counts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Topics:
 
 
 @dataclasses.dataclass(frozen=True)
-class Written:
+class ReceivedMessage:
     """The newest message of a writer.
 
     - ``topic``: name of its topic.
@@ -56,19 +58,19 @@ class Node(Protocol):
     def publish(self, topic: str, message: Message) -> None:
         """Writes a message."""
 
-    def take(self) -> list[Written]:
+    def take(self) -> list[ReceivedMessage]:
         """The newest message of each writer since the last call."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Heard:
-    """What was heard so far.
+class ReceivedCommands:
+    """What was received so far.
 
     - ``duty``: the newest duty of who has the topic; None if there is none, or it was refused.
     - ``born``: when it was written, or read if it was refused, s of the monotonic clock.
     - ``refused``: why the newest duty was refused; empty if it was not.
     - ``delay``: time from writing to reading of the newest duty, s.
-    - ``commands``: number of duties that were heard and not refused.
+    - ``commands``: number of duties that were received and not refused.
     - ``other``: when another writer was ignored last, s of the monotonic clock.
     - ``run``, ``requests``: newest start (true) or stop of the plan, and how many there were.
     """
@@ -98,27 +100,27 @@ class Listener:
             num_wires: W.
             total_duty: largest sum of a duty.
         """
-        self.heard = Heard()
+        self.received = ReceivedCommands()
         self._topics, self._num_wires, self._total = topics, num_wires, total_duty
         self._holder: int | None = None
         self._silence, self._now, self._last_run = np.inf, -np.inf, -np.inf
 
-    def hear(self, messages: Sequence[Written], now: float) -> None:
+    def receive(self, messages: Sequence[ReceivedMessage], now: float) -> None:
         """Takes in the messages of a turn, if there are any, s of the monotonic clock."""
         # While this process did not run, nobody was silent.
-        self._silence += min(now - self._now, LONGEST_TURN)
+        self._silence += min(now - self._now, MAX_TURN_TIME)
         self._now = now
         for written in messages:
             if written.topic == self._topics.duty:
-                self._hear_duty(written, now)
+                self._receive_duty(written, now)
             elif isinstance(written.value, bool):
                 # Who repeats a start is not asking for another one after the plan's end.
-                if not written.value or now - self._last_run > SILENCE:
-                    self._note(run=written.value, requests=self.heard.requests + 1)
+                if not written.value or now - self._last_run > START_SILENCE:
+                    self._note(run=written.value, requests=self.received.requests + 1)
                 self._last_run = now
 
-    def _hear_duty(self, written: Written, now: float) -> None:
-        why, is_free = self._refusal(written), self._silence > LATEST
+    def _receive_duty(self, written: ReceivedMessage, now: float) -> None:
+        why, is_free = self._refusal(written), self._silence > MAX_DUTY_AGE
         if not is_free and written.writer != self._holder:
             self._note(other=now)
         if not why:
@@ -130,10 +132,10 @@ class Listener:
                 born=now if why else now - max(0.0, written.delay),
                 refused=why,
                 delay=written.delay,
-                commands=self.heard.commands + (0 if why else written.count),
+                commands=self.received.commands + (0 if why else written.count),
             )
 
-    def _refusal(self, written: Written) -> str:
+    def _refusal(self, written: ReceivedMessage) -> str:
         """Why a duty must not be applied; empty if it may."""
         if isinstance(written.value, str):
             return written.value
@@ -144,9 +146,9 @@ class Listener:
             return f"it is {duty.tolist()}, not within 0 and 1"
         if duty.sum() > self._total + 1e-3:
             return f"its sum is {duty.sum():.3g}, but total_duty is {self._total:g}"
-        if written.delay > LATEST:
+        if written.delay > MAX_DUTY_AGE:
             return f"it was written {written.delay:.2f} s ago, if both computers' clocks agree"
         return ""
 
     def _note(self, **changes: object) -> None:
-        self.heard = dataclasses.replace(self.heard, **changes)  # type: ignore[arg-type]
+        self.received = dataclasses.replace(self.received, **changes)  # type: ignore[arg-type]

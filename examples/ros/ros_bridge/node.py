@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection
 
 from ros_bridge.messages import Listener, Node, Topics
 
-TURN = 0.005  # s, after which it reads again
+TURN_TIME = 0.005  # s, after which it reads again
 
 
 def make_node(topics: Topics) -> Node:
@@ -31,7 +31,7 @@ def make_node(topics: Topics) -> Node:
 
 
 def serve(pipe: Connection) -> None:
-    """Publishes what comes, and answers with what was heard, until the other end is closed."""
+    """Publishes what comes, and answers with what was received, until the other end is closed."""
     topics, num_wires, total_duty = pipe.recv()
     try:
         node = make_node(topics)
@@ -41,13 +41,13 @@ def serve(pipe: Connection) -> None:
     listener = Listener(topics, num_wires, total_duty)
     pipe.send("")
     while True:
-        before, is_asked = listener.heard, pipe.poll(TURN)
+        before, is_asked = listener.received, pipe.poll(TURN_TIME)
         if is_asked:
             for topic, message in pipe.recv():
                 node.publish(topic, message)
-        listener.hear(node.take(), time.monotonic())
-        if is_asked or listener.heard is not before:
-            pipe.send(listener.heard)
+        listener.receive(node.take(), time.monotonic())
+        if is_asked or listener.received is not before:
+            pipe.send(listener.received)
 
 
 if __name__ == "__main__":

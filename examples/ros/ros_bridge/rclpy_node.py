@@ -13,7 +13,7 @@ from std_msgs.msg import (
     String,
 )
 
-from ros_bridge.messages import Message, Topics, Written
+from ros_bridge.messages import Message, ReceivedMessage, Topics
 
 
 class RosNode:
@@ -27,7 +27,7 @@ class RosNode:
         self._publishers = {
             name: self._node.create_publisher(kind, name, 10) for name, kind in written.items()
         }
-        self._written: dict[str, Written] = {}
+        self._written: dict[str, ReceivedMessage] = {}
         for name, kind in {topics.duty: Float64MultiArray, topics.run: Bool}.items():
             self._node.create_subscription(kind, name, functools.partial(self._keep, name), 1)
 
@@ -43,7 +43,7 @@ class RosNode:
         else:
             self._publishers[topic].publish(String(data=message))
 
-    def take(self) -> list[Written]:
+    def take(self) -> list[ReceivedMessage]:
         """The newest message of each topic since the last call."""
         self._written.clear()
         for _ in range(2 * len(self._publishers)):  # each does at most one thing that waits
@@ -59,4 +59,4 @@ class RosNode:
                 value = "several publishers are on its topic"
         if info:
             delay = (time.time_ns() - info["source_timestamp"]) * 1e-9
-        self._written[name] = Written(name, 0, value, delay)
+        self._written[name] = ReceivedMessage(name, 0, value, delay)

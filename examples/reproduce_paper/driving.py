@@ -56,7 +56,7 @@ DISTURBANCES = (*LIMB_DISTURBANCES, *SENSOR_DISTURBANCES, WRONG_CALIBRATION)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Way:
+class PlanWithRollouts:
     """A plan, and rollouts of it, whose recordings have the truth; by learning, in their order."""
 
     trajectory: Trajectory
@@ -65,7 +65,7 @@ class Way:
 
 def roll_out(
     specimen: Specimen, trajectory: Trajectory, way: str, count: int, motion: int = 0
-) -> Way:
+) -> PlanWithRollouts:
     """Rollouts of a plan on a limb, which has rested, each with noise of its own.
 
     The first one leaves the limb a little warm and not quite where it was, by some tenths of
@@ -94,12 +94,12 @@ def roll_out(
         if learner or number == 0:
             LimbTwin(specimen=limb).again(PAUSE)
             specimen = limb
-    return Way(trajectory, rollouts)
+    return PlanWithRollouts(trajectory, rollouts)
 
 
 def roll_out_disturbed(
     specimen: Specimen, plans: dict[str, Trajectory], disturbance: str
-) -> dict[str, Way]:
+) -> dict[str, PlanWithRollouts]:
     """A rollout of feedback with a disturbance, and one in open loop if it is of the limb.
 
     Args:
@@ -121,7 +121,7 @@ def roll_out_disturbed(
         controller = PlanFeedback(trajectory, parameters=LimbParameters())
     ways[FEEDBACK] = trajectory, controller
     return {
-        way: Way(plan, [_run(copy.deepcopy(limb), plan, system)])
+        way: PlanWithRollouts(plan, [_run(copy.deepcopy(limb), plan, system)])
         for way, (plan, system) in ways.items()
     }
 
