@@ -32,7 +32,7 @@ from reproduce_paper.reproduce import reproduce_in  # noqa: E402
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0],
-        epilog="exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C",
+        epilog="exit status: 0 done; 1 failed; 2 wrong usage; 130 stopped by Ctrl-C",
     )
     parser.add_argument("folder", nargs="?", default="out", type=Path, help="for all results")
     parser.add_argument("--limbs", type=int, default=10, help="how many (default %(default)s)")

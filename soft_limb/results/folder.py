@@ -1,4 +1,4 @@
-"""The files of a folder that may be results, by their names and first bytes; quick to import."""
+"""Find the files of a folder that may be results, by names and first bytes; quick to import."""
 
 import collections
 import dataclasses
@@ -21,7 +21,7 @@ _LIMB |= {"supply_voltage", "temperature_limits", "total_duty"}
 
 @dataclasses.dataclass(frozen=True)
 class ListedFile:
-    """A file of a folder.
+    """A file of a folder that may be a result.
 
     - ``key``: its path from the folder, with "/".
     - ``path``: the file.
@@ -36,51 +36,55 @@ class ListedFile:
 
 
 def find_results(folder: Path) -> list[ListedFile]:
-    """Files in a folder and below that may be results, newest first.
+    """Return the files in a folder and below that may be results, newest first.
 
-    Hidden folders, installed packages, and links that lead out of the folder are left out, and in
-    a tree of more than `MAX_ENTRIES` what is farthest down.
+    Hidden folders, installed packages, and links that lead out of the folder are left out. The
+    search ends after `MAX_ENTRIES` files and folders, and the deepest are left out then.
 
     Raises:
         OSError: if the folder cannot be read.
     """
-    root, found, looked = folder.resolve(), [], 0
+    root = folder.resolve()
+    files = []
+    num_entries = 0
+    # Search level by level.
     folders = collections.deque([folder])
-    while folders and looked < MAX_ENTRIES:
-        place = folders.popleft()
+    while folders and num_entries < MAX_ENTRIES:
+        current = folders.popleft()
         try:
-            entries = list(os.scandir(place))
+            entries = list(os.scandir(current))
         except OSError:
-            if place is folder:
+            if current is folder:
                 raise
             continue
-        looked += len(entries)
+        num_entries += len(entries)
         for entry in entries:
             if not _is_visible(entry.name):
                 continue
-            path = place / entry.name
+            path = current / entry.name
             try:
                 if entry.is_dir(follow_symlinks=False):
                     folders.append(path)
                 elif entry.is_file() and entry.name.endswith(RESULT_SUFFIXES):
                     if entry.is_symlink() and not path.resolve().is_relative_to(root):
                         continue
-                    status, key = entry.stat(), path.relative_to(folder).as_posix()
-                    found.append(ListedFile(key, path, status.st_mtime, status.st_size))
-            except OSError:  # it has gone
+                    status = entry.stat()
+                    key = path.relative_to(folder).as_posix()
+                    files.append(ListedFile(key, path, status.st_mtime, status.st_size))
+            except OSError:  # the file was deleted meanwhile
                 continue
-    return sorted(found, key=lambda file: (-file.changed, file.key))
+    return sorted(files, key=lambda file: (-file.changed, file.key))
 
 
 def _is_visible(name: str) -> bool:
-    """Whether a file or folder is one that people look at."""
+    """Return False for hidden files and folders, and for folders of installed packages."""
     return name[0] not in "._" and name.isprintable() and name not in ("node_modules", "venv")
 
 
 def guess_file_kind(path: Path) -> str:
-    """The kind that a file seems to be, as of `ResultFile`; empty for none, and for a task.
+    """Return the kind of a file by its first and last bytes; see `ResultFile` for the kinds.
 
-    A reference is none: any table may be one.
+    The result is empty for other files, for tasks, and for references, as any table may be one.
     """
     try:
         with open(path, "rb") as file:
@@ -95,19 +99,21 @@ def guess_file_kind(path: Path) -> str:
 
 
 def kind_of_head(path: Path, head: str) -> str:
-    """The kind of a table, or of the limb or robot that a YAML file describes; else empty."""
-    ours = first_line(head)
-    if ours and ours.kind in TABLE_KINDS:
-        return ours.kind
-    given = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
-    return "robot" if given & FIELDS else "limb" if given & _LIMB else ""
+    """Return the kind of a table, or "limb" or "robot" for a YAML file, or an empty text."""
+    title = first_line(head)
+    if title and title.kind in TABLE_KINDS:
+        return title.kind
+    fields = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
+    if fields & FIELDS:
+        return "robot"
+    return "limb" if fields & _LIMB else ""
 
 
 def fields_of(text: str) -> set[str]:
-    """The fields at the top level of a YAML file."""
+    """Return the names of the fields at the top level of a YAML text."""
     return set(re.findall(r"^\{?(\w+):", text, re.MULTILINE))
 
 
 def is_html(head: str) -> bool:
-    """Whether a file that begins so is a page."""
+    """Return True if a file that begins with this text is an HTML page."""
     return head.lstrip().lower().startswith("<!doctype html>")

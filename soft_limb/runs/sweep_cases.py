@@ -167,7 +167,7 @@ def _get_part(owner: Any, name: str) -> Any:
     return part
 
 
-# The last plan of this process, as make_cases of one plan come one after the other.
+# The last plan of this process; the cases of one plan come one after the other.
 _last_plan: dict[str, tuple[Trajectory, float]] = {}
 
 
@@ -220,16 +220,16 @@ def sweep(
     num_processes: int = 1,
     cluster: str | None = None,
 ) -> list[dict[str, str]]:
-    """Runs the make_cases that a file does not have yet, and writes each row when it is there.
+    """Run the cases that a file does not have yet, and append each row when it is complete.
 
     Args:
         wanted: with the same fields.
-        file: table (.csv), which goes on where it ended; rows of other make_cases stay in it.
+        file: table (.csv) to continue; rows of other cases stay in it.
         tell: is called with how many of the rows there are.
         num_processes, cluster: as for `run_each`.
 
     Returns:
-        The rows of the make_cases, in their order.
+        The rows of the cases, in their order.
 
     Raises:
         LimbError: if the file is not that of a sweep of these fields.

@@ -211,7 +211,7 @@ def test_show_reads_a_reference(tmp_path, capsys):
     for line in ("duration    4 s", "points      3", "motion      bend -10.0° to 20.0°"):
         assert line in said.out
     assert said.err.startswith("error: ")
-    assert "list.csv is nothing that soft-limb writes, and no reference" in said.err
+    assert "list.csv is no file that soft-limb writes, and no reference" in said.err
 
 
 def test_the_page_has_all_runs_and_what_made_it(folder, capsys):

@@ -63,7 +63,7 @@ def test_an_emulated_replay_on_a_full_disk_keeps_what_was_measured(
     monkeypatch.setattr(Recording, "save", save)
     assert main(words) == 1
     said = capsys.readouterr().err
-    assert f"error: Cannot write {output}: No space left on device.\nWhat was measured is" in said
+    assert f"error: Cannot write {output}: No space left on device.\n{output} has what" in said
     np.testing.assert_array_equal(Recording.load(output).bend_angle, whole.bend_angle)
 
 
