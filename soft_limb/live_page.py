@@ -431,6 +431,7 @@ def panels(header: RunHeader) -> list[Panel]:
     band = header.band
     limits = header.parameters.temperature_limits
 
+    # Draw the measured curves from columns that grow.
     def growing(name: str, column: str, color: str, **style) -> Curve:
         return Curve(name, np.zeros(0), np.zeros(0), color, column=column, **style)
 

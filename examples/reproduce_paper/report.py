@@ -1,4 +1,4 @@
-"""The page that has all of the evaluation in it."""
+"""Write the page of the evaluation: tables, figures and settings."""
 
 import collections
 from collections.abc import Callable, Mapping, Sequence
@@ -13,8 +13,8 @@ from soft_limb.reports import page
 
 Table = Callable[[Sequence[tables.Summary]], tables.Rows]
 EMULATED = (
-    "These limbs are emulated. The numbers say how the method fares on an emulation with physics "
-    "that the model leaves out, and nothing of a real limb."
+    "These limbs are emulated, with physics that the model leaves out. The numbers are results of "
+    "the method on this emulation, and say nothing about a real limb."
 )
 
 
@@ -30,10 +30,11 @@ def write_report(
     Args:
         path: the HTML file.
         summaries: one for each limb.
-        experiment: the limb that is shown.
-        pictures: `figures` of it.
-        data: files that the page links to, by what they are.
+        experiment: the limb of the figures.
+        pictures: `figures` of that limb.
+        data: files that the page links to, by their descriptions.
     """
+    # Begin with the tables.
     limbs = tables.limbs_of_family(summaries)
     title = "The paper reproduced, on emulated limbs"
     parts: list[page.Part] = [
@@ -46,11 +47,13 @@ def write_report(
         page.verdict(EMULATED),
         *_measured(summaries),
     ]
+    # Add the figures.
     for drawn, text in pictures.values():
         heading, _, caption = text.partition(": ")
-        shown = page.chart(drawn, text) if isinstance(drawn, list) else page.picture(drawn, text)
+        chart = page.chart(drawn, text) if isinstance(drawn, list) else page.picture(drawn, text)
         caption = f"{caption[0].upper()}{caption[1:]}."
-        parts.append(page.section(heading, page.paragraph(caption), shown))
+        parts.append(page.section(heading, page.paragraph(caption), chart))
+    # Describe the settings.
     seeds = ", ".join(str(limb.seed) for limb in limbs)
     rollouts = len(next(iter(experiment.ways.values()))[OPEN_LOOP].rollouts)
     done = [
@@ -70,7 +73,7 @@ def write_report(
 
 
 def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
-    """The tables, each with what it says; without those that are empty."""
+    """Return a section for each table that is not empty."""
     limbs = tables.limbs_of_family(summaries)
     laws = collections.Counter(limb.law for limb in limbs)
     chosen = ", ".join(f"{law} for {count}" for law, count in laws.most_common())
@@ -139,10 +142,10 @@ def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
             },
         ),
     ]
-    shown = []
+    filled = []
     for heading, text, captions in sections:
         made = {caption: table(summaries) for caption, table in captions.items()}
         drawn = [page.table(rows[0], rows[1:], what) for what, rows in made.items() if rows[1:]]
         if drawn:
-            shown.append(page.section(heading, page.paragraph(text), *drawn))
-    return shown
+            filled.append(page.section(heading, page.paragraph(text), *drawn))
+    return filled

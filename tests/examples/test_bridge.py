@@ -232,7 +232,7 @@ def test_a_plan_starts_when_it_may(fig5_plan):
     network.write(0.0, 0.2)
     ask(True)
     network.duty()
-    assert "somebody commands" in network.driver.why
+    assert "another program commands" in network.driver.why
     network.wait(3.0)
     ask(True)
     network.duty(measured=60.0)

@@ -169,7 +169,7 @@ def test_bend_is_read_late_absent_or_held():
     np.testing.assert_allclose(seen(delay=0.1), np.maximum(1.0, 0.9 + time), atol=1e-9)
     absent = seen(start=1.0, absence=0.5)
     assert np.flatnonzero(np.isnan(absent)).tolist() == list(range(20, 30))
-    held = seen(start=1.0, absence=0.5, held=True)
+    held = seen(start=1.0, absence=0.5, hold_last=True)
     np.testing.assert_allclose(held[20:30], 1.95)  # the last reading before
     np.testing.assert_allclose(np.delete(held, np.s_[20:30]), np.delete(1 + time, np.s_[20:30]))
 

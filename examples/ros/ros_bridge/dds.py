@@ -1,6 +1,6 @@
-"""Messages of ROS 2 over DDS, by CycloneDDS alone.
+"""Exchange messages with ROS 2 over DDS, by CycloneDDS alone.
 
-Names of topics and types are mangled as ROS 2 does it: ``/cmd_u_t`` is ``rt/cmd_u_t``.
+Names of topics and types are mangled as in ROS 2: ``/cmd_u_t`` is ``rt/cmd_u_t``.
 """
 
 import collections
@@ -21,19 +21,19 @@ from cyclonedds.util import duration
 
 from ros_bridge.messages import MAX_MESSAGE_SIZE, Message, ReceivedMessage, Topics
 
-# Messages of all writers that wait to be read, so that no other writer's displace those of who
-# commands; of each writer only the newest is looked into.
+# Messages that wait to be read. The queue is long, so that other writers' floods do not displace the
+# commands; only the newest message of each writer is decoded.
 QUEUE_LENGTH = 5000
 
 
 class Undecoded(bytes):
-    """A message as it came."""
+    """The bytes of a message."""
 
     sample_info: Any
 
 
 class _Message(IdlStruct):
-    """A message that is decoded only when it is looked into."""
+    """A message whose bytes are kept and decoded later."""
 
     @classmethod
     def deserialize(cls, data: bytes, *_: Any, **__: Any) -> Any:
@@ -77,24 +77,26 @@ class DdsNode:
         }
 
     def publish(self, topic: str, message: Message) -> None:
-        """Writes a message."""
+        """Write a message."""
         if isinstance(message, dict):
-            label, size = ",".join(message), len(message)
+            size = len(message)
+            label = ",".join(message)
             layout = Layout([Dimension(label, size, size)], 0)
             self._writers[topic].write(Float64MultiArray(layout, list(message.values())))
         else:
             self._writers[topic].write(String(message))
 
     def take(self) -> list[ReceivedMessage]:
-        """The newest message of each writer since the last call."""
+        """Return the newest message of each writer since the last call."""
         return [written for name in self._readers for written in self._take(name)]
 
     def _take(self, name: str) -> list[ReceivedMessage]:
+        # Find the newest message of each writer, and count its messages.
         reader = self._readers[name]
         newest: dict[int, Any] = {}
         counts: collections.Counter[int] = collections.Counter()
         for sample in reader.take(QUEUE_LENGTH):
-            if isinstance(sample, Undecoded):  # not that a writer has gone
+            if isinstance(sample, Undecoded):  # else it tells that a writer has gone
                 writer = sample.sample_info.publication_handle
                 newest[writer] = sample
                 counts[writer] += 1
