@@ -21,8 +21,7 @@ from cyclonedds.util import duration
 
 from ros_bridge.messages import MAX_MESSAGE_SIZE, Message, ReceivedMessage, Topics
 
-# Messages that wait to be read. The queue is long, so that other writers' floods do not displace the
-# commands; only the newest message of each writer is decoded.
+# Messages that wait to be read. The queue is long, so that floods of other writers displace no command; only the newest message of each writer is decoded.
 QUEUE_LENGTH = 5000
 
 

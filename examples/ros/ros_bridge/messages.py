@@ -8,9 +8,7 @@ import numpy as np
 
 # Text of a String, or numbers by name of a Float64MultiArray, whose label has the names.
 Message = str | dict[str, float]
-MAX_DUTY_AGE = (
-    0.25  # s, age from which a duty is not applied, and silence after which a topic is free
-)
+MAX_DUTY_AGE = 0.25  # s; also the silence after which another writer may command
 MAX_MESSAGE_SIZE = 4096  # bytes; larger messages are not decoded
 MAX_TURN_TIME = 0.02  # s, longest time between two readings on an idle computer
 START_SILENCE = 2.0  # s without a start message, after which a start message counts
