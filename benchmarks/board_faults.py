@@ -34,11 +34,7 @@ from calibration.heat_bounds_fit import fit_heat_bounds
 from hardware import LimbTwin
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.firmware import guard
-from limb_systems import (
-    LimbParameters,
-    LimbSystem,
-    Recording,
-)
+from limb_systems import LimbParameters, LimbSystem, Recording
 from soft_limb.runs.jobs import run_each
 
 STEP = 25  # ms, between two passes of the firmware's loop, a slow one

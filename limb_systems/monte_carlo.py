@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from limb_systems.limb_parameters import (
@@ -19,6 +20,7 @@ from limb_systems.limb_parameters import (
     SegmentParameters,
 )
 from limb_systems.rubber import ramp
+from limb_systems.smooth_function import Compiled, stated_once
 from limb_systems.wire_laws.wire_law import WireLaw, runge_kutta
 
 STEPS = 1, 2, 4  # in each step, until none diverges
@@ -229,36 +231,25 @@ class OpenLoop:
             if np.isfinite(law.memory.get(state, np.inf)).any()
         }
         _keep_within(remembered, course[0])
+        fields = {n: value for n, value in vars(law).items() if isinstance(value, np.ndarray)}
+        compiled = _compiled_step(law, list(fields), self.step / per_step)
         going_on = None
         for number, levels in enumerate(self._duty):
             if going_on != self._going_on[number]:
                 going_on = self._going_on[number]
-                heat = np.ascontiguousarray(course[number, ..., :going_on, :])
-                rates, shape = self._heat_rates(law, room[:, :going_on]), heat.shape[1:]
-            duty = _full(levels[:going_on], shape)
+                heat = course[number, ..., :going_on, :].copy()
+                shape, after, duty = heat.shape[1:], np.empty_like(heat), np.empty(heat.shape[1:])
+                own = [_full(field, shape) for field in (room[:, :going_on], *fields.values())]
+                arrays = (heat, duty[None], np.array(own), after)
+                advance = compiled.bound(*(array.reshape(len(array), -1) for array in arrays))
+            duty[...] = levels[:going_on]
             for _ in range(per_step):
-                heat = runge_kutta(rates, heat, (duty, duty, duty), self.step / per_step)
+                advance()
+                heat[...] = after
                 _keep_within(remembered, heat)
             course[number + 1, ..., :going_on, :] = heat
             course[number + 1, ..., going_on:, :] = course[number, ..., going_on:, :]
         return course
-
-    @staticmethod
-    def _heat_rates(
-        law: WireLaw, room: np.ndarray
-    ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-        # All of one shape, because numpy takes half as long again to stretch small arrays.
-        room = np.ascontiguousarray(room)
-        law = _with_arrays(law, lambda field: _full(field, room.shape))
-
-        def heat_rates(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
-            rates, x = np.empty_like(heat), list(heat[:-1])
-            for row, rate in zip(rates, law.rates(x, duty, room), strict=False):
-                row[...] = rate
-            rates[-1] = law.reading_rate(heat[-1], x)
-            return rates
-
-        return heat_rates
 
     def _bends(
         self,
@@ -311,8 +302,32 @@ class OpenLoop:
         return angle
 
 
-def with_fields(law: type[WireLaw], fields: Mapping[str, np.ndarray]) -> WireLaw:
-    """A law of a class with arrays for fields, for calculations alone."""
+def _compiled_step(law: WireLaw, names: list[str], step: float) -> Compiled:
+    """A step of the classical Runge-Kutta method: heat [x, V] after it, of any number of wires.
+
+    The inputs are the heat before it, the duty, and T0 with the named fields of the law.
+    """
+
+    def state() -> Compiled:
+        heat = ca.SX.sym("x", len(law.states) + 1)
+        duty, room, fields = ca.SX.sym("D"), ca.SX.sym("T0"), ca.SX.sym("p", len(names))
+        of_fields = dict(zip(names, ca.vertsplit(fields), strict=True))
+        own = with_fields(type(law), {**vars(law), **of_fields})
+
+        def rates(heat: ca.SX, duty: ca.SX) -> ca.SX:
+            *x, reading = ca.vertsplit(heat)
+            return ca.vertcat(*own.rates(x, duty, room), own.reading_rate(reading, x))
+
+        after = runge_kutta(rates, heat, (duty, duty, duty), step)
+        return Compiled([heat, duty, ca.vertcat(room, fields)], [ca.densify(after)])
+
+    constants = {name: value for name, value in vars(law).items() if name not in names}
+    key = "runge_kutta", type(law), step, tuple(names), repr(constants)
+    return stated_once(key, state)
+
+
+def with_fields(law: type[WireLaw], fields: Mapping[str, Any]) -> WireLaw:
+    """A law of a class with arrays or symbols for fields, for calculations alone."""
     together = law()
     for name, values in fields.items():
         setattr(together, name, values)

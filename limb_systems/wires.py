@@ -205,14 +205,14 @@ class Wires:
             longest_step: longest step of the integration, s, for states of warm wires
         """
         fastest = np.abs(np.linalg.eigvals(self.affine_rates()[0])).max()
+        halves = np.array([[0.0], [0.5], [1.0]])  # of a step: its begin, middle and end
         course = [states]
         for k, length in enumerate(np.diff(times)):
             num_steps = int(np.ceil(length * max(2 * fastest, 1 / longest_step) - 1e-9))
-            shares = np.linspace(0, 1, 2 * num_steps + 1)[:, None]
-            levels = duty[k] + shares * (duty[k + 1] - duty[k])
+            change = duty[k + 1] - duty[k]
             for step in range(num_steps):
-                ends = levels[2 * step : 2 * step + 3]
-                point = np.concatenate([states, ends.ravel(), [length / num_steps]])
+                levels = duty[k] + (step + halves) / num_steps * change
+                point = np.concatenate([states, levels.ravel(), [length / num_steps]])
                 states = self._runge_kutta_step.values(point)
             course.append(states)
         return np.array(course)

@@ -84,9 +84,9 @@ class HystereticLaw(_TwoMassHeat):
 
     def _play(self, T: Any, P: Any, half_width: Any) -> tuple[Any, Any]:
         """Rates at which P rises and falls, °C/s, that follows T with a backlash ± half_width."""
-        # Both ways at once, because calls of numpy take longer than what they do.
-        ahead, (softness, following) = np.array([T - P, P - T]), self.turning
-        rise, fall = softness / following * softplus((ahead - half_width) / softness)
+        softness, following = self.turning
+        rise = softness / following * softplus((T - P - half_width) / softness)
+        fall = softness / following * softplus((P - T - half_width) / softness)
         return rise, fall
 
     @property
@@ -96,8 +96,8 @@ class HystereticLaw(_TwoMassHeat):
 
     def _transforming(self, T: Any, xi: Any, rise: Any, fall: Any) -> Any:
         """ξ̇, 1/s, where B rises or falls at these rates."""
-        beyond = np.array([T - self.heating_middle, self.cooling_middle - T])
-        heating, cooling = logistic(beyond / self.width)
+        heating = logistic((T - self.heating_middle) / self.width)
+        cooling = logistic((self.cooling_middle - T) / self.width)
         return ((1.0 - xi) * heating * rise - xi * cooling * fall) / self.width
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import itertools
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -214,6 +215,8 @@ def _fit(options: argparse.Namespace) -> int:
                     folder,
                     described,
                     method=options.method,
+                    counted_limit=options.counted_limit,
+                    as_described=options.as_described,
                     announce=lambda line: print(line, file=sys.stderr, flush=True),
                 )
         except WrongDescriptionError as question:
@@ -221,10 +224,15 @@ def _fit(options: argparse.Namespace) -> int:
             corrected = robot.with_limbs({name: question.corrected}) if robot else None
             path = free_path(options.output.with_stem(f"{options.output.stem}_described"))
             (corrected or question.corrected).save(path)
-            line = shell_command("fit", options.recordings, "-o", options.output, "-l", path)
+            line = shell_command("fit", options.recordings, "-o", options.output)
+            confirmed = f"{line} --as-described"
+            if options.limb:
+                confirmed = f"{line} -l {shlex.quote(str(options.limb))} --as-described"
             print(
-                f"question: {question} Is that so? If it is, run: {line}\nIf not, see which output "
-                "of the board is wired to which wire, and how the sensor is mounted.",
+                f"question: {question} Is that so? See which output of the board is wired to which "
+                "wire, and how the sensor is mounted. If it is, run: "
+                f"{line} -l {shlex.quote(str(path))} --as-described\n"
+                f"If the description is right, run: {confirmed}",
                 file=sys.stderr,
             )
             return EXIT_QUESTIONS
@@ -351,6 +359,20 @@ COMMANDS = {
                 help="prediction: fit several laws and choose the law that best predicts "
                 "recordings left out of its fit; paper: the law and the method of Sec. V of the "
                 "paper (default %(default)s)",
+            ),
+            Option(
+                "--as-described",
+                action="store_true",
+                help="trust the places of wires and bend sensor in the description, even if the "
+                "recordings contradict them",
+            ),
+            Option(
+                "--counted-limit",
+                type=float,
+                metavar="C",
+                help="for a limb without thermocouples: highest wire temperature of plans, °C, "
+                "computed from the duty with the described a2; the highest temperature in the "
+                "recordings if left out",
             ),
         ],
         stopped="stopped; nothing was written",

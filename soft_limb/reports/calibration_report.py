@@ -85,7 +85,7 @@ def write_report(
         parts.append(page.section("Next steps", page.items(next_steps)))
     # Add the validation.
     if validation := calibration.validation:
-        judged = calibration.prediction.best.judged if calibration.prediction else []
+        judged = calibration.prediction.parts if calibration.prediction else []
         text = "The duty of a recording that was not used in any fit, simulated open loop"
         if len(judged) > 1:
             text = (
@@ -141,7 +141,8 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
     for candidate in prediction.candidates:
         mark = " *" if candidate is prediction.best else ""
         bend = f"{np.rad2deg(candidate.bend_error):.2f}"
-        rows.append([f"{candidate.name}{mark}", bend, f"{candidate.temperature_error:.1f}"])
+        heat = f"{candidate.temperature_error:.1f}" if prediction.fit.measures_heat else ""
+        rows.append([f"{candidate.name}{mark}", bend, heat])
     table = page.table(
         ["law", "bend, °", "V, °C"],
         rows,
@@ -150,11 +151,11 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
     parts: list[page.Part] = [page.section("Laws of the wires", table)]
     for number, predicted in enumerate(prediction.fit.predicted, 1):
         title = f"Recording {number} of {len(prediction.fit.predicted)} as fitted"
-        text = (
-            f"{predicted.run.source}: mean error of the bend "
-            f"{np.rad2deg(predicted.bend_error):.2f}°, of V {predicted.temperature_error:.1f} °C."
-        )
-        parts.append(_section(title, text, predicted_panels(predicted, wire_names)))
+        bend = f"{np.rad2deg(predicted.bend_error):.2f}°"
+        text = f"{predicted.run.source}: mean error of the bend {bend}"
+        if predicted.run.is_read:
+            text += f", of V {predicted.temperature_error:.1f} °C"
+        parts.append(_section(title, f"{text}.", predicted_panels(predicted, wire_names)))
     return parts
 
 

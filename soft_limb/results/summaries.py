@@ -156,18 +156,19 @@ def _law_entry(prediction: "Prediction | None") -> Entry:
         return Entry("laws")
     values = []
     lines = [f"judged by {prediction.judges}"]
+    measured = prediction.fit.measures_heat
     for candidate in prediction.candidates:
         bend = float(np.rad2deg(candidate.bend_error))
         used = candidate is prediction.best
         lines.append(
-            f"{'*' if used else ' '} {candidate.name:<28} bend {bend:5.2f}°, "
-            f"V {candidate.temperature_error:4.1f} °C on average"
+            f"{'*' if used else ' '} {candidate.name:<28} bend {bend:5.2f}°"
+            f"{f', V {candidate.temperature_error:4.1f} °C' * measured} on average"
         )
         values.append(
             {
                 "law": candidate.name,
                 "bend_angle_mean_deg": bend,
-                "temperature_mean_c": candidate.temperature_error,
+                "temperature_mean_c": candidate.temperature_error if measured else None,
                 "used": used,
             }
         )
@@ -180,17 +181,21 @@ def validation_summary(validation: "Validation") -> Summary:
     errors = [validation.mean, validation.median, validation.percentile_90]
     mean, median, percentile_90 = np.rad2deg(errors).tolist()
     bend = f"mean {mean:.2f}°, median {median:.2f}°, 90th percentile {percentile_90:.2f}°"
-    heat = f"mean {validation.temperature_mean:.1f} °C"
+    heat: float | None = validation.temperature_mean
+    heat_text = f"|V - V_sim|: mean {heat:.1f} °C"
+    if np.isnan(validation.temperature_mean):
+        heat = None
+        heat_text = "not measured"
     interrupted = validation.recording.interrupted.rstrip(".")
     if interrupted:
-        heat += f"; until it was interrupted: {interrupted}"
+        heat_text += f"; until it was interrupted: {interrupted}"
     return Summary.of(
-        {"bend angle": f"|φ - φ_sim|: {bend}", "temperature": f"|V - V_sim|: {heat}"},
+        {"bend angle": f"|φ - φ_sim|: {bend}", "temperature": heat_text},
         {
             "bend_angle_mean_deg": mean,
             "bend_angle_median_deg": median,
             "bend_angle_percentile_90_deg": percentile_90,
-            "temperature_mean_c": validation.temperature_mean,
+            "temperature_mean_c": heat,
         },
     )
 

@@ -21,7 +21,8 @@ from cyclonedds.util import duration
 
 from ros_bridge.messages import MAX_MESSAGE_SIZE, Message, ReceivedMessage, Topics
 
-# Messages that wait to be read. The queue is long, so that floods of other writers displace no command; only the newest message of each writer is decoded.
+# Messages that wait to be read: so many that floods of other writers displace no command. Only the
+# newest message of each writer is decoded.
 QUEUE_LENGTH = 5000
 
 
