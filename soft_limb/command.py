@@ -49,7 +49,7 @@ COMMANDS = {
 
 @functools.cache
 def all_commands() -> dict[str, tuple[str, str]]:
-    """Return all commands: the full name of the module and the one-line help by name.
+    """Return the module and the one-line help of each command, by the command's name.
 
     Other packages add commands by a dict like this one, as an entry point of the group
     ``soft_limb.commands``.
@@ -136,6 +136,7 @@ def _print_results() -> bool:
 
 def _top_level_parser() -> argparse.ArgumentParser:
     """Return the parser of the words up to the command's name; it imports no command."""
+    # List the commands below the options.
     commands = all_commands()
     width = max(map(len, commands))
     parser = argparse.ArgumentParser(

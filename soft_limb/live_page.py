@@ -318,7 +318,7 @@ class Page:
     def __init__(self, run: Run):
         """
         Args:
-            run: the run that is shown, and that the button stops.
+            run: the run to show, which the button stops.
         """
         self.source = ColumnDataSource()
         self._run = run
@@ -479,6 +479,7 @@ def panels(header: RunHeader) -> list[Panel]:
 
 def state(run: Run) -> str:
     """Return the line on top, HTML: state of the wires or reason of the end, activity, alarms."""
+    # Choose the first state that applies; the colour is red for failures.
     silence = time.monotonic() - run.last_message
     board = run.reading.board if run.reading is not None else None
     kind = "off"
@@ -606,7 +607,7 @@ class Site(BokehTornado):
             secret_key=secrets.token_bytes(),
             sign_sessions=True,
             session_token_expiration=TOKEN_LIFETIME,
-            include_headers=[],  # a page has no use for those of its request
+            include_headers=[],  # the page needs neither headers nor cookies
             include_cookies=[],
             use_index=False,
             keep_alive_milliseconds=0,  # Tornado's pings close connections that do not answer

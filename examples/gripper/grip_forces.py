@@ -51,6 +51,7 @@ def station(finger: LimbParameters, radius: float, distance: float, folder: Path
 
 
 def main() -> None:
+    # Print the header of a table: force, heat and duty of the plan, and the simulation.
     nominal = LimbParameters.load(FOLDER / "finger.yaml")
     row = "{:<18}{:>9}{:>9}{:>9}{:>9}{:>11}{:>11}{:>8}{:>8}"
     print(row.format("grip", "force", "wire", "duty", "at most", "simulated", "", "open", "free"))
@@ -73,9 +74,9 @@ def main() -> None:
         # Compare the force, and the time until the ball is free.
         forces = np.linalg.norm(signals["left_finger.contact_force"], axis=0)
         simulated = forces[signals["time"] >= OPENS - 2.0][0]
-        opens = (
-            trajectory.time[trajectory.bend_angle[0] > grip_state.gripping_bend_angle][-1] - OPENS
-        )
+        is_pressing = trajectory.bend_angle[0] > grip_state.gripping_bend_angle
+        opens = trajectory.time[is_pressing][-1] - OPENS
+        # Print them with the plan's numbers.
         cells = (
             f"{force:.2f}",
             f"{grip_state.wire_temperature.max():.0f}",

@@ -69,6 +69,7 @@ def main() -> int:
         help="address of a Dask scheduler, whose workers have this package; processes on this "
         "machine if left out",
     )
+    # Run the evaluation until it ends or a signal comes.
     options = parser.parse_args()
     if options.limbs < 1 or options.others < 0:
         parser.error("--limbs must be one or more, and --others zero or more")

@@ -178,11 +178,13 @@ class BendPath(LeafSystem):
             hold_last: whether the output is the last reading in the absence; NaN if not.
         """
         super().__init__()
+        # Keep the settings; the delay is a number of periods.
         self._start = start
         self._end = start + absence
         self._hold_last = hold_last
         self._num_late = round(delay / PERIOD)
         self._size = size
+        # Declare ports and state: the delayed readings and the last present reading.
         self.DeclareVectorInputPort("bend_angle", size)
         self.DeclareDiscreteState((self._num_late + 1) * size)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._fill))

@@ -124,6 +124,7 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str
 
     A figure is a list of panels, which a page draws as an interactive chart, or a picture.
     """
+    # Draw Figs. 4 to 6 as panels.
     driven = {motion: ways[OPEN_LOOP] for motion, ways in experiment.ways.items()}
     tracking = {m: tracking_panels(way.trajectory, way.rollouts) for m, way in driven.items()}
     validation = experiment.calibration.validation
@@ -142,6 +143,7 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str
     for letter, name in zip("ab", HANDS, strict=True):
         text = f"Fig. 6, {name}: a motion that was taught, plan and rollouts"
         result[f"fig6{letter}"] = tracking[name], text
+    # Draw Fig. 7 and the comparison of methods as pictures.
     result["fig7"] = (
         plot_taught(experiment),
         "Fig. 7: the limb's shape by its bend sensor, constant curvature (11), as it was taught "

@@ -78,6 +78,7 @@ def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
     laws = collections.Counter(limb.law for limb in limbs)
     chosen = ", ".join(f"{law} for {count}" for law, count in laws.most_common())
     margin = "± is half of the 95% confidence interval over limbs." if len(limbs) > 1 else ""
+    # Headings, texts, and tables by their captions.
     sections: list[tuple[str, str, dict[str, Table]]] = [
         (
             "Distance from the reference",
@@ -96,7 +97,7 @@ def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
                 "First the mean distance |φ_REF − φ| of the true bend from the reference, in "
                 "degrees, then of the bend as the sensor reads it, and |φ_REF − φ*| of the plan. "
                 "The first row of each motion is the best plan within the limits, by the "
-                "calibrated model. The best of some repetitions of learning is the one that was "
+                "calibrated model. The best repetition of learning is the repetition that was "
                 "read nearest to the reference. From the plan: |φ* − φ| as the sensor reads it, "
                 "and its mean for the true bend; highest reading V and true temperature T of any "
                 "wire, °C; rollouts that were aborted as a wire was measured at the board's limit "
@@ -142,6 +143,7 @@ def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
             },
         ),
     ]
+    # Leave out tables without rows, such as disturbances of a quick run.
     filled = []
     for heading, text, captions in sections:
         made = {caption: table(summaries) for caption, table in captions.items()}

@@ -34,11 +34,13 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
     Returns:
         Exit status 0.
     """
+    # Evaluate the limbs, and write figures and report.
     started = time.perf_counter()
     summaries, experiment = reproduce(jobs, folder, os.cpu_count() or 1, cluster)
     if len(jobs) == 1:
         tell("5/5 drawing figures, and writing the report")
     _draw(folder, summaries, experiment)
+    # Print the calibration, the distances and the files.
     print(f"\n{calibration_summary(experiment.calibration)}\n")
     for physics in dict.fromkeys(summary.physics for summary in summaries):
         title = "mean distance of the true bend from the reference"
@@ -130,7 +132,7 @@ def _draw(folder: Path, summaries: Sequence[Summary], experiment: Experiment) ->
     data = {
         "3D replay of the ramps": replay,
         "numbers of all limbs": folder / "results.json",
-        "calibration of the limb that is shown": limb / "calibration.html",
+        "calibration of the limb in the figures": limb / "calibration.html",
         "its parameters": limb / "limb.yaml",
         **{name: folder / f"{name}.png" for name in pictures},
     }

@@ -136,10 +136,12 @@ def summarize(experiment: Experiment) -> Summary:
             for group, ways in groups.items()
         }
 
+    # Compute the statistics of all rollouts, and of each repetition of learning.
     ways = numbers(experiment.ways)
     learned = {m: driven[LEARNING] for m, driven in experiment.ways.items() if LEARNING in driven}
     best = {motion: driven[OPEN_LOOP] for motion, driven in ways.items()}
-    specimen, prediction = experiment.specimen, experiment.calibration.prediction
+    specimen = experiment.specimen
+    prediction = experiment.calibration.prediction
     return Summary(
         specimen.seed,
         {m: nearest_distance(way[OPEN_LOOP].trajectory) for m, way in experiment.ways.items()},
@@ -211,6 +213,7 @@ def table_1(summaries: Sequence[Summary]) -> Rows:
         ]
     ]
     for motion in MOTIONS:
+        # Add the rows of each family of limbs: the best plan, and each method.
         motion_rows = []
         for physics in dict.fromkeys(summary.physics for summary in summaries):
             limbs = limbs_of_family(summaries, physics)
@@ -227,10 +230,11 @@ def table_1(summaries: Sequence[Summary]) -> Rows:
                 for way, made in ways.items():
                     groups.setdefault(way, []).append(made)
             motion_rows += [[f"{name}, {way}", *_cells(group)] for way, group in groups.items()]
+        # Add the paper's row.
         if motion in PAPER_TABLE_1:
             errors = [f"{value:.2f}" for value in PAPER_TABLE_1[motion]]
             motion_rows.append(["the paper's robot", "", "", "", *errors])
-        # The motion's name is in its first row alone.
+        # Put the motion's name into its first row only.
         rows += [["" if number else motion, *row] for number, row in enumerate(motion_rows)]
     return _filled(rows)
 

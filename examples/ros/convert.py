@@ -33,7 +33,7 @@ UNITS = {"s": "s", "c": "°C", "m": "m", "n": "N", "deg": "°"}  # by the ends o
 def to_pandas(samples) -> pandas.DataFrame:
     """Return the table of a recording, plan or gait: a row per sample, indexed by time in s.
 
-    Columns are those of the CSV file, with angles in degrees. ``attrs`` have the kind, the unit of
+    The columns are as in the CSV file, with angles in degrees. ``attrs`` have the kind, the unit of
     each column, the provenance, and the source of a recording or the check of a plan.
     """
     text = io.StringIO(samples.to_text())
@@ -86,7 +86,7 @@ def write_mcap(samples, path: Path) -> None:
 
     The topic is the signal's name, such as ``/duty``. Log times are ns since time zero; each
     message has ``time_s`` as well, which is exact. The schema of a channel describes each column by
-    its unit, and the metadata ``soft_limb`` are those of `write_parquet`.
+    its unit. The metadata ``soft_limb`` are written as by `write_parquet`.
     """
     frame = to_pandas(samples)
     units = frame.attrs["units"]
@@ -194,6 +194,7 @@ WRITERS = {".parquet": write_parquet, ".mcap": write_mcap}
 
 def convert(options: argparse.Namespace) -> int:
     """Convert each file to the format of ``--format``, or of the output's name."""
+    # Name the outputs, and check all before the first is written.
     is_single = len(options.files) == 1
     suffix = options.output.suffix if is_single else ".parquet"
     if options.format:
@@ -202,6 +203,7 @@ def convert(options: argparse.Namespace) -> int:
     if not is_single:
         outputs = [options.output / f"{path.stem}{suffix}" for path in options.files]
     check_outputs(outputs, inputs=options.files, force=options.force)
+    # Convert one file after the other.
     for path, output in zip(options.files, outputs, strict=True):
         if suffix in WRITERS:
             result = read_result(path)

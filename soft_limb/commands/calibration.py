@@ -138,6 +138,7 @@ def _limbs_to_record(
         LimbError: if a port is given for no limb of the robot, or robots are not emulated with
             these physics.
     """
+    # Check that each port belongs to a limb.
     names = [limb.name for limb in robot.limbs]
     if options.port and not isinstance(options.port, dict):
         raise LimbError(

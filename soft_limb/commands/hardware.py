@@ -376,7 +376,7 @@ def _learn(options: argparse.Namespace) -> int:
     except LimbError:
         repetitions.report_repetitions(learner, folder)
         raise
-    # Report the repetitions, also those of earlier runs.
+    # Report all repetitions, including earlier runs.
     reports = repetitions.report_repetitions(learner, folder)
     written = [folder / repetitions.STATE_FILE, folder / repetitions.LEARNED_FILE, *reports]
     print_summary(options, repetitions_summary(learner), written)
@@ -455,9 +455,10 @@ COMMANDS = {
     "status": Command(
         _status,
         "Print the state of a board, or without PORT the serial ports of this computer.",
-        "limb json live",
+        "limb json",
         [
             shared("board", nargs="?"),
+            shared("live", help="plot the readings on a web page of this computer, until Ctrl-C"),
             Option("--clear", action="store_true", help="clear a latched fault of the board"),
         ],
         examples=["soft-limb status", "soft-limb status /dev/ttyACM0"],
@@ -538,7 +539,7 @@ COMMANDS = {
                 "--repetitions",
                 type=int,
                 default=10,
-                help="repetitions in total, including those of earlier runs (default %(default)s)",
+                help="repetitions in total, including earlier runs (default %(default)s)",
             ),
         ],
         examples=["soft-limb learn out/plan.csv -n 10 -o out/learned/"],

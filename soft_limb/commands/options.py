@@ -69,7 +69,7 @@ class Command:
             epilog="\n".join(lines),
             formatter_class=_Help,
         )
-        # Add the shared options, then those of this command.
+        # Add the shared options, then the command's own.
         for entry in (*(SHARED[key] for key in self.shared.split()), *self.own):
             if isinstance(entry, list):
                 group = parser.add_mutually_exclusive_group()
@@ -143,7 +143,7 @@ SHARED: dict[str, Option | list[Option]] = {
     "report": Option("--report", type=Path, help="page to write, with interactive charts (.html)"),
     "force": Option("--force", action="store_true", help="replace files that exist"),
     "json": Option("--json", action="store_true", help="print the result as JSON"),
-    "board": Option("port", help=f"port of the board: {PORT_HELP}"),
+    "board": Option("port", metavar="PORT", help=f"port of the board: {PORT_HELP}"),
     "port": Option(
         "-p",
         "--port",

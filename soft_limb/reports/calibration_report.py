@@ -137,6 +137,7 @@ def write_validation_report(
 
 def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part]:
     """Return a table of the compared laws, and a section for each recording as fitted."""
+    # List the errors of each law.
     rows = []
     for candidate in prediction.candidates:
         mark = " *" if candidate is prediction.best else ""
@@ -148,6 +149,7 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
         rows,
         f"Mean errors of open-loop predictions, judged by {prediction.judges}. {prediction.choice}",
     )
+    # Draw each recording with the prediction of the chosen law.
     parts: list[page.Part] = [page.section("Laws of the wires", table)]
     for number, predicted in enumerate(prediction.fit.predicted, 1):
         title = f"Recording {number} of {len(prediction.fit.predicted)} as fitted"

@@ -93,7 +93,7 @@ def draw(
         outline_line_color=None,
         output_backend="canvas",
     )
-    # Draw the curves; those of one name share an entry of the legend.
+    # Draw the curves; curves with equal names share an entry of the legend.
     curves = [*panel.curves, *panel.limits]
     named: dict[str, Curve] = {}
     drawn: dict[str, list[GlyphRenderer]] = {}

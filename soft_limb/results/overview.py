@@ -106,6 +106,7 @@ def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]
         paths = [file.path for file in find_results(folder) if file.path.resolve() != output]
     except OSError as error:
         raise LimbError(f"Cannot list {folder}: {error.strerror}.") from error
+    # Read all files; an unreadable file gives a sentence on the page.
     files = []
     troubles = []
     for path in paths:

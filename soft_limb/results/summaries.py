@@ -157,6 +157,7 @@ def _law_entry(prediction: "Prediction | None") -> Entry:
     values = []
     lines = [f"judged by {prediction.judges}"]
     measured = prediction.fit.measures_heat
+    # Put the errors of each law into a line, with a star for the chosen law.
     for candidate in prediction.candidates:
         bend = float(np.rad2deg(candidate.bend_error))
         used = candidate is prediction.best
@@ -181,6 +182,7 @@ def validation_summary(validation: "Validation") -> Summary:
     errors = [validation.mean, validation.median, validation.percentile_90]
     mean, median, percentile_90 = np.rad2deg(errors).tolist()
     bend = f"mean {mean:.2f}°, median {median:.2f}°, 90th percentile {percentile_90:.2f}°"
+    # A limb without thermocouples has no error of V.
     heat: float | None = validation.temperature_mean
     heat_text = f"|V - V_sim|: mean {heat:.1f} °C"
     if np.isnan(validation.temperature_mean):

@@ -89,6 +89,7 @@ class Rollout:
         )
 
     def _tracking(self) -> Entry:
+        """Return mean, median and 90th percentile of the tracking error."""
         if not self.has_bend:
             return Entry("tracking", sentence="not known, as no bend was measured")
         errors = tracking_errors(self.trajectory, [self.recording])
@@ -116,6 +117,7 @@ class Rollout:
         return Entry("unexplained", values, sentence=text if seconds > UNEXPLAINED_TIME else None)
 
     def _timing(self) -> Entry:
+        """Return the delays of commands, lost samples, and the time of reduced duty."""
         if self.late is None:
             return Entry("timing")
         # Count late commands, and the time for which the board reduced the duty.
@@ -145,6 +147,7 @@ class Rollout:
         return Entry("timing", values, sentence=text)
 
     def _replans(self) -> Entry:
+        """Return the numbers of plans that a receding horizon began, completed late and failed."""
         if self.replans is None:
             return Entry("replans")
         begun, late, failed = self.replans.astype(int).tolist()

@@ -72,7 +72,7 @@ def peer(bridge, domain):
     return peer
 
 
-def test_names_are_those_that_ros_2_makes(peer):
+def test_names_are_mangled_as_in_ros_2(peer):
     def found(kind):
         reader = BuiltinDataReader(peer.participant, kind)
         return {
@@ -110,7 +110,7 @@ def test_publishes_what_is_measured_in_si(peer):
 
 
 def test_duty_ends_with_its_publisher(peer, domain):
-    """Which is killed: nothing says goodbye."""
+    """The publisher is killed, and sends no last message."""
     command = [sys.executable, ros_peer.__file__, str(domain)]
     publisher = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
@@ -223,7 +223,7 @@ def test_no_duty_is_applied_when_it_is_older_than_250_ms_or_on_hot_wires():
     assert network.duty() == [0.0, 0.2]
 
 
-def test_a_plan_starts_when_it_may(fig5_plan):
+def test_a_plan_starts_from_cold_wires_without_another_writer(fig5_plan):
     network = Network(plan=fig5_plan)
 
     def ask(run):

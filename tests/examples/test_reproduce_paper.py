@@ -75,7 +75,7 @@ def demo(tmp_path_factory):
 
 
 @pytest.mark.whole
-def test_demo_leaves_what_it_promises(demo, look_at):
+def test_demo_writes_all_files(demo, look_at):
     folder, said, complained = demo
     assert all(
         re.match("simulating|calibrating|planning", line) for line in complained.splitlines()
@@ -96,7 +96,7 @@ def test_demo_leaves_what_it_promises(demo, look_at):
 
 
 @pytest.mark.whole
-def test_table_1_is_that_of_the_files(demo):
+def test_table_1_agrees_with_the_files(demo):
     folder, said, _ = demo
     (summary,) = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     assert summary["seed"] == 0

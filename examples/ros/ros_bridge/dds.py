@@ -55,7 +55,7 @@ class DdsNode:
     """A `Node` of the DDS domain ROS_DOMAIN_ID; 0 if that is not set.
 
     Its writers are reliable, so that any reader matches; its readers need reliable writers,
-    as those of ROS 2 are by default. Raises DDSException if there is no network, for example.
+    which is the default of ROS 2. Raises DDSException if there is no network, for example.
     """
 
     def __init__(self, topics: Topics):

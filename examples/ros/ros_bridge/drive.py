@@ -237,6 +237,7 @@ def drive(
     close = robot.close if limb.real_time else lambda: None
     topics = topics or Topics()
     end = IDLE, "the bridge has ended"
+    # Close the limb and end the process on any way out.
     with contextlib.ExitStack() as stack:
         stack.callback(close)
         node = stack.enter_context(contextlib.closing(NodeProcess(topics, limb.parameters)))
@@ -246,6 +247,7 @@ def drive(
             end = FAULT, str(error)
             raise
         finally:
+            # Switch the wires off first, then publish the end.
             close()
             with contextlib.suppress(LimbError):
                 node.publish({topics.state: json.dumps({"state": end[0], "why": end[1]})})
@@ -295,6 +297,7 @@ def _messages(
     """Return the messages to publish at a tick, by topic."""
     measured = _read(limb, context, "measured_temperature")
     bend = _read(limb, context, "bend_angle")
+    # Publish the duty that the board applies, if it tells.
     is_known = limb.HasOutputPort("applied_duty")
     applied = _read(limb, context, "applied_duty") if is_known else driver.applied
     state = {
@@ -306,6 +309,7 @@ def _messages(
         "commands": received.commands,
         "plan_time": driver.plan_time,
     }
+    # Add the readings, and the plan if it runs.
     wires = _named("{}_c", measured, limb.parameters.wire_names)
     planned = driver.plan_message()
     return {
