@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from hardware.board.signals import SIGNALS, came, stop
+from hardware.board.signals import SIGNALS, received_signals, stop
 from limb_systems.errors import LimbError
 from soft_limb.results.folder import find_results, guess_file_kind
 
@@ -207,7 +207,7 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         stopped it: 130 by Ctrl-C, 143 by SIGTERM.
     """
     # Let all signals end the command as Ctrl-C does.
-    came.clear()
+    received_signals.clear()
     previous_handlers = {number: signal.getsignal(number) for number in SIGNALS}
     for number in SIGNALS:
         if number != signal.SIGHUP or previous_handlers[number] != signal.SIG_IGN:
@@ -223,22 +223,22 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 1
     except KeyboardInterrupt:
-        came.append(signal.SIGINT)
+        received_signals.append(signal.SIGINT)
     except Exception as error:
         # A command that a signal has stopped may fail in consequence: that is no fault.
-        if not came and not isinstance(error, LimbError | OSError | MemoryError):
+        if not received_signals and not isinstance(error, LimbError | OSError | MemoryError):
             raise
-        if not came:
+        if not received_signals:
             print("\n".join([f"error: {error}", *getattr(error, "__notes__", [])]), file=sys.stderr)
         status = 1
     finally:
         for number, handler in previous_handlers.items():
             signal.signal(number, handler)
     # Tell that a signal stopped it, even if the KeyboardInterrupt was lost on the way.
-    if came:
+    if received_signals:
         print(stopped, file=sys.stderr)
-        status = 128 + came[0]
-        came.clear()
+        status = 128 + received_signals[0]
+        received_signals.clear()
     return status
 
 

@@ -103,7 +103,7 @@ def roll_out(
             break
         # Let the limb rest.
         if learner or number == 0:
-            LimbTwin(specimen=limb).again(PAUSE)
+            LimbTwin(specimen=limb).after_rest(PAUSE)
             specimen = limb
     return PlanWithRollouts(trajectory, rollouts)
 

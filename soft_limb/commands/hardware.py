@@ -219,11 +219,11 @@ def _board_check(options: argparse.Namespace) -> int:
                 "rule": case.rule,
                 "section": section,
                 "outcome": result.outcome,
-                "what": result.what,
+                "what": result.details,
             }
         )
         _print_check(
-            options, words[result.outcome], case.name + f": {result.what}" * bool(result.what)
+            options, words[result.outcome], case.name + f": {result.details}" * bool(result.details)
         )
         if result.outcome == board_check.FAILED:
             _print_check(options, "", f"rule: {case.rule} {section}")

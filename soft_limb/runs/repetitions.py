@@ -114,7 +114,7 @@ def make_rested_twins(
 
     def rested_twin() -> LimbSystem:
         nonlocal pause
-        limb = twin.again(pause)
+        limb = twin.after_rest(pause)
         pause = REST_TIME
         return limb
 

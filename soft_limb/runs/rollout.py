@@ -11,7 +11,7 @@ from pydrake.systems.framework import System
 import controllers
 from controllers import RecedingHorizon
 from controllers.estimator import Estimator
-from hardware.board.serial_limb import DEADLINE, SerialLimb
+from hardware.board.serial_limb import COMMAND_DEADLINE, SerialLimb
 from hardware.live_feed import LiveView
 from hardware.replaying import replay
 from limb_systems import LimbSystem, Recording, Trajectory
@@ -122,13 +122,13 @@ class Rollout:
             return Entry("timing")
         # Count late commands, and the time for which the board reduced the duty.
         median, percentile_99 = 1000 * np.percentile(self.late, [50, 99])
-        num_missed = int(np.sum(self.late > DEADLINE))
+        num_missed = int(np.sum(self.late > COMMAND_DEADLINE))
         missed_share = num_missed / len(self.late)
         reduced = reduced_time(self.recording)
         # Put them into words.
         text = (
             f"commands were late by {median:.1f} ms (median), {percentile_99:.1f} ms (99%); "
-            f"{num_missed} ({missed_share:.1%}) by more than {1000 * DEADLINE:g} ms; "
+            f"{num_missed} ({missed_share:.1%}) by more than {1000 * COMMAND_DEADLINE:g} ms; "
             f"{self.lost_samples} samples were lost"
         )
         if reduced:

@@ -18,7 +18,7 @@ from pydrake import trajectories
 
 from hardware import LimbTwin
 from hardware.emulation.specimen import emulated_limb
-from hardware.emulation.twin import specimens_of
+from hardware.emulation.twin import specimen_class
 from hardware.replaying import replay
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.files.output import write_atomically
@@ -118,7 +118,7 @@ def make_cases(
     if not specimens:
         specimens += itertools.product(physics, [0] if seeds is None else seeds)
     for name, _ in specimens:
-        specimens_of(name)  # raises LimbError if there are no such physics
+        specimen_class(name)  # raises LimbError if there are no such physics
     # Combine them with limbs, motions, controllers and tasks.
     cases = []
     names = [name for name, _ in vary]
@@ -198,7 +198,7 @@ def run_case(case: Case) -> dict[str, str]:
         else:
             twin = LimbTwin(case.limb, seed=case.seed, physics=case.physics)
         controller = make_controller(case.controller, trajectory)
-        recording = replay(trajectory, twin.again(truth=True), controller=controller)
+        recording = replay(trajectory, twin.after_rest(truth=True), controller=controller)
         # Compare the true bend with reference and plan.
         truth = true_bend(recording)
         distances = reference_distances(trajectory, [truth])

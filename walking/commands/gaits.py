@@ -291,7 +291,7 @@ def _walk(options: argparse.Namespace) -> int:
         fit = _first_strides(options, gait, robot, parts[0])
         gait, heat, told = _replanned(gait, fit, options)
         if isinstance(robot, RobotTwin):
-            robot = robot.again(STANDING, truth=True)
+            robot = robot.after_rest(STANDING, truth=True)
         else:  # its port was closed, with its wires off, after the first strides
             robot = _robot(options, gait)
         bend = fit.bend

@@ -16,7 +16,7 @@ import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
-from hardware.board.journal import journaled
+from hardware.board.journal import open_journal
 from hardware.firmware import guard
 from hardware.replaying import START_TOLERANCE
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
@@ -265,7 +265,7 @@ def _loop(
     made = Provenance.now(limb.parameters)
     port = entry.get_output_port()
     # Simulate in real time, and set the duty at each tick.
-    with journaled(builder, output, limb, port, 1 / PERIOD, provenance=made, ended_by_hand=True):
+    with open_journal(builder, output, limb, port, 1 / PERIOD, provenance=made, ended_by_hand=True):
         simulator = make_simulator(builder.Build(), limb.accuracy)
         context = simulator.get_mutable_context()
         duty = simulator.get_system().GetInputPort("duty")
