@@ -194,7 +194,9 @@ def driven():
     fitted = np.array([unknown.center for unknown in unknowns])
     covariance = np.eye(len(unknowns))
     segment, nobody = calibrated.segments[0], np.empty((0, 3))
-    fit = LawFit(LinearLaw, segment, unknowns, fitted, covariance, 25.0, nobody, [])
+    fit = LawFit(
+        LinearLaw, segment, unknowns, fitted, covariance, 25.0, nobody, [], np.full(2, 100.0)
+    )
     calibration = SimpleNamespace(
         parameters=calibrated,
         prediction=SimpleNamespace(fit=fit, best=SimpleNamespace(name="LinearLaw")),

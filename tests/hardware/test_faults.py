@@ -89,9 +89,9 @@ def test_a_bridge_that_is_told_to_stop(virtual_time, emulator, monkeypatch):
         """In place of the process on the network: somebody commands all the time."""
 
         def __init__(self, *_):
-            self.tell, self.close = told.append, lambda: None
+            self.publish, self.close = told.append, lambda: None
 
-        def hear(self):
+        def receive(self):
             return ReceivedCommands(duty=[0.0, 0.2], born=virtual_time.monotonic())
 
     monkeypatch.setattr("ros_bridge.drive.NodeProcess", Node)
