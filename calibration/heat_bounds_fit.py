@@ -11,7 +11,7 @@ from calibration.remarks import CalibrationError
 from hardware.board.heat_rates import HeatRates, acceptable, fit_heat_rates, lagged, without_gaps
 from hardware.firmware import heat
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
-from limb_systems.heat_bounds import ANY_WIRE, SPREAD, HeatBounds
+from limb_systems.heat_bounds import ANY_WIRE_BOUNDS, SPREAD, HeatBounds
 
 MARGIN = 0.1  # share by which bounds are widened: other motions show somewhat more
 NOISE = 1.0  # °C that readings may be below their bounds
@@ -52,7 +52,7 @@ def check_first_contact(recording: Recording, described: LimbParameters, path: P
         CalibrationError: if one did not.
     """
     for wire in _wires([recording], described):
-        least = min(wire.kind.least_heating, ANY_WIRE.least_heating)
+        least = min(wire.kind.least_heating, ANY_WIRE_BOUNDS.least_heating)
         if wire.rates and wire.rates.heating < least:
             raise CalibrationError(
                 f"The {wire.name} wire was heated, but its thermocouple shows "

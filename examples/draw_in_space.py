@@ -41,7 +41,7 @@ def main(options):
         twin = LimbTwin(options.limb, seed=1, truth=True)
         recording = true_bend(replay(trajectory, twin, controller=controller))
         recording.save(options.out / f"drawing_{name}.csv")
-        missed = np.rad2deg(reference_distances(trajectory, [recording]).done)
+        missed = np.rad2deg(reference_distances(trajectory, [recording]).measured)
         print(f"{name:<12}{missed:.2f}° from what was asked for, on average")
         write_meshcat_replay(options.out / f"drawing_{name}.html", recording, plan=trajectory)
         save_figure(plot_tracking(trajectory, [recording]), options.out / f"drawing_{name}.png")

@@ -69,7 +69,7 @@ def draw_in_space(plan: Trajectory, recording: Recording) -> Figure:
         arrow = {"arrowstyle": "-|>", "color": "0.35", "linewidth": 1.0}
         axis.annotate("", end, base, arrowprops=arrow)
         axis.text(*(base + 1.08 * (end - base)), name, color="0.35", ha="center", va="center")
-    missed = np.rad2deg(reference_distances(plan, [recording]).done)
+    missed = np.rad2deg(reference_distances(plan, [recording]).measured)
     axis.set_title(
         f"mean distance of the bend from the circle, as read: {missed:.1f}°", fontsize=10
     )

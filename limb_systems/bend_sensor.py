@@ -31,10 +31,10 @@ def chord_angle(joint_angles: ArrayLike) -> np.ndarray:
     Returns:
         rad, in (-π, π], () or (K,).
     """
-    return _planar(joint_angles).bend_angle(joint_angles)[0]
+    return _planar_chain(joint_angles).bend_angle(joint_angles)[0]
 
 
-def rolled(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
+def roll_bends(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
     """Bends (axes, ...) towards E2 and E3 as bends towards axes that are turned about E1, rad."""
     if len(bends) == 1:
         return bends
@@ -42,7 +42,7 @@ def rolled(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
     return np.array([cosine * bends[0] + sine * bends[1], cosine * bends[1] - sine * bends[0]])
 
 
-def _planar(joint_angles: ArrayLike) -> SegmentChain:
+def _planar_chain(joint_angles: ArrayLike) -> SegmentChain:
     """The paper's chain with so many joints."""
     return SegmentChain([["e2"]] * len(np.asarray(joint_angles)))
 
@@ -91,7 +91,7 @@ class BendSensor(Tagged, abc.ABC):
 
     def exact_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
         """`exact_bends` of the paper's planar segment, () or (K,), rad."""
-        return self.exact_bends(_planar(joint_angles), joint_angles)[0]
+        return self.exact_bends(_planar_chain(joint_angles), joint_angles)[0]
 
     def apparent_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
         """What would be recorded of these joint angles, with gain and offset.
@@ -106,7 +106,7 @@ class BendSensor(Tagged, abc.ABC):
 
     def apparent_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
         """What would be recorded, as `exact_bends`, with gain, offsets and roll."""
-        bends = rolled(self.exact_bends(chain, joint_angles), self.roll)
+        bends = roll_bends(self.exact_bends(chain, joint_angles), self.roll)
         offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
         return np.array([self.gain * bend + offset for bend, offset in offsets])
 
@@ -115,13 +115,13 @@ class BendSensor(Tagged, abc.ABC):
         return (np.asarray(bend_angle, float) - self.offset) / self.gain
 
     def corrected_bends(self, bends: np.ndarray) -> np.ndarray:
-        """Recorded bends of a segment (axes, ...), rad, without gain and offsets; rolled still."""
+        """Recorded bends of a segment (axes, ...), rad, without gain and offsets."""
         offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
         return np.array([(bend - offset) / self.gain for bend, offset in offsets])
 
     def unrolled_bends(self, bends: np.ndarray) -> np.ndarray:
         """`corrected_bends` about the axes of the limb: without the sensor's roll, too."""
-        return rolled(self.corrected_bends(bends), -self.roll)
+        return roll_bends(self.corrected_bends(bends), -self.roll)
 
 
 @dataclasses.dataclass

@@ -49,8 +49,8 @@ class NamedLimb(Protocol):
 class ConnectedLimbs(Described):
     """The description of limbs that are connected, as code for single limbs uses it.
 
-    All that is about wires, joints and bends takes `together`, a single limb that has the segments
-    of all; see `connected` for what an installed package adds to it.
+    Code about wires, joints and bends uses `as_single_limb`, a single limb that has the segments of
+    all limbs. See `connected` for the parts that an installed package adds.
 
     - ``limbs``: the limbs with their names; wires, bends and joints are in their order.
     """
@@ -64,11 +64,11 @@ class ConnectedLimbs(Described):
 
     @property
     def is_limb(self) -> bool:
-        """Whether this is one limb that is held, and `together` describes all of it."""
+        """Whether this is one limb that is held, and `as_single_limb` describes all of it."""
         raise NotImplementedError
 
     @property
-    def together(self) -> LimbParameters:
+    def as_single_limb(self) -> LimbParameters:
         """All limbs as a single one: their segments in order, with the limbs' names."""
         raise NotImplementedError
 
@@ -106,7 +106,7 @@ class ConnectedLimbs(Described):
         raise NotImplementedError
 
 
-def load_described(path: str | Path | None) -> LimbParameters | ConnectedLimbs:
+def load_description(path: str | Path | None) -> LimbParameters | ConnectedLimbs:
     """Return what a YAML file describes: a limb, or limbs that are connected.
 
     Args:

@@ -24,7 +24,9 @@ def weak_method(method: Callable) -> Callable:
     return lambda *arguments: function(owner(), *arguments)
 
 
-def declare_part(system: LeafSystem, name: str, state: DiscreteStateIndex, part: slice) -> None:
+def declare_state_output(
+    system: LeafSystem, name: str, state: DiscreteStateIndex, part: slice
+) -> None:
     """Declares an output port that shows a part of a discrete state."""
     system.DeclareVectorOutputPort(
         name,

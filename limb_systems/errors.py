@@ -9,7 +9,7 @@ class LimbError(Exception):
 
 
 @contextlib.contextmanager
-def raised_as(error_type: type[LimbError], place: str = "") -> Iterator[None]:
+def reraise_as(error_type: type[LimbError], place: str = "") -> Iterator[None]:
     """A context whose errors are raised as errors of one type.
 
     Args:

@@ -8,7 +8,7 @@ from limb_systems.wire_laws.wire_law import WireLaw
 
 # How far wires of one kind differ from their description and from the linear law: ranges of
 # published recordings and of the properties of shape-memory alloy, as docs/protocol.md lists them.
-SPREAD = {
+RATE_FACTORS = {
     "slowest_cooling": 0.6,
     "fastest_cooling": 1.36,
     "least_heating": 0.85,
@@ -16,7 +16,7 @@ SPREAD = {
     "slowest_reading": 0.5,
 }
 # Pairs of a lower and an upper bound.
-BOUNDED = (("slowest_cooling", "fastest_cooling"), ("least_heating", "most_heating"))
+BOUND_PAIRS = (("slowest_cooling", "fastest_cooling"), ("least_heating", "most_heating"))
 
 
 @dataclasses.dataclass
@@ -45,7 +45,7 @@ class HeatBounds(Strict):
         rates = law.typical_rates()
         values = {
             name: share * rates[name if name in rates else name.split("_")[1]]
-            for name, share in SPREAD.items()
+            for name, share in RATE_FACTORS.items()
         }
         for field in dataclasses.fields(cls):
             low, high = field.metadata["range"]
@@ -57,11 +57,11 @@ class HeatBounds(Strict):
                 )
         return cls(**values)
 
-    def around_any(self) -> "HeatBounds":
+    def widened_to_any_wire(self) -> "HeatBounds":
         """Return these bounds, widened until they hold for all wires of published recordings."""
-        upper = [high for _, high in BOUNDED]
+        upper = [high for _, high in BOUND_PAIRS]
         widened = {
-            name: (max if name in upper else min)(value, getattr(ANY_WIRE, name))
+            name: (max if name in upper else min)(value, getattr(ANY_WIRE_BOUNDS, name))
             for name, value in dataclasses.asdict(self).items()
         }
         return HeatBounds(**widened)
@@ -69,4 +69,4 @@ class HeatBounds(Strict):
 
 # -a1 from 0.03 to 0.09 1/s, a2 from 10 to 65 °C/s, a lag of up to 9 s. Any wider, and a board that
 # was just switched on would not allow the heat by which thermocouples prove what they are worth.
-ANY_WIRE = HeatBounds(0.03, 0.13, 8.0, 65.0, 0.1)
+ANY_WIRE_BOUNDS = HeatBounds(0.03, 0.13, 8.0, 65.0, 0.1)

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters
-from limb_systems.smooth_function import stated_once
-from limb_systems.symbolic_chain import places_of_links
+from limb_systems.smooth_function import build_once
+from limb_systems.symbolic_chain import link_position_function
 
 
 def link_positions(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) -> np.ndarray:
@@ -24,7 +24,7 @@ def link_positions(parameters: LimbParameters | LimbModel, joint_angles: ArrayLi
     """
     model = LimbModel.of(parameters)
     shape = [(s.joints, s.centred_joints, s.length) for s in model.parameters.segments]
-    places = stated_once(("places", repr(shape)), lambda: places_of_links(model.mechanics))
+    places = build_once(("places", repr(shape)), lambda: link_position_function(model.mechanics))
     angles = np.asarray(joint_angles, float)
     (flat,) = places(angles)
     return flat.reshape(-1, 3, *angles.shape[1:])

@@ -22,14 +22,14 @@ from pydrake.systems.primitives import PassThrough
 from limb_systems.kinematics import rest_joint_angles
 from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters, ParameterError
-from limb_systems.wire_blocks import add_wires
+from limb_systems.wire_blocks import add_wire_blocks
 from limb_systems.wire_laws.linear import LinearLaw
 from urdf import limb_sdf
 
 # kg, far below the rounding error of a limb's mass. Drake 1.58 divides by the mass of each body
 # when it evaluates a plant in symbols.
 NEGLIGIBLE_MASS = 1e-20
-OWN_BODY = re.compile(r"base|payload|(link|cross|root)_[0-9]+")  # names of a limb's bodies
+LIMB_BODY_NAME = re.compile(r"base|payload|(link|cross|root)_[0-9]+")  # names of a limb's bodies
 
 
 class Limb(Diagram):
@@ -84,7 +84,7 @@ class Limb(Diagram):
         self.source = "model"
         builder = DiagramBuilder()
         manipulator = builder.AddNamedSystem("manipulator", make_manipulator(parameters))
-        ports, duty = add_wires(builder, parameters, manipulator.get_state_output_port())
+        ports, duty = add_wire_blocks(builder, parameters, manipulator.get_state_output_port())
         builder.Connect(ports["torque"], manipulator.get_applied_generalized_force_input_port())
         builder.ExportInput(duty, "duty")
         builder.BuildInto(self)
@@ -119,7 +119,7 @@ class LimbActuation(Diagram):
         self.parameters = parameters = LimbParameters.of(parameters)
         builder = DiagramBuilder()
         state = builder.AddNamedSystem("state", PassThrough(2 * parameters.num_joints))
-        ports, duty = add_wires(builder, parameters, state.get_output_port())
+        ports, duty = add_wire_blocks(builder, parameters, state.get_output_port())
         builder.ExportInput(duty, "duty")
         builder.ExportInput(state.get_input_port(), "joint_state")
         builder.ExportOutput(ports["torque"], "torque")
@@ -210,7 +210,7 @@ def add_limb_actuation(
     actuation = LimbActuation(parameters, name=f"{plant.GetModelInstanceName(limb)}_actuation")
     joints = _check_model(plant, limb, actuation.parameters)
     if plant.time_step():
-        check_step(plant, joints, actuation.parameters)
+        check_time_step(plant, joints, actuation.parameters)
     builder.AddSystem(actuation)
     builder.Connect(plant.get_state_output_port(limb), actuation.GetInputPort("joint_state"))
     builder.Connect(actuation.GetOutputPort("torque"), plant.get_actuation_input_port(limb))
@@ -253,7 +253,7 @@ def _check_model(
     """The joints of a limb; raises ParameterError if it is not as described."""
     name = plant.GetModelInstanceName(limb)
     bodies = [plant.get_body(index) for index in plant.GetBodyIndices(limb)]
-    others = [body.name() for body in bodies if not OWN_BODY.fullmatch(body.name())]
+    others = [body.name() for body in bodies if not LIMB_BODY_NAME.fullmatch(body.name())]
     if others:
         raise ParameterError(
             f"The model instance of the limb {name!r} has other bodies, too: {', '.join(others)}; "
@@ -292,7 +292,7 @@ def _check_model(
     return joints
 
 
-def check_step(
+def check_time_step(
     plant: MultibodyPlant, joints: Sequence[RevoluteJoint], parameters: LimbParameters
 ) -> None:
     """Raises ParameterError if the springs, whose forces are those before each step, blow up.

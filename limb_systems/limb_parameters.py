@@ -12,20 +12,22 @@ import math
 import numpy as np
 
 from limb_systems.bend_sensor import BendSensor, TipTangentSensor
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.described import Described, ParameterError, check_density, check_name
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.schema import Strict, Tagged, quantity, rare, validate
-from limb_systems.heat_bounds import BOUNDED, HeatBounds
+from limb_systems.heat_bounds import BOUND_PAIRS, HeatBounds
 from limb_systems.segment_chain import SegmentChain
 from limb_systems.wire_laws import coupled, threshold, two_mass  # noqa: F401 - files name laws
 from limb_systems.wire_laws.linear import LinearLaw
 from limb_systems.wire_laws.wire_law import WireLaw
 
 FORMAT = 2  # of the YAML file
-MOST_SEGMENTS, MOST_JOINTS = 50, 500
-LEAST_SIDEWAYS = 0.01  # share of its torque by which a wire bends the limb in its plane, at least
-ODDLY_HEAVY = 4.0  # density over that of water; filled silicone has 2
+MAX_SEGMENTS, MAX_JOINTS = 50, 500
+MIN_IN_PLANE_SHARE = (
+    0.01  # share of its torque by which a wire bends the limb in its plane, at least
+)
+MAX_USUAL_DENSITY = 4.0  # density over that of water; filled silicone has 2
 
 
 @dataclasses.dataclass
@@ -354,12 +356,12 @@ class LimbParameters(Described):
         segment.mass, segment.wires = 0.02, wires_around(wires)
         return cls(segments=[segment])
 
-    def oddities(self, where: str = "") -> list[str]:
-        """Return sentences on what is odd about the segments, as `Described.oddities`."""
+    def plausibility_warnings(self, where: str = "") -> list[str]:
+        """Return warnings about the segments; see `Described.plausibility_warnings`."""
         return [
             oddity
             for index, segment in enumerate(self.segments)
-            for oddity in _oddities(segment, f"{where}segments[{index}]")
+            for oddity in _plausibility_warnings(segment, f"{where}segments[{index}]")
         ]
 
     def without_provenance(self) -> "LimbParameters":
@@ -373,20 +375,20 @@ class LimbParameters(Described):
         """Raise ParameterError for the first field that is out of its range."""
         if not isinstance(self.segments, list) or not self.segments:
             raise ParameterError("segments is empty; a limb has at least one segment.")
-        if len(self.segments) > MOST_SEGMENTS:
+        if len(self.segments) > MAX_SEGMENTS:
             raise ParameterError(
-                f"segments has {len(self.segments)} elements; a limb has at most {MOST_SEGMENTS}."
+                f"segments has {len(self.segments)} elements; a limb has at most {MAX_SEGMENTS}."
             )
         if not isinstance(self.gravity, list) or len(self.gravity) != 3:
             raise ParameterError(
                 f"gravity is {self.gravity!r}; it must be a list of three numbers from -100 to "
                 "100 m/s², along E1, E2 and E3."
             )
-        with raised_as(ParameterError):
+        with reraise_as(ParameterError):
             validate(self)
-        if self.num_joints > MOST_JOINTS:
+        if self.num_joints > MAX_JOINTS:
             raise ParameterError(
-                f"the limb has {self.num_joints} joints in all; at most {MOST_JOINTS} can be "
+                f"the limb has {self.num_joints} joints in all; at most {MAX_JOINTS} can be "
                 "computed with, so describe its segments with fewer links."
             )
         for index, segment in enumerate(self.segments):
@@ -475,11 +477,11 @@ class LimbParameters(Described):
         ]
 
 
-def _oddities(segment: SegmentParameters, where: str) -> list[str]:
-    """Sentences on a segment, for `LimbParameters.oddities`."""
+def _plausibility_warnings(segment: SegmentParameters, where: str) -> list[str]:
+    """Sentences on a segment, for `LimbParameters.plausibility_warnings`."""
     odd = []
     times_water = segment.mass / (1000.0 * math.prod(_sizes(segment).values()))
-    if not 1 / ODDLY_HEAVY < times_water < ODDLY_HEAVY:
+    if not 1 / MAX_USUAL_DENSITY < times_water < MAX_USUAL_DENSITY:
         odd.append(
             f"{where}.mass is {segment.mass:g} kg, {times_water:.2g} times the water that its "
             "length, width and thickness hold; are all of them right?"
@@ -523,7 +525,7 @@ def _validate_wires(segment: SegmentParameters, where: str) -> None:
     for index, wire in enumerate(wires):
         check_name(names, index, f"{where}[{index}]", "wire of the segment")
         bounds = wire.heat_bounds
-        for low, high in BOUNDED if bounds else ():
+        for low, high in BOUND_PAIRS if bounds else ():
             if getattr(bounds, low) > getattr(bounds, high):
                 raise ParameterError(
                     f"{where}[{index}].heat_bounds.{low} is {getattr(bounds, low):g}; it must not "
@@ -534,7 +536,7 @@ def _validate_wires(segment: SegmentParameters, where: str) -> None:
                 f"{where}[{index}] is at e2 = e3 = 0 m, on the axis, where it cannot bend the "
                 "limb; give the place at which it runs beside the axis, or leave the wire out."
             )
-        if segment.axes == 1 and abs(wire.e2) <= LEAST_SIDEWAYS * np.hypot(wire.e2, wire.e3):
+        if segment.axes == 1 and abs(wire.e2) <= MIN_IN_PLANE_SHARE * np.hypot(wire.e2, wire.e3):
             raise ParameterError(
                 f"{where}[{index}] is at e2 = {wire.e2:g} m and e3 = {wire.e3:g} m, where it "
                 "cannot bend the limb sideways; give the e2 at which it runs beside the axis, or "

@@ -87,7 +87,7 @@ def check_limb(system: System) -> LimbSystem:
     return system
 
 
-def behind(part: System, controller: System) -> Diagram:
+def wrap_controller(part: System, controller: System) -> Diagram:
     """Return a controller with another system between it and a limb, with a controller's ports.
 
     Output ports of each system are connected to the input ports of the other that have the same

@@ -22,10 +22,10 @@ from limb_systems.rubber import ramp
 from limb_systems.wire_laws.wire_law import WireLaw, runge_kutta
 
 STEPS = 1, 2, 4  # in each step, until none diverges
-DIVERGED = 1e4  # °C, beyond which a simulation has diverged
+DIVERGED_TEMPERATURE = 1e4  # °C, beyond which a simulation has diverged
 
 
-def draw_ensemble(parameters: LimbParameters, count: int) -> list[LimbParameters]:
+def draw_limbs(parameters: LimbParameters, count: int) -> list[LimbParameters]:
     """Limbs with parameters around the calibrated ones, as likely as their covariance says.
 
     Quantities that cannot change their sign are drawn in their logarithms. The limbs are the same
@@ -43,7 +43,7 @@ def draw_ensemble(parameters: LimbParameters, count: int) -> list[LimbParameters
         raise ParameterError(
             "This limb is not calibrated, so that nothing says how well known it is."
         )
-    owners = [owner_of(parameters, name) for name in record.names]
+    owners = [parameter_owner(parameters, name) for name in record.names]
     values, covariance = np.array(record.values), np.array(record.covariance)
     ranges = np.array([_range(owner, name) for owner, name in owners])
     signed = (ranges[:, 0] > 0) | (ranges[:, 1] < 0)
@@ -59,13 +59,13 @@ def draw_ensemble(parameters: LimbParameters, count: int) -> list[LimbParameters
         limb = copy.deepcopy(plain)
         limb.calibration = record
         for name, number in zip(record.names, numbers, strict=True):
-            owner, field = owner_of(limb, name)
+            owner, field = parameter_owner(limb, name)
             setattr(owner, field, float(number))
         result.append(limb)
     return result
 
 
-def stacked(
+def stack_limbs(
     limbs: Sequence[LimbParameters],
 ) -> tuple[WireLaw, np.ndarray, dict[str, np.ndarray]]:
     """B limbs of one segment with laws of one class, as `OpenLoop` takes them.
@@ -99,7 +99,7 @@ def stacked(
     return with_fields(kind, fields), ambient, rubber
 
 
-def owner_of(parameters: LimbParameters, name: str) -> tuple[Any, str]:
+def parameter_owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
     """The object whose field an estimate is of, such as a wire's law, and the field's name.
 
     Args:
@@ -182,26 +182,29 @@ class OpenLoop:
             T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad.
         """
         start = np.array(initial)
-        room = _full(ambient[..., None], start.shape[1:])
+        room = _broadcast_copy(ambient[..., None], start.shape[1:])
         # Sets that differ in other wires alone heat a wire alike, and it is simulated once.
-        distinct, which = _distinct(law, room, start)
-        own, own_room = _with_arrays(law, lambda f: _of_sets(f, distinct)), _of_sets(room, distinct)
+        distinct, which = _distinct_sets(law, room, start)
+        own, own_room = (
+            _map_fields(law, lambda f: _select_sets(f, distinct)),
+            _select_sets(room, distinct),
+        )
         heat = self._heat(
-            own, own_room[:, self._order], _of_sets(start, distinct)[..., self._order, :]
+            own, own_room[:, self._order], _select_sets(start, distinct)[..., self._order, :]
         )[..., np.argsort(self._order), :]
         states = list(np.moveaxis(heat[:, :-1], 1, 0))
-        torques = _of_sets(np.asarray(own.torque(states, own_room, 0.0)), which)
+        torques = _select_sets(np.asarray(own.torque(states, own_room, 0.0)), which)
         bent = None
         if np.isnan(own.torque([state[0] for state in states], own_room, np.nan)).any():
 
             def bent(number: int, theta: np.ndarray) -> np.ndarray:
-                course = _of_sets(heat[number, :-1], which)
+                course = _select_sets(heat[number, :-1], which)
                 return np.asarray(
                     law.torque(list(course), room, theta[..., None] * self._directions)
                 )
 
         bends = self._bends(torques, rubber, bent)
-        return _of_sets(heat[:, 0], which), _of_sets(heat[:, -1], which), bends
+        return _select_sets(heat[:, 0], which), _select_sets(heat[:, -1], which), bends
 
     def _heat(self, law: WireLaw, room: np.ndarray, heat: np.ndarray) -> np.ndarray:
         """States of the wires and V (K + 1, X + 1, B, R, W) from the start, runs in their order.
@@ -213,7 +216,7 @@ class OpenLoop:
         for per_step in STEPS:
             with np.errstate(over="ignore", invalid="ignore"):
                 course = self._heat_in_steps(law, room, heat, per_step)
-            if (np.abs(course) < DIVERGED).all():
+            if (np.abs(course) < DIVERGED_TEMPERATURE).all():
                 break
         return course
 
@@ -228,17 +231,17 @@ class OpenLoop:
             for row, state in enumerate(law.states)
             if np.isfinite(law.memory.get(state, np.inf)).any()
         }
-        _keep_within(remembered, course[0])
+        _clamp_memory(remembered, course[0])
         going_on = None
         for number, levels in enumerate(self._duty):
             if going_on != self._going_on[number]:
                 going_on = self._going_on[number]
                 heat = np.ascontiguousarray(course[number, ..., :going_on, :])
                 rates, shape = self._heat_rates(law, room[:, :going_on]), heat.shape[1:]
-            duty = _full(levels[:going_on], shape)
+            duty = _broadcast_copy(levels[:going_on], shape)
             for _ in range(per_step):
                 heat = runge_kutta(rates, heat, (duty, duty, duty), self.step / per_step)
-                _keep_within(remembered, heat)
+                _clamp_memory(remembered, heat)
             course[number + 1, ..., :going_on, :] = heat
             course[number + 1, ..., going_on:, :] = course[number, ..., going_on:, :]
         return course
@@ -249,7 +252,7 @@ class OpenLoop:
     ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         # All of one shape, because numpy takes half as long again to stretch small arrays.
         room = np.ascontiguousarray(room)
-        law = _with_arrays(law, lambda field: _full(field, room.shape))
+        law = _map_fields(law, lambda field: _broadcast_copy(field, room.shape))
 
         def heat_rates(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
             rates, x = np.empty_like(heat), list(heat[:-1])
@@ -319,7 +322,9 @@ def with_fields(law: type[WireLaw], fields: Mapping[str, np.ndarray]) -> WireLaw
     return together
 
 
-def _distinct(law: WireLaw, room: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _distinct_sets(
+    law: WireLaw, room: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Sets (C, W) that differ in what heats each wire, and which of them each set is (B, W)."""
     fields = [value for value in vars(law).values() if isinstance(value, np.ndarray)]
     num_sets = len(room)
@@ -334,23 +339,23 @@ def _distinct(law: WireLaw, room: np.ndarray, start: np.ndarray) -> tuple[np.nda
     return distinct, np.stack([which.reshape(-1) for _, which in found], axis=-1)
 
 
-def _of_sets(array: np.ndarray, which: np.ndarray) -> np.ndarray:
+def _select_sets(array: np.ndarray, which: np.ndarray) -> np.ndarray:
     """An array (..., B, R, W) of other sets (C, W) of each wire, as (..., C, R, W)."""
     return np.stack(
         [array[..., wire].take(sets, axis=-2) for wire, sets in enumerate(which.T)], axis=-1
     )
 
 
-def _with_arrays(law: WireLaw, change: Callable[[np.ndarray], np.ndarray]) -> WireLaw:
+def _map_fields(law: WireLaw, change: Callable[[np.ndarray], np.ndarray]) -> WireLaw:
     arrays = {n: change(value) for n, value in vars(law).items() if isinstance(value, np.ndarray)}
     return with_fields(type(law), {**vars(law), **arrays})
 
 
-def _full(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _broadcast_copy(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(array, shape))
 
 
-def _keep_within(remembered: Mapping[int, tuple[float, float]], heat: np.ndarray) -> None:
+def _clamp_memory(remembered: Mapping[int, tuple[float, float]], heat: np.ndarray) -> None:
     """Keeps what the law remembers in its range: starts and long steps may be beyond."""
     for row, bounds in remembered.items():
         np.clip(heat[row], *bounds, out=heat[row])

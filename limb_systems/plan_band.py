@@ -7,7 +7,7 @@ import numpy as np
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.limb import split_state
 from limb_systems.limb_parameters import LimbParameters
-from limb_systems.monte_carlo import OpenLoop, draw_ensemble, stacked
+from limb_systems.monte_carlo import OpenLoop, draw_limbs, stack_limbs
 
 MEMBERS = 64
 STEP = 0.25  # s, of simulation
@@ -16,8 +16,8 @@ READING_QUANTILE = 2.6  # of 995 of 1000 limbs, on one side, for each of two wir
 DEVIATIONS = 2.0  # of predicted temperatures, by which calibrated limbs stay below T_max
 # A thermocouple sits between its wire and colder silicone, and may show this share too little of
 # the wire's excess over the room. No reading tells how much it is.
-UNSHOWN = 0.12
-LARGEST_MARGIN = 15.0  # °C, as of plans of limbs that are not calibrated
+UNREAD_SHARE = 0.12
+MAX_MARGIN = 15.0  # °C, as of plans of limbs that are not calibrated
 MEAN_TO_DEVIATION = 1.25  # of the mean of |x| to the standard deviation of x, if x is normal
 
 
@@ -53,9 +53,9 @@ def temperature_margin(parameters: LimbParameters) -> float:
     if record is None:
         return 0.0
     unshown = parameters.temperature_limits.maximum - parameters.ambient_temperature
-    unshown *= UNSHOWN / (1.0 + UNSHOWN)
+    unshown *= UNREAD_SHARE / (1.0 + UNREAD_SHARE)
     margin = DEVIATIONS * MEAN_TO_DEVIATION * record.temperature_error + unshown
-    return min(margin, LARGEST_MARGIN)
+    return min(margin, MAX_MARGIN)
 
 
 def band(trajectory: Trajectory) -> Band | None:
@@ -74,8 +74,8 @@ def band(trajectory: Trajectory) -> Band | None:
     num_steps = max(1, int(np.ceil(plan.duration / STEP)))
     ends = np.linspace(0.0, plan.duration, num_steps + 1)
     duty = plan.duty_trajectory().vector_values((ends[:-1] + ends[1:]) / 2).T
-    limbs = [parameters, *draw_ensemble(parameters, MEMBERS)]
-    law, ambient, rubber = stacked(limbs)
+    limbs = [parameters, *draw_limbs(parameters, MEMBERS)]
+    law, ambient, rubber = stack_limbs(limbs)
     states, readings = split_state(parameters, plan.state[:, 0])[2:]
     num_wires = len(parameters.wires)
     of_laws = len(law.states) * num_wires

@@ -6,14 +6,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 
-EARLY = 0.1  # share of long work, after which it is said how long the rest takes
+FIRST_ESTIMATE_SHARE = 0.1  # share of long work, after which it is said how long the rest takes
 LONG = 5.0  # s, from which on it is said
 
 _part = contextvars.ContextVar("part", default="")
 
 
 @contextlib.contextmanager
-def part_of_work(name: str) -> Iterator[None]:
+def progress_prefix(name: str) -> Iterator[None]:
     """A context in which lines of progress begin with the name of the part that is being done."""
     token = _part.set(f"{_part.get()}{name}: ")
     try:
@@ -34,14 +34,14 @@ class TimeLeft:
         self._total, self._announce = total, announce
         self._begin = time.monotonic()
         self._done = 0.0
-        self._is_said = False
+        self._is_announced = False
 
     def add(self, amount: float) -> None:
         """Count work as done."""
         self._done += amount
-        if self._is_said or self._done < EARLY * self._total:
+        if self._is_announced or self._done < FIRST_ESTIMATE_SHARE * self._total:
             return
-        self._is_said = True
+        self._is_announced = True
         left = (time.monotonic() - self._begin) * (self._total / self._done - 1.0)
         if left > LONG:
             self._announce(f"about {float(f'{left:.1g}'):.0f} s are left")

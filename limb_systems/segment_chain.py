@@ -13,9 +13,13 @@ from numpy.typing import ArrayLike
 
 from limb_systems.smooth_function import Compiled
 
-TURNS = {"e2": (0, 1), "e3": (0, 2), "twist": (1, 2)}  # axes that a joint turns, from and towards
-_NEAR = 0.01  # (across / ahead)² of a chord, below which a series is more accurate
-_SERIES = [(-1.0) ** k / (2 * k + 1) for k in range(10)]  # of atan(√z)/√z in z
+ROTATION_PLANES = {
+    "e2": (0, 1),
+    "e3": (0, 2),
+    "twist": (1, 2),
+}  # axes that a joint turns, from and towards
+_SERIES_LIMIT = 0.01  # (across / ahead)² of a chord, below which a series is more accurate
+_ATAN_SERIES = [(-1.0) ** k / (2 * k + 1) for k in range(10)]  # of atan(√z)/√z in z
 
 
 class SegmentChain:
@@ -24,7 +28,7 @@ class SegmentChain:
     A piece is the length of the segment over the number of its links.
 
     - ``is_planar``: whether all joints bend towards E2.
-    - ``kinds``: kind of each joint, as in `TURNS` (n).
+    - ``kinds``: kind of each joint, as in `ROTATION_PLANES` (n).
     - ``axes``: unit axis of each joint (n, 3): +E3 for a bend towards E2, -E2 for one towards E3,
       E1 for a twist.
     - ``offsets``: from each joint's origin to that of the joint before, or the base (n,).
@@ -39,7 +43,7 @@ class SegmentChain:
     def __init__(self, joints: Sequence[Sequence[str]], centred: bool = False):
         self.kinds = [kind for link in joints for kind in link]
         self.is_planar = set(self.kinds) == {"e2"}
-        towards = np.eye(3)[np.array([TURNS[kind] for kind in self.kinds])]
+        towards = np.eye(3)[np.array([ROTATION_PLANES[kind] for kind in self.kinds])]
         self.axes = np.cross(towards[:, 0], towards[:, 1])
         self.last_joints = np.cumsum([len(link) for link in joints]) - 1
         self.first_joints = np.append(0, self.last_joints[:-1] + 1)
@@ -63,7 +67,7 @@ class SegmentChain:
         return 1 / self.bend_by_equal_angle
 
     def bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """Bend φ of the chord from base to tip, rad: `angles_of` it.
+        """Bend φ of the chord from base to tip, rad: `log_map_angles` it.
 
         Args:
             joint_angles: θ (n, ...), rad, numbers or one of Drake's scalars.
@@ -94,7 +98,7 @@ def _chord_bend(joints: Sequence[Sequence[str]], centred: bool) -> Compiled:
     angles, e1 = ca.SX.sym("q", len(chain.kinds)), np.eye(3)[0]
     offsets, end = np.outer(chain.offsets, e1), chain.lengths[-1] * e1
     direction = chord(chain.axes, offsets, angles, end)
-    return Compiled([angles], [angles_of(direction, chain.is_planar)])
+    return Compiled([angles], [log_map_angles(direction, chain.is_planar)])
 
 
 @functools.lru_cache(maxsize=64)
@@ -105,8 +109,8 @@ def _tip_bend(joints: Sequence[Sequence[str]], centred: bool) -> Compiled:
     if chain.is_planar:  # any number of turns
         return Compiled([angles], [factor * (ca.sum1(angles) + angles[-1] * beyond)])
     weights = 1.0 + beyond * (np.arange(len(chain.kinds)) >= chain.first_joints[-1])
-    _, _, frames = placed(chain.axes, np.zeros((len(weights), 3)), ca.DM(weights) * angles)
-    return Compiled([angles], [factor * angles_of(frames[-1][:, 0])])
+    _, _, frames = joint_poses(chain.axes, np.zeros((len(weights), 3)), ca.DM(weights) * angles)
+    return Compiled([angles], [factor * log_map_angles(frames[-1][:, 0])])
 
 
 def _evaluated(bends: Compiled, joint_angles: ArrayLike) -> np.ndarray:
@@ -114,7 +118,7 @@ def _evaluated(bends: Compiled, joint_angles: ArrayLike) -> np.ndarray:
     return bends(angles if angles.dtype == object else angles.astype(float))[0]
 
 
-def placed(
+def joint_poses(
     axes: np.ndarray, offsets: np.ndarray, angles: ca.SX, base: ArrayLike = (0.0, 0.0, 0.0)
 ) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
     """Axes (3,), origins (3,) from `base`, and frames (3, 3) of joints at angles (n,), rad.
@@ -137,7 +141,7 @@ def placed(
         if run != about:
             run, straight, angle = about, frame, ca.SX(0.0)
         angle = angle + sense * angles[joint]
-        frame = straight @ rotation(about, angle)
+        frame = straight @ rotation_matrix(about, angle)
         origins.append(origin)
         frames.append(frame)
     return turned, origins, frames
@@ -151,11 +155,11 @@ def chord(
     base: ArrayLike = (0.0, 0.0, 0.0),
 ) -> ca.SX:
     """The chord (3,), m, from `base` to an end (3,), m, in the frame of the last joint."""
-    _, origins, frames = placed(axes, offsets, angles, base)
+    _, origins, frames = joint_poses(axes, offsets, angles, base)
     return origins[-1] + frames[-1] @ ca.DM(end)
 
 
-def angles_of(direction: ca.SX, planar: bool = False) -> ca.SX:
+def log_map_angles(direction: ca.SX, planar: bool = False) -> ca.SX:
     """Angles (2,) towards E2 and E3 by which E1 turns, about one axis, into a direction (3,).
 
     It is the logarithm map (φ2, φ3) = atan2(s, c1) (c2, c3) / s with s = |(c2, c3)|, which is
@@ -165,13 +169,13 @@ def angles_of(direction: ca.SX, planar: bool = False) -> ca.SX:
     if planar:
         return ca.atan2(across[0], ahead)
     squared = ca.sumsqr(across)
-    near = ca.logic_and(squared < _NEAR * ahead**2, ahead > 0)
-    ratio = ca.polyval(ca.DM(_SERIES[::-1]), squared / ahead**2) / ahead
+    near = ca.logic_and(squared < _SERIES_LIMIT * ahead**2, ahead > 0)
+    ratio = ca.polyval(ca.DM(_ATAN_SERIES[::-1]), squared / ahead**2) / ahead
     length = ca.sqrt(ca.if_else(near, 1.0, squared))
     return ca.if_else(near, ratio, ca.atan2(length, ahead) / length) * across
 
 
-def rotation(about: int, angle: ca.SX) -> ca.SX:
+def rotation_matrix(about: int, angle: ca.SX) -> ca.SX:
     """The rotation (3, 3) about an axis, number 0, 1 or 2."""
     one, other = (about + 1) % 3, (about + 2) % 3
     turned = ca.SX(3, 3)

@@ -23,8 +23,8 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
-from limb_systems.files.schema import shown
-from limb_systems.files.signal_table import TIMES, without_rounding
+from limb_systems.files.schema import short_repr
+from limb_systems.files.signal_table import TIMES, clip_rounding
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.kinematics import bend_angle
 from limb_systems.limb_system import ACCURACY, LimbSystem, check_limb
@@ -46,11 +46,11 @@ MAX_STEP_SIZE = 0.1  # s
 # stiff limb is released from a right angle, the method finds no solution.
 MIN_STEP_SIZE = 5e-4  # s
 SWING_ACCURACY = 1e-3  # of an amplitude: after 30 periods the energy is right within 0.3%
-BESIDE_JUMP = 1e-9  # s, before and after a jump of the duty, where steps end and begin
-SMALLEST_JUMP = 1e-6  # of duty
-SHORTEST_PULSE = 1e-3  # s, of duty that is worth its simulation
+JUMP_MARGIN = 1e-9  # s, before and after a jump of the duty, where steps end and begin
+MIN_DUTY_JUMP = 1e-6  # of duty
+MIN_PULSE_DURATION = 1e-3  # s, of duty that is worth its simulation
 PERIOD = 0.05  # s, of samples and commands of a robot, and so of what observes and controls one
-ENDED = SimulatorStatus.ReturnReason.kReachedTerminationCondition  # by a system of the diagram
+TERMINATED = SimulatorStatus.ReturnReason.kReachedTerminationCondition  # by a system of the diagram
 
 
 def simulate(
@@ -180,14 +180,14 @@ def record(
     context = simulator.get_mutable_context()
     if options.initial_state is not None:
         _set_state(system, system.GetMyMutableContextFromRoot(context), options.initial_state)
-    end = end_of_samples(duration, sample_rate)
+    end = last_sample_time(duration, sample_rate)
     real_time = options.real_time or system.real_time
     advance(simulator, end, options.until, options.remark, real_time, options.jumps)
 
     # Copies, as the logs are Drake's.
     signals = {name: sink.FindLog(context).data().copy() for name, sink in sinks.items()}
     signals |= {name: signals[name][0] for name in TIMES if name in signals}
-    signals["duty"] = without_rounding(signals["duty"])
+    signals["duty"] = clip_rounding(signals["duty"])
     if is_model(system):
         angles = signals["joint_state"][: system.parameters.num_joints]
         signals["bend_angle"] = bend_angle(system.parameters, angles)
@@ -224,7 +224,7 @@ def build(builder: DiagramBuilder) -> Diagram:
         ) from error
 
 
-def config_of_steps() -> SimulatorConfig:
+def discrete_simulator_config() -> SimulatorConfig:
     """Configuration for mechanics in steps, whose length is the plant's.
 
     Heat is by Euler's method in them, which for the wires is as good as any.
@@ -233,10 +233,14 @@ def config_of_steps() -> SimulatorConfig:
 
 
 def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulator:
-    """Drake's Simulator with the integrator that a limb needs; `config_of_steps` if it is None."""
+    """Return Drake's Simulator with the integrator that a limb needs.
+
+    Args:
+        accuracy: accuracy of the integrator; None for mechanics in discrete steps.
+    """
     simulator = Simulator(system)
     if accuracy is None:
-        ApplySimulatorConfig(config_of_steps(), simulator)
+        ApplySimulatorConfig(discrete_simulator_config(), simulator)
         return simulator
     ApplySimulatorConfig(
         SimulatorConfig(
@@ -274,7 +278,7 @@ def _duty_over_time(
             check_positive("duration", duration, " s")
             held = np.column_stack([values, values])
             return trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], held), duration
-    given = "another trajectory" if isinstance(duty, trajectories.Trajectory) else shown(duty)
+    given = "another trajectory" if isinstance(duty, trajectories.Trajectory) else short_repr(duty)
     raise SimulationError(
         f"duty is {given}; it must be a number or a trajectory's row for each of {num_wires} wires."
     )
@@ -320,7 +324,7 @@ def sample_count(duration: float, rate: float) -> int:
     return int(np.floor(duration * rate + 1e-6)) + 1
 
 
-def end_of_samples(duration: float, rate: float) -> float:
+def last_sample_time(duration: float, rate: float) -> float:
     """Return when the last of `sample_count` samples is taken, and the duration is over, s.
 
     Drake's clock ticks at multiples of the period, which round their own way.
@@ -335,9 +339,9 @@ def jump_times(duty: trajectories.Trajectory) -> np.ndarray:
     breaks = np.array(duty.get_segment_times())[1:-1]
     if not len(breaks):
         return breaks
-    before = duty.vector_values(breaks - BESIDE_JUMP)
-    after = duty.vector_values(breaks + BESIDE_JUMP)
-    return breaks[np.abs(after - before).max(axis=0) > SMALLEST_JUMP]
+    before = duty.vector_values(breaks - JUMP_MARGIN)
+    after = duty.vector_values(breaks + JUMP_MARGIN)
+    return breaks[np.abs(after - before).max(axis=0) > MIN_DUTY_JUMP]
 
 
 def warn_of_fast_duty(duty: trajectories.Trajectory, system: LimbSystem) -> None:
@@ -347,7 +351,7 @@ def warn_of_fast_duty(duty: trajectories.Trajectory, system: LimbSystem) -> None
         return
     shortest = np.diff(jumps).min()
     if is_model(system):
-        fastest, why = SHORTEST_PULSE, "its wires feel the mean alone, and all of it takes long"
+        fastest, why = MIN_PULSE_DURATION, "its wires feel the mean alone, and all of it takes long"
     else:
         fastest, why = PERIOD, f"{type(system).__name__} takes duty at 20 Hz, or about so often"
     if shortest < 0.99 * fastest:
@@ -395,7 +399,7 @@ def advance(
         SimulationError: if the integrator fails.
     """
     context = simulator.get_context()
-    with failure_told(simulator, end):
+    with raising_simulation_error(simulator, end):
         simulator.Initialize()
         start = time.monotonic()
         with Progress("recording" if real_time else "simulating", end, "s") as progress:
@@ -404,19 +408,19 @@ def advance(
             step, ahead = (PERIOD, PERIOD / 2) if real_time else (1.0, 0.0)
             stops = np.arange(0.0, end - 1e-9, step)
             if not real_time:
-                beside = np.add.outer(jumps, [-BESIDE_JUMP, BESIDE_JUMP]).ravel()
+                beside = np.add.outer(jumps, [-JUMP_MARGIN, JUMP_MARGIN]).ravel()
                 stops = np.union1d(stops, beside[(beside > 0.0) & (beside < end)])
             for due in np.append(stops, end):
                 if real_time:
                     time.sleep(max(0.0, start + due - time.monotonic()))
                 status = simulator.AdvanceTo(min(due + ahead, end))
                 progress.update(due, remark(context) if remark else "")
-                if status.reason() == ENDED or (until and until(context)):
+                if status.reason() == TERMINATED or (until and until(context)):
                     break
 
 
 @contextlib.contextmanager
-def failure_told(simulator: Simulator, end: float) -> Iterator[None]:
+def raising_simulation_error(simulator: Simulator, end: float) -> Iterator[None]:
     """Raises SimulationError, with the time, if a simulation to the end, s, fails inside."""
     try:
         yield

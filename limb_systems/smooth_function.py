@@ -57,8 +57,10 @@ _OPERATIONS: dict[str, tuple[str, Callable[..., Any]]] = {
     "NOT": ("not {0}", np.logical_not),
     "IF_ELSE_ZERO": ("{1} if {0} else 0.0", _where),
 }
-_BY_CODE = {getattr(ca, f"OP_{name}"): operation for name, operation in _OPERATIONS.items()}
-_OF_NUMBERS: dict[str, Any] = {
+_OPERATION_BY_CODE = {
+    getattr(ca, f"OP_{name}"): operation for name, operation in _OPERATIONS.items()
+}
+_SCALAR_FUNCTIONS: dict[str, Any] = {
     **{name: getattr(math, name) for name in [*_FUNCTIONS, "atan2"]},
     "sign": lambda value: math.copysign(1.0, value) if value else 0.0,
     **{"inf": math.inf, "nan": math.nan},
@@ -101,7 +103,7 @@ class Compiled:
         if not shape and not self._is_long and dtype.kind == "f":
             lists = [[0.0] * size for size in self._sizes]
             try:
-                self._of_numbers(*(values.tolist() for values in inputs), *lists)
+                self._scalar_code(*(values.tolist() for values in inputs), *lists)
                 return [np.array(values) for values in lists]
             except (ArithmeticError, ValueError):
                 pass  # inf and nan, as for arrays
@@ -121,7 +123,7 @@ class Compiled:
 
     def _fill(self, arrays: Sequence[np.ndarray], dtype: np.dtype) -> None:
         """Evaluate the instructions at some points, from the inputs into the results."""
-        num_registers, constants, steps = self._instructions
+        num_registers, constants, steps = self._instruction_list
         rows = [*np.empty((num_registers, arrays[0].shape[1]), dtype), *constants]
         for values in arrays:
             rows.extend(values)
@@ -132,13 +134,13 @@ class Compiled:
                 operation(rows[first], rows[second], rows[to])
 
     @functools.cached_property
-    def _instructions(self) -> tuple[int, list[float], list[tuple]]:
+    def _instruction_list(self) -> tuple[int, list[float], list[tuple]]:
         """Number of registers, constants, and steps (operation, first, second or -1, to).
 
         Operands are numbers of rows: the registers', then the constants, and those of inputs and
         outputs.
         """
-        instructions = list(_instructions(self._function))
+        instructions = list(_instruction_list(self._function))
         constants = [value for code, value, _ in instructions if code == ca.OP_CONST]
         num_registers = self._function.sz_w()
         sizes = [self._function.numel_in(k) for k in range(self._function.n_in())] + self._sizes
@@ -164,13 +166,13 @@ class Compiled:
         return num_registers, constants, steps
 
     @functools.cached_property
-    def _of_numbers(self) -> Callable[..., None]:
+    def _scalar_code(self) -> Callable[..., None]:
         """The code of a function that fills lists o0, ... from lists of numbers i0, ..."""
-        function, scope = self._function, dict(_OF_NUMBERS)
+        function, scope = self._function, dict(_SCALAR_FUNCTIONS)
         arguments = [f"i{number}" for number in range(function.n_in())]
         arguments += [f"o{number}" for number in range(function.n_out())]
         lines = [f"def function({', '.join(arguments)}):"]
-        for code, operands, to in _instructions(function):
+        for code, operands, to in _instruction_list(function):
             if code == ca.OP_OUTPUT:
                 lines.append(f" o{to[0]}[{to[1]}] = w{operands[0]}")
             elif code == ca.OP_INPUT:
@@ -184,7 +186,7 @@ class Compiled:
         return scope["function"]
 
 
-def _instructions(function: ca.Function) -> Iterator[tuple]:
+def _instruction_list(function: ca.Function) -> Iterator[tuple]:
     """The code, the operands, or the constant, and the places of the result of each instruction."""
     for number in range(function.n_instructions()):
         code = function.instruction_id(number)
@@ -198,8 +200,8 @@ def _instructions(function: ca.Function) -> Iterator[tuple]:
 
 def _operation(code: int) -> tuple[str, Callable[..., Any]]:
     """The Python code and numpy's function of one of CasADi's operations."""
-    if code in _BY_CODE:
-        return _BY_CODE[code]
+    if code in _OPERATION_BY_CODE:
+        return _OPERATION_BY_CODE[code]
     names = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
     raise LimbError(
         f"A law of a wire uses {names[code].removeprefix('OP_').lower()}, which is not smooth; "
@@ -207,22 +209,22 @@ def _operation(code: int) -> tuple[str, Callable[..., Any]]:
     )
 
 
-_MOST_STATED = 48
-_STATED: dict[Hashable, Any] = {}
+_MAX_CACHED = 48
+_CACHE: dict[Hashable, Any] = {}
 T = TypeVar("T")
 
 
-def stated_once(key: Hashable, state: Callable[[], T]) -> T:
+def build_once(key: Hashable, state: Callable[[], T]) -> T:
     """Return what a function states in symbols, or what it returned for the same key before.
 
     Many objects describe the same limb, and differentiating and compiling takes longer than most of
     what they do. The last few results are kept.
     """
-    if key not in _STATED:
-        if len(_STATED) == _MOST_STATED:
-            del _STATED[next(iter(_STATED))]
-        _STATED[key] = state()
-    return _STATED[key]
+    if key not in _CACHE:
+        if len(_CACHE) == _MAX_CACHED:
+            del _CACHE[next(iter(_CACHE))]
+        _CACHE[key] = state()
+    return _CACHE[key]
 
 
 class SmoothFunction:
@@ -257,16 +259,16 @@ class SmoothFunction:
 
     def values(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
         """The values (..., Q)."""
-        (values,) = self._compiled_values(*_inside(points, *parameters))
-        return _outside(values)
+        (values,) = self._compiled_values(*_points_last(points, *parameters))
+        return _points_first(values)
 
     def first(self, points: np.ndarray, *parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The values (..., Q), and their derivatives by the points (..., Q, P)."""
-        values, slopes = self._compiled_first(*_inside(points, *parameters))
+        values, slopes = self._compiled_first(*_points_last(points, *parameters))
         result = np.zeros((*points.shape[:-1], self.num_values, self.num_variables), slopes.dtype)
         rows, columns = self.slope_places
-        result[..., rows, columns] = _outside(slopes)
-        return _outside(values), result
+        result[..., rows, columns] = _points_first(slopes)
+        return _points_first(values), result
 
     def second(
         self, points: np.ndarray, weights: np.ndarray, *parameters: np.ndarray
@@ -281,14 +283,14 @@ class SmoothFunction:
 
     def slopes(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
         """Derivatives by the points at the ``slope_places`` (..., Z)."""
-        return _outside(self._compiled_first(*_inside(points, *parameters))[1])
+        return _points_first(self._compiled_first(*_points_last(points, *parameters))[1])
 
     def curvatures(
         self, points: np.ndarray, weights: np.ndarray, *parameters: np.ndarray
     ) -> np.ndarray:
         """Second derivatives of weights · values at the ``curvature_places`` (..., Z)."""
-        (curved,) = self._compiled_second(*_inside(points, weights, *parameters))
-        return _outside(curved)
+        (curved,) = self._compiled_second(*_points_last(points, weights, *parameters))
+        return _points_first(curved)
 
     @functools.cached_property
     def _jacobian(self) -> ca.SX:
@@ -317,7 +319,7 @@ class SmoothFunction:
         return Compiled([self._point, self._weights, *self._others], [self._hessian])
 
 
-def _inside(*arrays: np.ndarray) -> Sequence[np.ndarray]:
+def _points_last(*arrays: np.ndarray) -> Sequence[np.ndarray]:
     """Arrays (..., size) as (size, ...) with equal points, in memory in this order."""
     shape = arrays[0].shape[:-1]
     if not shape and all(array.ndim == 1 for array in arrays):
@@ -329,7 +331,7 @@ def _inside(*arrays: np.ndarray) -> Sequence[np.ndarray]:
     return [np.ascontiguousarray(array.transpose(to_front)) for array in arrays]
 
 
-def _outside(values: np.ndarray) -> np.ndarray:
+def _points_first(values: np.ndarray) -> np.ndarray:
     """An array (size, ...) as (..., size)."""
     return values.transpose(*range(1, values.ndim), 0)
 

@@ -4,14 +4,14 @@ Angles are in rad. E1 is the axis of the straight limb, E2 and E3 are lateral. V
 frame (E1, E2, E3) of the limb's base, to which the frames of all joints are parallel when all
 angles are zero. A bend angle is the angle of the chord from a segment's base to its tip, in the
 frame of its base: φ = atan2(t·E2, t·E1) in a plane, and in space the two angles of
-`limb_systems.segment_chain.angles_of`.
+`limb_systems.segment_chain.log_map_angles`.
 """
 
 import casadi as ca
 import numpy as np
 
 from limb_systems.limb_mechanics import LimbMechanics
-from limb_systems.segment_chain import angles_of, chord, placed
+from limb_systems.segment_chain import chord, joint_poses, log_map_angles
 from limb_systems.smooth_function import Compiled, SmoothFunction
 
 
@@ -28,7 +28,9 @@ class Chain:
     def __init__(self, mechanics: LimbMechanics, angles: ca.SX):
         self._mechanics = mechanics
         self._angles = angles
-        self._axes, self.origins, self.frames = placed(mechanics.axes, mechanics.offsets, angles)
+        self._axes, self.origins, self.frames = joint_poses(
+            mechanics.axes, mechanics.offsets, angles
+        )
 
     def position(self, joint: int, point: np.ndarray) -> ca.SX:
         """The place of a point (3,), m, that is fixed to the frame of a joint there."""
@@ -50,7 +52,7 @@ class Chain:
             axes = mechanics.axes[joints]
             offsets = mechanics.offsets[joints]
             direction = chord(axes, offsets, self._angles[joints], end, base)
-            bends.append(angles_of(direction, planar=of_segment.stop - of_segment.start == 1))
+            bends.append(log_map_angles(direction, planar=of_segment.stop - of_segment.start == 1))
             base = end  # in the frame of the last joint, from which the next segment starts
         return ca.vertcat(*bends)
 
@@ -101,7 +103,7 @@ class Chain:
         return ca.vertcat(*reversed(torques))
 
 
-def tip_of_angles(mechanics: LimbMechanics) -> SmoothFunction:
+def tip_position_function(mechanics: LimbMechanics) -> SmoothFunction:
     """Return the tip's place in the base's frame (3,), m, as a function of θ (n,), rad."""
     num_joints = mechanics.layout.num_joints
     angles = ca.SX.sym("q", num_joints)
@@ -109,7 +111,7 @@ def tip_of_angles(mechanics: LimbMechanics) -> SmoothFunction:
     return SmoothFunction(tip, angles)
 
 
-def places_of_links(mechanics: LimbMechanics) -> Compiled:
+def link_position_function(mechanics: LimbMechanics) -> Compiled:
     """Return the positions of `limb_systems.kinematics.link_positions` (3P,) by θ (n,)."""
     angles = ca.SX.sym("q", mechanics.layout.num_joints)
     chain = Chain(mechanics, angles)

@@ -30,13 +30,13 @@ class TrackingErrors:
 class ReferenceDistances:
     """Mean distances of bend angles from the reference over the same samples, rad.
 
-    - ``done``: |φ_ref - φ| of what was recorded; None without recordings.
+    - ``measured``: |φ_ref - φ| of what was recorded; None without recordings.
     - ``planned``: |φ_ref - φ*| of the plan.
     - ``nearest``: distance that the limb's limits leave, of the best plan within them; None if
       it is not known.
     """
 
-    done: float | None
+    measured: float | None
     planned: float
     nearest: float | None
 
@@ -101,7 +101,7 @@ def reference_distances(
         return float(plan.model.layout.distances(wanted - bend).mean())
 
     return ReferenceDistances(
-        done=distance(np.hstack([bend for _, bend in samples])) if recordings else None,
+        measured=distance(np.hstack([bend for _, bend in samples])) if recordings else None,
         planned=distance(plan.bend_angle_at(times)),
         nearest=None if nearest is None else distance(plan.interpolated(nearest, times)),
     )

@@ -238,7 +238,7 @@ def make_blocks(parameters: LimbParameters | LimbModel) -> tuple[System, System,
     return heating, lag, torque_map
 
 
-def add_wires(
+def add_wire_blocks(
     builder: DiagramBuilder, parameters: LimbParameters | LimbModel, joint_state: OutputPort
 ) -> tuple[dict[str, OutputPort], InputPort]:
     """Adds the blocks of Fig. 3 about mechanics, and exports the outputs 0 to 4 of `Limb`.

@@ -121,7 +121,7 @@ class Wires:
         """x after a step (N,), of x, of D at its beginning, middle and end, and of its length."""
         rates_of = ca.Function("rates", [x, D], [rates])
         levels, step = [ca.SX.sym("D", D.numel()) for _ in range(3)], ca.SX.sym("h")
-        after = self.within(runge_kutta(rates_of, x, levels, step))
+        after = self.clamp_states(runge_kutta(rates_of, x, levels, step))
         return SmoothFunction(after, ca.vertcat(x, *levels, step))
 
     def _state_force(self, x: ca.SX, q: ca.SX) -> ca.SX:
@@ -152,7 +152,7 @@ class Wires:
         off, on = (self.rates(states, np.full(W, level))[:W] for level in (0.0, 1.0))
         return off / (off - on)
 
-    def within(self, states: ca.SX) -> ca.SX:
+    def clamp_states(self, states: ca.SX) -> ca.SX:
         """States (N,) in symbols, kept in the ranges of the laws' ``memory``."""
         kept = ca.SX(states)
         for state in np.flatnonzero(np.isfinite(self._ranges).any(axis=0)).tolist():
@@ -188,7 +188,7 @@ class Wires:
         A, B = slopes[:N, :N], slopes[:N, N + W :]
         return A, B, values[:N] - A @ self.cold_states
 
-    def under_duty(
+    def integrate_states(
         self,
         states: np.ndarray,
         duty: np.ndarray,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from limb_systems import LimbError, LimbParameters
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.input import read_text
 from limb_systems.files.schema import load_typed
 from limb_systems.plan_band import LARGEST_MARGIN, temperature_margin
@@ -154,7 +154,7 @@ class Task:
             TaskError: with one sentence naming the file and the field.
         """
         text = read_text(path, "task", TaskError)
-        with raised_as(TaskError, f"{path}: "):
+        with reraise_as(TaskError, f"{path}: "):
             return load_typed(cls, text)
 
     @property

@@ -78,7 +78,7 @@ def robot_mjcf(robot: Any, *, wires: bool = True, timestep: float = 0.002) -> st
     options = {"timestep": timestep, "integrator": "discrete", "gravity": robot.world_gravity}
     contact = {"cone": "elliptic", "impratio": FRICTION_RATIO}
     root, world = _root("robot", options | contact)
-    together = robot.together
+    together = robot.as_single_limb
     names = [
         f"{limb.name}_joint_{number}"
         for limb in robot.limbs

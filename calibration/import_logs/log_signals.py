@@ -36,7 +36,7 @@ from limb_systems.bend_sensor import (
     bend_angle_from_tip_tangent,
     rolled,
 )
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.signal_table import doses
 from limb_systems.limb_parameters import LimbParameters
 
@@ -75,7 +75,7 @@ def read_log(
     if mapping.open_fields:
         raise LogError(f"{path}: the mapping leaves open {', '.join(mapping.open_fields)}.")
     table = table or read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
-    with raised_as(LogError, f"{path}: "):
+    with reraise_as(LogError, f"{path}: "):
         if is_reversed(stamps(table, mapping.time, mapping.rate)):
             table = table.rows(slice(None, None, -1))
         limb = described(mapping, parameters)

@@ -64,7 +64,9 @@ class Followed:
         plan, rollouts = way.trajectory.since_start(), way.rollouts
         truths = [true_bend(rollout) for rollout in rollouts]
         read, true = (reference_distances(plan, runs) for runs in (rollouts, truths))
-        distances = np.rad2deg(np.array([true.done, read.done, read.planned], float)).tolist()
+        distances = np.rad2deg(
+            np.array([true.measured, read.measured, read.planned], float)
+        ).tolist()
         errors = dataclasses.astuple(tracking_errors(plan, rollouts))
         readings = [
             np.abs(np.interp(rollout.time, plan.time, planned) - measured).mean()

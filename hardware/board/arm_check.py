@@ -154,7 +154,7 @@ def check_wires(
     kinds = parameters.heat_bounds
     try:
         total = min(CONTACT_TOTAL, parameters.total_duty)
-        link.arm([kind.around_any() for kind in kinds], total)
+        link.arm([kind.widened_to_any_wire() for kind in kinds], total)
         contacts = heat(CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, np.inf)
         link.disarm()
         for wire, (side, (_, temperatures, _)) in enumerate(zip(names, contacts, strict=True)):

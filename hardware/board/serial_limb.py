@@ -10,7 +10,7 @@ from pydrake.systems.framework import LeafSystem
 from hardware.board.link import STALE, Closed, HardwareError, check_fit
 from hardware.board.several_boards import Ports, SeveralBoards, open_link
 from limb_systems import LimbModel, LimbParameters, NoBoard, SerialBoard
-from limb_systems.drake_python import declare_part, weak_method
+from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.limb_system import ACCURACY
 from limb_systems.simulation import PERIOD
 
@@ -74,7 +74,7 @@ class SerialLimb(LeafSystem, Closed):
             port: name of a serial port, or any URL that pyserial accepts; or those of several
                 boards by their limbs' names.
             parameters: parameters of the limb, as far as they are known, or their YAML file;
-                the nominal limb if None. Of a robot, `RobotParameters.together`.
+                the nominal limb if None. Of a robot, `RobotParameters.as_single_limb`.
             heated: whether the board is armed. If not, the limb is only watched
                 and its ``duty`` ignored, for example for teaching.
 
@@ -111,13 +111,13 @@ class SerialLimb(LeafSystem, Closed):
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._command))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
         read = wires + angles
-        declare_part(self, "measured_temperature", state, slice(0, wires))
-        declare_part(self, "bend_angle", state, slice(wires, read))
+        declare_state_output(self, "measured_temperature", state, slice(0, wires))
+        declare_state_output(self, "bend_angle", state, slice(wires, read))
         tickets = {self.discrete_state_ticket(state), self.time_ticket()}
         self.DeclareVectorOutputPort("sample_age", 1, _shown_age(size - 1), tickets)
-        declare_part(self, "applied_duty", state, slice(read, read + wires))
-        declare_part(self, "board_time", state, slice(read + wires, read + wires + 1))
-        declare_part(self, "measurement", state, slice(0, read))
+        declare_state_output(self, "applied_duty", state, slice(read, read + wires))
+        declare_state_output(self, "board_time", state, slice(read + wires, read + wires + 1))
+        declare_state_output(self, "measurement", state, slice(0, read))
         for place, name in enumerate(boards, size):
             self.DeclareVectorOutputPort(f"{name}.sample_age", 1, _shown_age(place), tickets)
 

@@ -20,7 +20,7 @@ Ports = str | Mapping[str, str]  # of a board, or of those of a robot's limbs by
 
 
 def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParameters]:
-    """The limbs of a robot by name, each with its segments of `RobotParameters.together`.
+    """The limbs of a robot by name, each with its segments of `RobotParameters.as_single_limb`.
 
     A segment has the name of its limb, with a number if the limb has several.
 
@@ -79,7 +79,7 @@ class SeveralBoards(Closed):
         """
         Args:
             ports: port of each limb by its name.
-            robot: all limbs as one, as of `RobotParameters.together`.
+            robot: all limbs as one, as of `RobotParameters.as_single_limb`.
 
         Raises:
             HardwareError: if a port cannot be opened, or another program has it.

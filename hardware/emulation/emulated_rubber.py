@@ -10,7 +10,7 @@ from hardware.emulation.specimen import Specimen
 from limb_systems import LimbModel, LimbParameters
 from limb_systems.drake_python import weak_method
 from limb_systems.kinematics import rest_joint_angles
-from limb_systems.symbolic_chain import tip_of_angles
+from limb_systems.symbolic_chain import tip_position_function
 
 GRIP = 20.0  # stiffness of the hand over bending stiffness of the limb
 GRIP_TIME = 0.05  # s, of the hand's damping
@@ -159,7 +159,7 @@ class Hand(LeafSystem):
         mechanics = LimbModel.of(parameters).mechanics
         self._layout = mechanics.layout
         (segment,), (self._segment_chain,) = parameters.segments, mechanics.chains
-        self._tip = tip_of_angles(mechanics)
+        self._tip = tip_position_function(mechanics)
         # A torque at the tip turns the chord by about (n + 1) / 2 joints' worth of angle.
         self._stiffness = GRIP * segment.stiffness * self._segment_chain.equal_angle
         self._length, self._sensor = segment.length, segment.bend_sensor

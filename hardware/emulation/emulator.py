@@ -23,7 +23,7 @@ from hardware.emulation.emulated_board import EmulatedBoard, RunningTwin
 from hardware.emulation.twin import EmulatedSystem
 from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
 from limb_systems import LimbError
-from limb_systems.files.output import naming
+from limb_systems.files.output import raising_output_error
 
 TURN = 0.001  # s, between two passes of the firmware's loop
 LONGEST_PASS = 0.05  # s, by which the board's clock goes on in one
@@ -311,7 +311,7 @@ def emulate(
     with open(log or os.devnull, "w", encoding="utf-8") as file:
 
         def note(**event) -> None:
-            with naming(log or os.devnull):
+            with raising_output_error(log or os.devnull):
                 file.write(json.dumps(event) + "\n")
                 file.flush()
 

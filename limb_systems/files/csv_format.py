@@ -29,7 +29,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS, FirstLine, first_line
 
 FORMAT_VERSION = 3
-KILLED = "the program that recorded it was killed"
+KILLED_REASON = "the program that recorded it was killed"
 MAKERS = {
     "recording": "collect, replay and teach write recordings, and Recording.save, of other data",
     "trajectory": "soft-limb plan makes a trajectory of a reference",
@@ -153,7 +153,7 @@ def parse_table(
         raise FileFormatError(
             f"the end line is missing after line {len(lines)}; the file is truncated."
         )
-    interrupted = "" if end else KILLED
+    interrupted = "" if end else KILLED_REASON
     if lines and lines[-1].startswith(_INTERRUPTED):
         interrupted = lines.pop().removeprefix(_INTERRUPTED)
     head = list(itertools.takewhile(lambda line: line.startswith("# "), lines))

@@ -8,12 +8,12 @@ import warnings
 from pathlib import Path
 from typing import Self
 
-from limb_systems.errors import LimbError, raised_as
+from limb_systems.errors import LimbError, reraise_as
 from limb_systems.files.input import first_line, read_text
 from limb_systems.files.output import write_atomically
 from limb_systems.files.schema import Strict, dump_typed, load_typed
 
-HEAVIEST = 20.0  # density over that of water; iridium has 22
+MAX_DENSITY = 20.0  # density over that of water; iridium has 22
 
 
 class ParameterError(LimbError):
@@ -54,9 +54,9 @@ class Described(Strict):
                 f"{path} is a {ours.kind}; what describes a limb is a YAML file, such as soft-limb "
                 "fit or LimbParameters.save writes."
             )
-        with raised_as(ParameterError, f"{path}: "):
+        with reraise_as(ParameterError, f"{path}: "):
             parameters = cls.from_yaml(text)
-        for oddity in parameters.oddities():
+        for oddity in parameters.plausibility_warnings():
             warnings.warn(f"{path}: {oddity}", stacklevel=2)
         return parameters
 
@@ -67,7 +67,7 @@ class Described(Strict):
         Raises:
             ParameterError: with one sentence naming the field.
         """
-        with raised_as(ParameterError):
+        with reraise_as(ParameterError):
             parameters = load_typed(cls, text)
         parameters.validate()
         return parameters
@@ -91,7 +91,7 @@ class Described(Strict):
         """Raises ParameterError for the first field that is out of its range."""
         raise NotImplementedError
 
-    def oddities(self, where: str = "") -> list[str]:
+    def plausibility_warnings(self, where: str = "") -> list[str]:
         """Sentences on what limbs can be, but rarely are, with this before the names of fields."""
         raise NotImplementedError
 
@@ -103,7 +103,7 @@ class Described(Strict):
 def check_density(mass: float, sizes: dict[str, float], where: str) -> None:
     """Raises ParameterError if a mass, kg, is too much for a box of named sizes, m."""
     times_water = mass / (1000.0 * math.prod(sizes.values()))
-    if times_water > HEAVIEST:
+    if times_water > MAX_DENSITY:
         *names, last = sizes
         raise ParameterError(
             f"{where}.mass is {mass:g} kg, {times_water:.0f} times the water that its "

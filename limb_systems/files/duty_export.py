@@ -13,7 +13,7 @@ from limb_systems.files.signal_table import doses
 from limb_systems.files.trajectory import Trajectory
 
 
-def held_duty(plan: Trajectory, rate: float, duty_max: int = 1) -> np.ndarray:
+def zero_order_hold_duty(plan: Trajectory, rate: float, duty_max: int = 1) -> np.ndarray:
     """Duty (W, N + 1) for a program that holds each column for a period; the last one is zero.
 
     The duty of a plan ramps between its knots. Each column is its mean over the period, so
@@ -48,14 +48,14 @@ def held_duty(plan: Trajectory, rate: float, duty_max: int = 1) -> np.ndarray:
 
 
 def write_rows(plan: Trajectory, path: str | Path, rate: float, duty_max: int = 1) -> None:
-    """Writes a CSV with the time and `held_duty` in each row, below comments that start with #.
+    """Write a CSV file: comments that start with #, then time and `zero_order_hold_duty` in rows.
 
     Raises:
-        LimbError: as `held_duty` does.
+        LimbError: as `zero_order_hold_duty` does.
     """
     scale = "" if duty_max == 1 else f"_of_{duty_max}"
-    held = held_duty(plan, rate, duty_max)
-    lines = [f"# {line}" for line in _about(plan, rate, duty_max)]
+    held = zero_order_hold_duty(plan, rate, duty_max)
+    lines = [f"# {line}" for line in _comment_lines(plan, rate, duty_max)]
     names = [f"duty_{name}{scale}" for name in plan.parameters.wire_names]
     lines.append(",".join(["time_s", *names]))
     for index, row in enumerate(held.T):
@@ -64,17 +64,17 @@ def write_rows(plan: Trajectory, path: str | Path, rate: float, duty_max: int = 
 
 
 def write_c_header(plan: Trajectory, path: str | Path, rate: float, duty_max: int = 1) -> None:
-    """Writes a C header with `held_duty` as an array of rows, its rate, size and wires' names.
+    """Write a C header: `zero_order_hold_duty` as an array of rows, its rate, size and wire names.
 
     Numbers are of the smallest type that has them: uint8_t, uint16_t, or float for duty itself.
 
     Raises:
-        LimbError: as `held_duty` does.
+        LimbError: as `zero_order_hold_duty` does.
     """
-    held = held_duty(plan, rate, duty_max)
+    held = zero_order_hold_duty(plan, rate, duty_max)
     kind = "float" if duty_max == 1 else "uint8_t" if duty_max < 256 else "uint16_t"
     suffix = "f" if duty_max == 1 else ""
-    about = [line.replace("*/", "* /") for line in _about(plan, rate, duty_max)]
+    about = [line.replace("*/", "* /") for line in _comment_lines(plan, rate, duty_max)]
     rows = [", ".join(f"{_text(value, duty_max)}{suffix}" for value in row) for row in held.T]
     lines = [
         *("/* " + "\n * ".join(about) + "\n */").splitlines(),
@@ -102,7 +102,7 @@ def _text(value: float, duty_max: int) -> str:
     return f"{value:.9f}" if duty_max == 1 else f"{value:.0f}"
 
 
-def _about(plan: Trajectory, rate: float, duty_max: int) -> list[str]:
+def _comment_lines(plan: Trajectory, rate: float, duty_max: int) -> list[str]:
     """What a program must know, in lines."""
     limits, start = plan.parameters.temperature_limits, plan.wire_temperature[:, 0]
     made = dataclasses.asdict(plan.provenance) if plan.provenance else {}

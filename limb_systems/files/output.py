@@ -22,7 +22,7 @@ def write_atomically(path: str | Path, content: str | bytes | Iterator[str]) -> 
             is as it was.
     """
     path = Path(path)
-    with naming(path):
+    with raising_output_error(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
@@ -39,7 +39,7 @@ def write_atomically(path: str | Path, content: str | bytes | Iterator[str]) -> 
 
 
 @contextlib.contextmanager
-def naming(path: str | Path) -> Iterator[None]:
+def raising_output_error(path: str | Path) -> Iterator[None]:
     """A context whose OSErrors, such as that of a full disk, become OutputErrors with the path."""
     try:
         yield

@@ -50,9 +50,9 @@ def plan_statements(trajectory: Any, nearest: str = "") -> Summary:
         )
     stretches: dict[str, list[str]] = {}
     for active in check.active_constraints:
-        stretches.setdefault(active.bound, []).append(_stretch(active.start, active.end))
+        stretches.setdefault(active.bound, []).append(_time_range(active.start, active.end))
     at = {bound: f"at {', '.join(times)} s" for bound, times in stretches.items()}
-    added = [_added(terms, at) for terms in check.added]
+    added = [_added_terms_line(terms, at) for terms in check.added]
     width = max(map(len, at), default=0)
     lines = [f"{bound:<{width}}  {times}" for bound, times in at.items()]
     texts["limits"] = "\n".join(["the plan runs along", *lines]) if lines else "none is active"
@@ -76,13 +76,13 @@ def plan_statements(trajectory: Any, nearest: str = "") -> Summary:
     return Summary.of(texts, values)
 
 
-def _stretch(start: float, end: float) -> str:
+def _time_range(start: float, end: float) -> str:
     """Return a stretch of time, s, or the time of a single knot."""
     first, last = f"{start:.1f}", f"{end:.1f}"
     return first if first == last else f"{first}-{last}"
 
 
-def _added(terms: Any, active: dict[str, str]) -> str:
+def _added_terms_line(terms: Any, active: dict[str, str]) -> str:
     """Return a line on terms of one's own, and take what it says from the active constraints."""
     if terms.cost is None:
         times = active.pop(terms.name, None)

@@ -11,7 +11,7 @@ from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.schema import check_text, rare
-from limb_systems.files.signal_table import Samples, apart, sample_rate, signal
+from limb_systems.files.signal_table import Samples, not_saved, sample_rate, signal
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.summary import Entry, Summary
 
@@ -83,8 +83,8 @@ class Recording(Samples):
     sample_age: np.ndarray | None = signal(None)
     body_pose: np.ndarray | None = signal(None)
     contact_force: np.ndarray | None = signal(None)
-    interrupted: str = apart("")
-    title: str = apart("")
+    interrupted: str = not_saved("")
+    title: str = not_saved("")
 
     def __post_init__(self):
         check_text(self.source, "source")
@@ -93,7 +93,7 @@ class Recording(Samples):
         if self.parameters is None:
             if self.robot is None:
                 raise LimbError("parameters is missing.")
-            self.parameters = self.robot.together
+            self.parameters = self.robot.as_single_limb
         self._check()
         if not 1 / LONGEST_PERIOD <= self.sample_rate <= HIGHEST_RATE:
             raise LimbError(

@@ -24,7 +24,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TEXT
 
 T = typing.TypeVar("T")
-_NONE: typing.Mapping = types.MappingProxyType({})
+_NO_METADATA: typing.Mapping = types.MappingProxyType({})
 _NULLS = ("null", "~", "")
 _SPECIAL = {".nan": "nan", ".inf": "inf", "-.inf": "-inf"}  # numbers that Python writes otherwise
 
@@ -69,7 +69,7 @@ class Strict:
         names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
         if name not in names and not isinstance(getattr(type(self), name, None), property):
             raise SchemaError(
-                f"{type(self).__name__} has no field {name!r}{nearest(name, names)}; it has "
+                f"{type(self).__name__} has no field {name!r}{did_you_mean(name, names)}; it has "
                 f"{', '.join(names)}."
             )
         super().__setattr__(name, value)
@@ -128,22 +128,22 @@ def validate(target: Any, path: str = "") -> None:
     _convert(target, type(target), path)
 
 
-def check_text(value: Any, name: str, metadata: typing.Mapping = _NONE) -> None:
+def check_text(value: Any, name: str, metadata: typing.Mapping = _NO_METADATA) -> None:
     """Raises SchemaError unless it is text that can be printed anywhere; see `load_typed`."""
     if not isinstance(value, str):
-        raise SchemaError(f"{name} is {shown(value)}; it must be text.")
+        raise SchemaError(f"{name} is {short_repr(value)}; it must be text.")
     lines = value.split("\n") if metadata.get("lines") else [value]
     if not all(line.isprintable() for line in lines):
-        raise SchemaError(f"{name} is {shown(value)}; it must be one line of printable text.")
+        raise SchemaError(f"{name} is {short_repr(value)}; it must be one line of printable text.")
 
 
-def shown(value: Any) -> str:
+def short_repr(value: Any) -> str:
     """Any value for an error: its ``repr``, the beginning of it if it is long."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 100 else f"{text[:97]}..."
 
 
-def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NONE) -> Any:
+def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NO_METADATA) -> Any:
     if dataclasses.is_dataclass(value):
         fields = [
             field
@@ -173,7 +173,7 @@ class _Loader(yaml.BaseLoader):
         if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
             raise _problem("anchors and aliases (& and *) are not read", event)
         if event.tag and not re.fullmatch(r"!\w*", event.tag):
-            raise _problem(f"the tag {shown(event.tag)} is not read", event)
+            raise _problem(f"the tag {short_repr(event.tag)} is not read", event)
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node, deep=False):
@@ -181,9 +181,9 @@ class _Loader(yaml.BaseLoader):
         for key, _ in node.value:
             name = self.construct_object(key, deep=True)
             if not isinstance(name, str):
-                raise _problem(f"{shown(name)} is no name of a field", key)
+                raise _problem(f"{short_repr(name)} is no name of a field", key)
             if name in given:
-                raise _problem(f"{shown(name)} is given twice", key)
+                raise _problem(f"{short_repr(name)} is given twice", key)
             given.add(name)
         return super().construct_mapping(node, deep)
 
@@ -227,26 +227,28 @@ def _parse(text: str) -> Any:
         raise SchemaError(f"not valid YAML: {error} in line {loader.line + 1}.") from error
 
 
-def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE) -> Any:
+def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NO_METADATA) -> Any:
     """A value of a type, from lists, dicts and texts, or from such a value, which is checked."""
     schema = schema.registered() if hasattr(schema, "registered") else schema
     origin, arguments = typing.get_origin(schema), typing.get_args(schema)
     where = path or "the document"
     if origin is tuple:
         if not isinstance(data, list | tuple) or len(data) != len(arguments):
-            raise SchemaError(f"{where} must be a list of {len(arguments)}, but is {shown(data)}.")
+            raise SchemaError(
+                f"{where} must be a list of {len(arguments)}, but is {short_repr(data)}."
+            )
         pairs = enumerate(zip(data, arguments, strict=True))
         return tuple(_convert(value, kind, f"{path}[{i}]", metadata) for i, (value, kind) in pairs)
     if origin is dict:
         if not isinstance(data, dict):
-            raise SchemaError(f"{where} is {shown(data)}; it must have names with values.")
+            raise SchemaError(f"{where} is {short_repr(data)}; it must have names with values.")
         for key in data:
             check_text(key, f"a name in {where}")
         named = ((key, value) for key, value in data.items() if key != "_tag")
         return {k: _convert(value, arguments[1], f"{path}.{k}", metadata) for k, value in named}
     if origin in (list, collections.abc.Sequence):
         if not isinstance(data, list):
-            raise SchemaError(f"{where} is {shown(data)}; it must be a list.")
+            raise SchemaError(f"{where} is {short_repr(data)}; it must be a list.")
         items = enumerate(data)
         return [_convert(value, arguments[0], f"{path}[{i}]", metadata) for i, value in items]
     if origin in (typing.Union, types.UnionType):
@@ -255,7 +257,7 @@ def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE
         plain = [choice for choice in arguments if choice is not type(None)]
         if len(plain) == 1 and not dataclasses.is_dataclass(plain[0]):
             return _convert(data, plain[0], path, metadata)
-        schema = type(data) if isinstance(data, tuple(plain)) else _chosen(data, plain, where)
+        schema = type(data) if isinstance(data, tuple(plain)) else _chosen_class(data, plain, where)
     if dataclasses.is_dataclass(schema):
         return _convert_fields(data, typing.cast(type, schema), path, where)
     if schema is str:
@@ -263,7 +265,7 @@ def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE
         return data
     if schema is bool:
         if data not in ("true", "false", True, False):
-            raise SchemaError(f"{path} is {shown(data)}; it must be true or false.")
+            raise SchemaError(f"{path} is {short_repr(data)}; it must be true or false.")
         return data in ("true", True)
     return _convert_number(data, schema, path, metadata)
 
@@ -282,7 +284,7 @@ def _convert_number(data: Any, schema: type, path: str, metadata: typing.Mapping
         expected += f" from {low:g} to {high:g} {metadata['unit']}".rstrip()
     if not valid:
         given = data if number is None else number
-        raise SchemaError(f"{path} is {shown(given)}; it must be {expected}.")
+        raise SchemaError(f"{path} is {short_repr(given)}; it must be {expected}.")
     return schema(number) if isinstance(data, str) else number
 
 
@@ -313,7 +315,7 @@ def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, A
     made = isinstance(data, schema)
     if not made and not isinstance(data, dict):
         raise SchemaError(
-            f"{where} must have the fields {', '.join(fields)}, but is {shown(data)}."
+            f"{where} must have the fields {', '.join(fields)}, but is {short_repr(data)}."
         )
     if made:
         given = {name: getattr(data, field.name) for name, field in fields.items()}
@@ -323,9 +325,9 @@ def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, A
         if reason := getattr(schema, "REFUSED", {}).get(key):
             raise SchemaError(f"{prefix}{key} is refused: {reason}.")
         if key not in fields:
-            unknown = f"{prefix}{key}" if key.isprintable() and len(key) < 80 else shown(key)
+            unknown = f"{prefix}{key}" if key.isprintable() and len(key) < 80 else short_repr(key)
             raise SchemaError(
-                f"{unknown} is not a known field{nearest(key, list(fields))}; {where} has the "
+                f"{unknown} is not a known field{did_you_mean(key, list(fields))}; {where} has the "
                 f"fields {', '.join(fields)}."
             )
     values = {}
@@ -336,35 +338,35 @@ def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, A
             values[field.name] = after = _convert(before, hint, name, field.metadata)
             if made and after != before and after == after:  # a text is no number in an object
                 kind = "a number" if hint in (int, float) else f"of the type {hint}"
-                raise SchemaError(f"{name} is {shown(before)}; it must be {kind}.")
+                raise SchemaError(f"{name} is {short_repr(before)}; it must be {kind}.")
         elif field.default is field.default_factory is dataclasses.MISSING:
             raise SchemaError(f"{name} is missing.")
     return values
 
 
-def _chosen(data: Any, given: list[type], where: str) -> type:
+def _chosen_class(data: Any, given: list[type], where: str) -> type:
     """The class that is meant, of those that are given and all classes derived from them."""
-    choices = {choice.__name__: choice for choice in _with_subclasses(given)}
+    choices = {choice.__name__: choice for choice in _instantiable_subclasses(given)}
     tags = ", ".join(f"!{name}" for name in choices)
     if not isinstance(data, dict):
-        raise SchemaError(f"{where} must be one of {tags}, but is {shown(data)}.")
+        raise SchemaError(f"{where} must be one of {tags}, but is {short_repr(data)}.")
     tag = data.get("_tag", given[0].__name__)
     if tag not in choices:
         raise SchemaError(
-            f"{where} is a !{tag}, which is not known{nearest(tag, list(choices))}; it must be "
-            f"one of {tags}, or a class of your own whose module was imported "
+            f"{where} is a !{tag}, which is not known{did_you_mean(tag, list(choices))}; it must "
+            f"be one of {tags}, or a class of your own whose module was imported "
             "(soft-limb --import MODULE ...)."
         )
     return choices[tag]
 
 
-def _with_subclasses(classes: list[type]) -> list[type]:
+def _instantiable_subclasses(classes: list[type]) -> list[type]:
     found: list[type] = []
     for cls in classes:
         private = cls.__name__.startswith("_")
         if dataclasses.is_dataclass(cls) and not (private or inspect.isabstract(cls)):
             found.append(cls)
-        found += _with_subclasses(cls.__subclasses__())
+        found += _instantiable_subclasses(cls.__subclasses__())
     return found
 
 
@@ -373,7 +375,7 @@ def _hints(schema: Any) -> dict[str, Any]:
     return typing.get_type_hints(schema)
 
 
-def nearest(name: str, names: collections.abc.Sequence[str]) -> str:
+def did_you_mean(name: str, names: collections.abc.Sequence[str]) -> str:
     """A hint at the known name that may be meant, for an error about an unknown one."""
     match = difflib.get_close_matches(name, names, n=1)
     return f" (did you mean {match[0]}?)" if match else ""

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.connected_limbs import ConnectedLimbs
-from limb_systems.errors import LimbError, raised_as
+from limb_systems.errors import LimbError, reraise_as
 from limb_systems.files.csv_format import FileFormatError, Table, TableText, parse_table
 from limb_systems.files.input import LARGEST_TABLE, read_bytes
 from limb_systems.files.output import write_atomically
@@ -80,7 +80,7 @@ def signal(default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata={"in_files": False, "signal": True})
 
 
-def apart(default: Any) -> Any:
+def not_saved(default: Any) -> Any:
     """A field of `Samples` that is neither a signal nor in the header of files."""
     return dataclasses.field(default=default, metadata={"in_files": False})
 
@@ -94,7 +94,7 @@ def sample_rate(default: Any) -> Any:
 class Samples(Summarized):
     """The base of `Recording`, `Trajectory` and `Gait`: a dataclass of signals and of a header.
 
-    The signals are the columns of a file. All other fields but those `apart` are its header.
+    The signals are the columns of a file. All other fields but those `not_saved` are its header.
     """
 
     KIND: ClassVar[str]  # in the first line of the file
@@ -155,7 +155,7 @@ class Samples(Summarized):
             FileFormatError: one sentence that says what is wrong and where.
         """
         data = read_bytes(path, cls.KIND, LARGEST_TABLE, FileFormatError)
-        with raised_as(FileFormatError, f"{path}: "):
+        with reraise_as(FileFormatError, f"{path}: "):
             table = parse_table(data, cls.KIND, unfinished=unfinished, readings=cls.MEASURED)
             return cls._from_table(table)
 
@@ -197,7 +197,7 @@ class Samples(Summarized):
         yield text.end(self.interrupted)
 
     def header(self) -> str:
-        """The YAML text of all that is neither a signal nor `apart`."""
+        """The YAML text of all that is neither a signal nor `not_saved`."""
         about = copy.copy(self)
         if self.robot:
             about.parameters = None  # type: ignore[assignment]  # they are those of the robot
@@ -211,7 +211,7 @@ class Samples(Summarized):
         if described is None:
             raise FileFormatError("parameters is missing.")
         described.validate()
-        groups = cls.columns_of(robot.together if robot else described, robot)
+        groups = cls.columns_of(robot.as_single_limb if robot else described, robot)
         known = {column for group in groups.values() for column in group}
         for column in table.columns:
             if column not in known:
@@ -371,7 +371,7 @@ def doses(levels: np.ndarray, breaks: np.ndarray, ends: np.ndarray) -> np.ndarra
     return np.diff([np.interp(ends, breaks, np.append(0.0, of_row)) for of_row in sums])
 
 
-def without_rounding(duty: np.ndarray) -> np.ndarray:
+def clip_rounding(duty: np.ndarray) -> np.ndarray:
     """Duty within rounding of [0, 1] brought into it; more is a mistake, and left to be named."""
     clipped = np.clip(duty, 0.0, 1.0)
     return clipped if np.abs(clipped - duty).max() < 1e-9 else duty

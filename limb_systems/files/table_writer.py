@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.csv_format import TableText
-from limb_systems.files.output import OutputError, naming
+from limb_systems.files.output import OutputError, raising_output_error
 
 MOST_WAITING = 1000  # rows: 50 s of a robot's samples
 SYNC_PERIOD = 1.0  # s
 CHUNK = 1 << 20  # bytes
 PATIENCE = 2.0  # s, that the end waits for the disk
-LONGEST_WAIT = 30.0  # s, that a row of a simulation waits for the disk
+MAX_APPEND_WAIT = 30.0  # s, that a row of a simulation waits for the disk
 
 _UNFINISHED = ".unfinished"
 
@@ -77,8 +77,8 @@ class TableWriter:
         self._rows: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._failure: OSError | None = None
         self._rename = self._ended = False
-        self._longest_wait = LONGEST_WAIT if may_wait else 0.0
-        with naming(path):
+        self._longest_wait = MAX_APPEND_WAIT if may_wait else 0.0
+        with raising_output_error(path):
             self._target.parent.mkdir(parents=True, exist_ok=True)
             self.path, self._file = self._open(self._target.parent)
         self._rows.put(self._text.head)
@@ -108,7 +108,7 @@ class TableWriter:
                 f"The disk is stalled: {MOST_WAITING} rows wait to be written to {self.path}."
             )
         row = {n: np.array([v]) for n, v in zip(self._names, values, strict=True)}
-        with raised_as(OutputError, f"{self.path}: "):
+        with reraise_as(OutputError, f"{self.path}: "):
             self._rows.put(self._text.rows(row))
 
     def finish(self, interrupted: str = "") -> None:

@@ -12,7 +12,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from limb_systems.errors import LimbError
 from limb_systems.files.plan_statements import plan_statements
 from limb_systems.files.provenance import Provenance
-from limb_systems.files.signal_table import Planned, apart, sample_rate, signal
+from limb_systems.files.signal_table import Planned, not_saved, sample_rate, signal
 from limb_systems.kinematics import bend_angle
 from limb_systems.limb import Limb
 from limb_systems.limb_parameters import LimbParameters
@@ -155,7 +155,7 @@ class Trajectory(Planned):
     joint_state: np.ndarray = signal()
     wire_temperature: np.ndarray = signal()
     measured_temperature: np.ndarray = signal()
-    other_wire_state: np.ndarray | None = apart(None)
+    other_wire_state: np.ndarray | None = not_saved(None)
 
     def __post_init__(self):
         self._check()

@@ -41,10 +41,10 @@ WIRE_COLORS = np.array(
     [[0.30, 0.42, 0.60], [0.50, 0.32, 0.50], [0.86, 0.20, 0.16], [1.00, 0.54, 0.05]]
 )
 # Directions from limbs in a plane, and in space, to the camera.
-IN_PLANE, IN_SPACE = (0.0, -0.42, 0.91), (0.64, -0.64, 0.42)
-_ALONG = RotationMatrix.MakeYRotation(np.pi / 2)  # a cylinder's axis along E1
+PLANAR_VIEW_DIRECTION, SPATIAL_VIEW_DIRECTION = (0.0, -0.42, 0.91), (0.64, -0.64, 0.42)
+_CYLINDER_ALONG_E1 = RotationMatrix.MakeYRotation(np.pi / 2)  # a cylinder's axis along E1
 _FIELD_OF_VIEW = np.radians(25.0)  # from top to bottom; narrow, so that lengths compare
-_MOMENTS = 60  # of a motion, that the camera is set for
+_NUM_CAMERA_POSES = 60  # of a motion, that the camera is set for
 
 
 def wire_color(parameters: LimbParameters, temperature: ArrayLike) -> np.ndarray:
@@ -193,7 +193,7 @@ def view_of(
     if isinstance(described, LimbParameters):
         return LimbView(described, ghosts, root)
     if described.is_limb:
-        return LimbView(described.together, ghosts, root)
+        return LimbView(described.as_single_limb, ghosts, root)
     if ghosts:
         raise LimbError("A robot is shown without a plan beside it; leave the plan out.")
     return connected("view")(described, root)
@@ -242,7 +242,7 @@ class LimbView:
 
     def _to_eye(self) -> Sequence[float]:
         """Return the direction to the camera in the world."""
-        return IN_PLANE if self._is_planar else IN_SPACE
+        return PLANAR_VIEW_DIRECTION if self._is_planar else SPATIAL_VIEW_DIRECTION
 
     def _add_model(self, plant: MultibodyPlant) -> None:
         add_limb(plant, self._parameters)
@@ -310,7 +310,7 @@ class LimbView:
                 0.5 * segment.width + 0.1 * level * segment.thickness if self._is_planar else 0.0
             )
             meshcat.SetObject(path, Cylinder(radius, length), Rgba(*ghost.color))
-            meshcat.SetTransform(path, RigidTransform(_ALONG, [length / 2, 0.0, above]))
+            meshcat.SetTransform(path, RigidTransform(_CYLINDER_ALONG_E1, [length / 2, 0.0, above]))
 
     def add_tip_path(
         self, meshcat: Meshcat, joint_angles: np.ndarray, ghost: Ghost | None = None
@@ -384,7 +384,9 @@ class LimbView:
             bends = np.tile(np.radians([-60.0, 0.0, 60.0]), (num_bends, 1))
             joint_angles = joint_angles_from_bend_angle(self._parameters, bends)
         places = []
-        for k in np.unique(np.linspace(0, joint_angles.shape[1] - 1, _MOMENTS).astype(int)):
+        for k in np.unique(
+            np.linspace(0, joint_angles.shape[1] - 1, _NUM_CAMERA_POSES).astype(int)
+        ):
             self._set_positions(joint_angles[:, k], None if body_pose is None else body_pose[:, k])
             bodies = [(body, 0.0) for body in self._bodies]
             bodies += [(body, length) for body, _, length in self._links]

@@ -66,7 +66,7 @@ class LimbVisualizer(LeafSystem):
         self._meshcat, self._root = meshcat, f"{prefix}/" if prefix else ""
         pose_size, shown = 0, parameters
         if isinstance(parameters, ConnectedLimbs):
-            pose_size, parameters = len(parameters.pose_rows()), parameters.together
+            pose_size, parameters = len(parameters.pose_rows()), parameters.as_single_limb
         ghosts = ghosts_of_plan(parameters, plan) if plan else []
         self._view = view_of(shown, ghosts, self._root)
         self._view.add_to(meshcat, base_pose)
@@ -79,9 +79,11 @@ class LimbVisualizer(LeafSystem):
         self.DeclareForcedPublishEvent(weak_method(self._publish))
 
     def _publish(self, context: Context) -> None:
-        state, temperature, *placed = map(self.get_input_port, range(self.num_input_ports()))
+        state, temperature, *pose_ports = map(self.get_input_port, range(self.num_input_ports()))
         angles = state.Eval(context)[: state.size() // 2]
-        pose = placed[0].Eval(context) if placed and placed[0].HasValue(context) else None
+        pose = (
+            pose_ports[0].Eval(context) if pose_ports and pose_ports[0].HasValue(context) else None
+        )
         self._view.show(self._meshcat, angles, context.get_time(), pose)
         self._view.show_heat(self._meshcat, temperature.Eval(context))
 

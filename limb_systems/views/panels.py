@@ -27,7 +27,7 @@ from limb_systems.views.colors import (
     wire_colors,
 )
 
-BAND = 1.96  # standard deviations that hold 95% of the rollouts
+BAND_FACTOR = 1.96  # standard deviations that hold 95% of the rollouts
 TIME = "time (s)"
 
 
@@ -156,7 +156,7 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
         if not recordings:
             return []
         rows = [_in_unit(signal, getattr(recording, signal)[row]) for recording in recordings]
-        time, mean, half = mean_and_band(recordings, rows)
+        time, mean, half = mean_and_half_width(recordings, rows)
         shown = time < last_duty if signal == "duty" else slice(None)
         time, mean, half = time[shown], mean[shown], half[shown]
         band = half if len(recordings) > 1 else None
@@ -338,7 +338,7 @@ def repetition_panels(
     return panels
 
 
-def mean_and_band(
+def mean_and_half_width(
     recordings: Sequence[Recording], samples: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, mean and half-width of the 95% band of rollouts; each as long as the shortest.
@@ -349,10 +349,10 @@ def mean_and_band(
     """
     length = min(len(sample) for sample in samples)
     # What one of them misses is that of the others, and a gap where all do.
-    stacked = np.ma.masked_invalid([sample[:length] for sample in samples])
-    spread = stacked.std(axis=0, ddof=min(1, len(samples) - 1))
+    masked = np.ma.masked_invalid([sample[:length] for sample in samples])
+    spread = masked.std(axis=0, ddof=min(1, len(samples) - 1))
     return (
         recordings[0].time[:length],
-        stacked.mean(axis=0).filled(np.nan),
-        BAND * spread.filled(0.0),
+        masked.mean(axis=0).filled(np.nan),
+        BAND_FACTOR * spread.filled(0.0),
     )

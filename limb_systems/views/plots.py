@@ -22,10 +22,10 @@ from limb_systems.files.trajectory import Trajectory
 from limb_systems.views.panels import Panel, motion_panels, repetition_panels, tracking_panels
 
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
-PIXELS = 125  # of a panel's height in an inch
-POINTS = 0.8  # of a line's width in a px
-FOR_PAPERS = (".pdf", ".eps")
-COLUMN_WIDTH, COLUMN_TEXT = 3.5, 8.0  # inches and pt, of the IEEE's journals
+PIXELS_PER_INCH = 125  # of a panel's height in an inch
+POINTS_PER_PIXEL = 0.8  # of a line's width in a px
+PAPER_SUFFIXES = (".pdf", ".eps")
+COLUMN_WIDTH, COLUMN_FONT_SIZE = 3.5, 8.0  # inches and pt, of the IEEE's journals
 
 
 class Figure(matplotlib.figure.Figure):
@@ -63,7 +63,7 @@ def plot_repetitions(
 def draw(panels: Sequence[Panel], title: str = "") -> Figure:
     """A picture of panels, one below the other."""
     heights = [panel.height for panel in panels]
-    figure = Figure(figsize=(WIDTH, sum(heights) / PIXELS), layout="constrained")
+    figure = Figure(figsize=(WIDTH, sum(heights) / PIXELS_PER_INCH), layout="constrained")
     axes = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
     shared: dict[str, Axes] = {}
     for axis, panel, below in zip(axes, panels, [*panels[1:], None], strict=True):
@@ -74,13 +74,13 @@ def draw(panels: Sequence[Panel], title: str = "") -> Figure:
             axis.tick_params(labelbottom=False)
         else:
             axis.set_xlabel(panel.x_label)
-        dress(axis)
+        apply_axis_style(axis)
     if title:
         figure.suptitle(title, fontsize=11)
     return figure
 
 
-def dress(axis: Axes, most_columns: int = 3) -> None:
+def apply_axis_style(axis: Axes, most_columns: int = 3) -> None:
     """Apply the common style to a panel: a light grid, and the legend above it."""
     axis.grid(alpha=0.25)
     axis.spines[["top", "right"]].set_visible(False)
@@ -113,7 +113,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     """
     path = Path(path)
     check_picture(path)
-    if path.suffix.lower() in FOR_PAPERS:
+    if path.suffix.lower() in PAPER_SUFFIXES:
         figure = _in_a_column(figure)
     picture = io.BytesIO()
     with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):  # TrueType, as asked for
@@ -128,23 +128,23 @@ def _in_a_column(figure: Figure) -> Figure:
     figure.set_size_inches(COLUMN_WIDTH, 1.4 * height * COLUMN_WIDTH / width)
     for axis in figure.axes:
         if axis.get_legend():
-            dress(axis, most_columns=2)
+            apply_axis_style(axis, most_columns=2)
     for line in figure.findobj(Line2D):
         line.set_linewidth(0.75 * line.get_linewidth())
     for text in figure.findobj(Text):
-        text.set_fontsize(COLUMN_TEXT)
+        text.set_fontsize(COLUMN_FONT_SIZE)
     return figure
 
 
 def draw_panel(axis: Axes, panel: Panel) -> None:
-    """Draw a panel's curves and limits; `dress` adds the legend."""
+    """Draw a panel's curves and limits; `apply_axis_style` adds the legend."""
     named: set[str] = set()
     for curve in [*panel.curves, *panel.limits]:
         x, y, band = np.asarray(curve.x), np.asarray(curve.y), curve.band
         style: dict[str, Any] = {
             "color": curve.color,
             "alpha": curve.alpha,
-            "linewidth": POINTS * curve.width,
+            "linewidth": POINTS_PER_PIXEL * curve.width,
         }
         if curve.name not in named and not any(curve is limit for limit in panel.limits):
             style["label"] = _typeset(curve.name)
@@ -157,7 +157,7 @@ def draw_panel(axis: Axes, panel: Panel) -> None:
             style["solid_capstyle"] = "butt"  # wide lines are bars
             axis.plot(x, y, linestyle=curve.dash, drawstyle=steps, **style)
         if low_high is not None and curve.marks:
-            axis.vlines(x, *low_high, color=curve.color, linewidth=POINTS * 1.5)
+            axis.vlines(x, *low_high, color=curve.color, linewidth=POINTS_PER_PIXEL * 1.5)
         elif low_high is not None:
             axis.fill_between(x, *low_high, color=curve.color, alpha=0.2 * curve.alpha, lw=0)
     highest = max((limit.y[0] for limit in panel.limits), default=0.0)

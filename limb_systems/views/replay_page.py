@@ -123,8 +123,8 @@ def replay_page(
     colors = linear_wire_color(parameters, heat)
     for frame in range(len(times)):
         time = (frame + 1e-6) / rate  # Drake rounds down
-        placed = None if pose is None else pose[:, frame]
-        view.show(meshcat, angles[:, frame], time, placed)
+        frame_pose = None if pose is None else pose[:, frame]
+        view.show(meshcat, angles[:, frame], time, frame_pose)
         for paths, color in zip(view.wire_paths, colors[:, frame], strict=True):
             for path in paths:
                 # Meshcat sets "color" on a path; an animation binds to its mesh.

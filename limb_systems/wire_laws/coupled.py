@@ -7,7 +7,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from limb_systems.files.schema import quantity
-from limb_systems.wire_laws.hysteretic import BACKLASH, GRADUAL, HystereticLaw, heat_fields, midway
+from limb_systems.wire_laws.hysteretic import (
+    BACKLASH,
+    GRADUAL_TURNING,
+    HystereticLaw,
+    heat_fields,
+    midway,
+)
 from limb_systems.wire_laws.saturating import SaturatingLaw
 from limb_systems.wire_laws.two_mass import _TwoMassHeat
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, Prior, WireLaw, logistic
@@ -203,7 +209,7 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         """Rates as of `HystereticLaw`, with the heating of a wire that is half transformed."""
         return {**super().typical_rates(), "heating": self.a2 * (1.0 - 0.5 * self.heating_drop)}
 
-    def easier(self) -> WireLaw:
+    def smoothed(self) -> WireLaw:
         """Return the law with paths that turn gradually."""
         return _GradualCoupledLaw(**vars(self))
 
@@ -211,9 +217,9 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
 class _GradualCoupledLaw(CoupledLaw):
     """The coupled law whose paths turn gradually, for the start of plans."""
 
-    turning: ClassVar[tuple[float, float]] = GRADUAL, GRADUAL
+    turning: ClassVar[tuple[float, float]] = GRADUAL_TURNING, GRADUAL_TURNING
 
-    def easier(self) -> WireLaw:
+    def smoothed(self) -> WireLaw:
         """Return the law without hysteresis, latent heat and creep, whose curve is midway.
 
         Stress moves the middle of a curve of T by σ / 2, and its slope there, 1 / (4 w), to

@@ -24,8 +24,10 @@ from limb_systems.wire_laws.wire_law import (
 # Of the temperature that tells heating from cooling: b, ε, °C, and τ, s. A reversal costs 2 b
 # without transformation, which public records cannot tell from none. Paths are told from rest by
 # their direction down to a few mK/s, and τ is as short as the steps of simulations allow.
-BACKLASH, SOFTNESS, FOLLOWING = 1.0, 0.15, 0.3
-GRADUAL = 1.5  # ε, °C, and τ, s, of paths that turn so gradually that solvers follow them easily
+BACKLASH, SOFTNESS, FOLLOWING_TIME = 1.0, 0.15, 0.3
+GRADUAL_TURNING = (
+    1.5  # ε, °C, and τ, s, of paths that turn so gradually that solvers follow them easily
+)
 
 
 @dataclasses.dataclass
@@ -53,7 +55,7 @@ class HystereticLaw(_TwoMassHeat):
     }
     memory: ClassVar[dict[str, tuple[float, float]]] = {"B": (-np.inf, np.inf), "xi": (0.0, 1.0)}
     below: ClassVar[dict[str, str]] = {"cooling_middle": "heating_middle"}
-    turning: ClassVar[tuple[float, float]] = SOFTNESS, FOLLOWING
+    turning: ClassVar[tuple[float, float]] = SOFTNESS, FOLLOWING_TIME
 
     full_torque: float = quantity(
         0.038, "N·m", 1e-8, 100.0, "M, joint torque of the transformed wire", FULL_TORQUE
@@ -108,7 +110,7 @@ class HystereticLaw(_TwoMassHeat):
         """Nothing is transformed, and heat meets no backlash, so that plans see it act."""
         return [T0, T0, T0 - BACKLASH, 0.0]
 
-    def easier(self) -> WireLaw:
+    def smoothed(self) -> WireLaw:
         """Return the law with a path that turns gradually."""
         return _GradualLaw(**vars(self))
 
@@ -121,9 +123,9 @@ class HystereticLaw(_TwoMassHeat):
 class _GradualLaw(HystereticLaw):
     """The hysteretic law whose path turns gradually, for the start of plans."""
 
-    turning: ClassVar[tuple[float, float]] = GRADUAL, GRADUAL
+    turning: ClassVar[tuple[float, float]] = GRADUAL_TURNING, GRADUAL_TURNING
 
-    def easier(self) -> WireLaw:
+    def smoothed(self) -> WireLaw:
         """Return the law without hysteresis, whose curve is midway between the two."""
         return SaturatingLaw(**heat_fields(_TwoMassHeat, self), **midway(self))
 

@@ -28,13 +28,13 @@ class Prior(NamedTuple):
     - ``spread``: standard deviation of limbs about it, of the logarithm, or of the value for
       temperatures and for what may be zero.
     - ``alike``: standard deviation of the wires of one limb about each other, likewise.
-    - ``told_by``: kind of the recording that tells it best; empty if none does.
+    - ``identified_by``: kind of the recording that tells it best; empty if none does.
     """
 
     center: float
     spread: float
     alike: float
-    told_by: str = ""
+    identified_by: str = ""
 
 
 # Of fields that several laws have.
@@ -117,7 +117,7 @@ class WireLaw(Tagged):
         """
         return [T, *self.cold_states(T0)[1:]]
 
-    def easier(self) -> "WireLaw":
+    def smoothed(self) -> "WireLaw":
         """Return a similar law that is easier to plan with, or this law if there is none.
 
         A plan with this law starts from the plan with the easier one.

@@ -24,9 +24,9 @@ from hardware.board.link import BoardLink
 from hardware.emulation.specimen import Specimen
 from hardware.live_feed import LiveView
 from limb_systems import LimbError, LimbParameters, Recording
-from limb_systems.connected_limbs import ConnectedLimbs, connected, load_described
+from limb_systems.connected_limbs import ConnectedLimbs, connected, load_description
 from limb_systems.files.output import OutputError, check_folder, check_outputs, free_path
-from limb_systems.progress import part_of_work
+from limb_systems.progress import progress_prefix
 from limb_systems.summary import Entry, Summary
 from soft_limb.commands.logs import ASKED, fit_line, shell_line
 from soft_limb.commands.options import (
@@ -49,7 +49,7 @@ ROBOT = "robot.yaml"  # description of the robot, in the folder with the folders
 
 def _collect(options: argparse.Namespace) -> int:
     check_folder(options.output)
-    described = load_described(options.limb)
+    described = load_description(options.limb)
     robot: ConnectedLimbs | None = None
     if isinstance(described, ConnectedLimbs):
         robot = described
@@ -97,7 +97,7 @@ def _collect_limb(
         "tell": lambda what: print(f"{about}{what}", flush=True),
         "live": live,
     }
-    with part_of_work(name) if name else contextlib.nullcontext():
+    with progress_prefix(name) if name else contextlib.nullcontext():
         if options.port:
             port = _port(options, name)
             collect_from_robot(
@@ -196,7 +196,7 @@ def _fit(options: argparse.Namespace) -> int:
         if options.limb:
             described = robot.limb_alone(name) if robot else LimbParameters.load(options.limb)
         try:
-            with part_of_work(name) if name else contextlib.nullcontext():
+            with progress_prefix(name) if name else contextlib.nullcontext():
                 calibration = calibrate(
                     folder,
                     described,
@@ -240,7 +240,7 @@ def _robot_recorded(options: argparse.Namespace) -> ConnectedLimbs | None:
     path = options.limb or options.recordings / ROBOT
     if not options.limb and not path.is_file():
         return None
-    described = load_described(path)
+    described = load_description(path)
     return described if isinstance(described, ConnectedLimbs) else None
 
 

@@ -42,7 +42,7 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
 
 def distances_summary(distances: ReferenceDistances) -> Summary:
     """Mean distances from the reference: of the limb, of its plan and of the best plan."""
-    done = _degrees(distances.done)
+    done = _degrees(distances.measured)
     of_plan = _beside("" if done is None else f"{done:.2f}°", distances)
     return Summary([*of_plan, Entry("reference_distance_deg", done, "°", None)])
 

@@ -21,7 +21,7 @@ from hardware.emulation.twin import specimens_of
 from hardware.replaying import replay
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.files.output import write_atomically
-from limb_systems.files.schema import shown
+from limb_systems.files.schema import short_repr
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import Task, plan
 from soft_limb.runs.jobs import run_each
@@ -151,8 +151,8 @@ def _with_fields(described: LimbParameters, fields: Sequence[tuple[str, float]])
             setattr(owner, last, int(value) if whole else float(value))
         except (AttributeError, IndexError, TypeError, ValueError):
             raise LimbError(
-                f"{shown(path)} is no number in the description of this limb; fields of its parts "
-                "are written as segments.0.stiffness or segments.0.wires.1.law.a2."
+                f"{short_repr(path)} is no number in the description of this limb; fields of its "
+                "parts are written as segments.0.stiffness or segments.0.wires.1.law.a2."
             ) from None
     limb.validate()
     return limb
@@ -194,9 +194,9 @@ def run(case: Case) -> dict[str, str]:
         recording = replay(trajectory, twin.again(truth=True), controller=controller)
         truth = true_bend(recording)
         from_reference = reference_distances(trajectory, [truth])
-        assert from_reference.done is not None  # of a recording
+        assert from_reference.measured is not None  # of a recording
         angles = {
-            "reference_deg": from_reference.done,
+            "reference_deg": from_reference.measured,
             "planned_deg": from_reference.planned,
             "plan_deg": tracking_errors(trajectory, [truth]).mean,
         }

@@ -23,7 +23,7 @@ def uncertain(fig5_plan):
     return dataclasses.replace(fig5_plan, parameters=parameters)
 
 
-def test_the_band_of_a_linear_limb_is_that_of_its_one_parameter(uncertain):
+def test_the_band_of_a_linear_limb_follows_from_its_one_parameter(uncertain):
     """V - T0, T - T0 and the bend by this wire are proportional to its a2."""
     around = band(uncertain)
     form = 1.25 * 0.8  # a normal deviate's standard deviation is 1.25 of its mean size

@@ -247,7 +247,7 @@ def test_values_out_of_range_are_refused_with_their_time(tmp_path, refuse_sealed
         refuse_sealed(lines, *words, f"{time:g} s", kind=kind)
 
 
-def test_a_measured_value_of_any_size_is_kept_and_told(tmp_path, refused):
+def test_implausible_measurements_are_kept_and_reported(tmp_path, refused):
     path, time = tmp_path / "file.csv", make_recording().time[2]
     for name, value, said, allowed in (
         ("bend_angle_deg", -180.0000001, "bend_angle is [-3.14", "from -3.14159 to 3.14159 rad"),

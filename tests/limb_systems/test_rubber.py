@@ -71,7 +71,7 @@ def test_stiffening_adds_its_share_where_the_segment_bends_by_45_degrees():
         np.testing.assert_allclose(np.diag(compliance), 1 / (K * 1.75), rtol=1e-9)  # 1 + 3 s
 
 
-def test_accelerations_are_those_of_the_hand_derived_chain(planar_chain):
+def test_accelerations_equal_the_accelerations_of_the_hand_derived_chain(planar_chain):
     parameters = two_segments()
     parameters.gravity = [1.0, -9.0, 0.0]
     generator = np.random.default_rng(2)

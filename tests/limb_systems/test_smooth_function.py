@@ -44,7 +44,7 @@ def test_values_and_derivatives_are_drakes(name):
             np.testing.assert_array_equal(ours.values(at), value)
 
 
-def test_only_what_may_not_be_zero_has_a_place():
+def test_only_derivatives_that_may_not_be_zero_have_a_place():
     point, weight = ca.SX.sym("p", 3), ca.SX.sym("c", 1)
     function = SmoothFunction(ca.vertcat(point[0] * point[1], weight * point[2]), point, weight)
     assert function.slope_places.tolist() == [[0, 0, 1], [0, 1, 2]]
@@ -80,7 +80,7 @@ def test_drakes_scalars_pass_through():
     np.testing.assert_allclose(ExtractGradient(found), expected, rtol=1e-14)
 
 
-def test_what_is_not_smooth_is_refused():
+def test_operations_that_are_not_smooth_are_refused():
     x = ca.SX.sym("x")
     with pytest.raises(LimbError, match="uses fmax, which is not smooth"):
         SmoothFunction(ca.fmax(x, 0.0), x).values(np.array([1.0]))

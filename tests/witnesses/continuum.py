@@ -50,7 +50,7 @@ from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbError, LimbModel, symbolic_chain
 from limb_systems.bend_sensor import rolled
-from limb_systems.drake_python import declare_part, weak_method
+from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import SegmentParameters
 from limb_systems.simulation import PERIOD as SIMULATION_PERIOD
@@ -850,8 +850,8 @@ class WalkingSensors(LeafSystem):
             (1 / bend_rate, self._sample_bend),
         ):
             self.DeclarePeriodicDiscreteUpdateEvent(period, period, weak_method(sample))
-        declare_part(self, "measured_temperature", readings, slice(0, num_wires))
-        declare_part(self, "bend_angle", readings, slice(num_wires, num_wires + num_bends))
+        declare_state_output(self, "measured_temperature", readings, slice(0, num_wires))
+        declare_state_output(self, "bend_angle", readings, slice(num_wires, num_wires + num_bends))
         self.DeclareStateOutputPort("measurement", readings)
 
     def _draw(self, state, count: int) -> np.ndarray:

@@ -21,7 +21,7 @@ from hardware.firmware import guard
 from hardware.replaying import START_TOLERANCE
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
 from limb_systems.limb_system import check_limb
-from limb_systems.simulation import PERIOD, failure_told, make_simulator
+from limb_systems.simulation import PERIOD, make_simulator, raising_simulation_error
 from ros_bridge.messages import LATEST, SILENCE, Heard, Message, Topics
 
 READY_TIME = 60.0  # s, in which the other process starts, on a computer that is busy
@@ -257,7 +257,7 @@ def _loop(
             time.sleep(max(0.0, start + due - time.monotonic()))
             heard, measured = node.hear(), _read(limb, context, "measured_temperature")
             duty.FixValue(context, driver.duty(heard, measured, time.monotonic()))
-            with failure_told(simulator, np.inf):
+            with raising_simulation_error(simulator, np.inf):
                 simulator.AdvanceTo(due + PERIOD / 2)  # so that what is due now is done
             node.tell(_messages(limb, context, topics, driver, heard))
             if limb.HasOutputPort("cut_out") and _read(limb, context, "cut_out")[0]:

@@ -10,12 +10,12 @@ from limb_systems.errors import LimbError
 from limb_systems.smooth_function import SmoothFunction
 from limb_systems.symbolic_chain import Chain
 
-NEWTON_STEPS = 50
-CONVERGED = 1e-12  # rad; the derivatives there are as exact
-FOLDED = np.deg2rad(100.0)  # of a chord; with that, a limb hangs from a fold
+MAX_NEWTON_STEPS = 50
+ANGLE_TOLERANCE = 1e-12  # rad; the derivatives there are as exact
+FOLDED_CHORD_ANGLE = np.deg2rad(100.0)  # of a chord; with that, a limb hangs from a fold
 
 
-class HeldAngles:
+class StaticEquilibria:
     """Joint angles θ and bends φ(θ) that wires hold at rest, where (2) has no motion.
 
     The equilibrium is exact. Where gravity and forces are no functions of θ, θ is linear in f.
@@ -91,7 +91,7 @@ class HeldAngles:
             return self._newton(states, start)
         except (LimbError, np.linalg.LinAlgError):
             angles, by_point = self._newton(states, start, downhill=True)
-        folded = (np.abs(self._chords.values(angles)) > FOLDED).any(axis=-1)
+        folded = (np.abs(self._chords.values(angles)) > FOLDED_CHORD_ANGLE).any(axis=-1)
         if folded.any():
             raise LimbError(f"Gravity folds the limb{_where(folded)}; is it too soft?")
         return angles, by_point
@@ -100,18 +100,18 @@ class HeldAngles:
         self, states: np.ndarray, start: np.ndarray, downhill: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         angles, n = start, start.shape[-1]
-        for _ in range(NEWTON_STEPS):
+        for _ in range(MAX_NEWTON_STEPS):
             residual, by_point = self._residual.first(np.concatenate([angles, states], axis=-1))
             step = _step(by_point[..., :n], -residual, downhill)
             largest = np.abs(step).max(axis=-1, keepdims=True)
             # No step is so long that a joint turns over, nor, downhill, that the slope turns.
             angles = angles + step / np.maximum(1.0, largest / (0.2 if downhill else 1.0))
-            if (largest < CONVERGED).all():
+            if (largest < ANGLE_TOLERANCE).all():
                 break
         else:
             raise LimbError(
                 f"There is no static equilibrium that Newton's method finds"
-                f"{_where(largest[..., 0] >= CONVERGED)}; is the limb too soft?"
+                f"{_where(largest[..., 0] >= ANGLE_TOLERANCE)}; is the limb too soft?"
             )
         unstable = np.linalg.eigvalsh(by_point[..., :n])[..., 0] <= 0
         if unstable.any():
