@@ -15,7 +15,7 @@ from calibration import calibrate, collect_from_twin
 from calibration.collecting.measurement_protocol import mounted
 from hardware import LimbTwin, replay
 from limb_systems import Limb, LimbError, LimbParameters, simulate
-from limb_systems.bend_sensor import rolled
+from limb_systems.bend_sensor import roll_bends
 from limb_systems.tracking import true_bend
 from planners import plan, references
 
@@ -75,7 +75,7 @@ def errors(seed: int, wires: int) -> list[float]:
     paths = [
         references.circle(np.deg2rad(20.0), 60.0),
         references.eight(np.deg2rad(20.0), np.deg2rad(12.0), 80.0),
-        references.from_samples(taught.time[::10], rolled(taught.bend_angle, -roll)[:, ::10]),
+        references.from_samples(taught.time[::10], roll_bends(taught.bend_angle, -roll)[:, ::10]),
     ]
     turned = [a.angle - b.angle for a, b in zip(limb.wires, true.wires, strict=True)]
     return [

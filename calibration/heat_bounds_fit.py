@@ -11,7 +11,7 @@ from calibration.remarks import CalibrationError
 from hardware.board.heat_rates import HeatRates, acceptable, fit_heat_rates, lagged, without_gaps
 from hardware.firmware import heat
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
-from limb_systems.heat_bounds import ANY_WIRE_BOUNDS, SPREAD, HeatBounds
+from limb_systems.heat_bounds import ANY_WIRE_BOUNDS, RATE_FACTORS, HeatBounds
 
 MARGIN = 0.1  # share by which bounds are widened: other motions show somewhat more
 NOISE = 1.0  # °C that readings may be below their bounds
@@ -70,7 +70,8 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
     """
     heated = [(wire, wire.rates) for wire in _wires(recordings, described) if wire.rates]
     shares = [
-        rates.heating / wire.kind.most_heating * SPREAD["most_heating"] for wire, rates in heated
+        rates.heating / wire.kind.most_heating * RATE_FACTORS["most_heating"]
+        for wire, rates in heated
     ]
     most = max(shares, default=np.inf)
     remarks = []
@@ -87,7 +88,7 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
                 "heat than the other: compare their resistances, and bond the thermocouple anew. "
                 "The board heats it as if the thermocouple were wrong."
             )
-    if most < SPREAD["least_heating"]:
+    if most < RATE_FACTORS["least_heating"]:
         remarks.append(
             f"the wires show {most:.0%} of the heat that their description says, at "
             "most. Either all thermocouples show a share of their rise, or the limb is unlike its "

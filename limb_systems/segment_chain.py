@@ -141,7 +141,7 @@ def joint_poses(
         if run != about:
             run, straight, angle = about, frame, ca.SX(0.0)
         angle = angle + sense * angles[joint]
-        frame = straight @ rotation_matrix(about, angle)
+        frame = straight @ rotation(about, angle)
         origins.append(origin)
         frames.append(frame)
     return turned, origins, frames
@@ -175,7 +175,7 @@ def log_map_angles(direction: ca.SX, planar: bool = False) -> ca.SX:
     return ca.if_else(near, ratio, ca.atan2(length, ahead) / length) * across
 
 
-def rotation_matrix(about: int, angle: ca.SX) -> ca.SX:
+def rotation(about: int, angle: ca.SX) -> ca.SX:
     """The rotation (3, 3) about an axis, number 0, 1 or 2."""
     one, other = (about + 1) % 3, (about + 2) % 3
     turned = ca.SX(3, 3)

@@ -34,7 +34,7 @@ from limb_systems.bend_sensor import (
     ChordSensor,
     TipTangentSensor,
     bend_angle_from_tip_tangent,
-    rolled,
+    roll_bends,
 )
 from limb_systems.errors import reraise_as
 from limb_systems.files.signal_table import doses
@@ -383,7 +383,7 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
     bends = np.deg2rad(angles)
     if bend.measures == TIP_TANGENT:
         bends = bend_angle_from_tip_tangent(bends)
-    return rolled(bends, -np.deg2rad(bend.roll))
+    return roll_bends(bends, -np.deg2rad(bend.roll))
 
 
 def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:

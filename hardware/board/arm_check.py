@@ -7,7 +7,7 @@ import numpy as np
 from hardware.board.heat_rates import HeatRates, fit_heat_rates, warmth, without_gaps
 from hardware.board.link import BoardLink, check_fit, shares_of
 from limb_systems import LimbError, LimbModel, LimbParameters, bend_angle_from_tip_tangent
-from limb_systems.heat_bounds import SPREAD
+from limb_systems.heat_bounds import RATE_FACTORS
 from limb_systems.simulation import PERIOD
 
 COLD = (5.0, 45.0)  # °C, that cold wires may have
@@ -25,7 +25,10 @@ WHAT_TO_DO = (
     "than another. Bond the thermocouple anew, and compare resistances and thermocouples' types."
 )
 
-SAME_HEAT = SPREAD["least_heating"], SPREAD["most_heating"]  # of a supply, by its voltage squared
+SAME_HEAT = (
+    RATE_FACTORS["least_heating"],
+    RATE_FACTORS["most_heating"],
+)  # of a supply, by its voltage squared
 CUT_OFF = (
     "only a thermal cut-off in series with the wires helps against two faults at once, such as "
     "twice the heat and a thermocouple that shows 60% of it, which the board cannot see "
@@ -207,12 +210,15 @@ def _judge_heat(
 
     Args:
         heating: what each thermocouple showed.
-        most: upper bound of each wire's kind, which is `SPREAD` above its description.
+        most: upper bound of each wire's kind, which is `RATE_FACTORS` above its description.
     """
     # Short, cool heatings tell the heat no better than wires of one kind differ. Rounded as they
     # are said, so that no verdict disagrees with its sentence.
-    lowest = [round(b * SPREAD["least_heating"] ** 2 / SPREAD["most_heating"], 1) for b in most]
-    highest = [round(bound / SPREAD["least_heating"], 1) for bound in most]
+    lowest = [
+        round(b * RATE_FACTORS["least_heating"] ** 2 / RATE_FACTORS["most_heating"], 1)
+        for b in most
+    ]
+    highest = [round(bound / RATE_FACTORS["least_heating"], 1) for bound in most]
     heating = [round(float(value), 1) for value in heating]
     is_low = [shown < low for shown, low in zip(heating, lowest, strict=True)]
     for wire, side in enumerate(names):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hardware.firmware import heat
-from limb_systems.heat_bounds import SPREAD, HeatBounds
+from limb_systems.heat_bounds import RATE_FACTORS, HeatBounds
 from limb_systems.low_pass import low_pass
 
 NARROWEST = 1.75  # times the slowest cooling of its kind, above which a wire's is not raised
@@ -53,7 +53,7 @@ class HeatRates:
             "fastest_cooling": max(self.cooling * (1 + margin), kind.fastest_cooling),
             "least_heating": self.heating * (1 - margin),
             "most_heating": max(
-                hottest * max(SPREAD["most_heating"], 1 + margin), kind.most_heating
+                hottest * max(RATE_FACTORS["most_heating"], 1 + margin), kind.most_heating
             ),
             "slowest_reading": min(self.reading / (1 + margin), kind.slowest_reading),
         }

@@ -32,7 +32,7 @@ from hardware.emulation.sensors import (
 from hardware.emulation.specimen import SegmentPhysics, Specimen
 from hardware.firmware import guard
 from limb_systems import LimbModel, ThermocoupleLag
-from limb_systems.bend_sensor import rolled
+from limb_systems.bend_sensor import roll_bends
 from limb_systems.drake_python import weak_method
 from limb_systems.layout import Layout, slices
 
@@ -239,7 +239,7 @@ def _bend_response(
     """What the segments' bend sensors show where exact ones would show (F,), rad."""
     turn = np.eye(layout.num_bends)
     for segment, of in zip(segments, layout.bends_of, strict=True):
-        turn[of, of] = rolled(turn[of, of], segment.sensor_roll)
+        turn[of, of] = roll_bends(turn[of, of], segment.sensor_roll)
     gain, curvature, offset = np.array([
         (
             (segment.sensor_gain, segment.sensor_gain_e3),
