@@ -119,13 +119,13 @@ class LimbMechanics:
         self.body_moments = self.body_masses[:, None] * across / 12
 
     def bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """φ (F, ...) of joint angles θ (n, ...), rad, as `limb_systems.bend_angle`."""
+        """Return φ (F, ...) of joint angles θ (n, ...), rad, as `limb_systems.bend_angle`."""
         angles = np.asarray(joint_angles)
         bends = [chain.bend_angle(angles[joints]) for chain, joints in self.chains_with_joints]
         return np.concatenate(bends)
 
     def recorded_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """The bends (F, ...) that sensors without errors record of θ (n, ...), rad.
+        """Return the bends (F, ...) that sensors without errors record of θ (n, ...), rad.
 
         Such sensors have no gain, offset, noise and drift.
         """

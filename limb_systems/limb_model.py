@@ -75,21 +75,22 @@ class LimbModel:
 
     @functools.cached_property
     def statics(self) -> StaticEquilibria:
-        """The angles and bends that the wires hold at rest; the bends are those of the chords."""
+        """The angles and bends in static equilibrium; the bends are angles of chords."""
         return self.once("statics", lambda: StaticEquilibria(self.dynamics))
 
     @functools.cached_property
     def mean_angle_statics(self) -> StaticEquilibria:
-        """As ``statics``, with bends by (11) from the mean of the joints' angles."""
+        """``statics`` with bends by (11) from the mean of the joints' angles."""
         return self.once(
             "mean angles", lambda: StaticEquilibria(self.dynamics, of_equal_angles=True)
         )
 
     def once(self, name: str, build: Callable[[], T]) -> T:
-        """Return what a function builds for this limb, or built before for an equal one.
+        """Return a part of the model; equal limbs share it, so that it is built once.
 
         Args:
-            name: name of what is built.
+            name: name of the part.
+            build: function that builds it.
         """
         # The calibration's record changes no equation; laws of a lab's own may have equal texts.
         plain = dataclasses.replace(self.parameters, calibration=None)

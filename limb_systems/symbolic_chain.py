@@ -33,13 +33,13 @@ class Chain:
         )
 
     def position(self, joint: int, point: np.ndarray) -> ca.SX:
-        """The place of a point (3,), m, that is fixed to the frame of a joint there."""
+        """Return the position (3,), m, of a point (3,), m, in the frame of a joint."""
         return self.origins[joint] + self.frames[joint] @ ca.DM(point)
 
     def bends(self) -> ca.SX:
-        """Bends of the segments (F,), rad: the log map of the chord's direction.
+        """Return the bends of the segments (F,), rad: the log map of the chord's direction.
 
-        The chord is that from a segment's base to its end, in the frame of its base. In a plane
+        The chord is from a segment's base to its end, in the frame of its base. In a plane
         its log map is the chord's angle, atan2(t·E2, t·E1).
         """
         mechanics = self._mechanics
@@ -57,7 +57,7 @@ class Chain:
         return ca.vertcat(*bends)
 
     def inverse_dynamics(self, rates: ca.SX, accelerations: ca.SX, gravity: ca.SX | ca.DM) -> ca.SX:
-        """Torques on the joints (n,), N·m: the inertia and gravity side of eqn (2).
+        """Return the torques on the joints (n,), N·m: the inertia and gravity side of eqn (2).
 
         By the recursive Newton-Euler method: velocities and accelerations from the base outward,
         then forces inward. Gravity is an upward acceleration of the base.
@@ -71,7 +71,9 @@ class Chain:
         # From the base outward, find the motion of each joint and the forces on its bodies.
         spin = turning = before = ca.SX(3, 1)  # ω, ω̇, and the origin of the joint before
         moved = -gravity
-        forces, moments = [], []  # of the bodies on each joint, about its origin
+        # Of the bodies on each joint, about its origin.
+        forces = []
+        moments = []
         for joint, (axis, origin, frame) in enumerate(
             zip(self._axes, self.origins, self.frames, strict=True)
         ):
@@ -104,7 +106,7 @@ class Chain:
 
 
 def tip_position_function(mechanics: LimbMechanics) -> SmoothFunction:
-    """Return the tip's place in the base's frame (3,), m, as a function of θ (n,), rad."""
+    """Return the tip's position in the base's frame (3,), m, as a function of θ (n,), rad."""
     num_joints = mechanics.layout.num_joints
     angles = ca.SX.sym("q", num_joints)
     tip = Chain(mechanics, angles).position(num_joints - 1, mechanics.end_offset[-1])
@@ -112,7 +114,7 @@ def tip_position_function(mechanics: LimbMechanics) -> SmoothFunction:
 
 
 def link_position_function(mechanics: LimbMechanics) -> Compiled:
-    """Return the positions of `limb_systems.kinematics.link_positions` (3P,) by θ (n,)."""
+    """Return `limb_systems.kinematics.link_positions` (3P,) as a function of θ (n,)."""
     angles = ca.SX.sym("q", mechanics.layout.num_joints)
     chain = Chain(mechanics, angles)
     places = [ca.SX(3, 1)]
@@ -127,5 +129,5 @@ def link_position_function(mechanics: LimbMechanics) -> Compiled:
 
 
 def _acceleration(turning: ca.SX, spin: ca.SX, arm: ca.SX) -> ca.SX:
-    """Acceleration (3,) of the end of an arm (3,) that turns with ω̇ and ω."""
+    """Return the acceleration (3,) of the end of an arm (3,) that turns with ω̇ and ω."""
     return ca.cross(turning, arm) + ca.cross(spin, ca.cross(spin, arm))

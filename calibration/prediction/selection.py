@@ -24,7 +24,7 @@ from limb_systems import (
     TwoMassLaw,
     WireLaw,
 )
-from limb_systems.progress import LONG, TimeLeft
+from limb_systems.progress import MIN_ANNOUNCED_TIME, TimeLeft
 
 LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
     LinearLaw,
@@ -283,7 +283,7 @@ def fit_by_prediction(
         tell("how long it takes")
         first, last = (fitting_time(law, rest, segment, ambient) for law in (laws[0], laws[-1]))
         expected = first * (len(laws) - 1) + last * (2 + len(OPTIONS))
-        if expected > LONG:
+        if expected > MIN_ANNOUNCED_TIME:
             heated = sum(run.times[-1] for run in fitted) / 60
             announce(
                 f"comparing {len(laws)} law{'s' * (len(laws) > 1)} of the wires by {heated:.0f} "

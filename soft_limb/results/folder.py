@@ -6,7 +6,7 @@ import os
 import re
 from pathlib import Path
 
-from limb_systems.connected_limbs import FIELDS
+from limb_systems.connected_limbs import CONNECTED_FIELDS
 from limb_systems.files.input import first_line
 
 TABLES = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
@@ -100,7 +100,7 @@ def kind_of_head(path: Path, head: str) -> str:
     if ours and ours.kind in TABLES:
         return ours.kind
     given = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
-    return "robot" if given & FIELDS else "limb" if given & _LIMB else ""
+    return "robot" if given & CONNECTED_FIELDS else "limb" if given & _LIMB else ""
 
 
 def fields_of(text: str) -> set[str]:

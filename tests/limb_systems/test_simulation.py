@@ -100,7 +100,7 @@ def test_pwm_heats_as_its_mean(frequency):
 def test_duty_that_jumps_faster_than_a_system_reads_it_raises_a_warning():
     breaks = np.arange(0.0, 0.1, 5e-4)
     fast = PiecewisePolynomial.ZeroOrderHold(breaks, np.arange(2 * len(breaks)).reshape(2, -1) % 2)
-    with pytest.warns(UserWarning, match="jumps after 0.5 ms already: its wires feel the mean"):
+    with pytest.warns(UserWarning, match="jumps after 0.5 ms already: its wires respond to the"):
         simulate(small_limb(), fast)
     slower = PiecewisePolynomial.ZeroOrderHold(
         40 * breaks, np.tile([[0.0], [1.0]], 200).reshape(2, -1)
