@@ -62,7 +62,7 @@ class Described(Strict):
 
     @classmethod
     def from_yaml(cls, text: str) -> Self:
-        """Parse YAML text; fields that are left out have their defaults, unknown fields are refused.
+        """Parse YAML text; missing fields have their defaults, unknown fields are refused.
 
         Raises:
             ParameterError: with one sentence naming the field.

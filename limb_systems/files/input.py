@@ -38,7 +38,10 @@ def read_bytes(
 def check_file(
     path: str | os.PathLike, what: str, largest: int, error_type: type[LimbError]
 ) -> None:
-    """Refuse a path that is no file, or a file beyond a limit, before it is opened; see `read_bytes`."""
+    """Refuse a path that is no file, or a file beyond a limit, before it is opened.
+
+    Arguments and errors as in `read_bytes`.
+    """
     try:
         # Opening a pipe waits, and opening a port resets its board.
         status = os.stat(path)

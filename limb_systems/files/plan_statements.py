@@ -1,4 +1,4 @@
-"""The statements about a plan: its check, its distance from the reference, and its active limits."""
+"""The statements about a plan: its check, its distance from the reference, its active limits."""
 
 import dataclasses
 from typing import Any
