@@ -256,7 +256,7 @@ def _add_joint(
 
 
 def _add_link_visuals(link, length: float, segment) -> None:
-    """Add the silicone, the shape that closes its gap to the link before, and the wires.
+    """Add the silicone, the shape that fills its gap to the link before, and the wires.
 
     A segment that bends in a plane is a box with discs. Its wires are half sunk along the
     top, where a view from above shows them however it bends; wires below the axis
