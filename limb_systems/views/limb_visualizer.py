@@ -65,11 +65,12 @@ class LimbVisualizer(LeafSystem):
         super().__init__()
         self._meshcat = meshcat
         self._root = f"{prefix}/" if prefix else ""
-        limb = parameters
-        pose_size = 0
         if isinstance(parameters, ConnectedLimbs):
             limb = parameters.as_single_limb
             pose_size = len(parameters.pose_rows())
+        else:
+            limb = parameters
+            pose_size = 0
         # Add the view and its ghosts to the scene.
         ghosts = ghosts_of_plan(limb, plan) if plan else []
         self._view = view_of(parameters, ghosts, self._root)

@@ -101,8 +101,10 @@ def replay_page(
     start, end = motion.time[[0, -1]]
     times = np.linspace(start, end, 1 + max(1, round((end - start) * frames_per_second)))
     rate = (len(times) - 1) / (end - start)
-    has_wire_temperature = motion.wire_temperature is not None
-    temperature = motion.wire_temperature if has_wire_temperature else motion.measured_temperature
+    temperature = motion.wire_temperature
+    has_wire_temperature = temperature is not None
+    if temperature is None:
+        temperature = motion.measured_temperature
     heat = motion.interpolated(temperature, times)
     if isinstance(motion, Planned) and motion.HOLDS_DUTY:
         duty = motion.duty_trajectory().vector_values(times)
