@@ -51,7 +51,10 @@ def with_law(law):
 """
 PLANAR = "measured = planned({}, task=Task.paper(), tolerance_deg=2.0)[1]"
 CHECK = """
-from planners.plan_check import simulated_differences
+try:
+    from planners.plan_check import simulated_differences
+except ImportError:  # of an older revision
+    from planners.checks import simulated_differences
 trajectory = planned(LimbParameters(), task=Task.paper())[0]
 measured = {"seconds": timed(lambda: simulated_differences(trajectory))}
 """

@@ -3,23 +3,35 @@
 Errors are those of the wires' angles, of the sensor's roll, and of the bends that wires make
 alone, which have the gains over k; then of motions that were left out of the fit, as the sensor
 reads them; then of three plans that are replayed open loop, of the true bend from the reference.
+
+With --bursts, limbs of two physics are fitted to 100 s of bursts without thermocouples, read by a
+sensor that is turned by 0 to 60°. Questions are answered with the corrected description. Errors are
+then those of the bend in another run of bursts, open loop, beside those of the baselines.
 """
 
 import argparse
+import dataclasses
 import time
+from collections.abc import Iterator
 
 import numpy as np
+import witness  # noqa: F401 (its physics)
 from pydrake.trajectories import PiecewisePolynomial, Trajectory
 
 from calibration import calibrate, collect_from_twin
 from calibration.collecting.measurement_protocol import mounted
+from calibration.prediction.baselines import baselines
+from calibration.prediction.heated_run import HeatedRun
+from calibration.wire_directions import WrongDescriptionError
 from hardware import LimbTwin, replay
-from limb_systems import Limb, LimbError, LimbParameters, simulate
+from limb_systems import Limb, LimbError, LimbParameters, Recording, simulate
 from limb_systems.bend_sensor import roll_bends
 from limb_systems.tracking import true_bend
 from planners import plan, references
 
 LEVEL, HEATED, COOLED = 0.25, 20.0, 40.0  # duty of one wire, to the middle of plans, s, s
+BURSTS = 100.0  # s
+BURST_COLUMNS = ("RMS °", "mean °", "lag °", "missed °", "from °", "to °")
 COLUMNS = ("angles °", "roll °", "gains %", "motions °", "circle °", "eight °", "taught °")
 
 
@@ -87,11 +99,83 @@ def errors(seed: int, wires: int) -> list[float]:
     ]
 
 
+def bursts(random: np.random.Generator, wires: int) -> PiecewisePolynomial:
+    """Duty of 100 s of bursts of one or two wires, after 3 s of rest."""
+    times = [0.0]
+    levels = [np.zeros(wires)]
+    start = 3.0
+    while start < BURSTS:
+        size = random.uniform(0.2, 0.5)
+        order = random.permutation(wires)
+        level = np.zeros(wires)
+        level[order[: random.choice([1, 1, 2])]] = size
+        end = start + random.uniform(2.0, 5.0)
+        times += [start, end]
+        levels += [level, 0 * level]
+        start = end + random.uniform(1.0, 6.0)
+    count = int(np.searchsorted(times, BURSTS))
+    levels = [*levels[:count], levels[count - 1]]
+    return PiecewisePolynomial.ZeroOrderHold([*times[:count], BURSTS], np.transpose(levels))
+
+
+def recordings_of_bursts(physics: str, wires: int, seed: int) -> Iterator[Recording]:
+    """Two runs of one limb, without thermocouples, by a turned sensor."""
+    random = np.random.default_rng([59, seed, wires])
+    turn = random.uniform(0.0, np.pi / 3)
+    limb = LimbTwin(mounted(LimbParameters.in_space(wires), None), seed=seed, physics=physics)
+    for pause in (0.0, 600.0):
+        limb = limb.after_rest(pause) if pause else limb
+        run = simulate(limb, bursts(random, wires), BURSTS, sample_rate=10.0)
+        yield dataclasses.replace(
+            run,
+            measured_temperature=np.full_like(run.measured_temperature, np.nan),
+            bend_angle=roll_bends(run.bend_angle, turn),
+        )
+
+
+def errors_by_bursts(physics: str, wires: int, seed: int) -> tuple[str, list[float]]:
+    """The law that is used, and what `BURST_COLUMNS` says of one limb."""
+    fitted, other = recordings_of_bursts(physics, wires, seed)
+    described = None
+    try:
+        calibration = calibrate({"heated": [fitted]})
+    except WrongDescriptionError as question:
+        described = question.corrected
+        calibration = calibrate({"heated": [fitted]}, described, as_described=True)
+    run = HeatedRun.of(other)
+    (predicted,) = calibration.prediction.fit.foresee([run])
+    bends = [
+        predicted.bend,
+        *(bend for (bend,) in baselines([HeatedRun.of(fitted)], [run]).values()),
+    ]
+    root_mean_squares = [np.sqrt(np.nanmean((bend - run.bend) ** 2)) for bend in bends]
+    miss = calibration.plan_miss
+    shown = [*root_mean_squares, predicted.bend_error, miss.low, miss.high]
+    return calibration.prediction.best.name, np.rad2deg(shown).tolist()
+
+
+def compare_bursts(seeds: list[int], wires: int) -> None:
+    """Print a row for each limb."""
+    print(f"{'limb':24}{'law':28}", *(f"{name:>9}" for name in BURST_COLUMNS))
+    for physics in ("lumped", "continuum"):
+        for seed in seeds:
+            limb = f"{physics} {wires} wires {seed}"
+            try:
+                law, row = errors_by_bursts(physics, wires, seed)
+                print(f"{limb:24}{law:28}", *(f"{value:9.2f}" for value in row), flush=True)
+            except LimbError as error:
+                print(f"{limb:24}{error}", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="*", default=range(10))
     parser.add_argument("--wires", type=int, default=3)
+    parser.add_argument("--bursts", action="store_true", help="without thermocouples, see above")
     options = parser.parse_args()
+    if options.bursts:
+        compare_bursts(options.seeds, options.wires)
+        return
     print("seed", *(f"{name:>9}" for name in COLUMNS), "  CPU s")
     rows = []
     for seed in options.seeds:

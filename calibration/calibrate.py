@@ -31,6 +31,7 @@ from calibration.paper_method.wire_fits import (
     fit_heat_transfer,
 )
 from calibration.prediction.heated_run import HeatedRun
+from calibration.prediction.law_fit import LawFit
 from calibration.prediction.outlook import (
     PlanMiss,
     next_recording,
@@ -116,7 +117,8 @@ class Calibration(Summarized):
     def as_described(self) -> list[str]:
         """Names of the parameters that no recording tells, which stay as described."""
         untold = [unknown.name for unknown in self.prediction.fit.untold] if self.prediction else []
-        return [name for name in ("stiffness", "damping") if name not in self.estimates] + untold
+        own = ("ambient_temperature", "stiffness", "damping")
+        return [name for name in own if name not in self.estimates] + untold
 
     @property
     def next_recording(self) -> str:
@@ -134,7 +136,9 @@ class Calibration(Summarized):
         """How far plans will miss, by prediction; None if by Sec. V."""
         if self.prediction is None:
             return None
-        return plan_miss(self.parameters, self.prediction.foreseen, self.prediction.fit.predicted)
+        prediction = self.prediction
+        shown = [part.bend_error for part in prediction.parts]
+        return plan_miss(self.parameters, prediction.foreseen, prediction.fit.predicted, shown)
 
     @property
     def estimates(self) -> dict[str, Estimate]:
@@ -149,7 +153,9 @@ class Calibration(Summarized):
     @functools.cached_property
     def _estimates(self) -> dict[str, Estimate]:
         """The quantities, with standard errors that leave out that of k where it is a factor."""
-        estimates = {"ambient_temperature": self.ambient}
+        estimates = {}
+        if not self.prediction or self.prediction.fit.measures_heat:
+            estimates["ambient_temperature"] = self.ambient
         if self.stiffness:
             estimates["stiffness"] = self.stiffness.stiffness
         if self.damping:
@@ -231,6 +237,8 @@ def calibrate(
     *,
     method: str = "prediction",
     laws: Sequence[type[WireLaw]] = LAWS,
+    counted_limit: float | None = None,
+    as_described: bool = False,
     announce: Callable[[str], object] = lambda said: None,
 ) -> Calibration:
     """Calibrate a limb from its recordings.
@@ -253,13 +261,17 @@ def calibrate(
             recordings.
         method: see above.
         laws: laws that are compared by prediction, from the simplest on.
+        counted_limit: T that plans may reach of a limb without thermocouples, as counted by the
+            described a2, °C; the highest in the recordings if None.
+        as_described: whether wires and bend sensor are where the description has them, even if the
+            recordings do not confirm it.
         announce: is called with where each wire bends the limb to by the recordings, and with how
             long the fit will take, in words, if it takes long.
 
     Raises:
         CalibrationError: if recordings are missing or do not determine a parameter; its notes are
             on recordings that are left out, since something is wrong with them.
-        WrongDescriptionError: if a wire bends the limb more than 45° from its description.
+        WrongDescriptionError: if the recordings do not confirm on which sides wires are described.
     """
     if method not in METHODS:
         raise CalibrationError(f"method is {method!r}; it must be one of {', '.join(METHODS)}.")
@@ -279,12 +291,15 @@ def calibrate(
             directions = wire_directions(runs, segment)
             for direction in directions:
                 announce(str(direction))
-            check_directions(directions, limb)
+            if not as_described:
+                check_directions(directions, limb)
         tell("bounds for the board")
         every = list(itertools.chain(*told.values()))
         ambient = ambient_temperature(every)
         limb.ambient_temperature = ambient.value
-        _fit_heat_bounds(limb, heated, described)
+        read = [r for r in itertools.chain(*heated.values()) if r.has_thermocouple.any()]
+        if read:
+            _fit_heat_bounds(limb, read, described)
         resting = [*told.get("ring_down", []), *itertools.chain(*heated.values())]
         rest, *rest_e3 = rest_angles(every if by_paper else resting, ambient.value)
         if not by_paper or abs(rest.value) > MOST_REST_ANGLE:
@@ -302,6 +317,8 @@ def calibrate(
                 laws, given, known, ambient.value, tell=tell, announce=announce
             )
             found.fit.apply(limb)
+            if not found.fit.measures_heat:
+                _limit_counted_heat(limb, found.fit, counted_limit)
             return found
 
         # Sec. V-A
@@ -338,7 +355,7 @@ def calibrate(
                 validation = validate(limb, heated["both"][0])
         else:
             prediction = prediction or predicted(heated)
-            validation = validation_of(prediction.best.judged, limb)
+            validation = validation_of(prediction.parts, limb)
         limb.validate()
     sources = {
         kind: [recording.source for recording in told[kind]]
@@ -402,6 +419,12 @@ def _given(
                 f"There is no recording with only the {missing[0]} wire heated; its heat transfer "
                 "and force cannot be told."
             )
+        for index, wire in enumerate(described.wire_names):
+            if not any(recording.has_thermocouple[index] for recording in heated[wire]):
+                raise CalibrationError(
+                    f"No thermocouple reads the {wire} wire, as the paper's method needs; bond one "
+                    "to it, or calibrate with method prediction."
+                )
     every = list(itertools.chain(*heated.values()))
     if not every:
         raise CalibrationError("There is no recording with heat, which tells the wires' laws.")
@@ -466,9 +489,11 @@ def _fit_wire(
     return heat, force
 
 
-def _fit_heat_bounds(limb: LimbParameters, recordings: By, described: LimbParameters) -> None:
+def _fit_heat_bounds(
+    limb: LimbParameters, recordings: Sequence[Recording], described: LimbParameters
+) -> None:
     """Give the wires bounds for the board; none to wires of a kind that boards do not accept."""
-    beginnings = map(before_missing, itertools.chain(*recordings.values()))
+    beginnings = map(before_missing, recordings)
     cold = limb.ambient_temperature + COLD
     heated = [
         beginning
@@ -481,16 +506,30 @@ def _fit_heat_bounds(limb: LimbParameters, recordings: By, described: LimbParame
             wire.heat_bounds = bounds
 
 
+def _limit_counted_heat(limb: LimbParameters, fit: LawFit, limit: float | None) -> None:
+    """Limit T to what was counted: of each wire the most, of these the least; or to a given one."""
+    heated = np.any([predicted.run.duty.any(axis=0) for predicted in fit.predicted], axis=0)
+    limits, room = limb.temperature_limits, limb.ambient_temperature
+    limits.maximum = float(fit.hottest[heated].min()) if limit is None else limit
+    limits.warm = min(limits.warm, (room + limits.maximum) / 2)
+
+
 def _record(calibration: Calibration) -> None:
     """Write estimates, errors and sources of a calibration into its limb."""
     validation, prediction = calibration.validation, calibration.prediction
+    heat_measured = not prediction or prediction.fit.measures_heat
     words = ""
     if validation:  # in ASCII, as YAML files have all else escaped
         degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
         words = (
             "bend angle off by {:.2f} deg on average, {:.2f} deg at the median, {:.2f} deg at the "
-            "90th percentile; measured temperature off by {:.1f} deg C on average"
-        ).format(*degrees, validation.temperature_mean)
+            "90th percentile"
+        ).format(*degrees)
+        if heat_measured:
+            mean = validation.temperature_mean
+            words += f"; measured temperature off by {mean:.1f} deg C on average"
+        else:
+            words += "; temperature was not measured"
     limb = calibration.parameters
     limb.calibration = record_of(
         calibration.estimates,
@@ -500,7 +539,8 @@ def _record(calibration: Calibration) -> None:
             for kind, sources in calibration.sources.items()
         ],
         validation=words,
-        bend_error=prediction.best.bend_error if prediction else 0.0,
+        bend_error=prediction.bend_error if prediction else 0.0,
         temperature_error=prediction.best.temperature_error if prediction else 0.0,
+        heat_measured=heat_measured,
     )
     limb.calibration.provenance = Provenance.now(limb)

@@ -58,6 +58,8 @@ RULES = {
     "unheated": (Severity.CARE, "a wire was never heated"),
     # Its heat follows from the bend alone, and from the other wires'.
     "unread": (Severity.CARE, "a wire has no thermocouple"),
+    # How hot wires are is counted by the description's a2.
+    "unmeasured": (Severity.CARE, "heat was not measured"),
     # Motions beyond the recorded range are extrapolated.
     "range": (Severity.CARE, "the recordings span little"),
     # β is fitted as a multiple of k, so the bend is right in spite of k, except for gravity.

@@ -31,7 +31,7 @@ class Validation:
       duty, at the same times; the model's bend angle is what the limb's bend
       sensor would show.
     - ``mean``, ``median``, ``percentile_90``: size of |φ - φ_sim|, rad.
-    - ``temperature_mean``: mean |V - V_sim|, °C.
+    - ``temperature_mean``: mean |V - V_sim|, °C; nan without thermocouples.
     """
 
     recording: Recording
@@ -203,5 +203,5 @@ def _compared(recording: Recording, simulation: Recording) -> Validation:
         mean=float(error.mean()),
         median=float(np.median(error)),
         percentile_90=float(np.percentile(error, 90)),
-        temperature_mean=float(heat.mean()) if len(heat) else 0.0,
+        temperature_mean=float(heat.mean()) if len(heat) else np.nan,
     )

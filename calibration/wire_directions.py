@@ -2,24 +2,34 @@
 
 import copy
 import dataclasses
+import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from calibration.prediction.baselines import DELAYS, heat_by_duty
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.remarks import CalibrationError
-from limb_systems import LimbParameters, SegmentParameters
+from limb_systems import LimbParameters, SegmentParameters, WireParameters
 
-CHANGE = 8.0  # s, whose changes count: the angle at rest drifts more slowly
-PASSES = 2  # over all wires, each with the best delay beside those of the others
+CHANGE = 4.0  # s, whose changes count: the angle at rest drifts more slowly
+POWERS = (1, 2, 3)  # of the heat, as torque sets in at a threshold
+ROUNDING = 1e-6  # share of the heat of all wires, below which a difference of wires is none
 MOST_OFF = np.deg2rad(45.0)  # from the description, beyond which a wire is a question
-MOST_ERROR, LEAST_CORRELATION = np.deg2rad(20.0), 0.4  # of a direction that is told
+# Directions scatter by more than the regression says, as wires follow no power of their heat, and
+# wires are placed within some degrees.
+WIDENING, PLACED = 1.5, np.deg2rad(8.0)
+MOST_EXCHANGED = 6  # wires, of which all exchanges are compared
+LEAST_ODDS = 9.0  # χ² by which two wires are likelier as described than exchanged
 ALIKE = np.deg2rad(20.0)  # within which all wires are off by the same turn of the sensor
 
 
 class WrongDescriptionError(CalibrationError):
-    """Recordings contradict where the description has wires or the sensor; ``corrected`` agrees."""
+    """Recordings do not confirm where the description has wires or the sensor.
+
+    - ``corrected``: the description as the recordings have it.
+    """
 
     def __init__(self, sentence: str, corrected: LimbParameters):
         super().__init__(sentence)
@@ -33,9 +43,9 @@ class WireDirection:
     - ``name``: name of the wire.
     - ``angle``: direction of its bend from +E2 towards +E3, rad; 0 or π in a plane.
     - ``off``: the same from where the wire is described, rad.
-    - ``error``: standard error of the direction, rad.
+    - ``error``: standard error of ``off``, rad.
     - ``gain``: bend at lasting full duty, if the limb were linear, rad.
-    - ``delay``: time constant, s.
+    - ``delay``: time constant of the heat, s.
     - ``correlation``: r of the wire's own share of the bend with its heat.
     """
 
@@ -47,16 +57,11 @@ class WireDirection:
     delay: float
     correlation: float
 
-    @property
-    def is_told(self) -> bool:
-        """Return whether the recordings determine the direction."""
-        return self.error < MOST_ERROR and self.correlation > LEAST_CORRELATION
-
     def __str__(self) -> str:
         angle, off, gain = np.rad2deg([self.angle, self.off, self.gain])
-        doubt = "" if self.is_told else "not determined, "
+        error = np.rad2deg(self.error)
         return (
-            f"the {self.name} wire bends to {angle:.0f}° ({doubt}{off:+.0f}° from its "
+            f"the {self.name} wire bends to {angle:.0f}° ({off:+.0f} ± {error:.0f}° from its "
             f"description), by {gain:.0f}° at full duty, after {self.delay:.0f} s, "
             f"r = {self.correlation:.2f}"
         )
@@ -65,52 +70,46 @@ class WireDirection:
 def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> list[WireDirection]:
     """Return the directions of the wires that are heated, by the changes of the bend with heat."""
     changes = np.concatenate([_changes(run, run.bend) for run in runs])
-    heats = {
-        delay: np.concatenate([_changes(run, heat_by_duty(run, delay)) for run in runs])
-        for delay in DELAYS
-    }
     shown = ~np.isnan(changes).any(axis=1)
     changes = changes[shown]
-    heats = {delay: heat[shown] for delay, heat in heats.items()}
-    heated = np.flatnonzero(heats[DELAYS[0]].any(axis=0)).tolist()
+    heats = {}
+    for delay, power in itertools.product(DELAYS, POWERS):
+        parts = [_changes(run, heat_by_duty(run, delay) ** power) for run in runs]
+        heats[delay, power] = np.concatenate(parts)[shown]
+    heated = np.flatnonzero(heats[DELAYS[0], 1].any(axis=0)).tolist()
     if len(changes) <= len(heated) or not heated:
         return []
 
-    def factors(delays: dict[int, float]) -> np.ndarray:
-        return np.column_stack([heats[delay][:, wire] for wire, delay in delays.items()])
+    def misfit(driven: np.ndarray) -> float:
+        gains = np.linalg.lstsq(driven, changes, rcond=None)[0]
+        return float(((changes - driven @ gains) ** 2).sum())
 
-    def misfit(delays: dict[int, float]) -> float:
-        gains = np.linalg.lstsq(factors(delays), changes, rcond=None)[0]
-        return float(((changes - factors(delays) @ gains) ** 2).sum())
-
-    # The best delay for all wires, then for each of them.
-    delays = min((dict.fromkeys(heated, delay) for delay in DELAYS), key=misfit)
-    for wire in heated * PASSES:
-        delays = min((delays | {wire: delay} for delay in DELAYS), key=misfit)
-    driven = factors(delays)
+    (delay, _), driven = min(heats.items(), key=lambda item: misfit(item[1]))
+    driven = driven[:, heated]
     gains = np.linalg.lstsq(driven, changes, rcond=None)[0]
     residuals = changes - driven @ gains
     # Changes that overlap are not independent.
     variance = residuals.var() * CHANGE / STEP
-    errors = np.sqrt(variance * np.diag(np.linalg.pinv(driven.T @ driven)))
+    # Wires that are always heated together leave their own shares open.
+    products = driven.T @ driven
+    products += ROUNDING * np.trace(products) * np.eye(len(products))
+    errors = np.sqrt(variance * np.diag(np.linalg.inv(products)))
     found = []
     for wire, gain, error, own in zip(heated, gains, errors, driven.T, strict=True):
         size = float(np.linalg.norm(gain)) + 1e-12
         share = (residuals + np.outer(own, gain)) @ gain / size
-        if segment.axes == 1:
-            angle = 0.0 if gain[0] > 0 else np.pi
-            described = 0.0 if segment.wires[wire].lever[0] > 0 else np.pi
-        else:
+        described = _described_angle(segment.wires[wire], segment)
+        angle = 0.0 if gain[0] > 0 else np.pi
+        if segment.axes > 1:
             angle = float(np.arctan2(gain[1], gain[0])) + segment.bend_sensor.roll
-            described = segment.wires[wire].angle
         found.append(
             WireDirection(
                 segment.wires[wire].name,
                 _wrapped(angle),
                 _wrapped(angle - described),
-                float(error / size),
+                float(np.hypot(WIDENING * error / size, PLACED)),
                 size,
-                delays[wire],
+                delay,
                 float(np.corrcoef(share, own)[0, 1]) if share.any() else 0.0,
             )
         )
@@ -118,35 +117,91 @@ def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> li
 
 
 def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) -> None:
-    """Refuse a description that recordings contradict.
+    """Refuse a description that recordings do not confirm.
 
     Raises:
-        WrongDescriptionError: if a wire bends the limb more than 45° from its description.
+        WrongDescriptionError: if a wire bends the limb more than 45° from its description, if
+            all may be off by as much together, or if a wire may as well be on the other side.
     """
-    told = [direction for direction in directions if direction.is_told]
-    wrong = [d for d in told if abs(d.off) - 2 * d.error > MOST_OFF]
-    if not wrong:
-        return
     corrected = copy.deepcopy(limb)
     (segment,) = corrected.segments
-    turn = float(np.angle(np.mean(np.exp(1j * np.array([d.off for d in told])))))
-    alike = all(abs(_wrapped(d.off - turn)) < ALIKE for d in told)
-    if segment.axes > 1 and len(told) > 1 and alike:
-        segment.bend_sensor.roll = _wrapped(segment.bend_sensor.roll - turn)
-        todo = (
-            f"the bend sensor seems to be turned: bend_sensor.roll {segment.bend_sensor.roll:.2f}"
-        )
-    else:
-        for direction in wrong:
-            (wire,) = [wire for wire in segment.wires if wire.name == direction.name]
-            if segment.axes == 1:
-                wire.e2 = -wire.e2
-            else:
-                wire.angle = direction.angle
+    offs = np.array([direction.off for direction in directions])
+    errors = np.array([direction.error for direction in directions])
+    # All wires may be off by the same turn of the sensor.
+    if segment.axes > 1 and len(directions) > 1:
+        turn = float(np.angle(np.sum(np.exp(1j * offs) / errors**2)))
+        apart = np.abs([_wrapped(off - turn) for off in offs])
+        turn_error = float(1 / np.sqrt(np.sum(1 / errors**2)))
+        if (apart < np.maximum(ALIKE, 2 * errors)).all() and abs(turn) + turn_error > MOST_OFF:
+            segment.bend_sensor.roll = _wrapped(segment.bend_sensor.roll - turn)
+            roll = np.rad2deg(segment.bend_sensor.roll)
+            raise WrongDescriptionError(
+                f"By the recordings all wires are {np.rad2deg(turn):+.0f} ± "
+                f"{np.rad2deg(turn_error):.0f}° from their description, as if the bend sensor "
+                f"were turned: its roll would be {roll:.0f}°.",
+                corrected,
+            )
+    wrong = [d for d in directions if abs(d.off) - 2 * d.error > MOST_OFF]
+    doubtful = [] if wrong else _as_well_exchanged(directions, segment)
+    if not wrong + doubtful:
+        return
+    # Exchange places of wires if that explains where they bend the limb to.
+    found = {direction.name: direction for direction in directions}
+    wires = [wire for wire in segment.wires if wire.name in found]
+    measured = np.array([found[wire.name].angle for wire in wires])
+    spreads = np.array([found[wire.name].error for wire in wires])
+    described = [_described_angle(wire, segment) for wire in wires]
+    exchanged = [described]
+    if len(wires) <= MOST_EXCHANGED:
+        exchanged = list(map(list, itertools.permutations(described)))
+    offs = np.abs(_wrapped(measured - np.array(exchanged)))
+    best = int(np.argmin(((offs / spreads) ** 2).sum(axis=1)))
+    places = exchanged[best]
+    if (offs[best] - spreads > MOST_OFF).any():
+        asked = wrong + doubtful
+        places = [found[w.name].angle if found[w.name] in asked else w.angle for w in wires]
+    for wire, place in zip(wires, places, strict=True):
+        if segment.axes > 1:
+            wire.angle = float(place)
+        elif np.cos(place) * wire.lever[0] < 0:
+            wire.e2 = -wire.e2
+    said = "; ".join(map(str, wrong + doubtful))
+    if wrong:
         names = " and ".join(direction.name for direction in wrong)
         todo = f"the description seems to have {names} on the wrong side"
-    said = "; ".join(map(str, wrong))
+    else:
+        names = " and ".join(direction.name for direction in doubtful)
+        todo = (
+            f"{names} may as well be exchanged; a recording with one wire heated after the "
+            "other, each from cold, decides"
+        )
     raise WrongDescriptionError(f"By the recordings {said}: {todo}.", corrected)
+
+
+def _as_well_exchanged(
+    directions: Sequence[WireDirection], segment: SegmentParameters
+) -> list[WireDirection]:
+    """Return the wires that recordings do not tell from another wire; none if all are told."""
+    angles = {wire.name: _described_angle(wire, segment) for wire in segment.wires}
+    found = {direction.name: direction for direction in directions}
+    doubtful: list[str] = []
+    for pair in itertools.combinations(angles, 2):
+        turned = _wrapped(angles[pair[0]] - angles[pair[1]])
+        odds = 0.0
+        for name, sign in zip(pair, (1.0, -1.0), strict=True):
+            if name in found:
+                off, error = found[name].off, found[name].error
+                odds += (_wrapped(off + sign * turned) ** 2 - off**2) / error**2
+        if turned and odds < LEAST_ODDS:
+            doubtful += [name for name in pair if name in found]
+    return [found[name] for name in dict.fromkeys(doubtful)]
+
+
+def _described_angle(wire: WireParameters, segment: SegmentParameters) -> float:
+    """Return the direction in which a wire is described to bend the limb, rad."""
+    if segment.axes > 1:
+        return wire.angle
+    return 0.0 if wire.lever[0] > 0 else np.pi
 
 
 def _changes(run: HeatedRun, signal: np.ndarray) -> np.ndarray:
@@ -156,6 +211,6 @@ def _changes(run: HeatedRun, signal: np.ndarray) -> np.ndarray:
     return signal[later[early]] - signal[early]
 
 
-def _wrapped(angle: float) -> float:
-    """Return an angle from -π to π."""
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+def _wrapped(angle: Any) -> Any:
+    """Return an angle, or angles, from -π to π."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi

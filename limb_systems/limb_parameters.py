@@ -304,6 +304,8 @@ class CalibrationRecord(Strict):
       used in any fit; empty if there was none.
     - ``bend_error``, ``temperature_error``: mean errors of open-loop predictions
       of such recordings, of the bend, rad, and of the readings, °C; 0 if unknown.
+    - ``heat_measured``: whether thermocouples were read. If not, temperatures are estimated from
+      the duty by a2 as described, and `TemperatureLimits.maximum` limits the estimate.
     - ``provenance``: stamp of the program and command that made it; None if unknown.
       Comparisons of records leave it out.
     """
@@ -316,6 +318,7 @@ class CalibrationRecord(Strict):
     validation: str = ""
     bend_error: float = quantity(0.0, "rad", 0.0, 3.2)
     temperature_error: float = quantity(0.0, "°C", 0.0, 500.0)
+    heat_measured: bool = rare(True)
     provenance: Provenance | None = dataclasses.field(default=None, compare=False)
 
 

@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from limb_systems.limb_parameters import (
@@ -19,6 +20,7 @@ from limb_systems.limb_parameters import (
     SegmentParameters,
 )
 from limb_systems.rubber import ramp
+from limb_systems.smooth_function import Compiled, build_once
 from limb_systems.wire_laws.wire_law import WireLaw, runge_kutta
 
 NUM_SUBSTEPS = (1, 2, 4)  # tried in this order until no simulation diverges
@@ -246,40 +248,31 @@ class OpenLoop:
             if np.isfinite(law.memory.get(state, np.inf)).any():
                 memory_ranges[row] = law.memory[state]
         _clamp_memory(memory_ranges, course[0])
+        # Compile a substep with T0 and the law's fields as inputs.
+        fields = {name: value for name, value in vars(law).items() if isinstance(value, np.ndarray)}
+        compiled = _compiled_step(law, list(fields), self.step / num_substeps)
         num_unfinished = None
         for step_index, levels in enumerate(self._duty):
-            # Drop the runs that have ended.
+            # Drop the runs that have ended, and bind the substep to arrays of the other runs.
             if num_unfinished != self._num_unfinished[step_index]:
                 num_unfinished = self._num_unfinished[step_index]
-                heat = np.ascontiguousarray(course[step_index, ..., :num_unfinished, :])
-                rates = self._heat_rates(law, T0[:, :num_unfinished])
+                heat = course[step_index, ..., :num_unfinished, :].copy()
+                shape = heat.shape[1:]
+                next_heat = np.empty_like(heat)
+                duty = np.empty(shape)
+                inputs = (T0[:, :num_unfinished], *fields.values())
+                constants = np.array([_broadcast_copy(field, shape) for field in inputs])
+                arrays = (heat, duty[None], constants, next_heat)
+                advance = compiled.bound(*(array.reshape(len(array), -1) for array in arrays))
             # Integrate the remaining runs; the states of ended runs stay.
-            duty = _broadcast_copy(levels[:num_unfinished], heat.shape[1:])
+            duty[...] = levels[:num_unfinished]
             for _ in range(num_substeps):
-                heat = runge_kutta(rates, heat, (duty, duty, duty), self.step / num_substeps)
+                advance()
+                heat[...] = next_heat
                 _clamp_memory(memory_ranges, heat)
+            course[step_index + 1] = course[step_index]
             course[step_index + 1, ..., :num_unfinished, :] = heat
-            course[step_index + 1, ..., num_unfinished:, :] = course[
-                step_index, ..., num_unfinished:, :
-            ]
         return course
-
-    @staticmethod
-    def _heat_rates(law: WireLaw, T0: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-        """Return the function of [x, V] (X + 1, B, R, W) and duty that gives their rates."""
-        # Give all arrays one shape: numpy takes half as long again to broadcast small arrays.
-        T0 = np.ascontiguousarray(T0)
-        law = _map_fields(law, lambda field: _broadcast_copy(field, T0.shape))
-
-        def heat_rates(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
-            rates = np.empty_like(heat)
-            states = list(heat[:-1])
-            for row, rate in zip(rates, law.rates(states, duty, T0), strict=False):
-                row[...] = rate
-            rates[-1] = law.reading_rate(heat[-1], states)
-            return rates
-
-        return heat_rates
 
     def _bends(
         self,
@@ -344,8 +337,35 @@ class OpenLoop:
         return angle
 
 
-def with_fields(law_type: type[WireLaw], fields: Mapping[str, np.ndarray]) -> WireLaw:
-    """Return a law of a class whose fields are arrays, for calculations only."""
+def _compiled_step(law: WireLaw, names: list[str], step: float) -> Compiled:
+    """Return a step of the classical Runge-Kutta method: heat [x, V] after it, of one wire.
+
+    The inputs are the heat before it, the duty, and T0 with the named fields of the law.
+    """
+
+    def build() -> Compiled:
+        heat = ca.SX.sym("x", len(law.states) + 1)
+        duty = ca.SX.sym("D")
+        T0 = ca.SX.sym("T0")
+        fields = ca.SX.sym("p", len(names))
+        named_fields = dict(zip(names, ca.vertsplit(fields), strict=True))
+        symbolic_law = with_fields(type(law), {**vars(law), **named_fields})
+
+        def rates(heat: ca.SX, duty: ca.SX) -> ca.SX:
+            *states, reading = ca.vertsplit(heat)
+            state_rates = symbolic_law.rates(states, duty, T0)
+            return ca.vertcat(*state_rates, symbolic_law.reading_rate(reading, states))
+
+        after = runge_kutta(rates, heat, (duty, duty, duty), step)
+        return Compiled([heat, duty, ca.vertcat(T0, fields)], [ca.densify(after)])
+
+    constants = {name: value for name, value in vars(law).items() if name not in names}
+    key = ("runge_kutta", type(law), step, tuple(names), repr(constants))
+    return build_once(key, build)
+
+
+def with_fields(law_type: type[WireLaw], fields: Mapping[str, Any]) -> WireLaw:
+    """Return a law of a class whose fields are arrays or symbols, for calculations only."""
     law = law_type()
     for name, values in fields.items():
         setattr(law, name, values)

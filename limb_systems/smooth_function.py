@@ -123,22 +123,45 @@ class Compiled:
         with np.errstate(all="ignore"):
             for start in range(0, num_points, CHUNK):
                 part = slice(start, start + CHUNK)
-                self._fill([values[:, part] for values in (*flat, *results)], dtype)
+                self._fill([values[:, part] for values in (*flat, *results)])
         if dtype.hasobject:  # constants among the values, too, become one of Drake's scalars
             results = [values + 0.0 * inputs[0].flat[0] for values in results]
         return [values.reshape(-1, *shape) for values in results]
 
-    def _fill(self, arrays: Sequence[np.ndarray], dtype: np.dtype) -> None:
-        """Evaluate the instructions at some points, from the inputs into the results."""
-        num_registers, constants, steps = self._array_code
-        rows = [*np.empty((num_registers, arrays[0].shape[1]), dtype), *constants]
-        for values in arrays:
-            rows.extend(values)
-        for operation, first, second, target in steps:
+    def bound(self, *arrays: np.ndarray) -> Callable[[], None]:
+        """Return a function that evaluates the expressions from some arrays into others.
+
+        Args:
+            arrays: the values of the inputs, then of the outputs, each (size, points).
+        """
+        rows = self._rows(arrays)
+        calls: list[tuple[Callable[..., Any], tuple]] = []
+        for operation, first, second, target in self._array_code[2]:
+            operands = (rows[first],) if second < 0 else (rows[first], rows[second])
+            calls.append((operation, (*operands, rows[target])))
+
+        def evaluate() -> None:
+            for operation, operands in calls:
+                operation(*operands)
+
+        return evaluate
+
+    def _fill(self, arrays: Sequence[np.ndarray]) -> None:
+        """Evaluate the expressions once, as `bound` does."""
+        rows = self._rows(arrays)
+        for operation, first, second, target in self._array_code[2]:
             if second < 0:
                 operation(rows[first], rows[target])
             else:
                 operation(rows[first], rows[second], rows[target])
+
+    def _rows(self, arrays: Sequence[np.ndarray]) -> list:
+        """Return the operands of the instructions: registers, constants, inputs and outputs."""
+        num_registers, constants, _ = self._array_code
+        rows = [*np.empty((num_registers, arrays[0].shape[1]), arrays[-1].dtype), *constants]
+        for values in arrays:
+            rows.extend(values)
+        return rows
 
     @functools.cached_property
     def _array_code(self) -> tuple[int, list[float], list[tuple]]:

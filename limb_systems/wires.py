@@ -220,15 +220,14 @@ class Wires:
         """
         A, _, _ = self.affine_rates()
         fastest_rate = np.abs(np.linalg.eigvals(A)).max()
+        stages = np.array([[0.0], [0.5], [1.0]])  # the beginning, middle and end of a step
         course = [states]
         for k, length in enumerate(np.diff(times)):
-            # Divide the interval into steps, with duty at their ends and middles.
             num_steps = int(np.ceil(length * max(2 * fastest_rate, 1 / longest_step) - 1e-9))
-            shares = np.linspace(0, 1, 2 * num_steps + 1)[:, None]
-            levels = duty[k] + shares * (duty[k + 1] - duty[k])
+            change = duty[k + 1] - duty[k]
             for step in range(num_steps):
-                step_levels = levels[2 * step : 2 * step + 3]
-                point = np.concatenate([states, step_levels.ravel(), [length / num_steps]])
+                levels = duty[k] + (step + stages) / num_steps * change
+                point = np.concatenate([states, levels.ravel(), [length / num_steps]])
                 states = self._runge_kutta_step.values(point)
             course.append(states)
         return np.array(course)

@@ -34,7 +34,7 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
     states, readings = split_state(model, plan.state_trajectory().vector_values(times))[2:]
     heat, duty = np.vstack([states, readings]), plan.duty_trajectory().vector_values(times)
     try:
-        heat, _ = solve_quasi_static(
+        program, solution = solve_quasi_static(
             model,
             times,
             reference,
@@ -45,10 +45,11 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
         )
     except LimbError:  # infeasible, or the limb folds
         return None
-    bend = model.statics.values(heat[: len(states)].T).T
+    heat = solution.x[program.heat].T
+    bend = solution.x[program.bends].T
     bend, temperature = (
         np.array([np.interp(plan.time, times, row) for row in rows])
-        for rows in (bend, heat[: model.wires.num_wires])
+        for rows in (bend, heat[: program.wires.num_wires])
     )
     return bend, temperature
 

@@ -11,6 +11,7 @@ from pydrake import trajectories
 from pydrake.solvers import SolverInterface
 
 from limb_systems import (
+    LimbError,
     LimbModel,
     LimbParameters,
     PlanCheck,
@@ -36,6 +37,7 @@ from planners.transcription.quasi_static import (
     solve_quasi_static,
 )
 from planners.transcription.solving import LONGEST_SOLVE, PlanningError, Solution, solve_program
+from planners.transcription.warm_start import multipliers_of, with_motion
 
 ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
 
@@ -234,8 +236,8 @@ class Planner:
             self._program = self._make_program()
         program = self._program
         program.update(angles_ref, state, warm_up)
-        guess = self._guess(program, angles_ref, state, warm_up)
-        solution = self._solve(program, guess, angles_ref, state)
+        guess, multipliers = self._guess(program, angles_ref, state, warm_up)
+        solution = self._solve(program, guess, multipliers, angles_ref, state)
         trajectory = self._trajectory(program, solution, angles_ref)
         trajectory.check.guess_cost = program.cost(guess)
         trajectory.check.active_constraints = active_constraints(
@@ -256,11 +258,14 @@ class Planner:
             with_constraints=self._solver is not None or self.task.customize is not None,
         )
 
-    def _guess(self, program, angles_ref, state, warm_up_time: float) -> np.ndarray:
-        """All decision variables from which a program is solved."""
+    def _guess(
+        self, program, angles_ref, state, warm_up_time: float
+    ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
+        """Return decision variables from which a program is solved, and multipliers if known."""
         if isinstance(program, QuasiStaticProgram):
-            return program.guess()
-        heat, duty = solve_quasi_static(
+            return program.guess(), None
+        # Solve the quasi-static program.
+        quasi_static, solution = solve_quasi_static(
             self._model,
             self.times,
             angles_ref,
@@ -269,21 +274,31 @@ class Planner:
             warm_up_time,
             self._margin,
         )
+        heat = solution.x[quasi_static.heat].T
+        duty = solution.x[quasi_static.duty].T
         motion = held_motion(self._held, heat[: self._held.wires.num_states].T, duty.T)
         states = np.vstack([motion.T, heat])
         states[:, 0] = state
-        return program.variables(states, duty)
+        guess = program.variables(states, duty)
+        if not program.starts_near:
+            return guess, None
+        # Let the motion follow from its heat.
+        try:
+            guess = with_motion(program, guess)
+            return guess, multipliers_of(program, guess, quasi_static, solution)
+        except (LimbError, np.linalg.LinAlgError):
+            return guess, None
 
-    def _solve(self, program, guess, angles_ref, state) -> Solution:
+    def _solve(self, program, guess, multipliers, angles_ref, state) -> Solution:
         """Solution from the previous one if little changed, else from the guess."""
-        start, multipliers = guess, None
+        start = guess
         if self._previous is not None:
             previous_ref, previous_state, previous = self._previous
             reference_change = np.abs(angles_ref - previous_ref).max()
             state_change = np.abs((state - previous_state) / program.state_scales).max()
             if reference_change < SMALL_REFERENCE_CHANGE and state_change < SMALL_STATE_CHANGE:
                 start, multipliers = previous.x, previous.multipliers
-        solution = solve_program(program, start, multipliers, self._solver)
+        solution = solve_program(program, start, multipliers, self._solver, program.starts_near)
         self._previous = (angles_ref, state, solution)
         return solution
 

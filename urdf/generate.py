@@ -11,8 +11,9 @@ CLEAR_SILICONE_COLOR = "0.80 0.85 0.92 0.3"
 WIRE_COLOR = "0.45 0.45 0.5 1"
 BRACKET_COLOR = "0.25 0.27 0.3 1"
 BODY_COLOR = "0.36 0.42 0.50 1"
-CONTACT_STIFFNESS = 2e4  # N/m: a foot that carries 0.25 N sinks in by 25 µm
-RELAXATION_TIME = 0.01  # s, of contact
+# Contact of the ground and of a robot's body.
+CONTACT_STIFFNESS = 2e4  # N/m
+RELAXATION_TIME = 0.01  # s
 # Of the silicone's surface: friction on smooth things; Pa, hydroelastic modulus, of soft casting
 # silicones, which have 0.1 to 0.6 MPa; s/m and s, of contact.
 SILICONE = {
@@ -119,7 +120,7 @@ def robot_element(robot: Any) -> Element:
         )
         _add_visual(foot, "foot", BRACKET_COLOR, ball)
         if robot.ground:
-            _add_collision(foot, ball, _contact_properties(robot.ground))
+            _add_collision(foot, ball, _foot_contact_properties(robot))
     # Body and feet do not collide with each other.
     if robot.ground:
         _filter_collisions(element, ["body", *(f"{limb.name}_foot" for limb in robot.limbs)])
@@ -144,6 +145,15 @@ def _contact_properties(ground) -> dict[str, float | None]:
         "mu_static": ground.friction,
         "point_contact_stiffness": CONTACT_STIFFNESS,
         "relaxation_time": RELAXATION_TIME,
+    }
+
+
+def _foot_contact_properties(robot) -> dict[str, float | None]:
+    """Return the contact properties of a robot's foot."""
+    feet = robot.feet
+    return _contact_properties(robot.ground) | {
+        "point_contact_stiffness": feet.stiffness,
+        "relaxation_time": feet.damping / feet.stiffness,
     }
 
 
@@ -232,7 +242,7 @@ def _add_point(robot, name: str, joint: str, parent: str, origin: float, mass: f
 
 
 def _add_inertial(link, mass: float, moments=(0.0, 0.0, 0.0), center=None) -> None:
-    """Add mass, kg, moments of inertia (3), kg·m², and their centre, m; the link's origin if None."""
+    """Add mass, kg, moments of inertia (3), kg·m², and their centre, m, or the link's origin."""
     inertial = SubElement(link, "inertial")
     if center:
         SubElement(inertial, "origin", xyz=_text(*center))

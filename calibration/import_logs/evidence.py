@@ -1,9 +1,9 @@
 """Show what the numbers of a log tell: which thermocouple a duty warms, where a wire bends."""
 
 import dataclasses
-import itertools
 
 import numpy as np
+from scipy.signal import lfilter
 
 MEMORY = 15.0  # s, over which a wire keeps its heat, roughly
 SLOW = 90.0  # s, over which silicone gives its heat back
@@ -12,7 +12,6 @@ MOST_STEPS = 20_000
 MARGIN = 3.0  # standard errors that decide
 FACTOR = 1.5  # by which a wire warms its thermocouple more than others
 FEWEST = 12  # steps, from which on a regression tells anything
-HEATED = 1.0  # s of full duty, with which a wire counts as heated
 
 
 def forward_fill(duty: np.ndarray) -> np.ndarray:
@@ -20,22 +19,6 @@ def forward_fill(duty: np.ndarray) -> np.ndarray:
     indices = np.arange(len(duty))
     last_known = np.maximum.accumulate(np.where(np.isnan(duty), 0, indices))
     return np.nan_to_num(duty[last_known])  # before the first value the wire is off
-
-
-def heat_of(times: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """Return duty (..., K) through a low-pass filter; warmth and bend follow it."""
-    heat = np.zeros_like(duty)
-    added = duty[..., :-1] * -np.expm1(-np.diff(times) / MEMORY)
-    span = 20 * MEMORY  # within which the sum below keeps its digits
-    starts = np.flatnonzero(np.diff((times - times[0]) // span, prepend=-1.0))
-    for start, end in itertools.pairwise([*starts, len(times)]):
-        if start:
-            kept = np.exp((times[start - 1] - times[start]) / MEMORY)
-            heat[..., start] = kept * heat[..., start - 1] + added[..., start - 1]
-        grown = np.exp((times[start + 1 : end] - times[start]) / MEMORY)
-        since = np.cumsum(added[..., start : end - 1] * grown, axis=-1)
-        heat[..., start + 1 : end] = (heat[..., start, None] + since) / grown
-    return heat
 
 
 def correlation(one: np.ndarray, other: np.ndarray) -> float:
@@ -54,17 +37,19 @@ class Steps:
 
     - ``step_of_row``: number of the step of each row (K,).
     - ``times``: (N,), s.
+    - ``step``: s.
     """
 
     step_of_row: np.ndarray
     times: np.ndarray
+    step: float
 
     @classmethod
     def of(cls, times: np.ndarray) -> "Steps":
         """Return steps for rows at some times (K,), s, increasing."""
         step = max(STEP, (times[-1] - times[0]) / MOST_STEPS, float(np.median(np.diff(times))))
         step_of_row = ((times - times[0]) // step).astype(int)
-        return cls(step_of_row, step * np.arange(step_of_row[-1] + 1))
+        return cls(step_of_row, step * np.arange(step_of_row[-1] + 1), step)
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """Return the mean of a signal (K,) in each step (N,); nan in steps without a reading."""
@@ -75,8 +60,10 @@ class Steps:
         return np.where(numbers > 0, sums / np.maximum(numbers, 1), np.nan)
 
     def heat(self, duty: np.ndarray) -> np.ndarray:
-        """Return the heat of a duty (K,) in each step (N,)."""
-        return heat_of(self.times, forward_fill(self.means(forward_fill(duty))))
+        """Return the heat of a duty (K,) in each step (N,): warmth and bend follow it."""
+        mean_duty = forward_fill(self.means(forward_fill(duty)))
+        kept = np.exp(-self.step / MEMORY)
+        return lfilter([0.0, 1.0 - kept], [1.0, -kept], mean_duty)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -123,7 +110,7 @@ class Responses:
         return found
 
     def _is_clear(self, sensor: int, wire: int, sensors: list[int], wires: list[int]) -> bool:
-        """Whether a thermocouple is clearly of a wire, among others."""
+        """Return whether a thermocouple is clearly of a wire, among others."""
         gain = self.gains[sensor, wire]
         error = self.errors[sensor, wire]
         if gain <= MARGIN * error:

@@ -56,15 +56,17 @@ class ImportedLog:
             names = [f"{self.stem}_{number}" for number in range(1, len(self.recordings) + 1)]
         return [Path(self.limb.name) / f"{name}.csv" for name in names]
 
-    def read(self, parameters: LimbParameters | None = None, table: LogTable | None = None) -> None:
-        """Read the recordings by the mapping, if nothing is asked.
+    def read(
+        self, parameters: LimbParameters | None = None, tables: list[LogTable] | None = None
+    ) -> None:
+        """Read the recordings by the mapping, if nothing is asked; see `read_log`.
 
         Raises:
             LogError: if the log is not as the mapping says.
         """
         if self.asks:
             return
-        parts, self.remarks = read_log(self.path, self.limb.mapping, parameters, table)
+        parts, self.remarks = read_log(self.path, self.limb.mapping, parameters, tables)
         self.recordings = []
         while parts:
             self.recordings.append(Recording(**parts.pop(0)))
@@ -126,13 +128,13 @@ def import_logs(
                 raise
             unread.append(str(problem))
     _share([log.limb for log in found])
-    if table and len(files) == 1:  # the only one need not be read again
-        table = table.only(set().union(*(log.limb.mapping.columns for log in found)))
-    else:
-        table = None
+    # The only log need not be read again.
+    tables = [table.only(log.limb.mapping.columns) for log in found] if table else []
+    tables = tables[:1] if len(files) == 1 else []
+    table = None
     for log in found:
         try:
-            log.read(parameters, table)
+            log.read(parameters, tables)
         except LogError as problem:
             if mapping:
                 raise
@@ -171,10 +173,10 @@ def recording_from_log(
 ) -> Recording:
     """Return the longest recording of a log, as `Recording.from_log`."""
     said = []
-    table = None
+    tables = []
     if mapping is None:
-        table = read_table(path)
-        limb, *others = limbs_in_log(path, table, parameters)
+        tables = [read_table(path)]
+        limb, *others = limbs_in_log(path, tables[0], parameters)
         mapping = limb.mapping
         if others:
             names = ", ".join(other.name for other in others)
@@ -184,7 +186,7 @@ def recording_from_log(
             raise LogError(f"{path}: give in a mapping what the log does not tell: {asked}")
     elif not isinstance(mapping, LogMapping):
         mapping = LogMapping.load(mapping)
-    parts, remarks = read_log(path, mapping, parameters, table)
+    parts, remarks = read_log(path, mapping, parameters, tables)
     if len(parts) > 1:
         said.append(f"This is the longest of {len(parts)} parts.")
     if said := [*said, *remarks]:

@@ -4,7 +4,7 @@ import copy
 import dataclasses
 import itertools
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -60,12 +60,12 @@ def read_log(
     path: str | Path,
     mapping: LogMapping,
     parameters: LimbParameters | None = None,
-    table: LogTable | None = None,
+    tables: list[LogTable] | None = None,
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the parts of a log, as arguments of `Recording`, and what was lost, in sentences.
 
     Args:
-        table: the log's rows; they are read if None.
+        tables: the log's rows, which are taken out to free their memory; they are read if None.
         parameters: the limb's description; the nominal limb, with the wires of the mapping, if
             None.
 
@@ -74,12 +74,11 @@ def read_log(
     """
     if mapping.open_fields:
         raise LogError(f"{path}: the mapping leaves open {', '.join(mapping.open_fields)}.")
-    table = table or read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
+    form = (mapping.delimiter, mapping.decimal, mapping.names_line)
+    tables = tables or [read_table(path, *form)]
     with reraise_as(LogError, f"{path}: "):
-        if is_reversed(stamps(table, mapping.time, mapping.rate)):
-            table = table.rows(slice(None, None, -1))
-        limb = described(mapping, parameters)
-        return _parts(table, mapping, limb, Path(path))
+        signals = _Signals(tables, mapping, described(mapping, parameters), Path(path))
+        return signals.parts(), signals.remarks
 
 
 def described(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:
@@ -115,153 +114,167 @@ def described(mapping: LogMapping, parameters: LimbParameters | None) -> LimbPar
     return limb
 
 
-class _Signals(NamedTuple):
-    """What a log shows in its rows.
+class _Signals:
+    """The signals of a log, row by row.
 
     - ``times``: (K,), s.
     - ``duty``: (W, K), in [0, 1].
     - ``readings``: V of W wires, °C, and φ of F bends, rad (W + F, K).
     - ``rate``: usual rate of the rows, Hz.
+    - ``remarks``: what was lost, in sentences.
     """
 
-    times: np.ndarray
-    duty: np.ndarray
-    readings: np.ndarray
-    rate: float
+    def __init__(
+        self, tables: list[LogTable], mapping: LogMapping, limb: LimbParameters, path: Path
+    ):
+        table = tables.pop().only(mapping.columns)
+        if is_reversed(stamps(table, mapping.time, mapping.rate)):
+            table = table.rows(slice(None, None, -1))
+        self.limb = limb
+        self.path = path
+        self.remarks: list[str] = []
+        if table.odd_rows:
+            self.remarks.append(f"{_rows(table.odd_rows)} with another number of cells left out.")
+        # Keep rows whose time increases.
+        times, kept = times_of(table, mapping.time, mapping.rate)
+        if is_coarse(stamps(table, mapping.time, mapping.rate)):
+            self.remarks.append("The clock is coarse; its times are spread evenly.")
+        if lost := int(len(kept) - kept.sum()):
+            why = "whose time is missing, repeated or earlier than before"
+            self.remarks.append(f"{_rows(lost)} left out, {why}.")
+            table = table.rows(kept)
+        is_rate_of_rows = not mapping.time.column or mapping.time.unit == FRAMES
+        self.rate = (0.0 if is_rate_of_rows else mapping.rate) or usual_rate(times)
+        if mapping.join:
+            times, table = _joined(times, table, mapping, path)
+        # Turn columns into signals.
+        bends = bends_of(table, mapping)
+        num_wires = len(limb.wires)
+        self.duty = np.zeros((num_wires, len(times)))
+        self.readings = np.full((num_wires + len(bends), len(times)), np.nan)
+        self.readings[num_wires:] = bends
+        for wire in mapping.wires:
+            index = limb.wire_names.index(wire.name)
+            if wire.duty:
+                self.duty[index], unknown = _duty(table, wire.duty, wire.sign, mapping)
+                if unknown:
+                    self._remark_on(wire.name, f"duty is missing in {_rows(unknown)}; held")
+            if wire.temperature:
+                self.readings[index] = _temperature(table, wire.temperature, wire.unit, mapping)
+            elif wire.duty:
+                self._remark_on(wire.name, "thermocouple is not in this log")
+        # Begin where the bend is seen, unless a wire is heated before.
+        is_bent = ~np.isnan(bends).any(axis=0)
+        first = int(np.argmax(is_bent))
+        first = 0 if self.duty[:, :first].any() else first
+        if first:
+            self.remarks.append(f"{_rows(first)} without bend or heat left out at the beginning.")
+        if len(times) - first < 2 or not is_bent.any():
+            raise LogError("no row has a bend; correct the mapping's bend.")
+        self.times = times[first:]
+        self.duty = self.duty[:, first:]
+        self.readings = self.readings[:, first:]
+        for row in self.readings:
+            row[:] = _between_rows(self.times, row)
 
+    def _remark_on(self, wire: str, text: str) -> None:
+        self.remarks.append(f"The {wire} wire's {text}.")
 
-def _parts(
-    table: LogTable, mapping: LogMapping, limb: LimbParameters, path: Path
-) -> tuple[list[dict[str, Any]], list[str]]:
-    remarks: list[str] = []
-    signals = _signals(table, mapping, limb, path, remarks)
-    times = signals.times
-    measured = ~np.isnan(signals.readings).all(axis=1)
-    if count := int(np.isnan(signals.readings[measured]).any(axis=0).sum()):
-        remarks.append(f"{count} of {_rows(len(times))} lack a reading, which stays empty.")
-    # Cut where nobody knows what the duty was, and say so.
-    cuts = _cuts(times, signals.duty)
-    gaps = np.diff(times)
-    if len(cuts) > 2:
-        ends = ", ".join(f"{times[cut - 1]:.0f} s" for cut in cuts[1:-1])
-        remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
-    gaps[[cut - 1 for cut in cuts[1:-1]]] = 0.0  # they are cut, and said above
-    if long := int((gaps > GAP).sum()):
-        said = f"{long} gap{'s' * (long != 1)} of more than {GAP:g} s"
-        remarks.append(f"{said}, the longest of {gaps.max():.1f} s.")
-    num_whole = len(cuts)
-    cuts = _short_enough(cuts, times, signals.duty, signals.rate)
-    if len(cuts) > num_whole:
-        remarks.append(
-            f"Cut where wires were off the longest, so that no part has more than {MOST} samples."
-        )
-    # Resample each part.
-    parts: list[dict[str, Any]] = []
-    for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
-        if end - start < 2 or (len(cuts) > 2 and times[end - 1] - times[start] < SHORTEST):
-            said = f"{_rows(end - start)} from {times[start]:.0f} s on"
-            remarks.append(f"{said} are too few to keep.")
-            continue
-        part = slice(start, end)
-        even = resampled(
-            times[part] - times[start],
-            signals.duty[:, part],
-            signals.readings[:, part],
-            signals.rate,
-        )
-        where = f", part {number}" if len(cuts) > 2 else ""
-        about = {"parameters": limb, "source": f"log {path.name}{where}"}
-        parts.append({**even, **about, "sample_rate": signals.rate})
-    if not parts:
-        raise LogError(f"no part of {SHORTEST:g} s or more has rows without a gap.")
-    if path.name.startswith(SAG) and not signals.duty.any() and not mapping.bend.e2:
-        bend = np.nanmedian(signals.readings[-1])
-        limb.gravity = [0.0, EARTH * (np.sign(bend) or -1.0), 0.0]
-        remarks.append("By its name, gravity bends the limb here, to the side of its bend.")
-    return parts, remarks
+    def parts(self) -> list[dict[str, Any]]:
+        """Return arguments of `Recording` for each part whose duty is known.
 
+        Raises:
+            LogError: if no part is long enough.
+        """
+        times = self.times
+        is_measured = ~np.isnan(self.readings).all(axis=1)
+        if count := int(np.isnan(self.readings[is_measured]).any(axis=0).sum()):
+            text = f"{count} of {_rows(len(times))} lack a reading, which stays empty."
+            self.remarks.append(text)
+        cuts = self._cuts()
+        found: list[dict[str, Any]] = []
+        for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
+            if end - start < 2 or (len(cuts) > 2 and times[end - 1] - times[start] < SHORTEST):
+                where = f"{_rows(end - start)} from {times[start]:.0f} s on"
+                self.remarks.append(f"{where} are too few to keep.")
+                continue
+            rows = slice(start, end)
+            even = resampled(
+                times[rows] - times[start], self.duty[:, rows], self.readings[:, rows], self.rate
+            )
+            where = f", part {number}" if len(cuts) > 2 else ""
+            about = {"parameters": self.limb, "source": f"log {self.path.name}{where}"}
+            found.append({**even, **about, "sample_rate": self.rate})
+        if not found:
+            raise LogError(f"no part of {SHORTEST:g} s or more has rows without a gap.")
+        # Gravity bends a limb whose log says so in its name.
+        bends = self.readings[len(self.duty) :]
+        if self.path.name.startswith(SAG) and not self.duty.any() and len(bends) == 1:
+            self.limb.gravity = [0.0, EARTH * (np.sign(np.nanmedian(bends)) or -1.0), 0.0]
+            text = "By its name, gravity bends the limb here, to the side of its bend."
+            self.remarks.append(text)
+        return found
 
-def _signals(
-    table: LogTable, mapping: LogMapping, limb: LimbParameters, path: Path, remarks: list[str]
-) -> _Signals:
-    """Return what the rows show.
-
-    Args:
-        remarks: gets what was lost, in sentences.
-    """
-    if table.odd_rows:
-        remarks.append(f"{_rows(table.odd_rows)} with another number of cells left out.")
-    times, kept = times_of(table, mapping.time, mapping.rate)
-    if is_coarse(stamps(table, mapping.time, mapping.rate)):
-        remarks.append("The clock is coarse; its times are spread evenly between its steps.")
-    if lost := int(len(kept) - kept.sum()):
-        said = f"{_rows(lost)} left out"
-        remarks.append(f"{said}, whose time is missing, repeated or earlier than before.")
-    table = table if kept.all() else table.rows(kept)
-    is_rate_of_rows = not mapping.time.column or mapping.time.unit == FRAMES
-    rate = 0.0 if is_rate_of_rows else mapping.rate
-    rate = rate or usual_rate(times)
-    if mapping.join:
-        times, table, other_rate = _joined(times, table, mapping, path)
-        rate = max(rate, other_rate)
-    bends = bends_of(table, mapping)
-    num_wires = len(limb.wires)
-    duty = np.zeros((num_wires, len(times)))
-    readings = np.full((num_wires + len(bends), len(times)), np.nan)
-    readings[num_wires:] = bends
-    for wire in mapping.wires:
-        index = limb.wire_names.index(wire.name)
-        if wire.duty:
-            duty[index], unknown = _duty(table, wire.duty, wire.sign, mapping)
-            if unknown and not mapping.join:
-                remarks.append(f"The {wire.name} wire's duty is missing in {_rows(unknown)}; held.")
-        if wire.temperature:
-            readings[index] = _temperature(table, wire.temperature, wire.unit, mapping)
-        elif wire.duty:
-            remarks.append(f"The {wire.name} wire has no thermocouple in this log.")
-    # Begin where the bend is seen, unless a wire is heated before.
-    is_bent = ~np.isnan(readings[num_wires:]).any(axis=0)
-    first = int(np.argmax(is_bent))
-    first = 0 if duty[:, :first].any() else first
-    if first:
-        said = f"{_rows(first)} without a bend left out at the beginning"
-        remarks.append(f"{said}, without heat.")
-    if len(times) - first < 2 or not is_bent.any():
-        raise LogError("no row has a bend; correct the mapping's bend.")
-    times = times[first:]
-    for row in readings:
-        row[first:] = _between_rows(times, row[first:], bool(mapping.join))
-    return _Signals(times, duty[:, first:], readings[:, first:], rate)
+    def _cuts(self) -> list[int]:
+        """Return where parts begin, and the end: a part ends where nobody knows the duty."""
+        times = self.times
+        gaps = np.diff(times)
+        long = np.flatnonzero(gaps > GAP)
+        before = self.duty[:, long]
+        after = self.duty[:, long + 1]
+        is_changed = np.abs(after - before).max(axis=0) > CHANGE
+        is_heated = np.maximum(before, after).max(axis=0) > 0
+        is_unknown = is_changed | ((gaps[long] > LONGEST_GAP) & is_heated)
+        is_unknown |= gaps[long] > LONGEST_PAUSE
+        cuts = [0, *(long[is_unknown] + 1).tolist(), len(times)]
+        if is_unknown.any():
+            ends = ", ".join(f"{times[cut - 1]:.0f} s" for cut in cuts[1:-1])
+            self.remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
+        if (~is_unknown).any():
+            known = gaps[long[~is_unknown]]
+            text = f"{len(known)} gaps of more than {GAP:g} s, the longest of {known.max():.1f} s."
+            self.remarks.append(text)
+        # Cut long parts where wires are coldest.
+        short = [0]
+        heated = np.maximum.accumulate(np.where(self.duty.any(axis=0), times, times[0]))
+        for cut in cuts[1:]:
+            while (times[cut - 1] - times[short[-1]]) * self.rate > MOST:
+                middle = times[short[-1]] + np.array([0.5, 1]) * MOST / self.rate
+                first, last = np.searchsorted(times, middle)
+                off = times[first:last] - heated[first:last]
+                short.append(int(first + np.flatnonzero(off >= 0.99 * off.max())[-1]))
+            short.append(cut)
+        if len(short) > len(cuts):
+            text = "Cut where wires were off the longest, so that no part has more than"
+            self.remarks.append(f"{text} {MOST} samples.")
+        return short
 
 
 def _joined(
     times: np.ndarray, table: LogTable, mapping: LogMapping, path: Path
-) -> tuple[np.ndarray, LogTable, float]:
-    """Return times and rows of a log and a second file together, and the second's usual rate."""
+) -> tuple[np.ndarray, LogTable]:
+    """Return the rows of a log in which a second file has rows, with the second file's columns.
+
+    Each row has the second file's last row before it.
+    """
     join = mapping.join
     assert join
     other = read_table(path.parent / join.file)
     other_times, kept = times_of(other, join.time, join.rate)
     other = other.rows(kept)
     offset = _offset(times, table, other_times, other, mapping, join)
-    # Rows of both files in the order of time; a cell is empty where its file has no row.
-    order = np.argsort(np.concatenate([times, offset + other_times]), kind="stable")
-    empty = np.full(len(times), np.nan)
-    other_empty = np.full(len(other_times), np.nan)
-    values = [np.concatenate([column, other_empty])[order] for column in table.values]
-    values += [np.concatenate([empty, column])[order] for column in other.values]
-    together = np.concatenate([times, offset + other_times])[order]
-    names = unique([*table.names, *other.names])
-    both = dataclasses.replace(
-        table, names=names, units=[*table.units, *other.units], values=values, dates={}
-    )
-    # The recording is of the time in which there are both.
-    start = max(0.0, offset)
-    end = min(times[-1], offset + other_times[-1])
-    shared = (together >= start) & (together <= end) & np.append(True, np.diff(together) > 0)
-    if shared.sum() < 2:
+    latest = np.searchsorted(other_times + offset, times + 1e-6, side="right") - 1
+    age = times - offset - other_times[latest]
+    is_shared = (latest >= 0) & (age <= GAP)
+    if is_shared.sum() < 2:
         raise LogError(f"{join.file} and the log have no time in common; correct join.offset.")
-    return together[shared] - start, both.rows(shared), usual_rate(other_times)
+    together = dataclasses.replace(
+        table,
+        names=unique([*table.names, *other.names]),
+        values=np.vstack([table.values, other.values[:, latest]]),
+    )
+    times = times[is_shared]
+    return times - times[0], together.rows(is_shared)
 
 
 def _offset(
@@ -289,18 +302,15 @@ def _offset(
     )
 
 
-def _between_rows(times: np.ndarray, values: np.ndarray, joined: bool) -> np.ndarray:
+def _between_rows(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return readings of a sensor that is slower than the rows, with lines between them."""
     shown = ~np.isnan(values)
     own = np.diff(times[shown])
-    if len(own) < 2:
-        return values
-    usual = np.median(own)
-    if usual < 1.5 * np.median(np.diff(times)) and not joined:
+    if len(own) < 2 or np.median(own) < 1.5 * np.median(np.diff(times)):
         return values
     near = np.interp(times, times[shown][1:], own, left=own[0])
     there = np.interp(times, times[shown], values[shown], left=np.nan, right=np.nan)
-    return np.where(near <= STALE_PERIODS * usual, there, np.nan)
+    return np.where(near <= STALE_PERIODS * np.median(own), there, np.nan)
 
 
 def _rows(count: int) -> str:
@@ -309,17 +319,16 @@ def _rows(count: int) -> str:
 
 def _duty(table: LogTable, column: str, sign: float, mapping: LogMapping) -> tuple[np.ndarray, int]:
     """Return duty (K,), in [0, 1], held where it is missing; and in how many rows it is."""
-    values = _without(table.numbers(column), mapping.missing)
-    missing = np.isnan(values)
-    if missing.all():
+    values = sign * _without(table.numbers(column), mapping.missing)
+    is_missing = np.isnan(values)
+    if is_missing.all():
         raise LogError(f"the column {column!r} holds no duty.")
-    duty = sign * forward_fill(values) / mapping.full
-    if mapping.inverted:
-        duty = 1.0 - duty
-    most = mapping.full * (1 + OVER)
-    if (values[~missing] * sign).max() > most:
+    most = float(np.nanmax(values))
+    duty = forward_fill(values) / mapping.full
+    duty = 1.0 - duty if mapping.inverted else duty
+    if most > mapping.full * (1 + OVER):
         raise LogError(
-            f"the column {column!r} reaches {np.nanmax(values):g}, beyond full duty, which is "
+            f"the column {column!r} reaches {most:g}, beyond full duty, which is "
             f"{mapping.full:g} by the mapping; correct its full."
         )
     signs = {wire.sign for wire in mapping.wires if wire.duty == column}
@@ -328,20 +337,20 @@ def _duty(table: LogTable, column: str, sign: float, mapping: LogMapping) -> tup
             f"the column {column!r} is negative at times, which heats no wire of the mapping; give "
             "the wire that it heats then, with the same duty and sign: -1."
         )
-    return np.clip(duty, 0.0, 1.0), int(missing.sum())
+    return np.clip(duty, 0.0, 1.0), int(is_missing.sum())
 
 
 def _temperature(table: LogTable, column: str, unit: str, mapping: LogMapping) -> np.ndarray:
     """Return a thermocouple's readings (K,), °C; nan where it has none that can be."""
     factor, offset = CELSIUS[unit]
     values = factor * _without(table.numbers(column), mapping.missing) + offset
-    unreadable = (values < READABLE[0]) | (values > READABLE[1])
-    if unreadable.mean() > 0.5:
+    is_unreadable = (values < READABLE[0]) | (values > READABLE[1])
+    if is_unreadable.mean() > 0.5:
         raise LogError(
             f"the column {column!r} is beyond {READABLE[0]:g} to {READABLE[1]:g} °C in most rows; "
             "correct its unit."
         )
-    values[unreadable] = np.nan
+    values[is_unreadable] = np.nan
     return values
 
 
@@ -357,18 +366,18 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
         LogError: if it leaves ±180° for longer than a sensor that fails now and then.
     """
     bend = mapping.bend
+    axes = [(bend.column, bend.zero, bend.scale)]
+    if bend.e2:
+        second = (bend.e3, bend.zero_e3, bend.scale_e3 or bend.scale)
+        axes = [(bend.e2, bend.zero, bend.scale), second]
     if bend.line:
         angles = _angle_of_line(table, mapping)[None]
     else:
-        second_scale = bend.scale_e3 or bend.scale
-        axes = [(bend.column, bend.zero, bend.scale)]
-        if bend.e2:
-            axes = [(bend.e2, bend.zero, bend.scale), (bend.e3, bend.zero_e3, second_scale)]
-        rows = []
         with np.errstate(over="ignore"):  # of a number that no sensor has, which is left out below
-            for column, zero, scale in axes:
-                values = _without(table.numbers(column), mapping.missing)
-                rows.append((values - zero) * scale)
+            rows = [
+                (_without(table.numbers(column), mapping.missing) - zero) * scale
+                for column, zero, scale in axes
+            ]
         angles = np.array(rows)
     if bend.seen:
         angles[:, table.numbers(bend.seen) == 0] = np.nan
@@ -409,38 +418,12 @@ def _directions(table: LogTable, line: list[str], missing: list[str]) -> np.ndar
     rows = np.arange(columns.shape[1])
     moved = np.append(True, (np.diff(columns, axis=1) != 0).any(axis=0))
     since = rows - np.maximum.accumulate(np.where(moved, rows, 0))
-    lost = ((x == 0) & (y == 0)).any(axis=0) | (since >= STILL_ROWS)
-    return np.where(lost, np.nan, np.arctan2(-np.diff(y, axis=0), np.diff(x, axis=0)))
+    is_lost = ((x == 0) & (y == 0)).any(axis=0) | (since >= STILL_ROWS)
+    return np.where(is_lost, np.nan, np.arctan2(-np.diff(y, axis=0), np.diff(x, axis=0)))
 
 
 def _wrapped(degrees: np.ndarray) -> np.ndarray:
     return (degrees + 180.0) % 360.0 - 180.0
-
-
-def _cuts(times: np.ndarray, duty: np.ndarray) -> list[int]:
-    """Return where parts begin, and the end: a part ends where the duty is not known."""
-    steps = np.diff(times)
-    long = np.flatnonzero(steps > GAP)
-    before = duty[:, long]
-    after = duty[:, long + 1]
-    changed = np.abs(after - before).max(axis=0) > CHANGE
-    heated = np.maximum(before, after).max(axis=0) > 0
-    unknown = changed | ((steps[long] > LONGEST_GAP) & heated) | (steps[long] > LONGEST_PAUSE)
-    return [0, *(long[unknown] + 1).tolist(), len(times)]
-
-
-def _short_enough(cuts: list[int], times: np.ndarray, duty: np.ndarray, rate: float) -> list[int]:
-    """Return further cuts, where wires are coldest: no part has more than `MOST` samples."""
-    found = [cuts[0]]
-    heated = np.maximum.accumulate(np.where(duty.any(axis=0), times, times[0]))
-    for cut in cuts[1:]:
-        while (times[cut - 1] - times[found[-1]]) * rate > MOST:
-            middle = times[found[-1]] + np.array([0.5, 1]) * MOST / rate
-            first, last = np.searchsorted(times, middle)
-            off = times[first:last] - heated[first:last]
-            found.append(int(first + np.flatnonzero(off >= 0.99 * off.max())[-1]))
-        found.append(cut)
-    return found
 
 
 def resampled(
@@ -461,8 +444,8 @@ def resampled(
     grid = np.arange(int(np.floor(times[-1] * rate + 1e-6)) + 1) / rate
     row = np.searchsorted(times, grid + 1e-6, side="right") - 1
     age = np.maximum(grid - times[row], 0.0)
-    fresh = age <= max(STALE_PERIODS / rate, STALE_SECONDS)
-    readings = np.where(fresh, readings[:, row], np.nan)
+    is_fresh = age <= max(STALE_PERIODS / rate, STALE_SECONDS)
+    readings = np.where(is_fresh, readings[:, row], np.nan)
 
     def means(ends: np.ndarray) -> np.ndarray:
         """Return mean duty between times, and before the first of them the first row's."""

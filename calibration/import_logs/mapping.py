@@ -21,7 +21,9 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.
 DATE = "date"  # unit of dates and times of day
 FRAMES = "frames"  # unit of numbers of frames at the mapping's rate
 CELSIUS = {"C": (1.0, 0.0), "F": (1 / 1.8, -32 / 1.8), "K": (1.0, -273.15)}  # factor, offset
-BEND_ANGLE, CHORD, TIP_TANGENT = "bend_angle", "chord", "tip_tangent"
+BEND_ANGLE = "bend_angle"
+CHORD = "chord"
+TIP_TANGENT = "tip_tangent"
 MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
 OPEN = "?"  # in place of what is not known
 
@@ -104,7 +106,9 @@ class LogMapping(Strict):
     names_line: int = quantity(1, "", 0, 10_000)
 
     def __post_init__(self) -> None:
+        # Fields that have words have one of them.
         bend = self.bend
+        align = self.join.align if self.join else []
         allowed: list[tuple[str, Any, Iterable]] = [
             ("time.unit", self.time.unit, [*SECONDS, DATE, FRAMES, OPEN]),
             ("time.fraction_unit", self.time.fraction_unit, SECONDS),
@@ -113,11 +117,7 @@ class LogMapping(Strict):
             ("delimiter", self.delimiter, DELIMITERS),
             ("the number of columns in bend.line", len(bend.line), (0, 4)),
             ("the number of columns in bend.base_line", len(bend.base_line), (0, 4, 6)),
-            (
-                "the number of columns in join.align",
-                len(self.join.align if self.join else ()),
-                (0, 2),
-            ),
+            ("the number of columns in join.align", len(align), (0, 2)),
         ]
         for wire in self.wires:
             allowed.append((f"unit of the {wire.name} wire", wire.unit, [*CELSIUS, OPEN]))
@@ -125,8 +125,9 @@ class LogMapping(Strict):
         for where, value, known in allowed:
             if value not in known:
                 words = ", ".join(str(word) for word in known if word != OPEN)
-                shown = repr(value) if isinstance(value, str) else f"{value:g}"
-                raise LogError(f"{where} is {shown}; it must be one of {words}.")
+                text = repr(value) if isinstance(value, str) else f"{value:g}"
+                raise LogError(f"{where} is {text}; it must be one of {words}.")
+        # There is one bend, and wires have different names.
         ways = [bool(bend.column), bool(bend.e2 and bend.e3), bool(bend.line)]
         if sum(ways) != 1 or bool(bend.e2) != bool(bend.e3):
             raise LogError("bend must have either a column, e2 and e3, or a line.")
@@ -135,23 +136,19 @@ class LogMapping(Strict):
         names = [wire.name for wire in self.wires if wire.name != OPEN]
         if twice := next((name for name in names if names.count(name) > 1), ""):
             raise LogError(f"wires has two wires of the name {twice!r}.")
-        self._check_columns()
-
-    def _check_columns(self) -> None:
-        """Raise LogError if a column stands for two signals."""
+        # No column stands for two signals, but a signed one for the duty of two wires.
         signals = [("time", self.time.column, 0.0)]
-        signals += [("the bend", column, 0.0) for column in self.bend.columns]
+        signals += [("the bend", column, 0.0) for column in bend.columns]
         for wire in self.wires:
             signals.append((f"duty of the {wire.name} wire", wire.duty, wire.sign))
             signals.append((f"temperature of the {wire.name} wire", wire.temperature, 0.0))
         taken: dict[str, tuple[str, float]] = {}
         for signal, column, sign in signals:
             other, sign_of_other = taken.setdefault(column, (signal, sign))
-            # A signed column heats one wire by its positive numbers, another by its negative ones.
             if column not in ("", OPEN) and other != signal and not sign * sign_of_other < 0:
                 raise LogError(
-                    f"the column {column!r} is given for {other} and for {signal}; give "
-                    "each its own."
+                    f"the column {column!r} is given for {other} and for {signal}; give each its "
+                    "own."
                 )
 
     @classmethod
@@ -164,9 +161,8 @@ class LogMapping(Strict):
         **more: Any,
     ) -> "LogMapping":
         """Return a mapping of these columns, in the table's form."""
-        for name in ("delimiter", "decimal", "names_line"):
-            more[name] = getattr(table, name)
-        return cls(time, wires, bend, **more)
+        form = {name: getattr(table, name) for name in ("delimiter", "decimal", "names_line")}
+        return cls(time, wires, bend, **form, **more)
 
     @property
     def columns(self) -> set[str]:
@@ -178,19 +174,22 @@ class LogMapping(Strict):
     @property
     def open_fields(self) -> list[str]:
         """The fields that the mapping leaves open, such as "wires[0].duty"."""
-        found = [f"time.{name}" for name in ("column", "unit") if getattr(self.time, name) == OPEN]
-        if not self.rate and (not self.time.column or self.time.unit == FRAMES):
-            found.append("rate")
+        bend_columns = "bend.line" if self.bend.line else "bend.column"
+        has_rows_at_rate = not self.time.column or self.time.unit == FRAMES
+        is_open = {
+            "time.column": self.time.column == OPEN,
+            "time.unit": self.time.unit == OPEN,
+            "rate": has_rows_at_rate and not self.rate,
+            "full": not self.full and any(wire.duty for wire in self.wires),
+            bend_columns: OPEN in self.bend.columns,
+            "bend.scale": not self.bend.scale,
+            "bend.measures": self.bend.measures == OPEN,
+        }
         for index, wire in enumerate(self.wires):
-            fields = ("name", "duty", "temperature", *(["unit"] if wire.temperature else []))
-            found += [f"wires[{index}].{f}" for f in fields if getattr(wire, f) == OPEN]
-        if not self.full and any(wire.duty for wire in self.wires):
-            found.append("full")
-        if OPEN in self.bend.columns:
-            found.append("bend.line" if self.bend.line else "bend.column")
-        found += ["bend.scale"] if not self.bend.scale else []
-        found += ["bend.measures"] if self.bend.measures == OPEN else []
-        return found
+            for field in ("name", "duty", "temperature"):
+                is_open[f"wires[{index}].{field}"] = getattr(wire, field) == OPEN
+            is_open[f"wires[{index}].unit"] = bool(wire.temperature) and wire.unit == OPEN
+        return [field for field, is_asked in is_open.items() if is_asked]
 
     def with_answers(self, answers: dict[str, str]) -> "LogMapping":
         """Return the mapping with further fields, such as ``{"wires[0].duty": "pwm_left"}``.

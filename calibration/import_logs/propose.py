@@ -20,20 +20,24 @@ from calibration.import_logs.evidence import (
     forward_fill,
 )
 from calibration.import_logs.log_signals import bends_of
-from calibration.import_logs.mapping import OPEN, BendColumns, LogMapping, WireColumns
+from calibration.import_logs.mapping import OPEN, BendColumns, LogMapping, TimeColumn, WireColumns
 from calibration.import_logs.table import LogError, LogTable
 from calibration.import_logs.words import BEND, DUTY, FRAME, LEFT, RIGHT, TEMPERATURE, TIME, Name
 from limb_systems.limb_parameters import LimbParameters
 
 FULLS = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
-POWERS = {"power", "pow", "leistung", "heizleistung"}  # in W, or shares
+POWERS = {"power", "pow", "leistung", "heizleistung", "watt", "watts", "W"}  # in W, or shares
 SHARES = {"duty", "duties", "tastgrad"}
 VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
+UNLIKE = 5.0  # between the most of two duties that may be of one unit
 ABSURD = 1e9  # that no number but a time's is beyond
 MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
 ROOMS = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
 RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
 COLD = 35.0  # below which the readings of a log that starts warm are in °C
+COLDEST = 4.0  # above the coldest readings, within which a limb is at rest
+LONG = 150.0  # s of a log in which wires become cold at some time ...
+ONE_ROOM = 25.0  # ... and their coldest readings differ by less, °C
 SAME = 0.97  # correlation of two columns that show the same
 STRONG = 0.5  # correlation of a column with the heat that it follows
 FARTHEST = 60.0  # °, to which no limb is bent at rest
@@ -41,10 +45,8 @@ RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
 HOT = 20.0  # °C of warming, with which a limb bends by more than that in degrees
 STILL = 0.02  # movement of a point that is fixed, in shares of the tip's
 HEATED = 1.0  # s of full duty, with which a wire counts as heated
-FIXED = {"clamp", "mount", "frame", "ground", "fix", "fixed", "origin", "klemme", "wall"}
-BASES = {"base", "basis", "root", "fuß", "wurzel"}
 LEAST_TURN = 0.85  # of the turn of a limb's first link, if it were bent evenly
-UNIT_OF_BEND = {"rad": np.rad2deg(1.0), "mrad": np.rad2deg(1e-3), "mdeg": 1e-3}
+DEGREES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "mdeg": 1e-3}
 
 
 @dataclasses.dataclass
@@ -88,7 +90,7 @@ class Proposal:
     columns: list[str] = dataclasses.field(default_factory=list)
 
 
-class _Column:
+class Column:
     """A column: its name, and its numbers (K,) in rows whose time increases."""
 
     def __init__(self, name: Name, values: np.ndarray, steps: Steps):
@@ -120,8 +122,7 @@ class _Column:
         """Whether it is 0 at times, stands still mostly, and is not negative."""
         if not self.span or not 0 <= self.shown.min() < self.shown.max() <= FULLS[-1]:
             return False
-        is_off = self.shown == 0
-        return bool(is_off.mean() > 0.02 and np.mean(np.diff(self.shown) == 0) > 0.5)
+        return bool((self.shown == 0).mean() > 0.02 and np.mean(np.diff(self.shown) == 0) > 0.5)
 
     def votes(self, heats: np.ndarray) -> np.ndarray:
         """Return its response to each heat (W,), in standard errors; 0 where it is weak."""
@@ -130,22 +131,21 @@ class _Column:
         return np.where(strong, votes, 0.0)
 
 
-def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dictionary) -> Proposal:
-    """Return what the columns of a log seem to be, and what has to be asked.
+class Columns:
+    """The columns of a log, and what they are taken for.
 
     Args:
         limb: description of the limb; None if the log is of the nominal limb or a part of it.
+        time: the column of time; found by names and numbers if None.
     """
-    log = _Log(table, limb, dictionary)
-    if clock.is_reversed(log.stamps):
-        log = _Log(table.rows(slice(None, None, -1)), limb, dictionary)
-    return log.proposal()
 
-
-class _Log:
-    """The columns of a log, and what they are taken for."""
-
-    def __init__(self, table: LogTable, limb: LimbParameters | None, dictionary: words.Dictionary):
+    def __init__(
+        self,
+        table: LogTable,
+        limb: LimbParameters | None,
+        dictionary: words.Dictionary,
+        time: TimeColumn | None = None,
+    ):
         self.table = table
         self.limb = limb
         self.known_wires = limb.wire_names if limb else [LEFT, RIGHT]
@@ -153,29 +153,40 @@ class _Log:
         self.dictionary = dictionary
         self.questions: list[Question] = []
         self.notes: dict[str, str] = {}
-        names = [
-            Name.of(name, unit, table.names, dictionary)
-            for name, unit in zip(table.names, table.units, strict=True)
-        ]
-        self.time = self._time(names)
+        self.duties: list[Column] = []
+        self.temperatures: list[Column] = []
+        self.wires: list[WireColumns] = []
+        pairs = zip(table.names, table.units, strict=True)
+        names = [Name.of(name, unit, table.names, dictionary) for name, unit in pairs]
+        self.time = time or self._time(names)
         # To see what follows what, rows without a time come at any rate.
         try:
-            self.stamps = clock.stamps(table, self.time, 10.0)
-            self.times, self.kept = clock.times_of(table, self.time, 10.0)
+            if clock.is_reversed(clock.stamps(table, self.time, 10.0)):
+                self.table = table.rows(slice(None, None, -1))
+            self.times, kept = clock.times_of(self.table, self.time, 10.0)
         except LogError:
-            self.stamps = 0.1 * np.arange(table.num_rows)
-            self.times, self.kept = self.stamps, np.ones(table.num_rows, bool)
+            self.times = 0.1 * np.arange(table.values.shape[1])
+            kept = np.ones(len(self.times), bool)
+        self.kept = slice(None) if kept.all() else kept  # long logs are not copied
         self.steps = Steps.of(self.times)
+        # Find what stands for no reading, and leave it out.
         others = [n for n in names if n.text not in (self.time.column, self.time.fraction)]
-        which = slice(None) if self.kept.all() else self.kept  # long logs are not copied
-        numbers = [table.numbers(name.text)[which] for name in others]
+        numbers = [self.table.numbers(name.text)[self.kept] for name in others]
         self.missing = [v for v in MISSING if any(_stands_out(own, v) for own in numbers)]
-        self.columns = []
+        self.columns: list[Column] = []
         for name, values in zip(others, numbers, strict=True):
             left_out = np.isin(values, self.missing) if self.missing else np.abs(values) > ABSURD
             cleaned = np.where(left_out, np.nan, values) if left_out.any() else values
-            column = _Column(name, cleaned, self.steps)
-            self.columns += [column] if len(column.shown) > 5 else []
+            column = Column(name, cleaned, self.steps)
+            if len(column.shown) > 5:
+                self.columns.append(column)
+
+    @functools.cached_property
+    def heats(self) -> np.ndarray:
+        """The heat of each wire that has a duty (W, N)."""
+        wires = self.wires[: len(self.duties)]
+        found = [c.heat(wire.sign) for c, wire in zip(self.duties, wires, strict=True)]
+        return np.array(found).reshape(-1, len(self.steps.times))
 
     def ask(
         self, field: str, text: str, choices: list[str] | None = None, contradicts: bool = False
@@ -183,197 +194,174 @@ class _Log:
         """Ask for a field of the mapping."""
         self.questions.append(Question(field, text, choices or [], contradicts))
 
-    def proposal(self) -> Proposal:
-        """Return what was found."""
-        self.duties = self._duties()
-        self.temperatures = self._temperatures()
-        self.wires = self._wires()
-        full = self._full()
-        pairs = zip(self.duties, self.wires, strict=False)
-        heats = [column.heat(wire.sign) for column, wire in pairs]
-        self.heats = np.array(heats or np.zeros((0, len(self.steps.times))))
-        self._pair()
-        self._units()
-        bend = self._bend()
-        self._leftovers()
-        found = LogMapping.of(
-            self.table, self.time, self.wires, bend, full=full, missing=list(map(str, self.missing))
-        )
-        self._sign(found)
-        lines = [f"{name}: {what}" for name, what in self.notes.items()]
+    def proposal(self, name: str, found: LogMapping) -> Proposal:
+        """Return a mapping with the notes and questions."""
+        lines = [f"{column}: {what}" for column, what in self.notes.items()]
         lines += [f"{c.text}: not used" for c in self.columns if c.text not in self.notes]
-        heated = any(column.span > 0 for column in self.duties)
-        return Proposal("", found, lines, self.questions, heated, self.table.names)
+        is_heated = any(column.span > 0 for column in self.duties)
+        return Proposal(name, found, lines, self.questions, is_heated, self.table.names)
 
-    def _of_role(self, role: str) -> list[_Column]:
+    def of_role(self, role: str) -> list[Column]:
+        """Return the columns whose names say this role, and that are measured."""
         return [c for c in self.columns if c.name.role == role and c.name.is_measured]
 
-    def _unnamed(self) -> list[_Column]:
-        """Return columns whose names say neither a signal nor another quantity."""
-        own = self._of_role("")
-        return [c for c in own if c.name.quantity in ("", "counts") and c.text not in self.notes]
+    def _unnamed(self) -> list[Column]:
+        """Return columns that move, whose names say neither a signal nor another quantity."""
+        own = [c for c in self.of_role("") if c.span and c.text not in self.notes]
+        return [c for c in own if c.name.quantity in ("", "counts")]
 
-    # Time.
-
-    def _time(self, names: list[Name]) -> mapping.TimeColumn:
+    def _time(self, names: list[Name]) -> TimeColumn:
         """Return the column that increases as a clock does; a question if there is none."""
-        rated = [clock.rated_time(self.table, name, names) for name in names]
-        score, best = max(rated, key=lambda pair: pair[0], default=(-1.0, mapping.TimeColumn()))
-        if score >= 0.0:
+        best = clock.find_time(self.table, names)
+        if best.column:
             self.notes[best.column] = f"time, {best.unit}; it increases as a clock does"
             if best.unit == OPEN:
                 text = f"unit of {best.column}? Its rows are too far apart, or near, for its name"
                 self.ask("time.unit", text, ["s", "ms", "us"])
             return best
-        frames = [
-            name.text
-            for name in names
-            if name.role == FRAME and (np.diff(self.table.numbers(name.text)) > 0).all()
-        ]
+        counted = [name.text for name in names if name.role == FRAME]
+        frames = [text for text in counted if (np.diff(self.table.numbers(text)) > 0).all()]
         what = f"the frames in {frames[0]}" if frames else "the rows"
         text = f"no column is a time that increases: give the rate of {what}, Hz, or time.column"
         self.ask("rate", text, ["10.0"])
-        return mapping.TimeColumn(frames[0], mapping.FRAMES) if frames else mapping.TimeColumn()
+        return TimeColumn(frames[0], mapping.FRAMES) if frames else best
 
     # Duty.
 
-    def _duties(self) -> list[_Column]:
-        """Return the columns of duty; columns whose names say nothing must be followed."""
-        named = self._of_role(DUTY)
+    def find_duties(self) -> None:
+        """Find the duties and their wires; columns whose names say nothing must be followed."""
+        named = self.of_role(DUTY)
         best = min((c.name.rank for c in named), default=0)
         chosen = [c for c in named if c.name.rank == best]
         if not named:
             followed = [c for c in self._unnamed() if c.looks_like_heat and self._is_followed(c)]
-            chosen = self._like(followed, "wires[0].duty", "the duty of a wire")
+            chosen = self._with_like(followed, "wires[0].duty", "the duty of a wire")
         for column in chosen:
             self.notes[column.text] = "duty, by its name" if named else "duty, which others follow"
-        return sorted(chosen, key=lambda c: words.place_of_label(c.name.label))
+        self.duties = sorted(chosen, key=lambda c: words.place_of_label(c.name.label))
+        signed = [c for c in self.duties if len(c.shown) and c.shown.min() < 0]
+        if not self.duties:
+            text = (
+                "no column seems to be a duty, which is 0 while wires are off: give each wire's, "
+            )
+            text += "'' for a wire that was not heated, or join the file of the heaters"
+            self.ask("wires[0].duty", text, [c.text for c in self.columns if c.looks_like_heat])
+            self.wires = [WireColumns(name, OPEN) for name in self.known_wires]
+        elif signed:
+            names = [LEFT, RIGHT] if len(self.duties) == 1 and not self.limb else []
+            self.duties = [c for c in self.duties for _ in range(2)]
+            for index, column in enumerate(self.duties):
+                name = names[index] if names else OPEN
+                self.wires.append(WireColumns(name, column.text, 1.0 if index % 2 else -1.0))
+        else:
+            pairs = zip(self._wire_names(), self.duties, strict=True)
+            self.wires = [WireColumns(name, c.text) for name, c in pairs]
 
-    def _like(self, found: list[_Column], field: str, what: str) -> list[_Column]:
+    def _with_like(self, found: list[Column], field: str, what: str) -> list[Column]:
         """Return columns, if all like columns are among them; else ask."""
         stems = {column.name.stem for column in found}
-        like = [c for c in self._unnamed() if c.name.stem in stems and c.span]
-        if len(stems) <= 1 and (len(like) == len(found) or not self.table.names_line):
+        like = [c for c in self._unnamed() if c.name.stem in stems]
+        if len(stems) <= 1 and (len(like) == len(found) or not self.table.has_names):
             return found
         texts = [column.text for column in like]
-        self.ask(field, f"which of {_list(texts)} is {what}? Names do not tell", texts)
+        self.ask(field, f"which of {_list(like)} is {what}? Names do not tell", texts)
         return []
 
-    def _is_followed(self, duty: _Column) -> bool:
-        """Whether another column clearly follows the heat of what may be a duty."""
+    def _is_followed(self, duty: Column) -> bool:
+        """Return whether another column clearly follows the heat of what may be a duty."""
         heat = duty.heat()[None]
-        others = [c for c in self.columns if c is not duty and c.span and not c.looks_like_heat]
-        return any(abs(c.votes(heat)[0]) > MARGIN for c in others if c.name.role != DUTY)
+        others = [c for c in self.columns if c is not duty and c.span and c.name.role != DUTY]
+        return any(abs(c.votes(heat)[0]) > MARGIN for c in others if not c.looks_like_heat)
 
-    def _wires(self) -> list[WireColumns]:
-        """Return the wires with their names and duties; `duties` has a column for each."""
-        duties = self.duties
-        if not duties:
-            text = (
-                "no column seems to be a duty, which is 0 while wires are off: give that of each "
-            )
-            text += "wire, '' for a wire that was not heated, or join the file of the heaters"
-            self.ask("wires[0].duty", text, [c.text for c in self.columns if c.looks_like_heat])
-            return [WireColumns(name, OPEN) for name in self.known_wires]
-        signed = [c for c in duties if len(c.shown) and c.shown.min() < 0]
-        if len(signed) == len(duties) == 1 and not self.limb:
-            self.notes[signed[0].text] = "duty of both wires; negative numbers heat the left wire"
-            self.duties = signed * 2
-            return [WireColumns(LEFT, signed[0].text, -1.0), WireColumns(RIGHT, signed[0].text)]
-        if signed:
-            self.duties = [c for c in duties for _ in range(2)]
-            text = f"{_list([c.text for c in signed])} have signs: which wire do positive numbers "
-            text += "heat, and which do negative ones, with sign: -1.0?"
-            self.ask("wires[0].name", text, self.known_wires)
-            return [WireColumns(OPEN, c.text, sign) for c in duties for sign in (1.0, -1.0)]
-        names = self._wire_names([c.name.label for c in duties])
-        return [WireColumns(name, c.text) for name, c in zip(names, duties, strict=True)]
-
-    def _wire_names(self, labels: list[str]) -> list[str]:
+    def _wire_names(self) -> list[str]:
         """Return a name for each duty's label, as the limb's description has it."""
+        labels = [column.name.label for column in self.duties]
         known = self.known_wires
         names = [Name.of(name, "", known, self.dictionary) for name in known]
         by_label = {name.label or name.text: name.text for name in names}
-        different = len(set(labels)) == len(labels)
-        if different and all(label in by_label for label in labels):
+        are_different = len(set(labels)) == len(labels)
+        if are_different and set(labels) <= set(by_label):
             return [by_label[label] for label in labels]
         if labels == [""] and not self.limb:
             return [RIGHT]
-        if different and len(labels) == len(known) and not {LEFT, RIGHT} & set(labels):
-            texts = [f"{c.text} {name}" for c, name in zip(self.duties, known, strict=True)]
-            self.notes["wires"] = f"in their order, {_list(texts)}; exchange the names if need be"
+        is_whole = are_different and len(labels) == len(known) and self.table.has_names
+        if is_whole and not {LEFT, RIGHT} & set(labels):
+            pairs = zip(self.duties, known, strict=True)
+            said = " and ".join(f"{c.text} {name}" for c, name in pairs)
+            self.notes["wires"] = f"in their order, {said}; exchange the names if need be"
             return known
         hint = "" if self.limb else " Describe a limb of other wires than left and right with -l"
         for index, column in enumerate(self.duties):
             self.ask(f"wires[{index}].name", f"which wire does {column.text} heat?{hint}", known)
         return [OPEN] * len(labels)
 
-    def _full(self) -> float:
+    def full_duty(self) -> float:
         """Return the number of full duty; 0 and a question if nothing tells it."""
         duties = list(dict.fromkeys(self.duties))
-        values = np.concatenate([np.abs(c.shown) for c in duties]) if duties else np.zeros(1)
+        values = np.concatenate([np.unique(np.abs(c.shown)) for c in duties] or [np.zeros(1)])
         most = float(values.max())
         if not most:
             return 1.0
-        names = _list([c.text for c in duties])
         likely = [f"{full:g}" for full in FULLS if most <= 1.001 * full][:3]
         # A wire that is at its most while it rests or cools is off there.
         resting = [(c.shown == c.shown.max()).mean() > 0.05 and c.shown.min() > 0 for c in duties]
         if any(resting) or any(self._cools(column) for column in duties):
-            text = (
-                f"{names}: the duty looks inverted, for it is at its most, {most:g}, where wires "
-            )
-            text += "rest or cool: give full, and inverted: true if wires are off there"
+            text = f"{_list(duties)}: the duty looks inverted, for it is at its most, {most:g}, "
+            text += "where wires rest or cool: give full, and inverted: true if wires are off there"
             self.ask("full", text, likely[:1], contradicts=True)
             return 0.0
+        # Like columns have one unit.
+        levels = [np.unique(np.abs(c.shown[c.shown != 0])) for c in duties if c.span]
+        tops = [float(own.max()) for own in levels]
+        is_switched = [len(own) == 1 and own[0] == 1.0 for own in levels]
+        if max(tops) > UNLIKE * min(tops) or (any(is_switched) and min(tops) < 1.0):
+            text = f"the most in {_list(duties)} is {' and '.join(f'{top:g}' for top in tops)}: "
+            self.ask("full", f"{text}are they of one unit, and what is full duty?", likely, True)
+            return 0.0
+        # Names may have a range, such as 0..255, or a unit.
         own = {word for c in duties for word in (*c.name.words, c.name.unit)}
-        found = [
-            re.search(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", f"{c.text} {c.name.unit}") for c in duties
-        ]
-        ranges = {float(match[1]) for match in found if match}
-        full = _full_by_numbers(values, own)
-        if len(ranges) == 1 and most <= 1.001 * min(ranges):
-            return ranges.pop()
+        ranges = {m[1] for c in duties if (m := re.search(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", c.text))}
+        if len(ranges) == 1 and most <= 1.001 * float(min(ranges)):
+            return float(min(ranges))
+        full = _full_by_numbers(np.unique(values[values > 0]), own)
         if own & {"%", "percent", "pct", "prozent"}:
             full = 100.0 if 1.0 < most <= 100.1 else 0.0
             likely = ["100", "1"]
-        if not full or own & (POWERS | {"w", "mw", "watt", "watts"}):
-            self.ask("full", f"the most in {names} is {most:g}: what is full duty?", likely)
+        if not full or own & POWERS:
+            self.ask("full", f"the most in {_list(duties)} is {most:g}: what is full duty?", likely)
             return 0.0
         return full
 
-    def _cools(self, duty: _Column) -> bool:
-        """Whether the thermocouple of a duty's own name clearly cools with its heat."""
+    def _cools(self, duty: Column) -> bool:
+        """Return whether the thermocouple of a duty's own name clearly cools with its heat."""
         own = [c for c in self.temperatures if c.name.label and c.name.label == duty.name.label]
         return len(own) == 1 and own[0].votes(duty.heat()[None])[0] < -MARGIN
 
     # Thermocouples.
 
-    def _temperatures(self) -> list[_Column]:
-        """Return the columns of thermocouples; columns whose names say nothing must be warmed."""
-        named = [c for c in self._of_role(TEMPERATURE) if c.name.quantity != "counts"]
-        if named or not self.duties:
-            return named
-        heats = np.array([column.heat() for column in self.duties])
-        found = []
-        for column in self._unnamed():
-            is_warm = column.span and -10.0 < column.low < 320.0 and column.shown.max() < 620.0
-            votes = column.votes(heats) if is_warm else np.zeros(1)
-            found += [column] if votes.max() > MARGIN and votes.min() > -MARGIN else []
-        return self._like(found, "wires[0].temperature", "the temperature of a wire")
+    def find_temperatures(self) -> None:
+        """Find the thermocouples; columns whose names say nothing must be warmed."""
+        named = [c for c in self.of_role(TEMPERATURE) if c.name.quantity != "counts"]
+        warmed = []
+        for column in self._unnamed() if self.duties and not named else []:
+            is_warm = -10.0 < column.low < 320.0 and column.shown.max() < 620.0
+            votes = column.votes(self.heats) if is_warm else np.zeros(1)
+            warmed += [column] if votes.max() > MARGIN and votes.min() > -MARGIN else []
+        what = "the temperature of a wire"
+        self.temperatures = named or self._with_like(warmed, "wires[0].temperature", what)
 
-    def _pair(self) -> None:
+    def pair(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
         left = list(self.temperatures)
         if not self.duties:
             return
         signals = np.array([column.means for column in left])
         found = Responses.of(self.steps.times, self.heats, signals).pairs()
-        evident = [None if index is None else self.temperatures[index] for index in found]
         open_wires = []
         for index, wire in enumerate(self.wires):
             named = self._of_its_name(index)
-            warmed = evident[index]
+            sensor = found[index]
+            warmed = None if sensor is None else self.temperatures[sensor]
             if len(named) == 1 and warmed in (None, named[0]):
                 self._set_temperature(wire, named[0], "by its name")
                 left.remove(named[0])
@@ -381,7 +369,8 @@ class _Log:
                 why = f"several have the name of {wire.name}"
                 if len(named) == 1 and warmed:
                     why = f"names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
-                self._ask_temperature(index, [*named, *([warmed] if warmed else [])], why, True)
+                choices = [*named, *([warmed] if warmed else [])]
+                self._ask_temperature(index, choices, why, True)
                 left = [c for c in left if c not in named]
             elif warmed in left and warmed.name.side in ("", wire.name):
                 self._set_temperature(wire, warmed, f"it warms with {wire.duty}")
@@ -389,15 +378,24 @@ class _Log:
             else:
                 open_wires.append(index)
         # Of like columns, the only one that is left is of the only wire that is left.
-        like = len({column.name.stem for column in self.temperatures}) == 1
-        complete = len(self.temperatures) == len(self.wires) and like
+        are_like = len({column.name.stem for column in self.temperatures}) == 1
+        is_last = are_like and len(self.temperatures) == len(self.wires) and len(open_wires) == 1
         for index in open_wires:
             others = [c for c in left if c.name.side in ("", self.wires[index].name)]
-            if len(left) == len(others) == len(open_wires) == 1 and complete:
+            if is_last and len(left) == len(others) == 1:
                 self._set_temperature(self.wires[index], left.pop(), "the only one that is left")
             elif others:
-                why = "neither names nor heat tell with a margin"
-                self._ask_temperature(index, others, why, False)
+                self._ask_temperature(index, others, "neither names nor heat tell", False)
+        # Numbers with a sign heat the wires whose names their thermocouples have.
+        has_side = {column.text for column in self.temperatures if column.name.side}
+        if len(set(self.duties)) < len(self.duties) and not {
+            wire.temperature for wire in self.wires
+        } <= {OPEN, *has_side}:
+            for index, wire in enumerate(self.wires):
+                which = "positive" if wire.sign > 0 else "negative"
+                text = f"which wire do {which} numbers of {wire.duty} heat?"
+                self.ask(f"wires[{index}].name", text, self.known_wires)
+                wire.name = OPEN
         asked = {choice for q in self.questions if "temperature" in q.field for choice in q.choices}
         for column in [c for c in left if c.text not in asked]:
             self.wires.append(WireColumns(OPEN, OPEN, temperature=column.text, unit=OPEN))
@@ -405,7 +403,7 @@ class _Log:
             text += "of its wire ('' if it was not heated), or leave out this wire"
             self.ask(f"wires[{len(self.wires) - 1}].duty", text, ["''", "none"])
 
-    def _of_its_name(self, index: int) -> list[_Column]:
+    def _of_its_name(self, index: int) -> list[Column]:
         """Return the thermocouples that have the name of a wire.
 
         Numbers and letters are names if duties and thermocouples have the same ones.
@@ -418,126 +416,132 @@ class _Log:
             return []
         return [c for c in self.temperatures if c.name.label == label]
 
+    def _set_temperature(self, wire: WireColumns, column: Column, why: str) -> None:
+        wire.temperature = column.text
+        self.notes[column.text] = f"temperature of the {wire.name} wire, {why}"
+
     def _ask_temperature(
-        self, index: int, choices: list[_Column], why: str, contradicts: bool
+        self, index: int, choices: list[Column], why: str, contradicts: bool
     ) -> None:
         wire = self.wires[index]
         wire.temperature = OPEN
         texts = list(dict.fromkeys(column.text for column in choices))
-        text = (
-            f"which is the thermocouple of the wire that {wire.duty} heats, {_list(texts)}? {why}"
-        )
+        text = f"which is the thermocouple of the wire that {wire.duty} heats, "
+        text += f"{' and '.join(texts)}? {why}"
         self.ask(f"wires[{index}].temperature", text, texts, contradicts)
-        units = {column.name.temperature_unit for column in choices}
-        wire.unit = units.pop() if len(units) == 1 and "" not in units else OPEN
+        units = {column.name.unit for column in choices}
+        wire.unit = units.pop() if len(units) == 1 and units <= set(RANGES) else OPEN
         self.notes |= dict.fromkeys(texts, "a temperature, see the question")
 
-    def _set_temperature(self, wire: WireColumns, column: _Column, why: str) -> None:
-        wire.temperature = column.text
-        self.notes[column.text] = f"temperature of the {wire.name} wire, {why}"
-
-    def _units(self) -> None:
-        """Give thermocouples their unit: that of their names if it can be, else one for all."""
+    def find_units(self) -> None:
+        """Give thermocouples the unit in their names if it can be, else the unit of their room."""
         columns = {column.text: column for column in self.temperatures}
         for index, wire in enumerate(self.wires):
-            if not (column := columns.get(wire.temperature)):
+            if wire.temperature not in columns:
                 continue
-            said = column.name.temperature_unit
-            like = [c for c in self.temperatures if c.name.temperature_unit == said]
-            rest = _rest(like)
-            lows = [own.low for own in like]
+            column = columns[wire.temperature]
+            said = column.name.unit if column.name.unit in RANGES else ""
+            like = [c for c in self.temperatures if c.name.unit == column.name.unit]
             # Limbs that rest are in a room; warm ones may be known by how cold they become.
+            first = [float(np.median(c.shown[:5])) for c in like]
+            lows = [c.low for c in like]
+            is_at_rest = max(np.subtract(first, lows)) < COLDEST and np.ptp(first) < 3.0
+            rooms = [u for u, (low, high) in ROOMS.items() if low <= np.mean(first) <= high]
             unit = "C" if max(lows) < COLD else "K" if min(lows) > 250.0 else OPEN
-            if rest is not None:
-                unit = next((u for u, (low, high) in ROOMS.items() if low <= rest <= high), OPEN)
-            wire.unit = said or unit
-            coldest, warmest, hottest = RANGES[said] if said else (-np.inf, np.inf, np.inf)
-            possible = coldest < column.low < warmest
-            possible &= bool(np.quantile(column.shown, 0.99) < hottest)
-            if not possible or (said and rest is not None and unit not in (OPEN, said)):
-                wire.unit = OPEN
+            unit = said or ((rooms or [OPEN])[0] if is_at_rest else unit)
+            coldest, warmest, hottest = RANGES.get(unit, (-np.inf, np.inf, np.inf))
+            is_possible = coldest < column.low < warmest
+            is_possible &= bool(np.quantile(column.shown, 0.99) < hottest)
+            is_possible &= not (is_at_rest and rooms and said and said not in rooms)
+            # In a long log all wires are in one room at some time.
+            if unit != OPEN and self.times[-1] > LONG:
+                colds = [np.quantile(c.shown, 0.003) for c in like if c.span]
+                is_possible &= max(colds, default=0.0) < ROOMS[unit][1]
+                is_possible &= np.ptp(colds or [0.0]) < ONE_ROOM
+            wire.unit = unit if is_possible else OPEN
             if wire.unit == OPEN:
-                text = f"unit of {wire.temperature}: C, F or K? It reads {column.low:.3g} to "
-                text += f"{column.shown.max():.3g}, which does not tell, or contradicts its name"
+                text = f"unit of {column.text}: C, F or K? It reads {column.low:.3g} to "
+                text += f"{column.shown.max():.3g}"
+                text += ", which does not tell, or contradicts its name or the others"
                 self.ask(f"wires[{index}].unit", text, list(RANGES), bool(said))
 
     # The bend.
 
-    def _bend(self) -> BendColumns:
+    def bend(self) -> BendColumns:
         """Return the columns of the bend: by name, else points, else what follows the heat."""
         points = self._points()
+        in_points = {column for pair in points for column in pair}
         places = {(x.name.stem, x.name.label) for x, _ in points}
-        in_points = {
+        in_points |= {
             c for c in self.columns if c.name.axis and (c.name.stem, c.name.label) in places
         }
-        rated = [c for c in self._of_role(BEND) if c not in in_points and c.span]
+        rated = [c for c in self.of_role(BEND) if c not in in_points and c.span]
         if points and not rated:
             return self._line(points)
         if self.axes == 2 and len(rated) == 2:
             return self._bend_in_space(rated)
+        hints: list[Column] = []
         if not rated:
             used = {*self.duties, *self.temperatures, *in_points}
-            rest = [c for c in self._of_role("") if c.span and c not in used]
+            rest = [c for c in self.of_role("") if c.span and c not in used]
+            rest = [c for c in rest if not c.looks_like_heat]
             follows = [c for c in rest if (np.abs(c.votes(self.heats)) > MARGIN).any()]
-            plain = [c for c in self._unnamed() if c in rest and not c.looks_like_heat]
+            plain = [c for c in self._unnamed() if c in rest]
             rated = [c for c in plain if c in follows or (len(plain) == 1 and not self.duties)]
-            hints = [c for c in follows if c not in plain and not c.looks_like_heat]
+            hints = [c for c in follows if c not in plain][:3]
         if not rated:
             text = "no column seems to be the bend, which is an angle: give its column, or the "
             text += "points of a picture, or join the camera's file"
-            for column in hints[:3]:
-                text += (
-                    f"; {column.text} is a {column.name.quantity}: if it is the bend, give scale"
-                )
-            self.ask("bend.column", text, [c.text for c in hints[:3]])
+            for column in hints:
+                text += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
+            self.ask("bend.column", text, [c.text for c in hints])
             return BendColumns(OPEN, scale=0.0 if hints else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(rated, key=lambda c: c.name.rank)
-        same = [
-            abs(correlation(first.values, c.values)) > SAME and 0.9 < c.span / first.span < 1.1
-            for c in rated
-        ]
-        if not all(same):
-            texts = [c.text for c in rated]
-            hint = "" if self.axes == 2 else " Describe a limb that bends about two axes with -l"
-            self.ask("bend.column", f"which is the bend, {_list(texts)}? Each may be.{hint}", texts)
-            return BendColumns(OPEN)
+        for column in rated:
+            is_alike = 0.9 < column.span / first.span < 1.1
+            if not is_alike or abs(correlation(first.means, column.means)) < SAME:
+                texts = [c.text for c in rated]
+                hint = (
+                    "" if self.axes == 2 else " Describe a limb that bends about two axes with -l"
+                )
+                text = f"which is the bend, {_list(rated)}? Each may be.{hint}"
+                self.ask("bend.column", text, texts)
+                return BendColumns(OPEN)
         return self._bend_column(first)
 
-    def _points(self) -> list[tuple[_Column, _Column]]:
+    def _points(self) -> list[tuple[Column, Column]]:
         """Return the columns x and y of points in a picture."""
         fits = [c for c in self.columns if c.name.quantity in ("", "counts", "length")]
         by_place = {(c.name.stem, c.name.label, c.name.axis): c for c in fits if c.name.is_measured}
         pairs = []
         for (stem, label, axis), column in by_place.items():
             other = by_place.get((stem, label, "y"))
-            pairs += [(column, other)] if axis == "x" and other else []
+            if axis == "x" and other:
+                pairs.append((column, other))
         return pairs if len(pairs) > 1 else []
 
-    def _line(self, points: list[tuple[_Column, _Column]]) -> BendColumns:
+    def _line(self, points: list[tuple[Column, Column]]) -> BendColumns:
         """Return the line from the base to the tip; ask if it is not clear which they are."""
         tip = points[-1]
-        moves = np.array([np.hypot(*(np.nanstd(c.means) for c in pair)) for pair in points])
-        still = moves <= STILL * moves.max()
-        fixed = any(FIXED & set(x.name.words) for x, _ in points)
-        for pair in points:
-            self.notes |= {column.text: "of a point" for column in pair}
-        says_base = bool(BASES & set(points[0][0].name.words))
+        self.notes |= {column.text: "of a point" for pair in points for column in pair}
+        says_fixed = any(self.dictionary.has("fixed", x.name.words) for x, _ in points)
+        says_base = self.dictionary.has("base", points[0][0].name.words)
         # The base is the only point that does not move, and the first.
-        clear = still[0] and not still[1:].any() and (says_base or _bends_from_first(points))
-        clear |= not self.heats.any()
-        if fixed or not clear:
-            names = [f"[{', '.join(c.text for c in (*pair, *tip))}]" for pair in points[:-1]]
-            text = "which point is the limb's base, and which its tip? Give x and y of the base, "
-            text += "then x and y of the tip"
-            self.ask("bend.line", text, names)
-            line = [OPEN, OPEN, *(c.text for c in tip)]
-            return BendColumns(line=line, measures=mapping.CHORD)
-        zero = base_direction([[c.values for c in pair] for pair in points])
-        line = [c.text for c in (*points[0], *tip)]
-        return BendColumns(line=line, zero=zero, measures=mapping.CHORD)
+        moves = np.array([np.hypot(*(np.nanstd(c.means) for c in pair)) for pair in points])
+        is_still = moves <= STILL * moves.max()
+        is_clear = is_still[0] and not is_still[1:].any()
+        is_clear &= says_base or _bends_from_first(points)
+        if not says_fixed and (is_clear or not self.heats.any()):
+            zero = base_direction([[c.values for c in pair] for pair in points])
+            line = [c.text for c in (*points[0], *tip)]
+            return BendColumns(line=line, zero=zero, measures=mapping.CHORD)
+        choices = [f"[{', '.join(c.text for c in (*pair, *tip))}]" for pair in points[:-1]]
+        text = "which point is the limb's base, and which its tip? Give x and y of the base, then "
+        self.ask("bend.line", text + "x and y of the tip", choices)
+        return BendColumns(line=[OPEN, OPEN, *(c.text for c in tip)], measures=mapping.CHORD)
 
-    def _bend_in_space(self, columns: list[_Column]) -> BendColumns:
+    def _bend_in_space(self, columns: list[Column]) -> BendColumns:
         """Return the bends towards E2 and E3, which are called x and y, or 1 and 2."""
         first, second = sorted(columns, key=lambda c: (c.name.axis, c.name.label))
         own = self._bend_column(first)
@@ -546,7 +550,7 @@ class _Log:
             own, column="", e2=first.text, e3=second.text, zero_e3=other.zero, scale_e3=other.scale
         )
 
-    def _bend_column(self, column: _Column) -> BendColumns:
+    def _bend_column(self, column: Column) -> BendColumns:
         """Return how the bend is read from its column; the scale is 0 if that is not known."""
         name = column.name
         measures = mapping.CHORD if "chord" in name.words else mapping.BEND_ANGLE
@@ -558,41 +562,37 @@ class _Log:
             self.ask("bend.measures", text, list(mapping.MEASURES))
         # Numbers that stay small while wires are hot are radians.
         rest = float(np.median(column.shown[:10]))
-        small = float(np.abs(column.shown - np.median(column.shown)).max()) < RADIANS
-        hot = self.heats.any() and max((c.span for c in self.temperatures), default=0.0) > HOT
-        unit = next((unit for unit in UNIT_OF_BEND if unit in (name.unit, *name.words)), name.unit)
-        unit = "rad" if unit in ("rads", "radians") else unit
-        scale = float(UNIT_OF_BEND.get(unit, 1.0))
+        is_small = float(np.abs(column.shown - np.median(column.shown)).max()) < RADIANS
+        is_hot = self.heats.any() and max((c.span for c in self.temperatures), default=0.0) > HOT
+        scale = DEGREES.get(name.unit, 1.0)
         if name.quantity not in ("", "angle") or column.span * scale > 540.0:
             scale = 0.0
-        elif small and not unit:
+        elif is_small and not name.unit:
             says_angle = name.role == BEND and name.words != ("tip",)
-            plain = not name.role and abs(rest) < 1.0
-            scale = float(UNIT_OF_BEND["rad"]) if hot and (says_angle or plain) else 0.0
-        elif small and unit not in UNIT_OF_BEND and hot and column.span < 1.5:
+            is_plain = not name.role and abs(rest) < 1.0
+            scale = DEGREES["rad"] if is_hot and (says_angle or is_plain) else 0.0
+        elif is_small and name.unit == "deg" and is_hot and column.span < 1.5:
             scale = 0.0
         zero = rest if not scale or abs(rest) * scale > FARTHEST else 0.0
         if not scale:
-            text = (
-                f"how many degrees is a unit of {column.text}? Negative if the limb bends towards "
-            )
-            self.ask(
-                "bend.scale", text + "the right wire when its numbers fall", ["1.0", "57.29578"]
-            )
+            text = f"how many degrees is a unit of {column.text}? Negative if the limb bends "
+            text += "towards the right wire when its numbers fall"
+            self.ask("bend.scale", text, ["1.0", "57.29578"])
         self.notes[column.text] = f"the bend ({measures}), {scale:.4g} degrees a unit"
         return BendColumns(column.text, zero=zero, scale=scale, measures=measures)
 
-    def _sign(self, found: LogMapping) -> None:
+    def find_sign(self, found: LogMapping) -> None:
         """Turn the bend so that it grows where the right wire is heated, if all wires say so."""
         bend = found.bend
         wires = found.wires[: len(self.duties)]
         if not bend.scale or OPEN in bend.columns or not wires:
             return
-        most = found.full or max(float(np.abs(c.shown).max()) for c in self.duties) or 1.0
         heated = []
-        for index, (wire, column) in enumerate(zip(wires, self.duties, strict=True)):
-            duty = np.clip(wire.sign * forward_fill(column.values), 0.0, None) / most
-            heated += [index] if np.trapezoid(duty, self.times) > HEATED else []
+        most = max(float(np.abs(c.shown).max()) for c in self.duties)
+        for index, wire in enumerate(wires):
+            duty = np.clip(wire.sign * forward_fill(self.duties[index].values), 0.0, None)
+            dose = np.trapezoid(duty, self.times) / (found.full or most or 1.0)
+            heated += [index] if dose > HEATED else []
         if not heated:
             self.notes["sign"] = "no heat shows which way the limb bends; check bend.scale's sign"
             return
@@ -604,67 +604,82 @@ class _Log:
         known = {wire.name: np.array(wire.lever)[: len(rows)] for wire in limb.wires}
         levers = np.array([known.get(wire.name, np.zeros(len(rows))) for wire in wires])
         read = {column.text: column.means for column in self.temperatures if column.span}
-        pairs = zip(wires, self.heats, strict=True)
+        pairs = zip(wires, self.heats[: len(wires)], strict=True)
         warmth = np.array([read.get(wire.temperature, heat) for wire, heat in pairs])
-        votes = bend_votes(self.steps, self.heats, warmth, bends, levers)[heated]
+        votes = bend_votes(self.steps, self.heats[: len(wires)], warmth, bends, levers)[heated]
         sign = float(np.sign(votes.sum()))
-        if (sign * votes > MARGIN).all():
+        if not (sign * votes > MARGIN).all():
+            text = (
+                f"the sign of {' and '.join(bend.columns)}: names and heat do not tell that each "
+            )
+            text += "wire bends the limb to its side; negative if the right wire bends it to where "
+            text += "numbers fall"
+            self.ask("bend.scale", text, [f"{bend.scale:g}", f"{-bend.scale:g}"])
+            bend.scale = 0.0
+        else:
             bend.scale *= sign
             bend.scale_e3 *= sign
             side = "away from its side" if sign < 0 else "to its side"
             self.notes["sign"] = f"each wire bends the limb {side}, as the column counts it"
-            return
-        what = _list(bend.columns)
-        text = (
-            f"the sign of {what}: heat does not show with a margin that each wire bends the limb "
-        )
-        text += "to its side; negative if the right wire bends it to where numbers fall"
-        self.ask("bend.scale", text, [f"{bend.scale:g}", f"{-bend.scale:g}"])
-        bend.scale = 0.0
 
-    def _leftovers(self) -> None:
+    def ask_about_the_rest(self) -> None:
         """Ask about what is left over and could be heat, or a wire's temperature."""
         bare = [i for i, wire in enumerate(self.wires[: len(self.duties)]) if not wire.temperature]
-        for column in [c for c in self._measured() if c.text not in self.notes]:
-            named = column.name.role == DUTY
-            if column.looks_like_heat or named:
-                if named or (self._is_followed(column) and not _is_explained(column, self.duties)):
+        for column in self.columns:
+            name = column.name
+            if not column.span or not name.is_measured or name.role in (TIME, FRAME):
+                continue
+            is_duty = name.role == DUTY
+            if column.text in self.notes:
+                continue
+            if column.looks_like_heat or is_duty:
+                is_explained = bool(self.duties) and self._is_explained(column)
+                if not is_explained and (is_duty or self._is_followed(column)):
                     self.wires.append(WireColumns(OPEN, column.text))
-                    what = f" is a {column.name.quantity}, but" if column.name.quantity else ""
-                    text = (
-                        f"{column.text}{what} may be the heat of a wire: give the wire's name, or "
-                    )
+                    what = f" is a {name.quantity}, but" if name.quantity else ""
+                    text = f"{column.text}{what} may be the heat of a wire: give the wire's name, "
                     field = f"wires[{len(self.wires) - 1}].name"
-                    self.ask(field, text + "leave out this wire", [*self.known_wires, "none"])
-            elif bare and column.name.role in ("", TEMPERATURE):
+                    choices = [*self.known_wires, "none"]
+                    self.ask(field, text + "or leave out this wire", choices)
+            elif bare and name.role in ("", TEMPERATURE):
                 votes = column.votes(self.heats[bare])
-                if (
-                    votes.max() > MARGIN
-                    and correlation(self.heats[bare[int(votes.argmax())]], column.means) > 0.6
-                ):
-                    index = bare[int(votes.argmax())]
+                index = bare[int(votes.argmax())]
+                if votes.max() > MARGIN and correlation(self.heats[index], column.means) > 0.6:
                     self._ask_temperature(index, [column], "it warms with it", False)
 
-    def _measured(self) -> list[_Column]:
-        """Return columns that move and are measured, without those that the duties explain."""
-        moving = [c for c in self.columns if c.span and c.name.is_measured]
-        return [
-            c
-            for c in moving
-            if not (c.name.role == DUTY and self.duties and _is_explained(c, self.duties))
-            and c.name.role not in (TIME, FRAME)
-        ]
+    def _is_explained(self, column: Column) -> bool:
+        """Return whether a column shows no more than the duties, as a current or a sum does."""
+        rows = [forward_fill(duty.means) for duty in dict.fromkeys(self.duties)]
+        factors = np.vstack([*rows, np.ones(len(column.means))]).T
+        values = forward_fill(column.means)
+        left = values - factors @ np.linalg.lstsq(factors, values, rcond=None)[0]
+        return bool(left.std() < 0.3 * values.std())
 
 
-def _rest(columns: list[_Column]) -> float | None:
-    """Return the reading of thermocouples that are all in a room at first; None if not."""
-    first = [float(np.median(column.shown[:5])) for column in columns]
-    cold = [start < column.low + 4.0 for start, column in zip(first, columns, strict=True)]
-    return float(np.mean(first)) if all(cold) and np.ptp(first) < 3.0 else None
+def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dictionary) -> Proposal:
+    """Return what the columns of a log seem to be, and what has to be asked.
+
+    Args:
+        limb: description of the limb; None if the log is of the nominal limb or a part of it.
+    """
+    columns = Columns(table, limb, dictionary)
+    columns.find_duties()
+    columns.find_temperatures()
+    full = columns.full_duty()
+    columns.pair()
+    columns.find_units()
+    bend = columns.bend()
+    columns.ask_about_the_rest()
+    missing = [str(value) for value in columns.missing]
+    found = LogMapping.of(
+        columns.table, columns.time, columns.wires, bend, full=full, missing=missing
+    )
+    columns.find_sign(found)
+    return columns.proposal("", found)
 
 
-def _bends_from_first(points: list[tuple[_Column, _Column]]) -> bool:
-    """Whether links of a line turn as if it were clamped at its first point.
+def _bends_from_first(points: list[tuple[Column, Column]]) -> bool:
+    """Return whether links of a line turn as if it were clamped at its first point.
 
     For constant curvature, links turn in proportion to the distance of their middles. Limbs bend
     more near their base; a link that begins before the base turns less.
@@ -680,7 +695,7 @@ def _bends_from_first(points: list[tuple[_Column, _Column]]) -> bool:
     return len(points) > 2 and bool(LEAST_TURN * expected < turns[0])
 
 
-def _full_by_numbers(values: np.ndarray, own: set[str]) -> float:
+def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
     """Return the number of full duty by what numbers there are of duty; 0 if they do not tell.
 
     Programs set duty in hundredths: whole numbers that are all rounded hundredths of 255 are
@@ -688,43 +703,34 @@ def _full_by_numbers(values: np.ndarray, own: set[str]) -> float:
     beyond 100.
 
     Args:
+        levels: the numbers but 0.
         own: words and units in the names.
     """
-    most = float(values.max())
-    levels = np.unique(values[values > 0])
-    in_fives = bool((levels % 5 == 0).all())
+    most = float(levels.max())
+    is_in_fives = bool((levels % 5 == 0).all())
     if most in FULLS or most <= 1.0:
         return max(most, 1.0)
-    if (values % 1 != 0).any():
+    if (levels % 1 != 0).any():
         return 100.0 if VOLTS < most <= 100.1 else 0.0
     if "pwm" in own and 100.0 < most <= 255.0:
         return 255.0
-    if most <= 100.0 and own & SHARES and len(levels) > 3 and in_fives:
+    if most <= 100.0 and own & SHARES and len(levels) > 3 and is_in_fives:
         return 100.0
     fits = []
     for full in FULLS[2:]:
         hundredths = full * np.round(levels * 100 / full) / 100
         if most <= full and (np.abs(hundredths - levels) < 0.5 + 1e-6).all():
             fits.append(full)
-    enough = 2 if (most > 100.0 or "pwm" in own) and not in_fives else 8
+    enough = 2 if (most > 100.0 or "pwm" in own) and not is_in_fives else 8
     return fits[0] if len(fits) == 1 and len(levels) > enough else 0.0
 
 
-def _is_explained(column: _Column, duties: list[_Column]) -> bool:
-    """Whether a column shows no more than the duties, as a current or a sum does."""
-    rows = [forward_fill(duty.values) for duty in dict.fromkeys(duties)]
-    factors = np.vstack([*rows, np.ones(len(column.values))]).T
-    values = forward_fill(column.values)
-    left = values - factors @ np.linalg.lstsq(factors, values, rcond=None)[0]
-    return bool(left.std() < 0.3 * values.std())
-
-
-def _list(texts: list[str]) -> str:
-    return " and ".join(texts)
+def _list(columns: list[Column]) -> str:
+    return " and ".join(column.text for column in columns)
 
 
 def _stands_out(values: np.ndarray, value: float) -> bool:
-    """Whether a number is in a column, far from all others there."""
+    """Return whether a number is in a column, far from all others there."""
     if value not in values:
         return False
     others = values[~np.isnan(values) & ~np.isin(values, MISSING)]

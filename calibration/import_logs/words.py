@@ -1,4 +1,4 @@
-"""The dictionary: what the words and units in a column's name say."""
+"""Read what the words and units in a column's name say, by the dictionary in `dictionary.yaml`."""
 
 import dataclasses
 import functools
@@ -11,79 +11,33 @@ import yaml
 from limb_systems.errors import LimbError
 from limb_systems.files.input import read_text
 
-DUTY, TEMPERATURE, BEND, TIME, FRAME = "duty", "temperature", "bend", "time", "frame"
-LEFT, RIGHT = "left", "right"
-# Whole words, in small letters. The first words of a role say it best.
-WORDS: dict[str, str] = {
-    TIME: "time timestamp zeit uhrzeit datetime date datum zeitstempel stamp elapsed ms millis "
-    "msec us micros sec secs seconds sekunden 時間",
-    FRAME: "frame frames index idx sample samples bild coords seq counter row nr",
-    DUTY: "pwm duty duties tastgrad tastverhältnis heat heater heaters heating heizung heiz "
-    "heizer heizleistung ssr mosfet gate power pow leistung cmd cmds command commands control ctrl "
-    "steuerung stellgrad stellgröße stellwert output outputs out u drive",
-    TEMPERATURE: "temp temps tmp temperature temperatures temperatur tc thermocouple thermocouples "
-    "thermo thermoelement thermistor ntc rtd mcp celsius kelvin fahrenheit degc degf probe "
-    "sonde fühler 温度",
-    BEND: "bend bends bending biegung biege biegewinkel angle angles winkel theta phi alpha flex "
-    "tilt neigung yaw pitch roll imu orientation curvature krümmung courbure chord tangent "
-    "bendlabs 角度 tip",
-    "orientation": "yaw pitch roll imu orientation tilt neigung encoder",
-    "tip tangent": "tip tangent alpha bendlabs",
-    "thing": "wire wires draht coil coils spule sma muscle muskel actuator aktor channel kanal ch",
-    "not measured": "setpoint set target ref reference desired limit max min goal error err "
-    "unconstrained soll sollwert vorgabe cjc junction std stddev variance ambient room umgebung "
-    "raum status state board cpu likelihood confidence",
-    LEFT: "left l links linke linker linkes li 左",
-    RIGHT: "right r rechts rechte rechter rechtes re 右",
-    "1": "agonist ag",
-    "2": "antagonist ant",
-    "voltage": "voltage volt volts spannung tension vbat vin vcc vout battery supply mv vflex",
-    "current": "current strom amps ampere ma",
-    "power": "watt watts",
-    "resistance": "resistance resistor widerstand ohm ohms kohm",
-    "length": "position pos displacement distance deflection auslenkung abstand weg length mm cm "
-    "px pixel meter meters metres",
-    "curvature": "curvature courbure krümmung",
-    "pressure": "pressure druck kpa psi mbar",
-    "force": "force kraft load newton weight",
-    "torque": "torque drehmoment",
-    "rate": "rate speed velocity omega gyro dot dps rpm hz freq frequency geschwindigkeit",
-    "acceleration": "acceleration accel acc",
-    "humidity": "humidity feuchte rh",
-    "counts": "adc count counts raw",
+DUTY = "duty"
+TEMPERATURE = "temperature"
+BEND = "bend"
+TIME = "time"
+FRAME = "frame"
+LEFT = "left"
+RIGHT = "right"
+LABEL_LETTERS = "abcdegh"  # of wires, as in "PWM A"
+_DATA = yaml.safe_load(Path(__file__).with_name("dictionary.yaml").read_text(encoding="utf-8"))
+WORDS: dict[str, list[str]] = {
+    key: words.split() for key, words in (_DATA["words"] | _DATA["quantities"]).items()
 }
-QUANTITIES = tuple(list(WORDS)[-13:])
-UNITS = {  # of each quantity, in small letters
-    TIME: "s ms us µs ns min h sec secs msec usec seconds sekunden millis micros",
-    TEMPERATURE: "°c c degc deg_c deg°c °f f degf deg_f °k k kelvin celsius fahrenheit",
-    "angle": "° deg degs degree degrees rad rads radians mrad mdeg grad",
-    "share": "% percent pct prozent %pwm 0-1 0..1 0-100 0..100 0-255 0..255",
-    "counts": "count counts cts adc raw lsb bit bits ticks",
-    "voltage": "v mv uv µv kv volt volts",
-    "current": "a ma ua µa amp amps",
-    "power": "w mw kw watt watts",
-    "energy": "j kj wh",
-    "resistance": "ohm ohms ω kohm kω",
-    "length": "m mm cm um µm in inch px pixel pixels",
-    "curvature": "1/m m^-1 1/mm 1/cm",
-    "pressure": "pa hpa kpa mpa bar mbar psi",
-    "force": "n mn kn gf kgf",
-    "torque": "nm n·m n*m mnm",
-    "mass": "g kg",
-    "rate": "deg/s °/s rad/s mm/s m/s °c/s c/s k/s dps rpm hz khz 1/s",
-    "acceleration": "m/s² m/s^2 m/s2",
-    "humidity": "%rh rh",
-}
-TEMPERATURE_UNITS = {
-    "C": {"°c", "c", "degc", "deg_c", "deg°c", "celsius"},
-    "F": {"°f", "f", "degf", "deg_f", "fahrenheit"},
-    "K": {"°k", "k", "kelvin"},
-}
-_WORDS_AS_UNITS = ("in", "min", "rh", "a", "g", "s", "m", "h", "n", "j")  # rather words in names
+_NAME_WORDS = (
+    "in",
+    "min",
+    "rh",
+    "a",
+    "g",
+    "s",
+    "m",
+    "h",
+    "d",
+    "n",
+    "j",
+)
 _PER_SECOND = re.compile(r"(?<![a-z])(deg|rad|°|mm|m|c|k)[_ ]?(per|p|/|_)_?s(ec)?\b")
 _PARTS = re.compile(r"[A-ZÄÖÜ]?[a-zäöüßéèê]+|[A-ZÄÖÜ]+(?![a-zäöüé])|\d+|%|[^\x00-ɏ]+")
-_CAPITALS = re.compile(r"[A-Z]{2,}")
-LABEL_LETTERS = "abcdegh"  # of wires, as in "PWM A"
 
 
 class Dictionary:
@@ -94,7 +48,7 @@ class Dictionary:
     """
 
     def __init__(self, own: Mapping[str, Iterable[str]] | None = None):
-        self.words = {key: known.split() for key, known in WORDS.items()}
+        self.words = {key: list(words) for key, words in WORDS.items()}
         for key, more in (own or {}).items():
             if key not in self.words:
                 raise LimbError(f"the dictionary has no {key!r}; it has {', '.join(self.words)}.")
@@ -112,23 +66,18 @@ class Dictionary:
             own = yaml.safe_load(read_text(path, "dictionary", LimbError))
         except yaml.YAMLError as error:
             raise LimbError(f"{path}: not valid YAML: {' '.join(str(error).split())}.") from error
-        lists = isinstance(own, dict) and all(isinstance(words, list) for words in own.values())
-        if not lists:
+        if not isinstance(own, dict) or not all(isinstance(words, list) for words in own.values()):
             raise LimbError(f"{path} must have lists of words, such as 'duty: [brenner]'.")
         return cls(own)
 
     def has(self, key: str, words: Iterable[str]) -> bool:
-        """Whether one of some words says this."""
+        """Return whether one of some words says this."""
         return not set(words).isdisjoint(self.words[key])
-
-    def rank(self, role: str, words: Iterable[str]) -> int:
-        """Return how well words say a role: 0 is best."""
-        return min(self.words[role].index(word) for word in words if word in self.words[role])
 
     def split(self, name: str) -> list[str]:
         """Return the words and numbers of a name, in small letters."""
-        found: list[str] = []
         plain = re.sub(r"(?i)max(6675|318\d\d)", " thermocouple ", name)  # chips
+        found: list[str] = []
         for part in _PARTS.findall(re.sub("([左右])", r" \1 ", plain)):
             found += self._pieces(part)
         return found
@@ -139,11 +88,11 @@ class Dictionary:
         if word in self.known:
             return [word]
         for cut in range(len(word) - 1, 0, -1):
-            first, last = word[:cut], word[cut:]
-            if first not in self.known:
-                continue
-            sides = last in "lr" and (cut > 2 or bool(_CAPITALS.fullmatch(part)))
-            if sides or (last in self.known and (min(cut, len(last)) > 2 or not word.isascii())):
+            first = word[:cut]
+            last = word[cut:]
+            is_side = last in ("l", "r") and (cut > 2 or (part.isupper() and part.isascii()))
+            is_word = last in self.known and (min(cut, len(last)) > 2 or not word.isascii())
+            if first in self.known and (is_side or is_word):
                 return [first, last]
         return [word]
 
@@ -161,15 +110,14 @@ def plain_unit(text: str) -> str:
 
 
 @functools.lru_cache(maxsize=4096)
-def unit_quantity(text: str) -> str:
-    """Return the quantity that a unit is of; empty if the unit is not known."""
-    unit = plain_unit(text)
-    return next((quantity for quantity, units in UNITS.items() if unit in units.split()), "")
-
-
-def is_unit(text: str) -> bool:
-    """Whether a cell is one of a row of units: a unit, or nothing in its place."""
-    return text.strip(" []()") in ("", "-", "1", "--") or bool(unit_quantity(text))
+def known_unit(text: str) -> tuple[str, str]:
+    """Return the quantity of a unit, and the unit as mappings have it; empty if not known."""
+    plain = plain_unit(text)
+    for quantity, units in _DATA["units"].items():
+        for unit, written in units.items():
+            if plain in written.split():
+                return quantity, unit
+    return "", ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,7 +129,7 @@ class Name:
     - ``stem``: its words without side, number and unit: like columns have one stem.
     - ``label``: "left" or "right", else the number or letter of the wire, if any.
     - ``axis``: "x", "y" or "z"; empty if it has none.
-    - ``unit``: its unit, as `plain_unit`; empty if it has none.
+    - ``unit``: its unit as mappings have it; empty if it has none.
     - ``quantity``: physical quantity by its unit, else by its words; empty if they say none.
     - ``role``: `DUTY`, `TEMPERATURE`, `BEND`, `TIME` or `FRAME`; empty if its words say none.
     - ``rank``: how well the words say the role: 0 is best.
@@ -208,79 +156,77 @@ class Name:
             others: names of all columns, which show whether a last letter is a unit or a wire's.
         """
         bare, own_unit = _without_unit(text, others)
-        unit = plain_unit(unit or own_unit)
+        quantity, unit = known_unit(unit or own_unit)
         tokens = known.split(bare)
-        # Of several numbers, the last is the wire's; long ones are of chips, such as max31855.
-        numbers = [token for token in tokens if token.isdigit() and len(token) < 3]
         words = [token for token in tokens if not token.isdigit()]
-        label = numbers[-1].lstrip("0") or "0" if numbers else ""
-        used = [numbers[-1]] if numbers else []
+        # Find the wire's label: a side, the last number, or a letter; long numbers are of chips.
+        numbers = [token for token in tokens if token.isdigit() and len(token) < 3]
+        letters = [word for word in words if word in LABEL_LETTERS and len(tokens) > 1]
+        used = numbers[-1:] or letters[-1:]
+        label = (numbers[-1].lstrip("0") or "0") if numbers else "".join(used)
         for side in (LEFT, RIGHT, "1", "2"):
             own = [word for word in words if word in known.words[side]]
-            only_letter = words in (["l"], ["r"]) and bool(numbers)
-            if own and not only_letter:
+            if own and not (numbers and words in (["l"], ["r"])):
                 label = side
-                used += own
-        letters = [word for word in words if word in LABEL_LETTERS and len(word) == 1]
-        if not label and letters and len(tokens) > 1:
-            label = letters[-1]
-            used.append(label)
-        axes = [word for word in words if word in ("x", "y", "z")]
-        stem = [token for token in tokens if token not in used and token not in axes[-1:]]
-        quantity = _quantity(text, unit, words, known)
+                used = [*numbers[-1:], *own]
+        axes = [word for word in words if word in ("x", "y", "z")][-1:]
+        stem = [token for token in tokens if token not in (*used, *axes)]
+        # Find what the column is.
+        quantity = quantity or _quantity(text, words, known)
         measured = not known.has("not measured", words)
         role = _role(bare, words, quantity, known) if measured else ""
-        rank = known.rank(role, words) if role and known.has(role, words) else 99
+        ranks = (
+            [known.words[role].index(w) for w in words if w in known.words[role]] if role else []
+        )
+        if not unit:  # words may say the unit of the time or of temperatures
+            by_words = [known_unit(w) for w in words if len(w) > 1 or len(words) == 1]
+            wanted = {BEND: "angle", TEMPERATURE: TEMPERATURE}.get(role, TIME)
+            unit = next((own for of, own in by_words if of == wanted), "")
+        axis = "".join(axes)
+        rank = min(ranks, default=99)
         return cls(
-            text, tuple(words), tuple(stem), label, axes[-1] if axes else "", unit, quantity,
-            role, rank, measured,
-        )  # fmt: skip
+            text, tuple(words), tuple(stem), label, axis, unit, quantity, role, rank, measured
+        )
 
     @property
     def side(self) -> str:
         """The side that the name says, "left" or "right"; empty if it says none."""
         return self.label if self.label in (LEFT, RIGHT) else ""
 
-    @property
-    def temperature_unit(self) -> str:
-        """The unit of temperature that the name says, "C", "F" or "K"; empty if it says none."""
-        words = {self.unit, *(set(self.words) & {"celsius", "fahrenheit", "kelvin"})}
-        return next((unit for unit, known in TEMPERATURE_UNITS.items() if words & known), "")
-
 
 def _without_unit(text: str, others: Iterable[str]) -> tuple[str, str]:
     """Return a name without the unit in it, and the unit; empty if it has none."""
     for match in re.finditer(r"[\[(]([^\])]*)[\])]", text):
-        if unit_quantity(match[1]):
+        if known_unit(match[1])[0]:
             return text.replace(match[0], " "), match[1]
     if _PER_SECOND.search(text.lower()):
         return text, "deg/s"
-    start, mark, last = text.rpartition("_") if "_" in text else text.rpartition(" ")
-    is_word = last.lower() in _WORDS_AS_UNITS and last.lower() not in ("s", "m")
+    start, mark, last = text.rpartition("_" if "_" in text else " ")
+    # A last letter is a wire's if other columns end in "a" or "b".
     siblings = {other.lower() for other in others}
-    lettered = bool({f"{start}{mark}{letter}".lower() for letter in "ab"} & siblings)
-    if not mark or is_word or not unit_quantity(last) or (len(last) == 1 and lettered):
+    is_lettered = len(last) == 1 and bool({f"{start}{mark}{x}".lower() for x in "ab"} & siblings)
+    is_word = last.lower() in _NAME_WORDS and last.lower() not in ("s", "m")
+    if not mark or is_word or is_lettered or not known_unit(last)[0]:
         return text, ""
     return start, last
 
 
-def _quantity(text: str, unit: str, words: list[str], known: Dictionary) -> str:
-    if quantity := unit_quantity(unit):
-        return quantity
-    if (symbol := text.strip("0123456789_ ")) in ("V", "I"):
+def _quantity(text: str, words: list[str], known: Dictionary) -> str:
+    """Return the quantity that the words of a name say; empty if they say none."""
+    symbol = text.strip("0123456789_ ")
+    if symbol in ("V", "I"):
         return "voltage" if symbol == "V" else "current"
     if known.has("rate", words):
         return "rate"
-    return next((one for one in QUANTITIES if known.has(one, words)), "")
+    return next((quantity for quantity in _DATA["quantities"] if known.has(quantity, words)), "")
 
 
 def _role(text: str, words: list[str], quantity: str, known: Dictionary) -> str:
     """Return the signal that a name is of; empty if its words and unit say none, or two."""
+    roles = [role for role in (TEMPERATURE, DUTY, BEND, TIME, FRAME) if known.has(role, words)]
     if text.strip().lower() == "x_value":  # LabVIEW's name for the time
         return TIME
-    by_unit = {TIME: TIME, TEMPERATURE: TEMPERATURE, "angle": BEND}.get(quantity, "")
-    roles = [role for role in (TEMPERATURE, DUTY, BEND, TIME, FRAME) if known.has(role, words)]
-    if by_unit:
+    if by_unit := {TIME: TIME, TEMPERATURE: TEMPERATURE, "angle": BEND}.get(quantity):
         return by_unit
     # "heater temperature" is a temperature, and "bend angle tip" a bend.
     if TEMPERATURE in roles:
@@ -291,8 +237,8 @@ def _role(text: str, words: list[str], quantity: str, known: Dictionary) -> str:
         return TEMPERATURE
     if roles == [BEND]:
         return BEND if quantity != "rate" else ""
-    if roles and roles[0] == DUTY and BEND not in roles:
+    if DUTY in roles and BEND not in roles:
         return DUTY if quantity in ("", "share", "counts", "power") else ""
     if quantity == "share" and not roles:
         return DUTY
-    return roles[0] if len(roles) == 1 and roles[0] in (TIME, FRAME) and not quantity else ""
+    return roles[0] if roles in ([TIME], [FRAME]) and not quantity else ""

@@ -20,8 +20,10 @@ def heat_by_duty(run: HeatedRun, delay: float) -> np.ndarray:
     return run.interpolated(np.vstack([np.zeros_like(heat[:1]), heat]))
 
 
-def baseline_errors(fitted: Sequence[HeatedRun], judges: Sequence[HeatedRun]) -> dict[str, float]:
-    """Return by name how far baselines that are fitted to runs miss the bends of others, rad.
+def baselines(
+    fitted: Sequence[HeatedRun], judges: Sequence[HeatedRun]
+) -> dict[str, list[np.ndarray]]:
+    """Return by name the bends of runs (M, F), rad, as baselines that are fitted to others predict.
 
     The baselines are the mean bend, and a lag of each wire: the sum of what is proportional to the
     heat of each wire, after the delay that fits best.
@@ -30,9 +32,14 @@ def baseline_errors(fitted: Sequence[HeatedRun], judges: Sequence[HeatedRun]) ->
     by_lag = min((_lag(fitted, delay) for delay in DELAYS), key=lambda lag: lag[0])
     _, delay, gains = by_lag
     return {
-        "the mean": _error(judges, [mean] * len(judges)),
-        "a lag of each wire": _error(judges, [_factors(run, delay) @ gains for run in judges]),
+        "the mean": [mean] * len(judges),
+        "a lag of each wire": [_factors(run, delay) @ gains for run in judges],
     }
+
+
+def baseline_errors(fitted: Sequence[HeatedRun], judges: Sequence[HeatedRun]) -> dict[str, float]:
+    """Return by name how far `baselines` miss the bends of runs, rad."""
+    return {name: _error(judges, bends) for name, bends in baselines(fitted, judges).items()}
 
 
 def _factors(run: HeatedRun, delay: float) -> np.ndarray:

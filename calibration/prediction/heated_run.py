@@ -79,6 +79,11 @@ class HeatedRun:
         )
 
     @property
+    def is_read(self) -> bool:
+        """Return whether any thermocouple is read."""
+        return bool(self.counts[:, self.bend.shape[1] :].any())
+
+    @property
     def signals(self) -> np.ndarray:
         """The readings φ, rad, and V, °C, side by side (M, F + W)."""
         return np.column_stack([self.bend, self.temperature])
@@ -90,11 +95,11 @@ class HeatedRun:
         after = (steps - before).reshape(-1, *[1] * (signals.ndim - 1))
         return signals[before] * (1 - after) + signals[before + 1] * after
 
-    def held_out(self, least: float, most: float) -> tuple["HeatedRun", "HeatedRun"]:
-        """All samples but the last, and the last; each part has the duty of all.
+    def last_part(self, least: float, most: float) -> float:
+        """Return when the last part begins, s.
 
-        The last are those of a share of the time, or of the same share of the heat if that
-        begins earlier: the end of a recording may show a limb at rest alone.
+        It is a share of the time, or the same share of the heat if that begins earlier: the end of
+        a recording may show a limb at rest alone.
 
         Args:
             least: share of time and heat.
@@ -103,13 +108,17 @@ class HeatedRun:
         heat = np.cumsum(self.duty.sum(axis=1))
         late = STEP * float(np.searchsorted(heat, (1 - least) * heat[-1]))
         end = self.times[-1]
-        early = self.times < np.clip(late, (1 - most) * end, (1 - least) * end)
+        return float(np.clip(late, (1 - most) * end, (1 - least) * end))
+
+    def without(self, start: float, end: float) -> tuple["HeatedRun", "HeatedRun"]:
+        """Return all samples but those of a span, s, and those; both have the duty of all."""
+        inside = (self.times >= start) & (self.times < end)
         names = ("times", "temperature", "bend", "counts")
-        first, last = (
+        rest, part = (
             dataclasses.replace(self, **{name: getattr(self, name)[which] for name in names})
-            for which in (early, ~early)
+            for which in (~inside, inside)
         )
-        return first, last
+        return rest, part
 
 
 def _slope(times: np.ndarray, values: np.ndarray) -> float:

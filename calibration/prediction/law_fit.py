@@ -20,6 +20,8 @@ from calibration.estimate import Estimate, record_of
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.unknowns import (
+    ABSENT,
+    FORMER,
     Unknown,
     prior_factor,
     slopes_of,
@@ -32,20 +34,27 @@ from limb_systems.monte_carlo import OpenLoop, parameter_owner, with_fields
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
 READING_SPREAD = 1.0  # °C, of a wire from its thermocouple while both rest
+UNREAD_WARMTH = 10.0  # °C, by which wires without thermocouples may be warm at the start
 COOLING_TIME = 3.0  # s, by which a thermocouple may be late at the start
 COOLING_RATE = 0.1  # 1/s, at which a wire may cool where its slope is not known
 MEMORY_SPREAD = 0.05  # of other states than temperatures, in typical changes, of a cold wire
 
-# Of residuals: standard deviation in each sample; of what drifts, and within what time, s; of
-# what the law's form leaves, and within what time, s. In °C, and in rad.
-TEMPERATURE_NOISE = (0.3, 0.5, 300.0, 1.0, 8.0)
-BEND_DRIFT_TIME, BEND_FORM = 120.0, (np.deg2rad(0.7), 8.0)
-LEAST_FORM, MOST_FORM = 0.3, 6.0  # of what the form leaves, as a multiple of the above
+# Of residuals: standard deviation in each sample; of what drifts, and within what time, s. In °C.
+TEMPERATURE_NOISE = (0.3, 0.5, 300.0)
+BEND_DRIFT_TIME = 120.0  # s
+# Of what the law's form leaves of bends, rad, and of readings, °C, before it is fitted, and least.
+FORMS, LEAST_FORMS = (np.deg2rad(0.7), 1.0), (np.deg2rad(0.2), 0.3)
+FORM_TIME = 8.0  # s, within which it stays alike, before that is fitted
+FORM_TIMES = (0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # s, that are tried
+LONGEST_LAG = 16.0  # s, of residuals that are compared
+PASSES = 2, 4  # least and most, as what the form leaves is fitted after each
+SAME_FORM = 1.5  # ratio of sizes, within which another pass changes little
+BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
 OUTLIER = 6.0  # robust standard deviations
 RELATIVE_STEP = 1e-4  # of finite differences, in spreads of the prior
 TOLERANCE = 1e-4  # relative, at which iterations end
 MOST_ITERATIONS = 40
-STEPS_OF_A_FIT = 8  # that take as long as its first, roughly
+STEPS_OF_A_FIT = 10  # that take as long as its first, roughly
 KNOWN = 0.5  # share of what was unknown beforehand, below which more of it tells little
 STARTS = 16  # of a fit, of which the best is taken
 
@@ -69,8 +78,9 @@ class Predicted:
 
     @property
     def temperature_error(self) -> float:
-        """Mean |V - V_sim|, °C."""
-        return float(np.nanmean(np.abs(self.temperature - self.run.temperature)))
+        """Mean |V - V_sim|, °C; nan without thermocouples."""
+        errors = np.abs(self.temperature - self.run.temperature)
+        return float(np.nanmean(errors)) if self.run.is_read else np.nan
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,6 +95,7 @@ class LawFit:
     - ``ambient``: T0, °C.
     - ``nuisances``: T0 and the initial states of the wires in each recording (R, Q).
     - ``predicted``: the recordings of the fit, as they are predicted from there.
+    - ``hottest``: highest T of each wire in these predictions (W,), °C.
     - ``untold``: quantities that recordings tell nothing of, which stay as expected.
     """
 
@@ -96,7 +107,13 @@ class LawFit:
     ambient: float
     nuisances: np.ndarray
     predicted: list[Predicted]
+    hottest: np.ndarray
     untold: list[Unknown] = dataclasses.field(default_factory=list)
+
+    @property
+    def measures_heat(self) -> bool:
+        """Return whether any thermocouple was read; a2 stays as described if none was."""
+        return any(predicted.run.is_read for predicted in self.predicted)
 
     @property
     def estimates(self) -> dict[str, Estimate]:
@@ -132,6 +149,16 @@ class LawFit:
         self.apply(limb)
         limb.calibration = record_of(self.estimates, self.value_covariance)
         return limb
+
+    @property
+    def misfit(self) -> float:
+        """Mean error of bend and readings in the recordings of the fit, in their scales."""
+        bends = [predicted.bend_error for predicted in self.predicted]
+        readings = [p.temperature_error for p in self.predicted if p.run.is_read]
+        misfit = float(np.mean(bends)) / BEND_SCALE
+        if readings:
+            misfit += float(np.mean(readings)) / TEMPERATURE_SCALE
+        return misfit
 
     @property
     def unknown_shares(self) -> np.ndarray:
@@ -193,7 +220,9 @@ def fit_law(
     start: LawFit | None = None,
     tell: Callable[[str], object] = lambda remark: None,
 ) -> LawFit:
-    """Fits a law to recordings by their open-loop prediction.
+    """Fit a law to recordings by their open-loop prediction.
+
+    A law that contains that of the start predicts the same recordings no worse than it.
 
     Args:
         law: class of the law of all wires.
@@ -212,37 +241,41 @@ def fit_law(
     known = {u.name: u.center for u in unknowns}
     if start is not None:
         known |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
-    x = problem.best_start([known[u.name] for u in unknowns])
-    for reweighting in range(2):
-        solution = least_squares(
-            problem.residuals,
-            x,
-            problem.jacobian,
-            bounds=problem.bounds,
-            x_scale=problem.spread,
-            ftol=TOLERANCE if reweighting else 10 * TOLERANCE,
-            xtol=TOLERANCE,
-            gtol=1e-10,
-            max_nfev=MOST_ITERATIONS,
-            callback=lambda intermediate_result: tell(f"cost {intermediate_result.cost:.0f}"),
-        )
-        x = solution.x
-        problem.reweigh(x)
-    jacobian, residuals = problem.jacobian(x), problem.residuals(x)
-    misfit = max(1.0, float((residuals[: -len(x)] ** 2).sum() / problem.num_readings))
-    covariance = misfit * np.linalg.pinv(jacobian.T @ jacobian)
-    size = len(unknowns)
-    return LawFit(
-        law,
-        segment,
-        unknowns,
-        x[:size],
-        covariance[:size, :size],
-        ambient,
-        x[size:].reshape(len(runs), -1),
-        problem.predicted(x),
-        untold,
-    )
+
+    def fitted_from(x: np.ndarray) -> LawFit:
+        for number in range(PASSES[1]):
+            solution = least_squares(
+                problem.residuals,
+                x,
+                problem.jacobian,
+                bounds=problem.bounds,
+                x_scale=problem.spread,
+                ftol=TOLERANCE if number else 10 * TOLERANCE,
+                xtol=TOLERANCE,
+                gtol=1e-10,
+                max_nfev=MOST_ITERATIONS,
+                callback=lambda intermediate_result: tell(f"cost {intermediate_result.cost:.0f}"),
+            )
+            x = solution.x
+            changed = problem.reweigh(x)
+            if number + 1 >= PASSES[0] and changed < SAME_FORM:
+                break
+        return problem.fit_at(x)
+
+    fit = fitted_from(problem.best_start([known[u.name] for u in unknowns]))
+    # No worse than a law that it contains.
+    contained = problem.contained(start) if start else None
+    if start is None or contained is None or not _is_of(start, runs):
+        return fit
+    if fit.misfit > start.misfit:
+        fit = min(fit, fitted_from(contained), key=lambda each: each.misfit)
+    return fit if fit.misfit <= start.misfit else problem.fit_at(contained)
+
+
+def _is_of(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
+    """Return whether a fit is to these very recordings."""
+    own = [predicted.run for predicted in fit.predicted]
+    return len(own) == len(runs) and all(one is other for one, other in zip(own, runs, strict=True))
 
 
 def fitting_time(
@@ -267,6 +300,7 @@ class _Problem:
         self, law, runs, segment, ambient: float, unknowns: list[Unknown], untold: list[Unknown]
     ):
         self._law, self._runs, self._unknowns, self._ambient = law, runs, unknowns, ambient
+        self._segment = segment
         self._untold = untold
         self._num_wires, self._stiffness = len(segment.wires), segment.stiffness
         self.num_moved = len(unknowns)
@@ -295,9 +329,9 @@ class _Problem:
         self._shown = [run.counts.T > 0 for run in runs]
         self.num_readings = int(sum(shown.sum() for shown in self._shown))
         sensor = segment.bend_sensor
-        self._bend_noise = (sensor.noise, sensor.drift, BEND_DRIFT_TIME, *BEND_FORM)
-        self._memories = {t for noise in (TEMPERATURE_NOISE, self._bend_noise) for t in noise[2::2]}
-        self._forms = np.ones(2)  # multiples of what the form leaves, of bend and of readings
+        self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
+        # Size and time of what the form leaves, of bends and of readings.
+        self._forms = [(size, FORM_TIME) for size in FORMS]
         self._outliers = [np.zeros_like(shown) for shown in self._shown]
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
         self._whiten()
@@ -308,14 +342,18 @@ class _Problem:
         first = self._first(run, ambient)
         warmth = np.abs(first - ambient)
         warmth[np.isnan(run.first)] = warmth.max()  # as warm as another is, or not at all
+        unread = 0.0
+        if not run.is_read:
+            unread = UNREAD_WARMTH
+            warmth += unread
         slope = np.where(np.isnan(run.slope), COOLING_RATE * warmth, np.abs(run.slope))
         change = COOLING_TIME * slope
         cold_states = self._law().cold_states(0.0)
         for cold, (name, scale) in zip(cold_states, self._law.states.items(), strict=True):
             if self._law.is_temperature(name):
-                unread = 0.3 * warmth if len(centers) > 1 else 0.0  # all but the wire itself
+                unknown = 0.3 * warmth if len(centers) > 1 else unread  # all but the wire itself
                 centers.append(first)
-                spreads.append(READING_SPREAD + change + unread)
+                spreads.append(READING_SPREAD + change + unknown)
             else:
                 centers.append(np.full(self._num_wires, cold))
                 spreads.append(scale * (MEMORY_SPREAD + warmth / 100.0))
@@ -331,14 +369,14 @@ class _Problem:
         self._factors = []
         for run, outliers, shown in zip(self._runs, self._outliers, self._shown, strict=True):
             lags = np.abs(run.times[:, None] - run.times)
-            within = {time: np.exp(-lags / time) for time in self._memories}
+            times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
+            within = {time: np.exp(-lags / time) for time in times}
             factors: list[np.ndarray] = []
             alike: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
             for signal, there in enumerate(shown):
-                of_wire = signal >= self._num_bends
-                noise = TEMPERATURE_NOISE if of_wire else self._bend_noise
-                sample, drift, drift_time, form, form_time = noise
-                form *= self._forms[int(of_wire)]
+                of_wire = int(signal >= self._num_bends)
+                sample, drift, drift_time = self._noises[of_wire]
+                form, form_time = self._forms[of_wire]
                 own = sample**2 / np.maximum(run.counts[:, signal], 1)
                 own = own + (100 * sample * outliers[signal]) ** 2
                 if (key := (of_wire, there.tobytes(), own.tobytes())) not in alike:
@@ -349,9 +387,14 @@ class _Problem:
                 factors.append(alike[key])
             self._factors.append(factors)
 
-    def reweigh(self, x: np.ndarray) -> None:
-        """Takes from the residuals at x what the form leaves, and which means are outliers."""
-        rests: tuple[list, list] = ([], [])
+    def reweigh(self, x: np.ndarray) -> float:
+        """Fit to the residuals at x what the form leaves, and see which means are outliers.
+
+        Returns:
+            the larger ratio of its sizes before and after.
+        """
+        lags = np.arange(round(LONGEST_LAG / STEP))
+        sums = np.zeros((2, 2, len(lags)))  # of bends and readings: products, and their number
         for predicted, outliers in zip(self.predicted(x), self._outliers, strict=True):
             errors = np.column_stack([predicted.bend, predicted.temperature])
             for signal, error in enumerate((errors - predicted.run.signals).T):
@@ -360,16 +403,83 @@ class _Problem:
                 around = error - np.nanmedian(error)
                 spread = 1.48 * np.nanmedian(np.abs(around)) + 1e-9
                 outliers[signal] = ~(np.abs(around) <= OUTLIER * spread)
-                rests[int(signal >= self._num_bends)].append(around[~outliers[signal]])
-        for signal, (rest, form) in enumerate(
-            zip(rests, (BEND_FORM[0], TEMPERATURE_NOISE[3]), strict=True)
-        ):
-            left = np.concatenate(rest).std() / form
-            self._forms[signal] = np.clip(left, LEAST_FORM, MOST_FORM)
+                # Products of residuals that are apart by each lag.
+                steps = (predicted.run.times / STEP).astype(int)
+                even = np.full(steps[-1] + 1, np.nan)
+                even[steps] = np.where(outliers[signal], np.nan, around)
+                even -= np.nanmean(even)
+                of_kind = sums[int(signal >= self._num_bends)]
+                for lag in lags[: len(even)]:
+                    products = even[lag:] * even[: len(even) - lag]
+                    of_kind[0, lag] += np.nansum(products)
+                    of_kind[1, lag] += (~np.isnan(products)).sum()
+        changed = 1.0
+        for kind, (products, counts) in enumerate(sums):
+            if not counts[0]:
+                continue
+            # The size, and the memory: the exponential nearest to the covariances of all lags.
+            covariances = products / np.maximum(counts, 1)
+            shapes = np.exp(-STEP * lags / np.array(FORM_TIMES)[:, None])
+            scales = (shapes * counts) @ covariances / ((shapes**2) @ counts)
+            misfits = ((covariances - scales[:, None] * shapes) ** 2) @ counts
+            size = max(float(np.sqrt(covariances[0])), LEAST_FORMS[kind])
+            changed = max(changed, size / self._forms[kind][0], self._forms[kind][0] / size)
+            self._forms[kind] = (size, FORM_TIMES[int(np.argmin(misfits))])
         self._whiten()
+        return changed
 
-    def _simulate(self, x: np.ndarray) -> list[np.ndarray]:
-        """φ and V of each recording (M, B, F + W), for parameters and nuisances (B, P + R Q)."""
+    def fit_at(self, x: np.ndarray) -> LawFit:
+        """Return the fit whose parameters and nuisances are x."""
+        jacobian, residuals = self.jacobian(x), self.residuals(x)
+        misfit = max(1.0, float((residuals[: -len(x)] ** 2).sum() / self.num_readings))
+        covariance = misfit * np.linalg.pinv(jacobian.T @ jacobian)
+        size = len(self._unknowns)
+        return LawFit(
+            self._law,
+            self._segment,
+            self._unknowns,
+            x[:size],
+            covariance[:size, :size],
+            self._ambient,
+            x[size:].reshape(len(self._runs), -1),
+            self.predicted(x),
+            self.hottest(x),
+            self._untold,
+        )
+
+    def contained(self, fit: LawFit) -> np.ndarray | None:
+        """Return x with which the law is that of a fit, if the law contains it; else None."""
+        former = dict(zip([u.name for u in fit.unknowns], fit.fitted, strict=True))
+        x = self.center.copy()
+        for index, unknown in enumerate(self._unknowns):
+            name = unknown.name
+            owner, _, field = name.rpartition(".")
+            if name not in former and field in FORMER:
+                name = f"{owner}.{FORMER[field]}"
+            x[index] = former.pop(name, ABSENT.get(field, x[index]))
+        if former:
+            return None
+        size = len(self._unknowns)
+        margin = 1e-6 * (self.bounds[1][:size] - self.bounds[0][:size])
+        x[:size] = np.clip(x[:size], self.bounds[0][:size] + margin, self.bounds[1][:size] - margin)
+        if len(fit.nuisances) == len(self._runs):
+            # The ambient temperature, and the states that both laws have.
+            nuisances = x[size:].reshape(len(self._runs), -1)
+            nuisances[:, 0] = fit.nuisances[:, 0]
+            states = nuisances[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+            former_states = fit.nuisances[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+            for row, state in enumerate(self._law.states):
+                if state in fit.law.states:
+                    states[:, row] = former_states[:, list(fit.law.states).index(state)]
+            nuisances[:, 1:] = states.reshape(len(self._runs), -1)
+        return x
+
+    def hottest(self, x: np.ndarray) -> np.ndarray:
+        """Return the highest T of each wire (W,), °C, for one x."""
+        return self._roll_out(x[None])[0].max(axis=(0, 1, 2))
+
+    def _roll_out(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return T, V and φ as `OpenLoop.simulate`, for parameters and nuisances (B, P + R Q)."""
         size, num_wires, num_sets = len(self._unknowns), self._num_wires, len(x)
         fields: dict[str, np.ndarray] = {}
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
@@ -390,7 +500,11 @@ class _Problem:
         first = np.array([self._first(run, self._ambient) for run in self._runs])
         initial = [*states, np.broadcast_to(first, states[0].shape)]
         law = with_fields(self._law, fields)
-        _, readings, bends = self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
+        return self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
+
+    def _simulate(self, x: np.ndarray) -> list[np.ndarray]:
+        """φ and V of each recording (M, B, F + W), for parameters and nuisances (B, P + R Q)."""
+        _, readings, bends = self._roll_out(x)
         bends = bends.reshape(*readings.shape[:-1], self._num_bends)
         signals = np.concatenate([bends, readings], axis=-1)
         return [
@@ -434,7 +548,7 @@ class _Problem:
         return np.concatenate([self._prior @ away[:size], away[size:] / self._nuisance_spread])
 
     def best_start(self, known: Sequence[float]) -> np.ndarray:
-        """The best of what is known of the unknowns (P), what is expected, and random values."""
+        """Return the best of what is known of the unknowns (P), what is expected, and random."""
         size = len(self._unknowns)
         starts = np.tile(self.center, (STARTS, 1))
         starts[0, :size] = known

@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.prediction.heated_run import STEP
 from calibration.prediction.law_fit import AMBIENT_SPREAD, KNOWN, LawFit, Predicted
-from calibration.prediction.unknowns import Unknown
+from calibration.prediction.unknowns import OF_READINGS, Unknown
 from calibration.remarks import Remark
 from limb_systems import LimbParameters, WireLaw
 from limb_systems.monte_carlo import OpenLoop, draw_limbs, stack_limbs
@@ -75,21 +75,23 @@ class PlanMiss:
     - ``left``: what the law leaves of the motions that judged.
     - ``expected``: this for motions as wide as plans, and what is unknown of the limb and its day.
     - ``span``: range of the bend in the motions that judged, rad.
+    - ``shown``: least and most by which parts were missed that were left out of a fit, rad.
     """
 
     left: float
     expected: float
     span: float
+    shown: tuple[float, float]
 
     @property
     def low(self) -> float:
         """The least that a plan is expected to miss by, rad: on the same day, near what judged."""
-        return self.left / SPREAD
+        return min(self.left / SPREAD, self.shown[0])
 
     @property
     def high(self) -> float:
         """The most that a plan is expected to miss by, rad."""
-        return self.expected * SPREAD
+        return max(self.expected, self.shown[1]) * SPREAD
 
     @property
     def in_words(self) -> str:
@@ -112,7 +114,10 @@ class PlanMiss:
 
 
 def plan_miss(
-    limb: LimbParameters, foreseen: Sequence[Predicted], fitted: Sequence[Predicted]
+    limb: LimbParameters,
+    foreseen: Sequence[Predicted],
+    fitted: Sequence[Predicted],
+    shown: Sequence[float],
 ) -> PlanMiss:
     """How far plans of a calibrated limb will miss it.
 
@@ -120,19 +125,24 @@ def plan_miss(
         limb: one with its calibration's covariance; of one segment.
         foreseen: what judged, predicted from its start; see `LawFit.foresee`.
         fitted: the recordings of the fit, which may be missed by more.
+        shown: errors of parts that were left out, rad, by fits without them.
     """
-    unknown, typical = _typical_motion(limb) if limb.segments[0].axes == 1 else (0.0, 0.0)
+    unknown, typical = limb.segments[0].bend_sensor.drift, 0.0  # in space: of both angles
+    if limb.segments[0].axes == 1:
+        unknown, typical = _typical_motion(limb)
     left, of_fit = (
         float(np.mean([predicted.bend_error for predicted in group]))
         for group in (foreseen, fitted)
     )
+    left = max(left, float(np.mean(shown)))
     # Motions that bend the limb by more are missed by more.
     wide = max(
         left * max(1.0, typical / _span(foreseen)), of_fit * max(1.0, typical / _span(fitted))
     )
     if typical:  # a limb that stays in the middle of its range misses no more
         left, wide = min(left, typical / 2), min(wide, typical / 2)
-    return PlanMiss(left, float(np.hypot(wide, unknown)), _span(foreseen))
+    expected = float(np.hypot(wide, unknown))
+    return PlanMiss(left, expected, _span(foreseen), (min(shown), max(shown)))
 
 
 def _span(group: Sequence[Predicted]) -> float:
@@ -240,8 +250,8 @@ def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") ->
     """
     if fit is None:
         kinds = {*kinds, "motion"}
-    elif fit.untold:
-        of_wire = [u for u in fit.untold if u.wire == fit.untold[0].wire]
+    elif untold := [u for u in fit.untold if fit.measures_heat or u.field not in OF_READINGS]:
+        of_wire = [u for u in untold if u.wire == untold[0].wire]
         bond = "with a thermocouple on it, " if len(of_wire) == 1 else ""  # else it was not heated
         return _said(
             fit, bond + HEATED, [u for u in of_wire if identified_by(fit.law, u.field) == HEATED]

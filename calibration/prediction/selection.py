@@ -3,15 +3,24 @@
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from calibration.prediction.baselines import baseline_errors
 from calibration.prediction.heated_run import STEP, HeatedRun
-from calibration.prediction.law_fit import KNOWN, LawFit, Predicted, fit_law, fitting_time
+from calibration.prediction.law_fit import (
+    BEND_SCALE,
+    KNOWN,
+    TEMPERATURE_SCALE,
+    LawFit,
+    Predicted,
+    fit_law,
+    fitting_time,
+)
 from calibration.prediction.outlook import next_recording
-from calibration.prediction.unknowns import LAG
+from calibration.prediction.unknowns import LAG, OF_READINGS
 from calibration.remarks import CalibrationError, Remark, remarks_on_start
 from limb_systems import (
     CoupledLaw,
@@ -36,12 +45,13 @@ LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
 )
 # Options of the rubber, which are tried with the best law.
 OPTIONS = ("stiffening", "rest_memory")
-BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
 HELD_OUT = 0.12, 0.4  # of each recording, of its time and heat: least and most that judges
 MOST_HEAT = 0.6  # of a wire's heat, which judges at most
 BLOCK = 10.0  # s, after which errors of prediction count as independent
 AT_BOUND = 0.02  # by which a fitted value may stay inside its bound and count as at it
-WORSE = 1.05, np.deg2rad(1.0)  # share, and rad, by which a law may be worse than a baseline
+WORSE = 1.05, np.deg2rad(0.3)  # share, and rad, by which a law may be worse than a baseline
+NUM_PARTS = 3  # that are left out in turn, at most
+MOST_TRIED = 3  # laws that are judged by each part left out in turn
 WORTH = 0.1  # of a scale: laws that differ by less predict alike
 
 
@@ -68,8 +78,9 @@ class Candidate:
 
     @property
     def temperature_error(self) -> float:
-        """Mean |V - V_sim| over all, °C."""
-        return float(np.mean([predicted.temperature_error for predicted in self.judged]))
+        """Mean |V - V_sim| over all, °C; 0 without thermocouples."""
+        read = [each.temperature_error for each in self.judged if each.run.is_read]
+        return float(np.mean(read)) if read else 0.0
 
     @property
     def errors(self) -> tuple[np.ndarray, np.ndarray]:
@@ -126,7 +137,8 @@ class Prediction:
     - ``best``: the simplest of them that no other beats.
     - ``fit``: the best law, fitted to all recordings.
     - ``judges``: recordings that the laws were judged by, in words.
-    - ``foreseen``: these recordings as this fit predicts them from their start, as plans are.
+    - ``foreseen``: parts that were left out, as this fit predicts them from their start, as plans.
+    - ``parts``: parts that were left out in turn, as the best law predicts them from the others.
     """
 
     candidates: list[Candidate]
@@ -134,6 +146,12 @@ class Prediction:
     fit: LawFit
     judges: str
     foreseen: list[Predicted]
+    parts: list[Predicted]
+
+    @property
+    def bend_error(self) -> float:
+        """Mean |φ - φ_sim| over the parts that were left out, rad."""
+        return float(np.mean([part.bend_error for part in self.parts]))
 
     @property
     def choice(self) -> str:
@@ -183,8 +201,17 @@ class Prediction:
             )
 
     def _remarks_on_wires(self) -> Iterator[Remark]:
+        if not self.fit.measures_heat:
+            yield Remark(
+                "unmeasured",
+                "No wire has a thermocouple: a2 stays as described, and temperatures are counted "
+                "from the duty by it, not measured. Simulate, plan, and learn in emulation with "
+                "this limb; boards refuse to heat without thermocouples.",
+            )
         for index, wire in enumerate(self.fit.segment.wires):
             untold = {unknown.field for unknown in self.fit.untold if unknown.wire == index}
+            if not self.fit.measures_heat and untold <= {*OF_READINGS}:
+                continue
             if untold == {LAG}:
                 yield Remark(
                     "unread",
@@ -229,7 +256,8 @@ class Prediction:
                 for name, value in zip(names, values, strict=True):
                     if law.is_temperature(state):
                         what = f"the {name} wire's {state} in the recording of {run.source}"
-                        yield from remarks_on_start(what, value, room, run.temperature)
+                        readings = run.temperature if run.is_read else predicted.temperature
+                        yield from remarks_on_start(what, value, room, readings)
 
 
 def fit_by_prediction(
@@ -260,29 +288,14 @@ def fit_by_prediction(
         CalibrationError: if no law predicts what judges as well as the mean and a lag of each wire.
     """
     runs = {kind: [HeatedRun.of(r) for r in group] for kind, group in recordings.items() if group}
-    motions, both = runs.pop("motion", []), runs.get("both", [])
-    fitted = [run for group in runs.values() for run in group]
-    if judge := bool(motions) and _heated(motions) <= _heated(fitted):
-        rest, judges = fitted, motions
-        words = f"{len(judges)} motion{'s' * (len(judges) != 1)}, fitted last"
-        fitted = [*rest, *motions]
-    else:
-        fitted += motions
-        rest, judges = [run for run in fitted if run not in both], both
-        words = "what shows all wires heated, fitted last"
-        judge = bool(both) and _heated(both) <= _heated(rest)
-    if not judge and (latest := _latest(fitted)):
-        rest, judges = [run for run in fitted if run not in latest], latest
-        count = f"{len(latest)} " * (len(latest) > 1)
-        words = f"the last {count}of {len(fitted)} heated recordings or pieces, fitted last"
-    elif not judge:
-        rest, judges = map(list, zip(*[c.held_out(*HELD_OUT) for c in fitted], strict=True))
-        words = "the last part of each recording, fitted last"
-    continued = len(rest) == len(fitted)
+    fitted, folds = _left_out_in_turn(runs)
+    rest, judges = folds.parts[0]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
         tell("how long it takes")
-        first, last = (fitting_time(law, rest, segment, ambient) for law in (laws[0], laws[-1]))
-        expected = first * (len(laws) - 1) + last * (2 + len(OPTIONS))
+        times = {law: fitting_time(law, rest, segment, ambient) for law in laws}
+        # One law is fitted again with each option, without each part, and to all.
+        further = len(OPTIONS) + len(folds.parts)
+        expected = sum(times.values()) + further * float(np.mean([*times.values()]))
         if expected > MIN_ANNOUNCED_TIME:
             heated = sum(run.times[-1] for run in fitted) / 60
             announce(
@@ -296,38 +309,104 @@ def fit_by_prediction(
             judges,
             segment,
             ambient,
-            continued=continued,
+            continued=folds.continued,
             tell=tell,
-            fitted=lambda law: time_left.add(last if law is laws[-1] else first),
+            fitted=lambda law: time_left.add(times[law]),
         )
-        best = _as_good_as_baselines(candidates, best, baseline_errors(rest, judges), runs)
+        best, parts = _as_good_as_baselines(candidates, best, folds, runs, tell)
         fit = best.fit
         tell(f"{best.name}, all recordings")
         fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
-        foreseen = fit.foresee([predicted.run for predicted in best.judged])
-    return Prediction(candidates, best, fit, words, foreseen)
+        foreseen = fit.foresee([predicted.run for predicted in parts])
+    return Prediction(candidates, best, fit, folds.words, foreseen, parts)
+
+
+class _Folds(NamedTuple):
+    """Recordings to fit to and parts to judge by, of which each is left out in turn.
+
+    - ``parts``: what is fitted, and what is left out; the first is what laws are compared by.
+    - ``continued``: whether what is left out are other samples of the same recordings.
+    - ``words``: what laws are compared by, in words.
+    """
+
+    parts: list[tuple[list[HeatedRun], list[HeatedRun]]]
+    continued: bool
+    words: str
+
+
+def _left_out_in_turn(runs: Mapping[str, list[HeatedRun]]) -> tuple[list[HeatedRun], _Folds]:
+    """Return all runs, and what judges; recordings judge only wires that others heat."""
+    motions, both = runs.get("motion", []), runs.get("both", [])
+    heated = [run for kind, group in runs.items() if kind != "motion" for run in group]
+    fitted = [*heated, *motions]
+    # Motions judge, or else what shows all wires.
+    if motions and _heated(motions) <= _heated(heated):
+        words = f"{len(motions)} motion{'s' * (len(motions) != 1)}, fitted last"
+        return fitted, _Folds([(heated, motions)], False, words)
+    single = [run for run in fitted if run not in both]
+    if both and _heated(both) <= _heated(single):
+        return fitted, _Folds([(single, both)], False, "what shows all wires heated, fitted last")
+    # Or else the last recordings, then others in turn.
+    if latest := _latest(fitted):
+        groups = [latest, *([run] for run in reversed(fitted) if run not in latest)]
+        parts = [([run for run in fitted if run not in group], group) for group in groups]
+        parts = [(rest, group) for rest, group in parts if _heated(group) <= _heated(rest)]
+        count = f"{len(latest)} " * (len(latest) > 1)
+        words = f"the last {count}of {len(fitted)} heated recordings or pieces, fitted last"
+        return fitted, _Folds(parts[:NUM_PARTS], False, words)
+    # Or else the last part of each recording, then the parts before it.
+    ends = [run.last_part(*HELD_OUT) for run in fitted]
+    shares = [(1.0, np.inf), *itertools.pairwise(np.linspace(0.0, 1.0, NUM_PARTS))]
+    parts = []
+    for begin, stop in shares:
+        pairs = [
+            run.without(begin * end, stop * end) for run, end in zip(fitted, ends, strict=True)
+        ]
+        parts.append(([rest for rest, _ in pairs], [part for _, part in pairs]))
+    return fitted, _Folds(parts, True, "the last part of each recording, fitted last")
 
 
 def _as_good_as_baselines(
     candidates: Sequence[Candidate],
     best: Candidate,
-    baselines: Mapping[str, float],
+    folds: _Folds,
     kinds: Iterable[str],
-) -> Candidate:
-    """Return the best law, or the nearest if the best one is worse than a baseline."""
+    tell: Callable[[str], object],
+) -> tuple[Candidate, list[Predicted]]:
+    """Return the best law that predicts parts left out in turn as well as baselines, and these.
+
+    Raises:
+        CalibrationError: if there is none.
+    """
+    # The better baseline, over all parts.
+    errors = [baseline_errors(rest, judges) for rest, judges in folds.parts]
+    baselines = {name: float(np.mean([each[name] for each in errors])) for name in errors[0]}
     baseline, error = min(baselines.items(), key=lambda item: item[1])
     allowed = max(WORSE[0] * error, error + WORSE[1])
-    if best.bend_error > allowed:
-        best = min(candidates, key=lambda candidate: candidate.bend_error)
-    if best.bend_error > allowed:
-        by_law, by_baseline = np.rad2deg([best.bend_error, error])
-        further = next_recording(best.fit, [*kinds]) or "record more motions like those you plan"
-        raise CalibrationError(
-            f"These recordings tell no model: {baseline} misses the bend by {by_baseline:.0f}° "
-            f"where laws are judged, and the best law, {best.name}, by {by_law:.0f}°. "
-            f"Next, {further}."
-        )
-    return best
+    # The best law, or the nearest others, each fitted without each part.
+    nearest = sorted(candidates, key=lambda candidate: candidate.bend_error)
+    tried = [best, *(candidate for candidate in nearest if candidate is not best)][:MOST_TRIED]
+    least = np.inf
+    for candidate in tried:
+        fit, parts = candidate.fit, list(candidate.judged)
+        law_errors = [candidate.bend_error]
+        for number, (rest, judges) in enumerate(folds.parts[1:], 1):
+            tell(f"{candidate.name}, part {number} left out")
+            rubber = rubber_of(fit)
+            other = fit_law(fit.law, rest, fit.segment, fit.ambient, rubber=rubber, start=fit)
+            judged = other.continued(judges) if folds.continued else other.predict(judges)
+            law_errors.append(float(np.mean([part.bend_error for part in judged])))
+            parts += judged
+        if np.mean(law_errors) <= allowed:
+            return candidate, parts
+        least = min(least, float(np.mean(law_errors)))
+    # None is as good: say what to record.
+    by_law, by_baseline = np.rad2deg([least, error])
+    further = next_recording(best.fit, [*kinds]) or "record more motions like those you plan"
+    raise CalibrationError(
+        f"These recordings tell no model: {baseline} misses the bend by {by_baseline:.0f}° "
+        f"in parts that are left out in turn, and the best law by {by_law:.0f}°. Next, {further}."
+    )
 
 
 def _latest(runs: Sequence[HeatedRun]) -> list[HeatedRun]:

@@ -22,11 +22,26 @@ PRIORS: dict[str, Prior] = {
     "rate": Prior(2.0, 0.5, 0.0),
 }
 LAG = "a3"  # of a thermocouple
+HEAT_SCALE = "a2"  # of which the bend shows the product with the torque alone
+OF_READINGS = (LAG, HEAT_SCALE)  # which no bend tells
 LEAST_BELOW, MOST_BELOW = 0.1, 60.0  # °C, of what is below another field, see `WireLaw.below`
 OTHER = (0.9, 0.3)  # spreads of a field without a prior, such as of a law of one's own
 OTHER_TEMPERATURE = (12.0, 4.0)  # °C
 FASTEST = 4.0  # 1/s, of rates: the open-loop simulation's steps follow no faster ones
 REST_BOUND = np.deg2rad(60.0)
+# Values, as the fit has them, with which a law or the rubber is as a simpler one without the field.
+ABSENT = {
+    "silicone_warming": float(np.log(1e-5)),
+    "knee": -20.0,
+    "cooling_middle": float(np.log(LEAST_BELOW)),
+    **dict.fromkeys(["outer_warming", "direct_cooling", "convection", "silicone_share"], 0.0),
+    **dict.fromkeys(["heating_drop", "latent_heat", "play_share", "stress_shift"], 0.0),
+    "creep_share": 0.0,
+    "stiffening": -9.0,
+    "shift": -9.0,
+}
+# Fields that are another field of a simpler law.
+FORMER = {"heating_middle": "middle"}
 # Options of the rubber, with the unit of each number.
 RUBBER = {
     "stiffening": {"stiffening": "of k"},
@@ -149,8 +164,8 @@ def split_unknowns(
 ) -> tuple[list[Unknown], list[Unknown]]:
     """Unknowns that recordings tell something of, and unknowns that they do not.
 
-    The latter are all of a wire that was never heated, and how late its thermocouple is of one
-    that has none.
+    The latter are all unknowns of a wire that was never heated, the lag of a wire that has no
+    thermocouple, and, if no wire has one, the scale of heat.
 
     Args:
         heated, read: whether each wire is (W,).
@@ -158,7 +173,11 @@ def split_unknowns(
     told: list[Unknown] = []
     untold: list[Unknown] = []
     for u in unknowns:
-        tells = u.wire is None or (heated[u.wire] and (u.field != LAG or read[u.wire]))
+        tells = u.wire is None or heated[u.wire]
+        if u.field == LAG:
+            tells &= read[u.wire]
+        elif u.field == HEAT_SCALE:
+            tells &= read.any()
         (told if tells else untold).append(u)
     return told, untold
 

@@ -63,9 +63,15 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     mean over thermocouples of the median of each. The standard error is that of their
     scatter, and of what two thermocouples differ by, as one reads alike in all recordings.
 
+    Without any thermocouple, T0 is what the headers say.
+
     Raises:
         CalibrationError: if no thermocouple shows it, or if no room is as warm.
     """
+    recordings = list(recordings)
+    if not any(recording.has_thermocouple.any() for recording in recordings):
+        rooms = [recording.parameters.ambient_temperature for recording in recordings]
+        return Estimate(float(np.mean(rooms)), 0.0, "°C")
     readings, cooled, expected = [], [], []
     for recording in recordings:
         expected.append(recording.parameters.ambient_temperature)

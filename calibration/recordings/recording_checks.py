@@ -150,12 +150,15 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
         rise = of_wires.max(axis=0)
         driven = rise > MUCH_HEAT * rise.max()
         first = np.arange(len(rise))
-        for from_change, to_change in stretches(~changes):
+        num_changes = np.cumsum(changes)
+        still = stretches(~changes)
+        durations = np.diff(recording.time[shown[still]], axis=1)[:, 0]
+        for from_change, to_change in still[durations >= FROZEN]:
             start, end = shown[[from_change, to_change]]
             # How improbable it is that so many readings stand, by what the sensor did before.
-            usual = np.mean(changes[:from_change]) if from_change else 0.0
+            usual = num_changes[from_change - 1] / from_change if from_change else 0.0
             chance = (1.0 - usual) ** (to_change - from_change)
-            if recording.time[end] - recording.time[start] < FROZEN or chance > LEAST_CHANCE:
+            if chance > LEAST_CHANCE:
                 continue
             during = driven & (first >= start) & (first + window <= end)
             before = moved[driven & (first + window <= start)]
@@ -169,19 +172,13 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
 
 
 def _check_missing(recording: Recording) -> None:
-    """Whether enough readings are there, of the bend and of a thermocouple."""
+    """Whether enough readings of the bend are there."""
     count = len(recording.time)
     bends = int((~np.isnan(recording.bend_angle)).sum(axis=1).min())
     if bends < FEWEST:
         raise CalibrationError(
             f"the bend angle is there in {bends} of {count} samples, which tell nothing; leave "
             "this recording out, and see whether the column is the right one."
-        )
-    read = int((~np.isnan(recording.measured_temperature)).sum(axis=1).max())
-    if recording.duty.any() and read < FEWEST:
-        raise CalibrationError(
-            "no thermocouple shows how warm a heated wire is, without which heat and torque cannot "
-            "be told apart; bond one to a wire and record that, or leave this recording out."
         )
 
 

@@ -91,9 +91,8 @@ class HystereticLaw(_TwoMassHeat):
         Ṗ is rise - fall.
         """
         softness, following_time = self.turning
-        # Calculate both at once: a call of numpy takes longer than its arithmetic.
-        ahead = np.array([T - P, P - T])
-        rise, fall = softness / following_time * softplus((ahead - half_width) / softness)
+        rise = softness / following_time * softplus((T - P - half_width) / softness)
+        fall = softness / following_time * softplus((P - T - half_width) / softness)
         return rise, fall
 
     @property
@@ -103,8 +102,8 @@ class HystereticLaw(_TwoMassHeat):
 
     def _transforming(self, T: Any, xi: Any, rise: Any, fall: Any) -> Any:
         """Return ξ̇, 1/s, where B rises and falls at these rates, °C/s."""
-        beyond = np.array([T - self.heating_middle, self.cooling_middle - T])
-        heating, cooling = logistic(beyond / self.width)
+        heating = logistic((T - self.heating_middle) / self.width)
+        cooling = logistic((self.cooling_middle - T) / self.width)
         return ((1.0 - xi) * heating * rise - xi * cooling * fall) / self.width
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:

@@ -26,7 +26,7 @@ import casadi as ca
 import numpy as np
 from pydrake.solvers import Binding
 
-from limb_systems.dynamics import Dynamics
+from limb_systems.limb_model import LimbModel
 from limb_systems.smooth_function import SmoothFunction
 from limb_systems.wires import Wires
 from planners.transcription.function_block import FunctionBlock
@@ -48,8 +48,7 @@ class MotionDefects:
     r(θ, θ̇, x, a) = 0, whose derivatives give those of the accelerations: M ∂a = -∂r.
 
     Args:
-        dynamics: the limb's `Dynamics`.
-        wires: the limb's `Wires`.
+        model: the limb.
         states, duty, time_steps: indices of the knots' states (K, 2n + M) and
             duty (K, W), and of the time steps (K - 1), among the program's variables.
         typical_time_step: s, for the scaling of rows.
@@ -59,8 +58,7 @@ class MotionDefects:
 
     def __init__(
         self,
-        dynamics: Dynamics,
-        wires: Wires,
+        model: LimbModel,
         states: np.ndarray,
         duty: np.ndarray,
         time_steps: np.ndarray,
@@ -68,7 +66,8 @@ class MotionDefects:
         replaces: Collection[Binding] = (),
         free_duration: bool = False,
     ):
-        self._dynamics, self.replaces, self._is_free = dynamics, replaces, free_duration
+        self._dynamics = dynamics = model.dynamics
+        self.replaces, self._is_free = replaces, free_duration
         self._n = n = dynamics.num_joints
         self._points = np.hstack([states[:, : 2 * n + dynamics.num_states], duty])
         self._time_steps, self._typical_h = time_steps, typical_time_step
@@ -77,11 +76,16 @@ class MotionDefects:
         self._on_angles = 8 / typical_time_step * self._on_rates
         self.lower = self.upper = np.zeros(2 * n * len(time_steps))
         self._kept: tuple | None = None
-        self._state_interval(wires)
+        # The heat at both knots, by which forces and states in the middle change.
+        P = self._points.shape[1]
+        self._heat = np.r_[2 * n : P, P + 2 * n : 2 * P]
+        name = f"motion of an interval, {free_duration}"
+        stated = model.once(name, lambda: self._state_interval(model.wires))
+        self._x_middle, self._force, self._forces, self._equations = stated
         self._lay_out_jacobian()
         self._lay_out_hessian(is_whole=True)
 
-    def _state_interval(self, wires: Wires) -> None:
+    def _state_interval(self, wires: Wires) -> list[SmoothFunction]:
         """State in symbols what the heat does in the middle, and what has a curvature."""
         n, N, P = self._n, wires.num_states, self._points.shape[1]
         z, h = ca.SX.sym("z", 2 * P), ca.SX.sym("h")
@@ -94,16 +98,14 @@ class MotionDefects:
         v_middle = 1.5 / h * (q1 - q0) - (v0 + v1) / 4
         x_middle = (x0 + x1) / 2 + h / 8 * change[:N]
 
-        # The heat at both knots, by which forces and states in the middle change.
-        self._heat = np.r_[2 * n : P, P + 2 * n : 2 * P]
         heat, angles = ca.vertcat(x0, D0, x1, D1), ca.SX.sym("q", 3 * n)
         at_begin, at_end, in_middle = ca.vertsplit(angles, n)
         force = wires.symbolic_force
-        self._x_middle = SmoothFunction(x_middle, heat, h)
+        in_the_middle = SmoothFunction(x_middle, heat, h)
         by, given = (ca.vertcat(heat, h), []) if self._is_free else (heat, [h])
-        self._force = SmoothFunction(force(x_middle, in_middle), by, ca.vertcat(in_middle, *given))
+        middle_force = SmoothFunction(force(x_middle, in_middle), by, ca.vertcat(in_middle, *given))
         forces = ca.vertcat(force(x0, at_begin), force(x1, at_end), force(x_middle, in_middle))
-        self._forces = SmoothFunction(forces, heat, ca.vertcat(angles, h))
+        all_forces = SmoothFunction(forces, heat, ca.vertcat(angles, h))
 
         # The rows but for the accelerations in the middle, and the equations of motion.
         a0, a1, a_middle = (ca.SX.sym(name, n) for name in ("a0", "a1", "ac"))
@@ -116,7 +118,8 @@ class MotionDefects:
             -motion(q_middle, v_middle, x_middle, a_middle),
         )
         by, step = (ca.vertcat(z, h), None) if self._is_free else (z, h)
-        self._equations = SmoothFunction(equations, ca.vertcat(by, a0, a1, a_middle), step)
+        residuals = SmoothFunction(equations, ca.vertcat(by, a0, a1, a_middle), step)
+        return [in_the_middle, middle_force, all_forces, residuals]
 
     def _lay_out_jacobian(self) -> None:
         """Set where the nonzeros of `jacobian` are: those of θ, of θ̇ by the motion and the heat."""
@@ -219,6 +222,14 @@ class MotionDefects:
             parts.append(self._on_angles @ (by_step[:, :n] + change / 8).T)
         return np.concatenate([part.ravel() for part in parts])
 
+    def slopes_by_motion(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the slopes of an interval's rows by [θ, θ̇] at both knots, each (K - 1, 2n, 2n)."""
+        num_intervals, P = len(self._time_steps), self._points.shape[1]
+        motion = 2 * self._n
+        slopes = np.zeros((num_intervals, motion, 2 * P + 1))
+        slopes[:, *self._pairs] = self.jacobian(x).reshape(-1, num_intervals).T
+        return slopes[:, :, :motion], slopes[:, :, P : P + motion]
+
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Nonzeros of the Hessian of multipliers · `evaluate`.
 
@@ -312,21 +323,27 @@ class MotionDefects:
 
 
 def heat_block(
-    wires: Wires, heat: np.ndarray, duty: np.ndarray, time_steps: np.ndarray
+    model: LimbModel, heat: np.ndarray, duty: np.ndarray, time_steps: np.ndarray
 ) -> FunctionBlock:
     """(17) of the heat, as `heat_defects`.
 
     Args:
+        model: the limb.
         heat, duty, time_steps: indices of the knots' [x, V] (K, M) and duty (K, W), and of the
             time steps (K - 1), among the program's variables.
     """
-    y0, y1 = (ca.SX.sym(name, heat.shape[1]) for name in ("y0", "y1"))
+    function = model.once("heat defects", lambda: _heat_function(model.wires))
+    points = np.column_stack([heat[:-1], duty[:-1], heat[1:], duty[1:], time_steps])
+    return FunctionBlock(function, points, scales=model.wires.heat_scales / 1.5)
+
+
+def _heat_function(wires: Wires) -> SmoothFunction:
+    """`heat_defects` of [y0, D0, y1, D1, h]."""
+    y0, y1 = (ca.SX.sym(name, len(wires.heat_scales)) for name in ("y0", "y1"))
     D0, D1 = (ca.SX.sym(name, wires.num_wires) for name in ("D0", "D1"))
     h = ca.SX.sym("h")
     defects = heat_defects(wires, y0, D0, y1, D1, h)
-    points = np.column_stack([heat[:-1], duty[:-1], heat[1:], duty[1:], time_steps])
-    function = SmoothFunction(defects, ca.vertcat(y0, D0, y1, D1, h))
-    return FunctionBlock(function, points, scales=wires.heat_scales / 1.5)
+    return SmoothFunction(defects, ca.vertcat(y0, D0, y1, D1, h))
 
 
 def heat_defects(

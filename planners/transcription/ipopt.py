@@ -40,6 +40,7 @@ OPTIONS = {
     # temperatures by 1e-6 °C, which stiff accelerations do not forgive.
     "bound_relax_factor": 0.0,
     "nlp_scaling_method": "none",  # variables, rows and objective come scaled
+    "min_refinement_steps": 0,  # of linear systems; IPOPT refines where they need it
     "mumps_permuting_scaling": 0,
     "mumps_scaling": 0,
     "mumps_pivot_order": 2,  # approximate minimum fill: a quarter less time than the default
@@ -115,7 +116,8 @@ class ConstraintBlock(Protocol):
 class IpoptDetails:
     """IPOPT's status in words, iterations, and time, s.
 
-    - ``multipliers``: multipliers of the scaled constraints and of the bounds of variables.
+    - ``multipliers``: multipliers of the scaled constraints and of the bounds of variables, for the
+      cost as it is.
     """
 
     status: str
@@ -209,7 +211,7 @@ class ExactHessianIpoptSolver:
             options |= solver_options.options.get(IpoptSolver.id().name(), {})
         if multipliers is not None:
             options |= {"warm_start_init_point": "yes", "warm_start_bound_push": 1e-9}
-            options |= {"warm_start_mult_bound_push": 1e-9, "mu_init": 1e-6}
+            options |= {"warm_start_mult_bound_push": 1e-9, "mu_init": 1e-7}
             options |= {"mu_strategy": "monotone"}
         start = time.perf_counter()
         with _interruptible(problem):
@@ -469,6 +471,7 @@ class _ScaledProblem:
             },
         )
         of_constraints, of_bounds = multipliers or (np.zeros(m), np.zeros(n))
+        of_constraints, of_bounds = (self._cost_scale * of for of in (of_constraints, of_bounds))
         found = solver(
             x0=self._guess,
             lam_g0=of_constraints,
@@ -483,7 +486,8 @@ class _ScaledProblem:
         y, of_constraints, of_bounds = (
             found[name].full().ravel() for name in ("x", "lam_g", "lam_x")
         )
-        return y, statistics["return_status"], (of_constraints, of_bounds)
+        multipliers = of_constraints / self._cost_scale, of_bounds / self._cost_scale
+        return y, statistics["return_status"], multipliers
 
     def _cost(self, y, _, cost):
         cost[:] = self._cost_scale * self.cost.evaluate(self.scale * y)

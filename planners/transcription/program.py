@@ -25,6 +25,7 @@ REST_RATE = np.deg2rad(0.5)  # rad/s, largest bend rate at rest
 REACH_TOLERANCE = np.deg2rad(0.1)  # rad
 # By how much constraints of one's own may be missed, relative to bounds larger than one.
 ADDED_TOLERANCE = 1e-5
+KNOTS_OF_A_COST = 20
 
 
 class PlanProgram:
@@ -132,10 +133,11 @@ class PlanProgram:
             warm_up_time: k_warm, s from the first knot.
         """
         weights, _ = self.task.weights(self.times)
-        targets = self._targets(reference)
-        for binding, weight, target in zip(self._angle_costs, weights, targets, strict=True):
-            Q = weight * self._shares
-            constant = 0.5 * float(target @ (Q * target))
+        self._angle_weights = np.outer(weights, self._shares)
+        self._angle_targets = targets = self._targets(reference)
+        for binding, knots in zip(self._angle_costs, self._groups_of_knots(), strict=True):
+            Q, target = self._angle_weights[knots].ravel(), targets[knots].ravel()
+            constant = 0.5 * float((Q * target**2).sum())
             binding.evaluator().UpdateCoefficients(np.diag(Q), -Q * target, constant, True)
         heat = initial_state[-len(self.wires.heat_scales) :]
         start = initial_state if self.has_inertia else heat[: self._start.size]
@@ -173,6 +175,10 @@ class PlanProgram:
     def cost(self, x: np.ndarray) -> float:
         """Eqn (15), with the task's further costs."""
         return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
+
+    def cost_by_angles(self, x: np.ndarray) -> np.ndarray:
+        """Return the gradient of the cost (15) of the angles by the tracked variables (K, A)."""
+        return self._angle_weights * (x[self.indices(self._tracked)] - self._angle_targets)
 
     def largest_defect(self, x: np.ndarray) -> float:
         """The largest violation of the ``blocks``, scaled: of (17), and of φ = φ(x), rad."""
@@ -259,11 +265,17 @@ class PlanProgram:
 
     def _add_cost(self) -> None:
         """(15) of the angles; `update` fills in the reference."""
-        Q = np.diag(self._shares)
-        self._angle_costs = [
-            self.prog.AddQuadraticCost(Q, np.zeros(len(Q)), tracked, is_convex=True)
-            for tracked in self._tracked
-        ]
+        self._angle_costs = []
+        for knots in self._groups_of_knots():
+            tracked = self._tracked[knots].ravel()
+            none = np.zeros(len(tracked))
+            cost = self.prog.AddQuadraticCost(np.diag(none), none, tracked, is_convex=True)
+            self._angle_costs.append(cost)
+
+    def _groups_of_knots(self) -> list[slice]:
+        """Return the knots whose costs are one cost of the program: few calls, and small Q."""
+        starts = range(0, len(self.times), KNOTS_OF_A_COST)
+        return [slice(start, start + KNOTS_OF_A_COST) for start in starts]
 
     def _rate_limits(self) -> np.ndarray:
         """Largest bend rates at the knots (K,), rad/s; infinite where there is no limit."""
@@ -287,9 +299,12 @@ class PlanProgram:
         W, x, readings = wires.num_wires, *np.split(self._heat, [wires.num_states], axis=1)
         _, weights = task.weights(times)
         energy = task.energy_weight * task.shares(times)
-        for k in range(len(times) - 1):  # (15)
-            quadratic, linear = weights[k] * np.eye(W), np.full(W, energy[k])
-            prog.AddQuadraticCost(quadratic, linear, duty[k], is_convex=True)
+        for knots in self._groups_of_knots():  # (15)
+            of_group = duty[:-1][knots].ravel()
+            quadratic = np.diag(np.repeat(weights[:-1][knots], W))
+            linear = np.repeat(energy[:-1][knots], W)
+            if of_group.size:
+                prog.AddQuadraticCost(quadratic, linear, of_group, is_convex=True)
         if task.temperature_weight:
             by_temperature = temperature_weights(parameters, times, task)
             constant = -parameters.ambient_temperature * by_temperature.sum()
@@ -335,7 +350,7 @@ class TrajectoryProgram(PlanProgram):
     - ``limb``: the `Limb`, whose dynamics are its constraints.
     - ``states``: indices of x_k (K, 2n + M) among the decision variables, in the order of
       `Limb`: θ (n), rad; θ̇ (n), rad/s; the wires' states x (N), which begin with T (W), °C; and
-      V (W), °C. ``heat`` has the last M = N + W of them.
+      V (W), °C. ``motion`` has the first 2n, ``heat`` the last M = N + W of them.
     - ``defects``: (17) of the motion as `MotionDefects`.
 
     Args:
@@ -392,6 +407,7 @@ class TrajectoryProgram(PlanProgram):
                 )
             )
         self.states, self._start = self.indices(self._states), self._states[0]
+        self.motion = self.states[:, : 2 * n]
         self._of_knots, self._scales = self._states, self.state_scales
         self._tracked, self._heat = self._states[:, :n], self._states[:, 2 * n :]
         self._shares, self._to_bends = np.ones(n), np.zeros((self._layout.num_bends, n))
@@ -413,8 +429,7 @@ class TrajectoryProgram(PlanProgram):
     def _make_blocks(self) -> list[ConstraintBlock]:
         is_free = self.task.stretch is not None
         self.defects = MotionDefects(
-            self.model.dynamics,
-            self.wires,
+            self.model,
             self.states,
             self.duty,
             self.time_steps,
@@ -422,7 +437,7 @@ class TrajectoryProgram(PlanProgram):
             replaces=self.prog.generic_constraints(),  # those of `DirectCollocation`
             free_duration=is_free,
         )
-        heat = heat_block(self.wires, self.heat, self.duty, self.time_steps)
+        heat = heat_block(self.model, self.heat, self.duty, self.time_steps)
         self.cheap_blocks = None if is_free else [self.defects.with_curvature_of_heat(), heat]
         return [self.defects, heat]
 

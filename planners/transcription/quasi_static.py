@@ -36,11 +36,10 @@ from planners.transcription.program import (
     add_at_knots,
     reading_bounds,
 )
-from planners.transcription.solving import InfeasibleError, solve_program
+from planners.transcription.solving import InfeasibleError, Solution, solve_program
 
+SPACING = 0.5  # s, between the knots of a start
 CHECK_STEP = 0.5  # s, of an integration that says whether limits can be met
-# s, between the knots of a start that is not convex: plans with half of it are as good a start.
-SPACING = 0.15
 LEAST_BETA = 1e-6  # N·m/°C, of wires that are taken to be linear
 
 
@@ -138,27 +137,18 @@ def solve_quasi_static(
     warm_up_time: float,
     measured_margin: ArrayLike = 0.0,
     start: tuple[np.ndarray, np.ndarray] | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Heat and duty of the wires in the best quasi-static plan.
-
-    It does not heed the task's limits of the motion.
+) -> tuple["QuasiStaticProgram", Solution]:
+    """Solve the quasi-static program of a plan. It does not heed the task's limits of the motion.
 
     Args:
         times, initial_heat, warm_up_time, measured_margin: as for `check_temperature_limits`.
         reference: φ_ref at the knots (F, K), rad.
-        start: heat and duty, as they are returned, of a plan from which the solver starts; that of
-            wires that are about linear if None.
-
-    Returns:
-        [x, V] (N + W, K), which begins with T (W) in °C, and D (W, K).
+        start: heat [x, V] (N + W, K) and duty (W, K) of a plan from which the solver starts; those
+            of wires that are about linear if None.
 
     Raises:
         InfeasibleError: if it has no solution.
     """
-    wires = model.wires
-    num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
-    grid = np.linspace(times[0], times[-1], num_intervals + 1)
-    some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
     task = dataclasses.replace(
         task,
         max_bend_rate=None,
@@ -168,14 +158,30 @@ def solve_quasi_static(
         time_weight=0.0,
         customize=None,
     )
-    program = QuasiStaticProgram(model, times[some], model.statics, task, measured_margin)
-    program.update(reference[:, some], initial_heat, warm_up_time)
-    guess = program.variables(*(part[:, some] for part in start)) if start else program.guess()
-    x = solve_program(program, guess).x
-    heat, duty = x[program.heat], x[program.duty]
-    course = PiecewisePolynomial.CubicHermite(times[some], heat.T, wires.heat_rates(heat, duty).T)
+
+    def solved(
+        knots: np.ndarray, start: tuple[np.ndarray, np.ndarray] | None, is_near: bool = False
+    ) -> tuple[QuasiStaticProgram, Solution]:
+        """Solve the program at some knots, from heat and duty at these knots."""
+        program = QuasiStaticProgram(model, times[knots], model.statics, task, measured_margin)
+        program.update(reference[:, knots], initial_heat, warm_up_time)
+        guess = program.variables(*start) if start else program.guess()
+        return program, solve_program(program, guess, starts_near=is_near)
+
+    # A program that is not convex starts from its solution at fewer knots.
+    every, wires = np.arange(len(times)), model.wires
+    num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
+    is_convex = wires.rates_are_affine and wires.torque_is_affine
+    if start is not None or is_convex or 2 * num_intervals > len(times):
+        return solved(every, start)
+    grid = np.linspace(times[0], times[-1], num_intervals + 1)
+    some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
+    program, solution = solved(some, None)
+    heat, duty = solution.x[program.heat], solution.x[program.duty]
+    rates = wires.heat_rates(heat, duty)
+    course = PiecewisePolynomial.CubicHermite(times[some], heat.T, rates.T)
     duty = np.array([np.interp(times, times[some], of_wire) for of_wire in duty.T])
-    return course.vector_values(times), duty
+    return solved(every, (course.vector_values(times), duty), is_near=True)
 
 
 class QuasiStaticProgram(PlanProgram):
@@ -230,7 +236,7 @@ class QuasiStaticProgram(PlanProgram):
         return blocks
 
     def _heat_block(self) -> ConstraintBlock:
-        return heat_block(self.wires, self.heat, self.duty, self.time_steps)
+        return heat_block(self.model, self.heat, self.duty, self.time_steps)
 
     def _targets(self, reference: np.ndarray) -> np.ndarray:
         return reference.T

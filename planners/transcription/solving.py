@@ -12,9 +12,8 @@ from limb_systems.progress import Progress
 from planners.transcription.ipopt import INFEASIBLE, ExactHessianIpoptSolver
 from planners.transcription.program import PlanProgram
 
-# From the quasi-static plan, most plans need 10 iterations with a barrier that leaves it near its
-# bounds; as IPOPT begins they need twice as many. The barrier ends so low that it raises the cost
-# by less than 1e-6 of it.
+# Near the solution, the barrier begins small enough to leave the guess near its bounds, and ends so
+# low that it raises the cost by less than 1e-6 of it. With multipliers it begins as it ends.
 NEAR = {
     "mu_strategy": "monotone",
     "mu_init": 3e-5,
@@ -66,6 +65,7 @@ def solve_program(
     guess: np.ndarray,
     multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     solver: SolverInterface | None = None,
+    starts_near: bool = False,
 ) -> Solution:
     """Solves a program by the first of these that succeeds.
 
@@ -81,6 +81,7 @@ def solve_program(
         guess: values of all decision variables.
         multipliers: multipliers of a neighbouring solution, for a warm start.
         solver: one of Drake's solvers, in place of all these.
+        starts_near: whether the guess nearly is the solution.
 
     Raises:
         InfeasibleError: if a quasi-static program was found to have no solution.
@@ -94,7 +95,7 @@ def solve_program(
         def report(iteration, cost, violation):
             progress.update(iteration, f"(cost {cost:.6g}, violation {violation:.1e})")
 
-        for name, attempt in _attempts(program, guess, multipliers, solver, report):
+        for name, attempt in _attempts(program, guess, multipliers, solver, starts_near, report):
             if time.process_time() - begun > LONGEST_SOLVE:
                 failures.append(f"{LONGEST_SOLVE:g} s of processor time are over")
                 break
@@ -127,7 +128,9 @@ def solve_program(
     raise PlanningError(f"No solver found a plan: {'; '.join(failures)}.")
 
 
-def _attempts(program: PlanProgram, guess, multipliers, solver, report: Callable):
+def _attempts(
+    program: PlanProgram, guess, multipliers, solver, starts_near: bool, report: Callable
+):
     if solver is not None:
         yield solver.SolverName(), lambda: solver.Solve(program.prog, guess, None)
         return
@@ -144,7 +147,7 @@ def _attempts(program: PlanProgram, guess, multipliers, solver, report: Callable
 
     if (cheap := program.cheap_blocks) is not None:
         name = "IPOPT, curvature of the wires" if program.has_inertia else "IPOPT, quasi-static"
-        if multipliers is not None or program.starts_near:
+        if multipliers is not None or starts_near:
             yield name, lambda: ipopt(NEAR, multipliers, cheap)
             name += ", patient"
         yield name, lambda: ipopt(PATIENT, None, cheap)

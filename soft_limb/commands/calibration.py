@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import itertools
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -201,16 +202,23 @@ def _fit(options: argparse.Namespace) -> int:
                     folder,
                     described,
                     method=options.method,
+                    counted_limit=options.counted_limit,
+                    as_described=options.as_described,
                     announce=lambda said: print(said, file=sys.stderr, flush=True),
                 )
         except WrongDescriptionError as question:
             corrected = robot.with_limbs({name: question.corrected}) if robot else None
             path = free_path(options.output.with_stem(f"{options.output.stem}_described"))
             (corrected or question.corrected).save(path)
-            line = shell_line("fit", options.recordings, "-o", options.output, "-l", path)
+            line = shell_line("fit", options.recordings, "-o", options.output)
+            confirmed = f"{line} --as-described"
+            if options.limb:
+                confirmed = f"{line} -l {shlex.quote(str(options.limb))} --as-described"
             print(
-                f"question: {question} Is that so? If it is, run: {line}\nIf not, see which output "
-                "of the board is wired to which wire, and how the sensor is mounted.",
+                f"question: {question} Is that so? See which output of the board is wired to which "
+                "wire, and how the sensor is mounted. If it is, run: "
+                f"{line} -l {shlex.quote(str(path))} --as-described\n"
+                f"If the description is right, run: {confirmed}",
                 file=sys.stderr,
             )
             return ASKED
@@ -331,6 +339,19 @@ COMMANDS = {
                 default="prediction",
                 help="prediction: compares laws of the wires by how they predict recordings that "
                 "were left out; paper: the paper's law by Sec. V (default %(default)s)",
+            ),
+            Option(
+                "--as-described",
+                action="store_true",
+                help="wires and bend sensor are where the description has them, even if the "
+                "recordings do not confirm it",
+            ),
+            Option(
+                "--counted-limit",
+                type=float,
+                metavar="C",
+                help="without thermocouples: the highest wire temperature of plans, °C, as counted "
+                "from the duty by a2 as described; the highest of the recordings if left out",
             ),
         ],
         stopped="stopped; nothing was written",

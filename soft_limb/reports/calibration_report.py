@@ -82,7 +82,7 @@ def write_report(
     if to_do:
         parts.append(page.section("What to do next", page.items(to_do)))
     if validation := calibration.validation:
-        judged = calibration.prediction.best.judged if calibration.prediction else []
+        judged = calibration.prediction.parts if calibration.prediction else []
         what = "The duty of a recording that was not used in any fit, simulated open loop"
         if len(judged) > 1:
             what = (
@@ -133,7 +133,7 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
         [
             f"{candidate.name}{' *' if candidate is prediction.best else ''}",
             f"{np.rad2deg(candidate.bend_error):.2f}",
-            f"{candidate.temperature_error:.1f}",
+            f"{candidate.temperature_error:.1f}" if prediction.fit.measures_heat else "",
         ]
         for candidate in prediction.candidates
     ]
@@ -145,10 +145,10 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
     parts: list[page.Part] = [page.section("Laws of the wires", table)]
     for number, predicted in enumerate(prediction.fit.predicted, 1):
         title = f"Recording {number} of {len(prediction.fit.predicted)} as fitted"
-        said = (
-            f"{predicted.run.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°, "
-            f"V within {predicted.temperature_error:.1f} °C on average."
-        )
+        said = f"{predicted.run.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°"
+        if predicted.run.is_read:
+            said += f", V within {predicted.temperature_error:.1f} °C"
+        said += " on average."
         parts.append(_section(title, said, predicted_panels(predicted, wire_names)))
     return parts
 

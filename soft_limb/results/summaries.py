@@ -142,17 +142,18 @@ def _laws(prediction: "Prediction | None") -> Entry:
     if prediction is None:
         return Entry("laws")
     values, lines = [], [f"judged by {prediction.judges}"]
+    measured = prediction.fit.measures_heat
     for candidate in prediction.candidates:
         bend, used = float(np.rad2deg(candidate.bend_error)), candidate is prediction.best
         lines.append(
-            f"{'*' if used else ' '} {candidate.name:<28} bend {bend:5.2f}°, "
-            f"V {candidate.temperature_error:4.1f} °C on average"
+            f"{'*' if used else ' '} {candidate.name:<28} bend {bend:5.2f}°"
+            f"{f', V {candidate.temperature_error:4.1f} °C' * measured} on average"
         )
         values.append(
             {
                 "law": candidate.name,
                 "bend_angle_mean_deg": bend,
-                "temperature_mean_c": candidate.temperature_error,
+                "temperature_mean_c": candidate.temperature_error if measured else None,
                 "used": used,
             }
         )
@@ -165,18 +166,23 @@ def validation_summary(validation: "Validation") -> Summary:
     degrees = [validation.mean, validation.median, validation.percentile_90]
     mean, median, most = np.rad2deg(degrees).tolist()
     interrupted = validation.recording.interrupted.rstrip(".")
+    heat: float | None = validation.temperature_mean
+    said = f"|V - V_sim|: mean {heat:.1f} °C"
+    if np.isnan(validation.temperature_mean):
+        heat = None
+        said = "not measured"
     return Summary.of(
         {
             "bend angle": f"|φ - φ_sim|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile "
             f"{most:.2f}°",
-            "temperature": f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
+            "temperature": said
             + (f"; until it was interrupted: {interrupted}" if interrupted else ""),
         },
         {
             "bend_angle_mean_deg": mean,
             "bend_angle_median_deg": median,
             "bend_angle_percentile_90_deg": most,
-            "temperature_mean_c": validation.temperature_mean,
+            "temperature_mean_c": heat,
         },
     )
 

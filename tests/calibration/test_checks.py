@@ -120,10 +120,6 @@ TROUBLES = {
         {"bend_angle": lambda r: np.where(r.time > 0.9, np.nan, r.bend_angle)},
         r"the bend angle is there in 19 of \d+ samples, which tell nothing; leave this",
     ),
-    "no thermocouple": (
-        {"measured_temperature": lambda r: np.full_like(r.measured_temperature, np.nan)},
-        r"no thermocouple shows how warm a heated wire is, .*; bond one to a wire",
-    ),
 }
 
 

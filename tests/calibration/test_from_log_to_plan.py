@@ -3,12 +3,14 @@
 import functools
 import shlex
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 from logged_limb import OwnLimb
 
 from calibration import calibrate
+from hardware.replaying import ReplayError, _check_robot
 from limb_systems import LimbParameters, Recording, SaturatingLaw, Trajectory
 from soft_limb.command import main
 
@@ -28,6 +30,13 @@ def write_log(path: Path, recording: Recording) -> None:
         ";".join(f"{x:.2f}".replace(".", ",") for x in row) for row in zip(*columns, strict=True)
     ]
     path.write_text("\n".join([head, *rows, ""]), encoding="utf-8")
+
+
+def without_temperatures(log: Path, path: Path) -> None:
+    """Write the same log without its thermocouples' columns."""
+    rows = [line.split(";") for line in log.read_text(encoding="utf-8").splitlines()]
+    lines = [";".join([*row[:3], row[5]]) for row in rows]
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -88,4 +97,40 @@ def test_from_logs_to_a_plan(logs, tmp_path, monkeypatch, capsys):
         "error: There is no recording with heat, which tells the wires' laws.",
         left_out,
     ]
+    assert not Path("no.yaml").exists()
+
+
+def test_a_log_without_thermocouples_becomes_a_plan_that_boards_refuse(
+    logs, tmp_path, monkeypatch, capsys
+):
+    """The bend alone tells the model; heat is counted from the duty, and no plan is hotter."""
+    monkeypatch.chdir(tmp_path)
+    quick = functools.partial(calibrate, laws=[SaturatingLaw])
+    monkeypatch.setattr("soft_limb.commands.calibration.calibrate", quick)
+    without_temperatures(logs[0], Path("bends.csv"))
+    assert main(["import", "bends.csv", "-o", "recordings"]) == 0
+    capsys.readouterr()
+    assert main(["fit", "recordings", "-o", "limb.yaml", "--report", "fit.html"]) == 0
+    printed = capsys.readouterr().out
+    assert "boards refuse to heat without thermocouples" in printed
+    assert "right.a2" in next(x for x in printed.splitlines() if x.startswith("as_described"))
+    limb = LimbParameters.load("limb.yaml")
+    assert limb.calibration
+    assert not limb.calibration.heat_measured
+    assert [wire.law.a2 for wire in limb.wires] == pytest.approx(2 * [SaturatingLaw().a2])
+    assert not any(wire.heat_bounds for wire in limb.wires)
+    counted = limb.temperature_limits.maximum
+    assert limb.ambient_temperature + 10.0 < counted < 100.0
+
+    Path("wanted.csv").write_text("time_s,bend_deg\n0,0\n6,8\n12,8\n20,0\n")
+    assert main(["plan", "wanted.csv", "-l", "limb.yaml", "-o", "plan.csv"]) == 0
+    planned = Trajectory.load("plan.csv")
+    assert planned.wire_temperature.max() <= counted + 1e-6
+    assert main(["replay", "plan.csv", "--emulated", "0", "-o", "replayed.csv"]) == 0
+    assert main(["validate", "limb.yaml", "recordings/bends.csv"]) == 0
+    assert "not measured" in capsys.readouterr().out
+    with pytest.raises(ReplayError, match="calibrated without thermocouples"):
+        _check_robot(planned, mock.Mock())
+
+    assert main(["fit", "recordings", "-o", "no.yaml", "--method", "paper"]) == 1
     assert not Path("no.yaml").exists()

@@ -286,7 +286,7 @@ def test_a_warm_log_of_another_encoding_and_clock(tmp_path, clock, encoding):
 def test_a_long_log_is_read_in_blocks_and_cut_where_it_is_cold(tmp_path, truth, monkeypatch):
     path = write(tmp_path / "log.csv", NAMES, signals(truth))
     _, (whole,), _ = read(path)
-    monkeypatch.setattr(table, "BLOCK", 300)
+    monkeypatch.setattr(table, "BLOCK", 1000)
     monkeypatch.setattr(reading, "MOST", 1500)
     _, parts, remarks = read(path)
     assert [round(part.time[-1]) for part in parts] == [125, 115]
@@ -325,7 +325,7 @@ def test_times_without_fractions_of_seconds_are_spread(tmp_path, truth):
 def test_signed_duty_and_one_wire(tmp_path, truth):
     signed = truth.duty[1] - truth.duty[0]
     readings = [*truth.temperature, np.rad2deg(truth.bend)]
-    names = ["t", "u", "T_a", "T_b", "angle"]
+    names = ["t", "u", "T_left", "T_right", "angle"]
     _, (recording,), _ = read(write(tmp_path / "a.csv", names, [truth.time, signed, *readings]))
     check(recording, truth)
     one = Truth(wires=(1,))
@@ -358,7 +358,10 @@ def rows(names, form):
         (b"", "no rows of numbers"),
         (b"# limb recording, format 3\n", "is no log, but a recording of soft-limb"),
         (b"time,duty\n", "no rows of numbers"),
-        (rows("time,duty,bend", "{0},{1},{2}") + b"\n1,2," + b"x" * 200_000, "in line 52"),
+        (
+            rows("time,duty,bend", "{0},{1},0") + b"\n1,2," + b"x" * 200_000,
+            "no column seems to be the b",
+        ),
         (rows("time,duty", "{0},{1},{2}"), "has 2 names in line 1, but 3 cells"),
         (b"x" * 10_000_000, "no rows of numbers"),
         (rows("time,duty,bend", "{0},{1},0"), "no column seems to be the bend"),
@@ -436,6 +439,16 @@ def cases(truth):
         "relay": (names.replace("pwm_right", "relay_2"), [*base[:2], relay, *base[3:]]),
         "dropped": ("time_s pwm_left T_left_C T_right_C bend_deg", base[:2] + base[3:]),
         "mixed units": (names.replace("_C", ""), [*base[:3], 1.8 * base[3] + 32, *base[4:]]),
+        "signed": (
+            "time_s u T1 T2 bend_deg",
+            [truth.time, truth.duty[0] - truth.duty[1], *temperatures, degrees],
+        ),
+        "offset": (names, [*base[:3], temperatures[0] + 40.0, *base[4:]]),
+        "two units": (names, [truth.time, truth.duty[0], counts[1], *base[3:]]),
+        "switch and levels": (
+            names.replace("pwm", "heater"),
+            [truth.time, truth.duty[0], relay, *base[3:]],
+        ),
         "named rad": (names, [*base[:5], truth.bend]),
         "no names": ("", base),
         "single": (names, [single, *base[1:]]),
@@ -457,9 +470,14 @@ def cases(truth):
 @pytest.mark.parametrize(
     ("case", "asked"),
     [
-        ("coil", ""), ("warm", ""), ("no names", ""), ("single", ""), ("ros", ""), ("matlab", ""),
+        ("coil", ""), ("warm", ""), ("single", ""), ("ros", ""), ("matlab", ""),
         ("base", ""), ("control", ""),
         ("things", ""),
+        ("no names", "which wire does column_2 heat.*the sign of column_6"),
+        ("signed", "which wire do negative numbers of u heat"),
+        ("offset", "unit of T_left_C: C, F or K.*unit of T_right_C"),
+        ("two units", "is 0.5 and 128: are they of one unit"),
+        ("switch and levels", "are they of one unit"),
         ("inverted", "looks inverted"),
         ("swapped", "names say T_left_C, but T_right_C warms with pwm_left"),
         ("relay", "relay_2 may be the heat of a wire"),
@@ -479,6 +497,30 @@ def test_forms_of_practitioners_are_right_or_asked_about(tmp_path, truth, cases,
     if recordings and case not in ("warm", "single"):
         check(recordings[0], truth, tolerance_deg=0.3)
         assert recordings[0].sample_rate == 10.0
+
+
+@pytest.mark.parametrize(
+    ("case", "answers"),
+    [
+        ("no names", {"wires[0].name": "left", "wires[1].name": "right", "bend.scale": "1"}),
+        ("signed", {"wires[0].name": "right", "wires[1].name": "left", "bend.scale": "1"}),
+        ("inverted", {"full": "255", "inverted": "true", "bend.scale": "1"}),
+        ("swapped", {"wires[0].temperature": "T_right_C", "wires[1].temperature": "T_left_C"}),
+        ("frames", {"rate": "10"}),
+        ("named rad", {"bend.scale": "57.29578"}),
+    ],
+)
+def test_an_answered_mapping_is_read(tmp_path, truth, cases, case, answers, capsys):
+    """Each question has its field in the mapping that is written, and answers are enough."""
+    names, columns = cases[case]
+    path = write(tmp_path / "log.csv", names.split(), columns, form="{:.13g}")
+    words = ["import", str(path), "-o", str(tmp_path / "out")]
+    assert main(words) == 2
+    mapping = tmp_path / "out" / "log.mapping.yaml"
+    assert all(f"#     {field}" in mapping.read_text() for field in answers if field != "inverted")
+    LogMapping.load(mapping).with_answers(answers).save(mapping)
+    assert main([*words, "--mapping", str(mapping)]) == 0, capsys.readouterr()
+    check(Recording.load(tmp_path / "out" / "log.csv"), truth, tolerance_deg=0.3)
 
 
 HEAD = "pwm_left,pwm_right,T_left,T_right,bend_deg"

@@ -186,6 +186,34 @@ def test_the_memory_of_the_rest_angle_is_that_of_the_model():
     assert np.rad2deg(np.abs(bends[-1, 0, 0] - shown[:, 0])).max() < 0.1
 
 
+def test_bends_alone_tell_a_limb_that_bends_in_space(motion):
+    """Without thermocouples, by the limb's own law; the other recording has other levels."""
+    alone = dataclasses.replace(motion, measured_temperature=np.nan * motion.measured_temperature)
+    other = recording_of(None, 11, [[0, 0.25, 0.1], [0.3, 0, 0.1]])
+    calibration = calibrate({"heated": [alone]}, laws=[LinearLaw], counted_limit=80.0)
+    run = HeatedRun.of(other)
+    (predicted,) = calibration.prediction.fit.foresee([run])
+    assert np.rad2deg(predicted.bend_error) < 1.5
+    assert np.rad2deg(np.nanmax(np.abs(run.bend))) > 15.0
+    assert calibration.plan_miss.low < predicted.bend_error < calibration.plan_miss.high
+    limb = calibration.parameters
+    assert limb.temperature_limits.maximum == 80.0
+    assert [wire.law.a2 for wire in limb.wires] == pytest.approx(3 * [LinearLaw().a2])
+    assert not limb.calibration.heat_measured
+    assert "unmeasured" in {remark.kind for remark in calibration.remarks}
+    assert not {"ambient_temperature", "wire_1.a2", "wire_1.a3"} & calibration.estimates.keys()
+
+
+def test_wires_that_may_as_well_be_exchanged_are_a_question(motion):
+    """Two wires that are heated alike; a recording of both in turn tells them apart."""
+    together = recording_of(None, 12, [[0.0, 0.2, 0.2], [0.2, 0.0, 0.0], [0.0, 0.25, 0.25]])
+    directions = wire_directions([HeatedRun.of(together)], described().segments[0])
+    with pytest.raises(WrongDescriptionError, match="wire_2 and wire_3 may as well be exchanged"):
+        check_directions(directions, described())
+    runs = [HeatedRun.of(together), HeatedRun.of(motion)]
+    check_directions(wire_directions(runs, described().segments[0]), described())
+
+
 @pytest.mark.parametrize(
     ("wires", "roll"), [((0, 2, 1), 0.0), ((0, 1, 2), np.deg2rad(60.0)), ((1, 0, 2), 0.0)]
 )

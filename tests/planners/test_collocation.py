@@ -42,15 +42,16 @@ class Trajectories:
         states, duty, steps = np.split(np.arange(ends[-1]), ends[:-1])
         states, duty = states.reshape(num_knots, -1), duty.reshape(num_knots, -1)
         motion = MotionDefects(
-            LimbModel.of(parameters).dynamics,
-            wires,
+            LimbModel.of(parameters),
             states,
             duty,
             steps,
             time_step,
             free_duration=True,
         )
-        heat = heat_block(wires, states[:, 2 * parameters.num_joints :], duty, steps)
+        heat = heat_block(
+            LimbModel.of(parameters), states[:, 2 * parameters.num_joints :], duty, steps
+        )
         self.blocks, self.num_variables = [motion, heat], ends[-1]
 
     def evaluate(self, *signals):

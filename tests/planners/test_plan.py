@@ -5,6 +5,7 @@ import signal
 
 import numpy as np
 import pytest
+import scipy.sparse
 from pydrake.solvers import SnoptSolver
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -32,6 +33,7 @@ from planners import (
 from planners.transcription import ipopt, solving
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import solve_quasi_static
+from planners.transcription.warm_start import multipliers_of, with_motion
 from soft_limb.reports.plan_report import plan_verdict
 from soft_limb.results.summaries import plan_summary
 
@@ -123,7 +125,7 @@ def test_plan_is_better_than_its_quasi_static_start(fig5_plan):
     """The start's duty, simulated, costs about what the check says; the plan costs less."""
     parameters, times = fig5_plan.parameters, fig5_plan.time
     heat = np.full(4, parameters.ambient_temperature)
-    _, duty = solve_quasi_static(
+    program, solution = solve_quasi_static(
         fig5_plan.model,
         times,
         fig5_plan.reference,
@@ -131,6 +133,7 @@ def test_plan_is_better_than_its_quasi_static_start(fig5_plan):
         Task.paper(),
         20.0,
     )
+    duty = solution.x[program.duty].T
     course = PiecewisePolynomial.FirstOrderHold(times, duty)
     rollout = simulate(Limb(), course, sample_rate=10.0, accuracy=1e-5)
     angles_ref = joint_angles_from_bend_angle(parameters, fig5_plan.reference)
@@ -293,3 +296,30 @@ def test_a_reading_above_the_boards_maximum_is_refused():
     limb.temperature_limits.measured_maximum = 80.0
     with pytest.raises(InfeasibleError, match=r"right wire reads .* let it cool first"):
         plan(limb, short_reference(), initial_state=hot)
+
+
+def test_multipliers_of_the_start_balance_the_cost_of_its_motion():
+    """A motion that follows from the heat has no gradient of the Lagrangian."""
+    model, times, task = LimbModel(LimbParameters()), np.linspace(0.0, 3.0, 31), Task.paper()
+    n, reference = 5, np.deg2rad(10.0) * np.sin(times)[None]
+    state = model.statics.resting_state(model.wires.cold_states[:2])
+    quasi_static, solution = solve_quasi_static(
+        model, times, reference, state[2 * n :], task, warm_up_time=20.0
+    )
+    program = TrajectoryProgram(model, times, task, with_constraints=False)
+    program.update(reference, state, 20.0)
+    states = np.zeros((len(state), len(times)))
+    states[2 * n :] = solution.x[quasi_static.heat].T
+    start = program.variables(states, solution.x[quasi_static.duty].T)
+    start = with_motion(program, start)
+    assert np.abs(program.defects.evaluate(start)).max() < 1e-9
+
+    multipliers, _ = multipliers_of(program, start, quasi_static, solution)
+    block, step = program.defects, 1e-4
+    shape = len(block.lower), len(start)
+    slopes = scipy.sparse.coo_array((block.jacobian(start), (block.rows, block.columns)), shape)
+    balance = slopes.T @ multipliers[: shape[0]]
+    for index in program.motion[1:].ravel()[::37]:
+        change = step * np.eye(1, len(start), index)[0]
+        by_cost = (program.cost(start + change) - program.cost(start - change)) / (2 * step)
+        assert balance[index] == pytest.approx(-by_cost, abs=1e-6)

@@ -44,7 +44,7 @@ def any_log(recording: Recording, seed: int) -> AnyLog:
         return choices[int(draw.integers(len(choices)))]
 
     def name(role: str, label: str, unit: str) -> str:
-        words = [w for w in WORDS[role].split() if w.isascii() and w not in WITH_UNIT.split()]
+        words = [w for w in WORDS[role] if w.isascii() and w not in WITH_UNIT.split()]
         word = pick(words)
         mark = pick(["_", " ", "."])
         parts = [word, label] if draw.uniform() < 0.7 else [label, word]

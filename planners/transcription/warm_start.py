@@ -1,0 +1,81 @@
+"""The start of a trajectory program from the quasi-static plan: motion, and multipliers.
+
+The motion [θ, θ̇] of all knots follows from the heat by the rows (17) of `MotionDefects`, and the
+multipliers of these rows follow from the cost by the adjoint of the rows. The multipliers of the
+heat and of its bounds are those of the quasi-static plan.
+"""
+
+import numpy as np
+
+from limb_systems import LimbError
+from planners.transcription.program import TrajectoryProgram
+from planners.transcription.quasi_static import QuasiStaticProgram
+from planners.transcription.solving import Solution
+
+FEASIBLE = 1e-9  # of the scaled rows of the motion
+NEAR = 1e-2  # rad and rad/s; after a smaller step, slopes are nearly the same
+MOST_ITERATIONS = 20
+
+
+def with_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
+    """Return decision variables whose motion obeys (17), by Newton's method from a motion near it.
+
+    Args:
+        x: all decision variables.
+
+    Raises:
+        LimbError: if Newton's method finds no motion.
+    """
+    x, motion, change = x.copy(), program.motion, np.inf
+    for _ in range(MOST_ITERATIONS):
+        rows = program.defects.evaluate(x).reshape(motion.shape[1], -1).T
+        if np.abs(rows).max() < FEASIBLE:
+            return x
+        if change > NEAR:
+            inverse, to_next = _step_to_next_knot(program, x)
+        gaps = -(inverse @ rows[:, :, None])[:, :, 0]
+        moved = np.zeros(motion.shape)
+        for k, gap in enumerate(gaps):
+            moved[k + 1] = gap + to_next[k] @ moved[k]
+        x[motion] += moved
+        change = np.abs(moved).max()
+        if not np.isfinite(change):
+            break
+    raise LimbError("Newton's method does not find the motion of the quasi-static plan.")
+
+
+def multipliers_of(
+    program: TrajectoryProgram, x: np.ndarray, quasi_static: QuasiStaticProgram, solution: Solution
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return multipliers of the constraints and of the bounds of a program near its solution.
+
+    Args:
+        x: all decision variables.
+        quasi_static, solution: the quasi-static program of the same plan, and its solution.
+    """
+    inverse, to_next = _step_to_next_knot(program, x)
+    by_motion: np.ndarray = np.zeros(program.motion.shape)
+    by_angles = program.cost_by_angles(x)
+    by_motion[:, : by_angles.shape[1]] = by_angles
+    adjoint = np.zeros((len(inverse), by_motion.shape[1]))
+    following = np.zeros(by_motion.shape[1])
+    for k in reversed(range(len(inverse))):
+        adjoint[k] = following = by_motion[k + 1] + following
+        following = following @ to_next[k]
+    of_motion = -np.einsum("kij,ki->kj", inverse, adjoint)
+
+    assert solution.multipliers is not None  # IPOPT has them
+    of_rows, of_bounds = solution.multipliers
+    heat_rows, held_rows = np.cumsum([len(block.lower) for block in quasi_static.blocks])
+    of_rows = np.concatenate([of_motion.T.ravel(), of_rows[:heat_rows], of_rows[held_rows:]])
+    bounds = np.zeros(len(x))
+    bounds[program.heat] = of_bounds[quasi_static.heat]
+    bounds[program.duty] = of_bounds[quasi_static.duty]
+    return of_rows, bounds
+
+
+def _step_to_next_knot(program: TrajectoryProgram, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the inverse of the rows' slopes by the next motion, and that motion by the last."""
+    before, after = program.defects.slopes_by_motion(x)
+    inverse = np.linalg.inv(after)
+    return inverse, -inverse @ before
