@@ -53,6 +53,7 @@ class ContactForces(LeafSystem):
                 for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body)):
                     self._body_of_geometry[geometry.get_value()] = body
         self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
+        # Declare the ports.
         size = self._num_groups * len(self._axes)
         self.DeclareVectorOutputPort("contact_force", size, weak_method(self._calc))
 

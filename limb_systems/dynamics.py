@@ -31,6 +31,7 @@ def equation_of_motion(
         states: x (N,) of the wires.
     """
     gravity = ca.DM(mechanics.gravity)
+    # Add up the terms of (2).
     inertia = Chain(mechanics, angles).inverse_dynamics(rates, accelerations, gravity)
     springs = ca.DM(mechanics.stiffness) * (angles - ca.DM(mechanics.rest_angles))
     damping = ca.DM(mechanics.damping) * rates

@@ -59,6 +59,7 @@ class HeatBounds(Strict):
 
     def widened_to_any_wire(self) -> "HeatBounds":
         """Return these bounds, widened until they hold for all wires of published recordings."""
+        # Move each bound outwards.
         upper_names = [high for _, high in BOUND_PAIRS]
         widened: dict[str, float] = {}
         for name, bound in dataclasses.asdict(self).items():

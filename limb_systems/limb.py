@@ -83,6 +83,7 @@ class Limb(Diagram):
         self.parameters = parameters = LimbParameters.of(parameters)
         self.source = "model"
         builder = DiagramBuilder()
+        # Connect the manipulator to the wires' blocks.
         manipulator = builder.AddNamedSystem("manipulator", make_manipulator(parameters))
         ports, duty = add_wire_blocks(builder, parameters, manipulator.get_state_output_port())
         builder.Connect(ports["torque"], manipulator.get_applied_generalized_force_input_port())
@@ -158,9 +159,11 @@ def add_limb(
     text = limb_sdf(
         parameters.segments, name, payload=parameters.payload, negligible_mass=NEGLIGIBLE_MASS
     )
+    # Add the bodies with springs and actuators, and weld the base.
     (limb,) = Parser(plant).AddModelsFromString(text, "sdf")
     base = plant.GetFrameByName("base", limb)
     plant.WeldFrames(parent_frame or plant.world_frame(), base, X_PF or RigidTransform())
+    # Start at rest.
     for joint, angle in zip(_joints(plant, limb), rest_joint_angles(parameters), strict=True):
         joint.set_default_angle(angle)
     return limb
@@ -208,9 +211,11 @@ def add_limb_actuation(
             the steps of a discrete plant.
     """
     actuation = LimbActuation(parameters, name=f"{plant.GetModelInstanceName(limb)}_actuation")
+    # Check the limb in the plant against its description.
     joints = _check_model(plant, limb, actuation.parameters)
     if plant.time_step():
         check_time_step(plant, joints, actuation.parameters)
+    # Connect the wires to the joints.
     builder.AddSystem(actuation)
     builder.Connect(plant.get_state_output_port(limb), actuation.GetInputPort("joint_state"))
     builder.Connect(actuation.GetOutputPort("torque"), plant.get_actuation_input_port(limb))

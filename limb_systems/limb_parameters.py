@@ -416,6 +416,7 @@ class LimbParameters(Described):
                     f"segments[{index}].twists is true, but the segment bends in a plane, where "
                     "nothing twists it; set its axes to 2, or leave twists out."
                 )
+        # Check that the limits are in order.
         limits = self.temperature_limits
         if limits.maximum <= self.ambient_temperature:
             raise ParameterError(

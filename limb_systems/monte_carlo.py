@@ -117,6 +117,7 @@ def parameter_owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
     Raises:
         ParameterError: if the limb has no such field.
     """
+    # Find the objects that the part of the name before the field stands for.
     segment = parameters.segments[0]
     before, _, field = name.rpartition(".")
     owners: Sequence[Any] = (parameters, segment)
@@ -128,6 +129,7 @@ def parameter_owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
         owners = [
             owner for wire in segment.wires if wire.name == before for owner in (wire.law, wire)
         ]
+    # Return the first object that has the field.
     for owner in owners:
         if hasattr(owner, field):
             return owner, field
@@ -359,6 +361,7 @@ def _compiled_step(law: WireLaw, names: list[str], step: float) -> Compiled:
         after = runge_kutta(rates, heat, (duty, duty, duty), step)
         return Compiled([heat, duty, ca.vertcat(T0, fields)], [ca.densify(after)])
 
+    # Limbs with laws of one class share the compiled step.
     constants = {name: value for name, value in vars(law).items() if name not in names}
     key = ("runge_kutta", type(law), step, tuple(names), repr(constants))
     return build_once(key, build)

@@ -43,6 +43,7 @@ class TimeLeft:
         if self._is_announced or self._done < FIRST_ESTIMATE_SHARE * self._total:
             return
         self._is_announced = True
+        # The rest takes as long as the work so far, in proportion.
         left = (time.monotonic() - self._start) * (self._total / self._done - 1.0)
         if left > MIN_ANNOUNCED_TIME:
             self._announce(f"about {float(f'{left:.1g}'):.0f} s are left")
@@ -81,6 +82,7 @@ class Progress:
         if not self._is_visible or now < self._next_update:
             return
         self._next_update = now + 0.1
+        # Write over the line before.
         of_total = f" of {self._total:g}" if self._total is not None else ""
         line = f"{_part.get()}{self._label}: {done:.4g}{of_total} {self._unit} {remark}".rstrip()
         self._write("\r" + line.ljust(self._width))

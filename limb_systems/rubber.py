@@ -98,6 +98,7 @@ class NonlinearRubber:
         Their torques grew in proportion. r' = λ g' (Δ - r) then has the solution
         Δ (1 - exp(-λ g)) of a single wire.
         """
+        # Integrate r' along the bends that grow in proportion.
         bends = np.maximum(self.bend_by_torque * torques, 0.0)
         exponents = self._rate @ bends
         shares = np.divide(

@@ -116,6 +116,7 @@ def _tip_bend(joints: Sequence[Sequence[str]], centred: bool) -> Compiled:
     last_share = 0.0 if centred else 0.5  # of the last joint's angle, added beyond the joint
     if chain.is_planar:  # any number of turns
         return Compiled([angles], [factor * (ca.sum1(angles) + angles[-1] * last_share)])
+    # In space, increase the angles of the last link's joints, and take the log map of its tangent.
     weights = 1.0 + last_share * (np.arange(num_joints) >= chain.first_joints[-1])
     no_offsets = np.zeros((num_joints, 3))
     _, _, frames = joint_poses(chain.axes, no_offsets, ca.DM(weights) * angles)
@@ -152,10 +153,12 @@ def joint_poses(
     origins = []
     frames = []
     for joint, (axis, offset) in enumerate(zip(axes, offsets, strict=True)):
+        # Place the joint.
         axis_index = int(np.abs(axis).argmax())
         sign = float(axis.sum())
         origin = origin + frame @ ca.DM(offset)
         turned_axes.append(sign * frame[:, axis_index])
+        # Turn the frame after it, together with the joints before it about the same axis.
         if run_axis != axis_index:
             run_axis = axis_index
             run_frame = frame
@@ -189,6 +192,7 @@ def log_map_angles(direction: ca.SX, planar: bool = False) -> ca.SX:
     across = direction[1:]
     if planar:
         return ca.atan2(across[0], ahead)
+    # Use the series of atan(√z)/√z near E1, where s / s is not defined.
     squared = ca.sumsqr(across)
     is_near = ca.logic_and(squared < _SERIES_LIMIT * ahead**2, ahead > 0)
     series = ca.polyval(ca.DM(_ATAN_SERIES[::-1]), squared / ahead**2) / ahead

@@ -249,6 +249,7 @@ def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulat
         accuracy: accuracy of the integrator; None for mechanics in discrete steps.
     """
     simulator = Simulator(system)
+    # Mechanics in discrete steps needs no error control.
     if accuracy is None:
         ApplySimulatorConfig(discrete_simulator_config(), simulator)
         return simulator
@@ -261,6 +262,7 @@ def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulat
         ),
         simulator,
     )
+    # Take the smallest step instead of failing where error control asks for smaller steps.
     integrator = simulator.get_mutable_integrator()
     integrator.set_requested_minimum_step_size(MIN_STEP_SIZE)
     integrator.set_throw_on_minimum_step_size_violation(False)
@@ -312,6 +314,7 @@ def _from_zero(
             f"duty starts at {duty.start_time():g} s; unless it is a piecewise polynomial, "
             "it must start at 0 s."
         )
+    # Shift a copy.
     duty = copy.deepcopy(duty)
     duty.shiftRight(-duty.start_time())
     return duty, duration
@@ -354,6 +357,7 @@ def jump_times(duty: trajectories.Trajectory) -> np.ndarray:
     breaks = np.array(duty.get_segment_times())[1:-1]
     if not len(breaks):
         return breaks
+    # Compare the duty on both sides of each break.
     before = duty.vector_values(breaks - JUMP_MARGIN)
     after = duty.vector_values(breaks + JUMP_MARGIN)
     return breaks[np.abs(after - before).max(axis=0) > MIN_DUTY_JUMP]
@@ -365,6 +369,7 @@ def warn_of_fast_duty(duty: trajectories.Trajectory, system: LimbSystem) -> None
     if len(jumps) < 2:
         return
     shortest = np.diff(jumps).min()
+    # Choose the shortest pulse that the system can follow.
     if is_model(system):
         fastest = MIN_PULSE_DURATION
         reason = "its wires respond to the mean only, and simulating each pulse takes long"

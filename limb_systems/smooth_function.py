@@ -202,6 +202,7 @@ class Compiled:
     def _scalar_code(self) -> Callable[..., None]:
         """The Python function that fills lists o0, ... from lists of numbers i0, ..."""
         function = self._function
+        # Write one line of Python for each instruction; w0, ... are the registers.
         arguments = [f"i{number}" for number in range(function.n_in())]
         arguments += [f"o{number}" for number in range(function.n_out())]
         lines = [f"def function({', '.join(arguments)}):"]
@@ -215,6 +216,7 @@ class Compiled:
             else:
                 names = [f"w{register}" for register in operands]
                 lines.append(f" w{target[0]} = {_operation(code)[0].format(*names)}")
+        # Compile them with the functions that they call.
         scope = dict(_SCALAR_FUNCTIONS)
         exec("\n".join([*lines, " return"]), scope)
         return scope["function"]
@@ -360,6 +362,7 @@ def _points_last(*arrays: np.ndarray) -> Sequence[np.ndarray]:
     shape = arrays[0].shape[:-1]
     if not shape and all(array.ndim == 1 for array in arrays):
         return arrays
+    # Broadcast the points, and move the last axis to the front.
     if any(array.shape[:-1] != shape for array in arrays):
         shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
         arrays = tuple(np.broadcast_to(array, (*shape, array.shape[-1])) for array in arrays)

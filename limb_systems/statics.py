@@ -57,6 +57,7 @@ def resting_state(parameters: LimbParameters | LimbModel, readings: ArrayLike) -
             f"The readings at the start are {V.tolist()}; give °C, one number or one for each of "
             f"{count} wires."
         )
+    # Wires without a thermocouple are at ambient temperature.
     V = np.broadcast_to(np.where(np.isnan(V), ambient, V), count)
     return model.statics.resting_state(V)
 
@@ -78,6 +79,7 @@ def mean_bend_by_temperature(
     num_wires = layout.num_wires
     rise = limits.maximum - limits.warm
     warm_bend = bend(np.full(num_wires, limits.warm))
+    # Warm one wire at a time.
     slopes = np.zeros((layout.num_bends, num_wires))
     for wire in range(num_wires):
         temperature = np.full(num_wires, limits.warm)

@@ -29,6 +29,7 @@ class Entry(NamedTuple):
             return self.sentence or ""
         if self.value in (None, "", []):
             return ""
+        # Print value and unit.
         values = self.value if isinstance(self.value, list) else [self.value]
         texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
         return ", ".join(texts) + {"": "", "°": "°"}.get(self.unit, f" {self.unit}")

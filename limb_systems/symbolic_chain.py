@@ -69,7 +69,7 @@ class Chain:
         mechanics = self._mechanics
         num_joints = len(self.origins)
         # From the base outward, find the motion of each joint and the forces on its bodies.
-        spin = turning = before = ca.SX(3, 1)  # ω, ω̇, and the origin of the joint before
+        spin = turning = previous_origin = ca.SX(3, 1)  # ω, ω̇, and the origin of the joint before
         moved = -gravity
         # Of the bodies on each joint, about its origin.
         forces = []
@@ -77,10 +77,10 @@ class Chain:
         for joint, (axis, origin, frame) in enumerate(
             zip(self._axes, self.origins, self.frames, strict=True)
         ):
-            moved += _acceleration(turning, spin, origin - before)
+            moved += _acceleration(turning, spin, origin - previous_origin)
             turning += axis * accelerations[joint] + ca.cross(spin, axis * rates[joint])
             spin += axis * rates[joint]
-            before = origin
+            previous_origin = origin
             force = ca.SX(3, 1)
             moment = ca.SX(3, 1)
             for body in np.flatnonzero(mechanics.body_joints == joint).tolist():

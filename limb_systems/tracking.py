@@ -53,11 +53,13 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
     Raises:
         LimbError: if there is nothing to compare.
     """
+    # Warn of samples that are left out.
     for recording in recordings:
         if recording.implausible.any():
             warnings.warn(f"Left out of the tracking errors: {recording.doubt}.", stacklevel=2)
     plan = trajectory.since_start()
     samples = _samples(plan, recordings)
+    # Collect the errors of all samples.
     distances = []
     for times, bend in samples:
         distances.append(plan.model.layout.distances(plan.bend_angle_at(times) - bend).ravel())
@@ -87,6 +89,7 @@ def reference_distances(
         LimbError: if there are recordings, and nothing to compare in them.
     """
     plan = trajectory.since_start()
+    # Collect the samples to compare.
     if recordings:
         samples = _samples(plan, recordings)
     else:
@@ -113,6 +116,7 @@ def true_bend(recording: Recording) -> Recording:
         recording: recording of an emulated limb, with its ``joint_state``.
     """
     assert recording.joint_state is not None
+    # Calculate the bends from the joint angles.
     angles = recording.joint_state[: recording.parameters.num_joints]
     bend = recording.model.mechanics.recorded_bend_angle(angles)
     return dataclasses.replace(recording, bend_angle=bend)

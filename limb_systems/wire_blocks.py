@@ -80,6 +80,7 @@ class ThermocoupleLag(AffineSystem):
         wires = _affine(parameters, "rates_are_affine", "heat")
         N = wires.num_states
         W = wires.num_wires
+        # The slopes of the readings' rates by [x, V, D].
         _, slopes = wires.heat.first(np.zeros(N + 2 * W))
         slopes = slopes[N:]  # of the readings
         super().__init__(
@@ -115,6 +116,7 @@ class TorqueMap(AffineSystem):
         wires = _affine(parameters, "torque_is_affine", "torque")
         states = np.zeros(wires.num_states)
         straight = np.zeros(len(wires.levers))
+        # The slopes of the forces by the states.
         _, slopes = wires.force.first(np.concatenate([states, straight]))
         super().__init__(D=slopes[:, : wires.num_states], y0=wires.forces(states, straight))
 
@@ -204,6 +206,7 @@ class LawDynamics(Diagram):
         super().__init__()
         builder = DiagramBuilder()
         size = len(initial)
+        # Integrate the rates, and feed the state back.
         function = builder.AddSystem(VectorFunction(rates, [size, num_inputs], size))
         integrator = builder.AddSystem(Integrator(np.asarray(initial, float)))
         builder.Connect(function.get_output_port(), integrator.get_input_port())

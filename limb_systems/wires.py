@@ -111,6 +111,7 @@ class Wires:
         torque_rates = []
         reading_rates = []
         for wire, (law, columns) in enumerate(zip(self._laws, self._columns, strict=True)):
+            # Evaluate the law of each wire for its own states.
             wire_states = [x[column] for column in columns]
             wire_rates = ca.vertcat(*law.rates(wire_states, D[wire], T0))
             rates[columns] = wire_rates
@@ -161,6 +162,7 @@ class Wires:
     def holding_duty(self, states: np.ndarray) -> np.ndarray:
         """Return D (W,) under which wires of the states (N,) stay at their temperatures."""
         W = self.num_wires
+        # Rates are affine in the duty: interpolate between off and on.
         rates_off = self.rates(states, np.zeros(W))[:W]
         rates_on = self.rates(states, np.ones(W))[:W]
         return rates_off / (rates_off - rates_on)

@@ -333,8 +333,8 @@ def _add_collision(link, shape: Shape, contact: dict, center=(0.0, 0.0, 0.0)) ->
     _add_shape(collision, shape, center, 0.0)
     properties = SubElement(collision, "drake:proximity_properties")
     for name, value in contact.items():
-        given = {} if value is None else {"value": _text(value)}
-        SubElement(properties, f"drake:{name}", given)
+        attributes = {} if value is None else {"value": _text(value)}
+        SubElement(properties, f"drake:{name}", attributes)
 
 
 def _add_shape(owner, shape: Shape, center: Sequence[float], pitch: float) -> None:

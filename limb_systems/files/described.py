@@ -37,6 +37,7 @@ class Described(Strict):
                 f"{cls.__name__} or the path of their YAML file are needed, but this is a "
                 f"{type(described).__name__}."
             )
+        # Copy, so that later changes do not reach the caller's object.
         parameters = copy.deepcopy(described) if described is not None else cls()
         parameters.validate()
         return parameters

@@ -113,6 +113,7 @@ def _text(value: float, duty_max: int) -> str:
 
 def _comment_lines(plan: Trajectory, rate: float, duty_max: int) -> list[str]:
     """Return the comment for the program that drives the limb, in lines."""
+    # Name the wires, the rate, the end of the rows and the assumptions.
     limits = plan.parameters.temperature_limits
     names = ", ".join(plan.parameters.wire_names)
     start_temperatures = ", ".join(f"{value:.1f}" for value in plan.wire_temperature[:, 0])
@@ -127,6 +128,7 @@ def _comment_lines(plan: Trajectory, rate: float, duty_max: int) -> list[str]:
         f"{start_temperatures} degC; air at",
         f"{plan.parameters.ambient_temperature:g} degC; the supply that it was calibrated with.",
     ]
+    # Add the provenance, without empty fields.
     provenance = dataclasses.asdict(plan.provenance) if plan.provenance else {}
     for name, value in provenance.items():
         if value not in ("", None):

@@ -87,10 +87,12 @@ class Provenance:
 @functools.cache
 def version_and_commit() -> tuple[str, str]:
     """Return the version of soft-limb and the commit of its checkout, see `Provenance`."""
+    # Find the version.
     try:
         version = importlib.metadata.version("soft-limb")
     except importlib.metadata.PackageNotFoundError:  # a copy that was never installed
         version = "unknown"
+    # Find the commit, if this is a checkout.
     if not (_ROOT / ".git").exists():
         return version, ""
     # In a git hook, git's variables name the repository of the hook.
@@ -112,6 +114,7 @@ def version_and_commit() -> tuple[str, str]:
 
 def command_line(arguments: list[str]) -> str:
     """Return a program's arguments, such as `sys.argv`, as one line for a shell."""
+    # Name the program as a user would type it.
     path = Path(arguments[0] if arguments else "")
     if path.name == "__main__.py":
         program = ["python", "-m", path.parent.name]
@@ -121,6 +124,7 @@ def command_line(arguments: list[str]) -> str:
         program = ["python"]
     else:
         program = [path.name]  # an installed command, whose folder nobody types
+    # Quote its arguments, printable and not too long.
     line = shlex.join([*program, *arguments[1:]])
     line = "".join(c if c.isprintable() else "?" for c in line)
     return line if len(line) <= _LONGEST_COMMAND else f"{line[: _LONGEST_COMMAND - 3]}..."

@@ -384,6 +384,7 @@ def _chosen_class(data: Any, given: list[type], where: str) -> type:
     tags = ", ".join(f"!{name}" for name in choices)
     if not isinstance(data, dict):
         raise SchemaError(f"{where} must be one of {tags}, but is {short_repr(data)}.")
+    # The first class is the default.
     tag = data.get("_tag", given[0].__name__)
     if tag not in choices:
         raise SchemaError(

@@ -52,6 +52,7 @@ def column_names(
     wires = parameters.wire_names
     suffixes = parameters.bend_suffixes
     joints = range(1, parameters.num_joints + 1)
+    # Wires have states other than T only with some laws.
     others = LimbModel.of(parameters).wires.state_names[len(wires) :]
     return {
         "time": ["time_s"],
@@ -176,6 +177,7 @@ class Samples(Summarized):
                 of a plan failed. A plan without a check is written, and its file says so.
         """
         count = len(self.time)
+        # Show the progress between the parts.
         with Progress(f"writing {Path(path).name}", count, "samples") as progress:
 
             def parts() -> Iterator[str]:

@@ -156,6 +156,7 @@ class TableWriter:
             return None
         self._is_ended = True
         self._rename = rename
+        # Queue the end, and wait for the thread.
         self._rows.put(self._text.end(interrupted))
         self._rows.put(None)
         self._thread.join(PATIENCE)

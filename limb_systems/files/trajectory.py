@@ -193,6 +193,7 @@ class Trajectory(Planned):
         start = float(self.time[0])
         if start == 0:
             return self
+        # Shift the times of the active constraints, too.
         bounds = [
             dataclasses.replace(bound, start=bound.start - start, end=bound.end - start)
             for bound in self.check.active_constraints
@@ -209,6 +210,7 @@ class Trajectory(Planned):
 
         Their slopes at the knots are the rates of the dynamics.
         """
+        # Evaluate the dynamics at each knot.
         limb = Limb(self.parameters)
         context = limb.CreateDefaultContext()
         duty = limb.GetInputPort("duty").FixValue(context, self.duty[:, 0])

@@ -152,6 +152,7 @@ def ghosts_of_plan(parameters: LimbParameters, plan: Trajectory, start: float = 
             f"The plan is for a limb of {planned_shape}, but the motion is of one of {shape}; they "
             "cannot be shown together."
         )
+    # Shift the ghosts to the time of the view.
     plan = plan.since_start()
     ghosts = [ghost_of_reference(plan), Ghost("plan", joint_angle_trajectory(plan))]
     for ghost in ghosts:
@@ -201,7 +202,7 @@ def view_of(
     if described.is_limb:
         return LimbView(described.as_single_limb, ghosts, root)
     if ghosts:
-        raise LimbError("A robot is shown without a plan beside it; leave the plan out.")
+        raise LimbError("A robot is shown without a plan; leave the plan out.")
     return connected("view")(described, root)
 
 
@@ -277,6 +278,7 @@ class LimbView:
             base_pose: pose of the limb's frame (E1, E2, E3) in the world; the world's origin if
                 None.
         """
+        # Remove an earlier limb, and place the folders of this one.
         self._base_pose = base_pose or RigidTransform()
         for folder in ("visualizer", "ghosts", "ground"):
             meshcat.Delete(f"{self._root}{folder}")
@@ -311,6 +313,7 @@ class LimbView:
         In space it is visible through the silicone, with the path of its tip. In a plane it is
         above the limb, between the wires.
         """
+        # In space, draw the path of the tip, too.
         if not self._is_planar:
             trajectory = ghost.joint_angles
             times = np.linspace(trajectory.start_time(), trajectory.end_time(), 999)
@@ -329,6 +332,7 @@ class LimbView:
         self, meshcat: Meshcat, joint_angles: np.ndarray, ghost: Ghost | None = None
     ) -> None:
         """Add a dot at the tip of a limb in space, or of its ghost, for each θ (n, K)."""
+        # Make a cloud of points, one for each θ.
         dots = PointCloud(joint_angles.shape[1])
         dots.mutable_xyzs()[:] = tip_position(self._parameters, joint_angles)
         path = f"{self._root}ghosts/{f'{ghost.name}/' if ghost else ''}tip"

@@ -285,6 +285,7 @@ def motion_panels(motion: Recording | Planned) -> list[Panel]:
     """Return the panels of a limb's, or each connected limb's, bend angles, heat and duty."""
 
     def curves(signal: str, row: int, wire: str, color: str) -> list[Curve]:
+        # Draw the signal, and the wire temperature with the readings.
         values = _in_unit(signal, getattr(motion, signal)[row])
         steps = signal == "duty" and motion.HOLDS_DUTY
         drawn = [Curve(f"{wire}{SIGNALS[signal].symbol}", motion.time, values, color, steps=steps)]

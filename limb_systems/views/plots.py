@@ -124,6 +124,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     check_picture(path)
     if path.suffix.lower() in PAPER_SUFFIXES:
         figure = _in_a_column(figure)
+    # Embed fonts as TrueType, which journals ask for.
     picture = io.BytesIO()
     with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):  # TrueType, as asked for
         figure.savefig(picture, format=path.suffix[1:].lower(), dpi=150)
@@ -134,6 +135,7 @@ def _in_a_column(figure: Figure) -> Figure:
     """Return a copy that fits a column of a paper."""
     figure = pickle.loads(pickle.dumps(figure))
     width, height = figure.get_size_inches()
+    # Make it narrow, with the legend in two columns, thin lines and small text.
     figure.set_size_inches(COLUMN_WIDTH, 1.4 * height * COLUMN_WIDTH / width)
     for axis in figure.axes:
         if axis.get_legend():

@@ -22,7 +22,7 @@ from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, Prior, WireLaw, l
 # show a part. Direct losses: of leads, and free convection by the fourth root of the temperature
 # difference. Heating: resistance of austenite is 10 to 20% below martensite's, at constant
 # current or voltage. Stress: 7 to 14 MPa/°C of such wires. Creep: silicones relax by a tenth or two
-# within some seconds, alike for all wires.
+# within some seconds, in the same way for all wires.
 
 
 @dataclasses.dataclass

@@ -83,6 +83,7 @@ class WireLaw(Tagged):
         for name, value in vars(cls).items():
             if isinstance(value, dataclasses.Field):
                 fields[name] = value
+        # Add a line for each field that has a meaning.
         lines = []
         for name, field in fields.items():
             if meaning := field.metadata.get("meaning"):

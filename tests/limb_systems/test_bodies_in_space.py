@@ -81,8 +81,8 @@ def test_bends_and_tip_equal_the_bends_and_tip_of_the_beam(point):
         expected += [np.arctan2(length, along) * part / length for part in across]
         base, frame = end, frame_there
     assert expected.pop() == pytest.approx(0.0, abs=1e-12)  # the last segment is planar
-    found = bend_angle(limb_of_three_kinds(), angles)
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    actual = bend_angle(limb_of_three_kinds(), angles)
+    np.testing.assert_allclose(actual, expected, atol=1e-12)
 
 
 def test_potential_and_kinetic_energy_equal_the_energies_of_the_beam(point):

@@ -132,5 +132,5 @@ def test_equilibria_have_exact_derivatives_and_no_acceleration(limb):
         return np.einsum("ki,kij->kj", weights, held.first(at)[1]) * scales
 
     expected = quotients(weighted, states, scales)
-    found = scales[:, None] * held.second(states, weights) * scales
-    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max() + 1e-9)
+    actual = scales[:, None] * held.second(states, weights) * scales
+    np.testing.assert_allclose(actual, expected, atol=1e-7 * np.abs(expected).max() + 1e-9)

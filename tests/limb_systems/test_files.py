@@ -287,12 +287,12 @@ def test_interrupted_writing_leaves_the_old_file_and_nothing_else(tmp_path, monk
             def interrupt(*_, error=error, **__):
                 raise error
 
-            told = OutputError if isinstance(error, OSError) else type(error)
+            expected_error = OutputError if isinstance(error, OSError) else type(error)
             with monkeypatch.context() as patch:
                 patch.setattr(os, function, interrupt)
-                with pytest.raises(told):
+                with pytest.raises(expected_error):
                     make_recording(samples=10).save(path)
-                with pytest.raises(told):
+                with pytest.raises(expected_error):
                     LimbParameters().save(tmp_path / "limb.yaml")
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]

@@ -62,8 +62,8 @@ def test_rod_sags_as_the_rod_of_another_library():
     *_, half_of_tangent = np.loadtxt(SAG, delimiter=",", skiprows=1)[-1]
     weight = (0.0, -0.025 * 9.81 / 0.10, 0.0)
     tip = Rod(length=0.10, bending=1.727e-3, torsional=1e-3, weight=weight).tip()
-    found = np.degrees(np.arctan2(tip.tangent[1], tip.tangent[0])) / 2
-    assert found == pytest.approx(half_of_tangent, abs=2e-3)
+    actual = np.degrees(np.arctan2(tip.tangent[1], tip.tangent[0])) / 2
+    assert actual == pytest.approx(half_of_tangent, abs=2e-3)
 
 
 def misses(limb: LimbParameters, bend=(0.0, 0.0)) -> float:

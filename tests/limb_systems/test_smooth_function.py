@@ -74,10 +74,10 @@ def test_drakes_scalars_pass_through():
     """A constant among the values becomes one of Drake's scalars, too."""
     point = ca.SX.sym("p", 2)
     function = SmoothFunction(ca.vertcat(ca.tanh(point[0]) * point[1], 4.0), point)
-    found = function.values(InitializeAutoDiff(np.array([0.3, 2.0]))[:, 0])
-    np.testing.assert_allclose(ExtractValue(found)[:, 0], [2.0 * np.tanh(0.3), 4.0], rtol=1e-15)
+    actual = function.values(InitializeAutoDiff(np.array([0.3, 2.0]))[:, 0])
+    np.testing.assert_allclose(ExtractValue(actual)[:, 0], [2.0 * np.tanh(0.3), 4.0], rtol=1e-15)
     expected = [[2.0 / np.cosh(0.3) ** 2, np.tanh(0.3)], [0.0, 0.0]]
-    np.testing.assert_allclose(ExtractGradient(found), expected, rtol=1e-14)
+    np.testing.assert_allclose(ExtractGradient(actual), expected, rtol=1e-14)
 
 
 def test_operations_that_are_not_smooth_are_refused():

@@ -53,10 +53,10 @@ def test_heat_of_two_masses_is_the_matrix_exponential():
     recording = simulate(
         Limb(limb_with(law, law)), [0.0, 0.3], 60.0, sample_rate=0.1, accuracy=1e-8
     )
-    found = [recording.wire_temperature[1], recording.measured_temperature[1]]
+    actual = [recording.wire_temperature[1], recording.measured_temperature[1]]
     for k, time in enumerate(recording.time):
         T, _, V, _ = expm(np.array(rates) * time) @ [0.0, 0.0, 0.0, 0.3]
-        np.testing.assert_allclose([row[k] for row in found], [25 + T, 25 + V], atol=1e-4)
+        np.testing.assert_allclose([row[k] for row in actual], [25 + T, 25 + V], atol=1e-4)
     # In the end the silicone passes on all that it gets.
     _, settled = LimbModel.of(limb_with(law, law)).wires.integrate_states(
         np.full(4, 25.0), np.array([[0.0, 0.3]] * 2), np.array([0.0, 2000.0]), longest_step=1.0
@@ -303,7 +303,7 @@ def test_the_limb_has_the_law_written_out(planar_chain):
         context = system.CreateDefaultContext()
         context.SetContinuousState(np.concatenate([angles, rates, T, *others, V]))
         system.GetInputPort("duty").FixValue(context, D)
-        found = system.EvalTimeDerivatives(context).CopyToVector()
+        actual = system.EvalTimeDerivatives(context).CopyToVector()
 
         heating = np.array([-0.08, -0.1]) * (T - S) + np.array([20.0, 25.0]) * D
         expected = [heating, 0.004 * (T - S) - 0.012 * (S - 25.0)]
@@ -332,7 +332,7 @@ def test_the_limb_has_the_law_written_out(planar_chain):
             shown = 0.9 * T + 0.1 * S
         expected += path if kind in (HystereticLaw, CoupledLaw) else []
         expected.append(np.array([1.0, 0.7]) * (shown - V))
-        np.testing.assert_allclose(found[10:], np.concatenate(expected), rtol=1e-9)
+        np.testing.assert_allclose(actual[10:], np.concatenate(expected), rtol=1e-9)
         torque = {
             TwoMassLaw: 4.7e-4 * (T - 25.0),
             ThresholdLaw: 4.9e-3 * (np.log1p(np.exp((T - 48) / 7)) - np.log1p(np.exp(-23 / 7))),
@@ -342,7 +342,7 @@ def test_the_limb_has_the_law_written_out(planar_chain):
         }[kind]
         force = np.full(5, torque[1] - torque[0])
         expected = planar_chain(limb).acceleration(angles, rates, force)
-        np.testing.assert_allclose(found[5:10], expected, rtol=1e-7)
+        np.testing.assert_allclose(actual[5:10], expected, rtol=1e-7)
 
 
 def reference_shares(solver, turns: list[float]) -> list[np.ndarray]:
