@@ -119,16 +119,17 @@ def parameter_owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
     """
     # Find the objects that the part of the name before the field stands for.
     segment = parameters.segments[0]
-    before, _, field = name.rpartition(".")
+    owner_name, _, field = name.rpartition(".")
     owners: Sequence[Any] = (parameters, segment)
-    if before == "rest_memory":
+    if owner_name == "rest_memory":
         owners = [segment.rest_memory or RestMemory()]
-    elif before == "bend_sensor":
+    elif owner_name == "bend_sensor":
         owners = [segment.bend_sensor]
-    elif before:
-        owners = [
-            owner for wire in segment.wires if wire.name == before for owner in (wire.law, wire)
-        ]
+    elif owner_name:
+        owners = []
+        for wire in segment.wires:
+            if wire.name == owner_name:
+                owners = [wire.law, wire]
     # Return the first object that has the field.
     for owner in owners:
         if hasattr(owner, field):

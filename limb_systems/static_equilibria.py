@@ -39,6 +39,7 @@ class StaticEquilibria:
     def __init__(self, dynamics: Dynamics, of_equal_angles: bool = False):
         mechanics = dynamics.mechanics
         self.wires = dynamics.wires
+        # State the bends as functions of θ.
         q = ca.SX.sym("q", dynamics.num_joints)
         self._residual = dynamics.at_rest
         self._chords = SmoothFunction(Chain(mechanics, q).bends(), q)  # φ (F,) of θ
@@ -46,6 +47,7 @@ class StaticEquilibria:
         if of_equal_angles:
             to_bends = np.linalg.pinv(mechanics.shape)
             self.bends_of_angles = SmoothFunction(ca.DM(to_bends) @ q, q)
+        # The matrices of derivatives are dense.
         num_states = self.wires.num_states
         self.num_values = self.bends_of_angles.num_values
         self.slope_places = np.indices((self.num_values, num_states)).reshape(2, -1)

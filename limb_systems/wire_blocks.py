@@ -155,16 +155,12 @@ def VectorFunction_(T: type) -> Any:
         ):
             LeafSystem_[T].__init__(self, converter=converter)
             self._arguments = function, input_sizes, output_size
-            ports = [
-                self.DeclareVectorInputPort(f"u{index}", size)
-                for index, size in enumerate(input_sizes)
-            ]
-            self.DeclareVectorOutputPort(
-                "value",
-                output_size,
-                weak_method(self._calc),
-                {self.input_port_ticket(port.get_index()) for port in ports},
-            )
+            # The output depends on the inputs only, so that Drake keeps its value.
+            tickets = set()
+            for index, size in enumerate(input_sizes):
+                port = self.DeclareVectorInputPort(f"u{index}", size)
+                tickets.add(self.input_port_ticket(port.get_index()))
+            self.DeclareVectorOutputPort("value", output_size, weak_method(self._calc), tickets)
 
         def _construct_copy(self, other, converter=None):
             Impl._construct(self, *other._arguments, converter=converter)

@@ -125,7 +125,7 @@ class Samples(Summarized):
         """Return `column_names` of the signals that these samples have."""
         signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}
         names = column_names(parameters, robot)
-        return {name: group for name, group in names.items() if name in signals}
+        return {name: names[name] for name in names if name in signals}
 
     @property
     def model(self) -> LimbModel:

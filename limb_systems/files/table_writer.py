@@ -181,7 +181,7 @@ class TableWriter:
                     self._restore()
                     os.fsync(self._file)
                     synced = time.monotonic()
-            # Finish the file.
+            # Remove a file without rows, or finish it and give it its name.
             if not self.num_rows and not self._rename:
                 self.path.unlink(missing_ok=True)
                 return

@@ -80,11 +80,12 @@ def wire_paths(limb: LimbParameters, bodies: str, model: str) -> list[list[str]]
         bodies: beginning of the paths of the limb's bodies.
         model: name of the model that the bodies are of.
     """
-    return [
-        [f"{bodies}{body}/{model}/wire_{wire.name}" for body, _ in pieces]
-        for segment, pieces in zip(limb.segments, LimbModel.of(limb).mechanics.pieces, strict=True)
-        for wire in segment.wires
-    ]
+    paths = []
+    pieces_of = LimbModel.of(limb).mechanics.pieces
+    for segment, pieces in zip(limb.segments, pieces_of, strict=True):
+        for wire in segment.wires:
+            paths.append([f"{bodies}{body}/{model}/wire_{wire.name}" for body, _ in pieces])
+    return paths
 
 
 def color_wires(

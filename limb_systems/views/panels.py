@@ -284,21 +284,22 @@ def _in_unit(signal: str, values: np.ndarray) -> np.ndarray:
 def motion_panels(motion: Recording | Planned) -> list[Panel]:
     """Return the panels of a limb's, or each connected limb's, bend angles, heat and duty."""
 
-    def curves(signal: str, row: int, wire: str, color: str) -> list[Curve]:
-        # Draw the signal, and the wire temperature with the readings.
+    def motion_curves(signal: str, row: int, wire: str, color: str) -> list[Curve]:
+        """Return the curve of a signal's row; readings have the wire temperature with them."""
         values = _in_unit(signal, getattr(motion, signal)[row])
         steps = signal == "duty" and motion.HOLDS_DUTY
-        drawn = [Curve(f"{wire}{SIGNALS[signal].symbol}", motion.time, values, color, steps=steps)]
+        name = f"{wire}{SIGNALS[signal].symbol}"
+        curves = [Curve(name, motion.time, values, color, steps=steps)]
         if signal == "measured_temperature" and motion.wire_temperature is not None:
-            heat = motion.wire_temperature[row]
-            drawn.append(Curve(f"{wire}T", motion.time, heat, color, "dotted"))
-        return drawn
+            temperature = motion.wire_temperature[row]
+            curves.append(Curve(f"{wire}T", motion.time, temperature, color, "dotted"))
+        return curves
 
     start, end = motion.time[[0, -1]]
     limit = _limit_curve("T_max", motion.parameters.temperature_limits.maximum, start, end)
     return [
         *connected_panels(motion),
-        *measured_panels(motion.parameters, curves, None, limits=[limit]),
+        *measured_panels(motion.parameters, motion_curves, None, limits=[limit]),
     ]
 
 

@@ -126,7 +126,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         figure = _in_a_column(figure)
     # Embed fonts as TrueType, which journals ask for.
     picture = io.BytesIO()
-    with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):  # TrueType, as asked for
+    with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):
         figure.savefig(picture, format=path.suffix[1:].lower(), dpi=150)
     write_atomically(path, picture.getvalue())
 

@@ -194,18 +194,18 @@ def _ghosts_beside(motion: Recording | Planned, plan: Trajectory | None) -> list
 def _places_in_words(parameters: LimbParameters) -> str:
     """Return the places of the wires in the view: from the top down, or around E1 in space."""
     if not LimbModel.of(parameters).layout.is_planar:
-        places = dict.fromkeys(
-            ", ".join(f"{wire.name} {np.rad2deg(wire.angle):.0f}°" for wire in segment.wires)
-            for segment in parameters.segments
-        )
-        return f"wires from +E2 towards +E3, which is up: {'; '.join(places)}"
-    downwards = dict.fromkeys(
-        ", ".join(wire.name for wire in sorted(segment.wires, key=lambda wire: -wire.e2))
-        for segment in parameters.segments
-    )
-    if list(downwards) == ["right, left"]:
+        places: list[str] = []
+        for segment in parameters.segments:
+            angles = [f"{wire.name} {np.rad2deg(wire.angle):.0f}°" for wire in segment.wires]
+            places.append(", ".join(angles))
+        return f"wires from +E2 towards +E3, which is up: {'; '.join(dict.fromkeys(places))}"
+    orders: list[str] = []
+    for segment in parameters.segments:
+        downwards = sorted(segment.wires, key=lambda wire: -wire.e2)
+        orders.append(", ".join(wire.name for wire in downwards))
+    if set(orders) == {"right, left"}:
         return "upper wire: right, lower wire: left"
-    return f"wires from top to bottom: {'; '.join(downwards)}"
+    return f"wires from top to bottom: {'; '.join(dict.fromkeys(orders))}"
 
 
 def _css(color: Sequence[float]) -> str:
