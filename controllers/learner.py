@@ -24,7 +24,7 @@ from scipy.signal import detrend
 from controllers.duty_correction import READING_MARGIN, DutyCorrection, Residuals
 from controllers.estimator import DRIFT_TIME
 from limb_systems import LimbError, LimbModel, Provenance, Recording, Trajectory
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.files.input import LARGEST_TABLE, FirstLine, read_bytes
 from limb_systems.files.output import write_atomically
@@ -401,9 +401,9 @@ class Learner:
         bend = recording.bend_angle[:, usable]
         readings = recording.measured_temperature[:, usable]
         distances = reference_distances(self.trajectory, [recording])
-        assert distances.done is not None  # of recordings
+        assert distances.measured is not None  # of recordings
         return Repetition(
-            reference_distance=distances.done,
+            reference_distance=distances.measured,
             mean_error=tracking_errors(self.trajectory, [recording]).mean,
             interrupted=interrupted,
             remark="",
@@ -566,7 +566,7 @@ class Learner:
             )
         # Make the learner of the plan, and give it the repetitions.
         state = json.loads(body)
-        with raised_as(FileFormatError, f"{path}: "):  # such as a law whose module is not imported
+        with reraise_as(FileFormatError, f"{path}: "):  # such as a law whose module is not imported
             learner = cls(Trajectory.from_text(state["plan"]))
         for saved in state["repetitions"]:
             arrays = {name: np.array(v) for name, v in saved.items() if isinstance(v, list)}

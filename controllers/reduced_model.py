@@ -67,7 +67,7 @@ class ReducedModel:
 
         N = self._wires.num_states
         after = heat + self.period * rates(heat + 0.5 * self.period * rates(heat))
-        return ca.vertcat(self._wires.within(after[:N]), after[N:])
+        return ca.vertcat(self._wires.clamp_states(after[:N]), after[N:])
 
     @functools.cached_property
     def heating_rates(self) -> np.ndarray:

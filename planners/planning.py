@@ -19,8 +19,8 @@ from limb_systems import (
     Trajectory,
     band,
 )
-from limb_systems.held_angles import HeldAngles
 from limb_systems.layout import Layout
+from limb_systems.static_equilibria import StaticEquilibria
 from planners import references
 from planners.plan_check import (
     active_constraints,

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbModel, LimbParameters, Recording
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS, first_line, read_text
-from limb_systems.symbolic_chain import tip_of_angles
+from limb_systems.symbolic_chain import tip_position_function
 
 IN_SPACE = (
     "If yours bends in space, write axes: 2 into its segments in its YAML file, and where its "
@@ -162,7 +162,7 @@ def _load(
     text = read_text(path, "reference", LimbError, LARGEST_TABLE)
     if foreign := _kind_of_other_file(text):
         raise LimbError(f"{path} {foreign}.")
-    with raised_as(LimbError, f"{path}: "):
+    with reraise_as(LimbError, f"{path}: "):
         table = _table(text)
         return table, reference_of(table)
 

@@ -43,7 +43,7 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
         ) from error
     full_state = mujoco.mjtState.mjSTATE_FULLPHYSICS
     torques = mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
-    parameters = robot.together
+    parameters = robot.as_single_limb
     num_samples = int(cycles * gait.period / PERIOD + 1e-9) + 2
     times = PERIOD * np.arange(num_samples)
     heat, readings, forces = _wires_along(gait, robot, cycles, times)
@@ -108,7 +108,7 @@ def _wires_along(
     gait: Gait, robot: RobotParameters, cycles: int, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray, np.ndarray], np.ndarray]]:
     """Return x (K, N) and V (K, W) of a robot's wires at times (K,), and `Wires.forces`."""
-    limbs = copy.deepcopy(robot.together)
+    limbs = copy.deepcopy(robot.as_single_limb)
     for segment in limbs.segments:
         segment.stiffening = 0.0  # which MuJoCo has
     wires = LimbModel.of(limbs).wires

@@ -126,9 +126,9 @@ def _warm_up(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.nda
         duration = PERIOD * np.ceil(duration / PERIOD)
         times = np.linspace(0.0, duration, 11)
         level = np.full(W, 0.5)
-        cooled = wires.under_duty(start, np.zeros((11, W)), times)[-1, :W]
+        cooled = wires.integrate_states(start, np.zeros((11, W)), times)[-1, :W]
         for _ in range(10):  # T rises with duty, in proportion where heat is linear
-            reached = wires.under_duty(start, np.tile(level, (11, 1)), times)[-1, :W]
+            reached = wires.integrate_states(start, np.tile(level, (11, 1)), times)[-1, :W]
             if np.abs(reached - target).max() < NEAR and level.sum() <= gait.robot.total_duty:
                 return duration, level[None]
             rise = np.maximum(reached - cooled, NEAR)
@@ -161,7 +161,7 @@ def _change(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndar
         share += pace * STEP
         level = np.clip(by_pace * pace + at_rest, 0.0, 1.0)
         level *= min(1.0, total / max(level.sum(), 1e-9))
-        states = wires.under_duty(states, np.tile(level, (2, 1)), np.array([0.0, STEP]))[-1]
+        states = wires.integrate_states(states, np.tile(level, (2, 1)), np.array([0.0, STEP]))[-1]
         levels.append(level)
     return STEP * len(levels), np.array(levels)
 

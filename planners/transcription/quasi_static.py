@@ -25,7 +25,7 @@ from pydrake.solvers import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw
-from limb_systems.held_angles import HeldAngles
+from limb_systems.static_equilibria import StaticEquilibria
 from limb_systems.wires import Wires
 from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE, heat_block
@@ -80,7 +80,7 @@ def check_temperature_limits(
         """Return x (K, N) at times (K,) with all wires at this duty."""
         duty = np.full((len(until) + 1, wires.num_wires), level)
         until = np.append(0.0, until)
-        return wires.under_duty(initial_states, duty, until, CHECK_STEP)[1:]
+        return wires.integrate_states(initial_states, duty, until, CHECK_STEP)[1:]
 
     warm_knots = times > warm_up_time
     first_warm_knot = times[np.argmax(warm_knots)]
