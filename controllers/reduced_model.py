@@ -28,7 +28,7 @@ class ReducedModel:
     - ``num_wires``, ``num_bends``, ``size``: W, F and H.
     - ``cold``: heat of wires that were never heated (H,).
     - ``scales``: typical changes of the heat (H,).
-    - ``statics``: the `HeldAngles` of the limb.
+    - ``statics``: the `StaticEquilibria` of the limb.
     - ``symbolic_step``: `step` as a CasADi function.
     - ``bend_by_torque``: each bend by a torque on each of the joints that make it (F,), rad/(N·m).
 

@@ -440,7 +440,7 @@ def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarra
     return angles
 
 
-def _initial_state(statics: HeldAngles, initial_state) -> np.ndarray:
+def _initial_state(statics: StaticEquilibria, initial_state) -> np.ndarray:
     wires = statics.wires
     rest = statics.resting_state(wires.cold_states[: wires.num_wires])
     if initial_state is None:

@@ -316,7 +316,7 @@ def from_tip_path(
     # Refuse paths of another shape.
     mechanics = LimbModel.of(parameters).mechanics
     layout = mechanics.layout
-    tip_of = tip_of_angles(mechanics)
+    tip_of = tip_position_function(mechanics)
     path = np.atleast_2d(np.asarray(path, float))
     times = np.asarray(times, float)
     sideways = [1] if layout.is_planar else [1, 2]

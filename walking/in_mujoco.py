@@ -121,7 +121,7 @@ def _wires_along(
     for start, end in itertools.pairwise(held_until):
         within = ends[(ends >= start) & (ends <= end)]
         levels = np.tile(duty.value(start).ravel(), (len(within), 1))
-        course += [*wires.under_duty(course[-1], levels, within)[1:]]
+        course += [*wires.integrate_states(course[-1], levels, within)[1:]]
     readings = integrate_readings(wires, np.array(course), heat[wires.num_states :], ends)
     places = np.searchsorted(ends, times)
     return np.array(course)[places], readings[places], wires.forces

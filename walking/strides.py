@@ -63,7 +63,7 @@ class StridesFit:
             np.linspace(0.0, pause, 2 + int(pause)),
         )
         states, readings = np.split(self.heat, [-wires.num_wires])
-        course = wires.under_duty(states, np.zeros((len(times), wires.num_wires)), times)
+        course = wires.integrate_states(states, np.zeros((len(times), wires.num_wires)), times)
         return np.append(course[-1], integrate_readings(wires, course, readings, times)[-1])
 
 
@@ -131,7 +131,7 @@ def fit_heat(
             for law, before, change in zip(laws, given, of_wires, strict=True):
                 setattr(law, rate, float(getattr(before, rate) * np.exp(change)))
         wires = LimbModel.of(together).wires
-        states = wires.under_duty(wires.cold_states, duty, times)
+        states = wires.integrate_states(wires.cold_states, duty, times)
         return states, integrate_readings(wires, states, wires.cold_states[:W], times)
 
     # Readings of a wire deviate for as long as it takes to cool: so many count as one.

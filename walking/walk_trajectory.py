@@ -176,5 +176,5 @@ def _never_reached() -> LimbError:
 def _heat(wires: Wires, start: np.ndarray, duty: np.ndarray, times: np.ndarray) -> np.ndarray:
     """[x, V] (K, N + W) under duty (K, W) that is linear between times (K,), from a start."""
     states, readings = np.split(start, [-wires.num_wires])
-    course = wires.under_duty(states, duty, times)
+    course = wires.integrate_states(states, duty, times)
     return np.hstack([course, integrate_readings(wires, course, readings, times)])

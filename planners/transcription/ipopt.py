@@ -311,7 +311,7 @@ class _SparsePattern:
 
 
 class _StackedEvaluators:
-    """Costs or constraints of a program, stacked, evaluated by Drake's AutoDiff.
+    """Costs or constraints of a program, stack_limbs, evaluated by Drake's AutoDiff.
 
     - ``size``: number of their values.
     - ``rows``, ``columns``: places of the Jacobian's nonzeros.

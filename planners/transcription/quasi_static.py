@@ -124,7 +124,7 @@ def check_temperature_limits(
         )
 
 
-def static_motion(statics: HeldAngles, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+def static_motion(statics: StaticEquilibria, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
     """Return [θ, θ̇] (K, 2n) in equilibrium with the wires' states x (K, N) under duty (K, W)."""
     angles, slopes = statics.expanded(states)
     rates = (slopes @ statics.wires.rates(states, duty)[:, :, None])[:, :, 0]
@@ -210,7 +210,7 @@ class QuasiStaticProgram(PlanProgram):
         self,
         parameters: LimbParameters | LimbModel,
         times: np.ndarray,
-        statics: HeldAngles,
+        statics: StaticEquilibria,
         task: Task,
         measured_margin: ArrayLike = 0.0,
         limit_weight: float | None = None,
@@ -281,7 +281,7 @@ class QuasiStaticProgram(PlanProgram):
             middle = np.full(wires.num_wires, 0.5 * (limits.warm + limits.maximum))
             constant = wires.holding_duty(wires.settled_states(middle))
             duty = np.tile(constant, (len(self.times), 1))
-        states = wires.under_duty(start[:N], duty, self.times)
+        states = wires.integrate_states(start[:N], duty, self.times)
         readings = integrate_readings(wires, states, start[N:], self.times)
         return self.variables(np.hstack([states, readings]).T, duty.T)
 
