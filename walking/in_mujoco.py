@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from limb_systems import LimbError, LimbModel, Recording, bend_angle
 from limb_systems.simulation import PERIOD, SimulationError
-from planners.transcription.quasi_static import readings_along
+from planners.transcription.quasi_static import integrate_readings
 from urdf import robot_mjcf
 from walking import Gait, RobotParameters
 from walking.robot import body_positions
@@ -122,6 +122,6 @@ def _wires_along(
         within = ends[(ends >= start) & (ends <= end)]
         levels = np.tile(duty.value(start).ravel(), (len(within), 1))
         course += [*wires.integrate_states(course[-1], levels, within)[1:]]
-    readings = readings_along(wires, np.array(course), heat[wires.num_states :], ends)
+    readings = integrate_readings(wires, np.array(course), heat[wires.num_states :], ends)
     places = np.searchsorted(ends, times)
     return np.array(course)[places], readings[places], wires.forces

@@ -18,7 +18,7 @@ from calibration.recordings.repair import filled
 from calibration.remarks import CalibrationError
 from limb_systems import LimbModel, Recording
 from limb_systems.kinematics import joint_angles_from_bend_angle
-from planners.transcription.quasi_static import readings_along
+from planners.transcription.quasi_static import integrate_readings
 from walking.gait import Gait
 from walking.gait_check import scale_limb, with_friction
 from walking.gait_program import SLIDES
@@ -64,7 +64,7 @@ class StridesFit:
         )
         states, readings = np.split(self.heat, [-wires.num_wires])
         course = wires.integrate_states(states, np.zeros((len(times), wires.num_wires)), times)
-        return np.append(course[-1], readings_along(wires, course, readings, times)[-1])
+        return np.append(course[-1], integrate_readings(wires, course, readings, times)[-1])
 
 
 def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> StridesFit:
@@ -132,7 +132,7 @@ def fit_heat(
                 setattr(law, rate, float(getattr(before, rate) * np.exp(change)))
         wires = LimbModel.of(together).wires
         states = wires.integrate_states(wires.cold_states, duty, times)
-        return states, readings_along(wires, states, wires.cold_states[:W], times)
+        return states, integrate_readings(wires, states, wires.cold_states[:W], times)
 
     # Readings of a wire deviate for as long as it takes to cool: so many count as one.
     alike = recording.sample_rate / laws[0].typical_rates()["fastest_cooling"]

@@ -9,7 +9,7 @@ from limb_systems.files.signal_table import doses
 from limb_systems.kinematics import joint_angles_from_bend_angle
 from limb_systems.simulation import PERIOD
 from limb_systems.wires import Wires
-from planners.transcription.quasi_static import readings_along
+from planners.transcription.quasi_static import integrate_readings
 from walking.gait import Gait
 
 SHORTEST_WARM_UP, LONGEST_WARM_UP = 1.0, 300.0  # s
@@ -177,4 +177,4 @@ def _heat(wires: Wires, start: np.ndarray, duty: np.ndarray, times: np.ndarray) 
     """[x, V] (K, N + W) under duty (K, W) that is linear between times (K,), from a start."""
     states, readings = np.split(start, [-wires.num_wires])
     course = wires.integrate_states(states, duty, times)
-    return np.hstack([course, readings_along(wires, course, readings, times)])
+    return np.hstack([course, integrate_readings(wires, course, readings, times)])
