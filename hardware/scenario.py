@@ -213,7 +213,7 @@ class PlantConfig(Strict):
 class SimulationConfig(Strict):
     """Settings of the simulator, see Drake's `SimulatorConfig`.
 
-    - ``integration_scheme``: by default explicit_euler if the plant is in steps, which leaves only
+    - ``integration_scheme``: name of it; explicit_euler if the plant is in steps, which leaves only
       heat to integrate, else radau3.
     - ``max_step_size``: s.
     - ``use_error_control``: whether the accuracy controls the steps; by default if the scheme can.

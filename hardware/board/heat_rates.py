@@ -79,8 +79,8 @@ def fit_heat_rates(heatings: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> 
     """Return the rates that come closest to the readings of a wire.
 
     Args:
-        heatings: for each heating the duty (K), the rise of the reading after each step (K), °C,
-            and the interval of the steps, s.
+        heatings: a row for each heating: duty (K), rise of the reading after each step (K), °C,
+            and interval of the steps, s.
 
     Returns:
         The rates; None if the wire was not heated.
