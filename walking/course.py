@@ -9,8 +9,8 @@ from limb_systems import LimbModel, tip_position
 from planners.transcription.solving import PlanningError
 from walking.robot_parameters import RobotParameters
 
-LEAST_TURN = 0.05  # rad, of robots that turn as far as they can
-MOST_TURN = np.pi / 2  # rad, in a cycle
+MIN_TURN = 0.05  # rad, of robots that turn as far as they can
+MAX_TURN = np.pi / 2  # rad, in a cycle
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +63,7 @@ def check_course(robot: RobotParameters, course: Course) -> None:
             f"side, the feet are at most {1e3 * furthest:.3g} mm apart."
         )
     arm = min(math.hypot(limb.position[0], limb.position[1]) for limb in robot.limbs)
-    most = min(MOST_TURN, 2 * np.arcsin(min(1.0, furthest / 2 / max(arm, 1e-6))))
+    most = min(MAX_TURN, 2 * np.arcsin(min(1.0, furthest / 2 / max(arm, 1e-6))))
     if np.isfinite(turn) and abs(turn) > most:
         raise PlanningError(
             f"A turn of {np.rad2deg(turn):.3g}° in a cycle cannot be had: between wires at T_max "

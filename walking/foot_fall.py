@@ -12,11 +12,11 @@ from walking.robot import make_robot, set_positions
 from walking.robot_parameters import RobotParameters
 
 # m/s, and m/s for each N along the ground, twice that by which feet that stick creep in Drake.
-SLOWEST, CREEP = 2e-4, 8.4e-4
-LIFTED = 0.02  # share of what all feet carry
+MIN_SLIDING_SPEED, CREEP_PER_FORCE = 2e-4, 8.4e-4
+LIFTED_LOAD_SHARE = 0.02  # share of what all feet carry
 # s, over which speeds are averaged where a camera's noise would make feet slide; and the speed, as
 # a multiple of the standard deviation of what noise leaves of it, from which they then do.
-AVERAGED, OVER_NOISE = 0.5, 3.0
+AVERAGING_TIME, NOISE_FACTOR = 0.5, 3.0
 
 
 def foot_fall(recording: Recording) -> list[GaitPhase]:
@@ -42,19 +42,23 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
             "forces, which this recording does not have."
         )
     assert forces is not None
-    velocity, noise = _velocity(recording)
+    velocity, noise = _foot_velocity(recording)
     speed = np.linalg.norm(velocity, axis=1)  # (L, K-1)
     of_feet = forces.reshape(len(robot.limbs), -1, len(recording.time))
     of_feet = (of_feet[..., 1:] + of_feet[..., :-1]) / 2
     along, load = np.linalg.norm(of_feet[:, :-1], axis=1), of_feet[:, -1]
-    swings = load <= LIFTED * load.sum(axis=0)
+    swings = load <= LIFTED_LOAD_SHARE * load.sum(axis=0)
     slides = np.where(velocity[:, 0] > 0, "slide_forward", "slide_backward")
     if robot.body.mount != "planar":
         slides = np.full(slides.shape, "slide")
     contacts = np.where(
         swings,
         "swing",
-        np.where(speed > SLOWEST + CREEP * along + OVER_NOISE * noise, slides, "stick"),
+        np.where(
+            speed > MIN_SLIDING_SPEED + CREEP_PER_FORCE * along + NOISE_FACTOR * noise,
+            slides,
+            "stick",
+        ),
     )
     starts = zip(recording.time[:-1].tolist(), contacts.T.tolist(), strict=True)
     return [
@@ -63,20 +67,20 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
     ]
 
 
-def _velocity(recording: Recording) -> tuple[np.ndarray, float]:
+def _foot_velocity(recording: Recording) -> tuple[np.ndarray, float]:
     """Velocity of each foot's point at the ground along x and y, and the noise in it.
 
     Returns:
         From each sample to the next (L, 2, K-1), m/s, and the standard deviation of noise in each
         of its numbers, m/s; 0 if there is less noise than would make feet slide.
     """
-    slip, steps = _slip(recording), np.diff(recording.time)
+    slip, steps = _foot_slip(recording), np.diff(recording.time)
     step = float(np.median(steps))
-    averaged = max(1, round(AVERAGED / step))
+    averaged = max(1, round(AVERAGING_TIME / step))
     noise = 0.0  # of places, m
     if len(steps) > averaged:  # from second differences, where a camera holds each of its poses
         noise = float(np.median(np.abs(np.diff(slip)), axis=-1).max()) / (0.674 * np.sqrt(2.0))
-    if noise < SLOWEST * step:
+    if noise < MIN_SLIDING_SPEED * step:
         return slip / steps, 0.0
     from scipy.ndimage import uniform_filter1d  # takes long to import
 
@@ -84,7 +88,7 @@ def _velocity(recording: Recording) -> tuple[np.ndarray, float]:
     return velocity, np.sqrt(2.0) * noise / (averaged * step)
 
 
-def _slip(recording: Recording) -> np.ndarray:
+def _foot_slip(recording: Recording) -> np.ndarray:
     """How far each foot's point at the ground goes along x and y between samples (L, 2, K-1), m.
 
     A foot that rolls does not slip: its centre goes as far as it turns.

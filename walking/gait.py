@@ -19,7 +19,7 @@ VIOLATION_TOLERANCE = 1e-6
 STRIDE_TOLERANCE = 0.05  # share of the planned stride by which each simulated one may differ
 
 ASIDE_TOLERANCE = 0.1  # share of the planned stride, aside of it
-REPLAYED = 3  # cycles that a page replays
+NUM_REPLAYED_CYCLES = 3  # cycles that a page replays
 
 
 @dataclasses.dataclass
@@ -188,8 +188,8 @@ class Gait(Planned):
 
     @property
     def displacement(self) -> np.ndarray:
-        """Travel of the body in a cycle, as `travels` has it (1,) or (3,)."""
-        return travels(self.body_pose[:, [0, -1]])[:, 0]
+        """Travel of the body in a cycle, as `body_travel` has it (1,) or (3,)."""
+        return body_travel(self.body_pose[:, [0, -1]])[:, 0]
 
     @property
     def stride(self) -> float:
@@ -217,7 +217,7 @@ class Gait(Planned):
         return self.stride < 1e-6
 
     @property
-    def _arm(self) -> float:
+    def _turn_radius(self) -> float:
         """The longest limb's length, m, at which turns count as ways."""
         return max(limb.parameters.length for limb in self.robot.limbs)
 
@@ -226,7 +226,7 @@ class Gait(Planned):
         """Travel in a cycle, m; a turn on the spot counts by the way at a limb's length."""
         if not self.on_the_spot:
             return self.stride
-        return self._arm * abs(self.turn)
+        return self._turn_radius * abs(self.turn)
 
     @property
     def merit(self) -> float:
@@ -268,11 +268,11 @@ class Gait(Planned):
     @property
     def origin(self) -> str:
         """What the joints of the limbs show, and how they came about, for a caption."""
-        return f"planned gait, {REPLAYED} cycles, nothing measured"
+        return f"planned gait, {NUM_REPLAYED_CYCLES} cycles, nothing measured"
 
     def for_replay(self) -> "Gait":
         """Return the cycles that a page replays."""
-        return self.repeated(REPLAYED)
+        return self.repeated(NUM_REPLAYED_CYCLES)
 
     def repeated(self, cycles: int) -> "Gait":
         """Some cycles, one after the other, as one."""
@@ -286,7 +286,7 @@ class Gait(Planned):
             pose = self.moved(start)
             yaw = pose[-1, 0] - self.body_pose[-1, 0] if len(pose) == 6 else 0.0
             poses.append(pose)
-            turned.append(along_heading(forces.swapaxes(0, 1), -yaw).swapaxes(0, 1))
+            turned.append(rotate_to_heading(forces.swapaxes(0, 1), -yaw).swapaxes(0, 1))
             start = pose[:, -1]
         pose, force = (
             np.concatenate([*(part[..., :-1] for part in parts), parts[-1][..., -1:]], axis=-1)
@@ -317,8 +317,8 @@ class Gait(Planned):
             What they made along what was planned, and aside of it (K - 1,), as shares of it.
         """
         planned = self.displacement
-        scales = np.array([1.0, 1.0, self._arm])[: len(planned)]
-        planned, made = planned * scales, travels(poses).T * scales
+        scales = np.array([1.0, 1.0, self._turn_radius])[: len(planned)]
+        planned, made = planned * scales, body_travel(poses).T * scales
         along = made @ planned / (planned @ planned)
         aside = np.linalg.norm(made - along[:, None] * planned, axis=1)
         return along, aside / np.linalg.norm(planned)
@@ -330,7 +330,7 @@ class Gait(Planned):
             pose[0] += start[0] - pose[0, 0]
             return pose
         turn = start[5] - pose[5, 0]
-        pose[:2] = along_heading(pose[:2] - pose[:2, :1], -turn) + start[:2, None]
+        pose[:2] = rotate_to_heading(pose[:2] - pose[:2, :1], -turn) + start[:2, None]
         pose[5] += turn
         return pose
 
@@ -356,14 +356,14 @@ class Gait(Planned):
         )
 
 
-def along_heading(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
+def rotate_to_heading(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
     """Vectors of the world, x and y first (2 or more, ...), in axes turned by a yaw, rad."""
     x, y, *others = vectors
     cosine, sine = np.cos(yaw), np.sin(yaw)
     return np.stack([cosine * x + sine * y, cosine * y - sine * x, *others])
 
 
-def travels(poses: np.ndarray) -> np.ndarray:
+def body_travel(poses: np.ndarray) -> np.ndarray:
     """Travel of a body between poses (3 or 6, K), in the heading at the beginning of each.
 
     Returns:
@@ -372,4 +372,4 @@ def travels(poses: np.ndarray) -> np.ndarray:
     if len(poses) == 3:
         return np.diff(poses[:1])
     yaw = np.unwrap(poses[5])
-    return np.vstack([along_heading(np.diff(poses[:2]), yaw[:-1]), np.diff(yaw)])
+    return np.vstack([rotate_to_heading(np.diff(poses[:2]), yaw[:-1]), np.diff(yaw)])

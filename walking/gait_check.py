@@ -15,22 +15,22 @@ from walking.robot import Robot
 from walking.robot_parameters import RobotParameters
 
 # Strides of most gaits agree to 0.03% from the second on. Robots whose strides do not agree to
-# SETTLED do not repeat themselves, and are simulated for longer.
-CYCLES, LONGER, SETTLED = 3, 8, 2e-3
-SETTLED_IN_SPACE = 0.02  # where loads, and with them strides, hang on micrometres
+# SETTLED_TOLERANCE do not repeat themselves, and are simulated for longer.
+NUM_CYCLES, MAX_CYCLES, SETTLED_TOLERANCE = 3, 8, 2e-3
+SETTLED_TOLERANCE_IN_SPACE = 0.02  # where loads, and with them strides, hang on micrometres
 SPREAD_CYCLES = 2  # of other robots
-FRICTION = (0.7, 1.3)  # times the friction of the ground
-PARAMETERS = 0.1  # share by which parameters are others
-DRAWS = 4  # of other parameters
-MOST_TILT = np.deg2rad(60.0)
-NO_LOAD = 1e-3  # of the weight, on a foot that carries nothing
-LOWEST = 2e-3  # m, of a corner of a body that is on the ground
-DOUBT = 0.01  # of the planned stride, by which strides in MuJoCo and in Drake may differ
-LEAST_MADE = 0.5  # of the planned stride, of gaits that are taken
-DRAKE, MUJOCO = "Drake in steps of 1 ms", "MuJoCo"
+FRICTION_FACTORS = (0.7, 1.3)  # times the friction of the ground
+PARAMETER_VARIATION = 0.1  # share by which parameters are others
+NUM_DRAWS = 4  # of other parameters
+FALL_TILT = np.deg2rad(60.0)
+UNLOADED_SHARE = 1e-3  # of the weight, on a foot that carries nothing
+BODY_CONTACT_HEIGHT = 2e-3  # m, of a corner of a body that is on the ground
+MAX_ENGINE_DIFFERENCE = 0.01  # of the planned stride, between MuJoCo and Drake
+MIN_STRIDE_SHARE = 0.5  # of the planned stride, of gaits that are taken
+DRAKE_NAME, MUJOCO_NAME = "Drake in steps of 1 ms", "MuJoCo"
 
 
-def check_gait(gait: Gait, cycles: int = CYCLES, spread: bool = True, seed: int = 0) -> Gait:
+def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: int = 0) -> Gait:
     """Simulate a gait with contact, open loop, and return it with its check.
 
     In a plane, a gait whose strides in simulation agree from the second on, but miss the planned
@@ -50,23 +50,25 @@ def check_gait(gait: Gait, cycles: int = CYCLES, spread: bool = True, seed: int 
         spread: whether to simulate it with other friction and parameters, too.
         seed: seed of the draws.
     """
-    first = simulate_gait(gait, "", gait.robot, cycles, longer=LONGER)
+    first = simulate_gait(gait, "", gait.robot, cycles, longer=MAX_CYCLES)
     strides = np.array(first.strides)
     made = float(np.mean(strides[1:])) if len(strides) > 1 and not first.fall else 0.0
-    if not gait.in_space and made >= LEAST_MADE and abs(made - 1) > DOUBT:
-        gait = _with_stride(gait, made)
+    if not gait.in_space and made >= MIN_STRIDE_SHARE and abs(made - 1) > MAX_ENGINE_DIFFERENCE:
+        gait = _scale_stride(gait, made)
         strides /= made
         first.strides = strides.tolist()
-    check = dataclasses.replace(gait.check, simulation=first, spread=[], checked_by=MUJOCO)
+    check = dataclasses.replace(gait.check, simulation=first, spread=[], checked_by=MUJOCO_NAME)
     misses = np.abs(strides - 1).max(initial=0.0)
-    is_close = not first.fall and abs(misses - check.tolerance) < DOUBT
+    is_close = not first.fall and abs(misses - check.tolerance) < MAX_ENGINE_DIFFERENCE
     if check.failure() and not is_close:
         return dataclasses.replace(gait, check=check)
     # Let Drake decide.
     check.simulation = simulate_gait(
         gait, "", gait.robot, len(strides) if is_close else 1, simulated=simulate_in_drake
     )
-    check.checked_by = f"{DRAKE} for {len(check.simulation.strides)} of the cycles, {MUJOCO}"
+    check.checked_by = (
+        f"{DRAKE_NAME} for {len(check.simulation.strides)} of the cycles, {MUJOCO_NAME}"
+    )
     if spread and not check.failure():
         few = min(cycles, SPREAD_CYCLES)
         varied = variations(gait.robot, seed)
@@ -75,7 +77,7 @@ def check_gait(gait: Gait, cycles: int = CYCLES, spread: bool = True, seed: int 
     return dataclasses.replace(gait, check=check)
 
 
-def _with_stride(gait: Gait, share: float) -> Gait:
+def _scale_stride(gait: Gait, share: float) -> Gait:
     """Return a gait in the plane whose body travels a share of its way; its feet slide the rest."""
     pose = gait.body_pose.copy()
     pose[0] += (share - 1) * gait.stride * gait.time / gait.period
@@ -86,10 +88,12 @@ def _with_stride(gait: Gait, share: float) -> Gait:
 def variations(robot: RobotParameters, seed: int = 0) -> list[tuple[str, RobotParameters]]:
     """What is varied, and the robots, of `check_gait`."""
     rng = np.random.default_rng(seed)
-    varied = [(f"friction x {factor:g}", with_friction(robot, factor)) for factor in FRICTION]
-    for number in range(1, DRAWS + 1):
-        other = with_other_parameters(robot, rng)
-        varied.append((f"parameters +-{PARAMETERS:.0%}, draw {number}", other))
+    varied = [
+        (f"friction x {factor:g}", with_friction(robot, factor)) for factor in FRICTION_FACTORS
+    ]
+    for number in range(1, NUM_DRAWS + 1):
+        other = with_varied_parameters(robot, rng)
+        varied.append((f"parameters +-{PARAMETER_VARIATION:.0%}, draw {number}", other))
     return varied
 
 
@@ -101,9 +105,9 @@ def with_friction(robot: RobotParameters, factor: float) -> RobotParameters:
     return robot
 
 
-def with_other_parameters(robot: RobotParameters, rng: np.random.Generator) -> RobotParameters:
+def with_varied_parameters(robot: RobotParameters, rng: np.random.Generator) -> RobotParameters:
     """A robot with stiffness and wires' laws that are 10% larger or smaller, per limb."""
-    robot, either = copy.deepcopy(robot), [1 - PARAMETERS, 1 + PARAMETERS]
+    robot, either = copy.deepcopy(robot), [1 - PARAMETER_VARIATION, 1 + PARAMETER_VARIATION]
     for limb in robot.limbs:
         a1, a2, beta = rng.choice(either, 3)
         factors = {"a1": a1, "a2": a2, "beta": beta, "full_torque": beta}
@@ -140,11 +144,11 @@ def simulate_gait(
     except SimulationError as error:
         return GaitVariation(what, fall=str(error).rstrip("."))
     assert recording.wire_temperature is not None
-    fall, time = fall_of(recording, gait)
+    fall, time = find_fall(recording, gait)
     completed = min(cycles, int(time / gait.period + 1e-6))
-    strides, aside = strides_of(recording, gait, completed)
+    strides, aside = measure_strides(recording, gait, completed)
     changes = np.abs(np.diff(strides[1:])).max(initial=0.0)  # the first one is still settling
-    settled = SETTLED_IN_SPACE if gait.in_space else SETTLED
+    settled = SETTLED_TOLERANCE_IN_SPACE if gait.in_space else SETTLED_TOLERANCE
     if not fall and cycles < longer and changes > settled:
         return simulate_gait(gait, what, robot, longer, simulated=simulated)
     return GaitVariation(
@@ -163,7 +167,7 @@ def simulate_in_drake(gait: Gait, robot: RobotParameters, cycles: int) -> Record
     return simulate(Robot(robot), duty, duration, initial_state=gait.initial_state)
 
 
-def strides_of(
+def measure_strides(
     recording: Recording, gait: Gait, cycles: int, start: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the travel of the body in each cycle (cycles,), as shares of the planned stride.
@@ -180,7 +184,7 @@ def strides_of(
     return gait.progress(np.array([np.interp(ends, recording.time, row) for row in pose]))
 
 
-def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:
+def find_fall(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:
     """Return how a robot that walks falls, in words, and when, s; "" and the end if it does not.
 
     A robot has fallen when its body tilts by more than 60° or touches the ground. It has fallen,
@@ -195,20 +199,20 @@ def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, 
     lowest = height - 0.5 * sizes @ np.abs(upright)
     falls = [
         (
-            upright[2] < np.cos(MOST_TILT),
-            f"its body tilts by more than {np.rad2deg(MOST_TILT):.0f}°",
+            upright[2] < np.cos(FALL_TILT),
+            f"its body tilts by more than {np.rad2deg(FALL_TILT):.0f}°",
         ),
-        (lowest < LOWEST, "its body comes to the ground"),
+        (lowest < BODY_CONTACT_HEIGHT, "its body comes to the ground"),
     ]
     phases = np.searchsorted([p.start for p in gait.phases], (times - start) % gait.period, "right")
     size = gait.robot.force_size
     weight = gait.contact_force[size - 1 :: size].sum(axis=0).mean()
     forces = recording.contact_force
-    loads = () if forces is None or _spare_feet(gait) else forces[size - 1 :: size]
+    loads = () if forces is None or _has_spare_feet(gait) else forces[size - 1 :: size]
     seen = list(zip(gait.robot.limbs, loads, strict=False))
     for limb, (named, force) in enumerate(seen):
         swings = np.array([phase.contacts[limb] == "swing" for phase in gait.phases])[phases - 1]
-        idle = (force < NO_LOAD * weight) & ~swings & (times >= start)
+        idle = (force < UNLOADED_SHARE * weight) & ~swings & (times >= start)
         samples = round(0.5 * gait.period * recording.sample_rate)
         within = np.convolve(idle, np.ones(samples))[: len(idle)]
         falls.append(
@@ -221,7 +225,7 @@ def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, 
     return f"{words} after {times[index] - start:.1f} s", float(times[index])
 
 
-def _spare_feet(gait: Gait) -> bool:
+def _has_spare_feet(gait: Gait) -> bool:
     """Whether the robot may stand on fewer feet than it has: on three in space."""
     return gait.in_space and len(gait.robot.limbs) > 3
 

@@ -15,9 +15,10 @@ from limb_systems.simulation import PERIOD
 from walking.gait import Gait
 from walking.walk_trajectory import walk
 
-GAIN = 0.5  # of the stride's relative error, by which amplitude changes: strides change twice so
-AMPLITUDES, DURATIONS = (0.6, 1.4), (1.0, 2.0)  # of those planned
-SETTLING = 1  # cycles from cold, of which nothing is learned
+# Relative change of the amplitude per relative error of the stride; strides change twice as much.
+STRIDE_GAIN = 0.5
+AMPLITUDE_RANGE, DURATION_RANGE = (0.6, 1.4), (1.0, 2.0)  # of those planned
+SETTLING_CYCLES = 1  # cycles from cold, of which nothing is learned
 TIME, AMPLITUDE, DURATION, START = range(4)  # of the state
 
 
@@ -108,12 +109,12 @@ class GaitFeedback(PlanFeedback):
         before = np.floor((now[TIME] - self._begin) / self._period + 1e-9)
         now[TIME] += PERIOD / now[DURATION]
         if np.floor((now[TIME] - self._begin) / self._period + 1e-9) > before:
-            if before >= SETTLING and np.isfinite([*least, *largest]).all():
+            if before >= SETTLING_CYCLES and np.isfinite([*least, *largest]).all():
                 reached = np.mean((largest - least) / (now[AMPLITUDE] * self._range))
                 travelled = (x - now[START]) / self._stride
                 if np.isfinite(travelled):
-                    step = np.clip(travelled, 0.3, 3.0) ** -GAIN
-                    now[AMPLITUDE] = np.clip(now[AMPLITUDE] * step, *AMPLITUDES)
-                now[DURATION] = np.clip(now[DURATION] / reached, *DURATIONS)
+                    step = np.clip(travelled, 0.3, 3.0) ** -STRIDE_GAIN
+                    now[AMPLITUDE] = np.clip(now[AMPLITUDE] * step, *AMPLITUDE_RANGE)
+                now[DURATION] = np.clip(now[DURATION] / reached, *DURATION_RANGE)
             now[START], least[:], largest[:] = x, np.inf, -np.inf
         state.set_value(2, now)

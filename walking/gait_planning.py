@@ -18,43 +18,43 @@ from walking.course import Course, check_course
 from walking.gait import Gait, GaitCheck
 from walking.gait_check import SPREAD_CYCLES, check_gait, simulate_gait, with_friction
 from walking.gait_program import (
-    LEAST_LOAD,
+    MIN_LOAD_SHARE,
     GaitProgram,
-    usual_steadiness,
+    default_steadiness,
 )
 from walking.gait_request import GaitRequest
 from walking.robot_parameters import RobotParameters
-from walking.schedules import check_schedule, sensible_schedules
-from walking.standing import LEAST_PIVOT, Stability, balance_of
+from walking.schedules import candidate_schedules, check_schedule
+from walking.standing import MIN_PIVOT, Stability, make_balance
 from walking.walker import check_walker
 
 # °C above ambient, of the wires of a robot that stands; in space also these, as in the middle of a
 # wire's transformation programs may fail that have a solution.
-START_WARMTH, OTHER_WARMTHS = 40.0, (55.0, 30.0)
+START_WARMTH, ALTERNATIVE_WARMTHS = 40.0, (55.0, 30.0)
 # Shares of the steadiness asked for, up which gaits are planned from each other where none can be
 # as steady; and times it, where the robot does not walk as planned: on rough ground, friction of a
 # foot that slides lets the body sway more and more, though it is stable at rest.
-LESS_STEADY, STEADIER = (0.125, 0.25, 0.5, 1.0), (2.0, 4.0)
+STEADINESS_SHARES, STEADINESS_FACTORS = (0.125, 0.25, 0.5, 1.0), (2.0, 4.0)
 # In space, shares of friction that feet that stick may use, in place of what was asked for.
-LESS_FRICTION_USED = 0.75, 0.6
+STICKING_FACTORS = 0.75, 0.6
 # Share by which strides in MuJoCo may miss those planned on knots that are dense enough, and most
 # intervals: between knots, a foot that sticks in the program slides, more if they are far apart.
-COARSE, MOST_KNOTS = 0.01, 96
+MAX_STRIDE_ERROR, MAX_REFINED_INTERVALS = 0.01, 96
 # Barriers of IPOPT from a gait of a program that differs little, and from one whose feet slide
 # unevenly.
-FROM_GAIT = {"mu_strategy": "monotone", "mu_init": 1e-4}
-FROM_UNEVEN = {"mu_strategy": "monotone", "mu_init": 1e-3}
+WARM_START_BARRIER = {"mu_strategy": "monotone", "mu_init": 1e-4}
+FRICTION_BARRIER = {"mu_strategy": "monotone", "mu_init": 1e-3}
 START_CYCLES = 6  # after which heat and memory of wires nearly repeat
-LONGEST_SOLVE = 60.0  # s of processor time, of each attempt; gaits take a few
+MAX_SOLVE_TIME = 60.0  # s of processor time, of each attempt; gaits take a few
 # Iterations of each attempt; gaits need 25 to 60, with memory of wires 60 to 110; in space up to 90
 # and 240.
-MOST_ITERATIONS, MOST_ITERATIONS_IN_SPACE = 200, 400
+MAX_ITERATIONS, MAX_ITERATIONS_IN_SPACE = 200, 400
 # By what requests are relaxed to tell why there is no gait.
-LESS_FRICTION, MORE_HEAT = 0.25, 100.0
+RELAXED_FRICTION_FACTOR, RELAXED_TEMPERATURE_RISE = 0.25, 100.0
 RELAXED_TIME = 10.0  # s of processor time, of each relaxed request
-LEAST_STANCE = 0.1  # of limbs' length, from foot to foot where the robot stands
-TURNS = 0.25, 0.5  # of the turn asked for, by which a gait ahead becomes one along an arc
-TOO_SOFT = (
+MIN_STANCE_SHARE = 0.1  # of limbs' length, from foot to foot where the robot stands
+TURN_SHARES = 0.25, 0.5  # of the turn asked for, by which a gait ahead becomes one along an arc
+TOO_SOFT_REASON = (
     "the limbs are too soft for the weight on them, so that it would tip over; make them stiffer, "
     "shorter or lighter"
 )
@@ -87,12 +87,12 @@ def plan_gait(
     request = dataclasses.replace(request or GaitRequest(), **changes)
     check_walker(robot)
     check_course(robot, request.course)
-    schedules: Sequence[Sequence[Sequence[str]]] = sensible_schedules(robot)
+    schedules: Sequence[Sequence[Sequence[str]]] = candidate_schedules(robot)
     if request.schedule:
         schedules = [request.schedule]
     elif robot.body.mount != "free":
         schedules = schedules[:1]
-    steadiness = usual_steadiness(robot) if request.steadiness is None else request.steadiness
+    steadiness = default_steadiness(robot) if request.steadiness is None else request.steadiness
     # Take the first schedule that gives a gait.
     for number, schedule in enumerate(schedules, 1):
         check_schedule(schedule, robot)
@@ -111,9 +111,9 @@ def plan_gait(
         is_last = number == len(schedules)
         explain = request.explain and is_last
         try:
-            gait = _along(program, request.course, steadiness, request.near, explain)
+            gait = _plan_course(program, request.course, steadiness, request.near, explain)
             if request.check:
-                gait = _walking(gait, program, request.course, request.spread)
+                gait = _ensure_walking(gait, program, request.course, request.spread)
             return gait
         except PlanningError:
             if is_last:
@@ -121,7 +121,7 @@ def plan_gait(
     raise AssertionError("there is always a schedule")
 
 
-def _along(
+def _plan_course(
     program: Callable[..., GaitProgram],
     course: Course,
     steadiness: float,
@@ -140,7 +140,9 @@ def _along(
     try:
         if course.speed is not None:
             fastest = dataclasses.replace(course, speed=None)
-            near = _along(partial(program, objective="speed"), fastest, steadiness, near, explain)
+            near = _plan_course(
+                partial(program, objective="speed"), fastest, steadiness, near, explain
+            )
             if near.speed < course.speed:
                 raise PlanningError(
                     f"{1e3 * course.speed:.3g} mm/s cannot be had: the fastest gait of this "
@@ -148,20 +150,22 @@ def _along(
                 )
         elif course.turn and near is None and not course.on_the_spot:
             ahead = dataclasses.replace(course, turn=0.0)
-            near = _along(program, ahead, steadiness, None, explain=False)
-            for share in TURNS:
+            near = _plan_course(program, ahead, steadiness, None, explain=False)
+            for share in TURN_SHARES:
                 part = dataclasses.replace(course, turn=share * course.turn)
-                near = _solved(program(steadiness=steadiness, course=part), near)
-        return _steady(partial(program, course=course), steadiness, near)
+                near = _solve(program(steadiness=steadiness, course=part), near)
+        return _solve_steadily(partial(program, course=course), steadiness, near)
     except PlanningError as error:
         reason = "its program has no solution"
         if explain:
-            relaxed = partial(program, steadiness=LESS_STEADY[0] * steadiness, course=course)
-            reason = _reason(relaxed)
+            relaxed = partial(program, steadiness=STEADINESS_SHARES[0] * steadiness, course=course)
+            reason = _infeasibility_reason(relaxed)
         raise PlanningError(f"There is no gait: {reason} ({error}).") from error
 
 
-def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, spread: bool) -> Gait:
+def _ensure_walking(
+    gait: Gait, program: Callable[..., GaitProgram], course: Course, spread: bool
+) -> Gait:
     """The gait with its check, or one that is steadier and walks as planned.
 
     In space, where steadiness is not bounded, it is one whose feet that stick use less of friction.
@@ -170,21 +174,21 @@ def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, sp
         PlanningError: if none does.
     """
     if not gait.in_space:
-        gait = _refined(gait, partial(program, course=course))
+        gait = _refine_knots(gait, partial(program, course=course))
     first, planned = gait.check, gait
     gait = check_gait(gait, spread=spread)
     remedies: list[tuple[dict[str, float], str]] = [
         ({"steadiness": factor * first.steadiness}, f"steadier than the {first.steadiness:g}")
-        for factor in STEADIER
+        for factor in STEADINESS_FACTORS
     ]
     if gait.in_space:
         asked = f"with less of friction used than the {first.sticking_share:g}"
-        shares = [share * first.sticking_share for share in LESS_FRICTION_USED]
+        shares = [share * first.sticking_share for share in STICKING_FACTORS]
         remedies = [({"sticking_share": share}, asked) for share in shares]
     for changes, what in () if gait.passed else remedies:
         try:
             finer = {"intervals": planned.intervals, **changes}
-            other = _solved(program(course=course, **finer), planned)
+            other = _solve(program(course=course, **finer), planned)
         except PlanningError:
             break
         other.check.remark = f"{what} planned first, with which {gait.check.failure()}"
@@ -200,19 +204,19 @@ def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, sp
     )
 
 
-def _refined(gait: Gait, program: Callable[..., GaitProgram]) -> Gait:
+def _refine_knots(gait: Gait, program: Callable[..., GaitProgram]) -> Gait:
     """The gait on knots that are twice as dense, until strides in MuJoCo are as planned.
 
     Args:
         program: program of the gait, by further arguments.
     """
-    while 2 * sum(gait.intervals) <= MOST_KNOTS:
+    while 2 * sum(gait.intervals) <= MAX_REFINED_INTERVALS:
         strides = simulate_gait(gait, "", gait.robot, SPREAD_CYCLES).strides
-        if len(strides) == SPREAD_CYCLES and abs(strides[-1] - 1) < COARSE:
+        if len(strides) == SPREAD_CYCLES and abs(strides[-1] - 1) < MAX_STRIDE_ERROR:
             break
         intervals = [2 * number for number in gait.intervals]
         try:
-            finer = _solved(program(steadiness=gait.check.steadiness, intervals=intervals), gait)
+            finer = _solve(program(steadiness=gait.check.steadiness, intervals=intervals), gait)
         except PlanningError:
             break
         finer.check.remark = gait.check.remark
@@ -220,7 +224,9 @@ def _refined(gait: Gait, program: Callable[..., GaitProgram]) -> Gait:
     return gait
 
 
-def _steady(program: Callable[..., GaitProgram], steadiness: float, near: Gait | None) -> Gait:
+def _solve_steadily(
+    program: Callable[..., GaitProgram], steadiness: float, near: Gait | None
+) -> Gait:
     """The gait of a steadiness, or of the next lower share of it that there is.
 
     Args:
@@ -232,19 +238,19 @@ def _steady(program: Callable[..., GaitProgram], steadiness: float, near: Gait |
     """
     asked = program(steadiness=steadiness)
     if near and asked.in_space:
-        return _solved(asked, near)
+        return _solve(asked, near)
     if near:
         with contextlib.suppress(PlanningError):
-            return _solved(asked, near)
+            return _solve(asked, near)
     try:
-        return _solved(asked)
+        return _solve(asked)
     except PlanningError:
         if asked.in_space:
             raise
-        gait = _solved(program(steadiness=LESS_STEADY[0] * steadiness))
-    for share in LESS_STEADY[1:]:
+        gait = _solve(program(steadiness=STEADINESS_SHARES[0] * steadiness))
+    for share in STEADINESS_SHARES[1:]:
         try:
-            gait = _solved(program(steadiness=share * steadiness), gait)
+            gait = _solve(program(steadiness=share * steadiness), gait)
         except PlanningError:
             break
     else:
@@ -253,7 +259,7 @@ def _steady(program: Callable[..., GaitProgram], steadiness: float, near: Gait |
     return gait
 
 
-def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LONGEST_SOLVE) -> Gait:
+def _solve(program: GaitProgram, near: Gait | None = None, longest: float = MAX_SOLVE_TIME) -> Gait:
     """The gait that solves a program, by the first start and barrier that succeed.
 
     Where feet do not slide evenly in it, it is solved again from there, so that they do: from
@@ -271,13 +277,13 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
     is_hard = any(law.easier() is not law for law in laws)
     # An adaptive barrier needs fewer iterations, but with feet that swing it rarely converges.
     barriers = ["adaptive", "monotone"][:: -1 if (program.contacts == "swing").any() else 1]
-    attempts = [({"mu_strategy": barrier}, standing_still) for barrier in barriers]
+    attempts = [({"mu_strategy": barrier}, standing_start) for barrier in barriers]
     if program.in_space:
-        others = [partial(standing_still, warmth=warmth) for warmth in OTHER_WARMTHS]
+        others = [partial(standing_start, warmth=warmth) for warmth in ALTERNATIVE_WARMTHS]
         attempts[1:1] = [({"mu_strategy": barriers[0]}, begin) for begin in others]
     if near or is_hard:
-        begin = partial(_from_gait, gait=near) if near else _easier
-        attempts = [(FROM_GAIT, begin)]
+        begin = partial(_start_from_gait, gait=near) if near else _start_from_smoothed_laws
+        attempts = [(WARM_START_BARRIER, begin)]
     failures: list[str] = []
     iterations, solve_time = 0, 0.0
     while attempts:
@@ -285,7 +291,7 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
         start = begin(program)
         options = SolverOptions()
         limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_cpu_time": longest}
-        limits["max_iter"] = MOST_ITERATIONS_IN_SPACE if program.in_space else MOST_ITERATIONS
+        limits["max_iter"] = MAX_ITERATIONS_IN_SPACE if program.in_space else MAX_ITERATIONS
         for name, value in (barrier | limits).items():
             options.SetOption(IpoptSolver.id(), name, value)
         solver = ExactHessianIpoptSolver(blocks=program.blocks)
@@ -295,10 +301,10 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
         name = f"IPOPT, {barrier['mu_strategy']} barrier"
         if result.is_success():
             x = result.get_x_val()
-            if program.sliding not in program.blocks and not program.slides_evenly(x):
+            if program.sliding not in program.blocks and not program.has_stable_friction(x):
                 assert program.sliding is not None
                 program.blocks.append(program.sliding)
-                attempts = [(FROM_UNEVEN, lambda _, x=x: x)]
+                attempts = [(FRICTION_BARRIER, lambda _, x=x: x)]
                 continue
             found = GaitCheck(
                 solver=name,
@@ -315,7 +321,7 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
     raise PlanningError("; ".join(failures))
 
 
-def _easier(program: GaitProgram) -> np.ndarray:
+def _start_from_smoothed_laws(program: GaitProgram) -> np.ndarray:
     """All decision variables of the gait of a robot whose wires are easier to plan with.
 
     If its wires have less memory, the memory is what their duty leads to.
@@ -326,10 +332,10 @@ def _easier(program: GaitProgram) -> np.ndarray:
     robot = copy.deepcopy(program.robot)
     for wire in robot.together.wires:
         wire.law = wire.law.easier()
-    gait = _solved(easier := _for_robot(program, robot))
+    gait = _solve(easier := _with_robot(program, robot))
     wires = program.wires
     if easier.wires.num_states == wires.num_states:
-        return _from_gait(program, gait)
+        return _start_from_gait(program, gait)
     states = wires.settled_states(gait.wire_temperature.mean(axis=1))
     for _ in range(START_CYCLES):
         course = [states]
@@ -337,10 +343,10 @@ def _easier(program: GaitProgram) -> np.ndarray:
             duty = np.tile(gait.duty[:, k], (2, 1))
             states = wires.under_duty(states, duty, np.array([0.0, step]))[-1]
             course.append(states)
-    return _from_gait(program, gait, np.array(course))
+    return _start_from_gait(program, gait, np.array(course))
 
 
-def _for_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
+def _with_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
     """The same program for another robot."""
     return GaitProgram(
         robot,
@@ -354,7 +360,9 @@ def _for_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
     )
 
 
-def _from_gait(program: GaitProgram, gait: Gait, states: np.ndarray | None = None) -> np.ndarray:
+def _start_from_gait(
+    program: GaitProgram, gait: Gait, states: np.ndarray | None = None
+) -> np.ndarray:
     """All decision variables of a gait, with other states x of the wires (K + 1, N), if given."""
     N = program.wires.num_states
     x = np.zeros(program.prog.num_vars())
@@ -376,7 +384,7 @@ def _from_gait(program: GaitProgram, gait: Gait, states: np.ndarray | None = Non
     return program.complete(x, steps, gait.displacement)
 
 
-def _reason(program: Callable[..., GaitProgram]) -> str:
+def _infeasibility_reason(program: Callable[..., GaitProgram]) -> str:
     """What keeps a robot from a gait: that without which there would be one.
 
     Args:
@@ -384,25 +392,25 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
     """
     asked = program()
     walker = asked.walker
-    point = standing_still(asked)[asked.points[0]]
+    point = standing_start(asked)[asked.points[0]]
     y, _, forces = asked.balance.split(point)
     places = walker.feet(y)[:, 0]
-    if np.ptp(places) < LEAST_STANCE * walker.size:
+    if np.ptp(places) < MIN_STANCE_SHARE * walker.size:
         return (
             f"all feet are within {1e3 * np.ptp(places):.1f} mm of each other along x, so that "
             "the body tips over; set the limbs apart"
         )
-    if forces[:, -1].min() < LEAST_LOAD * asked.load:
+    if forces[:, -1].min() < MIN_LOAD_SHARE * asked.load:
         return (
             "there is no load transfer, as a foot carries nothing where the robot stands; set the "
             "limbs so that its weight is between the feet"
         )
     if not asked.in_space:
         still = Stability(walker, asked.wires, np.ones((walker.num_feet, 2))).values(point)
-        if (still[: -walker.num_feet] < LEAST_PIVOT).any():
-            return TOO_SOFT
+        if (still[: -walker.num_feet] < MIN_PIVOT).any():
+            return TOO_SOFT_REASON
     margin = asked.temperature_margin
-    slippery = _for_robot(asked, with_friction(asked.robot, LESS_FRICTION))
+    slippery = _with_robot(asked, with_friction(asked.robot, RELAXED_FRICTION_FACTOR))
     too_cold = (
         program(temperature_margin=0.0),
         f"wires that stay {margin:g} °C below T_max are too cold, as there would be one without a "
@@ -420,21 +428,22 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
             "there is no load transfer, as a foot that slides is not relieved enough for the "
             "others to stick; set the limbs farther apart, or make the body lighter",
         ),
-        (program(steadiness=-np.inf), TOO_SOFT),
+        (program(steadiness=-np.inf), TOO_SOFT_REASON),
         (
-            program(temperature_margin=margin - MORE_HEAT),
-            f"the wires are too weak, as it would take temperatures up to {MORE_HEAT:g} °C higher",
+            program(temperature_margin=margin - RELAXED_TEMPERATURE_RISE),
+            f"the wires are too weak, as it would take temperatures up to "
+            f"{RELAXED_TEMPERATURE_RISE:g} °C higher",
         ),
     ):
         try:
-            _solved(relaxed, longest=RELAXED_TIME)
+            _solve(relaxed, longest=RELAXED_TIME)
         except PlanningError:
             continue
         return reason
     return "no single limit of friction, stability or heat keeps it from one; try another schedule"
 
 
-def standing_still(program: GaitProgram, warmth: float = START_WARMTH) -> np.ndarray:
+def standing_start(program: GaitProgram, warmth: float = START_WARMTH) -> np.ndarray:
     """All decision variables of a robot that stands on straight limbs, all wires equally warm.
 
     Args:
@@ -447,7 +456,7 @@ def standing_still(program: GaitProgram, warmth: float = START_WARMTH) -> np.nda
     d, F, W = len(walker.stiffness), walker.num_feet, wires.num_wires
     ambient = program.robot.together.ambient_temperature
     states = wires.settled_states(np.full(W, ambient + warmth))
-    balance, up = balance_of(walker, wires), np.eye(walker.num_tangents + 1)[-1]
+    balance, up = make_balance(walker, wires), np.eye(walker.num_tangents + 1)[-1]
     forces, feet = np.tile(load / F * up, F), walker.feet(walker.rest)
     point = np.concatenate([walker.rest, states, forces, feet[:, :-1].ravel()])
     point[walker.height] = walker.radius - feet[:, -1].mean()

@@ -36,25 +36,25 @@ from limb_systems.smooth_function import SmoothFunction
 from planners.transcription.collocation import ANGLE_SCALE, heat_defects
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
-from walking.course import LEAST_TURN, MOST_TURN, Course
-from walking.gait import Gait, GaitCheck, GaitPhase, along_heading
+from walking.course import MAX_TURN, MIN_TURN, Course
+from walking.gait import Gait, GaitCheck, GaitPhase, rotate_to_heading
 from walking.robot_parameters import RobotParameters
 from walking.standing import (
-    LEAST_PIVOT,
-    LEAST_STIFFNESS,
+    MIN_BODY_STIFFNESS,
+    MIN_PIVOT,
     FrictionGain,
     Stability,
-    balance_of,
+    make_balance,
 )
 from walking.walker import Walker
 
-SLIDES = {"slide_forward": 1.0, "slide_backward": -1.0}
+SLIDE_SIGNS = {"slide_forward": 1.0, "slide_backward": -1.0}
 
-LEAST_LOAD = 0.05  # of the weight, on each foot on the ground
-LEAST_SLIP = 1e-6  # m; feet that slip less have no direction
-CLEARANCE = 1e-3  # m, of feet that swing; feet on the ground sink in by 0.03 mm
-MOST_GAIN = 0.5  # of friction on itself, with which errors of loads grow twofold
-ROUNDED = 1e-3  # of a foot's load, by which the cone of friction is blunt
+MIN_LOAD_SHARE = 0.05  # of the weight, on each foot on the ground
+MIN_SLIP = 1e-6  # m; feet that slip less have no direction
+SWING_CLEARANCE = 1e-3  # m, of feet that swing; feet on the ground sink in by 0.03 mm
+MAX_FRICTION_GAIN = 0.5  # of friction on itself, with which errors of loads grow twofold
+CONE_ROUNDING = 1e-3  # of a foot's load, by which the cone of friction is blunt
 STICKING_SHARE = 0.8  # of μ, that feet that stick may use
 # Of weight x limb length, the least stiffness against pitch. Robots whose limbs pull 10% more and
 # less than planned tip over with less, open loop; with more they walk more slowly.
@@ -62,17 +62,17 @@ STEADINESS = 25.0
 # Calibrated limbs are known better, and are driven by feedback: what they need to hold their feet
 # apart, heat of both wires of a limb, then is better kept for the stride.
 STEADINESS_CALIBRATED = 12.5
-FEEDBACK_ROOM = 3.0  # °C, of a margin, for what estimates of T may be off
+MAX_FEEDBACK_MARGIN = 3.0  # °C, of a margin, for what estimates of T may be off
 LENGTH_SCALE, HEAT_SCALE = 0.01, 50.0  # m and °C, a typical travel and warmth
-LEAST_STRIDE = 1e-3  # m; below, there is no gait to speak of
-STEPS = 0.1, 10.0  # of intervals, as shares of the time constant of cooling over their number
+MIN_STRIDE = 1e-3  # m; below, there is no gait to speak of
+STEP_RANGE = 0.1, 10.0  # of intervals, as shares of the time constant of cooling over their number
 # rad, of roll and pitch and of each joint: bounds that gaits do not reach keep iterates sane.
-MOST_PITCH, MOST_ANGLE = 0.5, 0.8
+MAX_ROLL_AND_PITCH, MAX_JOINT_ANGLE = 0.5, 0.8
 # Limbs that stand in space on soft links find more than one balance farther on.
-MOST_ANGLE_IN_SPACE = 0.2
+MAX_JOINT_ANGLE_IN_SPACE = 0.2
 
 
-def usual_steadiness(robot: RobotParameters) -> float:
+def default_steadiness(robot: RobotParameters) -> float:
     """25, or 12.5 for a robot of which all limbs are calibrated."""
     calibrated = all(limb.parameters.calibration for limb in robot.limbs)
     return STEADINESS_CALIBRATED if calibrated else STEADINESS
@@ -144,7 +144,7 @@ class GaitProgram:
         self._add_contacts()
         # Feet that swing come down on loads that pivots do not know to micrometres.
         self.lifts = bool((self.contacts == "swing").any())
-        self.balance = balance_of(
+        self.balance = make_balance(
             self.walker, self.wires, ground_gives=self.in_space or not self.lifts
         )
         self.blocks: list[ConstraintBlock] = [
@@ -204,10 +204,10 @@ class GaitProgram:
     def _add_bounds(self) -> None:
         W, limits = self.wires.num_wires, self.robot.together.temperature_limits
         B, τ = self.walker.pose_size, self.walker.num_tangents
-        self._bound(self.y[:, τ + 1 : 2 * τ + 1], -MOST_PITCH, MOST_PITCH)
-        angle = MOST_ANGLE_IN_SPACE if self.in_space else MOST_ANGLE
+        self._bound(self.y[:, τ + 1 : 2 * τ + 1], -MAX_ROLL_AND_PITCH, MAX_ROLL_AND_PITCH)
+        angle = MAX_JOINT_ANGLE_IN_SPACE if self.in_space else MAX_JOINT_ANGLE
         self._bound(self.y[:, B:], -angle, angle)
-        self._bound(self.y[:1, self._travels], 0.0, 0.0)
+        self._bound(self.y[:1, self._travel_coordinates], 0.0, 0.0)
         ambient = self.robot.together.ambient_temperature
         self._bound(self.heat[:, :W], ambient, limits.maximum - self.temperature_margin)
         readings = self.heat[:, self.wires.num_states :]
@@ -215,14 +215,14 @@ class GaitProgram:
         self._leave_room_for_feedback(limits.maximum)
         self._bound(self.duty, 0.0, 1.0)
         typical = self.prog.GetVariableScaling()[int(self.steps[0])]
-        self._bound(self.steps, *(share * typical for share in STEPS))
+        self._bound(self.steps, *(share * typical for share in STEP_RANGE))
         for of_interval in self.duty:
             self._add_linear(np.ones((1, W)), 0.0, self.robot.total_duty, of_interval)
 
     def _leave_room_for_feedback(self, highest: float) -> None:
         """Keep T where `TemperatureLimiter`, which distrusts T - V, lets feedback hold it, °C."""
         lag, W = lag_error(self.robot.together), self.wires.num_wires
-        room = min(FEEDBACK_ROOM, self.temperature_margin)
+        room = min(MAX_FEEDBACK_MARGIN, self.temperature_margin)
         if not room:
             return
         row = np.array([[1 + lag, -lag]]) / HEAT_SCALE
@@ -232,7 +232,7 @@ class GaitProgram:
                 self._add_linear(row, -np.inf, most, pair)
 
     @property
-    def _travels(self) -> list[int]:
+    def _travel_coordinates(self) -> list[int]:
         """The coordinates of the body that do not repeat: x, or x, y and yaw."""
         return [0, 1, 5] if self.in_space else [0]
 
@@ -241,7 +241,7 @@ class GaitProgram:
         if course.on_the_spot:
             self._bound([stride], 0.0, 0.0)
         elif course.stride is None:
-            self._bound([stride], LEAST_STRIDE, np.inf)
+            self._bound([stride], MIN_STRIDE, np.inf)
         else:
             self._bound([stride], course.stride, course.stride)
         if course.speed is not None:
@@ -251,7 +251,7 @@ class GaitProgram:
             return
         aside, yaw = others
         if np.isinf(course.turn):
-            bounds = sorted(np.sign(course.turn) * np.array([LEAST_TURN, MOST_TURN]))
+            bounds = sorted(np.sign(course.turn) * np.array([MIN_TURN, MAX_TURN]))
             self._bound([yaw], *bounds)
         else:
             self._bound([yaw], course.turn, course.turn)
@@ -268,7 +268,7 @@ class GaitProgram:
         mu, to_load, to_travel = self.walker.friction, F / self.load, 1.0 / LENGTH_SCALE
         # The foot of a limb of length L that bends evenly is on the arc z = 2 x² / 3 L. From knot
         # to knot it would dip below the ground if it went further than this.
-        furthest = np.sqrt(1.5 * self.walker.size * CLEARANCE) * to_travel
+        furthest = np.sqrt(1.5 * self.walker.size * SWING_CLEARANCE) * to_travel
         for k in range(K):
             for foot in range(F):
                 force, contact = self.forces[k, foot], self.contacts[k, foot]
@@ -276,9 +276,9 @@ class GaitProgram:
                 if "swing" in contacts:
                     self._bound(force, 0.0, 0.0)
                 else:
-                    self._bound(force[-1:], LEAST_LOAD * self.load, np.inf)
-                    for slides in contacts & SLIDES.keys():
-                        row = np.array([[1.0, mu * SLIDES[slides]]])
+                    self._bound(force[-1:], MIN_LOAD_SHARE * self.load, np.inf)
+                    for slides in contacts & SLIDE_SIGNS.keys():
+                        row = np.array([[1.0, mu * SLIDE_SIGNS[slides]]])
                         self._add_linear(row, 0.0, 0.0, force, to_load)
                     if (
                         contacts == {"stick"}
@@ -292,7 +292,7 @@ class GaitProgram:
                     continue
                 least = -furthest if contact == "swing" else 0.0
                 most = {"stick": 0.0, "swing": furthest}.get(contact, np.inf)
-                row = np.array([[1.0, -1.0]]) * SLIDES.get(contact, 1.0)
+                row = np.array([[1.0, -1.0]]) * SLIDE_SIGNS.get(contact, 1.0)
                 for pair in zip(self.travel[k + 1, foot], self.travel[k, foot], strict=True):
                     self._add_linear(row, least, most, pair, to_travel)
         self._bound(self.advance, 0.0, np.inf)
@@ -302,7 +302,7 @@ class GaitProgram:
         """What is not linear of what feet do: where they end; in space how they stick and slide."""
         τ, F, K = self.walker.num_tangents, self.walker.num_feet, len(self.contacts)
         first, last, end = ca.SX.sym("s0", τ), ca.SX.sym("s1", τ), ca.SX.sym("end", 2 * τ - 1)
-        carried = last - end[:τ] - _turned(first, end[τ:])
+        carried = last - end[:τ] - _turn_vector(first, end[τ:])
         goes_on = SmoothFunction(carried, ca.vertcat(first, last, end))
         points = np.hstack([self.travel[0], self.travel[-1], np.tile(self.end, (F, 1))])
         blocks: list[ConstraintBlock] = [FunctionBlock(goes_on, points, scales=LENGTH_SCALE)]
@@ -312,7 +312,7 @@ class GaitProgram:
         u, f, yaw, a = ca.SX.sym("u", 2), ca.SX.sym("f", 3), ca.SX.sym("yaw"), ca.SX.sym("a")
         sticks = self.forces[(self.contacts == "stick") & (self.before == "stick")]
         if np.isfinite(self.sticking_share) and len(sticks):
-            pull = ca.sqrt(ca.dot(f[:2], f[:2]) / unit**2 + ROUNDED**2)
+            pull = ca.sqrt(ca.dot(f[:2], f[:2]) / unit**2 + CONE_ROUNDING**2)
             cone = SmoothFunction(self.sticking_share * mu * f[2] / unit - pull, f)
             bounds = np.zeros((len(sticks), 1)), np.full((len(sticks), 1), np.inf)
             blocks.append(FunctionBlock(cone, sticks, bounds=bounds))
@@ -329,7 +329,7 @@ class GaitProgram:
         loaded = ~self._swings[knot % K, foot]
         knot, foot, number = knot[loaded], foot[loaded], number[loaded]
         turn = np.where(knot == K, self.end[2], self.y[0, 5])
-        pulls = SmoothFunction(f[:2] + mu * f[2] * _turned(u, -yaw), ca.vertcat(f, u, yaw))
+        pulls = SmoothFunction(f[:2] + mu * f[2] * _turn_vector(u, -yaw), ca.vertcat(f, u, yaw))
         forces = np.column_stack([self.forces[knot % K, foot], self.direction[number], turn])
         return [
             *blocks,
@@ -351,7 +351,7 @@ class GaitProgram:
         scales = np.concatenate([forces, moments, np.full((τ + 1) * F, LENGTH_SCALE)])
         lower, upper = np.zeros((2, len(self.y), len(scales)))
         off_ground = (self.contacts == "swing") & (self.before == "swing")
-        lower[:, -F:] = walker.radius + CLEARANCE * off_ground
+        lower[:, -F:] = walker.radius + SWING_CLEARANCE * off_ground
         upper[:, -F:] = np.where(off_ground, np.inf, walker.radius)
         return FunctionBlock(self.balance, self.points, scales=scales, bounds=(lower, upper))
 
@@ -363,9 +363,9 @@ class GaitProgram:
         held = np.stack([stuck, down], axis=-1).astype(float)
         stability, F = Stability(walker, self.wires, held), walker.num_feet
         lower, upper = np.full((2, len(self.y), stability.num_values), np.inf)
-        lower[:, -F:], upper[:, -F:] = -np.inf, np.inf if self.lifts else LEAST_PIVOT
-        lower[:, :-F] = LEAST_PIVOT if np.isfinite(self.steadiness) else -np.inf
-        pitch = self.steadiness * load * walker.size / LEAST_STIFFNESS[-1]
+        lower[:, -F:], upper[:, -F:] = -np.inf, np.inf if self.lifts else MIN_PIVOT
+        lower[:, :-F] = MIN_PIVOT if np.isfinite(self.steadiness) else -np.inf
+        pitch = self.steadiness * load * walker.size / MIN_BODY_STIFFNESS[-1]
         lower[:, -F - 1] = np.arcsinh(pitch)
         return FunctionBlock(stability, self.points, bounds=(lower, upper))
 
@@ -373,12 +373,12 @@ class GaitProgram:
         """`FrictionGain` of each foot that slides, in each knot and phase that it is part of."""
         K, F = self.contacts.shape
         contacts = np.concatenate([self.contacts, self.before])
-        directions = np.vectorize(SLIDES.get)(contacts, 0.0)
+        directions = np.vectorize(SLIDE_SIGNS.get)(contacts, 0.0)
         rows, feet = directions.nonzero()
         held = np.stack([contacts == "stick", contacts != "swing"], axis=-1).astype(float)
         sliding = self.walker.friction * directions[rows, feet, None] * np.eye(F)[feet]
         gain = FrictionGain(self.walker, self.wires, held[rows], sliding)
-        lower, upper = np.full((len(rows), 1), -np.inf), np.full((len(rows), 1), MOST_GAIN)
+        lower, upper = np.full((len(rows), 1), -np.inf), np.full((len(rows), 1), MAX_FRICTION_GAIN)
         return FunctionBlock(gain, self.points[rows % K], bounds=(lower, upper))
 
     def _heat_block(self) -> ConstraintBlock:
@@ -428,12 +428,12 @@ class GaitProgram:
         """
         τ, course = self.walker.num_tangents, self.course
         if end is None:
-            turn = np.copysign(LEAST_TURN, course.turn) if np.isinf(course.turn) else course.turn
-            stride = course.stride or (0.0 if course.on_the_spot else LEAST_STRIDE)
+            turn = np.copysign(MIN_TURN, course.turn) if np.isinf(course.turn) else course.turn
+            stride = course.stride or (0.0 if course.on_the_spot else MIN_STRIDE)
             end = np.array([stride, stride * np.tan(turn / 2), turn])[: len(self.end)]
         x[self.end], x[self.time_steps] = end, steps
         travel = self.walker.feet(x[self.y])[..., :-1]
-        carried = along_heading(travel[0].T, -end[2]).T if self.in_space else travel[0]
+        carried = rotate_to_heading(travel[0].T, -end[2]).T if self.in_space else travel[0]
         last = end[:τ] + carried
         x[self.travel] = np.concatenate([travel, last[None]])
         intervals, feet = self.slides.nonzero()
@@ -442,7 +442,7 @@ class GaitProgram:
             of_slide = self._slide_numbers == number
             foot = feet[of_slide][0]
             way = slid[of_slide].sum(axis=0)
-            if np.linalg.norm(way) < LEAST_SLIP:
+            if np.linalg.norm(way) < MIN_SLIP:
                 way = last[foot] - travel[0, foot]
             x[self.direction[number]] = way / np.linalg.norm(way)
         along = x[self.direction[self._slide_numbers]]
@@ -458,7 +458,7 @@ class GaitProgram:
         steps, N = x[self.time_steps], self.wires.num_states
         time = np.append(0.0, np.cumsum(steps))
         y, heat = x[self.y[around]].T, x[self.heat[around]].T
-        y[self._travels, -1] = x[self.end]
+        y[self._travel_coordinates, -1] = x[self.end]
         B = self.walker.pose_size
         slopes = np.diff(y[B:]) / steps
         rates = 0.5 * (slopes + np.roll(slopes, 1, axis=1))[:, around]
@@ -480,7 +480,7 @@ class GaitProgram:
             provenance=Provenance.now(self.robot.together),
         )
 
-    def slides_evenly(self, x: np.ndarray) -> bool:
+    def has_stable_friction(self, x: np.ndarray) -> bool:
         """Whether the friction of no foot that slides acts on itself too much."""
         return self.sliding is None or bool((self.sliding.evaluate(x) <= self.sliding.upper).all())
 
@@ -509,6 +509,6 @@ class GaitProgram:
         self.prog.AddLinearConstraint(scale * rows, lower * ones, upper * ones, variables)
 
 
-def _turned(vector: ca.SX, yaw: ca.SX) -> ca.SX:
+def _turn_vector(vector: ca.SX, yaw: ca.SX) -> ca.SX:
     """A vector along the ground (τ,), turned; in a plane there is no yaw (0,)."""
     return rotation(2, yaw)[:2, :2] @ vector if yaw.numel() else vector

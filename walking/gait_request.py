@@ -12,7 +12,7 @@ from walking.gait import Gait
 from walking.gait_program import STICKING_SHARE
 from walking.robot_parameters import RobotParameters
 
-INTERVALS, MOST_INTERVALS = 24, 240
+INTERVALS, MAX_INTERVALS = 24, 240
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,7 @@ class GaitRequest:
       the turn is infinite.
     - ``speed``: speed that it has, at the least heat, m/s; the fastest if None.
     - ``schedule``: what each foot does in each phase (P, F), of `CONTACTS`. If None, in a plane the
-      first of `sensible_schedules`, and in space the first that walks as planned.
+      first of `candidate_schedules`, and in space the first that walks as planned.
     - ``objective``: "speed" for the largest stride by period, "energy" for the least duty, summed
       over time and wires, by stride.
     - ``temperature_margin``: how far T stays below T_max, °C.
@@ -81,8 +81,8 @@ class GaitRequest:
             raise PlanningError(
                 f"sticking_share is {self.sticking_share:g}; it must be more than 0 and at most 1."
             )
-        if not 2 * len(schedule) <= self.intervals <= MOST_INTERVALS:
+        if not 2 * len(schedule) <= self.intervals <= MAX_INTERVALS:
             raise PlanningError(
                 f"intervals is {self.intervals}; it must be from {2 * len(schedule)}, two for each "
-                f"phase, to {MOST_INTERVALS}."
+                f"phase, to {MAX_INTERVALS}."
             )

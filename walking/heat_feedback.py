@@ -6,7 +6,7 @@ from controllers.estimator import StateEstimate
 from controllers.plan_controller import PlanController, SampledPlan
 from limb_systems import LimbParameters, Trajectory
 
-PROPORTIONAL = 1.0  # 1/s
+PROPORTIONAL_GAIN = 1.0  # 1/s
 
 
 class HeatFeedback(PlanController):
@@ -45,5 +45,5 @@ class HeatFeedback(PlanController):
         if time > self._duration:
             return np.zeros(model.num_wires), np.zeros(model.num_bends)
         colder = self._plan.temperature[k] - model.temperatures(estimate.heat)
-        duty = self._plan.duty[k] + PROPORTIONAL * colder / model.heating_rates
+        duty = self._plan.duty[k] + PROPORTIONAL_GAIN * colder / model.heating_rates
         return duty, np.zeros(model.num_bends)

@@ -17,8 +17,8 @@ from urdf import robot_mjcf
 from walking import Gait, RobotParameters
 from walking.robot import body_positions
 
-STEP = 2e-3  # s
-STEPS = round(PERIOD / STEP)  # in a period
+TIME_STEP = 2e-3  # s
+STEPS_PER_SAMPLE = round(PERIOD / TIME_STEP)  # in a period
 
 
 def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recording:
@@ -46,10 +46,10 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
     parameters = robot.together
     num_samples = int(cycles * gait.period / PERIOD + 1e-9) + 2
     times = PERIOD * np.arange(num_samples)
-    heat, readings, forces = _wires_along(gait, robot, cycles, times)
+    heat, readings, forces = _integrate_wires(gait, robot, cycles, times)
 
     # Put the robot into the pose of the gait's first knot.
-    spec = mujoco.MjSpec.from_string(robot_mjcf(robot, wires=False, timestep=STEP))
+    spec = mujoco.MjSpec.from_string(robot_mjcf(robot, wires=False, timestep=TIME_STEP))
     spec.compiler.discardvisual = True
     model = spec.compile()
     # A motion that blows up is not begun anew. The robot is one island, which need not be found.
@@ -65,12 +65,12 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
     mujoco.mj_getState(model, data, state, full_state)
 
     # Simulate from sample to sample, with torques at the angles of the last one.
-    applied = np.zeros((STEPS, model.nv))
-    shares = np.arange(STEPS)[:, None] / STEPS
+    applied = np.zeros((STEPS_PER_SAMPLE, model.nv))
+    shares = np.arange(STEPS_PER_SAMPLE)[:, None] / STEPS_PER_SAMPLE
     places = slice(1, 1 + model.nq)
     states, sensed = [state], []
     for before, after in itertools.pairwise(heat):
-        angles = np.tile(state[places][joints], (STEPS, 1))
+        angles = np.tile(state[places][joints], (STEPS_PER_SAMPLE, 1))
         applied[:, -parameters.num_joints :] = forces(before + shares * (after - before), angles)
         reached, on_feet = rollout.rollout(model, data, state, applied, control_spec=torques)
         state = reached[0, -1]
@@ -104,7 +104,7 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
     )
 
 
-def _wires_along(
+def _integrate_wires(
     gait: Gait, robot: RobotParameters, cycles: int, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray, np.ndarray], np.ndarray]]:
     """Return x (K, N) and V (K, W) of a robot's wires at times (K,), and `Wires.forces`."""

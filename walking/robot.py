@@ -39,8 +39,10 @@ from urdf import robot_urdf
 from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 from walking.robot_parameters import RobotParameters
 
-GROUND = 200.0, 200.0, 1.0  # m, of a box about the origin, of whose half space Drake warns
-PLANE = RotationMatrix(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]))  # x, z, -y
+GROUND_SIZE = 200.0, 200.0, 1.0  # m, of a box about the origin, of whose half space Drake warns
+PLANE_ROTATION = RotationMatrix(
+    np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+)  # x, z, -y
 
 
 class Robot(Diagram):
@@ -176,7 +178,7 @@ def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
         plant.WeldFrames(world, body)
     elif robot.body.mount == "planar":
         frames = [
-            plant.AddFrame(FixedOffsetFrame(name, parent, RigidTransform(PLANE)))
+            plant.AddFrame(FixedOffsetFrame(name, parent, RigidTransform(PLANE_ROTATION)))
             for name, parent in (("ground_plane", world), ("body_plane", body))
         ]
         plant.AddJoint(PlanarJoint("body", *frames))
@@ -194,7 +196,7 @@ def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
         properties = ProximityProperties()
         AddContactMaterial(None, CONTACT_STIFFNESS, friction, properties)
         properties.AddProperty("material", "relaxation_time", RELAXATION_TIME)
-        shape, below = Box(*GROUND), RigidTransform([0.0, 0.0, -GROUND[2] / 2])
+        shape, below = Box(*GROUND_SIZE), RigidTransform([0.0, 0.0, -GROUND_SIZE[2] / 2])
         plant.RegisterCollisionGeometry(plant.world_body(), below, shape, "ground", properties)
 
 

@@ -26,11 +26,11 @@ from limb_systems.limb_parameters import (
 )
 from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 
-FORMAT = 1  # of the YAML file
-MOUNTS = ("welded", "planar", "free")
-MOST_LIMBS = 20
-FARTHEST = 3.0  # of a hip, in lengths of body and limb
-SQUARE = 1e-6  # largest cosine between directions that are at right angles
+FORMAT_VERSION = 1  # of the YAML file
+BODY_MOUNTS = ("welded", "planar", "free")
+MAX_LIMBS = 20
+MAX_HIP_DISTANCE = 3.0  # of a hip, in lengths of body and limb
+MAX_COSINE = 1e-6  # largest cosine between directions that are at right angles
 
 
 @dataclasses.dataclass
@@ -150,7 +150,7 @@ def walking_limb_in_space() -> LimbParameters:
     return limb
 
 
-def _in_space(limbs: int) -> list[RobotLimb]:
+def _limbs_in_space(limbs: int) -> list[RobotLimb]:
     """Three limbs on a circle of 4 cm, each bent outward by its first wire; or four at corners."""
     if limbs == 3:
         turns = {"rear": np.pi, "left": np.pi / 3, "right": -np.pi / 3}
@@ -170,7 +170,7 @@ def _in_space(limbs: int) -> list[RobotLimb]:
     ]
 
 
-def _rear_and_front() -> list[RobotLimb]:
+def _rear_and_front_limbs() -> list[RobotLimb]:
     return [
         RobotLimb(name, position=[x, 0.0, 0.0], parameters=walking_limb())
         for name, x in (("rear", -0.03), ("front", 0.03))
@@ -194,9 +194,9 @@ class RobotParameters(ConnectedLimbs):
       made.
     """
 
-    format: int = quantity(FORMAT, "", FORMAT, FORMAT)
+    format: int = quantity(FORMAT_VERSION, "", FORMAT_VERSION, FORMAT_VERSION)
     body: BodyParameters = dataclasses.field(default_factory=BodyParameters)
-    limbs: list[RobotLimb] = dataclasses.field(default_factory=_rear_and_front)
+    limbs: list[RobotLimb] = dataclasses.field(default_factory=_rear_and_front_limbs)
     feet: FootParameters = dataclasses.field(default_factory=FootParameters)
     ground: GroundParameters | None = dataclasses.field(default_factory=GroundParameters)
     gravity: list[float] = quantity((0.0, 0.0, -9.81), "m/s²", -100.0, 100.0)
@@ -216,7 +216,7 @@ class RobotParameters(ConnectedLimbs):
                 f"limbs is {limbs}; a robot in space has three or four by default, and any number "
                 "in a description of yours."
             )
-        robot = cls(body=BodyParameters(mount="free"), limbs=_in_space(limbs), total_duty=3.0)
+        robot = cls(body=BodyParameters(mount="free"), limbs=_limbs_in_space(limbs), total_duty=3.0)
         if limbs == 3:
             robot.body.length = robot.body.width = 0.09
         else:
@@ -269,9 +269,9 @@ class RobotParameters(ConnectedLimbs):
         with raised_as(ParameterError):
             validate(self)
         body = self.body
-        if body.mount not in MOUNTS:
+        if body.mount not in BODY_MOUNTS:
             raise ParameterError(
-                f"body.mount is {body.mount!r}; it must be one of {', '.join(MOUNTS)}."
+                f"body.mount is {body.mount!r}; it must be one of {', '.join(BODY_MOUNTS)}."
             )
         if body.inertia is not None and (
             len(body.inertia) != 3 or 2 * max(body.inertia) > sum(body.inertia) * (1 + 1e-9)
@@ -289,9 +289,9 @@ class RobotParameters(ConnectedLimbs):
                 f"end of the body would be {body.mass * size**2:.2g} kg·m²; is it in other units?"
             )
         self._validate_gravity()
-        if not 1 <= len(self.limbs) <= MOST_LIMBS:
+        if not 1 <= len(self.limbs) <= MAX_LIMBS:
             raise ParameterError(
-                f"limbs has {len(self.limbs)} elements; a robot has 1 to {MOST_LIMBS}."
+                f"limbs has {len(self.limbs)} elements; a robot has 1 to {MAX_LIMBS}."
             )
         names = [limb.name for limb in self.limbs]
         for index, limb in enumerate(self.limbs):
@@ -316,7 +316,7 @@ class RobotParameters(ConnectedLimbs):
             )
         lengths = [limb.parameters.length for limb in self.limbs]
         for index, (limb, length) in enumerate(zip(self.limbs, lengths, strict=True)):
-            if (far := np.abs(limb.position).max()) > FARTHEST * (size + length):
+            if (far := np.abs(limb.position).max()) > MAX_HIP_DISTANCE * (size + length):
                 raise ParameterError(
                     f"limbs[{index}].position is {limb.position} m, {far:g} m from the middle of "
                     f"a body of {size:g} m; is it in other units?"
@@ -359,7 +359,9 @@ class RobotParameters(ConnectedLimbs):
         for name in ("position", "e1", "e2"):
             _validate_vector(getattr(limb, name), f"{where}.{name}")
         lengths = [np.linalg.norm(axis) for axis in (limb.e1, limb.e2)]
-        if min(lengths) < SQUARE or abs(np.dot(limb.e1, limb.e2)) > SQUARE * np.prod(lengths):
+        if min(lengths) < MAX_COSINE or abs(np.dot(limb.e1, limb.e2)) > MAX_COSINE * np.prod(
+            lengths
+        ):
             raise ParameterError(
                 f"{where} has e1 = {limb.e1} and e2 = {limb.e2}; both must have a direction, at "
                 "right angles to each other."
@@ -371,7 +373,7 @@ class RobotParameters(ConnectedLimbs):
                 f"{where} bends in space, but the body moves in a plane; set body.mount to free, "
                 "or the axes of the limb's segments to 1."
             )
-        if max(abs(limb.e1[1]), abs(limb.e2[1])) > SQUARE:
+        if max(abs(limb.e1[1]), abs(limb.e2[1])) > MAX_COSINE:
             raise ParameterError(
                 f"{where} has e1 = {limb.e1} and e2 = {limb.e2}, out of the plane of x and z in "
                 "which the body moves; their second numbers must be 0."

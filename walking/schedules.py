@@ -18,7 +18,7 @@ LETTERS = dict(zip("sfbdl", CONTACTS, strict=True))  # forward, backward, dragge
 Schedule = list[list[str]]
 
 
-def schedule_of(text: str, num_feet: int) -> Schedule:
+def parse_schedule(text: str, num_feet: int) -> Schedule:
     """The contact of each foot in each phase (P, F), from text such as ``fs ss sf ss``.
 
     Raises:
@@ -34,8 +34,8 @@ def schedule_of(text: str, num_feet: int) -> Schedule:
     return [[LETTERS[letter] for letter in phase] for phase in phases]
 
 
-def schedule_text(schedule: Sequence[Sequence[str]]) -> str:
-    """Text of a schedule, as `schedule_of` reads it."""
+def format_schedule(schedule: Sequence[Sequence[str]]) -> str:
+    """Text of a schedule, as `parse_schedule` reads it."""
     letters = {contact: letter for letter, contact in LETTERS.items()}
     return " ".join("".join(letters[contact] for contact in phase) for phase in schedule)
 
@@ -56,18 +56,18 @@ def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) ->
     other = {"slide_forward", "slide_backward"} if in_space else {"slide"}
     if other & {contact for phase in schedule for contact in phase}:
         raise PlanningError(
-            f"The schedule {schedule_text(schedule)!r} has feet that slide forward or backward, "
+            f"The schedule {format_schedule(schedule)!r} has feet that slide forward or backward, "
             "but the body moves in space; let them be dragged (d), where the planner finds along "
             "what."
             if in_space
-            else f"The schedule {schedule_text(schedule)!r} has feet that are dragged (d), but the "
-            "body moves in a plane; let them slide forward (f) or backward (b)."
+            else f"The schedule {format_schedule(schedule)!r} has feet that are dragged (d), but "
+            "the body moves in a plane; let them slide forward (f) or backward (b)."
         )
     for foot, contacts in enumerate(zip(*schedule, strict=True)):
         if set(contacts) == {"stick"}:
             raise PlanningError(
                 f"Foot {foot + 1} sticks in all phases of the schedule "
-                f"{schedule_text(schedule)!r}, so that the robot stays where it is; let it slide "
+                f"{format_schedule(schedule)!r}, so that the robot stays where it is; let it slide "
                 "or be lifted in one."
             )
     for number, phase in enumerate(schedule):
@@ -76,12 +76,12 @@ def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) ->
         if not any(pair == ("stick", "stick") for pair in pairs):
             raise PlanningError(
                 f"No foot sticks both in phase {number + 1} and in phase {after + 1} of the "
-                f"schedule {schedule_text(schedule)!r}, so that nothing holds the body when one "
+                f"schedule {format_schedule(schedule)!r}, so that nothing holds the body when one "
                 "follows the other; put a phase between in which all feet stick."
             )
 
 
-def sensible_schedules(robot: RobotParameters) -> list[Schedule]:
+def candidate_schedules(robot: RobotParameters) -> list[Schedule]:
     """Schedules that are worth trying, the best first.
 
     In a plane feet move forward one after the other, from the rear or from the front; they slide,
@@ -102,7 +102,7 @@ def sensible_schedules(robot: RobotParameters) -> list[Schedule]:
     if num_feet > 3:
         orders.insert(0, [list(range(0, num_feet, 2)), list(range(1, num_feet, 2))])
     return [
-        _schedule(order, contact, num_feet)
+        _group_schedule(order, contact, num_feet)
         for contact in ("slide_forward", "swing")[: 1 if num_feet < 3 else 2]
         for order in orders
     ]
@@ -117,15 +117,19 @@ def _schedules_in_space(robot: RobotParameters) -> list[Schedule]:
     across += [foot for foot in around if foot not in across]
     waves = [[*left, *right], [*right, *left], across, across[::-1]]
     waves = waves[::2] if F == 3 else waves  # the others are these, begun at another foot
-    schedules = [_schedule([[foot] for foot in wave], "slide", F, rests=F < 4) for wave in waves]
+    schedules = [
+        _group_schedule([[foot] for foot in wave], "slide", F, rests=F < 4) for wave in waves
+    ]
     if F > 3:
         opposite = [around[::2], around[1::2]]
         groups = opposite, opposite[::-1], [left, right]
-        schedules += [_schedule(each, "slide", F) for each in groups]
+        schedules += [_group_schedule(each, "slide", F) for each in groups]
     return [each for number, each in enumerate(schedules) if each not in schedules[:number]]
 
 
-def _schedule(order: list[list[int]], contact: str, num_feet: int, rests: bool = True) -> Schedule:
+def _group_schedule(
+    order: list[list[int]], contact: str, num_feet: int, rests: bool = True
+) -> Schedule:
     """Groups of feet that move in an order, with all sticking between them if there are rests."""
     phases = []
     for moving in order:

@@ -33,10 +33,10 @@ from walking.walker import Walker
 # Least pivots. With less, gaits tip over a slightly uneven ground or slip of a foot: at 10 N/m, a
 # tenth of a limb's weight moves the body by 1.5 mm; at 0.1 N·m/rad, it turns it by 1°. Against
 # pitch, which other limbs than planned make tip, `GaitProgram` asks for more.
-LEAST_STIFFNESS = np.array([10.0, 10.0, 0.1])
-LEAST_JOINT_STIFFNESS = 0.05  # of a joint's spring: limbs buckle at 0
-MOST_LOAD_STIFFNESS = 1000.0  # N/m: ground that is higher by 0.1 mm adds a load of at most 0.1 N
-LEAST_PIVOT = float(np.arcsinh(1.0))  # of `Stability.values`
+MIN_BODY_STIFFNESS = np.array([10.0, 10.0, 0.1])
+MIN_JOINT_STIFFNESS_SHARE = 0.05  # of a joint's spring: limbs buckle at 0
+MAX_LOAD_STIFFNESS = 1000.0  # N/m: ground that is higher by 0.1 mm adds a load of at most 0.1 N
+MIN_PIVOT = float(np.arcsinh(1.0))  # of `Stability.values`
 
 
 class Balance(SmoothFunction):
@@ -70,7 +70,7 @@ class Balance(SmoothFunction):
         return y, x, forces.reshape(*forces.shape[:-1], *shape)
 
 
-def balance_of(walker: Walker, wires: Wires, ground_gives: bool = True) -> Balance:
+def make_balance(walker: Walker, wires: Wires, ground_gives: bool = True) -> Balance:
     """The `Balance` of a robot, stated once."""
     key = Balance, walker.key, ground_gives
     return stated_once(key, lambda: Balance(walker, wires, ground_gives))
@@ -103,8 +103,10 @@ class Stability:
         d, B, F = len(walker.stiffness), walker.pose_size, walker.num_feet
         self._d, self._F = d, F
         self._held = held.reshape(*held.shape[:-2], 2 * F)
-        of_joints = LEAST_JOINT_STIFFNESS * walker.stiffness[B:][walker.last_joints]
-        self._least = np.concatenate([of_joints, LEAST_STIFFNESS, np.full(F, MOST_LOAD_STIFFNESS)])
+        of_joints = MIN_JOINT_STIFFNESS_SHARE * walker.stiffness[B:][walker.last_joints]
+        self._least = np.concatenate(
+            [of_joints, MIN_BODY_STIFFNESS, np.full(F, MAX_LOAD_STIFFNESS)]
+        )
         # Joints first, then the body, then each height of the ground; the pivots that count, by how
         # many coordinates are eliminated, and by their own.
         self._order = np.append(np.arange(B, d), np.arange(B))
@@ -112,11 +114,13 @@ class Stability:
         self._pivots = [*zip(kept, self._order[kept], strict=True), *((d, d + f) for f in range(F))]
         self.num_values = len(self._pivots)
 
-        functions = stated_once((Stability, walker.key), lambda: self._stated(walker, wires))
+        functions = stated_once(
+            (Stability, walker.key), lambda: self._build_functions(walker, wires)
+        )
         self._energy, self._stiffness, self.gain = functions
-        self.slope_places, self.curvature_places = self._places()
+        self.slope_places, self.curvature_places = self._derivative_places()
 
-    def _stated(self, walker: Walker, wires: Wires) -> tuple[SmoothFunction, ...]:
+    def _build_functions(self, walker: Walker, wires: Wires) -> tuple[SmoothFunction, ...]:
         """Φ; the stiffness, column by column; and Φ of `FrictionGain`."""
         d, F = self._d, self._F
         y, feet = walker.configuration, ca.vec(walker.symbolic_feet)
@@ -142,7 +146,7 @@ class Stability:
 
     def values(self, points: np.ndarray) -> np.ndarray:
         """The pivots' asinh (..., m)."""
-        pivots = np.moveaxis(self._eliminated(points)[0], 0, -1)
+        pivots = np.moveaxis(self._eliminate(points)[0], 0, -1)
         return np.arcsinh(pivots / self._least)
 
     def stiffness(self, points: np.ndarray) -> np.ndarray:
@@ -156,7 +160,7 @@ class Stability:
 
     def slopes(self, points: np.ndarray) -> np.ndarray:
         """Derivatives at the ``slope_places`` (..., Z)."""
-        pivots, motions, _ = self._eliminated(points)
+        pivots, motions, _ = self._eliminate(points)
         slopes = np.moveaxis(self._pivot_slopes(points, pivots, motions), 0, -2)
         return slopes[..., *self.slope_places]
 
@@ -164,11 +168,11 @@ class Stability:
         """Second derivatives of weights · `values` at the ``curvature_places`` (..., Z)."""
         P = points.shape[-1]
         result = np.zeros((*points.shape, P))
-        pivots, motions, stiffness = self._eliminated(points)
+        pivots, motions, stiffness = self._eliminate(points)
         slopes = self._pivot_slopes(points, pivots, motions)
         one = np.ones((*pivots.shape, 1))
-        curved = self._energy.second(self._with(points, motions), one, self._held)
-        sizes = np.hypot(pivots, self._of_pivots(self._least, pivots))
+        curved = self._energy.second(self._with_motions(points, motions), one, self._held)
+        sizes = np.hypot(pivots, self._per_pivot(self._least, pivots))
         on_pivots = np.moveaxis(weights, -1, 0) / sizes
         for (number, _), pivot, slope, both, weight in zip(
             self._pivots, pivots, slopes, curved, on_pivots, strict=True
@@ -181,7 +185,7 @@ class Stability:
             result += weight[..., None, None] * both
         return result[..., *self.curvature_places]
 
-    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+    def _derivative_places(self) -> tuple[np.ndarray, np.ndarray]:
         """Where first and second derivatives may not be zero."""
         P = self._energy.num_variables - self._d - self._F
         counts = np.unique(self._energy.slope_places[1])
@@ -194,21 +198,21 @@ class Stability:
         self, points: np.ndarray, pivots: np.ndarray, motions: np.ndarray
     ) -> np.ndarray:
         """Derivatives of the pivots' asinh by the points (V, ..., P)."""
-        _, slopes = self._energy.first(self._with(points, motions), self._held)
-        sizes = np.hypot(pivots, self._of_pivots(self._least, pivots))
+        _, slopes = self._energy.first(self._with_motions(points, motions), self._held)
+        sizes = np.hypot(pivots, self._per_pivot(self._least, pivots))
         return slopes[..., 0, : points.shape[-1]] / sizes[..., None]
 
     @staticmethod
-    def _with(points: np.ndarray, motions: np.ndarray) -> np.ndarray:
+    def _with_motions(points: np.ndarray, motions: np.ndarray) -> np.ndarray:
         """Arguments [p, v] of Φ for each pivot (V, ..., P + d)."""
         return np.concatenate([np.broadcast_to(points, (len(motions), *points.shape)), motions], -1)
 
     @staticmethod
-    def _of_pivots(values: np.ndarray, pivots: np.ndarray) -> np.ndarray:
+    def _per_pivot(values: np.ndarray, pivots: np.ndarray) -> np.ndarray:
         """Values of the V pivots (V,) as an array (V, 1, ...) beside the pivots."""
         return values.reshape(-1, *[1] * (pivots.ndim - 1))
 
-    def _eliminated(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _eliminate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The V pivots (V, ...), their motions v (V, ..., d + F), and `_with_heights`."""
         whole = self._with_heights(points)
         motions = np.zeros((len(self._pivots), *whole.shape[:-1]))

@@ -21,23 +21,23 @@ from limb_systems.kinematics import joint_angles_from_bend_angle
 from planners.transcription.quasi_static import readings_along
 from walking.gait import Gait
 from walking.gait_check import scale_limb, with_friction
-from walking.gait_program import SLIDES
+from walking.gait_program import SLIDE_SIGNS
 from walking.robot_parameters import RobotParameters
-from walking.standing import balance_of
+from walking.standing import make_balance
 from walking.walker import Walker
 
-SPACING = 0.25  # s, between the moments whose balance counts
-SMOOTHING = 0.25  # s, of bends from which the speed of feet is told
-SLIDING = 0.5  # share of its planned mean speed, from which on a foot counts as sliding
-FEWEST = 6  # moments
-ITERATIONS = 8
+MOMENT_SPACING = 0.25  # s, between the moments whose balance counts
+SMOOTHING_TIME = 0.25  # s, of bends from which the speed of feet is told
+SLIDING_SPEED_SHARE = 0.5  # share of its planned mean speed, from which on a foot counts as sliding
+MIN_MOMENTS = 6  # moments
+MAX_ITERATIONS = 8
 # Relative errors that are expected of what was described or calibrated before, and what bends and
 # readings deviate from the laws: rad, in each phase of sliding, and °C.
-FRICTION, STIFFNESS, TORQUE, RATES = 0.5, 0.1, 0.1, 0.2
-UNCALIBRATED = 2.0  # times as much, of stiffness and torques of a limb that is only described
+FRICTION_ERROR, STIFFNESS_ERROR, TORQUE_ERROR, RATE_ERROR = 0.5, 0.1, 0.1, 0.2
+UNCALIBRATED_FACTOR = 2.0  # of errors of stiffness and torques, if a limb is not calibrated
 BEND_ERROR, READING_ERROR = np.deg2rad(1.0), 2.0
-TORQUES = ("beta", "full_torque")  # of the wires' laws, as far as they have them
-HEAT_RATES = ("a1", "a2")
+TORQUE_FIELDS = ("beta", "full_torque")  # of the wires' laws, as far as they have them
+HEAT_RATE_FIELDS = ("a1", "a2")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,26 +87,26 @@ def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> 
         )
     heat, of_rates = fit_heat(robot, recording)
     states = heat[:, : -len(recording.duty)]
-    moments, contacts = _sliding(gait, recording, start, cycles)
-    if len(moments) < FEWEST:
+    moments, contacts = _sliding_moments(gait, recording, start, cycles)
+    if len(moments) < MIN_MOMENTS:
         raise CalibrationError(
             "No foot slides as planned in this recording, so that its strides tell nothing of the "
             "ground; does the robot stand on it, and are its wires heated?"
         )
-    states, smooth = recording.interpolated(states.T, moments).T, smoothed(recording)
+    states, smooth = recording.interpolated(states.T, moments).T, smooth_bends(recording)
     bends = recording.interpolated(smooth, moments).T
-    balance = _Balance(robot, states, contacts, exact=recording.applied_duty is None)
-    names, expected = ["friction"], [FRICTION]
+    balance = _SlidingBalance(robot, states, contacts, exact=recording.applied_duty is None)
+    names, expected = ["friction"], [FRICTION_ERROR]
     for limb in robot.limbs:
         names += [f"{limb.name}.stiffness", f"{limb.name}.torque"]
-        known = 1.0 if limb.parameters.calibration else UNCALIBRATED
-        expected += [known * STIFFNESS, known * TORQUE]
+        known = 1.0 if limb.parameters.calibration else UNCALIBRATED_FACTOR
+        expected += [known * STIFFNESS_ERROR, known * TORQUE_ERROR]
     # Deviations of one phase are alike: each phase counts as one moment.
     phases = cycles * sum("stick" in of and set(of) != {"stick"} for of in gait.schedule)
     error = BEND_ERROR * np.sqrt(max(1.0, len(moments) / phases))
-    logarithms, covariance = _most_probable(balance, bends, expected, error)
-    fitted = _changed(robot, dict(zip(names, np.exp(logarithms), strict=True)))
-    estimates = dict(zip(names, map(_multiple, logarithms, np.diag(covariance)), strict=True))
+    logarithms, covariance = _fit_multiples(balance, bends, expected, error)
+    fitted = _scale_robot(robot, dict(zip(names, np.exp(logarithms), strict=True)))
+    estimates = dict(zip(names, map(_make_estimate, logarithms, np.diag(covariance)), strict=True))
     return StridesFit(fitted, estimates | of_rates, heat[-1], smooth[:, -1])
 
 
@@ -119,7 +119,10 @@ def fit_heat(
     """
     together = robot.together  # whose wires' laws are the robot's own
     laws, W = [wire.law for wire in together.wires], len(together.wires)
-    given, rates = copy.deepcopy(laws), [r for r in HEAT_RATES if all(hasattr(w, r) for w in laws)]
+    given, rates = (
+        copy.deepcopy(laws),
+        [r for r in HEAT_RATE_FIELDS if all(hasattr(w, r) for w in laws)],
+    )
     duty = recording.heating_duty
     duty, times = np.clip(duty, 0.0, 1.0).T, recording.time - recording.time[0]
     measured = recording.measured_temperature.T
@@ -137,51 +140,51 @@ def fit_heat(
     # Readings of a wire deviate for as long as it takes to cool: so many count as one.
     alike = recording.sample_rate / laws[0].typical_rates()["fastest_cooling"]
     weight = shown / (READING_ERROR**2 * alike)
-    for _ in range(ITERATIONS // 2):
+    for _ in range(MAX_ITERATIONS // 2):
         readings = course(logarithms)[1]
         missed = np.where(shown, measured - readings, 0.0)
         slopes = np.zeros((len(rates), *readings.shape))
         for slope, change in zip(slopes, np.eye(len(rates)), strict=True):
             slope[:] = (course(logarithms + 1e-3 * change[:, None])[1] - readings) / 1e-3
         curvature = np.einsum("akw,bkw,kw->wab", slopes, slopes, weight)
-        curvature += np.eye(len(rates)) / RATES**2
-        uphill = np.einsum("akw,kw,kw->wa", slopes, weight, missed) - logarithms.T / RATES**2
+        curvature += np.eye(len(rates)) / RATE_ERROR**2
+        uphill = np.einsum("akw,kw,kw->wa", slopes, weight, missed) - logarithms.T / RATE_ERROR**2
         step = np.linalg.solve(curvature, uphill[..., None])[..., 0].T
         logarithms += np.clip(step, -0.3, 0.3)
     heat = np.hstack(course(logarithms))
     variances = np.diagonal(np.linalg.inv(curvature), axis1=1, axis2=2)
     return heat, {
-        f"{wire}.{rate}": _multiple(logarithms[r, w], variances[w, r])
+        f"{wire}.{rate}": _make_estimate(logarithms[r, w], variances[w, r])
         for w, wire in enumerate(together.wire_names)
         for r, rate in enumerate(rates)
     }
 
 
-def _multiple(logarithm: float, variance: float) -> Estimate:
+def _make_estimate(logarithm: float, variance: float) -> Estimate:
     """A multiple of a value before, by the logarithm and its variance."""
     value = float(np.exp(logarithm))
     return Estimate(value, value * float(np.sqrt(variance)), "of before")
 
 
-def smoothed(recording: Recording) -> np.ndarray:
+def smooth_bends(recording: Recording) -> np.ndarray:
     """Measured bends (F, K), rad, without gaps, and with little noise."""
-    size = max(1, round(SMOOTHING * recording.sample_rate))
+    size = max(1, round(SMOOTHING_TIME * recording.sample_rate))
     bends = np.array([filled(recording.time, bend) for bend in recording.bend_angle])
     return uniform_filter1d(bends, size, axis=1)
 
 
-def _sliding(
+def _sliding_moments(
     gait: Gait, recording: Recording, start: float, cycles: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moments at which feet slide as planned (M,), s, and the contact of each foot (M, F)."""
     walker, together = Walker(gait.robot), gait.robot.together
     B = walker.pose_size
-    times = start + np.arange(0.0, cycles * gait.period, SPACING)
+    times = start + np.arange(0.0, cycles * gait.period, MOMENT_SPACING)
     times = times[times < recording.time[-1]]
     starts = [phase.start for phase in gait.phases]
     in_cycle = (times - start) % gait.period
     contacts = np.array(gait.schedule)[np.searchsorted(starts, in_cycle, "right") - 1]
-    signs = np.array([[SLIDES.get(foot, 0.0) for foot in feet] for feet in contacts])
+    signs = np.array([[SLIDE_SIGNS.get(foot, 0.0) for foot in feet] for feet in contacts])
     sticks = contacts == "stick"
 
     def speeds(motion: Gait | Recording, bends: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -197,14 +200,14 @@ def _sliding(
         )
 
     planned = speeds(gait, gait.bend_angle, in_cycle)
-    made = speeds(recording, smoothed(recording), times)
+    made = speeds(recording, smooth_bends(recording), times)
     mean = np.array([np.abs(planned[(signs == s).all(axis=1)]).mean(axis=0) for s in signs])
-    slides = (signs * made > SLIDING * mean) | (signs == 0)
+    slides = (signs * made > SLIDING_SPEED_SHARE * mean) | (signs == 0)
     at = slides.all(axis=1) & (signs != 0).any(axis=1) & ~(contacts == "swing").any(axis=1)
     return times[at], contacts[at]
 
 
-class _Balance:
+class _SlidingBalance:
     """The bends of a robot of which some feet slide, by friction, stiffness and torques.
 
     Args:
@@ -223,8 +226,8 @@ class _Balance:
         self._robot = robot
         self._mechanics = model.mechanics
         self._exact = exact
-        self._slides = np.vectorize(lambda foot: SLIDES.get(foot, 0.0))(contacts)
-        self._balance = balance_of(self._walker, self._wires)
+        self._slides = np.vectorize(lambda foot: SLIDE_SIGNS.get(foot, 0.0))(contacts)
+        self._balance = make_balance(self._walker, self._wires)
         M, d, F = len(states), len(self._walker.stiffness), self._walker.num_feet
         self._d, self._F = d, F
         load = float(np.linalg.norm(self._walker.weight)) / F
@@ -298,8 +301,8 @@ class _Balance:
         return missed, by_unknown, by_multiples
 
 
-def _most_probable(
-    balance: _Balance, bends: np.ndarray, expected: ArrayLike, error: float
+def _fit_multiples(
+    balance: _SlidingBalance, bends: np.ndarray, expected: ArrayLike, error: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Logarithms of the multiples (P,) that explain bends (M, F), rad, and their covariance.
 
@@ -309,7 +312,7 @@ def _most_probable(
     """
     precision = np.diag(1 / np.square(expected))
     logarithms = np.zeros(len(precision))
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         shown, slopes = balance.bends(logarithms)
         slopes, missed = slopes.reshape(-1, len(precision)), (bends - shown).ravel()
         away = np.abs(missed) / error
@@ -322,10 +325,10 @@ def _most_probable(
     return logarithms, np.linalg.inv(curvature)
 
 
-def _changed(robot: RobotParameters, multiples: dict[str, float]) -> RobotParameters:
+def _scale_robot(robot: RobotParameters, multiples: dict[str, float]) -> RobotParameters:
     """A robot with friction, stiffness and torques that are multiples of before."""
     robot = with_friction(robot, multiples["friction"])
     for limb in robot.limbs:
-        torques = dict.fromkeys(TORQUES, multiples[f"{limb.name}.torque"])
+        torques = dict.fromkeys(TORQUE_FIELDS, multiples[f"{limb.name}.torque"])
         scale_limb(limb.parameters, multiples[f"{limb.name}.stiffness"], torques)
     return robot

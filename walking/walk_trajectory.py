@@ -12,14 +12,14 @@ from limb_systems.wires import Wires
 from planners.transcription.quasi_static import readings_along
 from walking.gait import Gait
 
-SHORTEST_WARM_UP, LONGEST_WARM_UP = 1.0, 300.0  # s
-NEAR = 0.1  # °C
-STEP = 0.25  # s, of a warm-up that begins warm
-TOO_WARM = 3.0  # °C, of wires at its end: to cool by as much takes longer than it gains
-LONGER = 1.25  # times, the next warm-up that is tried
+MIN_WARM_UP, MAX_WARM_UP = 1.0, 300.0  # s
+TEMPERATURE_TOLERANCE = 0.1  # °C
+WARM_UP_STEP = 0.25  # s, of a warm-up that begins warm
+MAX_OVERHEATING = 3.0  # °C, of wires at its end: to cool by as much takes longer than it gains
+DURATION_FACTOR = 1.25  # times, the next warm-up that is tried
 # By which heat may bend the limbs otherwise than in the gait, after the first cycles. From cold it
 # bends those of wires with memory by up to 6° otherwise, and by less from cycle to cycle.
-TOLERANCE_DEG, SETTLING = 5.0, 4
+TOLERANCE_DEG, SETTLING_CYCLES = 5.0, 4
 
 
 def walk(
@@ -64,7 +64,9 @@ def walk(
             "°C; let it cool first."
         )
     warm_up, levels = (
-        _warm_up(gait, wires, start[:-W]) if heat is None else _change(gait, wires, start[:-W])
+        _warm_up_from_cold(gait, wires, start[:-W])
+        if heat is None
+        else _change_heat(gait, wires, start[:-W])
     )
     knots = np.arange(np.ceil((warm_up + cycles * gait.period) / PERIOD - 1e-6) + 1)
     times = PERIOD * knots
@@ -78,9 +80,11 @@ def walk(
     since = times - warm_up
     walks, in_cycle = since >= 0, since % gait.period
     planned = PchipInterpolator(gait.time, gait.wire_states, axis=1)(in_cycle).T
-    while (above := _heat(wires, start, duty, times)[:, :W].max() - limits.maximum) > 1e-7:
+    while (
+        above := _integrate_heat(wires, start, duty, times)[:, :W].max() - limits.maximum
+    ) > 1e-7:
         duty *= 1 - 2 * above / (limits.maximum - ambient)  # of T_max by rounding
-    along = _heat(wires, start, duty, times)
+    along = _integrate_heat(wires, start, duty, times)
 
     course = PchipInterpolator(gait.time, gait.joint_angles, axis=1)
     held = LimbModel.of(gait.parameters).statics.angles(along[:, :-W]).T
@@ -91,8 +95,10 @@ def walk(
     angles = np.where(walks, course(np.where(walks, in_cycle, 0.0)), held + offset)
     rates = np.gradient(angles, PERIOD, axis=1)
     check = PlanCheck()
-    if not gait.check.is_missing and cycles < SETTLING:  # whose heat would come to the gait's
-        check = walk(gait, SETTLING, heat=heat, bend=bend).check
+    if (
+        not gait.check.is_missing and cycles < SETTLING_CYCLES
+    ):  # whose heat would come to the gait's
+        check = walk(gait, SETTLING_CYCLES, heat=heat, bend=bend).check
     elif not gait.check.is_missing:
         last = since >= (cycles - 1) * gait.period
         in_gait = LimbModel.of(gait.parameters).statics.angles(planned[last]).T
@@ -119,61 +125,68 @@ def walk(
     )
 
 
-def _warm_up(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
+def _warm_up_from_cold(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
     """The shortest warm-up with constant duty, s, and its duty (1, W), from cold states (N,)."""
-    target, duration, W = gait.wire_temperature[:, 0], SHORTEST_WARM_UP, wires.num_wires
-    while duration < LONGEST_WARM_UP:
+    target, duration, W = gait.wire_temperature[:, 0], MIN_WARM_UP, wires.num_wires
+    while duration < MAX_WARM_UP:
         duration = PERIOD * np.ceil(duration / PERIOD)
         times = np.linspace(0.0, duration, 11)
         level = np.full(W, 0.5)
         cooled = wires.under_duty(start, np.zeros((11, W)), times)[-1, :W]
         for _ in range(10):  # T rises with duty, in proportion where heat is linear
             reached = wires.under_duty(start, np.tile(level, (11, 1)), times)[-1, :W]
-            if np.abs(reached - target).max() < NEAR and level.sum() <= gait.robot.total_duty:
+            if (
+                np.abs(reached - target).max() < TEMPERATURE_TOLERANCE
+                and level.sum() <= gait.robot.total_duty
+            ):
                 return duration, level[None]
-            rise = np.maximum(reached - cooled, NEAR)
+            rise = np.maximum(reached - cooled, TEMPERATURE_TOLERANCE)
             level = np.clip(np.maximum(level, 0.01) * (target - cooled) / rise, 0.0, 1.0)
-        duration *= LONGER
-    raise _never_reached()
+        duration *= DURATION_FACTOR
+    raise _unreachable_heat()
 
 
-def _change(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
+def _change_heat(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndarray]:
     """The shortest way along a line to the gait's T, s, and its duty (K, W), from states (N,)."""
     W, total, states = wires.num_wires, gait.robot.total_duty, start
     levels: list[np.ndarray] = []
     first, target = start[:W], gait.wire_temperature[:, 0]
     way, share = target - first, 0.0  # the share of the way, that the wires have gone
-    if np.abs(way).max() < NEAR:
+    if np.abs(way).max() < TEMPERATURE_TOLERANCE:
         return 0.0, np.zeros((0, W))
     while share < 1.0:
-        if STEP * len(levels) > LONGEST_WARM_UP:
-            raise _never_reached()
+        if WARM_UP_STEP * len(levels) > MAX_WARM_UP:
+            raise _unreachable_heat()
         none, full = (wires.rates(states, np.full(W, duty))[:W] for duty in (0.0, 1.0))
         # Rates of temperature are D of the way from none to full; those of cooling wires are none.
-        behind = (first + share * way - states[:W]) / STEP
+        behind = (first + share * way - states[:W]) / WARM_UP_STEP
         fastest = np.where(way > 0, full, none) / np.where(way == 0, np.nan, way)
         by_pace, at_rest = way / (full - none), (behind - none) / (full - none)
         by_total = (total - at_rest.sum()) / by_pace.sum() if by_pace.sum() > 0 else np.inf
-        pace = max(0.0, min(np.nanmin(fastest), by_total, (1.0 - share) / STEP))
+        pace = max(0.0, min(np.nanmin(fastest), by_total, (1.0 - share) / WARM_UP_STEP))
         left = (1.0 - share) * way
-        if (left >= -TOO_WARM).all() and (left <= full * STEP).all():
-            pace = (1.0 - share) / STEP  # as far as wires that are off cool in the last step
-        share += pace * STEP
+        if (left >= -MAX_OVERHEATING).all() and (left <= full * WARM_UP_STEP).all():
+            pace = (
+                1.0 - share
+            ) / WARM_UP_STEP  # as far as wires that are off cool in the last step
+        share += pace * WARM_UP_STEP
         level = np.clip(by_pace * pace + at_rest, 0.0, 1.0)
         level *= min(1.0, total / max(level.sum(), 1e-9))
-        states = wires.under_duty(states, np.tile(level, (2, 1)), np.array([0.0, STEP]))[-1]
+        states = wires.under_duty(states, np.tile(level, (2, 1)), np.array([0.0, WARM_UP_STEP]))[-1]
         levels.append(level)
-    return STEP * len(levels), np.array(levels)
+    return WARM_UP_STEP * len(levels), np.array(levels)
 
 
-def _never_reached() -> LimbError:
+def _unreachable_heat() -> LimbError:
     return LimbError(
-        f"The wires do not reach the gait's first temperatures within {LONGEST_WARM_UP:g} s; has "
+        f"The wires do not reach the gait's first temperatures within {MAX_WARM_UP:g} s; has "
         "the air or the supply changed since it was planned?"
     )
 
 
-def _heat(wires: Wires, start: np.ndarray, duty: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _integrate_heat(
+    wires: Wires, start: np.ndarray, duty: np.ndarray, times: np.ndarray
+) -> np.ndarray:
     """[x, V] (K, N + W) under duty (K, W) that is linear between times (K,), from a start."""
     states, readings = np.split(start, [-wires.num_wires])
     course = wires.under_duty(states, duty, times)

@@ -52,9 +52,9 @@ class Walker:
         check_walker(robot)
         laws = (type(wire.law) for wire in robot.together.wires)
         self.key = Walker, repr(robot), *laws
-        self.__dict__.update(stated_once(self.key, lambda: self._stated(robot)))
+        self.__dict__.update(stated_once(self.key, lambda: self._build_expressions(robot)))
 
-    def _stated(self, robot: RobotParameters) -> dict[str, Any]:
+    def _build_expressions(self, robot: RobotParameters) -> dict[str, Any]:
         """The attributes of all `Walker`s of a description."""
         mechanics = LimbModel.of(robot.together).mechanics
         B = robot.pose_size
@@ -68,7 +68,7 @@ class Walker:
         self.contact_stiffness = robot.contact_stiffness
         self.last_joints = [joints.stop - 1 for joints in robot.joints_of]
         y = self.configuration = ca.SX.sym("y", len(self.stiffness))
-        origin, frame = _pose(y[:B])
+        origin, frame = _body_frame(y[:B])
         masses, places, feet = [robot.body.mass], [origin], []
         for limb, joints in zip(robot.limbs, robot.joints_of, strict=True):
             of_limb = LimbModel.of(limb.parameters).mechanics
@@ -85,7 +85,7 @@ class Walker:
                 places.append(base + to_world @ place)
             tip = base + to_world @ chain.position(last, end)
             along = to_world @ chain.frames[last] @ ca.DM(end / np.linalg.norm(end))
-            travel = tip[: self.num_tangents] + self.radius * self._rolled(along)
+            travel = tip[: self.num_tangents] + self.radius * self._roll_travel(along)
             feet.append(ca.vertcat(travel, tip[2]))
         self.size = max(limb.parameters.length for limb in robot.limbs)
         self.weight = sum(masses) * robot.world_gravity
@@ -99,7 +99,7 @@ class Walker:
         # garbage as soon as the object itself is, whoever else has the dictionary.
         return dict(vars(self))
 
-    def _rolled(self, along: ca.SX) -> ca.SX:
+    def _roll_travel(self, along: ca.SX) -> ca.SX:
         """How far a foot of radius 1 rolls (τ,) from upright to where its limb's end points (3,).
 
         It is the angle between the limb's end and the vertical. In space, where the ground sees the
@@ -122,7 +122,7 @@ class Walker:
         return slopes.reshape(*y.shape[:-1], self.num_feet, self.num_tangents + 1, y.shape[-1])
 
 
-def _pose(pose: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _body_frame(pose: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Place (3,), m, and frame (3, 3) of a body with a pose in the plane or in space."""
     if pose.numel() == 3:
         x, z, pitch = pose[0], pose[1], -pose[2]

@@ -15,7 +15,7 @@ from walking.gait import Gait, GaitVariation
 
 def gait_verdict(gait: Gait) -> str:
     """How far and how fast a gait goes and turns, and whether it was checked."""
-    turn, what = np.rad2deg(gait.turn), _made(gait)
+    turn, what = np.rad2deg(gait.turn), _cycle_noun(gait)
     goes = [] if gait.on_the_spot else [f"{what} of {1e3 * gait.stride:.1f} mm"]
     paces = [] if gait.on_the_spot else [f"{1e3 * gait.speed:.2f} mm/s"]
     if abs(turn) > 1e-6:
@@ -61,11 +61,11 @@ def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | N
     ]
     if not check.is_missing:
         nominal = dataclasses.replace(check.simulation, what="as planned")
-        one = _made(gait).removesuffix("s")
+        one = _cycle_noun(gait).removesuffix("s")
         names = ["robot or ground", f"mean {one}, %", "least, %", "most, %"]
         names += ["aside, %"] * gait.in_space + ["T, °C", "fall"]
         aside = ", the most that the robot goes or turns aside of it" * gait.in_space
-        rows = [_row(variation, gait.in_space) for variation in [nominal, *check.spread]]
+        rows = [_variation_row(variation, gait.in_space) for variation in [nominal, *check.spread]]
         caption = (
             f"{one.capitalize()}s in simulation with contact as shares of the planned one{aside}, "
             "the highest temperature of any wire, and how it fell, if it did."
@@ -80,12 +80,12 @@ def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | N
     page.write_page(path, "Gait of a robot", parts, gait.provenance, data)
 
 
-def _made(gait: Gait) -> str:
+def _cycle_noun(gait: Gait) -> str:
     """What a gait makes in its cycles: strides, or turns on the spot."""
     return "turns" if gait.on_the_spot else "strides"
 
 
-def _row(variation: GaitVariation, in_space: bool) -> list[str]:
+def _variation_row(variation: GaitVariation, in_space: bool) -> list[str]:
     strides = 100 * np.array(variation.strides)
     shares = [strides.mean(), strides.min(), strides.max()] if len(strides) else [np.nan] * 3
     if in_space:

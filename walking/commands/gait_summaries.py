@@ -7,7 +7,7 @@ import numpy as np
 from limb_systems.files.recording import Recording
 from limb_systems.summary import Entry, Summary
 from walking.gait import Gait
-from walking.gait_check import fall_of, strides_of
+from walking.gait_check import find_fall, measure_strides
 
 
 def gait_summary(gait: Gait) -> Summary:
@@ -71,10 +71,10 @@ def walk_summary(gait: Gait, recording: Recording, cycles: int, start: float) ->
     summary = recording.summary()
     if recording.body_pose is None:
         return summary
-    fall, end = fall_of(recording, gait, start)
+    fall, end = find_fall(recording, gait, start)
     cycles = max(0, min(cycles, int((end - start) / gait.period + 1e-6)))
     planned, unit = (np.rad2deg(gait.turn), "°") if gait.on_the_spot else (1e3 * gait.stride, " mm")
-    shares = strides_of(recording, gait, cycles, start)[0]
+    shares = measure_strides(recording, gait, cycles, start)[0]
     strides = shares * (gait.turn if gait.on_the_spot else gait.stride)
     shown = ", ".join(f"{share * planned:.1f}" for share in shares)
     said = f"{shown}{unit}" if len(strides) else "none is whole"

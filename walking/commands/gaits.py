@@ -38,44 +38,54 @@ from soft_limb.runs.rollout import OPEN, record_replay
 from walking.commands.gait_summaries import gait_summary, walk_summary
 from walking.course import check_course
 from walking.gait import Gait
-from walking.gait_check import fall_of, simulate_gait, strides_of
+from walking.gait_check import find_fall, measure_strides, simulate_gait
 from walking.gait_feedback import GaitFeedback
 from walking.gait_planning import plan_gait
 from walking.gait_program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
 from walking.gait_request import GaitRequest
-from walking.gait_set import AHEAD, TURNING, gait_files, load_gaits, plan_gaits, save_gaits
+from walking.gait_set import AHEAD, TURNING_GAITS, gait_files, load_gaits, plan_gaits, save_gaits
 from walking.heat_feedback import HeatFeedback
 from walking.robot import Robot
 from walking.robot_parameters import RobotParameters
 from walking.robot_twin import RobotTwin
 from walking.schedules import (
     Schedule,
+    candidate_schedules,
     check_schedule,
-    schedule_of,
-    schedule_text,
-    sensible_schedules,
+    format_schedule,
+    parse_schedule,
 )
 from walking.strides import StridesFit, fit_strides
 from walking.strides_in_space import fit_strides_in_space
-from walking.views.robot_panels import way_panel
+from walking.views.robot_panels import body_path_panel
 from walking.walk_trajectory import walk
 from walking.walker import check_walker
-from walking.wayfinder import LEAST_SHARE, STALLED_CYCLES, Wayfinder
+from walking.wayfinder import MIN_CYCLE_PROGRESS, STALLED_CYCLES, Wayfinder
 
-STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
-OF_ONE_GAIT = ("schedule", "turn", "stride", "speed", "steadiness", "quick", "plot", "report")
-FIRST_STRIDES = 2  # after which the gait is planned again
-WELL_MADE = 0.9  # of a stride in space, from which on the gait is kept
-CAMERA_SLACK = 1.2  # times the tolerance, within which a camera sees a robot that has arrived
-STALLS = (
-    f"stopped, as {STALLED_CYCLES} cycles in a row made less than {LEAST_SHARE:.0%} of what was "
-    "planned; does the robot slip, or is it another than the gait's?"
+STRIDE_FEEDBACK, BEND_FEEDBACK, HEAT_FEEDBACK = "gait-feedback", "plan-feedback", "heat-feedback"
+SINGLE_GAIT_OPTIONS = (
+    "schedule",
+    "turn",
+    "stride",
+    "speed",
+    "steadiness",
+    "quick",
+    "plot",
+    "report",
 )
-STANDING = 10.0  # s, that an emulated robot stands with its wires off while that is done
+FIRST_STRIDES = 2  # after which the gait is planned again
+MIN_KEPT_STRIDE_SHARE = 0.9  # of a stride in space, from which on the gait is kept
+# Of the tolerance of a place: a camera sees robots that arrived within so many times as much.
+CAMERA_TOLERANCE_FACTOR = 1.2
+STALLED_MESSAGE = (
+    f"stopped, as {STALLED_CYCLES} cycles in a row made less than {MIN_CYCLE_PROGRESS:.0%} of "
+    "what was planned; does the robot slip, or is it another than the gait's?"
+)
+STANDING_TIME = 10.0  # s, that an emulated robot stands with its wires off while that is done
 _Trial = tuple[Schedule, Gait | None, str]  # with its gait, or why it has none, if it was planned
 
 
-def _turn(text: str) -> float:
+def _parse_turn(text: str) -> float:
     """A turn in a cycle, rad, of text such as left, right or 10."""
     sides = {"left": np.inf, "right": -np.inf}
     try:
@@ -86,9 +96,9 @@ def _turn(text: str) -> float:
         ) from error
 
 
-def _gait(options: argparse.Namespace) -> int:
+def _plan(options: argparse.Namespace) -> int:
     if options.set:
-        return _gait_set(options)
+        return _plan_set(options)
     outputs = checked_outputs(options, options.robot)
     robot = RobotParameters.of(options.robot)
     check_walker(robot)
@@ -104,10 +114,10 @@ def _gait(options: argparse.Namespace) -> int:
         sticking_share=options.sticking,
     )
     check_course(robot, request.course)
-    schedules = [schedule_of(text, len(robot.limbs)) for text in options.schedule]
+    schedules = [parse_schedule(text, len(robot.limbs)) for text in options.schedule]
     for schedule in schedules:
         check_schedule(schedule, robot)
-    schedules = schedules or sensible_schedules(robot)
+    schedules = schedules or candidate_schedules(robot)
     request.validate(robot, schedules[0])
     say_duration(
         f"some seconds for each of {len(schedules)} schedules, and five to twenty to check one",
@@ -115,7 +125,7 @@ def _gait(options: argparse.Namespace) -> int:
     gait, refused = _best_gait(
         schedules,
         functools.partial(
-            _planned, robot, dataclasses.replace(request, explain=len(schedules) == 1)
+            _try_schedule, robot, dataclasses.replace(request, explain=len(schedules) == 1)
         ),
         spread=not options.quick,
     )
@@ -137,16 +147,16 @@ def _gait(options: argparse.Namespace) -> int:
     return 0
 
 
-def _gait_set(options: argparse.Namespace) -> int:
+def _plan_set(options: argparse.Namespace) -> int:
     """Plan the gaits by which a robot in space gets anywhere, into a folder."""
     # Refuse what is about one gait.
-    given = [f"--{name}" for name in OF_ONE_GAIT if getattr(options, name)]
+    given = [f"--{name}" for name in SINGLE_GAIT_OPTIONS if getattr(options, name)]
     if given:
         raise LimbError(f"--set plans gaits of all directions; leave out {', '.join(given)}.")
     # Check the files before the gaits are planned, which takes minutes.
     check_outputs(gait_files(options.output), inputs=[options.robot], force=options.force)
     robot = RobotParameters.of(options.robot)
-    num_processes = min(os.cpu_count() or 1, len(TURNING))
+    num_processes = min(os.cpu_count() or 1, len(TURNING_GAITS))
     gaits = plan_gaits(
         robot,
         map_function=functools.partial(run_each, num_processes=num_processes, in_order=True),
@@ -165,7 +175,7 @@ def _best_gait(
     """Plan a gait of each schedule, and check them, the best first, until one walks as planned.
 
     Args:
-        plan: `_planned` for a robot and an objective.
+        plan: `_try_schedule` for a robot and an objective.
         spread: whether the check varies ground and parameters.
 
     Returns:
@@ -179,7 +189,7 @@ def _best_gait(
             for trial in run_each(plan, schedules, num_processes):
                 trials.append(trial)
                 done = [schedule for schedule, *_ in trials]
-                left = [schedule_text(each) for each in schedules if each not in done]
+                left = [format_schedule(each) for each in schedules if each not in done]
                 progress.update(len(trials), f"trying {left[0]}" if left else "")
         trials.sort(key=lambda trial: -trial[1].merit if trial[1] else np.inf)
     taken, refused = None, []
@@ -189,7 +199,7 @@ def _best_gait(
         elif not reason:
             _, taken, reason = plan(schedule, check=True, spread=spread)
         if reason:
-            refused.append((schedule_text(schedule), reason))
+            refused.append((format_schedule(schedule), reason))
     return taken, refused
 
 
@@ -199,7 +209,7 @@ def _pace(gait: Gait) -> str:
     return f"{1e3 * gait.speed:.2f} mm/s"
 
 
-def _planned(
+def _try_schedule(
     robot: RobotParameters,
     request: GaitRequest,
     schedule: Schedule,
@@ -213,7 +223,7 @@ def _planned(
         return schedule, None, str(error)
 
 
-def _place(text: str) -> list[float]:
+def _parse_place(text: str) -> list[float]:
     """A place x, y, m, and a heading, rad, if any, of text such as 0.5,0 or 0.5,0,90."""
     try:
         x, y, *heading = map(float, text.split(","))
@@ -226,7 +236,7 @@ def _place(text: str) -> list[float]:
     return [x, y, *np.deg2rad(heading)]
 
 
-def _go(options: argparse.Namespace) -> int:
+def _walk_to_places(options: argparse.Namespace) -> int:
     """Walk to places, by gaits of a folder."""
     if options.replan or options.controller:
         raise LimbError("--to chooses gaits stride by stride; leave out --replan and --controller.")
@@ -238,29 +248,31 @@ def _go(options: argparse.Namespace) -> int:
     outputs = checked_outputs(options)
     gaits = load_gaits(options.gait)
     ahead = gaits[AHEAD]
-    robot, controller = _robot(options, ahead), Wayfinder(gaits, options.to)
+    robot, controller = _make_robot(options, ahead), Wayfinder(gaits, options.to)
     way = np.vstack([[0.0, 0.0], *(goal[:2] for goal in options.to)])
     length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
     # Turning takes cycles, too, and strides may be a third of those planned.
     cycles = int(3 * length / ahead.stride) + 30 * len(options.to)
     most = walk(ahead, cycles)
     recording = record_replay(most, robot, options.output, controller=controller)
-    save_panels([way_panel(recording, options.to)], options.plot)
+    save_panels([body_path_panel(recording, options.to)], options.plot)
     pose = recording.body_pose
     assert pose is not None, "a Wayfinder sees the body"
     last = pose[:, np.isfinite(pose).all(axis=0)][:, -1]
     missed = float(np.hypot(*(last[:2] - way[-1])))
-    fall = fall_of(recording, ahead)[0]
+    fall = find_fall(recording, ahead)[0]
     # The Wayfinder ends the walk at the last place, and where the robot does not get on.
     ended = recording.time[-1] < most.duration - PERIOD
-    is_there = controller.is_there(last[[0, 1, 5]], len(options.to) - 1, slack=CAMERA_SLACK)
+    is_there = controller.is_there(
+        last[[0, 1, 5]], len(options.to) - 1, slack=CAMERA_TOLERANCE_FACTOR
+    )
     arrived = ended and is_there and not (fall or recording.interrupted)
     stalls = ended and not (arrived or fall or recording.interrupted)
     said = f"{1e3 * missed:.0f} mm from the last place, after {recording.time[-1]:.0f} s"
     told = [
         Entry("arrived", arrived, sentence="yes" if arrived else "no"),
         Entry("missed", missed, "m", said),
-        Entry("stalls", STALLS if stalls else ""),
+        Entry("stalls", STALLED_MESSAGE if stalls else ""),
         Entry("fall", fall),
     ]
     print_summary(options, recording.summary() + Summary(told), outputs)
@@ -269,7 +281,7 @@ def _go(options: argparse.Namespace) -> int:
 
 def _walk(options: argparse.Namespace) -> int:
     if options.to:
-        return _go(options)
+        return _walk_to_places(options)
     if options.gait.is_dir():
         raise LimbError(
             f"{options.gait} is a folder of gaits, by which a robot walks to places; say where, "
@@ -286,24 +298,26 @@ def _walk(options: argparse.Namespace) -> int:
             f"{options.gait} was never checked and is not walked by; plan it again with soft-limb "
             "gait, which checks it by simulation."
         )
-    robot = _robot(options, gait)
+    robot = _make_robot(options, gait)
     if options.replan:
-        fit = _first_strides(options, gait, robot, parts[0])
-        gait, heat, told = _replanned(gait, fit, options)
+        fit = _walk_first_strides(options, gait, robot, parts[0])
+        gait, heat, told = _replan(gait, fit, options)
         if isinstance(robot, RobotTwin):
-            robot = robot.again(STANDING, truth=True)
+            robot = robot.again(STANDING_TIME, truth=True)
         else:  # its port was closed, with its wires off, after the first strides
-            robot = _robot(options, gait)
+            robot = _make_robot(options, gait)
         bend = fit.bend
         gait.save(parts[1])
         outputs += parts
-    recording, start = _drive(options, gait, options.cycles, robot, options.output, heat, bend)
+    recording, start = _walk_cycles(
+        options, gait, options.cycles, robot, options.output, heat, bend
+    )
     save_panels(motion_panels(recording), options.plot)
     print_summary(options, told + walk_summary(gait, recording, options.cycles, start), outputs)
     return 1 if recording.interrupted else 0
 
 
-def _robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
+def _make_robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
     """The robot that a command names: on a port, the gait's own model, or an emulated one."""
     limbs = gait.robot.limbs
     uncalibrated = [limb.name for limb in limbs if not limb.parameters.calibration]
@@ -326,7 +340,7 @@ def _robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
     return RobotTwin(gait.robot, seed=options.emulated, truth=True)
 
 
-def _drive(
+def _walk_cycles(
     options: argparse.Namespace,
     gait: Gait,
     cycles: int,
@@ -337,20 +351,20 @@ def _drive(
 ) -> tuple[Recording, float]:
     """Walks some cycles from a heat and bends; returns the walk, and when the first begins, s."""
     trajectory = walk(gait, cycles, heat=heat, bend=bend)
-    on_a_plane = BENDS if options.port else STRIDES
-    name = options.controller or (HEAT if gait.in_space else on_a_plane)
+    on_a_plane = BEND_FEEDBACK if options.port else STRIDE_FEEDBACK
+    name = options.controller or (HEAT_FEEDBACK if gait.in_space else on_a_plane)
     controller: LeafSystem | None = None
-    if name == STRIDES:
+    if name == STRIDE_FEEDBACK:
         controller = GaitFeedback(gait, cycles, heat=heat, bend=bend)
-    elif name == BENDS:
+    elif name == BEND_FEEDBACK:
         controller = PlanFeedback(trajectory, known_start=heat is not None)
-    elif name == HEAT:
+    elif name == HEAT_FEEDBACK:
         controller = HeatFeedback(trajectory)
     recording = record_replay(trajectory, robot, output, controller=controller)
     return recording, trajectory.duration - cycles * gait.period
 
 
-def _first_strides(
+def _walk_first_strides(
     options: argparse.Namespace, gait: Gait, robot: LimbSystem, output: Path
 ) -> StridesFit:
     """Walk two strides, and return what they tell.
@@ -358,8 +372,8 @@ def _first_strides(
     Raises:
         LimbError: if the robot falls, or its strides tell nothing.
     """
-    recording, start = _drive(options, gait, FIRST_STRIDES, robot, output)
-    fall = fall_of(recording, gait, start)[0] if recording.body_pose is not None else ""
+    recording, start = _walk_cycles(options, gait, FIRST_STRIDES, robot, output)
+    fall = find_fall(recording, gait, start)[0] if recording.body_pose is not None else ""
     if fall or recording.interrupted:
         raise LimbError(
             f"The robot does not make its first strides, which are in {output}: "
@@ -368,11 +382,11 @@ def _first_strides(
     if not gait.in_space:
         return fit_strides(gait, recording, start, FIRST_STRIDES)
     fit = fit_strides_in_space(gait, recording, start, FIRST_STRIDES)
-    made = strides_of(recording, gait, FIRST_STRIDES, start)[0][-1]
+    made = measure_strides(recording, gait, FIRST_STRIDES, start)[0][-1]
     return dataclasses.replace(fit, made=float(made))
 
 
-def _replanned(
+def _replan(
     gait: Gait, fit: StridesFit, options: argparse.Namespace
 ) -> tuple[Gait, np.ndarray, Summary]:
     """The gait for what strides told, the wires' heat when it is planned, and what is to be said.
@@ -380,18 +394,18 @@ def _replanned(
     The gait stays as it was where none walks for what they told.
     """
     began = time.monotonic()
-    if gait.in_space and fit.made >= WELL_MADE:
+    if gait.in_space and fit.made >= MIN_KEPT_STRIDE_SHARE:
         planned, said = gait, f"the gait is kept, of whose stride the robot makes {fit.made:.0%}"
     else:
-        planned, said = planned_anew(gait, fit)
-    pause = time.monotonic() - began if options.port else STANDING
+        planned, said = replan_gait(gait, fit)
+    pause = time.monotonic() - began if options.port else STANDING_TIME
     told = {name: estimate.value for name, estimate in fit.estimates.items()}
     shown = "\n".join(f"{name} {estimate}" for name, estimate in fit.estimates.items())
     entries = [Entry("strides_fit", told, "", shown), Entry("replanned", said)]
     return planned, fit.heat_after(pause), Summary(entries)
 
 
-def planned_anew(gait: Gait, fit: StridesFit) -> tuple[Gait, str]:
+def replan_gait(gait: Gait, fit: StridesFit) -> tuple[Gait, str]:
     """The gait for the fitted robot if it walks there, and else the gait as it was; and why.
 
     In space it must be faster there than the gait as it was, in MuJoCo.
@@ -440,7 +454,7 @@ STICKING = Option(
 
 COMMANDS = {
     "gait": Command(
-        _gait,
+        _plan,
         "Plans the gait of a robot of several limbs on the ground: a motion that repeats, heat "
         "included. Tries the schedules of contacts that are worth it and says why others were not "
         "taken; simulates the best with contact, and with other friction and "
@@ -471,7 +485,7 @@ COMMANDS = {
             ),
             Option(
                 "--turn",
-                type=_turn,
+                type=_parse_turn,
                 default=0.0,
                 metavar="DEGREES",
                 help="turn to the left in a cycle, °, negative to the right; or left or right, as "
@@ -533,7 +547,7 @@ COMMANDS = {
             ),
             Option(
                 "--to",
-                type=_place,
+                type=_parse_place,
                 action="append",
                 default=[],
                 metavar="X,Y[,DEGREES]",
@@ -553,15 +567,16 @@ COMMANDS = {
                 help="walk two strides, fit friction, stiffness, torques and heat to them (in "
                 "space friction and the heights of feet, to the body's pose), plan the gait anew "
                 "while the robot stands, in space if it makes less than 90%% of a stride, and go "
-                "on by it; files *_first.csv and *_gait.csv have the strides and the gait",
+                "on by it; files *_first.csv and *_plan.csv have the strides and the gait",
             ),
             Option(
                 "--controller",
-                choices=[STRIDES, BENDS, HEAT, OPEN],
-                help=f"{STRIDES}: hold the bends, and correct their amplitude and duration by each "
-                f"stride; {BENDS}: hold the bends; {HEAT}: hold the temperatures; {OPEN}: the "
-                f"gait's duty (default in space {HEAT}; in a plane {STRIDES}, or {BENDS} on a "
-                "port, where no camera sees the body)",
+                choices=[STRIDE_FEEDBACK, BEND_FEEDBACK, HEAT_FEEDBACK, OPEN],
+                help=f"{STRIDE_FEEDBACK}: hold the bends, and correct their amplitude and duration "
+                f"by each stride; {BEND_FEEDBACK}: hold the bends; {HEAT_FEEDBACK}: hold the "
+                f"temperatures; {OPEN}: the gait's duty (default in space {HEAT_FEEDBACK}; in a "
+                f"plane {STRIDE_FEEDBACK}, or {BEND_FEEDBACK} on a port, where no camera sees the "
+                "body)",
             ),
         ],
         examples=["soft-limb walk out/gait.csv -n 4 -o out/walk.csv"],

@@ -61,7 +61,7 @@ def robot_panels(robot: RobotParameters, motion: Recording | Gait) -> list[Panel
     return panels
 
 
-def way_panel(recording: Recording, goals: Sequence[Sequence[float]]) -> Panel:
+def body_path_panel(recording: Recording, goals: Sequence[Sequence[float]]) -> Panel:
     """Return the way of a body over the ground, from above, and the places it was to go to.
 
     Args:
