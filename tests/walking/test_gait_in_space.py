@@ -214,7 +214,7 @@ def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
         cosine, sine = np.cos(pose[2]), np.sin(pose[2])
         pose += np.array([cosine * x - sine * y, sine * x + cosine * y, turn + np.deg2rad(3.0)])
         before = int(course[3])
-        finder._choose(course, pose, 0.0)
+        finder._begin_cycle(course, pose, 0.0)
         visited += [pose.copy()] * (int(course[3]) - before)
         if course[3] == len(goals):
             break
@@ -233,5 +233,5 @@ def test_stalled_robot_is_stopped_after_five_cycles(gaits):
         assert course[STALLED] < STALLED_CYCLES
         pose = course[4:7] + np.array([made * gaits["ahead"].stride, 0.0, 0.0])
         course[2] = 0  # whatever it would rather walk by
-        finder._choose(course, pose, 0.0)
+        finder._begin_cycle(course, pose, 0.0)
     assert course[STALLED] == STALLED_CYCLES
