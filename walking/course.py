@@ -35,7 +35,9 @@ class Course:
 
 def check_course(robot: RobotParameters, course: Course) -> None:
     """Raises PlanningError for a course that the robot cannot take, whatever its schedule."""
-    turn, stride, speed = course.turn, course.stride, course.speed
+    turn = course.turn
+    stride = course.stride
+    speed = course.speed
     assert robot.ground is not None, "a gait needs a ground"
     if np.isnan(turn):
         raise PlanningError("turn is nan; it must be an angle in rad, or infinite.")
@@ -77,7 +79,8 @@ def _furthest_step(robot: RobotParameters) -> float:
     steps = []
     for limb in robot.limbs:
         parameters = limb.parameters
-        wires, hottest = LimbModel.of(parameters).wires, parameters.temperature_limits.maximum
+        wires = LimbModel.of(parameters).wires
+        hottest = parameters.temperature_limits.maximum
         cold = np.full(wires.num_wires, parameters.ambient_temperature)
         heated = [
             np.where(np.arange(len(cold)) == wire, hottest, cold) for wire in range(len(cold))

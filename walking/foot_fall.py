@@ -12,11 +12,13 @@ from walking.robot import make_robot, set_positions
 from walking.robot_parameters import RobotParameters
 
 # m/s, and m/s for each N along the ground, twice that by which feet that stick creep in Drake.
-MIN_SLIDING_SPEED, CREEP_PER_FORCE = 2e-4, 8.4e-4
+MIN_SLIDING_SPEED = 2e-4
+CREEP_PER_FORCE = 8.4e-4
 LIFTED_LOAD_SHARE = 0.02  # share of what all feet carry
 # s, over which speeds are averaged where a camera's noise would make feet slide; and the speed, as
 # a multiple of the standard deviation of what noise leaves of it, from which they then do.
-AVERAGING_TIME, NOISE_FACTOR = 0.5, 3.0
+AVERAGING_TIME = 0.5
+NOISE_FACTOR = 3.0
 
 
 def foot_fall(recording: Recording) -> list[GaitPhase]:
@@ -34,7 +36,8 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
         LimbError: if the recording has no joint angles, no pose of the body or no contact forces,
             or fewer than two samples.
     """
-    robot, forces = recording.robot, recording.contact_force
+    robot = recording.robot
+    forces = recording.contact_force
     missing = recording.joint_state is None or forces is None or len(forces[0]) < 2
     if missing or not isinstance(robot, RobotParameters):
         raise LimbError(
@@ -46,7 +49,8 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
     speed = np.linalg.norm(velocity, axis=1)  # (L, K-1)
     of_feet = forces.reshape(len(robot.limbs), -1, len(recording.time))
     of_feet = (of_feet[..., 1:] + of_feet[..., :-1]) / 2
-    along, load = np.linalg.norm(of_feet[:, :-1], axis=1), of_feet[:, -1]
+    along = np.linalg.norm(of_feet[:, :-1], axis=1)
+    load = of_feet[:, -1]
     swings = load <= LIFTED_LOAD_SHARE * load.sum(axis=0)
     slides = np.where(velocity[:, 0] > 0, "slide_forward", "slide_backward")
     if robot.body.mount != "planar":
@@ -74,7 +78,8 @@ def _foot_velocity(recording: Recording) -> tuple[np.ndarray, float]:
         From each sample to the next (L, 2, K-1), m/s, and the standard deviation of noise in each
         of its numbers, m/s; 0 if there is less noise than would make feet slide.
     """
-    slip, steps = _foot_slip(recording), np.diff(recording.time)
+    slip = _foot_slip(recording)
+    steps = np.diff(recording.time)
     step = float(np.median(steps))
     averaged = max(1, round(AVERAGING_TIME / step))
     noise = 0.0  # of places, m
@@ -93,7 +98,8 @@ def _foot_slip(recording: Recording) -> np.ndarray:
 
     A foot that rolls does not slip: its centre goes as far as it turns.
     """
-    robot, joint_state = recording.robot, recording.joint_state
+    robot = recording.robot
+    joint_state = recording.joint_state
     assert isinstance(robot, RobotParameters)
     assert joint_state is not None
     builder = DiagramBuilder()  # it keeps the plant

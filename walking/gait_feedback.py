@@ -17,7 +17,8 @@ from walking.walk_trajectory import walk
 
 # Relative change of the amplitude per relative error of the stride; strides change twice as much.
 STRIDE_GAIN = 0.5
-AMPLITUDE_RANGE, DURATION_RANGE = (0.6, 1.4), (1.0, 2.0)  # of those planned
+AMPLITUDE_RANGE = (0.6, 1.4)
+DURATION_RANGE = (1.0, 2.0)  # of those planned
 SETTLING_CYCLES = 1  # cycles from cold, of which nothing is learned
 TIME, AMPLITUDE, DURATION, START = range(4)  # of the state
 
@@ -74,11 +75,14 @@ class GaitFeedback(PlanFeedback):
             )
         trajectory = walk(gait, cycles, heat=heat, bend=bend)
         super().__init__(trajectory, parameters=parameters, known_start=heat is not None)
-        self._period, self._stride = gait.period, gait.stride
+        self._period = gait.period
+        self._stride = gait.stride
         self._begin = PERIOD * np.floor((trajectory.duration - cycles * gait.period) / PERIOD + 0.5)
         bends = self._plan.bend_angle[round(self._begin / PERIOD) : -1]
-        self._mean_bend, self._range = bends.mean(axis=0), np.ptp(bends, axis=0)
-        model, duty = self._estimator.model, np.zeros_like(self._plan.duty)
+        self._mean_bend = bends.mean(axis=0)
+        self._range = np.ptp(bends, axis=0)
+        model = self._estimator.model
+        duty = np.zeros_like(self._plan.duty)
         # Temperatures alone, as duty does not change states of memory within a step.
         W = model.num_wires
         none, full = (
@@ -103,9 +107,11 @@ class GaitFeedback(PlanFeedback):
 
     def _end_update(self, context, ahead: StateEstimate, state) -> None:
         now = context.get_discrete_state(2).value().copy()
-        bend, x = self.get_input_port(1).Eval(context), self.get_input_port(2).Eval(context)[0]
+        bend = self.get_input_port(1).Eval(context)
+        x = self.get_input_port(2).Eval(context)[0]
         least, largest = np.split(now[START + 1 :], 2)
-        least[:], largest[:] = np.fmin(least, bend), np.fmax(largest, bend)
+        least[:] = np.fmin(least, bend)
+        largest[:] = np.fmax(largest, bend)
         before = np.floor((now[TIME] - self._begin) / self._period + 1e-9)
         now[TIME] += PERIOD / now[DURATION]
         if np.floor((now[TIME] - self._begin) / self._period + 1e-9) > before:
@@ -116,5 +122,7 @@ class GaitFeedback(PlanFeedback):
                     step = np.clip(travelled, 0.3, 3.0) ** -STRIDE_GAIN
                     now[AMPLITUDE] = np.clip(now[AMPLITUDE] * step, *AMPLITUDE_RANGE)
                 now[DURATION] = np.clip(now[DURATION] / reached, *DURATION_RANGE)
-            now[START], least[:], largest[:] = x, np.inf, -np.inf
+            now[START] = x
+            least[:] = np.inf
+            largest[:] = -np.inf
         state.set_value(2, now)

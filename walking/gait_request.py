@@ -12,7 +12,8 @@ from walking.gait import Gait
 from walking.gait_program import STICKING_SHARE
 from walking.robot_parameters import RobotParameters
 
-INTERVALS, MAX_INTERVALS = 24, 240
+INTERVALS = 24
+MAX_INTERVALS = 240
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -69,7 +70,8 @@ class GaitRequest:
             raise PlanningError(
                 f"The objective is {self.objective!r}; it must be 'speed' or 'energy'."
             )
-        limits, ambient = robot.together.temperature_limits, robot.together.ambient_temperature
+        limits = robot.together.temperature_limits
+        ambient = robot.together.ambient_temperature
         if not 0 <= self.temperature_margin < limits.maximum - ambient:
             raise PlanningError(
                 f"temperature_margin is {self.temperature_margin:g} °C; it must be from 0 to less "

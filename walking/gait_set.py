@@ -21,7 +21,8 @@ from walking.gait_request import GaitRequest
 from walking.robot_parameters import RobotParameters
 from walking.schedules import Schedule, candidate_schedules
 
-AHEAD, SIDE_SIGNS = "ahead", {"left": 1.0, "right": -1.0}
+AHEAD = "ahead"
+SIDE_SIGNS = {"left": 1.0, "right": -1.0}
 TURNING_GAITS = (*SIDE_SIGNS, *(f"spot_{side}" for side in SIDE_SIGNS))  # names of gaits
 ARC_TURN = 0.2  # rad, in a cycle
 # rad, in a cycle on the spot, the first with which the robot turns as planned; softer robots turn
@@ -107,7 +108,8 @@ def schedules_on_the_spot(robot: RobotParameters) -> list[Schedule]:
 
     On soft feet, four limbs that go one after the other without rests slip where they stand.
     """
-    sensible, still = candidate_schedules(robot), ["stick"] * len(robot.limbs)
+    sensible = candidate_schedules(robot)
+    still = ["stick"] * len(robot.limbs)
     with_rests = [schedule for schedule in sensible if still in schedule][:2]
     return with_rests + [each for each in sensible[:2] if each not in with_rests]
 

@@ -37,11 +37,13 @@ class HeatFeedback(PlanController):
             parameters: description of the limb, of which estimates are made; the plan's if None.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
-        self._plan, self._duration = SampledPlan(trajectory, parameters), trajectory.duration
+        self._plan = SampledPlan(trajectory, parameters)
+        self._duration = trajectory.duration
         super().__init__(parameters, self._plan.duty[0])
 
     def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
-        k, model = self._plan.index(time), self._estimator.model
+        k = self._plan.index(time)
+        model = self._estimator.model
         if time > self._duration:
             return np.zeros(model.num_wires), np.zeros(model.num_bends)
         colder = self._plan.temperature[k] - model.temperatures(estimate.heat)

@@ -68,7 +68,8 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
     applied = np.zeros((STEPS_PER_SAMPLE, model.nv))
     shares = np.arange(STEPS_PER_SAMPLE)[:, None] / STEPS_PER_SAMPLE
     places = slice(1, 1 + model.nq)
-    states, sensed = [state], []
+    states = [state]
+    sensed = []
     for before, after in itertools.pairwise(heat):
         angles = np.tile(state[places][joints], (STEPS_PER_SAMPLE, 1))
         applied[:, -parameters.num_joints :] = forces(before + shares * (after - before), angles)

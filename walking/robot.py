@@ -173,7 +173,8 @@ def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
     """
     robot.validate()
     Parser(plant).AddModelsFromString(robot_urdf(robot), "urdf")
-    body, world = plant.GetFrameByName("body"), plant.world_frame()
+    body = plant.GetFrameByName("body")
+    world = plant.world_frame()
     if robot.body.mount == "welded":
         plant.WeldFrames(world, body)
     elif robot.body.mount == "planar":
@@ -196,7 +197,8 @@ def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
         properties = ProximityProperties()
         AddContactMaterial(None, CONTACT_STIFFNESS, friction, properties)
         properties.AddProperty("material", "relaxation_time", RELAXATION_TIME)
-        shape, below = Box(*GROUND_SIZE), RigidTransform([0.0, 0.0, -GROUND_SIZE[2] / 2])
+        shape = Box(*GROUND_SIZE)
+        below = RigidTransform([0.0, 0.0, -GROUND_SIZE[2] / 2])
         plant.RegisterCollisionGeometry(plant.world_body(), below, shape, "ground", properties)
 
 

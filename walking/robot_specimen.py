@@ -42,7 +42,8 @@ class RobotSpecimen(Specimen):
         self.robot = copy.deepcopy(robot)
         for limb in self.robot.limbs:
             self.around_calibrated |= limb.parameters.calibration is not None
-            limb.parameters.board, limb.parameters.calibration = NoBoard(), None
+            limb.parameters.board = NoBoard()
+            limb.parameters.calibration = None
         self._drawn_around = self.robot.to_yaml()
         self.drawn = copy.deepcopy(self.robot)
         uniform = np.random.default_rng([seed, len(robot.limbs)]).uniform
@@ -55,7 +56,8 @@ class RobotSpecimen(Specimen):
 
     def _draw_body(self, uniform) -> None:
         """Draws masses to 10%, as parts are cast and glued, and places of the limbs to 1 mm."""
-        body, feet = self.drawn.body, self.drawn.feet
+        body = self.drawn.body
+        feet = self.drawn.feet
         body.mass *= (share := uniform(0.9, 1.1))
         if body.inertia is not None:
             body.inertia = [share * moment for moment in body.inertia]
@@ -67,9 +69,11 @@ class RobotSpecimen(Specimen):
 
     def without(self, *effects: str) -> "RobotSpecimen":
         """As `Specimen.without`, with the effects of the class."""
-        specimen, described = super().without(*effects), copy.deepcopy(self.robot)
+        specimen = super().without(*effects)
+        described = copy.deepcopy(self.robot)
         if "body" in effects:
-            described.ground, specimen.drawn = specimen.drawn.ground, described
+            described.ground = specimen.drawn.ground
+            specimen.drawn = described
         if "ground" in effects and self.robot.ground:
             specimen.drawn.ground = copy.deepcopy(self.robot.ground)
             specimen.foot_friction = [self.robot.ground.friction] * len(self.robot.limbs)
@@ -106,7 +110,8 @@ class LimbOfRobot(Specimen):
         start = sum(places[:number])
         self.wires = robot.wires[robot.drawn.wires_of[number]]
         self.segments = robot.segments[start : start + places[number]]
-        self.ambient, self.absent = robot.ambient, robot.absent
+        self.ambient = robot.ambient
+        self.absent = robot.absent
         self._board = dataclasses.replace(robot.board, limb=name)
 
     @property

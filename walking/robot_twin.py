@@ -86,7 +86,8 @@ class RobotTwin(Diagram):
         super().__init__()
         if specimen is None:
             specimen = RobotSpecimen(RobotParameters.of(robot), seed, extra)
-        self.specimen, self.robot = specimen, copy.deepcopy(specimen.robot)
+        self.specimen = specimen
+        self.robot = copy.deepcopy(specimen.robot)
         for limb in self.robot.limbs:
             limb.parameters.board = dataclasses.replace(specimen.board, limb=limb.name)
         self.parameters = copy.deepcopy(specimen.description)
@@ -94,7 +95,8 @@ class RobotTwin(Diagram):
         self.source = f"emulated robot, {specimen.label}"
         self.accuracy = None if self.robot.ground else SPACE_ACCURACY
 
-        builder, true = DiagramBuilder(), specimen.true_robot()
+        builder = DiagramBuilder()
+        true = specimen.true_robot()
         plant, joint_state, force = add_plant(builder, true, time_step)
         if true.ground:
             _set_friction(builder.GetSubsystemByName("scene_graph"), plant, specimen)

@@ -46,7 +46,8 @@ def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) ->
     Raises:
         PlanningError: if it has other feet or contacts, or nothing holds the body at some time.
     """
-    num_feet, in_space = len(robot.limbs), robot.body.mount == "free"
+    num_feet = len(robot.limbs)
+    in_space = robot.body.mount == "free"
     for phase in schedule:
         if len(phase) != num_feet or set(phase) - {*CONTACTS}:
             raise PlanningError(
@@ -109,7 +110,8 @@ def candidate_schedules(robot: RobotParameters) -> list[Schedule]:
 
 
 def _schedules_in_space(robot: RobotParameters) -> list[Schedule]:
-    F, places = len(robot.limbs), np.array([limb.position[:2] for limb in robot.limbs])
+    F = len(robot.limbs)
+    places = np.array([limb.position[:2] for limb in robot.limbs])
     sides = [np.flatnonzero(side).tolist() for side in (places[:, 1] > 0, places[:, 1] <= 0)]
     left, right = (sorted(side, key=lambda foot: places[foot, 0]) for side in sides)
     around = [*left, *right[::-1]]

@@ -53,9 +53,12 @@ class Balance(SmoothFunction):
     """
 
     def __init__(self, walker: Walker, wires: Wires, ground_gives: bool):
-        self._walker, self._num_states = walker, wires.num_states
-        y, feet = walker.configuration, walker.symbolic_feet
-        x, travel = ca.SX.sym("x", wires.num_states), ca.SX.sym("s", feet[:-1, :].numel())
+        self._walker = walker
+        self._num_states = wires.num_states
+        y = walker.configuration
+        feet = walker.symbolic_feet
+        x = ca.SX.sym("x", wires.num_states)
+        travel = ca.SX.sym("s", feet[:-1, :].numel())
         forces = ca.SX.sym("f", *feet.shape)
         balance = _balance(walker, wires, x, forces)
         heights = feet[-1, :].T + ground_gives * forces[-1, :].T / walker.contact_stiffness
@@ -78,7 +81,8 @@ def make_balance(walker: Walker, wires: Wires, ground_gives: bool = True) -> Bal
 
 def _balance(walker: Walker, wires: Wires, states: ca.SX, forces: ca.SX) -> ca.SX:
     """∂L/∂y - [0, f(x, q)] (d,), N and N·m, under the ground's forces (τ + 1, F), by (4)."""
-    y, B = walker.configuration, walker.pose_size
+    y = walker.configuration
+    B = walker.pose_size
     lagrangian = walker.symbolic_potential - ca.dot(forces, walker.symbolic_feet)
     torques = wires.symbolic_force(states, y[B:])
     return ca.gradient(lagrangian, y) - ca.vertcat(ca.SX(B, 1), torques)
@@ -100,8 +104,11 @@ class Stability:
     """
 
     def __init__(self, walker: Walker, wires: Wires, held: np.ndarray):
-        d, B, F = len(walker.stiffness), walker.pose_size, walker.num_feet
-        self._d, self._F = d, F
+        d = len(walker.stiffness)
+        B = walker.pose_size
+        F = walker.num_feet
+        self._d = d
+        self._F = F
         self._held = held.reshape(*held.shape[:-2], 2 * F)
         of_joints = MIN_JOINT_STIFFNESS_SHARE * walker.stiffness[B:][walker.last_joints]
         self._least = np.concatenate(
@@ -122,11 +129,15 @@ class Stability:
 
     def _build_functions(self, walker: Walker, wires: Wires) -> tuple[SmoothFunction, ...]:
         """Φ; the stiffness, column by column; and Φ of `FrictionGain`."""
-        d, F = self._d, self._F
-        y, feet = walker.configuration, ca.vec(walker.symbolic_feet)
+        d = self._d
+        F = self._F
+        y = walker.configuration
+        feet = ca.vec(walker.symbolic_feet)
         ground = walker.contact_stiffness  # a hundred times what limbs are, if feet are hard
-        x, forces = ca.SX.sym("x", wires.num_states), ca.SX.sym("f", 2, F)
-        v, on_ground = ca.SX.sym("v", d + F), ca.SX.sym("held", 2 * F)
+        x = ca.SX.sym("x", wires.num_states)
+        forces = ca.SX.sym("f", 2, F)
+        v = ca.SX.sym("v", d + F)
+        on_ground = ca.SX.sym("held", 2 * F)
         balance = _balance(walker, wires, x, forces)
         point = ca.vertcat(y, x, ca.vec(forces), ca.SX.sym("s", F))
         raised = ca.vec(ca.horzcat(ca.SX(F, 1), v[d:]).T)
@@ -134,7 +145,8 @@ class Stability:
         along = turned - raised
         own = ca.jtimes(balance, y, v[:d])
         energy = ca.dot(v[:d], own) + ground * ca.dot(on_ground, along**2)
-        w, drag = ca.SX.sym("w", d), ca.SX.sym("drag", 2 * F)
+        w = ca.SX.sym("w", d)
+        drag = ca.SX.sym("drag", 2 * F)
         pushed = ca.jtimes(feet, y, w)
         coupled = ca.dot(w, own) + ground * ca.dot(on_ground * turned, pushed)
         gain = ca.dot(drag[::2], pushed[::2]) + ca.dot(drag[1::2], turned[1::2]) - coupled
@@ -250,8 +262,10 @@ class FrictionGain:
     num_values = 1
 
     def __init__(self, walker: Walker, wires: Wires, held: np.ndarray, sliding: np.ndarray):
-        self._walker, self._standing = walker, Stability(walker, wires, held)
-        self._gain, self._d = self._standing.gain, len(walker.stiffness)
+        self._walker = walker
+        self._standing = Stability(walker, wires, held)
+        self._gain = self._standing.gain
+        self._d = len(walker.stiffness)
         self._drag = np.stack([sliding, walker.contact_stiffness * (sliding != 0)], axis=-1)
         both = np.stack([held, self._drag], axis=1)
         self._parameters = both.reshape(len(held), 4 * walker.num_feet)
@@ -272,7 +286,8 @@ class FrictionGain:
 
     def curvatures(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · `values` at the ``curvature_places`` (..., Z)."""
-        P, one = self._P, np.ones_like(weights)
+        P = self._P
+        one = np.ones_like(weights)
         whole = self._gain.second(self._with_motions(points), one, self._parameters)
         change = whole[..., P:, :P]  # of the slopes of Φ by the motions, to which they give way
         given = change.swapaxes(-1, -2) @ np.linalg.solve(whole[..., P:, P:], change)

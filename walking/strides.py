@@ -132,10 +132,8 @@ def fit_heat(
     together = robot.together  # its wires' laws are the robot's
     laws = [wire.law for wire in together.wires]
     W = len(laws)
-    given, rates = (
-        copy.deepcopy(laws),
-        [r for r in HEAT_RATE_FIELDS if all(hasattr(w, r) for w in laws)],
-    )
+    given = copy.deepcopy(laws)
+    rates = [r for r in HEAT_RATE_FIELDS if all(hasattr(w, r) for w in laws)]
     duty = np.clip(recording.heating_duty, 0.0, 1.0).T
     times = recording.time - recording.time[0]
     measured = recording.measured_temperature.T

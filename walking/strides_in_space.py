@@ -25,7 +25,8 @@ from walking.strides import FRICTION_ERROR, StridesFit, fit_heat, smooth_bends
 EXPECTED_WARP = 1e-3  # m, that is expected
 START_WARPS = (-0.7, 0.7)  # of the warp, as multiples of the expected one
 MAX_SIMULATIONS = 25  # from each start
-PLACE_ERROR, TURN_ERROR = 5e-4, np.deg2rad(0.25)  # m and rad, of a pose that the model explains
+PLACE_ERROR = 5e-4
+TURN_ERROR = np.deg2rad(0.25)  # m and rad, of a pose that the model explains
 CURVATURE_STEP = 0.3  # of logarithm and multiple, over which the curvature of the cost is taken
 MIN_CURVATURE = 2.0  # of what is expected of the warp alone
 NUM_POSES = 20  # in a cycle, that count

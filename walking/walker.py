@@ -58,7 +58,9 @@ class Walker:
         """The attributes of all `Walker`s of a description."""
         mechanics = LimbModel.of(robot.together).mechanics
         B = robot.pose_size
-        self.pose_size, self.num_tangents, self.num_feet = B, B // 3, len(robot.limbs)
+        self.pose_size = B
+        self.num_tangents = B // 3
+        self.num_feet = len(robot.limbs)
         self.height = self.num_tangents
         self.stiffness = np.append(np.zeros(B), mechanics.stiffness)
         self.rest = np.append(np.zeros(B), mechanics.rest_angles)
@@ -69,12 +71,16 @@ class Walker:
         self.last_joints = [joints.stop - 1 for joints in robot.joints_of]
         y = self.configuration = ca.SX.sym("y", len(self.stiffness))
         origin, frame = _body_frame(y[:B])
-        masses, places, feet = [robot.body.mass], [origin], []
+        masses = [robot.body.mass]
+        places = [origin]
+        feet = []
         for limb, joints in zip(robot.limbs, robot.joints_of, strict=True):
             of_limb = LimbModel.of(limb.parameters).mechanics
             chain = Chain(of_limb, y[B + joints.start : B + joints.stop])
-            base, to_world = origin + frame @ ca.DM(limb.position), frame @ ca.DM(limb.axes)
-            last, end = of_limb.layout.num_joints - 1, of_limb.end_offset[-1]
+            base = origin + frame @ ca.DM(limb.position)
+            to_world = frame @ ca.DM(limb.axes)
+            last = of_limb.layout.num_joints - 1
+            end = of_limb.end_offset[-1]
             bodies = [
                 *zip(of_limb.body_joints, of_limb.body_masses, of_limb.body_centres, strict=True),
                 (last, robot.feet.mass, end),
@@ -125,7 +131,9 @@ class Walker:
 def _body_frame(pose: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Place (3,), m, and frame (3, 3) of a body with a pose in the plane or in space."""
     if pose.numel() == 3:
-        x, z, pitch = pose[0], pose[1], -pose[2]
+        x = pose[0]
+        z = pose[1]
+        pitch = -pose[2]
         return ca.vertcat(x, 0, z), rotation(1, pitch)
     roll, pitch, yaw = ca.vertsplit(pose[3:])
     return pose[:3], rotation(2, yaw) @ rotation(1, pitch) @ rotation(0, roll)

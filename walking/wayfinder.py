@@ -25,9 +25,11 @@ LEARNING_RATE = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
 MIN_SPEED = 1e-6  # m/s and rad/s, of robots that turn to one side alone, or not at all
 # A robot does not get on when so many cycles in a row made less than this share of their way.
-STALLED_CYCLES, MIN_CYCLE_PROGRESS = 5, 0.2
+STALLED_CYCLES = 5
+MIN_CYCLE_PROGRESS = 0.2
 TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state
-STALLED, EXPECTED = 7, 8  # of the state, which ends with what is expected
+STALLED = 7
+EXPECTED = 8  # of the state, which ends with what is expected
 
 
 class Wayfinder(HeatFeedback):
@@ -102,7 +104,8 @@ class Wayfinder(HeatFeedback):
 
     def _begin_cycle(self, now: np.ndarray, pose: np.ndarray, over: float) -> None:
         """Learn from the cycle that ended, and begin the next one, in the course."""
-        G, start = len(self._gaits), now[START : START + 3].copy()
+        G = len(self._gaits)
+        start = now[START : START + 3].copy()
         made = now[EXPECTED:].reshape(G, G, 3)  # after each gait, of each gait
         before, gait = map(int, now[[BEFORE, GAIT]])
         if before < G and np.isfinite([*start, *pose]).all():  # the first one began from cold
@@ -116,7 +119,8 @@ class Wayfinder(HeatFeedback):
                 now[GOAL] += 1
             if now[GOAL] < len(self._goals):
                 now[GAIT] = self._choose_gait(pose, made, gait, now[GOAL])
-        now[BEFORE], now[START : START + 3] = gait, pose
+        now[BEFORE] = gait
+        now[START : START + 3] = pose
         now[TIME] = self._begins[gait, int(now[GAIT])] + max(0.0, over)
 
     def _choose_gait(self, pose: np.ndarray, made: np.ndarray, now: int, goal: float) -> int:
@@ -130,11 +134,13 @@ class Wayfinder(HeatFeedback):
         choices = list(itertools.product(range(len(made)), repeat=CYCLES_AHEAD))
         times = []
         for choice in choices:
-            after, taken = pose, 0.0
+            after = pose
+            taken = 0.0
             for before, gait in itertools.pairwise((now, *choice)):
                 if self.is_there(after, goal):
                     break
-                x_y, turn = made[before, gait][:2], made[before, gait][2]
+                x_y = made[before, gait][:2]
+                turn = made[before, gait][2]
                 place = after[:2] + rotate_to_heading(x_y, -after[2])
                 after = np.append(place, after[2] + turn)
                 taken += self._lasts[before, gait]
@@ -171,7 +177,9 @@ class Wayfinder(HeatFeedback):
 
         x, y, heading = self._goals[int(goal)]
         away = np.array([x, y]) - pose[:2]
-        distance, facing, time = float(np.hypot(*away)), pose[2], 0.0
+        distance = float(np.hypot(*away))
+        facing = pose[2]
+        time = 0.0
         if distance > PLACE_TOLERANCE:
             facing = np.arctan2(away[1], away[0])
             time = time_to_turn(facing - pose[2], np.arcsin(PLACE_TOLERANCE / distance))
@@ -214,15 +222,18 @@ def join_gaits(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarra
         of the gaits before, the last of which is none: only the first gait begins from cold.
     """
     G = len(gaits)
-    begins, lasts = np.full((1 + G, G), np.nan), np.full((1 + G, G), np.nan)
+    begins = np.full((1 + G, G), np.nan)
+    lasts = np.full((1 + G, G), np.nan)
     parts: list[Trajectory] = []
     for before, gait in [(G, 0), *itertools.product(range(G), repeat=2)]:
         # A check of each part, by its bends, would take long, and no one asks for it.
-        unchecked, start = dataclasses.replace(gaits[gait], check=GaitCheck()), {}
+        unchecked = dataclasses.replace(gaits[gait], check=GaitCheck())
+        start = {}
         if before < G:
             first = gaits[before]
             start = {"heat": first.initial_heat, "bend": first.bend_angle[:, 0]}
-        cycles, period = walk(unchecked, 2, **start), gaits[gait].period
+        cycles = walk(unchecked, 2, **start)
+        period = gaits[gait].period
         warm_up = PERIOD * np.floor((cycles.duration - 2 * period) / PERIOD + 1e-6)
         begins[before, gait] = PERIOD * sum(len(part.time) for part in parts)
         lasts[before, gait] = warm_up + period

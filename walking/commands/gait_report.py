@@ -15,7 +15,8 @@ from walking.gait import Gait, GaitVariation
 
 def gait_verdict(gait: Gait) -> str:
     """How far and how fast a gait goes and turns, and whether it was checked."""
-    turn, what = np.rad2deg(gait.turn), _cycle_noun(gait)
+    turn = np.rad2deg(gait.turn)
+    what = _cycle_noun(gait)
     goes = [] if gait.on_the_spot else [f"{what} of {1e3 * gait.stride:.1f} mm"]
     paces = [] if gait.on_the_spot else [f"{1e3 * gait.speed:.2f} mm/s"]
     if abs(turn) > 1e-6:
@@ -29,7 +30,8 @@ def gait_verdict(gait: Gait) -> str:
     said = said[0].upper() + said[1:]
     if failure := gait.check.failure():
         return f"{said} Not to be used: {failure}"
-    simulation, spread = gait.check.simulation, gait.check.spread
+    simulation = gait.check.simulation
+    spread = gait.check.spread
     shares = simulation.strides
     said += (
         f" Checked: simulated with contact over {len(shares)} cycles, {what} are "

@@ -19,7 +19,8 @@ def _read_gait(path: Path, _text: str, _quick: bool) -> Read:
 
 def _read_robot(path: Path, _text: str, _quick: bool) -> Read:
     robot = RobotParameters.load(path)
-    body, ground = robot.body, robot.ground
+    body = robot.body
+    ground = robot.ground
     stands = f"μ = {ground.friction:g}, slope {np.rad2deg(ground.slope):g}°" if ground else "none"
     entries = [
         Entry("body", f"{body.mount}, {1e3 * body.mass:g} g"),

@@ -24,8 +24,10 @@ _DASHES = {"x": "dashed", "y": "dotted", "z": "solid"}
 
 def robot_panels(robot: RobotParameters, motion: Recording | Gait) -> list[Panel]:
     """What the feet of a robot do, where its body is, and the contact forces, as far as known."""
-    time, panels = motion.time, []
-    forces, pose = motion.contact_force, motion.body_pose
+    time = motion.time
+    panels = []
+    forces = motion.contact_force
+    pose = motion.body_pose
     if isinstance(motion, Gait):
         panels.append(foot_fall_panel(robot, motion.phases, motion.period))
     elif forces is not None and motion.joint_state is not None and len(time) > 1:

@@ -13,7 +13,8 @@ from walking.robot_parameters import RobotParameters
 MARK_SPACING = 0.01  # m, from mark to mark on the ground
 MARKS_PER_WIDE_MARK = 5  # marks after which one is wider
 _CAMERA_DIRECTION = (0.0, -0.97, 0.26)  # direction to the camera
-_GROUND_COLOR, _MARK_COLOR = (0.97, 0.98, 0.96), (0.62, 0.64, 0.66)
+_GROUND_COLOR = (0.97, 0.98, 0.96)
+_MARK_COLOR = (0.62, 0.64, 0.66)
 
 
 class RobotView(LimbView):
@@ -59,9 +60,12 @@ class RobotView(LimbView):
         """Put the ground below the bodies, with a mark each 10 mm along x."""
         if not self._robot.ground:
             return
-        step, path = MARKS_PER_WIDE_MARK * MARK_SPACING, f"{self._root}ground"
-        first, last = np.floor(low[0] / step) - 1, np.ceil(high[0] / step) + 1
-        middle, depth = (low[1] + high[1]) / 2, high[1] - low[1] + 2.0 * self._robot.body.width
+        step = MARKS_PER_WIDE_MARK * MARK_SPACING
+        path = f"{self._root}ground"
+        first = np.floor(low[0] / step) - 1
+        last = np.ceil(high[0] / step) + 1
+        middle = (low[1] + high[1]) / 2
+        depth = high[1] - low[1] + 2.0 * self._robot.body.width
         size = (last - first) * step, depth, MARK_SPACING / 5
         center = [(first + last) / 2 * step, middle, -size[2] / 2]
         meshcat.SetObject(f"{path}/plane", Box(*size), Rgba(*_GROUND_COLOR))
