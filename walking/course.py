@@ -1,4 +1,4 @@
-"""Where a gait goes in a cycle, and what of it cannot be had."""
+"""The course of a gait in a cycle, and the check that a robot can take it."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ MAX_TURN = np.pi / 2  # rad, in a cycle
 
 @dataclasses.dataclass(frozen=True)
 class Course:
-    """Where a gait goes in a cycle.
+    """The travel and turn of a gait in a cycle.
 
     - ``turn``: turn of the body to the left, rad; as far as it can, at least 0.05 rad, if infinite.
       The stride is along the body's heading in the middle of the cycle.
@@ -29,12 +29,12 @@ class Course:
 
     @property
     def on_the_spot(self) -> bool:
-        """Whether it turns, and goes nowhere."""
+        """True if the gait turns without a stride."""
         return self.stride == 0.0 or (self.stride is None and np.isinf(self.turn))
 
 
 def check_course(robot: RobotParameters, course: Course) -> None:
-    """Raises PlanningError for a course that the robot cannot take, whatever its schedule."""
+    """Raise PlanningError for a course that the robot cannot take with any schedule."""
     turn = course.turn
     stride = course.stride
     speed = course.speed
@@ -75,7 +75,7 @@ def check_course(robot: RobotParameters, course: Course) -> None:
 
 
 def _furthest_step(robot: RobotParameters) -> float:
-    """How far the foot goes of the limb that bends least, from side to side at T_max, m."""
+    """Return the longest step of the limb that bends least, from side to side at T_max, m."""
     steps = []
     for limb in robot.limbs:
         parameters = limb.parameters

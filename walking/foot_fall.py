@@ -1,4 +1,4 @@
-"""What the feet of a robot that walks do, from its motion and its contact forces."""
+"""Contacts of the feet of a robot that walks, from its motion and its contact forces."""
 
 import itertools
 
@@ -22,12 +22,12 @@ NOISE_FACTOR = 3.0
 
 
 def foot_fall(recording: Recording) -> list[GaitPhase]:
-    """Phases in which no foot changes what it does, from each sample to the next.
+    """Return phases in which no foot changes its contact, from each sample to the next.
 
     A foot swings where it carries less than 2% of what all feet carry. Else it slides where its
-    point at the ground is faster than 0.2 mm/s, and 0.84 mm/s for each N along the ground; or it
-    sticks. In the plane it slides forward if it goes towards +x, and else backward. Friction is not
-    asked, since that of the ground may be another than described.
+    point at the ground is faster than 0.2 mm/s plus 0.84 mm/s for each N along the ground; else it
+    sticks. In the plane it slides forward if it goes towards +x, and else backward. The described
+    friction plays no part, as the ground's friction may differ from it.
 
     Where the body's pose is measured with noise, speeds are means over 0.5 s, and a foot slides
     where its speed is also larger than three standard deviations of what the noise leaves of it.
@@ -41,8 +41,8 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
     missing = recording.joint_state is None or forces is None or len(forces[0]) < 2
     if missing or not isinstance(robot, RobotParameters):
         raise LimbError(
-            "What feet do follows from two or more samples of a robot's joint angles and contact "
-            "forces, which this recording does not have."
+            "Contacts of feet follow from two or more samples of a robot's joint angles and "
+            "contact forces, which this recording does not have."
         )
     assert forces is not None
     velocity, noise = _foot_velocity(recording)
@@ -72,7 +72,7 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
 
 
 def _foot_velocity(recording: Recording) -> tuple[np.ndarray, float]:
-    """Velocity of each foot's point at the ground along x and y, and the noise in it.
+    """Return the velocity of each foot's point at the ground along x and y, and its noise.
 
     Returns:
         From each sample to the next (L, 2, K-1), m/s, and the standard deviation of noise in each
@@ -94,7 +94,7 @@ def _foot_velocity(recording: Recording) -> tuple[np.ndarray, float]:
 
 
 def _foot_slip(recording: Recording) -> np.ndarray:
-    """How far each foot's point at the ground goes along x and y between samples (L, 2, K-1), m.
+    """Return the slip of each foot's point at the ground between samples (L, 2, K-1), m.
 
     A foot that rolls does not slip: its centre goes as far as it turns.
     """

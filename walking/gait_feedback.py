@@ -38,7 +38,7 @@ class GaitFeedback(PlanFeedback):
     at that clock. The first cycle, from straight limbs, corrects nothing, nor does one at whose
     beginning or end the body is not seen.
 
-    - inputs 0 and 1, output 0: those of `PlanController`
+    - inputs 0 and 1, output 0: see `PlanController`
     - input 2 ``body_pose``: x, z, m, and θ, rad, of the body; NaN where it is not seen
     - output 1 ``correction``: time in the walk, s, a, c, where the cycle began, m, and the least
       and the largest bends in it so far (2F), rad
@@ -106,16 +106,18 @@ class GaitFeedback(PlanFeedback):
         return bend, reference, np.clip(holding + (duty - holding) / duration, 0.0, 1.0)
 
     def _end_update(self, context, ahead: StateEstimate, state) -> None:
+        # Follow the range of the bends in this cycle.
         now = context.get_discrete_state(2).value().copy()
         bend = self.get_input_port(1).Eval(context)
         x = self.get_input_port(2).Eval(context)[0]
         least, largest = np.split(now[START + 1 :], 2)
         least[:] = np.fmin(least, bend)
         largest[:] = np.fmax(largest, bend)
-        before = np.floor((now[TIME] - self._begin) / self._period + 1e-9)
+        # Correct amplitude and duration at the end of a cycle.
+        cycle = np.floor((now[TIME] - self._begin) / self._period + 1e-9)
         now[TIME] += PERIOD / now[DURATION]
-        if np.floor((now[TIME] - self._begin) / self._period + 1e-9) > before:
-            if before >= SETTLING_CYCLES and np.isfinite([*least, *largest]).all():
+        if np.floor((now[TIME] - self._begin) / self._period + 1e-9) > cycle:
+            if cycle >= SETTLING_CYCLES and np.isfinite([*least, *largest]).all():
                 reached = np.mean((largest - least) / (now[AMPLITUDE] * self._range))
                 travelled = (x - now[START]) / self._stride
                 if np.isfinite(travelled):

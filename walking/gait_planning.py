@@ -33,7 +33,7 @@ from walking.walker import check_walker
 START_WARMTH = 40.0
 ALTERNATIVE_WARMTHS = (55.0, 30.0)
 # Shares of the requested steadiness. Where no gait is so steady, gaits are planned up these shares,
-# each from the one before.
+# each from the last.
 STEADINESS_SHARES = (0.125, 0.25, 0.5, 1.0)
 # Multiples of the requested steadiness, where the robot does not walk as planned: on rough ground,
 # friction of a foot that slides lets the body sway more and more, though it is stable at rest.

@@ -1,4 +1,4 @@
-"""The gaits by which a robot gets anywhere on the ground: `plan_gaits`."""
+"""A set of gaits by which a robot walks to any place on the ground: `plan_gaits`."""
 
 import contextlib
 import dataclasses
@@ -33,23 +33,23 @@ SPOT_TURNS = 0.3, 0.2
 def plan_gaits(
     robot: RobotParameters | str | Path, *, map_function: Callable = map, **options: Any
 ) -> dict[str, Gait]:
-    """Gaits ahead, along arcs to the left and right, and on the spot, which follow each other.
+    """Plan gaits ahead, along arcs to the left and right, and on the spot.
 
-    Those along arcs begin with the heat of the one ahead, where there are such gaits, so that a
-    robot changes between them at the end of a cycle. The others begin with heat of their own.
+    Where possible, gaits along arcs begin with the heat of the gait ahead, so that a robot changes
+    between them at the end of a cycle. The other gaits begin with heat of their own.
 
     Args:
         robot: description of a robot in space.
         map_function: takes a function and its arguments, as `map` does, and may call it for
-            several arguments at a time; it plans the gaits that turn.
+            several arguments at one time; it plans the gaits that turn.
         options: fields of `GaitRequest`.
 
     Returns:
-        Checked gaits by name: ahead, left, right, spot_left and spot_right, as far as there are.
-        Those that turn do not fall where friction or limbs are others, either.
+        Checked gaits by name: ahead, left, right, spot_left and spot_right, without those that were
+        not found. Gaits that turn do not fall with varied friction and limbs, either.
 
     Raises:
-        PlanningError: if none goes ahead, or none turns to each side.
+        PlanningError: if there is no gait ahead, or none that turns to one of the sides.
     """
     robot = RobotParameters.of(robot)
     if robot.body.mount != "free":
@@ -81,7 +81,7 @@ def plan_gaits(
 def _plan_arc(
     robot: RobotParameters, sign: float, ahead: Gait, request: GaitRequest
 ) -> Gait | None:
-    """The gait that begins with the heat of the one ahead, or else with its own."""
+    """Plan a gait along an arc, with the heat of the gait ahead if possible, else with its own."""
     request = dataclasses.replace(
         request, turn=sign * ARC_TURN, schedule=ahead.schedule, near=ahead
     )
@@ -94,7 +94,7 @@ def _plan_arc(
 
 
 def _plan_spot_turn(robot: RobotParameters, sign: float, request: GaitRequest) -> Gait | None:
-    """The gait with the largest turn, of `schedules_on_the_spot`, that never falls."""
+    """Return the gait with the largest turn, of `schedules_on_the_spot`, that never falls."""
     for turn, schedule in itertools.product(SPOT_TURNS, schedules_on_the_spot(robot)):
         with contextlib.suppress(PlanningError):
             gait = plan_gait(robot, request, turn=sign * turn, stride=0.0, schedule=schedule)
@@ -115,7 +115,7 @@ def schedules_on_the_spot(robot: RobotParameters) -> list[Schedule]:
 
 
 def _never_falls(gait: Gait) -> bool:
-    """Whether it falls on no ground and with no parameters that its check tries."""
+    """Return whether no robot falls in the spread of a gait's check."""
     return not any(variation.fall for variation in gait.check.spread)
 
 
@@ -148,7 +148,7 @@ def save_gaits(gaits: Mapping[str, Gait], folder: Path, *, force: bool = False) 
 
 
 def _is_gait(file: Path) -> bool:
-    """Whether a file is a gait that can be read."""
+    """Return whether a file is a gait that can be read."""
     with contextlib.suppress(LimbError):
         Gait.load(file)
         return True
@@ -156,7 +156,7 @@ def _is_gait(file: Path) -> bool:
 
 
 def load_gaits(folder: Path) -> dict[str, Gait]:
-    """The gaits of a folder, by the names of their files, the one ahead first.
+    """Load the gaits of a folder, by the names of their files; the gait ahead is the first.
 
     Raises:
         LimbError: if it is a file, none is named ahead, or they are of different robots.

@@ -15,8 +15,8 @@ class HeatFeedback(PlanController):
     Limbs that stand on the ground together bend as the ground lets them. Feedback of a bend that
     feet hold heats the wires of that limb against each other until the feet slip: on a robot of
     three limbs under `PlanFeedback`, wires were 12 °C warmer than planned, and the fifth stride was
-    two fifths of the first. With the heat of the plan, though, the wires' torques are those of the
-    plan, whatever the feet do:
+    two fifths of the first. With the heat of the plan, though, the wires have the plan's torques,
+    whatever the feet do:
 
         D = D* + k (T* - T) / a2
 
@@ -25,7 +25,7 @@ class HeatFeedback(PlanController):
 
     No duty is beyond what `TemperatureLimiter` allows, and there is none after the plan's end.
 
-    Ports and state are those of `PlanController`.
+    For ports and state see `PlanController`.
     """
 
     __slots__ = ()  # see limb_systems.drake_python

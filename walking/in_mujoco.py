@@ -27,7 +27,7 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
     The torques of wires of any law are applied to the joints. Heat does not depend on the motion.
 
     Returns:
-        A recording at 20 Hz, with a sample after the last cycle; as of a `Robot`, which has the
+        A recording at 20 Hz, with a sample after the last cycle, like a `Robot`'s, with the
         force on the feet at its samples, too.
 
     Raises:
@@ -81,6 +81,7 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
         sensed.append(on_feet[0, 0])
     sensed.append(on_feet[0, -1])
 
+    # Record the motion with the pose of a `Robot`, and the forces on the feet.
     configurations = np.array(states)[:, places].T
     velocities = np.array(states)[:, 1 + model.nq : 1 + model.nq + model.nv].T
     pose = configurations[: joints.start]
@@ -113,16 +114,19 @@ def _integrate_wires(
     for segment in limbs.segments:
         segment.stiffening = 0.0  # which MuJoCo has
     wires = LimbModel.of(limbs).wires
+    # Integrate over intervals of constant duty.
     duty = gait.duty_trajectory(cycles)
     breaks = np.array(duty.get_segment_times())
     ends = np.union1d(times, breaks)
     heat = gait.initial_heat
-    course = [heat[: wires.num_states]]
-    held_until = np.append(breaks[breaks < times[-1]], times[-1])
-    for start, end in itertools.pairwise(held_until):
-        within = ends[(ends >= start) & (ends <= end)]
-        levels = np.tile(duty.value(start).ravel(), (len(within), 1))
-        course += [*wires.under_duty(course[-1], levels, within)[1:]]
-    readings = readings_along(wires, np.array(course), heat[wires.num_states :], ends)
-    places = np.searchsorted(ends, times)
-    return np.array(course)[places], readings[places], wires.forces
+    states = [heat[: wires.num_states]]
+    switch_times = np.append(breaks[breaks < times[-1]], times[-1])
+    for start, end in itertools.pairwise(switch_times):
+        interval_times = ends[(ends >= start) & (ends <= end)]
+        levels = np.tile(duty.value(start).ravel(), (len(interval_times), 1))
+        states += [*wires.under_duty(states[-1], levels, interval_times)[1:]]
+    readings = readings_along(wires, np.array(states), heat[wires.num_states :], ends)
+
+    # Keep the samples alone.
+    samples = np.searchsorted(ends, times)
+    return np.array(states)[samples], readings[samples], wires.forces

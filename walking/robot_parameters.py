@@ -579,17 +579,17 @@ class RobotParameters(ConnectedLimbs):
 
     @property
     def joints_of(self) -> list[slice]:
-        """Indices of each limb's joints among those of all."""
+        """Indices of each limb's joints among all limbs\'."""
         return slices([limb.parameters.num_joints for limb in self.limbs])
 
     @property
     def wires_of(self) -> list[slice]:
-        """Indices of each limb's wires among those of all."""
+        """Indices of each limb's wires among all limbs\'."""
         return slices([len(limb.parameters.wires) for limb in self.limbs])
 
     @property
     def bends_of(self) -> list[slice]:
-        """Indices of each limb's bends among those of all."""
+        """Indices of each limb's bends among all limbs\'."""
         return slices([sum(s.axes for s in limb.parameters.segments) for limb in self.limbs])
 
 

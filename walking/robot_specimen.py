@@ -18,12 +18,12 @@ from walking.robot_parameters import RobotParameters
 class RobotSpecimen(Specimen):
     """A particular robot: all its limbs as one `Specimen`, and what carries them.
 
-    - ``robot``: `RobotParameters` as a lab would know them beforehand.
+    - ``robot``: `RobotParameters` as a lab would describe them beforehand.
     - ``drawn``: description with the true masses, places of the limbs and friction of the ground.
     - ``foot_friction``: μ between each foot and that ground (L,); empty without a ground.
 
-    Beside the effects of limbs it may be `without` "body", so that masses and places are as
-    described, and without "ground", so that μ is.
+    In addition to effects of limbs, `without` takes "body", for the described masses and places,
+    and "ground", for the described μ.
     """
 
     kind = RobotParameters
@@ -55,7 +55,7 @@ class RobotSpecimen(Specimen):
             self.foot_friction = (ground.friction * shares).tolist()
 
     def _draw_body(self, uniform) -> None:
-        """Draws masses to 10%, as parts are cast and glued, and places of the limbs to 1 mm."""
+        """Draw masses to 10%, as parts are cast and glued, and places of the limbs to 1 mm."""
         body = self.drawn.body
         feet = self.drawn.feet
         body.mass *= (share := uniform(0.9, 1.1))
@@ -68,7 +68,7 @@ class RobotSpecimen(Specimen):
                 segment.mass *= uniform(0.9, 1.1)
 
     def without(self, *effects: str) -> "RobotSpecimen":
-        """As `Specimen.without`, with the effects of the class."""
+        """Return the specimen without some effects, see `Specimen.without`."""
         specimen = super().without(*effects)
         described = copy.deepcopy(self.robot)
         if "body" in effects:
@@ -80,18 +80,18 @@ class RobotSpecimen(Specimen):
         return specimen
 
     def true_robot(self) -> RobotParameters:
-        """Parameters of the mechanics: as `drawn`, and of the limbs as of `mechanics`."""
+        """Return the true parameters: body and ground of `drawn`, limbs of `mechanics`."""
         robot = copy.deepcopy(self.drawn)
         segments = iter(self.mechanics().segments)
         for limb in robot.limbs:
             limb.parameters.segments = [
-                dataclasses.replace(next(segments), mass=own.mass, name=own.name)
-                for own in limb.parameters.segments
+                dataclasses.replace(next(segments), mass=drawn.mass, name=drawn.name)
+                for drawn in limb.parameters.segments
             ]
         return robot
 
     def limb(self, name: str) -> "LimbOfRobot":
-        """A limb with its foot, unused, taken off and weighed, to calibrate it on a `LimbTwin`."""
+        """Return an unused limb with its foot alone, to calibrate it on a `LimbTwin`."""
         return LimbOfRobot(self, name)
 
 

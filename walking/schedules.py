@@ -1,4 +1,4 @@
-"""Schedules of gaits: what each foot does, phase by phase, and those that are worth trying.
+"""Schedules of gaits: the contact of each foot in each phase, and candidates to try.
 
 In text, a phase is a letter for each foot, and a space ends it: ``fs ss sf ss`` is a crawl of two
 feet, of which the first slides forward, then both stick while the body shifts, and so on.
@@ -19,7 +19,7 @@ Schedule = list[list[str]]
 
 
 def parse_schedule(text: str, num_feet: int) -> Schedule:
-    """The contact of each foot in each phase (P, F), from text such as ``fs ss sf ss``.
+    """Return the contact of each foot in each phase (P, F), from text such as ``fs ss sf ss``.
 
     Raises:
         PlanningError: if it is not such text for so many feet.
@@ -35,13 +35,13 @@ def parse_schedule(text: str, num_feet: int) -> Schedule:
 
 
 def format_schedule(schedule: Sequence[Sequence[str]]) -> str:
-    """Text of a schedule, as `parse_schedule` reads it."""
+    """Return the text of a schedule, which `parse_schedule` reads."""
     letters = {contact: letter for letter, contact in LETTERS.items()}
     return " ".join("".join(letters[contact] for contact in phase) for phase in schedule)
 
 
 def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) -> None:
-    """Checks whether there can be a gait of a schedule.
+    """Check that there can be a gait of a schedule.
 
     Raises:
         PlanningError: if it has other feet or contacts, or nothing holds the body at some time.
@@ -83,7 +83,7 @@ def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) ->
 
 
 def candidate_schedules(robot: RobotParameters) -> list[Schedule]:
-    """Schedules that are worth trying, the best first.
+    """Return schedules that are worth trying, the best first.
 
     In a plane feet move forward one after the other, from the rear or from the front; they slide,
     or are lifted if three or more can stand on the others. Of four or more, every other one may
@@ -132,7 +132,7 @@ def _schedules_in_space(robot: RobotParameters) -> list[Schedule]:
 def _group_schedule(
     order: list[list[int]], contact: str, num_feet: int, rests: bool = True
 ) -> Schedule:
-    """Groups of feet that move in an order, with all sticking between them if there are rests."""
+    """Return phases in which groups of feet move in an order; with rests, all stick in between."""
     phases = []
     for moving in order:
         phases.append([contact if foot in moving else "stick" for foot in range(num_feet)])

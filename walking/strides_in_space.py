@@ -1,7 +1,7 @@
-"""What the strides of a robot in space tell: friction of the ground, and heights of its feet.
+"""The fit of the ground's friction and the heights of feet to the strides of a robot in space.
 
-More than three feet share a load by heights that nobody measures: those of the hips, of rest angles
-and of limbs that pull differently. Their common effect is the warp of the places where the feet
+More than three feet share a load by heights that nobody measures: they come from hips, rest angles
+and limbs that pull differently. Their common effect is the warp of the places where the feet
 would be without a ground, h1 - h2 - h3 + h4 of four limbs around a body. A camera sees it, as the
 body then rolls and pitches otherwise in a cycle.
 """

@@ -33,18 +33,18 @@ EXPECTED = 8  # of the state, which ends with what is expected
 
 
 class Wayfinder(HeatFeedback):
-    """`HeatFeedback` about a gait, which is chosen anew at the end of each cycle.
+    """`HeatFeedback` about a gait, which is chosen at the end of each cycle.
 
     The gait is the first of those three cycles after which the robot is expected to be at its goal
     soonest, by the time that it takes to turn to it, walk there, and turn to the heading that is
     asked for. What a cycle of a gait is expected to make after one of each gait is what was planned
     at first, and then follows what is seen: friction and limbs are not quite as described. Where a
-    gait begins with other heat than the one before ended with, the robot stands until its wires
+    gait begins with other heat than the last gait ended with, the robot stands until its wires
     have it. A place is reached within 15 mm, a heading within 8°. The simulation
     ends after the last goal, and if the robot falls or five cycles in a row make less than a fifth
     of their way.
 
-    - inputs 0 and 1, output 0: those of `PlanController`
+    - inputs 0 and 1, output 0: see `PlanController`
     - input 2 ``body_pose``: x, y, z, m, and roll, pitch and yaw, rad; NaN where it is not seen
     - output 1 ``course``: time in the plan, s; numbers of the gait before, of the gait, and of the
       goal; where the cycle began, x, y, m, and yaw, rad; how many cycles in a row made little; and
@@ -64,7 +64,7 @@ class Wayfinder(HeatFeedback):
     ):
         """
         Args:
-            gaits: gaits of one robot in space, as of `plan_gaits`; the first begins from cold.
+            gaits: gaits of one robot in space, see `plan_gaits`; the first begins from cold.
             goals: places x, y, m, or x, y and yaw, m and rad, one after the other.
             parameters: description of all limbs together; the gaits' if None.
 
@@ -104,34 +104,51 @@ class Wayfinder(HeatFeedback):
 
     def _begin_cycle(self, now: np.ndarray, pose: np.ndarray, over: float) -> None:
         """Learn from the cycle that ended, and begin the next one, in the course."""
-        G = len(self._gaits)
+        num_gaits = len(self._gaits)
         start = now[START : START + 3].copy()
-        made = now[EXPECTED:].reshape(G, G, 3)  # after each gait, of each gait
+        expected = now[EXPECTED:].reshape(num_gaits, num_gaits, 3)  # after each gait, of each gait
         before, gait = map(int, now[[BEFORE, GAIT]])
-        if before < G and np.isfinite([*start, *pose]).all():  # the first one began from cold
+
+        # Learn the travel of the cycle, unless it began from cold or the body was not seen.
+        if before < num_gaits and np.isfinite([*start, *pose]).all():
             poses = np.zeros((6, 2))
             poses[[0, 1, 5]] = np.transpose([start, pose])
-            made[before, gait] += LEARNING_RATE * (body_travel(poses)[:, 0] - made[before, gait])
-            made_little = self._gaits[gait].progress(poses)[0][0] < MIN_CYCLE_PROGRESS
-            now[STALLED] = now[STALLED] + 1 if made_little else 0.0
+            error = body_travel(poses)[:, 0] - expected[before, gait]
+            expected[before, gait] += LEARNING_RATE * error
+            is_stalled = self._gaits[gait].progress(poses)[0][0] < MIN_CYCLE_PROGRESS
+            now[STALLED] = now[STALLED] + 1 if is_stalled else 0.0
+
+        # Go on to the next goal after the robot has reached one, and choose the gait.
         if np.isfinite(pose).all():
             while now[GOAL] < len(self._goals) and self.is_there(pose, now[GOAL]):
                 now[GOAL] += 1
             if now[GOAL] < len(self._goals):
-                now[GAIT] = self._choose_gait(pose, made, gait, now[GOAL])
+                now[GAIT] = self._choose_gait(pose, expected, gait, now[GOAL])
+
+        # Begin its cycle.
         now[BEFORE] = gait
         now[START : START + 3] = pose
         now[TIME] = self._begins[gait, int(now[GAIT])] + max(0.0, over)
 
-    def _choose_gait(self, pose: np.ndarray, made: np.ndarray, now: int, goal: float) -> int:
-        """The number of the gait to go on with, after a cycle of the gait now."""
-        each = np.arange(len(made))
-        # By planned speeds a robot that is slower would seem to lose nothing while it stands.
-        rates = (made / self._lasts[:-1, :, None])[each, each]
+    def _choose_gait(self, pose: np.ndarray, expected: np.ndarray, now: int, goal: float) -> int:
+        """Return the number of the next gait, by the expected time to the goal.
+
+        Args:
+            pose: x, y, m, and yaw, rad, of the body (3,).
+            expected: expected travel (G, G, 3) after each gait, of each gait.
+            now: number of the gait of the last cycle.
+            goal: number of the goal.
+        """
+        # Estimate speeds from expected travel: by planned speeds a slow robot would stand too much.
+        num_gaits = len(expected)
+        each = np.arange(num_gaits)
+        rates = (expected / self._lasts[:-1, :, None])[each, each]
         speed, *turning = np.maximum([rates[:, 0], rates[:, 2], -rates[:, 2]], MIN_SPEED).max(
             axis=1
         )
-        choices = list(itertools.product(range(len(made)), repeat=CYCLES_AHEAD))
+
+        # Predict the time to the goal after each choice of the next three cycles.
+        choices = list(itertools.product(range(num_gaits), repeat=CYCLES_AHEAD))
         times = []
         for choice in choices:
             after = pose
@@ -139,8 +156,8 @@ class Wayfinder(HeatFeedback):
             for before, gait in itertools.pairwise((now, *choice)):
                 if self.is_there(after, goal):
                     break
-                x_y = made[before, gait][:2]
-                turn = made[before, gait][2]
+                x_y = expected[before, gait][:2]
+                turn = expected[before, gait][2]
                 place = after[:2] + rotate_to_heading(x_y, -after[2])
                 after = np.append(place, after[2] + turn)
                 taken += self._lasts[before, gait]
@@ -163,7 +180,7 @@ class Wayfinder(HeatFeedback):
     def _time_to_go(
         self, pose: np.ndarray, goal: float, speed: float, turning: Sequence[float]
     ) -> float:
-        """Time that it takes to turn to a goal, walk to it and face as it asks for, s.
+        """Return the time to turn to a goal, walk to it and turn to its heading, s.
 
         Args:
             speed: speed ahead, m/s.
@@ -189,6 +206,7 @@ class Wayfinder(HeatFeedback):
         )
 
     def _check_end(self, context) -> EventStatus:
+        """End the simulation after a fall, after the last goal, or if the robot stalls."""
         roll, pitch = self.get_input_port(2).Eval(context)[3:5]
         if max(abs(roll), abs(pitch)) > FALL_TILT:
             return EventStatus.ReachedTermination(self, "the robot has fallen")
@@ -215,7 +233,7 @@ def _check_goal(goal: Sequence[float], index: int) -> list[float]:
 
 
 def join_gaits(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarray]:
-    """Cycles of each gait after each, and of the first one from cold, as one plan.
+    """Join a cycle of each gait after each gait, and of the first from cold, to one plan.
 
     Returns:
         The plan, and when each part begins in it, and how long it lasts (1 + G, G), s, in the rows
@@ -239,15 +257,15 @@ def join_gaits(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarra
         lasts[before, gait] = warm_up + period
         # The period in which the cycle ends is its own, to its end.
         parts.append(_first_knots(cycles, int(np.ceil((warm_up + period) / PERIOD)) + 1))
-    signals: dict[str, Any] = {
-        name: np.hstack([getattr(part, name) for part in parts]) for name in _signal_names(parts[0])
-    }
+    signals: dict[str, Any] = {}
+    for name in _signal_names(parts[0]):
+        signals[name] = np.hstack([getattr(part, name) for part in parts])
     signals["time"] = PERIOD * np.arange(signals["duty"].shape[1])
     return dataclasses.replace(parts[0], **signals), begins, lasts
 
 
 def _first_knots(trajectory: Trajectory, knots: int) -> Trajectory:
-    """The first knots of a trajectory."""
+    """Return the first knots of a trajectory."""
     signals: dict[str, Any] = {
         name: getattr(trajectory, name)[..., :knots] for name in _signal_names(trajectory)
     }
@@ -260,5 +278,5 @@ def _signal_names(trajectory: Trajectory) -> list[str]:
 
 
 def _wrap_angle(angle: float) -> float:
-    """An angle within half a turn of zero, rad."""
+    """Return an angle within half a turn of zero, rad."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)

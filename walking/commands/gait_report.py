@@ -14,7 +14,8 @@ from walking.gait import Gait, GaitVariation
 
 
 def gait_verdict(gait: Gait) -> str:
-    """How far and how fast a gait goes and turns, and whether it was checked."""
+    """Return a gait's motion, temperature and the result of its check, in words."""
+    # Describe the motion.
     turn = np.rad2deg(gait.turn)
     what = _cycle_noun(gait)
     goes = [] if gait.on_the_spot else [f"{what} of {1e3 * gait.stride:.1f} mm"]
@@ -23,29 +24,31 @@ def gait_verdict(gait: Gait) -> str:
         side = "left" if turn > 0 else "right"
         goes.append(f"turns of {abs(turn):.1f}° to the {side}")
         paces.append(f"{abs(turn) / gait.period:.2f} °/s")
-    said = (
+    text = (
         f"{' and '.join(goes)} in {gait.period:.1f} s, {' and '.join(paces)}, with wires up to "
         f"{gait.wire_temperature.max():.0f} °C."
     )
-    said = said[0].upper() + said[1:]
+    text = text[0].upper() + text[1:]
+
+    # Describe the check.
     if failure := gait.check.failure():
-        return f"{said} Not to be used: {failure}"
+        return f"{text} Not to be used: {failure}"
     simulation = gait.check.simulation
     spread = gait.check.spread
     shares = simulation.strides
-    said += (
+    text += (
         f" Checked: simulated with contact over {len(shares)} cycles, {what} are "
         f"{min(shares):.1%} to {max(shares):.1%} of the planned one"
     )
     if simulation.aside:
-        said += f", and the robot goes or turns aside by at most {max(simulation.aside):.1%} of it"
-    said += "."
+        text += f", and the robot goes or turns aside by at most {max(simulation.aside):.1%} of it"
+    text += "."
     if fallen := sum(bool(variation.fall) for variation in spread):
-        said += (
+        text += (
             f" With other friction or parameters {fallen} of {len(spread)} fall; a gait of more "
             "steadiness falls less and is slower."
         )
-    return said
+    return text
 
 
 def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | None = None) -> None:
@@ -83,7 +86,7 @@ def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | N
 
 
 def _cycle_noun(gait: Gait) -> str:
-    """What a gait makes in its cycles: strides, or turns on the spot."""
+    """Return the noun for a gait's cycles: strides, or turns on the spot."""
     return "turns" if gait.on_the_spot else "strides"
 
 

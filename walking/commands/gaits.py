@@ -544,7 +544,7 @@ COMMANDS = {
                 "--objective",
                 choices=["speed", "energy"],
                 default="speed",
-                help="the fastest gait, or the one that heats least for its distance (default "
+                help="the fastest gait, or the gait that heats least for its distance (default "
                 "%(default)s)",
             ),
             MARGIN,

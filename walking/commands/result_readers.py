@@ -1,4 +1,4 @@
-"""What the files of gaits and robots are, for commands on results."""
+"""Readers of gait and robot files, for commands on results."""
 
 from collections.abc import Callable
 from pathlib import Path

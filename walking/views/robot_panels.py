@@ -23,7 +23,7 @@ _DASHES = {"x": "dashed", "y": "dotted", "z": "solid"}
 
 
 def robot_panels(robot: RobotParameters, motion: Recording | Gait) -> list[Panel]:
-    """What the feet of a robot do, where its body is, and the contact forces, as far as known."""
+    """Return panels of the contacts of feet, the body's pose and the contact forces, if present."""
     time = motion.time
     panels = []
     forces = motion.contact_force
