@@ -27,14 +27,14 @@ from soft_limb.commands.options import (
     Option,
     checked_outputs,
     count,
+    print_duration,
     print_summary,
     print_table,
     save_panels,
-    say_duration,
     shared,
 )
 from soft_limb.runs.jobs import run_each
-from soft_limb.runs.rollout import OPEN, record_replay
+from soft_limb.runs.rollout import OPEN_LOOP, record_replay
 from walking.commands.gait_summaries import gait_summary, walk_summary
 from walking.course import check_course
 from walking.gait import Gait
@@ -126,7 +126,7 @@ def _plan(options: argparse.Namespace) -> int:
     request.validate(robot, schedules[0])
 
     # Plan, and report schedules that gave no gait.
-    say_duration(
+    print_duration(
         f"some seconds for each of {len(schedules)} schedules, and five to twenty to check one",
     )
     request = dataclasses.replace(request, explain=len(schedules) == 1)
@@ -327,7 +327,7 @@ def _walk(options: argparse.Namespace) -> int:
         fit = _walk_first_strides(options, gait, robot, first_file)
         gait, heat, replan_summary = _replan(gait, fit, options)
         if isinstance(robot, RobotTwin):
-            robot = robot.again(STANDING_TIME, truth=True)
+            robot = robot.after_rest(STANDING_TIME, truth=True)
         else:  # its port was closed, with its wires off, after the first strides
             robot = _make_robot(options, gait)
         bend = fit.bend
@@ -608,10 +608,10 @@ COMMANDS = {
             ),
             Option(
                 "--controller",
-                choices=[STRIDE_FEEDBACK, BEND_FEEDBACK, HEAT_FEEDBACK, OPEN],
+                choices=[STRIDE_FEEDBACK, BEND_FEEDBACK, HEAT_FEEDBACK, OPEN_LOOP],
                 help=f"{STRIDE_FEEDBACK}: hold the bends, and correct their amplitude and duration "
                 f"by each stride; {BEND_FEEDBACK}: hold the bends; {HEAT_FEEDBACK}: hold the "
-                f"temperatures; {OPEN}: the gait's duty (default in space {HEAT_FEEDBACK}; in a "
+                f"temperatures; {OPEN_LOOP}: the gait's duty (default in space {HEAT_FEEDBACK}; in a "
                 f"plane {STRIDE_FEEDBACK}, or {BEND_FEEDBACK} on a port, where no camera sees the "
                 "body)",
             ),
