@@ -611,8 +611,8 @@ COMMANDS = {
                 choices=[STRIDE_FEEDBACK, BEND_FEEDBACK, HEAT_FEEDBACK, OPEN_LOOP],
                 help=f"{STRIDE_FEEDBACK}: hold the bends, and correct their amplitude and duration "
                 f"by each stride; {BEND_FEEDBACK}: hold the bends; {HEAT_FEEDBACK}: hold the "
-                f"temperatures; {OPEN_LOOP}: the gait's duty (default in space {HEAT_FEEDBACK}; in a "
-                f"plane {STRIDE_FEEDBACK}, or {BEND_FEEDBACK} on a port, where no camera sees the "
+                f"temperatures; {OPEN_LOOP}: the gait's duty (default in space {HEAT_FEEDBACK}; in "
+                f"a plane {STRIDE_FEEDBACK}, or {BEND_FEEDBACK} on a port, where no camera sees the "
                 "body)",
             ),
         ],
