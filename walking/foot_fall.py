@@ -47,28 +47,28 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
     assert forces is not None
     velocity, noise = _foot_velocity(recording)
     speed = np.linalg.norm(velocity, axis=1)  # (L, K-1)
-    of_feet = forces.reshape(len(robot.limbs), -1, len(recording.time))
-    of_feet = (of_feet[..., 1:] + of_feet[..., :-1]) / 2
-    along = np.linalg.norm(of_feet[:, :-1], axis=1)
-    load = of_feet[:, -1]
+
+    # Take the mean force along the ground and load between samples (L, K-1).
+    foot_forces = forces.reshape(len(robot.limbs), -1, len(recording.time))
+    foot_forces = (foot_forces[..., 1:] + foot_forces[..., :-1]) / 2
+    tangential = np.linalg.norm(foot_forces[:, :-1], axis=1)
+    load = foot_forces[:, -1]
+
+    # Decide each foot's contact.
     swings = load <= LIFTED_LOAD_SHARE * load.sum(axis=0)
     slides = np.where(velocity[:, 0] > 0, "slide_forward", "slide_backward")
     if robot.body.mount != "planar":
         slides = np.full(slides.shape, "slide")
-    contacts = np.where(
-        swings,
-        "swing",
-        np.where(
-            speed > MIN_SLIDING_SPEED + CREEP_PER_FORCE * along + NOISE_FACTOR * noise,
-            slides,
-            "stick",
-        ),
-    )
-    starts = zip(recording.time[:-1].tolist(), contacts.T.tolist(), strict=True)
-    return [
-        GaitPhase(next(group)[0], done)
-        for done, group in itertools.groupby(starts, lambda sample: sample[1])
-    ]
+    min_speed = MIN_SLIDING_SPEED + CREEP_PER_FORCE * tangential + NOISE_FACTOR * noise
+    contacts = np.where(swings, "swing", np.where(speed > min_speed, slides, "stick"))
+
+    # Join samples with the same contacts to phases.
+    samples = zip(recording.time[:-1].tolist(), contacts.T.tolist(), strict=True)
+    phases = []
+    for phase_contacts, group in itertools.groupby(samples, lambda sample: sample[1]):
+        start, _ = next(group)
+        phases.append(GaitPhase(start, phase_contacts))
+    return phases
 
 
 def _foot_velocity(recording: Recording) -> tuple[np.ndarray, float]:

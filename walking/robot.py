@@ -70,7 +70,7 @@ class Robot(Diagram):
       begins with the state that there is
     - state: [positions, velocities] of the plant, the body's first, and x (N), V (W) of the wires;
       by default at rest, at the rest angles, at ambient temperature, with the lowest foot of
-      straight limbs at the ground; limbs that are not alike then first settle
+      straight limbs at the ground; limbs that differ then first settle
     """
 
     __slots__ = ()  # see limb_systems.drake_python

@@ -51,7 +51,7 @@ class RobotSpecimen(Specimen):
         self.foot_friction: list[float] = []
         if ground := self.drawn.ground:
             ground.friction *= uniform(0.7, 1.3)  # another floor, dust, wear
-            shares = uniform(0.9, 1.1, len(robot.limbs))  # feet are not alike
+            shares = uniform(0.9, 1.1, len(robot.limbs))  # feet differ
             self.foot_friction = (ground.friction * shares).tolist()
 
     def _draw_body(self, uniform) -> None:

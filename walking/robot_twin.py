@@ -175,6 +175,8 @@ def _set_friction(scene_graph: SceneGraph, plant: MultibodyPlant, specimen: Robo
         (foot,) = plant.GetCollisionGeometriesForBody(plant.GetBodyByName(f"{limb.name}_foot"))
         described = scene_graph.model_inspector().GetProximityProperties(foot)
         properties = ProximityProperties(described)
-        own = friction * ground / (2 * ground - friction)
-        properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(own, own))
+        coefficient = friction * ground / (2 * ground - friction)
+        properties.UpdateProperty(
+            "material", "coulomb_friction", CoulombFriction(coefficient, coefficient)
+        )
         scene_graph.AssignRole(plant.get_source_id(), foot, properties, RoleAssign.kReplace)

@@ -54,8 +54,8 @@ def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) ->
                 f"The schedule has the phase {shown(list(phase))}; each phase must have one of "
                 f"{', '.join(CONTACTS)} for each of {num_feet} feet."
             )
-    other = {"slide_forward", "slide_backward"} if in_space else {"slide"}
-    if other & {contact for phase in schedule for contact in phase}:
+    forbidden = {"slide_forward", "slide_backward"} if in_space else {"slide"}
+    if forbidden & {contact for phase in schedule for contact in phase}:
         raise PlanningError(
             f"The schedule {format_schedule(schedule)!r} has feet that slide forward or backward, "
             "but the body moves in space; let them be dragged (d), where the planner finds along "

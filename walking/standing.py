@@ -99,17 +99,17 @@ class Stability:
     Args:
         walker: mechanics of the robot, on a planar body.
         wires: wires of all its limbs.
-        held: 1 where the ground holds a foot in (x, z), otherwise 0 (K, F, 2); any
+        supported: 1 where the ground holds a foot in (x, z), otherwise 0 (K, F, 2); any
             number of points before the last axis of p then has to be K.
     """
 
-    def __init__(self, walker: Walker, wires: Wires, held: np.ndarray):
+    def __init__(self, walker: Walker, wires: Wires, supported: np.ndarray):
         d = len(walker.stiffness)
         B = walker.pose_size
         F = walker.num_feet
         self._d = d
         self._F = F
-        self._held = held.reshape(*held.shape[:-2], 2 * F)
+        self._supported = supported.reshape(*supported.shape[:-2], 2 * F)
         of_joints = MIN_JOINT_STIFFNESS_SHARE * walker.stiffness[B:][walker.last_joints]
         self._least = np.concatenate(
             [of_joints, MIN_BODY_STIFFNESS, np.full(F, MAX_LOAD_STIFFNESS)]
@@ -139,7 +139,7 @@ class Stability:
         x = ca.SX.sym("x", wires.num_states)
         forces = ca.SX.sym("f", 2, F)
         v = ca.SX.sym("v", d + F)
-        on_ground = ca.SX.sym("held", 2 * F)
+        on_ground = ca.SX.sym("supported", 2 * F)
         balance = _balance(walker, wires, x, forces)
         point = ca.vertcat(y, x, ca.vec(forces), ca.SX.sym("s", F))
 
@@ -174,7 +174,9 @@ class Stability:
     def _with_heights(self, points: np.ndarray) -> np.ndarray:
         """Return the stiffness with heights of the ground as coordinates (..., d + F, d + F)."""
         size = self._d + self._F
-        return self._stiffness.values(points, self._held).reshape(*points.shape[:-1], size, size)
+        return self._stiffness.values(points, self._supported).reshape(
+            *points.shape[:-1], size, size
+        )
 
     def slopes(self, points: np.ndarray) -> np.ndarray:
         """Derivatives at the ``slope_places`` (..., Z)."""
@@ -191,7 +193,7 @@ class Stability:
 
         # Φ has the curvature at constant motions; asinh scales the weights.
         one = np.ones((*pivots.shape, 1))
-        curved = self._energy.second(self._with_motions(points, motions), one, self._held)
+        curved = self._energy.second(self._with_motions(points, motions), one, self._supported)
         sizes = np.hypot(pivots, self._per_pivot(self._least, pivots))
         on_pivots = np.moveaxis(weights, -1, 0) / sizes
         for (number, _), pivot, slope, energy_curvature, weight in zip(
@@ -222,7 +224,7 @@ class Stability:
         self, points: np.ndarray, pivots: np.ndarray, motions: np.ndarray
     ) -> np.ndarray:
         """Return derivatives of the pivots' asinh by the points (V, ..., P)."""
-        _, slopes = self._energy.first(self._with_motions(points, motions), self._held)
+        _, slopes = self._energy.first(self._with_motions(points, motions), self._supported)
         sizes = np.hypot(pivots, self._per_pivot(self._least, pivots))
         return slopes[..., 0, : points.shape[-1]] / sizes[..., None]
 
@@ -256,7 +258,7 @@ class FrictionGain:
 
     If friction drags a foot back by 1 N, the load on it changes, and with it friction, by g N. If
     g reaches 1, the foot jams, or jumps, however stable the robot is without friction. With the
-    stiffness H of `Stability`, and the directions t and n in which the foot slides and is held, it
+    stiffness H of `Stability`, the direction t in which the foot slides, and its normal n, the gain
     is g = μ ρ nᵀH⁻¹t. This is the stationary value over motions v and w of
 
         Φ(p, v, w) = μ tᵀw + ρ nᵀv - vᵀH w,
@@ -267,21 +269,21 @@ class FrictionGain:
     Args:
         walker: mechanics of the robot, on a planar body.
         wires: wires of all its limbs.
-        held: 1 where the ground holds a foot in (x, z), otherwise 0 (K, F, 2).
+        supported: 1 where the ground holds a foot in (x, z), otherwise 0 (K, F, 2).
         sliding: μ of the foot whose gain it is, -μ if it slides backward, 0 for all other feet
             (K, F).
     """
 
     num_values = 1
 
-    def __init__(self, walker: Walker, wires: Wires, held: np.ndarray, sliding: np.ndarray):
+    def __init__(self, walker: Walker, wires: Wires, supported: np.ndarray, sliding: np.ndarray):
         self._walker = walker
-        self._standing = Stability(walker, wires, held)
+        self._standing = Stability(walker, wires, supported)
         self._gain = self._standing.gain
         self._d = len(walker.stiffness)
         self._drag = np.stack([sliding, walker.contact_stiffness * (sliding != 0)], axis=-1)
-        both = np.stack([held, self._drag], axis=1)
-        self._parameters = both.reshape(len(held), 4 * walker.num_feet)
+        both = np.stack([supported, self._drag], axis=1)
+        self._parameters = both.reshape(len(supported), 4 * walker.num_feet)
         self._P = self._gain.num_variables - 2 * self._d
         counts = np.unique(self._gain.slope_places[1])
         self._counts = counts[counts < self._P]

@@ -132,7 +132,7 @@ def fit_heat(
     together = robot.together  # its wires' laws are the robot's
     laws = [wire.law for wire in together.wires]
     W = len(laws)
-    given = copy.deepcopy(laws)
+    described_laws = copy.deepcopy(laws)
     rates = [r for r in HEAT_RATE_FIELDS if all(hasattr(w, r) for w in laws)]
     duty = np.clip(recording.heating_duty, 0.0, 1.0).T
     times = recording.time - recording.time[0]
@@ -142,7 +142,7 @@ def fit_heat(
     def simulate_heat(changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return states x (K, N) and readings V (K, W) with changed rates."""
         for rate, wire_changes in zip(rates, changes, strict=True):
-            for law, before, change in zip(laws, given, wire_changes, strict=True):
+            for law, before, change in zip(laws, described_laws, wire_changes, strict=True):
                 setattr(law, rate, float(getattr(before, rate) * np.exp(change)))
         wires = LimbModel.of(together).wires
         states = wires.under_duty(wires.cold_states, duty, times)

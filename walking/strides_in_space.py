@@ -66,37 +66,36 @@ def fit_strides_in_space(gait: Gait, recording: Recording, start: float, cycles:
             walked = simulate_in_mujoco(gait, robot, NUM_CYCLES)
         except SimulationError:
             return np.inf
-        missed = _body_motion(walked, (NUM_CYCLES - 1) * gait.period, gait.period) - seen
-        scaled = missed / np.array([[PLACE_ERROR] * 2 + [TURN_ERROR] * 3]).T
-        # Deviations are alike along a cycle: all poses of it count as one.
+        residual = _body_motion(walked, (NUM_CYCLES - 1) * gait.period, gait.period) - seen
+        scaled = residual / np.array([[PLACE_ERROR] * 2 + [TURN_ERROR] * 3]).T
+        # Deviations along a cycle are correlated: all its poses count as one.
         expected = np.append(values[0] / FRICTION_ERROR, values[1:])
         return float((scaled**2).mean(axis=1).sum() + expected @ expected)
 
     # Search from several starts, as more than one warp explains most of the pose.
     options = {"maxfev": MAX_SIMULATIONS, "xatol": 0.02, "fatol": 0.01}
-    found = []
+    searches = []
     for warp in START_WARPS if warps else (0.0,):
         first = np.array([0.0, warp][: 1 + warps])
         simplex = np.vstack([first, first + 0.3 * np.eye(len(first))])
         search = {**options, "initial_simplex": simplex}
-        found.append(minimize(cost, first, method="Nelder-Mead", options=search))
-    best = min(found, key=lambda result: result.fun)
+        searches.append(minimize(cost, first, method="Nelder-Mead", options=search))
+    best = min(searches, key=lambda result: result.fun)
     if not np.isfinite(best.fun):
         raise CalibrationError("The robot falls by this gait whatever its friction and its feet.")
-    logarithm, *others = best.x
-    robot = with_warp_and_friction(gait.robot, EXPECTED_WARP * sum(others), logarithm)
+    logarithm, *warp_multiples = best.x
+    robot = with_warp_and_friction(gait.robot, EXPECTED_WARP * sum(warp_multiples), logarithm)
     # Standard errors follow from the curvature of the cost along each value.
-    curvatures = [
-        (cost(best.x + step) + cost(best.x - step) - 2 * best.fun) / CURVATURE_STEP**2
-        for step in CURVATURE_STEP * np.eye(len(best.x))
-    ]
+    curvatures = []
+    for step in CURVATURE_STEP * np.eye(len(best.x)):
+        change = cost(best.x + step) + cost(best.x - step) - 2 * best.fun
+        curvatures.append(change / CURVATURE_STEP**2)
     errors = np.sqrt(2 / np.maximum(curvatures, MIN_CURVATURE))
     friction = float(np.exp(logarithm))
     estimates = {"friction": Estimate(friction, friction * float(errors[0]), "of before")}
-    if others:
-        estimates["warp"] = Estimate(
-            EXPECTED_WARP * float(others[0]), EXPECTED_WARP * float(errors[1]), "m"
-        )
+    if warp_multiples:
+        warp = EXPECTED_WARP * float(warp_multiples[0])
+        estimates["warp"] = Estimate(warp, EXPECTED_WARP * float(errors[1]), "m")
     # The heat at the end of the recording is the wires' own.
     heat = fit_heat(copy.deepcopy(gait.robot), recording)[0]
     return StridesFit(robot, estimates, heat[-1], smooth_bends(recording)[:, -1])

@@ -141,8 +141,8 @@ class Wayfinder(HeatFeedback):
         """
         # Estimate speeds from expected travel: by planned speeds a slow robot would stand too much.
         num_gaits = len(expected)
-        each = np.arange(num_gaits)
-        rates = (expected / self._lasts[:-1, :, None])[each, each]
+        diagonal = np.arange(num_gaits)
+        rates = (expected / self._lasts[:-1, :, None])[diagonal, diagonal]
         speed, *turning = np.maximum([rates[:, 0], rates[:, 2], -rates[:, 2]], MIN_SPEED).max(
             axis=1
         )
@@ -152,7 +152,7 @@ class Wayfinder(HeatFeedback):
         times = []
         for choice in choices:
             after = pose
-            taken = 0.0
+            duration = 0.0
             for before, gait in itertools.pairwise((now, *choice)):
                 if self.is_there(after, goal):
                     break
@@ -160,8 +160,8 @@ class Wayfinder(HeatFeedback):
                 turn = expected[before, gait][2]
                 place = after[:2] + rotate_to_heading(x_y, -after[2])
                 after = np.append(place, after[2] + turn)
-                taken += self._lasts[before, gait]
-            times.append(taken + self._time_to_go(after, goal, speed, turning))
+                duration += self._lasts[before, gait]
+            times.append(duration + self._time_to_go(after, goal, speed, turning))
         return choices[int(np.argmin(times))][0]
 
     def is_there(self, pose: np.ndarray, goal: float, slack: float = 1.0) -> bool:

@@ -17,8 +17,8 @@ def gait_verdict(gait: Gait) -> str:
     """Return a gait's motion, temperature and the result of its check, in words."""
     # Describe the motion.
     turn = np.rad2deg(gait.turn)
-    what = _cycle_noun(gait)
-    goes = [] if gait.on_the_spot else [f"{what} of {1e3 * gait.stride:.1f} mm"]
+    cycle_noun = _cycle_noun(gait)
+    goes = [] if gait.on_the_spot else [f"{cycle_noun} of {1e3 * gait.stride:.1f} mm"]
     paces = [] if gait.on_the_spot else [f"{1e3 * gait.speed:.2f} mm/s"]
     if abs(turn) > 1e-6:
         side = "left" if turn > 0 else "right"
@@ -37,7 +37,7 @@ def gait_verdict(gait: Gait) -> str:
     spread = gait.check.spread
     shares = simulation.strides
     text += (
-        f" Checked: simulated with contact over {len(shares)} cycles, {what} are "
+        f" Checked: simulated with contact over {len(shares)} cycles, {cycle_noun} are "
         f"{min(shares):.1%} to {max(shares):.1%} of the planned one"
     )
     if simulation.aside:

@@ -155,9 +155,9 @@ def _plan(options: argparse.Namespace) -> int:
 def _plan_set(options: argparse.Namespace) -> int:
     """Plan a set of gaits by which a robot in space walks to any place, into a folder."""
     # Refuse options of a single gait.
-    given = [f"--{name}" for name in SINGLE_GAIT_OPTIONS if getattr(options, name)]
-    if given:
-        raise LimbError(f"--set plans gaits of all directions; leave out {', '.join(given)}.")
+    unsuitable = [f"--{name}" for name in SINGLE_GAIT_OPTIONS if getattr(options, name)]
+    if unsuitable:
+        raise LimbError(f"--set plans gaits of all directions; leave out {', '.join(unsuitable)}.")
     # Check the files before the gaits are planned, which takes minutes.
     check_outputs(gait_files(options.output), inputs=[options.robot], force=options.force)
     robot = RobotParameters.of(options.robot)
@@ -612,8 +612,8 @@ COMMANDS = {
                 help=f"{STRIDE_FEEDBACK}: hold the bends, and correct their amplitude and duration "
                 f"by each stride; {BEND_FEEDBACK}: hold the bends; {HEAT_FEEDBACK}: hold the "
                 f"temperatures; {OPEN_LOOP}: the gait's duty (default in space {HEAT_FEEDBACK}; in "
-                f"a plane {STRIDE_FEEDBACK}, or {BEND_FEEDBACK} on a port, where no camera sees the "
-                "body)",
+                f"a plane {STRIDE_FEEDBACK}, or {BEND_FEEDBACK} on a port, where no camera sees "
+                "the body)",
             ),
         ],
         examples=["soft-limb walk out/gait.csv -n 4 -o out/walk.csv"],

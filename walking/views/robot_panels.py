@@ -34,20 +34,15 @@ def robot_panels(robot: RobotParameters, motion: Recording | Gait) -> list[Panel
         panels.append(foot_fall_panel(robot, foot_fall(motion), time[-1]))
     if pose is not None:
         in_space = robot.pose_size == 6
-        # On a ground z tells little, and x and y less beside it.
+        # On a ground z changes little, and its curve would squeeze x and y.
         floats = in_space and robot.ground is None
         for group in ("mm", "°"):
-            drawn = [
-                (name, scale * row)
-                for (name, unit, scale), row in zip(robot.pose_rows(), pose, strict=True)
-                if unit == group and (floats or name != "z")
-            ]
             colors = wire_colors(3) if in_space else [ROLLOUT_COLOR]
-            curves = [
-                Curve(name, time, row, color)
-                for (name, row), color in zip(drawn, colors, strict=False)
-            ]
-            names = ", ".join(name for name, _ in drawn)
+            curves = []
+            for (name, unit, scale), row in zip(robot.pose_rows(), pose, strict=True):
+                if unit == group and (floats or name != "z"):
+                    curves.append(Curve(name, time, scale * row, colors[len(curves)]))
+            names = ", ".join(curve.name for curve in curves)
             panels.append(Panel(f"body {names} ({group})", curves, 190))
     if forces is not None:
         of_feet = forces.reshape(len(robot.limbs), -1, len(time))
