@@ -17,7 +17,7 @@ from hardware.board.heat_rates import (
 )
 from hardware.firmware import heat
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
-from limb_systems.heat_bounds import ANY_WIRE, SPREAD, HeatBounds
+from limb_systems.heat_bounds import ANY_WIRE_BOUNDS, RATE_FACTORS, HeatBounds
 
 MARGIN = 0.1  # share by which bounds are widened: other motions show somewhat more
 NOISE = 1.0  # °C that readings may be below their bounds
@@ -58,7 +58,7 @@ def check_first_contact(recording: Recording, described: LimbParameters, path: P
         CalibrationError: if one did not.
     """
     for wire in _wires([recording], described):
-        least = min(wire.kind.least_heating, ANY_WIRE.least_heating)
+        least = min(wire.kind.least_heating, ANY_WIRE_BOUNDS.least_heating)
         if wire.rates and wire.rates.heating < least:
             raise CalibrationError(
                 f"The {wire.name} wire was heated, but its thermocouple shows "
@@ -76,7 +76,8 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
     """
     heated = [(wire, wire.rates) for wire in _wires(recordings, described) if wire.rates]
     shares = [
-        rates.heating / wire.kind.most_heating * SPREAD["most_heating"] for wire, rates in heated
+        rates.heating / wire.kind.most_heating * RATE_FACTORS["most_heating"]
+        for wire, rates in heated
     ]
     most = max(shares, default=np.inf)
     remarks = []
@@ -93,7 +94,7 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
                 "heat than the other: compare their resistances, and bond the thermocouple anew. "
                 "The board heats it as if the thermocouple were wrong."
             )
-    if most < SPREAD["least_heating"]:
+    if most < RATE_FACTORS["least_heating"]:
         remarks.append(
             f"the wires show {most:.0%} of the heat that their description says, at "
             "most. Either all thermocouples show a share of their rise, or the limb is unlike its "

@@ -24,7 +24,7 @@ from scipy.signal import detrend
 from controllers.duty_correction import READING_MARGIN, DutyCorrection, Errors
 from controllers.estimator import DRIFT_TIME
 from limb_systems import LimbError, LimbModel, Provenance, Recording, Trajectory
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.files.input import LARGEST_TABLE, FirstLine, read_bytes
 from limb_systems.files.output import write_atomically
@@ -382,9 +382,9 @@ class Learner:
         )
         applied = np.array([np.interp(program.middles, recording.time, row) for row in duty]).T
         distances = reference_distances(self.trajectory, [recording])
-        assert distances.done is not None  # of recordings
+        assert distances.measured is not None  # of recordings
         return Repetition(
-            reference_distance=distances.done,
+            reference_distance=distances.measured,
             mean_error=tracking_errors(self.trajectory, [recording]).mean,
             interrupted=interrupted,
             remark="",
@@ -543,7 +543,7 @@ class Learner:
                 "truncated or was changed after it was written."
             )
         state = json.loads(body)
-        with raised_as(FileFormatError, f"{path}: "):  # such as a law whose module is not imported
+        with reraise_as(FileFormatError, f"{path}: "):  # such as a law whose module is not imported
             learner = cls(Trajectory.from_text(state["plan"]))
         for saved in state["repetitions"]:
             arrays = {name: np.array(v) for name, v in saved.items() if isinstance(v, list)}

@@ -28,7 +28,7 @@ class ReducedModel:
     - ``num_wires``, ``num_bends``, ``size``: W, F and H.
     - ``cold``: heat of wires that were never heated (H,).
     - ``scales``: typical changes of the heat (H,).
-    - ``held``: the `HeldAngles` of the limb.
+    - ``held``: the `StaticEquilibria` of the limb.
     - ``symbolic_step``: `step` as a CasADi function.
     - ``bend_by_torque``: each bend by a torque on each of the joints that make it (F,), rad/(N·m).
 
@@ -64,7 +64,7 @@ class ReducedModel:
 
         N = self._wires.num_states
         after = heat + self.period * rates(heat + 0.5 * self.period * rates(heat))
-        return ca.vertcat(self._wires.within(after[:N]), after[N:])
+        return ca.vertcat(self._wires.clamp_states(after[:N]), after[N:])
 
     @functools.cached_property
     def heating_rates(self) -> np.ndarray:

@@ -8,7 +8,7 @@ from controllers.estimator import Estimator, StateEstimate, packed
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters
 from limb_systems.drake_python import weak_method
-from limb_systems.limb_system import behind
+from limb_systems.limb_system import wrap_controller
 from limb_systems.plan_band import temperature_margin
 from limb_systems.simulation import PERIOD
 
@@ -159,4 +159,4 @@ def supervised(
             f"{wires}."
         )
     supervisor = TemperatureSupervisor(parameters, limit=limit)
-    return behind(supervisor, controller)
+    return wrap_controller(supervisor, controller)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from limb_systems import Trajectory
-from limb_systems.views.plots import WIDTH, Figure, dress
+from limb_systems.views.plots import WIDTH, Figure, apply_axis_style
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE
 from planners.task import Task
 from planners.transcription.ipopt import ConstraintBlock
@@ -61,7 +61,7 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     for axis in (defects_axis, room_axis):
         axis.set_xlim(time[0], time[-1])
         axis.set_xlabel("time (s)")
-        dress(axis)
+        apply_axis_style(axis)
 
     # Rows interval by interval.
     shown = places < SHOWN_INTERVALS * len(block.lower) // (len(time) - 1)

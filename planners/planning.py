@@ -19,8 +19,8 @@ from limb_systems import (
     Trajectory,
     band,
 )
-from limb_systems.held_angles import HeldAngles
 from limb_systems.layout import Layout
+from limb_systems.static_equilibria import StaticEquilibria
 from planners import references
 from planners.plan_check import (
     active_constraints,
@@ -409,7 +409,7 @@ def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarra
     return angles
 
 
-def _initial_state(held: HeldAngles, initial_state) -> np.ndarray:
+def _initial_state(held: StaticEquilibria, initial_state) -> np.ndarray:
     rest = held.resting_state(held.wires.cold_states[: held.wires.num_wires])
     if initial_state is None:
         return rest

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbModel, LimbParameters, Recording
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS, first_line, read_text
-from limb_systems.symbolic_chain import tip_of_angles
+from limb_systems.symbolic_chain import tip_position_function
 
 IN_SPACE = (
     "If yours bends in space, write axes: 2 into its segments in its YAML file, and where its "
@@ -164,7 +164,7 @@ def _load(
     text = read_text(path, "reference", LimbError, LARGEST_TABLE)
     if foreign := _foreign(text):
         raise LimbError(f"{path} {foreign}.")
-    with raised_as(LimbError, f"{path}: "):
+    with reraise_as(LimbError, f"{path}: "):
         table = _table(text)
         return table, reference_of(table)
 
@@ -310,7 +310,7 @@ def from_tip_path(
     """
     mechanics = LimbModel.of(parameters).mechanics
     layout = mechanics.layout
-    tip_of = tip_of_angles(mechanics)
+    tip_of = tip_position_function(mechanics)
     wanted, times = np.atleast_2d(np.asarray(path, float)), np.asarray(times, float)
     sideways = [1] if layout.is_planar else [1, 2]
     if layout.is_planar and len(wanted) == 2:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from limb_systems import LimbError, LimbParameters
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.input import read_text
 from limb_systems.files.schema import load_typed
-from limb_systems.plan_band import LARGEST_MARGIN, temperature_margin
+from limb_systems.plan_band import MAX_MARGIN, temperature_margin
 
 
 class TaskError(LimbError):
@@ -143,7 +143,7 @@ class Task:
         """
         record = parameters and parameters.calibration
         if not (parameters and record and record.bend_error > 0):
-            return cls(duty_weight=10.0, temperature_margin=LARGEST_MARGIN, duty_margin=0.4)
+            return cls(duty_weight=10.0, temperature_margin=MAX_MARGIN, duty_margin=0.4)
         return cls(duty_weight=0.5, temperature_margin=temperature_margin(parameters))
 
     @classmethod
@@ -154,7 +154,7 @@ class Task:
             TaskError: with one sentence naming the file and the field.
         """
         text = read_text(path, "task", TaskError)
-        with raised_as(TaskError, f"{path}: "):
+        with reraise_as(TaskError, f"{path}: "):
             return load_typed(cls, text)
 
     @property

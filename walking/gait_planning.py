@@ -292,8 +292,8 @@ def _solve(
     """
     # List attempts: pairs of a barrier and a start.
     attempts: list[tuple[dict[str, Any], Callable]]
-    laws = [wire.law for wire in program.robot.together.wires]
-    is_hard = any(law.easier() is not law for law in laws)
+    laws = [wire.law for wire in program.robot.as_single_limb.wires]
+    is_hard = any(law.smoothed() is not law for law in laws)
     # An adaptive barrier needs fewer iterations, but with feet that swing it rarely converges.
     barriers = ["adaptive", "monotone"][:: -1 if (program.contacts == "swing").any() else 1]
     attempts = [({"mu_strategy": barrier}, standing_start) for barrier in barriers]
@@ -357,8 +357,8 @@ def _start_from_smoothed_laws(program: GaitProgram) -> np.ndarray:
     """
     # Plan the gait with smoothed laws.
     robot = copy.deepcopy(program.robot)
-    for wire in robot.together.wires:
-        wire.law = wire.law.easier()
+    for wire in robot.as_single_limb.wires:
+        wire.law = wire.law.smoothed()
     smoothed_program = _with_robot(program, robot)
     gait = _solve(smoothed_program)
     wires = program.wires
@@ -371,7 +371,7 @@ def _start_from_smoothed_laws(program: GaitProgram) -> np.ndarray:
         states = [state]
         for k, step in enumerate(np.diff(gait.time)):
             duty = np.tile(gait.duty[:, k], (2, 1))
-            state = wires.under_duty(state, duty, np.array([0.0, step]))[-1]
+            state = wires.integrate_states(state, duty, np.array([0.0, step]))[-1]
             states.append(state)
     return _start_from_gait(program, gait, np.array(states))
 
@@ -497,7 +497,7 @@ def standing_start(program: GaitProgram, warmth: float = START_WARMTH) -> np.nda
     W = wires.num_wires
 
     # Start at straight limbs, each of which carries the same load.
-    ambient = program.robot.together.ambient_temperature
+    ambient = program.robot.as_single_limb.ambient_temperature
     states = wires.settled_states(np.full(W, ambient + warmth))
     up = np.eye(walker.num_tangents + 1)[-1]
     forces = np.tile(program.load / F * up, F)

@@ -136,7 +136,7 @@ class GaitProgram:
         self.steadiness = steadiness
         self.begins_as = begins_as
         self.walker = Walker(robot)
-        self.wires = LimbModel.of(robot.together).wires
+        self.wires = LimbModel.of(robot.as_single_limb).wires
         self.in_space = self.walker.num_tangents == 2
         self.load = float(np.linalg.norm(self.walker.weight))
 
@@ -244,8 +244,8 @@ class GaitProgram:
         self._bound(self.y[:1, self._travel_coordinates], 0.0, 0.0)
 
         # Bound temperatures and readings, with room for feedback.
-        limits = self.robot.together.temperature_limits
-        ambient = self.robot.together.ambient_temperature
+        limits = self.robot.as_single_limb.temperature_limits
+        ambient = self.robot.as_single_limb.ambient_temperature
         self._bound(self.heat[:, :W], ambient, limits.maximum - self.temperature_margin)
         readings = self.heat[:, self.wires.num_states :]
         self._bound(readings, -np.inf, limits.measured_maximum)
@@ -270,7 +270,7 @@ class GaitProgram:
         margin = min(MAX_FEEDBACK_MARGIN, self.temperature_margin)
         if not margin:
             return
-        lag = lag_error(self.robot.together)
+        lag = lag_error(self.robot.as_single_limb)
         row = np.array([[1 + lag, -lag]]) / HEAT_SCALE
         upper = (maximum - margin) / HEAT_SCALE
         W = self.wires.num_wires
@@ -622,7 +622,7 @@ class GaitProgram:
                 for start, contacts in zip(starts, self.schedule, strict=True)
             ],
             check=check,
-            provenance=Provenance.now(self.robot.together),
+            provenance=Provenance.now(self.robot.as_single_limb),
         )
 
     def has_stable_friction(self, x: np.ndarray) -> bool:

@@ -70,8 +70,8 @@ class GaitRequest:
             raise PlanningError(
                 f"The objective is {self.objective!r}; it must be 'speed' or 'energy'."
             )
-        limits = robot.together.temperature_limits
-        ambient = robot.together.ambient_temperature
+        limits = robot.as_single_limb.temperature_limits
+        ambient = robot.as_single_limb.ambient_temperature
         if not 0 <= self.temperature_margin < limits.maximum - ambient:
             raise PlanningError(
                 f"temperature_margin is {self.temperature_margin:g} °C; it must be from 0 to less "

@@ -43,7 +43,7 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
         ) from error
     full_state = mujoco.mjtState.mjSTATE_FULLPHYSICS
     torques = mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
-    parameters = robot.together
+    parameters = robot.as_single_limb
     num_samples = int(cycles * gait.period / PERIOD + 1e-9) + 2
     times = PERIOD * np.arange(num_samples)
     heat, readings, forces = _integrate_wires(gait, robot, cycles, times)
@@ -110,7 +110,7 @@ def _integrate_wires(
     gait: Gait, robot: RobotParameters, cycles: int, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray, np.ndarray], np.ndarray]]:
     """Return x (K, N) and V (K, W) of a robot's wires at times (K,), and `Wires.forces`."""
-    limbs = copy.deepcopy(robot.together)
+    limbs = copy.deepcopy(robot.as_single_limb)
     for segment in limbs.segments:
         segment.stiffening = 0.0  # which MuJoCo has
     wires = LimbModel.of(limbs).wires
@@ -124,7 +124,7 @@ def _integrate_wires(
     for start, end in itertools.pairwise(switch_times):
         interval_times = ends[(ends >= start) & (ends <= end)]
         levels = np.tile(duty.value(start).ravel(), (len(interval_times), 1))
-        states += [*wires.under_duty(states[-1], levels, interval_times)[1:]]
+        states += [*wires.integrate_states(states[-1], levels, interval_times)[1:]]
     readings = readings_along(wires, np.array(states), heat[wires.num_states :], ends)
 
     # Keep the samples alone.

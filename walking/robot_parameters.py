@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
 
 from limb_systems.connected_limbs import ConnectedLimbs
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.described import ParameterError, check_density, check_name
 from limb_systems.files.output import free_path
 from limb_systems.files.schema import Strict, quantity, validate
@@ -259,12 +259,12 @@ class RobotParameters(ConnectedLimbs):
             return cls.of_limb(LimbParameters.from_yaml(text))
         return super().from_yaml(text)
 
-    def oddities(self, where: str = "") -> list[str]:
-        """Return sentences on implausible values of the limbs, see `Described.oddities`."""
+    def plausibility_warnings(self, where: str = "") -> list[str]:
+        """Return sentences on implausible values of the limbs, see `Described`."""
         sentences = []
         for index, limb in enumerate(self.limbs):
             path = where if self.is_limb else f"{where}limbs[{index}].parameters."
-            sentences += limb.parameters.oddities(path)
+            sentences += limb.parameters.plausibility_warnings(path)
         return sentences
 
     def without_provenance(self) -> "RobotParameters":
@@ -277,7 +277,7 @@ class RobotParameters(ConnectedLimbs):
 
     def validate(self) -> None:
         """Raise ParameterError for the first field that is out of its range."""
-        with raised_as(ParameterError):
+        with reraise_as(ParameterError):
             validate(self)
         self._validate_body()
         self._validate_gravity()
@@ -317,7 +317,7 @@ class RobotParameters(ConnectedLimbs):
         for index, limb in enumerate(self.limbs):
             where = f"limbs[{index}]"
             check_name(names, index, where, "limb", taken="body")
-            with raised_as(ParameterError, f"{where}.parameters."):
+            with reraise_as(ParameterError, f"{where}.parameters."):
                 limb.parameters.validate()
             self._validate_place(limb, where)
             first = self.limbs[0].parameters
@@ -329,7 +329,7 @@ class RobotParameters(ConnectedLimbs):
                         "them equal."
                     )
 
-        wires = self.together.wire_names
+        wires = self.as_single_limb.wire_names
         if len(set(wires)) < len(wires):
             raise ParameterError(
                 f"The names of limbs make the names of wires {', '.join(wires)}, of which some "
@@ -353,7 +353,7 @@ class RobotParameters(ConnectedLimbs):
                 f"feet.radius is {self.feet.radius:g} m, more than half of a limb's length; is it "
                 "in mm?"
             )
-        carried_mass = self.body.mass + sum(s.mass for s in self.together.segments)
+        carried_mass = self.body.mass + sum(s.mass for s in self.as_single_limb.segments)
         if self.feet.mass > carried_mass:
             raise ParameterError(
                 f"feet.mass is {self.feet.mass:g} kg, more than all the rest of the robot, which "
@@ -459,11 +459,11 @@ class RobotParameters(ConnectedLimbs):
 
     @property
     def is_limb(self) -> bool:
-        """True for one limb on a welded body, which `together` describes completely."""
+        """True for one limb on a welded body, which `as_single_limb` describes completely."""
         return len(self.limbs) == 1 and self.body.mount == "welded"
 
     @property
-    def together(self) -> LimbParameters:
+    def as_single_limb(self) -> LimbParameters:
         """All limbs as a single limb: their segments in order, with the limbs' names.
 
         `LimbModel`, recordings, supervisors and boards use it for wires, joints and bends. It does

@@ -26,7 +26,7 @@ constant v. The pivot's curvature is Φ's less the effect of the eliminated coor
 import casadi as ca
 import numpy as np
 
-from limb_systems.smooth_function import SmoothFunction, stated_once
+from limb_systems.smooth_function import SmoothFunction, build_once
 from limb_systems.wires import Wires
 from walking.walker import Walker
 
@@ -76,7 +76,7 @@ class Balance(SmoothFunction):
 def make_balance(walker: Walker, wires: Wires, ground_gives: bool = True) -> Balance:
     """Return the `Balance` of a robot, which is built once."""
     key = Balance, walker.key, ground_gives
-    return stated_once(key, lambda: Balance(walker, wires, ground_gives))
+    return build_once(key, lambda: Balance(walker, wires, ground_gives))
 
 
 def _balance(walker: Walker, wires: Wires, states: ca.SX, forces: ca.SX) -> ca.SX:
@@ -123,7 +123,7 @@ class Stability:
         self._pivots += [(d, d + foot) for foot in range(F)]
         self.num_values = len(self._pivots)
 
-        functions = stated_once(
+        functions = build_once(
             (Stability, walker.key), lambda: self._build_functions(walker, wires)
         )
         self._energy, self._stiffness, self.gain = functions

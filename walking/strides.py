@@ -61,10 +61,10 @@ class StridesFit:
 
     def heat_after(self, pause: float) -> np.ndarray:
         """Return [x, V] of the wires after a pause without duty, s (N + W,)."""
-        wires = LimbModel.of(self.robot.together).wires
+        wires = LimbModel.of(self.robot.as_single_limb).wires
         times = np.linspace(0.0, pause, 2 + int(pause))
         state, reading = np.split(self.heat, [-wires.num_wires])
-        states = wires.under_duty(state, np.zeros((len(times), wires.num_wires)), times)
+        states = wires.integrate_states(state, np.zeros((len(times), wires.num_wires)), times)
         return np.append(states[-1], readings_along(wires, states, reading, times)[-1])
 
 
@@ -81,10 +81,10 @@ def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> 
         CalibrationError: if the recording is of other wires, or no foot slides as planned.
     """
     robot = copy.deepcopy(gait.robot)
-    if recording.parameters.wire_names != robot.together.wire_names:
+    if recording.parameters.wire_names != robot.as_single_limb.wire_names:
         raise CalibrationError(
             f"The recording is of the wires {', '.join(recording.parameters.wire_names)}, but the "
-            f"gait is of {', '.join(robot.together.wire_names)}."
+            f"gait is of {', '.join(robot.as_single_limb.wire_names)}."
         )
 
     # Fit the heat, and find the moments at which feet slide.
@@ -129,8 +129,8 @@ def fit_heat(
     Returns:
         [x, V] of the wires along the recording (K, N + W), and the estimates of the rates.
     """
-    together = robot.together  # its wires' laws are the robot's
-    laws = [wire.law for wire in together.wires]
+    single_limb = robot.as_single_limb  # its wires' laws are the robot's
+    laws = [wire.law for wire in single_limb.wires]
     W = len(laws)
     described_laws = copy.deepcopy(laws)
     rates = [r for r in HEAT_RATE_FIELDS if all(hasattr(w, r) for w in laws)]
@@ -144,8 +144,8 @@ def fit_heat(
         for rate, wire_changes in zip(rates, changes, strict=True):
             for law, before, change in zip(laws, described_laws, wire_changes, strict=True):
                 setattr(law, rate, float(getattr(before, rate) * np.exp(change)))
-        wires = LimbModel.of(together).wires
-        states = wires.under_duty(wires.cold_states, duty, times)
+        wires = LimbModel.of(single_limb).wires
+        states = wires.integrate_states(wires.cold_states, duty, times)
         return states, readings_along(wires, states, wires.cold_states[:W], times)
 
     # Deviations of a reading last as long as cooling: so many samples count as one.
@@ -172,7 +172,7 @@ def fit_heat(
     heat = np.hstack(simulate_heat(logarithms))
     variances = np.diagonal(np.linalg.inv(curvature), axis1=1, axis2=2)
     estimates = {}
-    for w, wire in enumerate(together.wire_names):
+    for w, wire in enumerate(single_limb.wire_names):
         for r, rate in enumerate(rates):
             estimates[f"{wire}.{rate}"] = _make_estimate(logarithms[r, w], variances[w, r])
     return heat, estimates
@@ -196,7 +196,7 @@ def _sliding_moments(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return moments at which feet slide as planned (M,), s, and each foot's contact (M, F)."""
     walker = Walker(gait.robot)
-    together = gait.robot.together
+    single_limb = gait.robot.as_single_limb
     B = walker.pose_size
 
     # Take the planned contacts at evenly spaced moments.
@@ -211,9 +211,9 @@ def _sliding_moments(
     def speeds(motion: Gait | Recording, bends: np.ndarray, at: np.ndarray) -> np.ndarray:
         """Return each foot's speed (M, F), m/s, relative to the mean of the feet that stick."""
         bend_rates = motion.interpolated(np.gradient(bends, motion.time, axis=1), at)
-        y = np.zeros((len(at), B + together.num_joints))
-        y[:, B:] = joint_angles_from_bend_angle(together, motion.interpolated(bends, at)).T
-        joint_rates = joint_angles_from_bend_angle(together, bend_rates).T
+        y = np.zeros((len(at), B + single_limb.num_joints))
+        y[:, B:] = joint_angles_from_bend_angle(single_limb, motion.interpolated(bends, at)).T
+        joint_rates = joint_angles_from_bend_angle(single_limb, bend_rates).T
         speed = np.einsum("kfd,kd->kf", walker.feet_jacobian(y)[:, :, 0, B:], joint_rates)
         num_sticking = np.maximum(1, sticks.sum(axis=1, keepdims=True))
         return speed - (speed * sticks).sum(axis=1, keepdims=True) / num_sticking
@@ -241,7 +241,7 @@ class _SlidingBalance:
     def __init__(
         self, robot: RobotParameters, states: np.ndarray, contacts: np.ndarray, *, exact: bool
     ):
-        model = LimbModel.of(robot.together)
+        model = LimbModel.of(robot.as_single_limb)
         self._walker = Walker(robot)
         self._wires = model.wires
         self._robot = robot

@@ -151,9 +151,9 @@ def _warm_up_from_cold(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[flo
         duration = PERIOD * np.ceil(duration / PERIOD)
         times = np.linspace(0.0, duration, 11)
         level = np.full(W, 0.5)
-        cooled = wires.under_duty(start, np.zeros((11, W)), times)[-1, :W]
+        cooled = wires.integrate_states(start, np.zeros((11, W)), times)[-1, :W]
         for _ in range(10):  # T rises with duty, in proportion where heat is linear
-            reached = wires.under_duty(start, np.tile(level, (11, 1)), times)[-1, :W]
+            reached = wires.integrate_states(start, np.tile(level, (11, 1)), times)[-1, :W]
             if (
                 np.abs(reached - target).max() < TEMPERATURE_TOLERANCE
                 and level.sum() <= gait.robot.total_duty
@@ -206,7 +206,9 @@ def _change_heat(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np
         share += pace * WARM_UP_STEP
         level = np.clip(duty_per_pace * pace + holding_duty, 0.0, 1.0)
         level *= min(1.0, total / max(level.sum(), 1e-9))
-        states = wires.under_duty(states, np.tile(level, (2, 1)), np.array([0.0, WARM_UP_STEP]))[-1]
+        states = wires.integrate_states(
+            states, np.tile(level, (2, 1)), np.array([0.0, WARM_UP_STEP])
+        )[-1]
         levels.append(level)
     return WARM_UP_STEP * len(levels), np.array(levels)
 
@@ -223,5 +225,5 @@ def _integrate_heat(
 ) -> np.ndarray:
     """Return [x, V] (K, N + W) from a start (N + W,), with duty (K, W) linear in time."""
     state, reading = np.split(start, [-wires.num_wires])
-    states = wires.under_duty(state, duty, times)
+    states = wires.integrate_states(state, duty, times)
     return np.hstack([states, readings_along(wires, states, reading, times)])

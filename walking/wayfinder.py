@@ -11,7 +11,7 @@ from pydrake.systems.framework import EventStatus
 from controllers.estimator import StateEstimate
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.drake_python import weak_method
-from limb_systems.files.schema import shown
+from limb_systems.files.schema import short_repr
 from limb_systems.simulation import PERIOD
 from walking.gait import Gait, GaitCheck, body_travel, rotate_to_heading
 from walking.gait_check import FALL_TILT
@@ -226,8 +226,8 @@ def _check_goal(goal: Sequence[float], index: int) -> list[float]:
         place = np.empty(0)
     if place.shape not in ((2,), (3,)) or not (np.abs(place) <= MAX_GOAL).all():  # NaN is not
         raise LimbError(
-            f"goals[{index}] is {shown(goal)}; it must be x and y in m, or x, y and a heading in "
-            f"rad, finite and at most {MAX_GOAL:g} in size."
+            f"goals[{index}] is {short_repr(goal)}; it must be x and y in m, or x, y and a heading "
+            f"in rad, finite and at most {MAX_GOAL:g} in size."
         )
     return [*place, np.nan][:3]
 

@@ -127,7 +127,7 @@ def for_first_contact(described: LimbParameters) -> LimbParameters:
     careful = copy.deepcopy(described)
     careful.total_duty = min(described.total_duty, FIRST_DUTY)
     for wire, bounds in zip(careful.wires, described.heat_bounds, strict=True):
-        wire.heat_bounds = bounds.around_any()
+        wire.heat_bounds = bounds.widened_to_any_wire()
     return careful
 
 

@@ -46,7 +46,7 @@ from hardware import LimbTwin, SerialLimb
 from hardware.live_feed import LiveView
 from limb_systems import HystereticLaw, LimbError, LimbParameters, Recording
 from limb_systems.files.table_writer import is_unfinished
-from limb_systems.progress import Progress, TimeLeft, part_of_work
+from limb_systems.progress import Progress, TimeLeft, progress_prefix
 from limb_systems.simulation import PERIOD
 
 SAG_TRIALS, RING_DOWNS = 10, 3
@@ -335,7 +335,7 @@ def collect_from_twin(
             say(f"{plan.name}: calibrating with what was recorded so far")
             known = {"known": knowledge.limb}
         say(what := _numbered(plan, plans))
-        with part_of_work(what):
+        with progress_prefix(what):
             recording = plan.collect(twin, live=live, **known)
         recordings.setdefault(plan.kind, []).append(recording)
         if knowledge:
@@ -434,7 +434,7 @@ def collect_from_robot(
             if plan.excites:
                 excited, turned = True, plan.turned
             say(what := _numbered(plan, plans))
-            with part_of_work(what), connect(limb) as robot:
+            with progress_prefix(what), connect(limb) as robot:
                 recording = plan.collect(robot, journal=path, live=live, **known)
             if plan.name == FIRST_CONTACT:
                 check_first_contact(recording, parameters, path)

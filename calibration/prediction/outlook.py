@@ -20,7 +20,7 @@ from calibration.prediction.law_fit import AMBIENT_SPREAD, KNOWN, LawFit, Predic
 from calibration.prediction.unknowns import OF_READINGS, Unknown
 from calibration.remarks import Remark
 from limb_systems import LimbParameters, WireLaw
-from limb_systems.monte_carlo import OpenLoop, draw_ensemble, stacked
+from limb_systems.monte_carlo import OpenLoop, draw_limbs, stack_limbs
 from limb_systems.wire_laws.wire_law import COLD_HEATING, SLOW_HEATING
 
 MEMBERS = 64
@@ -206,7 +206,7 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
         middle = (low + high) / 2
         hottest = _simulated([limb], middle * shares[:, sides])[0].max()
         low, high = (middle, high) if hottest < limb.temperature_limits.maximum else (low, middle)
-    limbs = draw_ensemble(limb, MEMBERS)
+    limbs = draw_limbs(limb, MEMBERS)
     random = np.random.default_rng(0)
     for other in limbs:
         drift, room = random.standard_normal(2)
@@ -227,7 +227,7 @@ def _simulated(
     Args:
         supplies: multiples of the duty (R,).
     """
-    law, ambient, rubber = stacked(limbs)
+    law, ambient, rubber = stack_limbs(limbs)
     rooms = np.repeat(ambient[:, np.newaxis], len(supplies), axis=1)
     room = np.repeat(rooms[..., np.newaxis], duty.shape[1], axis=-1)
     start = [
@@ -254,28 +254,28 @@ def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") ->
         of_wire = [u for u in untold if u.wire == untold[0].wire]
         bond = "with a thermocouple on it, " if len(of_wire) == 1 else ""  # else it was not heated
         return _said(
-            fit, bond + HEATED, [u for u in of_wire if told_by(fit.law, u.field) == HEATED]
+            fit, bond + HEATED, [u for u in of_wire if identified_by(fit.law, u.field) == HEATED]
         )
     else:
         shares = dict(zip([u.name for u in fit.unknowns], fit.unknown_shares, strict=True))
         unknown = [u for u in fit.unknowns if shares[u.name] > KNOWN]
         for least in sorted(unknown, key=lambda u: -shares[u.name]):
-            if recording := told_by(fit.law, least.field):
+            if recording := identified_by(fit.law, least.field):
                 of_wire = [u for u in unknown if u.wire == least.wire]
-                alike = [u for u in of_wire if told_by(fit.law, u.field) == recording]
+                alike = [u for u in of_wire if identified_by(fit.law, u.field) == recording]
                 return _said(fit, recording, alike)
     lacking = {kind: said for kind, said in FURTHER.items() if kind not in kinds}
     return lacking.get("motion") or sag or lacking.get("ring_down", "")
 
 
-def told_by(law: type[WireLaw], field: str) -> str:
+def identified_by(law: type[WireLaw], field: str) -> str:
     """Return the recording that tells an unknown of a law or of the segment best; empty if none."""
     for recording, fields in OF_SEGMENT.items():
         if field in fields:
             return recording
     found = law.__dataclass_fields__.get(field)  # type: ignore[attr-defined]
     prior = found.metadata.get("prior") if found else None
-    return OF_LAWS.get(prior.told_by, "") if prior else ""
+    return OF_LAWS.get(prior.identified_by, "") if prior else ""
 
 
 def _said(fit: LawFit, recording: str, told: list[Unknown]) -> str:

@@ -25,7 +25,7 @@ from pydrake.solvers import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw
-from limb_systems.held_angles import HeldAngles
+from limb_systems.static_equilibria import StaticEquilibria
 from limb_systems.wires import Wires
 from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE, heat_block
@@ -83,7 +83,7 @@ def check_temperature_limits(
         """x (K, N) at times (K,) with all wires at this duty."""
         duty = np.full((len(until) + 1, wires.num_wires), level)
         until = np.append(0.0, until)
-        return wires.under_duty(initial_states, duty, until, CHECK_STEP)[1:]
+        return wires.integrate_states(initial_states, duty, until, CHECK_STEP)[1:]
 
     first = times[np.argmax(warm_knots)]
     hottest = states_at(full, np.array([first]))[0]
@@ -121,7 +121,7 @@ def check_temperature_limits(
         )
 
 
-def held_motion(held: HeldAngles, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+def held_motion(held: StaticEquilibria, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
     """[θ, θ̇] (K, 2n) that wires hold, of states x (K, N) under duty (K, W)."""
     angles, slopes = held.expanded(states)
     rates = (slopes @ held.wires.rates(states, duty)[:, :, None])[:, :, 0]
@@ -204,7 +204,7 @@ class QuasiStaticProgram(PlanProgram):
         self,
         parameters: LimbParameters | LimbModel,
         times: np.ndarray,
-        held: HeldAngles,
+        held: StaticEquilibria,
         task: Task,
         measured_margin: ArrayLike = 0.0,
         limit_weight: float | None = None,
@@ -269,7 +269,7 @@ class QuasiStaticProgram(PlanProgram):
             middle = np.full(wires.num_wires, 0.5 * (limits.warm + limits.maximum))
             held = wires.holding_duty(wires.settled_states(middle))
             duty = np.tile(held, (len(self.times), 1))
-        states = wires.under_duty(start[:N], duty, self.times)
+        states = wires.integrate_states(start[:N], duty, self.times)
         readings = readings_along(wires, states, start[N:], self.times)
         return self.variables(np.hstack([states, readings]).T, duty.T)
 

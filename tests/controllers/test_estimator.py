@@ -19,7 +19,7 @@ from limb_systems import (
     TipTangentSensor,
     simulate,
 )
-from limb_systems.bend_sensor import rolled
+from limb_systems.bend_sensor import roll_bends
 from limb_systems.limb_parameters import CalibrationRecord
 
 PERIOD = 0.05
@@ -131,7 +131,7 @@ def test_its_covariance_is_that_of_its_errors_in_space():
         for k in range(60):
             q, d, p, r = np.split(others, [W, W + F, W + 2 * F])
             readings = heat[W:] + module.READING_NOISE * rng.normal(size=W)
-            bend = offsets + rolled(model.bend_angle(heat) + d + p + r, 0.3)
+            bend = offsets + roll_bends(model.bend_angle(heat) + d + p + r, 0.3)
             bend += noise * rng.normal(size=F)
             estimate = filtered.corrected(estimate, readings, bend)
             duty = np.clip(0.4 + 0.4 * np.sin(0.05 * k + np.arange(W) * 2.0), 0.0, 1.0)

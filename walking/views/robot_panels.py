@@ -38,7 +38,7 @@ def robot_panels(robot: RobotParameters, motion: Recording | Gait) -> list[Panel
         floats = in_space and robot.ground is None
         for group in ("mm", "°"):
             colors = wire_colors(3) if in_space else [ROLLOUT_COLOR]
-            curves = []
+            curves: list[Curve] = []
             for (name, unit, scale), row in zip(robot.pose_rows(), pose, strict=True):
                 if unit == group and (floats or name != "z"):
                     curves.append(Curve(name, time, scale * row, colors[len(curves)]))
@@ -84,7 +84,7 @@ def foot_fall_panel(robot: RobotParameters, phases: Sequence[GaitPhase], end: fl
         end: end of the last phase, s.
     """
     ends = [*(phase.start for phase in phases[1:]), end]
-    curves = []
+    curves: list[Curve] = []
     for contact, (name, color, width) in CONTACT_BARS.items():
         x: list[float] = []
         y: list[float] = []
