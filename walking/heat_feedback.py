@@ -41,7 +41,7 @@ class HeatFeedback(PlanController):
         self._duration = trajectory.duration
         super().__init__(parameters, self._plan.duty[0])
 
-    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
+    def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k = self._plan.index(time)
         model = self._estimator.model
         if time > self._duration:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from limb_systems import LimbError, LimbModel, Recording, bend_angle
 from limb_systems.simulation import PERIOD, SimulationError
-from planners.transcription.quasi_static import readings_along
+from planners.transcription.quasi_static import integrate_readings
 from urdf import robot_mjcf
 from walking import Gait, RobotParameters
 from walking.robot import body_positions
@@ -125,7 +125,7 @@ def _integrate_wires(
         interval_times = ends[(ends >= start) & (ends <= end)]
         levels = np.tile(duty.value(start).ravel(), (len(interval_times), 1))
         states += [*wires.integrate_states(states[-1], levels, interval_times)[1:]]
-    readings = readings_along(wires, np.array(states), heat[wires.num_states :], ends)
+    readings = integrate_readings(wires, np.array(states), heat[wires.num_states :], ends)
 
     # Keep the samples alone.
     samples = np.searchsorted(ends, times)

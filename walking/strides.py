@@ -18,7 +18,7 @@ from calibration.recordings.repair import filled
 from calibration.remarks import CalibrationError
 from limb_systems import LimbModel, Recording
 from limb_systems.kinematics import joint_angles_from_bend_angle
-from planners.transcription.quasi_static import readings_along
+from planners.transcription.quasi_static import integrate_readings
 from walking.gait import Gait
 from walking.gait_check import scale_limb, with_friction
 from walking.gait_program import SLIDE_SIGNS
@@ -65,7 +65,7 @@ class StridesFit:
         times = np.linspace(0.0, pause, 2 + int(pause))
         state, reading = np.split(self.heat, [-wires.num_wires])
         states = wires.integrate_states(state, np.zeros((len(times), wires.num_wires)), times)
-        return np.append(states[-1], readings_along(wires, states, reading, times)[-1])
+        return np.append(states[-1], integrate_readings(wires, states, reading, times)[-1])
 
 
 def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> StridesFit:
@@ -146,7 +146,7 @@ def fit_heat(
                 setattr(law, rate, float(getattr(before, rate) * np.exp(change)))
         wires = LimbModel.of(single_limb).wires
         states = wires.integrate_states(wires.cold_states, duty, times)
-        return states, readings_along(wires, states, wires.cold_states[:W], times)
+        return states, integrate_readings(wires, states, wires.cold_states[:W], times)
 
     # Deviations of a reading last as long as cooling: so many samples count as one.
     correlated_samples = recording.sample_rate / laws[0].typical_rates()["fastest_cooling"]

@@ -9,7 +9,7 @@ from limb_systems.files.signal_table import doses
 from limb_systems.kinematics import joint_angles_from_bend_angle
 from limb_systems.simulation import PERIOD
 from limb_systems.wires import Wires
-from planners.transcription.quasi_static import readings_along
+from planners.transcription.quasi_static import integrate_readings
 from walking.gait import Gait
 
 MIN_WARM_UP = 1.0  # s
@@ -226,4 +226,4 @@ def _integrate_heat(
     """Return [x, V] (K, N + W) from a start (N + W,), with duty (K, W) linear in time."""
     state, reading = np.split(start, [-wires.num_wires])
     states = wires.integrate_states(state, duty, times)
-    return np.hstack([states, readings_along(wires, states, reading, times)])
+    return np.hstack([states, integrate_readings(wires, states, reading, times)])

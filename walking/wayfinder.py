@@ -90,10 +90,10 @@ class Wayfinder(HeatFeedback):
         self.DeclareStateOutputPort("course", self.DeclareDiscreteState([*start, *expected]))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._check_end))
 
-    def _time_in_plan(self, context) -> float:
+    def _plan_time(self, context) -> float:
         return context.get_discrete_state(2).value()[TIME]
 
-    def _end_update(self, context, ahead: StateEstimate, state) -> None:
+    def _after_update(self, context, ahead: StateEstimate, state) -> None:
         now = context.get_discrete_state(2).value().copy()
         now[TIME] += PERIOD
         part = tuple(now[[BEFORE, GAIT]].astype(int))
