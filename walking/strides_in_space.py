@@ -108,7 +108,7 @@ def with_warp_and_friction(
 
     Args:
         warp: h1 - h2 - h3 + h4 of four hips that are raised and lowered by turns, m.
-        logarithm: of the friction as a multiple.
+        logarithm: logarithm of the multiple of friction.
     """
     robot = with_friction(robot, float(np.exp(logarithm)))
     for limb, raised in zip(robot.limbs, 0.25 * warp * warp_pattern(robot), strict=True):

@@ -168,7 +168,7 @@ class Wayfinder(HeatFeedback):
         """Return whether a pose x, y, m, and yaw, rad, is at a goal, and faces as it asks for.
 
         Args:
-            pose: of the body (3,).
+            pose: x, y, m, and yaw, rad, of the body (3,).
             goal: number of the goal, from 0.
             slack: times 15 mm and 8°, within which it is there.
         """
