@@ -34,7 +34,7 @@ from limb_systems import (
 from walking import Gait, RobotParameters, plan_gait
 from walking.gait_check import scale_limb
 from walking.robot_parameters import RobotLimb, walking_limb
-from walking.schedules import schedule_of, schedule_text, sensible_schedules
+from walking.schedules import candidate_schedules, format_schedule, parse_schedule
 from walking.walker import Walker
 
 HEADER = "case | mm/s | stride, mm | period, s | iterations | s | violation | simulated"
@@ -186,7 +186,7 @@ def lifting(simulate: bool) -> None:
         for friction in (0.3, 0.6, 1.0):
             robot = make()
             robot.ground.friction = friction
-            schedule = schedule_of(text, len(robot.limbs))
+            schedule = parse_schedule(text, len(robot.limbs))
             gait = row(f"{name}, mu {friction}", robot, simulate, schedule=schedule)
             if gait:
                 planar = Walker(robot)
@@ -214,8 +214,8 @@ def more_feet(simulate: bool) -> None:
     ):
         robot = make()
         robot.ground.friction = friction
-        for schedule in sensible_schedules(robot):
-            case = f"{name}, mu {friction}, {schedule_text(schedule)}"
+        for schedule in candidate_schedules(robot):
+            case = f"{name}, mu {friction}, {format_schedule(schedule)}"
             row(case, robot, simulate, schedule=schedule, temperature_margin=5.0, explain=False)
 
 

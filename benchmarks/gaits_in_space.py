@@ -12,7 +12,7 @@ from planners import PlanningError
 from walking import Gait, RobotParameters, plan_gait
 from walking.gait_check import simulate_gait
 from walking.gait_set import schedules_on_the_spot
-from walking.schedules import sensible_schedules
+from walking.schedules import candidate_schedules
 
 ROW = "{:<7}{:<20}{:<28}{:>7}{:>7}  {:<15}{:>6}"
 MARGIN, CYCLES = 5.0, 5  # °C; simulated, from the heat of the limit cycle
@@ -40,7 +40,7 @@ def main() -> None:
         robot = RobotParameters.in_space(limbs)
         for name, request in COURSES.items():
             turns = "spot" in name or "as far" in name
-            schedule = (schedules_on_the_spot if turns else sensible_schedules)(robot)[0]
+            schedule = (schedules_on_the_spot if turns else candidate_schedules)(robot)[0]
             began = time.process_time()
             try:
                 gait = plan_gait(

@@ -39,7 +39,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from walking.robot import GROUND, PLANE, TIME_STEP, add_contact_plant
+from walking.robot import GROUND_SIZE, PLANE_ROTATION, TIME_STEP, add_contact_plant
 
 # options_default.txt
 EDGES, LIMB, FOOT, RADIUS = 13, 0.022, 0.2 * 0.022, 2e-3  # edges of a limb; m
@@ -101,17 +101,17 @@ def bent_by() -> np.ndarray:
 
 def add_crawler(plant: MultibodyPlant, nodes: np.ndarray, damping: np.ndarray) -> np.ndarray:
     """Adds all and finalizes the plant; says where pitch and joints are among its positions."""
-    contact, below = ProximityProperties(), RigidTransform([0.0, 0.0, -GROUND[2] / 2])
+    contact, below = ProximityProperties(), RigidTransform([0.0, 0.0, -GROUND_SIZE[2] / 2])
     AddContactMaterial(0.0, 1e7, CoulombFriction(FRICTION, FRICTION), contact)
     world, joints = plant.world_body(), []
-    plant.RegisterCollisionGeometry(world, below, Box(*GROUND), "ground", contact)
+    plant.RegisterCollisionGeometry(world, below, Box(*GROUND_SIZE), "ground", contact)
     for number, node in enumerate(TURNS_AT):
         inertia = SpatialInertia.Zero()
         for own in np.flatnonzero(np.array(BODY_OF) == number):
-            lever = np.array([*(nodes[own] - nodes[node]), 0.0])  # bodies' frames are in PLANE
+            lever = np.array([*(nodes[own] - nodes[node]), 0.0])  # frames are in the plane
             inertia += SpatialInertia(MASS, lever, UnitInertia.PointMass(lever))
         body = plant.AddRigidBody(f"body_{number}", inertia)
-        parent, place = world, RigidTransform(PLANE)
+        parent, place = world, RigidTransform(PLANE_ROTATION)
         if number:
             before = BODY_OF[node]
             parent = joints[before].child_body()

@@ -16,7 +16,7 @@ import numpy as np
 
 from planners import PlanningError
 from walking import Gait, RobotParameters, plan_gait
-from walking.commands.gaits import WELL_MADE, planned_anew
+from walking.commands.gaits import MIN_KEPT_STRIDE_SHARE, replan_gait
 from walking.gait_check import scale_limb, simulate_gait, with_friction
 from walking.in_mujoco import simulate_in_mujoco
 from walking.strides_in_space import fit_strides_in_space
@@ -43,7 +43,7 @@ def replanned(gait: Gait, robot: RobotParameters) -> str:
     recording = simulate_in_mujoco(gait, robot, 2)
     # The wires have the gait's heat.
     fit = fit_strides_in_space(gait, recording, 0.0, 2)
-    again, said = planned_anew(gait, fit)
+    again, said = replan_gait(gait, fit)
     made = simulate_gait(again, "", robot, 2)
     shares = ", ".join(f"{share:.2f}" for share in made.strides)
     found = ", ".join(f"{name} {value.value:.3g}" for name, value in fit.estimates.items())
@@ -71,7 +71,7 @@ def main() -> None:
             made = simulate_gait(gait, "", drawn(robot, seed), 2)
             shares = ", ".join(f"{share:.2f}" for share in made.strides)
             print(f"  draw {seed}: {shares} {made.fall}", flush=True)
-            if options.replan and made.strides[-1:] and made.strides[-1] < WELL_MADE:
+            if options.replan and made.strides[-1:] and made.strides[-1] < MIN_KEPT_STRIDE_SHARE:
                 print(f"    {replanned(gait, drawn(robot, seed))}", flush=True)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from hardware import replay
 from walking import Gait, Robot, RobotParameters, Wayfinder, plan_gaits, walk
-from walking.gait_check import fall_of, with_other_parameters
+from walking.gait_check import find_fall, with_varied_parameters
 from walking.gait_set import AHEAD, load_gaits
 from walking.wayfinder import GOAL
 
@@ -52,7 +52,7 @@ def run(job: tuple[dict[str, Gait], int]) -> str:
     """A row of the table."""
     gaits, draw = job
     ahead, rng = gaits[AHEAD], np.random.default_rng(draw)
-    robot = with_other_parameters(ahead.robot, rng)
+    robot = with_varied_parameters(ahead.robot, rng)
     share = rng.uniform(1 - FRICTION, 1 + FRICTION)
     robot.ground.friction *= share
     reached.clear()
@@ -74,7 +74,7 @@ def run(job: tuple[dict[str, Gait], int]) -> str:
         ", ".join(missed) + " mm",
         f"{recording.wire_temperature.max():.1f}",
         f"{taken:.0f} s",
-        fall_of(recording, ahead)[0],
+        find_fall(recording, ahead)[0],
     )
 
 

@@ -17,7 +17,7 @@ from limb_systems import LimbError, Robot, RobotParameters, write_meshcat_replay
 from limb_systems.views.plots import plot_motion, save_figure
 from planners import plan_gait
 from walking import GaitFeedback
-from walking.gait_check import strides_of
+from walking.gait_check import measure_strides
 from walking.walk_trajectory import walk
 
 
@@ -36,7 +36,7 @@ def main(options):
     for name, controller in controllers.items():
         recording = replay(trajectory, Robot(robot), controller=controller)
         recording.save(options.out / f"walk_{name}.csv")
-        strides = 1e3 * gait.stride * strides_of(recording, gait, options.cycles, start)[0]
+        strides = 1e3 * gait.stride * measure_strides(recording, gait, options.cycles, start)[0]
         print(f"{name:<12}strides of {', '.join(f'{stride:.1f}' for stride in strides)} mm")
         save_figure(plot_motion(recording), options.out / f"walk_{name}.png")
         write_meshcat_replay(options.out / f"walk_{name}.html", recording)

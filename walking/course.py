@@ -1,4 +1,4 @@
-"""Where a gait goes in a cycle, and what of it cannot be had."""
+"""The course of a gait in a cycle, and the check that a robot can take it."""
 
 import dataclasses
 import math
@@ -9,13 +9,13 @@ from limb_systems import LimbModel, tip_position
 from planners.transcription.solving import PlanningError
 from walking.robot_parameters import RobotParameters
 
-LEAST_TURN = 0.05  # rad, of robots that turn as far as they can
-MOST_TURN = np.pi / 2  # rad, in a cycle
+MIN_TURN = 0.05  # rad, of robots that turn as far as they can
+MAX_TURN = np.pi / 2  # rad, in a cycle
 
 
 @dataclasses.dataclass(frozen=True)
 class Course:
-    """Where a gait goes in a cycle.
+    """The travel and turn of a gait in a cycle.
 
     - ``turn``: turn of the body to the left, rad; as far as it can, at least 0.05 rad, if infinite.
       The stride is along the body's heading in the middle of the cycle.
@@ -29,13 +29,15 @@ class Course:
 
     @property
     def on_the_spot(self) -> bool:
-        """Whether it turns, and goes nowhere."""
+        """True if the gait turns without a stride."""
         return self.stride == 0.0 or (self.stride is None and np.isinf(self.turn))
 
 
 def check_course(robot: RobotParameters, course: Course) -> None:
-    """Raises PlanningError for a course that the robot cannot take, whatever its schedule."""
-    turn, stride, speed = course.turn, course.stride, course.speed
+    """Raise PlanningError for a course that the robot cannot take with any schedule."""
+    turn = course.turn
+    stride = course.stride
+    speed = course.speed
     assert robot.ground is not None, "a gait needs a ground"
     if np.isnan(turn):
         raise PlanningError("turn is nan; it must be an angle in rad, or infinite.")
@@ -63,7 +65,7 @@ def check_course(robot: RobotParameters, course: Course) -> None:
             f"side, the feet are at most {1e3 * furthest:.3g} mm apart."
         )
     arm = min(math.hypot(limb.position[0], limb.position[1]) for limb in robot.limbs)
-    most = min(MOST_TURN, 2 * np.arcsin(min(1.0, furthest / 2 / max(arm, 1e-6))))
+    most = min(MAX_TURN, 2 * np.arcsin(min(1.0, furthest / 2 / max(arm, 1e-6))))
     if np.isfinite(turn) and abs(turn) > most:
         raise PlanningError(
             f"A turn of {np.rad2deg(turn):.3g}° in a cycle cannot be had: between wires at T_max "
@@ -73,11 +75,12 @@ def check_course(robot: RobotParameters, course: Course) -> None:
 
 
 def _furthest_step(robot: RobotParameters) -> float:
-    """How far the foot goes of the limb that bends least, from side to side at T_max, m."""
+    """Return the longest step of the limb that bends least, from side to side at T_max, m."""
     steps = []
     for limb in robot.limbs:
         parameters = limb.parameters
-        wires, hottest = LimbModel.of(parameters).wires, parameters.temperature_limits.maximum
+        wires = LimbModel.of(parameters).wires
+        hottest = parameters.temperature_limits.maximum
         cold = np.full(wires.num_wires, parameters.ambient_temperature)
         heated = [
             np.where(np.arange(len(cold)) == wire, hottest, cold) for wire in range(len(cold))

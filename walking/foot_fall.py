@@ -1,4 +1,4 @@
-"""What the feet of a robot that walks do, from its motion and its contact forces."""
+"""Contacts of the feet of a robot that walks, from its motion and its contact forces."""
 
 import itertools
 
@@ -12,20 +12,22 @@ from walking.robot import make_robot, set_positions
 from walking.robot_parameters import RobotParameters
 
 # m/s, and m/s for each N along the ground, twice that by which feet that stick creep in Drake.
-SLOWEST, CREEP = 2e-4, 8.4e-4
-LIFTED = 0.02  # share of what all feet carry
+MIN_SLIDING_SPEED = 2e-4
+CREEP_PER_FORCE = 8.4e-4
+LIFTED_LOAD_SHARE = 0.02  # share of what all feet carry
 # s, over which speeds are averaged where a camera's noise would make feet slide; and the speed, as
 # a multiple of the standard deviation of what noise leaves of it, from which they then do.
-AVERAGED, OVER_NOISE = 0.5, 3.0
+AVERAGING_TIME = 0.5
+NOISE_FACTOR = 3.0
 
 
 def foot_fall(recording: Recording) -> list[GaitPhase]:
-    """Phases in which no foot changes what it does, from each sample to the next.
+    """Return phases in which no foot changes its contact, from each sample to the next.
 
     A foot swings where it carries less than 2% of what all feet carry. Else it slides where its
-    point at the ground is faster than 0.2 mm/s, and 0.84 mm/s for each N along the ground; or it
-    sticks. In the plane it slides forward if it goes towards +x, and else backward. Friction is not
-    asked, since that of the ground may be another than described.
+    point at the ground is faster than 0.2 mm/s plus 0.84 mm/s for each N along the ground; else it
+    sticks. In the plane it slides forward if it goes towards +x, and else backward. The described
+    friction plays no part, as the ground's friction may differ from it.
 
     Where the body's pose is measured with noise, speeds are means over 0.5 s, and a foot slides
     where its speed is also larger than three standard deviations of what the noise leaves of it.
@@ -34,49 +36,56 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
         LimbError: if the recording has no joint angles, no pose of the body or no contact forces,
             or fewer than two samples.
     """
-    robot, forces = recording.robot, recording.contact_force
+    robot = recording.robot
+    forces = recording.contact_force
     missing = recording.joint_state is None or forces is None or len(forces[0]) < 2
     if missing or not isinstance(robot, RobotParameters):
         raise LimbError(
-            "What feet do follows from two or more samples of a robot's joint angles and contact "
-            "forces, which this recording does not have."
+            "Contacts of feet follow from two or more samples of a robot's joint angles and "
+            "contact forces, which this recording does not have."
         )
     assert forces is not None
-    velocity, noise = _velocity(recording)
+    velocity, noise = _foot_velocity(recording)
     speed = np.linalg.norm(velocity, axis=1)  # (L, K-1)
-    of_feet = forces.reshape(len(robot.limbs), -1, len(recording.time))
-    of_feet = (of_feet[..., 1:] + of_feet[..., :-1]) / 2
-    along, load = np.linalg.norm(of_feet[:, :-1], axis=1), of_feet[:, -1]
-    swings = load <= LIFTED * load.sum(axis=0)
+
+    # Take the mean force along the ground and load between samples (L, K-1).
+    foot_forces = forces.reshape(len(robot.limbs), -1, len(recording.time))
+    foot_forces = (foot_forces[..., 1:] + foot_forces[..., :-1]) / 2
+    tangential = np.linalg.norm(foot_forces[:, :-1], axis=1)
+    load = foot_forces[:, -1]
+
+    # Decide each foot's contact.
+    swings = load <= LIFTED_LOAD_SHARE * load.sum(axis=0)
     slides = np.where(velocity[:, 0] > 0, "slide_forward", "slide_backward")
     if robot.body.mount != "planar":
         slides = np.full(slides.shape, "slide")
-    contacts = np.where(
-        swings,
-        "swing",
-        np.where(speed > SLOWEST + CREEP * along + OVER_NOISE * noise, slides, "stick"),
-    )
-    starts = zip(recording.time[:-1].tolist(), contacts.T.tolist(), strict=True)
-    return [
-        GaitPhase(next(group)[0], done)
-        for done, group in itertools.groupby(starts, lambda sample: sample[1])
-    ]
+    min_speed = MIN_SLIDING_SPEED + CREEP_PER_FORCE * tangential + NOISE_FACTOR * noise
+    contacts = np.where(swings, "swing", np.where(speed > min_speed, slides, "stick"))
+
+    # Join samples with the same contacts to phases.
+    samples = zip(recording.time[:-1].tolist(), contacts.T.tolist(), strict=True)
+    phases = []
+    for phase_contacts, group in itertools.groupby(samples, lambda sample: sample[1]):
+        start, _ = next(group)
+        phases.append(GaitPhase(start, phase_contacts))
+    return phases
 
 
-def _velocity(recording: Recording) -> tuple[np.ndarray, float]:
-    """Velocity of each foot's point at the ground along x and y, and the noise in it.
+def _foot_velocity(recording: Recording) -> tuple[np.ndarray, float]:
+    """Return the velocity of each foot's point at the ground along x and y, and its noise.
 
     Returns:
         From each sample to the next (L, 2, K-1), m/s, and the standard deviation of noise in each
         of its numbers, m/s; 0 if there is less noise than would make feet slide.
     """
-    slip, steps = _slip(recording), np.diff(recording.time)
+    slip = _foot_slip(recording)
+    steps = np.diff(recording.time)
     step = float(np.median(steps))
-    averaged = max(1, round(AVERAGED / step))
+    averaged = max(1, round(AVERAGING_TIME / step))
     noise = 0.0  # of places, m
     if len(steps) > averaged:  # from second differences, where a camera holds each of its poses
         noise = float(np.median(np.abs(np.diff(slip)), axis=-1).max()) / (0.674 * np.sqrt(2.0))
-    if noise < SLOWEST * step:
+    if noise < MIN_SLIDING_SPEED * step:
         return slip / steps, 0.0
     from scipy.ndimage import uniform_filter1d  # takes long to import
 
@@ -84,12 +93,13 @@ def _velocity(recording: Recording) -> tuple[np.ndarray, float]:
     return velocity, np.sqrt(2.0) * noise / (averaged * step)
 
 
-def _slip(recording: Recording) -> np.ndarray:
-    """How far each foot's point at the ground goes along x and y between samples (L, 2, K-1), m.
+def _foot_slip(recording: Recording) -> np.ndarray:
+    """Return the slip of each foot's point at the ground between samples (L, 2, K-1), m.
 
     A foot that rolls does not slip: its centre goes as far as it turns.
     """
-    robot, joint_state = recording.robot, recording.joint_state
+    robot = recording.robot
+    joint_state = recording.joint_state
     assert isinstance(robot, RobotParameters)
     assert joint_state is not None
     builder = DiagramBuilder()  # it keeps the plant

@@ -19,15 +19,15 @@ VIOLATION_TOLERANCE = 1e-6
 STRIDE_TOLERANCE = 0.05  # share of the planned stride by which each simulated one may differ
 
 ASIDE_TOLERANCE = 0.1  # share of the planned stride, aside of it
-REPLAYED = 3  # cycles that a page replays
+NUM_REPLAYED_CYCLES = 3  # cycles that a page replays
 
 
 @dataclasses.dataclass
 class GaitPhase:
-    """A phase of a gait's cycle, until the next begins.
+    """A phase of a gait's cycle, which ends when the next begins.
 
     - ``start``: s from the start of the cycle.
-    - ``contacts``: what each limb's foot does, one of `CONTACTS`.
+    - ``contacts``: the contact of each limb's foot, one of `CONTACTS`.
     """
 
     start: float
@@ -36,15 +36,15 @@ class GaitPhase:
 
 @dataclasses.dataclass
 class GaitVariation:
-    """A gait's duty on another robot or ground, in simulation.
+    """The simulation of a gait's duty on a robot and ground.
 
-    - ``what``: what was changed, such as "friction x 0.7".
-    - ``strides``: each stride as a share of the planned one; a turn counts as the way of a point
+    - ``what``: the change from the description, such as "friction x 0.7".
+    - ``strides``: each stride as a share of the planned stride; a turn counts as the way of a point
       that is a limb's length away.
     - ``highest_temperature``: largest T of any wire, °C.
-    - ``fall``: how it fell; empty if it did not.
-    - ``aside``: what was made aside of what was planned in each cycle, turn included, as a share of
-      the planned stride; empty in the plane.
+    - ``fall``: how the robot fell; empty if it did not.
+    - ``aside``: travel aside of the planned stride in each cycle, turn included, as a share of the
+      planned stride; empty in the plane.
     """
 
     what: str = ""
@@ -56,21 +56,21 @@ class GaitVariation:
 
 @dataclasses.dataclass
 class GaitCheck:
-    """How a gait was found, and how it went in simulation with contact.
+    """The result of planning a gait, and of simulating it with contact.
 
-    - ``solver``, ``status``: name of the solver that found it, and its status.
+    - ``solver``, ``status``: name of the solver, and its status.
     - ``objective``: "speed" or "energy".
     - ``iterations``, ``solve_time``: iterations and time of the solver, s.
     - ``violation``: largest violation of the program's constraints, scaled.
     - ``simulation``: the gait as planned; without strides if it was not simulated.
-    - ``spread``: what it does where the robot or the ground is another than described.
+    - ``spread``: the gait on robots and grounds that differ from the description.
     - ``tolerance``: share of the planned stride by which a simulated one may differ.
     - ``steadiness``: least stiffness against pitch, as a multiple of weight times limb length.
     - ``sticking_share``: share of μ that feet that stick may use.
-    - ``remark``: why it is not as steady as asked for; empty if it is.
+    - ``remark``: why it is not as steady as requested; empty if it is.
     - ``checked_by``: the engines that simulated it; empty if none did.
-    - ``made``: share of the program's stride that simulated strides made, in a plane: the gait's
-      stride is so long.
+    - ``made``: the gait's stride as a share of the program's stride; in a plane the gait gets the
+      stride of the simulation.
     """
 
     solver: str = ""
@@ -90,7 +90,7 @@ class GaitCheck:
 
     @property
     def is_missing(self) -> bool:
-        """Whether the gait was never simulated."""
+        """True if the gait was never simulated."""
         return not (self.simulation.strides or self.simulation.fall)
 
     def failure(self) -> str | None:
@@ -122,8 +122,8 @@ class GaitCheck:
 class Gait(Planned):
     """One cycle of a robot with L limbs, F bends, n joints and W wires in all.
 
-    The robot is in balance at each of the K knots. The last knot is the first one again, a
-    stride further, and turned: heat, states of wires, angles and forces are equal. Duty is held
+    The robot is in balance at each of the K knots. The last knot is the first knot again, a
+    stride further, and turned: heat, states of wires, angles and forces are equal. Duty is constant
     from each knot to the next.
 
     - ``time``: time of the knots (K,), s, from 0 to the period.
@@ -135,11 +135,11 @@ class Gait(Planned):
     - ``contact_force``: force from the ground on each foot along x and z (2L, K), N; in space along
       x, y and z (3L, K).
     - ``robot``: the robot; ``parameters`` are all its limbs together.
-    - ``phases``: what the feet do, `GaitPhase`.
-    - ``check``: how it was found and checked.
+    - ``phases``: contacts of the feet, `GaitPhase`.
+    - ``check``: result of planning and simulation.
     - ``other_wire_state``: the states of the wires' laws other than T (N - W, K), in the order
       of `Wires`; None if there are no others.
-    - ``provenance``: what made it; None if it is not known.
+    - ``provenance``: software and inputs that made it; None if unknown.
 
     Raises:
         LimbError: at construction, if shapes disagree, values are not finite, time does not
@@ -183,13 +183,13 @@ class Gait(Planned):
 
     @property
     def in_space(self) -> bool:
-        """Whether the body moves in space, and not in the vertical plane alone."""
+        """True if the body moves in space, False if in the vertical plane."""
         return len(self.body_pose) == 6
 
     @property
     def displacement(self) -> np.ndarray:
-        """Travel of the body in a cycle, as `travels` has it (1,) or (3,)."""
-        return travels(self.body_pose[:, [0, -1]])[:, 0]
+        """Travel of the body in a cycle (1,) or (3,), see `body_travel`."""
+        return body_travel(self.body_pose[:, [0, -1]])[:, 0]
 
     @property
     def stride(self) -> float:
@@ -213,12 +213,12 @@ class Gait(Planned):
 
     @property
     def on_the_spot(self) -> bool:
-        """Whether it turns, and goes nowhere."""
+        """True if the gait has no stride, so that the robot turns on the spot."""
         return self.stride < 1e-6
 
     @property
-    def _arm(self) -> float:
-        """The longest limb's length, m, at which turns count as ways."""
+    def _turn_radius(self) -> float:
+        """The longest limb's length, m: a turn counts as the way of a point so far away."""
         return max(limb.parameters.length for limb in self.robot.limbs)
 
     @property
@@ -226,18 +226,18 @@ class Gait(Planned):
         """Travel in a cycle, m; a turn on the spot counts by the way at a limb's length."""
         if not self.on_the_spot:
             return self.stride
-        return self._arm * abs(self.turn)
+        return self._turn_radius * abs(self.turn)
 
     @property
     def merit(self) -> float:
-        """What its objective makes large: `reach` by time, m/s, or by full duty of a wire, m/s."""
+        """The maximized value: `reach` by time, or by time of full duty of a wire, m/s."""
         if self.check.objective != "energy":
             return self.reach / self.period
         return self.reach / float(np.diff(self.time) @ self.duty[:, :-1].sum(axis=0))
 
     @property
     def schedule(self) -> list[list[str]]:
-        """What each foot does in each phase (P, L)."""
+        """The contact of each foot in each phase (P, L)."""
         return [phase.contacts for phase in self.phases]
 
     @property
@@ -254,7 +254,8 @@ class Gait(Planned):
     @property
     def initial_state(self) -> np.ndarray:
         """State of a `Robot` at rest at the first knot, for `simulate`."""
-        pose, angles = self.body_pose[:, 0], self.joint_angles[:, 0]
+        pose = self.body_pose[:, 0]
+        angles = self.joint_angles[:, 0]
         rates = np.zeros(len(pose) + len(angles))
         return np.concatenate([body_positions(pose), angles, rates, self.initial_heat])
 
@@ -267,39 +268,41 @@ class Gait(Planned):
 
     @property
     def origin(self) -> str:
-        """What the joints of the limbs show, and how they came about, for a caption."""
-        return f"planned gait, {REPLAYED} cycles, nothing measured"
+        """The origin of the motion, for a caption."""
+        return f"planned gait, {NUM_REPLAYED_CYCLES} cycles, nothing measured"
 
     def for_replay(self) -> "Gait":
         """Return the cycles that a page replays."""
-        return self.repeated(REPLAYED)
+        return self.repeated(NUM_REPLAYED_CYCLES)
 
     def repeated(self, cycles: int) -> "Gait":
-        """Some cycles, one after the other, as one."""
+        """Return a gait whose single cycle is some cycles of this gait, one after the other."""
 
-        def tiled(signal: np.ndarray) -> np.ndarray:
-            return np.hstack([*[signal[:, :-1]] * cycles, signal[:, -1:]])
+        def join(parts: list[np.ndarray]) -> np.ndarray:
+            """Join cycles (..., K), each of which ends at the first knot of the next."""
+            return np.concatenate([*(part[..., :-1] for part in parts), parts[-1][..., -1:]], -1)
 
+        # Body and forces begin each cycle where the body was at the end of the last.
         forces = self.contact_force.reshape(len(self.robot.limbs), -1, len(self.time))
-        poses, turned, start = [], [], self.body_pose[:, 0]
+        cycle_poses = []
+        cycle_forces = []
+        start = self.body_pose[:, 0]
         for _ in range(cycles):
             pose = self.moved(start)
             yaw = pose[-1, 0] - self.body_pose[-1, 0] if len(pose) == 6 else 0.0
-            poses.append(pose)
-            turned.append(along_heading(forces.swapaxes(0, 1), -yaw).swapaxes(0, 1))
+            cycle_poses.append(pose)
+            cycle_forces.append(rotate_to_heading(forces.swapaxes(0, 1), -yaw).swapaxes(0, 1))
             start = pose[:, -1]
-        pose, force = (
-            np.concatenate([*(part[..., :-1] for part in parts), parts[-1][..., -1:]], axis=-1)
-            for parts in (poses, turned)
-        )
+
+        # All other signals repeat.
         names = ["duty", "joint_state", "wire_temperature", "measured_temperature"]
         names += ["other_wire_state"] if self.other_wire_state is not None else []
-        repeating: dict[str, Any] = {name: tiled(getattr(self, name)) for name in names}
+        repeating: dict[str, Any] = {name: join([getattr(self, name)] * cycles) for name in names}
         return dataclasses.replace(
             self,
             time=np.array(self.duty_trajectory(cycles).get_segment_times()),
-            body_pose=pose,
-            contact_force=force.reshape(len(self.contact_force), -1),
+            body_pose=join(cycle_poses),
+            contact_force=join(cycle_forces).reshape(len(self.contact_force), -1),
             **repeating,
             phases=[
                 GaitPhase(phase.start + cycle * self.period, phase.contacts)
@@ -309,67 +312,81 @@ class Gait(Planned):
         )
 
     def progress(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What cycles made of the planned stride, from poses of the body (3 or 6, K) between them.
+        """Return the travel of cycles as shares of the planned stride.
 
         Turns count by the way of a point that is a limb's length away.
 
+        Args:
+            poses: poses of the body between the cycles (3 or 6, K).
+
         Returns:
-            What they made along what was planned, and aside of it (K - 1,), as shares of it.
+            The travel along the planned stride, and aside of it (K - 1,), as shares of it.
         """
-        planned = self.displacement
-        scales = np.array([1.0, 1.0, self._arm])[: len(planned)]
-        planned, made = planned * scales, travels(poses).T * scales
-        along = made @ planned / (planned @ planned)
-        aside = np.linalg.norm(made - along[:, None] * planned, axis=1)
+        scales = np.array([1.0, 1.0, self._turn_radius])[: len(self.displacement)]
+        planned = self.displacement * scales
+        measured = body_travel(poses).T * scales
+        along = measured @ planned / (planned @ planned)
+        aside = np.linalg.norm(measured - along[:, None] * planned, axis=1)
         return along, aside / np.linalg.norm(planned)
 
     def moved(self, start: np.ndarray) -> np.ndarray:
-        """The body's pose (3 or 6, K) in a cycle that begins at a pose, of which travel counts."""
+        """Return the body's pose (3 or 6, K) in a cycle that begins at the place of a pose.
+
+        Args:
+            start: pose of the body (3,) or (6,), of which x, y and yaw count.
+        """
         pose = self.body_pose.copy()
         if len(pose) == 3:
             pose[0] += start[0] - pose[0, 0]
             return pose
         turn = start[5] - pose[5, 0]
-        pose[:2] = along_heading(pose[:2] - pose[:2, :1], -turn) + start[:2, None]
+        pose[:2] = rotate_to_heading(pose[:2] - pose[:2, :1], -turn) + start[:2, None]
         pose[5] += turn
         return pose
 
     def summary(self) -> Summary:
-        """Stride, turn, period, speed, largest temperature, and whether it passed its check."""
-        heat, speed = float(self.wire_temperature.max()), 1e3 * self.speed
-        turn, rate = np.rad2deg(self.turn), np.rad2deg(self.turn / self.period)
-        goes = [Entry("stride", self.stride, "m", f"stride {1e3 * self.stride:.1f} mm")]
-        paces = [Entry("speed", self.speed, "m/s", f"{speed:.2f} mm/s")]
-        if abs(turn) > 1e-6:
-            goes.append(Entry("turn", self.turn, "rad", f"turn {turn:.1f}°"))
-            paces.append(Entry("turn_rate", self.turn / self.period, "rad/s", f"{rate:.2f} °/s"))
-        if self.on_the_spot:
-            del goes[0], paces[0]
+        """Summarize stride, turn, period, speed, largest temperature, and the check."""
+        travels = []
+        speeds = []
+        if not self.on_the_spot:
+            travels.append(Entry("stride", self.stride, "m", f"stride {1e3 * self.stride:.1f} mm"))
+            speeds.append(Entry("speed", self.speed, "m/s", f"{1e3 * self.speed:.2f} mm/s"))
+        turn_deg = np.rad2deg(self.turn)
+        if abs(turn_deg) > 1e-6:
+            rate = self.turn / self.period
+            travels.append(Entry("turn", self.turn, "rad", f"turn {turn_deg:.1f}°"))
+            speeds.append(Entry("turn_rate", rate, "rad/s", f"{np.rad2deg(rate):.2f} °/s"))
+        temperature = float(self.wire_temperature.max())
         return Summary(
             [
-                *goes,
+                *travels,
                 Entry("period", self.period, "s", f"period {self.period:.1f} s"),
-                *paces,
-                Entry("heat", heat, "°C", f"up to {heat:.0f} °C"),
+                *speeds,
+                Entry("heat", temperature, "°C", f"up to {temperature:.0f} °C"),
                 self._check_entry,
             ]
         )
 
 
-def along_heading(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
-    """Vectors of the world, x and y first (2 or more, ...), in axes turned by a yaw, rad."""
-    x, y, *others = vectors
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    return np.stack([cosine * x + sine * y, cosine * y - sine * x, *others])
+def rotate_to_heading(vectors: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
+    """Return vectors of the world in axes turned by a yaw, rad.
+
+    Args:
+        vectors: x, y and any other components (2 or more, ...).
+    """
+    x, y, *rest = vectors
+    cosine = np.cos(yaw)
+    sine = np.sin(yaw)
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x, *rest])
 
 
-def travels(poses: np.ndarray) -> np.ndarray:
-    """Travel of a body between poses (3 or 6, K), in the heading at the beginning of each.
+def body_travel(poses: np.ndarray) -> np.ndarray:
+    """Return the travel of a body between poses (3 or 6, K), in the heading before each travel.
 
     Returns:
-        Along x (1, K - 1), m; in space along x and y, m, and turned, rad (3, K - 1).
+        Along x (1, K - 1), m; in space along x and y, m, and the turn, rad (3, K - 1).
     """
     if len(poses) == 3:
         return np.diff(poses[:1])
     yaw = np.unwrap(poses[5])
-    return np.vstack([along_heading(np.diff(poses[:2]), yaw[:-1]), np.diff(yaw)])
+    return np.vstack([rotate_to_heading(np.diff(poses[:2]), yaw[:-1]), np.diff(yaw)])

@@ -1,4 +1,4 @@
-"""The check of gaits: simulated with contact as planned, and where robot or ground are others."""
+"""The check of gaits: simulation with contact, as planned and with other robots or grounds."""
 
 import copy
 import dataclasses
@@ -14,69 +14,75 @@ from walking.in_mujoco import simulate_in_mujoco
 from walking.robot import Robot
 from walking.robot_parameters import RobotParameters
 
-# Strides of most gaits agree to 0.03% from the second on. Robots whose strides do not agree to
-# SETTLED do not repeat themselves, and are simulated for longer.
-CYCLES, LONGER, SETTLED = 3, 8, 2e-3
-SETTLED_IN_SPACE = 0.02  # where loads, and with them strides, hang on micrometres
+NUM_CYCLES = 3
+MAX_CYCLES = 8
+# Strides of most gaits agree to 0.03% from the second on. Robots whose strides differ by more than
+# SETTLED_TOLERANCE do not repeat themselves, and are simulated for MAX_CYCLES.
+SETTLED_TOLERANCE = 2e-3
+SETTLED_TOLERANCE_IN_SPACE = 0.02  # there loads, and with them strides, depend on micrometres
 SPREAD_CYCLES = 2  # of other robots
-FRICTION = (0.7, 1.3)  # times the friction of the ground
-PARAMETERS = 0.1  # share by which parameters are others
-DRAWS = 4  # of other parameters
-MOST_TILT = np.deg2rad(60.0)
-NO_LOAD = 1e-3  # of the weight, on a foot that carries nothing
-LOWEST = 2e-3  # m, of a corner of a body that is on the ground
-DOUBT = 0.01  # of the planned stride, by which strides in MuJoCo and in Drake may differ
-LEAST_MADE = 0.5  # of the planned stride, of gaits that are taken
-DRAKE, MUJOCO = "Drake in steps of 1 ms", "MuJoCo"
+FRICTION_FACTORS = (0.7, 1.3)  # times the friction of the ground
+PARAMETER_VARIATION = 0.1  # share by which parameters are varied
+NUM_DRAWS = 4  # of varied parameters
+FALL_TILT = np.deg2rad(60.0)
+UNLOADED_SHARE = 1e-3  # of the weight, on a foot that carries nothing
+BODY_CONTACT_HEIGHT = 2e-3  # m, of a corner of a body that is on the ground
+MAX_ENGINE_DIFFERENCE = 0.01  # of the planned stride, between MuJoCo and Drake
+MIN_STRIDE_SHARE = 0.5  # of the planned stride, of gaits that are taken
+DRAKE_NAME = "Drake in steps of 1 ms"
+MUJOCO_NAME = "MuJoCo"
 
 
-def check_gait(gait: Gait, cycles: int = CYCLES, spread: bool = True, seed: int = 0) -> Gait:
+def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: int = 0) -> Gait:
     """Simulate a gait with contact, open loop, and return it with its check.
 
-    In a plane, a gait whose strides in simulation agree from the second on, but miss the planned
-    one by more than 1%, gets their travel, if it is at least half of that planned.
+    In a plane, simulated strides from the second on may agree with each other, but miss the planned
+    stride by more than 1%. The gait then gets their travel, if it is at least half of the plan's.
 
     The simulation begins with the heat of the limit cycle. A gait that walks as planned in MuJoCo
-    is simulated by Drake with steps of 1 ms, for a cycle; for as many as in MuJoCo if strides
-    there are within 1% of what is still accepted. For the spread, two cycles each are simulated in
-    MuJoCo with 0.7 and 1.3 times the friction of the ground, and with four draws of the
-    parameters. In each draw the stiffness of each limb, and the cooling, heating and torque of its
-    wires, are 10% larger or smaller.
+    is simulated by Drake with steps of 1 ms, for one cycle, or for as many as in MuJoCo if the
+    strides are within 1% of the tolerance. For the spread, two cycles each are simulated in MuJoCo
+    with 0.7 and 1.3 times the friction of the ground, and with four draws of the parameters. In
+    each draw the stiffness of each limb, and the cooling, heating and torque of its wires, are 10%
+    larger or smaller.
 
     Args:
-        gait: as planned; whether it passed is then its ``passed``.
-        cycles: number of cycles of the robot as it is; eight if strides after the first differ
-            by more than 0.2% of the planned one.
-        spread: whether to simulate it with other friction and parameters, too.
+        gait: as planned; the property ``passed`` of the returned gait is the result.
+        cycles: number of cycles of the nominal robot; eight if strides after the first differ
+            by more than 0.2% of the planned stride.
+        spread: whether to simulate it with varied friction and parameters, too.
         seed: seed of the draws.
     """
-    first = simulate_gait(gait, "", gait.robot, cycles, longer=LONGER)
+    # Simulate the nominal robot in MuJoCo, and correct the stride in a plane.
+    first = simulate_gait(gait, "", gait.robot, cycles, longer=MAX_CYCLES)
     strides = np.array(first.strides)
     made = float(np.mean(strides[1:])) if len(strides) > 1 and not first.fall else 0.0
-    if not gait.in_space and made >= LEAST_MADE and abs(made - 1) > DOUBT:
-        gait = _with_stride(gait, made)
+    if not gait.in_space and made >= MIN_STRIDE_SHARE and abs(made - 1) > MAX_ENGINE_DIFFERENCE:
+        gait = _scale_stride(gait, made)
         strides /= made
         first.strides = strides.tolist()
-    check = dataclasses.replace(gait.check, simulation=first, spread=[], checked_by=MUJOCO)
-    misses = np.abs(strides - 1).max(initial=0.0)
-    is_close = not first.fall and abs(misses - check.tolerance) < DOUBT
+    check = dataclasses.replace(gait.check, simulation=first, spread=[], checked_by=MUJOCO_NAME)
+    largest_error = np.abs(strides - 1).max(initial=0.0)
+    is_close = not first.fall and abs(largest_error - check.tolerance) < MAX_ENGINE_DIFFERENCE
     if check.failure() and not is_close:
         return dataclasses.replace(gait, check=check)
     # Let Drake decide.
     check.simulation = simulate_gait(
         gait, "", gait.robot, len(strides) if is_close else 1, simulated=simulate_in_drake
     )
-    check.checked_by = f"{DRAKE} for {len(check.simulation.strides)} of the cycles, {MUJOCO}"
+    check.checked_by = (
+        f"{DRAKE_NAME} for {len(check.simulation.strides)} of the cycles, {MUJOCO_NAME}"
+    )
+    # Simulate robots with varied friction and parameters.
     if spread and not check.failure():
-        few = min(cycles, SPREAD_CYCLES)
-        varied = variations(gait.robot, seed)
         check.spread = [dataclasses.replace(first, what="as planned, in MuJoCo")]
-        check.spread += [simulate_gait(gait, what, robot, few) for what, robot in varied]
+        for change, robot in variations(gait.robot, seed):
+            check.spread.append(simulate_gait(gait, change, robot, min(cycles, SPREAD_CYCLES)))
     return dataclasses.replace(gait, check=check)
 
 
-def _with_stride(gait: Gait, share: float) -> Gait:
-    """Return a gait in the plane whose body travels a share of its way; its feet slide the rest."""
+def _scale_stride(gait: Gait, share: float) -> Gait:
+    """Return a gait in the plane with a share of its stride; its feet slide the rest."""
     pose = gait.body_pose.copy()
     pose[0] += (share - 1) * gait.stride * gait.time / gait.period
     check = dataclasses.replace(gait.check, made=share * gait.check.made)
@@ -84,12 +90,14 @@ def _with_stride(gait: Gait, share: float) -> Gait:
 
 
 def variations(robot: RobotParameters, seed: int = 0) -> list[tuple[str, RobotParameters]]:
-    """What is varied, and the robots, of `check_gait`."""
+    """Return the varied robots of `check_gait`, each with its change in words."""
     rng = np.random.default_rng(seed)
-    varied = [(f"friction x {factor:g}", with_friction(robot, factor)) for factor in FRICTION]
-    for number in range(1, DRAWS + 1):
-        other = with_other_parameters(robot, rng)
-        varied.append((f"parameters +-{PARAMETERS:.0%}, draw {number}", other))
+    varied = []
+    for factor in FRICTION_FACTORS:
+        varied.append((f"friction x {factor:g}", with_friction(robot, factor)))
+    for number in range(1, NUM_DRAWS + 1):
+        change = f"parameters +-{PARAMETER_VARIATION:.0%}, draw {number}"
+        varied.append((change, with_varied_parameters(robot, rng)))
     return varied
 
 
@@ -101,21 +109,24 @@ def with_friction(robot: RobotParameters, factor: float) -> RobotParameters:
     return robot
 
 
-def with_other_parameters(robot: RobotParameters, rng: np.random.Generator) -> RobotParameters:
-    """A robot with stiffness and wires' laws that are 10% larger or smaller, per limb."""
-    robot, either = copy.deepcopy(robot), [1 - PARAMETERS, 1 + PARAMETERS]
+def with_varied_parameters(robot: RobotParameters, rng: np.random.Generator) -> RobotParameters:
+    """Return a robot with stiffness and wires' laws 10% larger or smaller, drawn per limb."""
+    robot = copy.deepcopy(robot)
+    factors = [1 - PARAMETER_VARIATION, 1 + PARAMETER_VARIATION]
     for limb in robot.limbs:
-        a1, a2, beta = rng.choice(either, 3)
-        factors = {"a1": a1, "a2": a2, "beta": beta, "full_torque": beta}
-        scale_limb(limb.parameters, rng.choice(either), factors)
+        a1, a2, beta = rng.choice(factors, 3)
+        law_factors = {"a1": a1, "a2": a2, "beta": beta, "full_torque": beta}
+        scale_limb(limb.parameters, rng.choice(factors), law_factors)
     return robot
 
 
-def scale_limb(limb: LimbParameters, stiffness: float, of_laws: Mapping[str, float]) -> None:
-    """Multiply a limb's stiffness, and fields of its wires' laws as far as these have them."""
+def scale_limb(
+    limb: LimbParameters, stiffness_factor: float, law_factors: Mapping[str, float]
+) -> None:
+    """Multiply a limb's stiffness, and those fields that its wires' laws have, by factors."""
     for segment in limb.segments:
-        segment.stiffness *= stiffness
-        for wire, (field, factor) in itertools.product(segment.wires, of_laws.items()):
+        segment.stiffness *= stiffness_factor
+        for wire, (field, factor) in itertools.product(segment.wires, law_factors.items()):
             if hasattr(wire.law, field):
                 setattr(wire.law, field, getattr(wire.law, field) * factor)
 
@@ -129,10 +140,11 @@ def simulate_gait(
     longer: int = 0,
     simulated: Callable[[Gait, RobotParameters, int], Recording] = simulate_in_mujoco,
 ) -> GaitVariation:
-    """Simulate cycles of a gait's duty on a robot, which begins with the gait's first knot.
+    """Simulate cycles of a gait's duty on a robot, from the gait's first knot.
 
     Args:
-        longer: number of cycles, if there are more, where the strides do not agree by the end.
+        what: how the robot differs from the gait's, in words.
+        longer: number of cycles to simulate instead where the last strides differ; 0 for none.
         simulated: `simulate_in_mujoco` or `simulate_in_drake`.
     """
     try:
@@ -140,11 +152,12 @@ def simulate_gait(
     except SimulationError as error:
         return GaitVariation(what, fall=str(error).rstrip("."))
     assert recording.wire_temperature is not None
-    fall, time = fall_of(recording, gait)
-    completed = min(cycles, int(time / gait.period + 1e-6))
-    strides, aside = strides_of(recording, gait, completed)
+    fall, time = find_fall(recording, gait)
+    num_completed = min(cycles, int(time / gait.period + 1e-6))
+    strides, aside = measure_strides(recording, gait, num_completed)
+    # Simulate more cycles where strides still change.
     changes = np.abs(np.diff(strides[1:])).max(initial=0.0)  # the first one is still settling
-    settled = SETTLED_IN_SPACE if gait.in_space else SETTLED
+    settled = SETTLED_TOLERANCE_IN_SPACE if gait.in_space else SETTLED_TOLERANCE
     if not fall and cycles < longer and changes > settled:
         return simulate_gait(gait, what, robot, longer, simulated=simulated)
     return GaitVariation(
@@ -157,22 +170,22 @@ def simulate_gait(
 
 
 def simulate_in_drake(gait: Gait, robot: RobotParameters, cycles: int) -> Recording:
-    """Simulate cycles as `simulate_in_mujoco`, by Drake's SAP contact in steps of 1 ms."""
+    """Simulate cycles like `simulate_in_mujoco`, by Drake's SAP contact in steps of 1 ms."""
     duration = cycles * gait.period + PERIOD  # with a sample after the last stride
     duty = gait.duty_trajectory(cycles)
     return simulate(Robot(robot), duty, duration, initial_state=gait.initial_state)
 
 
-def strides_of(
+def measure_strides(
     recording: Recording, gait: Gait, cycles: int, start: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the travel of the body in each cycle (cycles,), as shares of the planned stride.
 
     Args:
-        start: when the first cycle begins, s.
+        start: time at which the first cycle begins, s.
 
     Returns:
-        What it went along what was planned, turn included, and what aside of it.
+        The travel along the planned stride, turn included, and the travel aside of it.
     """
     assert recording.body_pose is not None
     ends = start + gait.period * np.arange(cycles + 1)
@@ -180,54 +193,61 @@ def strides_of(
     return gait.progress(np.array([np.interp(ends, recording.time, row) for row in pose]))
 
 
-def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:
+def find_fall(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:
     """Return how a robot that walks falls, in words, and when, s; "" and the end if it does not.
 
     A robot has fallen when its body tilts by more than 60° or touches the ground. It has fallen,
-    too, when a foot that does not swing in the gait carries nothing for half a period; this is
-    checked where the forces are known, and not of four or more feet in space, of which any three
-    can stand. The first cycle of the gait begins at ``start``, s.
+    too, when a foot that does not swing in the gait carries nothing for half a period. Loads are
+    checked where the recording has forces, but not in space with four or more feet, as any three of
+    them can stand. The first cycle of the gait begins at ``start``, s.
     """
     assert recording.body_pose is not None
-    body, times = gait.robot.body, recording.time
+    body = gait.robot.body
+    times = recording.time
+
+    # Find samples at which the body tilts or touches the ground.
     height, upright = _height_and_upright(recording.body_pose)
     sizes = np.array([body.length, body.width, body.height])
     lowest = height - 0.5 * sizes @ np.abs(upright)
     falls = [
         (
-            upright[2] < np.cos(MOST_TILT),
-            f"its body tilts by more than {np.rad2deg(MOST_TILT):.0f}°",
+            upright[2] < np.cos(FALL_TILT),
+            f"its body tilts by more than {np.rad2deg(FALL_TILT):.0f}°",
         ),
-        (lowest < LOWEST, "its body comes to the ground"),
+        (lowest < BODY_CONTACT_HEIGHT, "its body comes to the ground"),
     ]
-    phases = np.searchsorted([p.start for p in gait.phases], (times - start) % gait.period, "right")
+
+    # Find samples before which a foot carried nothing for half a period.
+    phase_starts = [phase.start for phase in gait.phases]
+    phases = np.searchsorted(phase_starts, (times - start) % gait.period, "right") - 1
     size = gait.robot.force_size
     weight = gait.contact_force[size - 1 :: size].sum(axis=0).mean()
     forces = recording.contact_force
-    loads = () if forces is None or _spare_feet(gait) else forces[size - 1 :: size]
-    seen = list(zip(gait.robot.limbs, loads, strict=False))
-    for limb, (named, force) in enumerate(seen):
-        swings = np.array([phase.contacts[limb] == "swing" for phase in gait.phases])[phases - 1]
-        idle = (force < NO_LOAD * weight) & ~swings & (times >= start)
-        samples = round(0.5 * gait.period * recording.sample_rate)
-        within = np.convolve(idle, np.ones(samples))[: len(idle)]
-        falls.append(
-            (within > samples - 0.5, f"its {named.name} foot carries nothing for half a period")
-        )
-    first = [(int(np.argmax(there)), words) for there, words in falls if there.any()]
+    loads = () if forces is None or _has_spare_feet(gait) else forces[size - 1 :: size]
+    half_period = round(0.5 * gait.period * recording.sample_rate)  # in samples
+    for foot, load in enumerate(loads):
+        swings = np.array([phase.contacts[foot] == "swing" for phase in gait.phases])[phases]
+        is_unloaded = (load < UNLOADED_SHARE * weight) & ~swings & (times >= start)
+        num_unloaded = np.convolve(is_unloaded, np.ones(half_period))[: len(is_unloaded)]
+        name = gait.robot.limbs[foot].name
+        reason = f"its {name} foot carries nothing for half a period"
+        falls.append((num_unloaded > half_period - 0.5, reason))
+
+    # Report the first of them.
+    first = [(int(np.argmax(has_fallen)), words) for has_fallen, words in falls if has_fallen.any()]
     if not first:
         return "", float(times[-1])
     index, words = min(first)
     return f"{words} after {times[index] - start:.1f} s", float(times[index])
 
 
-def _spare_feet(gait: Gait) -> bool:
-    """Whether the robot may stand on fewer feet than it has: on three in space."""
+def _has_spare_feet(gait: Gait) -> bool:
+    """Return whether the robot may stand on fewer feet than it has: on three in space."""
     return gait.in_space and len(gait.robot.limbs) > 3
 
 
 def _height_and_upright(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Height of the body (K,), m, and how much its x, y and z point up (3, K), of its poses."""
+    """Return the body's height (K,), m, and the upward parts of its x, y and z axes (3, K)."""
     if len(pose) == 3:
         return pose[1], np.stack([np.sin(pose[2]), 0 * pose[2], np.cos(pose[2])])
     roll, pitch = pose[3:5]

@@ -15,9 +15,11 @@ from limb_systems.simulation import PERIOD
 from walking.gait import Gait
 from walking.walk_trajectory import walk
 
-GAIN = 0.5  # of the stride's relative error, by which amplitude changes: strides change twice so
-AMPLITUDES, DURATIONS = (0.6, 1.4), (1.0, 2.0)  # of those planned
-SETTLING = 1  # cycles from cold, of which nothing is learned
+# Relative change of the amplitude per relative error of the stride; strides change twice as much.
+STRIDE_GAIN = 0.5
+AMPLITUDE_RANGE = (0.6, 1.4)
+DURATION_RANGE = (1.0, 2.0)  # of those planned
+SETTLING_CYCLES = 1  # cycles from cold, of which nothing is learned
 TIME, AMPLITUDE, DURATION, START = range(4)  # of the state
 
 
@@ -36,7 +38,7 @@ class GaitFeedback(PlanFeedback):
     at that clock. The first cycle, from straight limbs, corrects nothing, nor does one at whose
     beginning or end the body is not seen.
 
-    - inputs 0 and 1, output 0: those of `PlanController`
+    - inputs 0 and 1, output 0: see `PlanController`
     - input 2 ``body_pose``: x, z, m, and θ, rad, of the body; NaN where it is not seen
     - output 1 ``correction``: time in the walk, s, a, c, where the cycle began, m, and the least
       and the largest bends in it so far (2F), rad
@@ -73,11 +75,14 @@ class GaitFeedback(PlanFeedback):
             )
         trajectory = walk(gait, cycles, heat=heat, bend=bend)
         super().__init__(trajectory, parameters=parameters, known_start=heat is not None)
-        self._period, self._stride = gait.period, gait.stride
+        self._period = gait.period
+        self._stride = gait.stride
         self._begin = PERIOD * np.floor((trajectory.duration - cycles * gait.period) / PERIOD + 0.5)
         bends = self._plan.bend_angle[round(self._begin / PERIOD) : -1]
-        self._mean_bend, self._range = bends.mean(axis=0), np.ptp(bends, axis=0)
-        model, duty = self._estimator.model, np.zeros_like(self._plan.duty)
+        self._mean_bend = bends.mean(axis=0)
+        self._range = np.ptp(bends, axis=0)
+        model = self._estimator.model
+        duty = np.zeros_like(self._plan.duty)
         # Temperatures alone, as duty does not change states of memory within a step.
         W = model.num_wires
         none, full = (
@@ -101,19 +106,25 @@ class GaitFeedback(PlanFeedback):
         return bend, reference, np.clip(holding + (duty - holding) / duration, 0.0, 1.0)
 
     def _after_update(self, context, ahead: StateEstimate, state) -> None:
+        # Follow the range of the bends in this cycle.
         now = context.get_discrete_state(2).value().copy()
-        bend, x = self.get_input_port(1).Eval(context), self.get_input_port(2).Eval(context)[0]
+        bend = self.get_input_port(1).Eval(context)
+        x = self.get_input_port(2).Eval(context)[0]
         least, largest = np.split(now[START + 1 :], 2)
-        least[:], largest[:] = np.fmin(least, bend), np.fmax(largest, bend)
-        before = np.floor((now[TIME] - self._begin) / self._period + 1e-9)
+        least[:] = np.fmin(least, bend)
+        largest[:] = np.fmax(largest, bend)
+        # Correct amplitude and duration at the end of a cycle.
+        cycle = np.floor((now[TIME] - self._begin) / self._period + 1e-9)
         now[TIME] += PERIOD / now[DURATION]
-        if np.floor((now[TIME] - self._begin) / self._period + 1e-9) > before:
-            if before >= SETTLING and np.isfinite([*least, *largest]).all():
+        if np.floor((now[TIME] - self._begin) / self._period + 1e-9) > cycle:
+            if cycle >= SETTLING_CYCLES and np.isfinite([*least, *largest]).all():
                 reached = np.mean((largest - least) / (now[AMPLITUDE] * self._range))
                 travelled = (x - now[START]) / self._stride
                 if np.isfinite(travelled):
-                    step = np.clip(travelled, 0.3, 3.0) ** -GAIN
-                    now[AMPLITUDE] = np.clip(now[AMPLITUDE] * step, *AMPLITUDES)
-                now[DURATION] = np.clip(now[DURATION] / reached, *DURATIONS)
-            now[START], least[:], largest[:] = x, np.inf, -np.inf
+                    step = np.clip(travelled, 0.3, 3.0) ** -STRIDE_GAIN
+                    now[AMPLITUDE] = np.clip(now[AMPLITUDE] * step, *AMPLITUDE_RANGE)
+                now[DURATION] = np.clip(now[DURATION] / reached, *DURATION_RANGE)
+            now[START] = x
+            least[:] = np.inf
+            largest[:] = -np.inf
         state.set_value(2, now)

@@ -18,43 +18,49 @@ from walking.course import Course, check_course
 from walking.gait import Gait, GaitCheck
 from walking.gait_check import SPREAD_CYCLES, check_gait, simulate_gait, with_friction
 from walking.gait_program import (
-    LEAST_LOAD,
+    MIN_LOAD_SHARE,
     GaitProgram,
-    usual_steadiness,
+    default_steadiness,
 )
 from walking.gait_request import GaitRequest
 from walking.robot_parameters import RobotParameters
-from walking.schedules import check_schedule, sensible_schedules
-from walking.standing import LEAST_PIVOT, Stability, balance_of
+from walking.schedules import candidate_schedules, check_schedule
+from walking.standing import MIN_PIVOT, Stability, make_balance
 from walking.walker import check_walker
 
-# °C above ambient, of the wires of a robot that stands; in space also these, as in the middle of a
-# wire's transformation programs may fail that have a solution.
-START_WARMTH, OTHER_WARMTHS = 40.0, (55.0, 30.0)
-# Shares of the steadiness asked for, up which gaits are planned from each other where none can be
-# as steady; and times it, where the robot does not walk as planned: on rough ground, friction of a
-# foot that slides lets the body sway more and more, though it is stable at rest.
-LESS_STEADY, STEADIER = (0.125, 0.25, 0.5, 1.0), (2.0, 4.0)
-# In space, shares of friction that feet that stick may use, in place of what was asked for.
-LESS_FRICTION_USED = 0.75, 0.6
-# Share by which strides in MuJoCo may miss those planned on knots that are dense enough, and most
-# intervals: between knots, a foot that sticks in the program slides, more if they are far apart.
-COARSE, MOST_KNOTS = 0.01, 96
+# °C above ambient: warmth of the wires of a robot that stands at the start. In space programs that
+# have a solution may fail in the middle of a wire's transformation; the others are tried there.
+START_WARMTH = 40.0
+ALTERNATIVE_WARMTHS = (55.0, 30.0)
+# Shares of the requested steadiness. Where no gait is so steady, gaits are planned up these shares,
+# each from the last.
+STEADINESS_SHARES = (0.125, 0.25, 0.5, 1.0)
+# Multiples of the requested steadiness, where the robot does not walk as planned: on rough ground,
+# friction of a foot that slides lets the body sway more and more, though it is stable at rest.
+STEADINESS_FACTORS = (2.0, 4.0)
+# In space, multiples of the requested share of friction that feet that stick may use.
+STICKING_FACTORS = 0.75, 0.6
+# Knots are dense enough when strides in MuJoCo miss the planned ones by less than this share.
+# Between knots, a foot that sticks in the program slides; it slides farther between distant knots.
+MAX_STRIDE_ERROR = 0.01
+MAX_REFINED_INTERVALS = 96
 # Barriers of IPOPT from a gait of a program that differs little, and from one whose feet slide
 # unevenly.
-FROM_GAIT = {"mu_strategy": "monotone", "mu_init": 1e-4}
-FROM_UNEVEN = {"mu_strategy": "monotone", "mu_init": 1e-3}
+WARM_START_BARRIER = {"mu_strategy": "monotone", "mu_init": 1e-4}
+FRICTION_BARRIER = {"mu_strategy": "monotone", "mu_init": 1e-3}
 START_CYCLES = 6  # after which heat and memory of wires nearly repeat
-LONGEST_SOLVE = 60.0  # s of processor time, of each attempt; gaits take a few
+MAX_SOLVE_TIME = 60.0  # s of processor time, of each attempt; gaits take a few
 # Iterations of each attempt; gaits need 25 to 60, with memory of wires 60 to 110; in space up to 90
 # and 240.
-MOST_ITERATIONS, MOST_ITERATIONS_IN_SPACE = 200, 400
-# By what requests are relaxed to tell why there is no gait.
-LESS_FRICTION, MORE_HEAT = 0.25, 100.0
+MAX_ITERATIONS = 200
+MAX_ITERATIONS_IN_SPACE = 400
+# Requests are relaxed by these to find the reason why there is no gait: times μ, and °C.
+RELAXED_FRICTION_FACTOR = 0.25
+RELAXED_TEMPERATURE_RISE = 100.0
 RELAXED_TIME = 10.0  # s of processor time, of each relaxed request
-LEAST_STANCE = 0.1  # of limbs' length, from foot to foot where the robot stands
-TURNS = 0.25, 0.5  # of the turn asked for, by which a gait ahead becomes one along an arc
-TOO_SOFT = (
+MIN_STANCE_SHARE = 0.1  # of limbs' length, from foot to foot where the robot stands
+TURN_SHARES = 0.25, 0.5  # of the turn asked for, by which a gait ahead becomes one along an arc
+TOO_SOFT_REASON = (
     "the limbs are too soft for the weight on them, so that it would tip over; make them stiffer, "
     "shorter or lighter"
 )
@@ -65,34 +71,34 @@ def plan_gait(
     request: GaitRequest | None = None,
     **changes: Any,
 ) -> Gait:
-    """The fastest periodic motion of a robot, or the one that heats least per distance.
+    """Return the fastest periodic motion of a robot, or the motion that heats least per distance.
 
-    The check simulates it with contact, and on other grounds and with other parameters, which
-    takes ten seconds on two cores. In a plane, where no gait is as steady as asked for, the gait is
-    less steady; where the robot does not walk as planned, it is steadier. The gait's check has a
-    remark that says so.
+    The check simulates the gait with contact, also with varied friction and parameters, which takes
+    ten seconds on two cores. In a plane, where no gait is as steady as requested, the gait is less
+    steady; where the robot does not walk as planned, it is steadier. The gait's check then has a
+    remark on its steadiness.
 
     Args:
         robot: description of the robot, or the path of its YAML file; the crawler if None.
-        request: what is asked for; the defaults of `GaitRequest` if None.
-        changes: fields of `GaitRequest`, in place of those of the request, such as ``turn=0.2``.
+        request: the properties that the gait must have; the defaults of `GaitRequest` if None.
+        changes: fields of `GaitRequest` that replace the request's, such as ``turn=0.2``.
 
     Raises:
-        PlanningError: if there is no such motion, with what stays violated, or if the robot does
-            not walk as planned in simulation.
+        PlanningError: if there is no such motion, with the constraints that stay violated, or if
+            the robot does not walk as planned in simulation.
         ParameterError: if the robot's description is wrong.
     """
-    # Check what is asked for.
+    # Check the request, and choose the schedules.
     robot = RobotParameters.of(robot)
     request = dataclasses.replace(request or GaitRequest(), **changes)
     check_walker(robot)
     check_course(robot, request.course)
-    schedules: Sequence[Sequence[Sequence[str]]] = sensible_schedules(robot)
+    schedules: Sequence[Sequence[Sequence[str]]] = candidate_schedules(robot)
     if request.schedule:
         schedules = [request.schedule]
     elif robot.body.mount != "free":
         schedules = schedules[:1]
-    steadiness = usual_steadiness(robot) if request.steadiness is None else request.steadiness
+    steadiness = default_steadiness(robot) if request.steadiness is None else request.steadiness
     # Take the first schedule that gives a gait.
     for number, schedule in enumerate(schedules, 1):
         check_schedule(schedule, robot)
@@ -111,36 +117,41 @@ def plan_gait(
         is_last = number == len(schedules)
         explain = request.explain and is_last
         try:
-            gait = _along(program, request.course, steadiness, request.near, explain)
+            gait = _plan_course(program, request.course, steadiness, request.near, explain)
             if request.check:
-                gait = _walking(gait, program, request.course, request.spread)
-            return gait
+                gait = _ensure_walking(gait, program, request.course, request.spread)
         except PlanningError:
             if is_last:
                 raise
+        else:
+            return gait
     raise AssertionError("there is always a schedule")
 
 
-def _along(
+def _plan_course(
     program: Callable[..., GaitProgram],
     course: Course,
     steadiness: float,
     near: Gait | None,
     explain: bool,
 ) -> Gait:
-    """The gait of a course, not checked.
+    """Return a gait along a course, not checked.
 
     Args:
-        program: program of the gait, by further arguments.
+        program: makes the program of the gait from further arguments.
         near: a gait to start from, if any.
+        explain: whether the error gives the reason why there is no gait.
 
     Raises:
         PlanningError: if there is none.
     """
     try:
+        # Find a gait to start from: the fastest, or a gait ahead that is bent to the arc.
         if course.speed is not None:
             fastest = dataclasses.replace(course, speed=None)
-            near = _along(partial(program, objective="speed"), fastest, steadiness, near, explain)
+            near = _plan_course(
+                partial(program, objective="speed"), fastest, steadiness, near, explain
+            )
             if near.speed < course.speed:
                 raise PlanningError(
                     f"{1e3 * course.speed:.3g} mm/s cannot be had: the fastest gait of this "
@@ -148,71 +159,78 @@ def _along(
                 )
         elif course.turn and near is None and not course.on_the_spot:
             ahead = dataclasses.replace(course, turn=0.0)
-            near = _along(program, ahead, steadiness, None, explain=False)
-            for share in TURNS:
+            near = _plan_course(program, ahead, steadiness, None, explain=False)
+            for share in TURN_SHARES:
                 part = dataclasses.replace(course, turn=share * course.turn)
-                near = _solved(program(steadiness=steadiness, course=part), near)
-        return _steady(partial(program, course=course), steadiness, near)
+                near = _solve(program(steadiness=steadiness, course=part), near)
+        # Solve the program of the course itself.
+        return _solve_steadily(partial(program, course=course), steadiness, near)
     except PlanningError as error:
         reason = "its program has no solution"
         if explain:
-            relaxed = partial(program, steadiness=LESS_STEADY[0] * steadiness, course=course)
-            reason = _reason(relaxed)
+            relaxed = partial(program, steadiness=STEADINESS_SHARES[0] * steadiness, course=course)
+            reason = _infeasibility_reason(relaxed)
         raise PlanningError(f"There is no gait: {reason} ({error}).") from error
 
 
-def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, spread: bool) -> Gait:
-    """The gait with its check, or one that is steadier and walks as planned.
+def _ensure_walking(
+    gait: Gait, program: Callable[..., GaitProgram], course: Course, spread: bool
+) -> Gait:
+    """Return the gait with its check, or a steadier gait that walks as planned.
 
-    In space, where steadiness is not bounded, it is one whose feet that stick use less of friction.
+    In space, where steadiness is not bounded, feet that stick use less friction instead.
 
     Raises:
-        PlanningError: if none does.
+        PlanningError: if no gait walks as planned.
     """
+    # Check the gait.
     if not gait.in_space:
-        gait = _refined(gait, partial(program, course=course))
-    first, planned = gait.check, gait
+        gait = _refine_knots(gait, partial(program, course=course))
+    first = gait.check
+    planned = gait
     gait = check_gait(gait, spread=spread)
+
+    # Plan safer gaits where it fails, until one passes.
     remedies: list[tuple[dict[str, float], str]] = [
         ({"steadiness": factor * first.steadiness}, f"steadier than the {first.steadiness:g}")
-        for factor in STEADIER
+        for factor in STEADINESS_FACTORS
     ]
     if gait.in_space:
-        asked = f"with less of friction used than the {first.sticking_share:g}"
-        shares = [share * first.sticking_share for share in LESS_FRICTION_USED]
-        remedies = [({"sticking_share": share}, asked) for share in shares]
-    for changes, what in () if gait.passed else remedies:
-        try:
-            finer = {"intervals": planned.intervals, **changes}
-            other = _solved(program(course=course, **finer), planned)
-        except PlanningError:
-            break
-        other.check.remark = f"{what} planned first, with which {gait.check.failure()}"
-        gait = check_gait(other, spread=spread)
+        difference = f"with less of friction used than the {first.sticking_share:g}"
+        remedies = []
+        for factor in STICKING_FACTORS:
+            remedies.append(({"sticking_share": factor * first.sticking_share}, difference))
+    for changes, difference in remedies:
         if gait.passed:
             break
+        try:
+            safer = _solve(program(course=course, intervals=planned.intervals, **changes), planned)
+        except PlanningError:
+            break
+        safer.check.remark = f"{difference} planned first, with which {gait.check.failure()}"
+        gait = check_gait(safer, spread=spread)
     if gait.passed:
         return gait
-    goes = f"{np.rad2deg(gait.turn):.1f}°" if gait.on_the_spot else f"{1e3 * gait.stride:.1f} mm"
+    travel = f"{np.rad2deg(gait.turn):.1f}°" if gait.on_the_spot else f"{1e3 * gait.stride:.1f} mm"
     raise PlanningError(
-        f"Gaits were planned, the last of them of {goes} in {gait.period:.1f} s, but they are "
+        f"Gaits were planned, the last of them of {travel} in {gait.period:.1f} s, but they are "
         f"refused: {gait.check.failure()}"
     )
 
 
-def _refined(gait: Gait, program: Callable[..., GaitProgram]) -> Gait:
-    """The gait on knots that are twice as dense, until strides in MuJoCo are as planned.
+def _refine_knots(gait: Gait, program: Callable[..., GaitProgram]) -> Gait:
+    """Double the knots of a gait until its strides in MuJoCo are as planned.
 
     Args:
-        program: program of the gait, by further arguments.
+        program: makes the program of the gait from further arguments.
     """
-    while 2 * sum(gait.intervals) <= MOST_KNOTS:
+    while 2 * sum(gait.intervals) <= MAX_REFINED_INTERVALS:
         strides = simulate_gait(gait, "", gait.robot, SPREAD_CYCLES).strides
-        if len(strides) == SPREAD_CYCLES and abs(strides[-1] - 1) < COARSE:
+        if len(strides) == SPREAD_CYCLES and abs(strides[-1] - 1) < MAX_STRIDE_ERROR:
             break
         intervals = [2 * number for number in gait.intervals]
         try:
-            finer = _solved(program(steadiness=gait.check.steadiness, intervals=intervals), gait)
+            finer = _solve(program(steadiness=gait.check.steadiness, intervals=intervals), gait)
         except PlanningError:
             break
         finer.check.remark = gait.check.remark
@@ -220,31 +238,35 @@ def _refined(gait: Gait, program: Callable[..., GaitProgram]) -> Gait:
     return gait
 
 
-def _steady(program: Callable[..., GaitProgram], steadiness: float, near: Gait | None) -> Gait:
-    """The gait of a steadiness, or of the next lower share of it that there is.
+def _solve_steadily(
+    program: Callable[..., GaitProgram], steadiness: float, near: Gait | None
+) -> Gait:
+    """Return the gait of a steadiness, or of the largest share of it with a gait.
 
     Args:
-        program: program of the gait, by further arguments.
+        program: makes the program of the gait from further arguments.
         near: a gait to start from; if it leads to none in a plane, the robot stands at the start.
 
     Raises:
         PlanningError: with the solver's status, if there is no gait of any share.
     """
-    asked = program(steadiness=steadiness)
-    if near and asked.in_space:
-        return _solved(asked, near)
+    # Ask for the whole steadiness.
+    requested = program(steadiness=steadiness)
+    if near and requested.in_space:
+        return _solve(requested, near)
     if near:
         with contextlib.suppress(PlanningError):
-            return _solved(asked, near)
+            return _solve(requested, near)
+    # Go up its shares, each from the gait before, where there is no gait.
     try:
-        return _solved(asked)
+        return _solve(requested)
     except PlanningError:
-        if asked.in_space:
+        if requested.in_space:
             raise
-        gait = _solved(program(steadiness=LESS_STEADY[0] * steadiness))
-    for share in LESS_STEADY[1:]:
+        gait = _solve(program(steadiness=STEADINESS_SHARES[0] * steadiness))
+    for share in STEADINESS_SHARES[1:]:
         try:
-            gait = _solved(program(steadiness=share * steadiness), gait)
+            gait = _solve(program(steadiness=share * steadiness), gait)
         except PlanningError:
             break
     else:
@@ -253,95 +275,109 @@ def _steady(program: Callable[..., GaitProgram], steadiness: float, near: Gait |
     return gait
 
 
-def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LONGEST_SOLVE) -> Gait:
-    """The gait that solves a program, by the first start and barrier that succeed.
+def _solve(
+    program: GaitProgram, near: Gait | None = None, max_time: float = MAX_SOLVE_TIME
+) -> Gait:
+    """Solve a program with the first start and barrier that succeed.
 
-    Where feet do not slide evenly in it, it is solved again from there, so that they do: from
-    afar, few starts lead to a gait with this constraint.
+    Where the solution violates the limit of `FrictionGain`, the program is solved again from there
+    with this constraint: from afar, few starts lead to a gait with it.
 
     Args:
         near: a gait of a program that differs little, to start from.
-        longest: longest time of each attempt, s of processor time.
+        max_time: longest time of each attempt, s of processor time.
 
     Raises:
         PlanningError: with the solver's status, if there is none.
     """
+    # List attempts: pairs of a barrier and a start.
     attempts: list[tuple[dict[str, Any], Callable]]
     laws = [wire.law for wire in program.robot.as_single_limb.wires]
     is_hard = any(law.smoothed() is not law for law in laws)
     # An adaptive barrier needs fewer iterations, but with feet that swing it rarely converges.
     barriers = ["adaptive", "monotone"][:: -1 if (program.contacts == "swing").any() else 1]
-    attempts = [({"mu_strategy": barrier}, standing_still) for barrier in barriers]
+    attempts = [({"mu_strategy": barrier}, standing_start) for barrier in barriers]
     if program.in_space:
-        others = [partial(standing_still, warmth=warmth) for warmth in OTHER_WARMTHS]
-        attempts[1:1] = [({"mu_strategy": barriers[0]}, begin) for begin in others]
+        starts = [partial(standing_start, warmth=warmth) for warmth in ALTERNATIVE_WARMTHS]
+        attempts[1:1] = [({"mu_strategy": barriers[0]}, start) for start in starts]
     if near or is_hard:
-        begin = partial(_from_gait, gait=near) if near else _easier
-        attempts = [(FROM_GAIT, begin)]
+        start = partial(_start_from_gait, gait=near) if near else _start_from_smoothed_laws
+        attempts = [(WARM_START_BARRIER, start)]
+
     failures: list[str] = []
-    iterations, solve_time = 0, 0.0
+    iterations = 0
+    solve_time = 0.0
     while attempts:
-        barrier, begin = attempts.pop(0)
-        start = begin(program)
+        # Solve the program by the next attempt.
+        barrier, start = attempts.pop(0)
+        initial_guess = start(program)
         options = SolverOptions()
-        limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_cpu_time": longest}
-        limits["max_iter"] = MOST_ITERATIONS_IN_SPACE if program.in_space else MOST_ITERATIONS
+        limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_cpu_time": max_time}
+        limits["max_iter"] = MAX_ITERATIONS_IN_SPACE if program.in_space else MAX_ITERATIONS
         for name, value in (barrier | limits).items():
             options.SetOption(IpoptSolver.id(), name, value)
         solver = ExactHessianIpoptSolver(blocks=program.blocks)
-        result = solver.Solve(program.prog, start, options)
+        result = solver.Solve(program.prog, initial_guess, options)
         details = result.get_solver_details()
-        iterations, solve_time = iterations + details.iterations, solve_time + details.solve_time
+        iterations += details.iterations
+        solve_time += details.solve_time
         name = f"IPOPT, {barrier['mu_strategy']} barrier"
-        if result.is_success():
-            x = result.get_x_val()
-            if program.sliding not in program.blocks and not program.slides_evenly(x):
-                assert program.sliding is not None
-                program.blocks.append(program.sliding)
-                attempts = [(FROM_UNEVEN, lambda _, x=x: x)]
-                continue
-            found = GaitCheck(
-                solver=name,
-                status=details.status,
-                objective=program.objective,
-                iterations=iterations,
-                solve_time=solve_time,
-                violation=program.violation(x),
-                steadiness=np.nan if program.in_space else program.steadiness,
-                sticking_share=program.sticking_share,
-            )
-            return program.gait(x, found)
-        failures.append(f"{name}: {details.status}")
+        if not result.is_success():
+            failures.append(f"{name}: {details.status}")
+            continue
+        x = result.get_x_val()
+
+        # Solve again with the limit of friction on itself, if it is violated.
+        if program.sliding not in program.blocks and not program.has_stable_friction(x):
+            assert program.sliding is not None
+            program.blocks.append(program.sliding)
+            attempts = [(FRICTION_BARRIER, lambda _, x=x: x)]
+            continue
+        check = GaitCheck(
+            solver=name,
+            status=details.status,
+            objective=program.objective,
+            iterations=iterations,
+            solve_time=solve_time,
+            violation=program.violation(x),
+            steadiness=np.nan if program.in_space else program.steadiness,
+            sticking_share=program.sticking_share,
+        )
+        return program.gait(x, check)
     raise PlanningError("; ".join(failures))
 
 
-def _easier(program: GaitProgram) -> np.ndarray:
-    """All decision variables of the gait of a robot whose wires are easier to plan with.
+def _start_from_smoothed_laws(program: GaitProgram) -> np.ndarray:
+    """Return all decision variables of the gait of a robot with smoothed laws of wires.
 
-    If its wires have less memory, the memory is what their duty leads to.
+    If the smoothed laws have no memory, the memory follows from the gait's duty.
 
     Raises:
-        PlanningError: if there is none.
+        PlanningError: if there is no such gait.
     """
+    # Plan the gait with smoothed laws.
     robot = copy.deepcopy(program.robot)
     for wire in robot.as_single_limb.wires:
         wire.law = wire.law.smoothed()
-    gait = _solved(easier := _for_robot(program, robot))
+    smoothed_program = _with_robot(program, robot)
+    gait = _solve(smoothed_program)
     wires = program.wires
-    if easier.wires.num_states == wires.num_states:
-        return _from_gait(program, gait)
-    states = wires.settled_states(gait.wire_temperature.mean(axis=1))
+    if smoothed_program.wires.num_states == wires.num_states:
+        return _start_from_gait(program, gait)
+
+    # Simulate the true laws under its duty until heat and memory nearly repeat.
+    state = wires.settled_states(gait.wire_temperature.mean(axis=1))
     for _ in range(START_CYCLES):
-        course = [states]
+        states = [state]
         for k, step in enumerate(np.diff(gait.time)):
             duty = np.tile(gait.duty[:, k], (2, 1))
-            states = wires.integrate_states(states, duty, np.array([0.0, step]))[-1]
-            course.append(states)
-    return _from_gait(program, gait, np.array(course))
+            state = wires.integrate_states(state, duty, np.array([0.0, step]))[-1]
+            states.append(state)
+    return _start_from_gait(program, gait, np.array(states))
 
 
-def _for_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
-    """The same program for another robot."""
+def _with_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
+    """Return the same program for another robot."""
     return GaitProgram(
         robot,
         program.schedule,
@@ -354,8 +390,14 @@ def _for_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
     )
 
 
-def _from_gait(program: GaitProgram, gait: Gait, states: np.ndarray | None = None) -> np.ndarray:
-    """All decision variables of a gait, with other states x of the wires (K + 1, N), if given."""
+def _start_from_gait(
+    program: GaitProgram, gait: Gait, states: np.ndarray | None = None
+) -> np.ndarray:
+    """Return all decision variables of a gait.
+
+    Args:
+        states: states x of the wires (K + 1, N), in place of the gait's.
+    """
     N = program.wires.num_states
     x = np.zeros(program.prog.num_vars())
     # Divide the phases of the gait into the program's intervals.
@@ -366,43 +408,47 @@ def _from_gait(program: GaitProgram, gait: Gait, states: np.ndarray | None = Non
     def at_knots(values: np.ndarray) -> np.ndarray:
         return PchipInterpolator(gait.time, values, axis=1)(times).T
 
-    # Take everything from there.
+    # Interpolate the gait's signals at the program's knots; its duty is constant in an interval.
     x[program.y] = at_knots(np.vstack([gait.body_pose, gait.joint_angles]))
     x[program.forces.reshape(len(program.y), -1)] = at_knots(gait.contact_force)
-    held = np.searchsorted(gait.time, times + 0.5 * steps) - 1
-    x[program.duty] = gait.duty.T[held]
+    intervals = np.searchsorted(gait.time, times + 0.5 * steps) - 1
+    x[program.duty] = gait.duty.T[intervals]
     x[program.heat[:, :N]] = at_knots(gait.wire_states if states is None else states.T)
     x[program.heat[:, N:]] = at_knots(gait.measured_temperature)
     return program.complete(x, steps, gait.displacement)
 
 
-def _reason(program: Callable[..., GaitProgram]) -> str:
-    """What keeps a robot from a gait: that without which there would be one.
+def _infeasibility_reason(program: Callable[..., GaitProgram]) -> str:
+    """Return the limit that keeps a robot from a gait: without it there would be one.
 
     Args:
-        program: program of the gait, by further arguments.
+        program: makes the program of the gait from further arguments.
     """
-    asked = program()
-    walker = asked.walker
-    point = standing_still(asked)[asked.points[0]]
-    y, _, forces = asked.balance.split(point)
+    # Look at the robot where it stands.
+    requested = program()
+    walker = requested.walker
+    point = standing_start(requested)[requested.points[0]]
+    y, _, forces = requested.balance.split(point)
     places = walker.feet(y)[:, 0]
-    if np.ptp(places) < LEAST_STANCE * walker.size:
+    if np.ptp(places) < MIN_STANCE_SHARE * walker.size:
         return (
             f"all feet are within {1e3 * np.ptp(places):.1f} mm of each other along x, so that "
             "the body tips over; set the limbs apart"
         )
-    if forces[:, -1].min() < LEAST_LOAD * asked.load:
+    if forces[:, -1].min() < MIN_LOAD_SHARE * requested.load:
         return (
             "there is no load transfer, as a foot carries nothing where the robot stands; set the "
             "limbs so that its weight is between the feet"
         )
-    if not asked.in_space:
-        still = Stability(walker, asked.wires, np.ones((walker.num_feet, 2))).values(point)
-        if (still[: -walker.num_feet] < LEAST_PIVOT).any():
-            return TOO_SOFT
-    margin = asked.temperature_margin
-    slippery = _for_robot(asked, with_friction(asked.robot, LESS_FRICTION))
+    if not requested.in_space:
+        supported = np.ones((walker.num_feet, 2))
+        pivots = Stability(walker, requested.wires, supported).values(point)
+        if (pivots[: -walker.num_feet] < MIN_PIVOT).any():
+            return TOO_SOFT_REASON
+
+    # Relax one limit after the other, until there is a gait.
+    margin = requested.temperature_margin
+    slippery = _with_robot(requested, with_friction(requested.robot, RELAXED_FRICTION_FACTOR))
     too_cold = (
         program(temperature_margin=0.0),
         f"wires that stay {margin:g} °C below T_max are too cold, as there would be one without a "
@@ -420,22 +466,23 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
             "there is no load transfer, as a foot that slides is not relieved enough for the "
             "others to stick; set the limbs farther apart, or make the body lighter",
         ),
-        (program(steadiness=-np.inf), TOO_SOFT),
+        (program(steadiness=-np.inf), TOO_SOFT_REASON),
         (
-            program(temperature_margin=margin - MORE_HEAT),
-            f"the wires are too weak, as it would take temperatures up to {MORE_HEAT:g} °C higher",
+            program(temperature_margin=margin - RELAXED_TEMPERATURE_RISE),
+            f"the wires are too weak, as it would take temperatures up to "
+            f"{RELAXED_TEMPERATURE_RISE:g} °C higher",
         ),
     ):
         try:
-            _solved(relaxed, longest=RELAXED_TIME)
+            _solve(relaxed, max_time=RELAXED_TIME)
         except PlanningError:
             continue
         return reason
     return "no single limit of friction, stability or heat keeps it from one; try another schedule"
 
 
-def standing_still(program: GaitProgram, warmth: float = START_WARMTH) -> np.ndarray:
-    """All decision variables of a robot that stands on straight limbs, all wires equally warm.
+def standing_start(program: GaitProgram, warmth: float = START_WARMTH) -> np.ndarray:
+    """Return all decision variables of a robot that stands on straight, equally warm limbs.
 
     Args:
         warmth: how far the wires are above ambient, °C.
@@ -443,14 +490,23 @@ def standing_still(program: GaitProgram, warmth: float = START_WARMTH) -> np.nda
     Raises:
         PlanningError: if the robot does not come to rest.
     """
-    wires, walker, load = program.wires, program.walker, program.load
-    d, F, W = len(walker.stiffness), walker.num_feet, wires.num_wires
+    wires = program.wires
+    walker = program.walker
+    d = len(walker.stiffness)
+    F = walker.num_feet
+    W = wires.num_wires
+
+    # Start at straight limbs, each of which carries the same load.
     ambient = program.robot.as_single_limb.ambient_temperature
     states = wires.settled_states(np.full(W, ambient + warmth))
-    balance, up = balance_of(walker, wires), np.eye(walker.num_tangents + 1)[-1]
-    forces, feet = np.tile(load / F * up, F), walker.feet(walker.rest)
+    up = np.eye(walker.num_tangents + 1)[-1]
+    forces = np.tile(program.load / F * up, F)
+    feet = walker.feet(walker.rest)
     point = np.concatenate([walker.rest, states, forces, feet[:, :-1].ravel()])
     point[walker.height] = walker.radius - feet[:, -1].mean()
+
+    # Find the balance of configuration and forces by Newton's method.
+    balance = make_balance(walker, wires)
     targets = np.zeros(balance.num_values)
     targets[-F:] = walker.radius
     unknown = np.r_[:d, d + len(states) + np.arange(len(forces))]
@@ -466,9 +522,13 @@ def standing_still(program: GaitProgram, warmth: float = START_WARMTH) -> np.nda
         raise PlanningError("The robot does not stand on its straight limbs; are they too soft?")
     y, _, forces = balance.split(point)
     y[: walker.num_tangents] = 0.0
+
+    # Stand so at all knots, with the duty that keeps the heat.
     x = np.zeros(program.prog.num_vars())
-    x[program.y], x[program.forces] = y, forces
+    x[program.y] = y
+    x[program.forces] = forces
     x[program.heat] = np.append(states, states[:W])
     x[program.duty] = wires.holding_duty(states)
-    typical = [program.prog.GetVariableScaling()[int(step)] for step in program.time_steps]
-    return program.complete(x, np.array(typical))
+    scales = program.prog.GetVariableScaling()
+    typical_steps = np.array([scales[int(step)] for step in program.time_steps])
+    return program.complete(x, typical_steps)

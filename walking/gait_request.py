@@ -1,4 +1,4 @@
-"""What a gait is asked for: `GaitRequest`."""
+"""The request for a gait: `GaitRequest`."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -12,20 +12,21 @@ from walking.gait import Gait
 from walking.gait_program import STICKING_SHARE
 from walking.robot_parameters import RobotParameters
 
-INTERVALS, MOST_INTERVALS = 24, 240
+INTERVALS = 24
+MAX_INTERVALS = 240
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GaitRequest:
-    """What a gait is asked for, all of it optional.
+    """The properties that a gait must have; each has a default.
 
     - ``turn``: turn of the body to the left in a cycle, rad; as far as it can if infinite. To the
       right it is negative.
-    - ``stride``: travel in a cycle, m; 0 on the spot. If None, the one that is fastest, or none if
-      the turn is infinite.
+    - ``stride``: travel in a cycle, m; 0 on the spot. If None, the fastest stride, or none
+      if the turn is infinite.
     - ``speed``: speed that it has, at the least heat, m/s; the fastest if None.
-    - ``schedule``: what each foot does in each phase (P, F), of `CONTACTS`. If None, in a plane the
-      first of `sensible_schedules`, and in space the first that walks as planned.
+    - ``schedule``: contact of each foot in each phase (P, F), of `CONTACTS`. If None, in a plane
+      the first of `candidate_schedules`, and in space the first that walks as planned.
     - ``objective``: "speed" for the largest stride by period, "energy" for the least duty, summed
       over time and wires, by stride.
     - ``temperature_margin``: how far T stays below T_max, °C.
@@ -64,15 +65,13 @@ class GaitRequest:
         return Course(self.turn, self.stride, self.speed)
 
     def validate(self, robot: RobotParameters, schedule: Sequence[Sequence[str]]) -> None:
-        """Raise PlanningError for what no gait of a robot and a schedule can be asked for."""
+        """Raise PlanningError if no gait of a robot and a schedule can satisfy the request."""
         if self.objective not in ("speed", "energy"):
             raise PlanningError(
                 f"The objective is {self.objective!r}; it must be 'speed' or 'energy'."
             )
-        limits, ambient = (
-            robot.as_single_limb.temperature_limits,
-            robot.as_single_limb.ambient_temperature,
-        )
+        limits = robot.as_single_limb.temperature_limits
+        ambient = robot.as_single_limb.ambient_temperature
         if not 0 <= self.temperature_margin < limits.maximum - ambient:
             raise PlanningError(
                 f"temperature_margin is {self.temperature_margin:g} °C; it must be from 0 to less "
@@ -84,8 +83,8 @@ class GaitRequest:
             raise PlanningError(
                 f"sticking_share is {self.sticking_share:g}; it must be more than 0 and at most 1."
             )
-        if not 2 * len(schedule) <= self.intervals <= MOST_INTERVALS:
+        if not 2 * len(schedule) <= self.intervals <= MAX_INTERVALS:
             raise PlanningError(
                 f"intervals is {self.intervals}; it must be from {2 * len(schedule)}, two for each "
-                f"phase, to {MOST_INTERVALS}."
+                f"phase, to {MAX_INTERVALS}."
             )

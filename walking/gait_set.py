@@ -1,4 +1,4 @@
-"""The gaits by which a robot gets anywhere on the ground: `plan_gaits`."""
+"""A set of gaits by which a robot walks to any place on the ground: `plan_gaits`."""
 
 import contextlib
 import dataclasses
@@ -19,36 +19,37 @@ from walking.gait import Gait
 from walking.gait_planning import plan_gait
 from walking.gait_request import GaitRequest
 from walking.robot_parameters import RobotParameters
-from walking.schedules import Schedule, sensible_schedules
+from walking.schedules import Schedule, candidate_schedules
 
-AHEAD, SIDES = "ahead", {"left": 1.0, "right": -1.0}
-TURNING = (*SIDES, *(f"spot_{side}" for side in SIDES))  # names of gaits
-ARC = 0.2  # rad, in a cycle
+AHEAD = "ahead"
+SIDE_SIGNS = {"left": 1.0, "right": -1.0}
+TURNING_GAITS = (*SIDE_SIGNS, *(f"spot_{side}" for side in SIDE_SIGNS))  # names of gaits
+ARC_TURN = 0.2  # rad, in a cycle
 # rad, in a cycle on the spot, the first with which the robot turns as planned; softer robots turn
 # by less, as legs that bend farther have more than one balance.
-ON_THE_SPOT = 0.3, 0.2
+SPOT_TURNS = 0.3, 0.2
 
 
 def plan_gaits(
     robot: RobotParameters | str | Path, *, map_function: Callable = map, **options: Any
 ) -> dict[str, Gait]:
-    """Gaits ahead, along arcs to the left and right, and on the spot, which follow each other.
+    """Plan gaits ahead, along arcs to the left and right, and on the spot.
 
-    Those along arcs begin with the heat of the one ahead, where there are such gaits, so that a
-    robot changes between them at the end of a cycle. The others begin with heat of their own.
+    Where possible, gaits along arcs begin with the heat of the gait ahead, so that a robot changes
+    between them at the end of a cycle. The other gaits begin with heat of their own.
 
     Args:
         robot: description of a robot in space.
         map_function: takes a function and its arguments, as `map` does, and may call it for
-            several arguments at a time; it plans the gaits that turn.
+            several arguments at one time; it plans the gaits that turn.
         options: fields of `GaitRequest`.
 
     Returns:
-        Checked gaits by name: ahead, left, right, spot_left and spot_right, as far as there are.
-        Those that turn do not fall where friction or limbs are others, either.
+        Checked gaits by name: ahead, left, right, spot_left and spot_right, without those that were
+        not found. Gaits that turn do not fall with varied friction and limbs, either.
 
     Raises:
-        PlanningError: if none goes ahead, or none turns to each side.
+        PlanningError: if there is no gait ahead, or none that turns to one of the sides.
     """
     robot = RobotParameters.of(robot)
     if robot.body.mount != "free":
@@ -56,32 +57,34 @@ def plan_gaits(
             f"The body is {robot.body.mount}, so that it cannot turn; set body.mount to free."
         )
     request = dataclasses.replace(GaitRequest(explain=False), **options)
-    with Progress("planning", 1 + len(TURNING), "gaits") as progress:
+    with Progress("planning", 1 + len(TURNING_GAITS), "gaits") as progress:
         ahead = plan_gait(robot, request, spread=False)
         progress.update(1, "that turn")
-        signs = SIDES.values()
-        arcs = [functools.partial(_along_arc, robot, sign, ahead, request) for sign in signs]
-        spots = [functools.partial(_on_the_spot, robot, sign, request) for sign in signs]
+        signs = SIDE_SIGNS.values()
+        arcs = [functools.partial(_plan_arc, robot, sign, ahead, request) for sign in signs]
+        spots = [functools.partial(_plan_spot_turn, robot, sign, request) for sign in signs]
         gaits = {AHEAD: ahead}
         planned = map_function(operator.call, [*arcs, *spots])
-        for number, (name, gait) in enumerate(zip(TURNING, planned, strict=True)):
+        for number, (name, gait) in enumerate(zip(TURNING_GAITS, planned, strict=True)):
             progress.update(2 + number)
             if gait:
                 gaits[name] = gait
-    for side in SIDES:
+    for side in SIDE_SIGNS:
         if not {side, f"spot_{side}"} & {*gaits}:
             raise PlanningError(
                 f"The robot goes ahead, but no gait was found that turns it to the {side}, "
-                f"neither by {np.rad2deg(ARC):.0f}° along an arc nor on the spot."
+                f"neither by {np.rad2deg(ARC_TURN):.0f}° along an arc nor on the spot."
             )
     return gaits
 
 
-def _along_arc(
+def _plan_arc(
     robot: RobotParameters, sign: float, ahead: Gait, request: GaitRequest
 ) -> Gait | None:
-    """The gait that begins with the heat of the one ahead, or else with its own."""
-    request = dataclasses.replace(request, turn=sign * ARC, schedule=ahead.schedule, near=ahead)
+    """Plan a gait along an arc, with the heat of the gait ahead if possible, else with its own."""
+    request = dataclasses.replace(
+        request, turn=sign * ARC_TURN, schedule=ahead.schedule, near=ahead
+    )
     for first in (ahead, None):
         with contextlib.suppress(PlanningError):
             gait = plan_gait(robot, request, begins_as=first)
@@ -90,9 +93,9 @@ def _along_arc(
     return None
 
 
-def _on_the_spot(robot: RobotParameters, sign: float, request: GaitRequest) -> Gait | None:
-    """The gait with the largest turn, of `schedules_on_the_spot`, that never falls."""
-    for turn, schedule in itertools.product(ON_THE_SPOT, schedules_on_the_spot(robot)):
+def _plan_spot_turn(robot: RobotParameters, sign: float, request: GaitRequest) -> Gait | None:
+    """Return the gait with the largest turn, of `schedules_on_the_spot`, that never falls."""
+    for turn, schedule in itertools.product(SPOT_TURNS, schedules_on_the_spot(robot)):
         with contextlib.suppress(PlanningError):
             gait = plan_gait(robot, request, turn=sign * turn, stride=0.0, schedule=schedule)
             if _never_falls(gait):
@@ -105,19 +108,20 @@ def schedules_on_the_spot(robot: RobotParameters) -> list[Schedule]:
 
     On soft feet, four limbs that go one after the other without rests slip where they stand.
     """
-    sensible, still = sensible_schedules(robot), ["stick"] * len(robot.limbs)
+    sensible = candidate_schedules(robot)
+    still = ["stick"] * len(robot.limbs)
     with_rests = [schedule for schedule in sensible if still in schedule][:2]
     return with_rests + [each for each in sensible[:2] if each not in with_rests]
 
 
 def _never_falls(gait: Gait) -> bool:
-    """Whether it falls on no ground and with no parameters that its check tries."""
+    """Return whether no robot falls in the spread of a gait's check."""
     return not any(variation.fall for variation in gait.check.spread)
 
 
 def gait_files(folder: Path) -> list[Path]:
     """Return the files of a folder that a set of gaits may replace: its own, and other gaits."""
-    named = [folder / f"{name}.csv" for name in (AHEAD, *TURNING)]
+    named = [folder / f"{name}.csv" for name in (AHEAD, *TURNING_GAITS)]
     return named + [file for file in sorted(set(folder.glob("*.csv")) - {*named}) if _is_gait(file)]
 
 
@@ -144,7 +148,7 @@ def save_gaits(gaits: Mapping[str, Gait], folder: Path, *, force: bool = False) 
 
 
 def _is_gait(file: Path) -> bool:
-    """Whether a file is a gait that can be read."""
+    """Return whether a file is a gait that can be read."""
     with contextlib.suppress(LimbError):
         Gait.load(file)
         return True
@@ -152,7 +156,7 @@ def _is_gait(file: Path) -> bool:
 
 
 def load_gaits(folder: Path) -> dict[str, Gait]:
-    """The gaits of a folder, by the names of their files, the one ahead first.
+    """Load the gaits of a folder, by the names of their files; the gait ahead is the first.
 
     Raises:
         LimbError: if it is a file, none is named ahead, or they are of different robots.

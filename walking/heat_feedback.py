@@ -6,7 +6,7 @@ from controllers.estimator import StateEstimate
 from controllers.plan_controller import PlanController, SampledPlan
 from limb_systems import LimbParameters, Trajectory
 
-PROPORTIONAL = 1.0  # 1/s
+PROPORTIONAL_GAIN = 1.0  # 1/s
 
 
 class HeatFeedback(PlanController):
@@ -15,8 +15,8 @@ class HeatFeedback(PlanController):
     Limbs that stand on the ground together bend as the ground lets them. Feedback of a bend that
     feet hold heats the wires of that limb against each other until the feet slip: on a robot of
     three limbs under `PlanFeedback`, wires were 12 °C warmer than planned, and the fifth stride was
-    two fifths of the first. With the heat of the plan, though, the wires' torques are those of the
-    plan, whatever the feet do:
+    two fifths of the first. With the heat of the plan, though, the wires have the plan's torques,
+    whatever the feet do:
 
         D = D* + k (T* - T) / a2
 
@@ -25,7 +25,7 @@ class HeatFeedback(PlanController):
 
     No duty is beyond what `TemperatureLimiter` allows, and there is none after the plan's end.
 
-    Ports and state are those of `PlanController`.
+    For ports and state see `PlanController`.
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -37,13 +37,15 @@ class HeatFeedback(PlanController):
             parameters: description of the limb, of which estimates are made; the plan's if None.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
-        self._plan, self._duration = SampledPlan(trajectory, parameters), trajectory.duration
+        self._plan = SampledPlan(trajectory, parameters)
+        self._duration = trajectory.duration
         super().__init__(parameters, self._plan.duty[0])
 
     def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
-        k, model = self._plan.index(time), self._estimator.model
+        k = self._plan.index(time)
+        model = self._estimator.model
         if time > self._duration:
             return np.zeros(model.num_wires), np.zeros(model.num_bends)
         colder = self._plan.temperature[k] - model.temperatures(estimate.heat)
-        duty = self._plan.duty[k] + PROPORTIONAL * colder / model.heating_rates
+        duty = self._plan.duty[k] + PROPORTIONAL_GAIN * colder / model.heating_rates
         return duty, np.zeros(model.num_bends)

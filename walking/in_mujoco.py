@@ -17,8 +17,8 @@ from urdf import robot_mjcf
 from walking import Gait, RobotParameters
 from walking.robot import body_positions
 
-STEP = 2e-3  # s
-STEPS = round(PERIOD / STEP)  # in a period
+TIME_STEP = 2e-3  # s
+STEPS_PER_SAMPLE = round(PERIOD / TIME_STEP)  # in a period
 
 
 def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recording:
@@ -27,7 +27,7 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
     The torques of wires of any law are applied to the joints. Heat does not depend on the motion.
 
     Returns:
-        A recording at 20 Hz, with a sample after the last cycle; as of a `Robot`, which has the
+        A recording at 20 Hz, with a sample after the last cycle, like a `Robot`'s, with the
         force on the feet at its samples, too.
 
     Raises:
@@ -46,10 +46,10 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
     parameters = robot.as_single_limb
     num_samples = int(cycles * gait.period / PERIOD + 1e-9) + 2
     times = PERIOD * np.arange(num_samples)
-    heat, readings, forces = _wires_along(gait, robot, cycles, times)
+    heat, readings, forces = _integrate_wires(gait, robot, cycles, times)
 
     # Put the robot into the pose of the gait's first knot.
-    spec = mujoco.MjSpec.from_string(robot_mjcf(robot, wires=False, timestep=STEP))
+    spec = mujoco.MjSpec.from_string(robot_mjcf(robot, wires=False, timestep=TIME_STEP))
     spec.compiler.discardvisual = True
     model = spec.compile()
     # A motion that blows up is not begun anew. The robot is one island, which need not be found.
@@ -65,12 +65,13 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
     mujoco.mj_getState(model, data, state, full_state)
 
     # Simulate from sample to sample, with torques at the angles of the last one.
-    applied = np.zeros((STEPS, model.nv))
-    shares = np.arange(STEPS)[:, None] / STEPS
+    applied = np.zeros((STEPS_PER_SAMPLE, model.nv))
+    shares = np.arange(STEPS_PER_SAMPLE)[:, None] / STEPS_PER_SAMPLE
     places = slice(1, 1 + model.nq)
-    states, sensed = [state], []
+    states = [state]
+    sensed = []
     for before, after in itertools.pairwise(heat):
-        angles = np.tile(state[places][joints], (STEPS, 1))
+        angles = np.tile(state[places][joints], (STEPS_PER_SAMPLE, 1))
         applied[:, -parameters.num_joints :] = forces(before + shares * (after - before), angles)
         reached, on_feet = rollout.rollout(model, data, state, applied, control_spec=torques)
         state = reached[0, -1]
@@ -80,6 +81,7 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
         sensed.append(on_feet[0, 0])
     sensed.append(on_feet[0, -1])
 
+    # Record the motion with the pose of a `Robot`, and the forces on the feet.
     configurations = np.array(states)[:, places].T
     velocities = np.array(states)[:, 1 + model.nq : 1 + model.nq + model.nv].T
     pose = configurations[: joints.start]
@@ -104,7 +106,7 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
     )
 
 
-def _wires_along(
+def _integrate_wires(
     gait: Gait, robot: RobotParameters, cycles: int, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray, np.ndarray], np.ndarray]]:
     """Return x (K, N) and V (K, W) of a robot's wires at times (K,), and `Wires.forces`."""
@@ -112,16 +114,19 @@ def _wires_along(
     for segment in limbs.segments:
         segment.stiffening = 0.0  # which MuJoCo has
     wires = LimbModel.of(limbs).wires
+    # Integrate over intervals of constant duty.
     duty = gait.duty_trajectory(cycles)
     breaks = np.array(duty.get_segment_times())
     ends = np.union1d(times, breaks)
     heat = gait.initial_heat
-    course = [heat[: wires.num_states]]
-    held_until = np.append(breaks[breaks < times[-1]], times[-1])
-    for start, end in itertools.pairwise(held_until):
-        within = ends[(ends >= start) & (ends <= end)]
-        levels = np.tile(duty.value(start).ravel(), (len(within), 1))
-        course += [*wires.integrate_states(course[-1], levels, within)[1:]]
-    readings = integrate_readings(wires, np.array(course), heat[wires.num_states :], ends)
-    places = np.searchsorted(ends, times)
-    return np.array(course)[places], readings[places], wires.forces
+    states = [heat[: wires.num_states]]
+    switch_times = np.append(breaks[breaks < times[-1]], times[-1])
+    for start, end in itertools.pairwise(switch_times):
+        interval_times = ends[(ends >= start) & (ends <= end)]
+        levels = np.tile(duty.value(start).ravel(), (len(interval_times), 1))
+        states += [*wires.integrate_states(states[-1], levels, interval_times)[1:]]
+    readings = integrate_readings(wires, np.array(states), heat[wires.num_states :], ends)
+
+    # Keep the samples alone.
+    samples = np.searchsorted(ends, times)
+    return np.array(states)[samples], readings[samples], wires.forces

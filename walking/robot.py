@@ -39,18 +39,20 @@ from urdf import robot_urdf
 from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 from walking.robot_parameters import RobotParameters
 
-GROUND = 200.0, 200.0, 1.0  # m, of a box about the origin, of whose half space Drake warns
-PLANE = RotationMatrix(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]))  # x, z, -y
+GROUND_SIZE = 200.0, 200.0, 1.0  # m, of a box about the origin, of whose half space Drake warns
+PLANE_ROTATION = RotationMatrix(
+    np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+)  # x, z, -y
 
 
 class Robot(Diagram):
     """A robot of L limbs on a body: duty in; temperatures, bends, pose and contact forces out.
 
     All limbs and the body are one MultibodyPlant. On a ground, it is discrete, with steps of
-    1 ms and Drake's SAP contact; else it is continuous. Wires are those of `Limb`. A robot of one
-    welded limb without a ground is that limb.
+    1 ms and Drake's SAP contact; else it is continuous. Its wires are like the wires of `Limb`. A
+    robot of one welded limb without a ground equals that limb.
 
-    For F bends, n joints and W wires in all, N states of wires, those of the first limb first:
+    For F bends, n joints, W wires and N states of wires in all, the first limb's first:
 
     - input 0 ``duty``: D (W), in [0, 1]
     - inputs 1 to L, ``rear.duty`` and so on with each limb's name: D of its wires, which is taken
@@ -60,7 +62,7 @@ class Robot(Diagram):
     - output 2 ``wire_temperature``: T (W), °C
     - output 3 ``joint_state``: [θ, θ̇] (2n), rad and rad/s, of the limbs' joints
     - output 4 ``measurement``: [V (W), φ (F)], °C and rad
-    - outputs ``rear.measured_temperature``, ``rear.bend_angle`` and so on: those of each limb
+    - outputs ``rear.measured_temperature``, ``rear.bend_angle`` and so on: the signals of each limb
     - output ``body_pose``, unless the body is welded: x, z, m, and θ, rad, from +x towards +z, in
       the plane; or x, y, z, m, and roll, pitch and yaw, rad
     - output ``contact_force``, if there is a ground: force from the ground on each foot, N, along x
@@ -68,7 +70,7 @@ class Robot(Diagram):
       begins with the state that there is
     - state: [positions, velocities] of the plant, the body's first, and x (N), V (W) of the wires;
       by default at rest, at the rest angles, at ambient temperature, with the lowest foot of
-      straight limbs at the ground; limbs that are not alike then first settle
+      straight limbs at the ground; limbs that differ then first settle
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -84,9 +86,9 @@ class Robot(Diagram):
     ):
         """
         Args:
-            robot: description of the robot, or its YAML file, or that of a limb; the crawler if
+            robot: description of the robot, or of a limb, or its YAML file; the crawler if
                 None. The system keeps a copy, its attribute ``robot``; its attribute
-                ``parameters`` is that of all limbs together.
+                ``parameters`` describes all limbs together.
             time_step: s, of the mechanics if there is a ground.
             name: name of the system; Drake gives it one in a diagram if empty.
 
@@ -99,10 +101,14 @@ class Robot(Diagram):
         self.parameters = parameters = robot.as_single_limb
         self.source = "model"
         self.accuracy = None if robot.ground else ACCURACY  # None: heat in the mechanics' steps
+
+        # Connect wires and mechanics.
         builder = DiagramBuilder()
         plant, joint_state, force = add_plant(builder, robot, time_step)
         ports, duty = add_wire_blocks(builder, parameters, joint_state)
         builder.Connect(ports["torque"], force)
+
+        # Export the ports of the limbs, the body and the feet.
         export_limbs(builder, robot, ports, duty)
         if pose := body_pose_port(builder, plant, robot):
             builder.ExportOutput(pose, "body_pose")
@@ -112,7 +118,7 @@ class Robot(Diagram):
 
 
 def add_contact_plant(builder: DiagramBuilder, time_step: float = TIME_STEP) -> MultibodyPlant:
-    """Adds an empty discrete plant with SAP contact, and its SceneGraph, to a diagram."""
+    """Add an empty discrete plant with SAP contact, and its SceneGraph, to a diagram."""
     plant, _ = AddMultibodyPlantSceneGraph(builder, time_step)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
     plant.set_sap_near_rigid_threshold(NEAR_RIGID_THRESHOLD)
@@ -123,7 +129,7 @@ def add_contact_plant(builder: DiagramBuilder, time_step: float = TIME_STEP) -> 
 def make_robot(
     builder: DiagramBuilder, robot: RobotParameters, time_step: float = TIME_STEP
 ) -> MultibodyPlant:
-    """Adds the robot's finalized plant to a diagram, with a SceneGraph if there is a ground.
+    """Add the robot's finalized plant to a diagram, with a SceneGraph if there is a ground.
 
     Raises:
         ParameterError: as `Robot`.
@@ -142,7 +148,7 @@ def make_robot(
 def add_plant(
     builder: DiagramBuilder, robot: RobotParameters, time_step: float = TIME_STEP
 ) -> tuple[MultibodyPlant, OutputPort, InputPort]:
-    """Adds a plant by `make_robot`; returns it with the ports of the limbs' joints.
+    """Add a plant by `make_robot`; return it with the ports of the limbs' joints.
 
     Returns:
         The plant, its output port [θ, θ̇] (2n), rad and rad/s, and its input port of torques (n),
@@ -159,10 +165,10 @@ def add_plant(
 
 
 def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
-    """Parses the robot's URDF into a plant, mounts its body and adds springs, gravity and ground.
+    """Parse the robot's URDF into a plant, mount its body and add springs, gravity and ground.
 
     The plant is not finalized, so that you can add to it. Joints are named ``rear_joint_1``, ...;
-    that of the body, which moves in the plane of x and z, is ``body``, with the positions x, z, m,
+    the joint of a body that moves in the plane of x and z is ``body``, with the positions x, z, m,
     and θ, rad, from +x towards +z. Torques of wires enter at ``applied_generalized_force``.
 
     Args:
@@ -170,17 +176,22 @@ def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
         robot: description of the robot.
     """
     robot.validate()
+
+    # Add body and limbs, and mount the body.
     Parser(plant).AddModelsFromString(robot_urdf(robot), "urdf")
-    body, world = plant.GetFrameByName("body"), plant.world_frame()
+    body = plant.GetFrameByName("body")
+    world = plant.world_frame()
     if robot.body.mount == "welded":
         plant.WeldFrames(world, body)
     elif robot.body.mount == "planar":
         frames = [
-            plant.AddFrame(FixedOffsetFrame(name, parent, RigidTransform(PLANE)))
+            plant.AddFrame(FixedOffsetFrame(name, parent, RigidTransform(PLANE_ROTATION)))
             for name, parent in (("ground_plane", world), ("body_plane", body))
         ]
         plant.AddJoint(PlanarJoint("body", *frames))
     add_joint_springs(plant, limb_joints(plant, robot), robot.as_single_limb)
+
+    # Stand the robot on its ground by default.
     height = robot.standing_height if robot.ground else 0.0
     if robot.body.mount == "planar":
         plant.GetJointByName("body").set_default_translation([0.0, height])
@@ -189,17 +200,20 @@ def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
             plant.GetBodyByName("body"), RigidTransform([0.0, 0.0, height])
         )
     plant.mutable_gravity_field().set_gravity_vector(robot.world_gravity)
+
+    # Add the ground, a box whose upper side is z = 0.
     if robot.ground:
         friction = CoulombFriction(robot.ground.friction, robot.ground.friction)
         properties = ProximityProperties()
         AddContactMaterial(None, CONTACT_STIFFNESS, friction, properties)
         properties.AddProperty("material", "relaxation_time", RELAXATION_TIME)
-        shape, below = Box(*GROUND), RigidTransform([0.0, 0.0, -GROUND[2] / 2])
+        shape = Box(*GROUND_SIZE)
+        below = RigidTransform([0.0, 0.0, -GROUND_SIZE[2] / 2])
         plant.RegisterCollisionGeometry(plant.world_body(), below, shape, "ground", properties)
 
 
 def limb_joints(plant: MultibodyPlant, robot: RobotParameters) -> list[RevoluteJoint]:
-    """The joints of the limbs (n), those of the first limb first, each from base to tip."""
+    """Return the joints of the limbs (n), limb by limb, each from base to tip."""
     return [
         plant.GetJointByName(f"{limb.name}_joint_{number}")
         for limb in robot.limbs
@@ -214,7 +228,7 @@ def set_positions(
     body_pose: ArrayLike | None,
     joint_angles: ArrayLike,
 ) -> None:
-    """Puts a robot into a pose.
+    """Put a robot into a pose.
 
     Args:
         plant: finalized, with the robot.
@@ -234,7 +248,7 @@ def set_positions(
 
 
 def body_positions(body_pose: ArrayLike) -> np.ndarray:
-    """Positions of a body in its plant, from its pose as the port ``body_pose`` of `Robot`."""
+    """Return positions of a body in its plant, from its pose as in the port ``body_pose``."""
     pose = np.asarray(body_pose, float)
     if len(pose) == 3:
         return pose
@@ -247,7 +261,7 @@ def export_limbs(
     ports: Mapping[str, OutputPort],
     duty: InputPort,
 ) -> None:
-    """Exports the duty of all limbs and of each, and each limb's temperatures and bends.
+    """Export the duty of all limbs and of each, and each limb's temperatures and bends.
 
     Without duty of single limbs, which is decided once, no step of a simulation calls Python.
 
@@ -256,6 +270,7 @@ def export_limbs(
         ports: ``measured_temperature`` and ``bend_angle`` of all limbs.
         duty: input port of the duty of all limbs.
     """
+    # Take the duty of all limbs, or the joined duty of single limbs.
     joined = builder.AddSystem(_JoinedDuty(robot))
     switch = builder.AddSystem(PortSwitch(duty.size()))
     for index in range(joined.num_input_ports()):
@@ -265,18 +280,21 @@ def export_limbs(
     builder.Connect(joined.GetOutputPort("joined"), switch.DeclareInputPort("joined"))
     builder.Connect(joined.GetOutputPort("chosen"), switch.get_port_selector_input_port())
     builder.Connect(switch.get_output_port(), duty)
-    parts_of = {"measured_temperature": robot.wires_of, "bend_angle": robot.bends_of}
+
+    # Export the signals of each limb.
+    slices_of_limbs = {"measured_temperature": robot.wires_of, "bend_angle": robot.bends_of}
     for number, limb in enumerate(robot.limbs):
-        for signal, parts in parts_of.items():
-            of_limb = builder.AddSystem(MatrixGain(np.eye(ports[signal].size())[parts[number]]))
-            builder.Connect(ports[signal], of_limb.get_input_port())
-            builder.ExportOutput(of_limb.get_output_port(), f"{limb.name}.{signal}")
+        for signal, slices in slices_of_limbs.items():
+            rows = np.eye(ports[signal].size())[slices[number]]
+            selector = builder.AddSystem(MatrixGain(rows))
+            builder.Connect(ports[signal], selector.get_input_port())
+            builder.ExportOutput(selector.get_output_port(), f"{limb.name}.{signal}")
 
 
 def body_pose_port(
     builder: DiagramBuilder, plant: MultibodyPlant, robot: RobotParameters
 ) -> OutputPort | None:
-    """The pose of the body, as the port ``body_pose`` of `Robot`; None if it is welded."""
+    """Return a port with the body's pose, see ``body_pose`` of `Robot`; None if it is welded."""
     size = plant.num_multibody_states()
     if robot.body.mount == "welded":
         return None
@@ -292,7 +310,7 @@ def body_pose_port(
 def export_contact_force(
     builder: DiagramBuilder, plant: MultibodyPlant, robot: RobotParameters
 ) -> None:
-    """Exports the output port ``contact_force``, if there is a ground."""
+    """Export the output port ``contact_force``, if there is a ground."""
     if robot.ground:
         feet = [[plant.GetBodyByName(f"{limb.name}_foot").index()] for limb in robot.limbs]
         axes = [0, 2] if robot.force_size == 2 else [0, 1, 2]
@@ -327,20 +345,23 @@ class _JoinedDuty(LeafSystem):
         )
 
     def _choose(self, context, output):
-        limbs = map(self.get_input_port, range(1, self.num_input_ports()))
-        output.set_value(InputPortIndex(2 if any(port.HasValue(context) for port in limbs) else 1))
+        """Choose the joined duty if the duty of any single limb is connected."""
+        limb_ports = map(self.get_input_port, range(1, self.num_input_ports()))
+        is_any_connected = any(port.HasValue(context) for port in limb_ports)
+        output.set_value(InputPortIndex(2 if is_any_connected else 1))
 
     def _join(self, context, output):
-        of_all, *of_limbs = map(self.get_input_port, range(self.num_input_ports()))
-        connected = [port.HasValue(context) for port in of_limbs]
-        duty = np.zeros(self._size) if all(connected) else of_all.Eval(context).copy()
-        for port, given, wires in zip(of_limbs, connected, self._wires_of, strict=True):
-            if given:
+        """Put the duty of single limbs in place of their parts of the duty of all."""
+        duty_port, *limb_ports = map(self.get_input_port, range(self.num_input_ports()))
+        connected = [port.HasValue(context) for port in limb_ports]
+        duty = np.zeros(self._size) if all(connected) else duty_port.Eval(context).copy()
+        for port, is_connected, wires in zip(limb_ports, connected, self._wires_of, strict=True):
+            if is_connected:
                 duty[wires] = port.Eval(context)
         output.SetFromVector(duty)
 
 
 def _pose_in_space(state: np.ndarray) -> np.ndarray:
-    """x, y, z, roll, pitch and yaw of a free body, whose quaternion and position begin a state."""
+    """Return x, y, z, roll, pitch and yaw of a free body, whose quaternion begins the state."""
     rotation = Quaternion(state[:4] / np.linalg.norm(state[:4]))
     return np.concatenate([state[4:7], RollPitchYaw(rotation).vector()])

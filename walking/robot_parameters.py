@@ -2,7 +2,6 @@
 
 import copy
 import dataclasses
-import itertools
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,11 +25,11 @@ from limb_systems.limb_parameters import (
 )
 from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 
-FORMAT = 1  # of the YAML file
-MOUNTS = ("welded", "planar", "free")
-MOST_LIMBS = 20
-FARTHEST = 3.0  # of a hip, in lengths of body and limb
-SQUARE = 1e-6  # largest cosine between directions that are at right angles
+FORMAT_VERSION = 1  # of the YAML file
+BODY_MOUNTS = ("welded", "planar", "free")
+MAX_LIMBS = 20
+MAX_HIP_DISTANCE = 3.0  # of a hip, in lengths of body and limb
+MAX_COSINE = 1e-6  # largest cosine between directions that are at right angles
 
 
 @dataclasses.dataclass
@@ -40,9 +39,9 @@ class BodyParameters(Strict):
     - ``mount``: "planar" if it moves in the vertical plane of x and z, "free" if in space,
       "welded" if it is fixed to the world.
     - ``length``, ``width``, ``height``: along x (forward), y and z (up), m.
-    - ``mass``: kg; its centre is that of the box.
+    - ``mass``: kg; its centre is the box's.
     - ``inertia``: moments of inertia about x, y and z through the centre, kg·m², none of them
-      larger than the other two together but for rounding; those of a homogeneous box if None.
+      larger than the sum of the other two, apart from rounding; a homogeneous box's if None.
     """
 
     mount: str = "planar"
@@ -55,12 +54,18 @@ class BodyParameters(Strict):
     )
 
     @property
+    def size(self) -> float:
+        """The longest side, m."""
+        return max(self.length, self.width, self.height)
+
+    @property
     def moments(self) -> np.ndarray:
         """Moments of inertia about x, y and z (3,), kg·m²."""
         if self.inertia is not None:
-            given = np.array(self.inertia)
-            # A plate's, rounded, may break the triangle inequality; Drake would then replace all.
-            return np.minimum(given, given.sum() - given)
+            moments = np.array(self.inertia)
+            # Rounded moments of a plate may break the triangle inequality, for which Drake would
+            # replace all of them.
+            return np.minimum(moments, moments.sum() - moments)
         squares = np.square([self.length, self.width, self.height])
         return self.mass / 12 * (squares.sum() - squares)
 
@@ -108,8 +113,8 @@ class FootParameters(Strict):
     - ``radius``: m.
     - ``mass``: mass of each, kg.
     - ``stiffness``: force by which the ground presses a foot in, per depth, N/m. Along the ground
-      feet do not give way.
-    - ``damping``: that force per speed, N·s/m.
+      feet are rigid.
+    - ``damping``: the same force per speed, N·s/m.
     """
 
     radius: float = quantity(0.001, "m", 1e-4, 0.1)
@@ -142,35 +147,40 @@ def walking_limb() -> LimbParameters:
 
 
 def walking_limb_in_space() -> LimbParameters:
-    """As `walking_limb`, with a square section, three links that bend about two axes, and wires."""
+    """A limb like `walking_limb` with a square section: three wires and links, two bending axes."""
     limb = LimbParameters.in_space(wires=3, links=3)
-    segment, straight = limb.segments[0], walking_limb().segments[0]
-    segment.length, segment.mass = straight.length, straight.mass
-    segment.stiffness = straight.stiffness
+    segment = limb.segments[0]
+    planar = walking_limb().segments[0]
+    segment.length = planar.length
+    segment.mass = planar.mass
+    segment.stiffness = planar.stiffness
     return limb
 
 
-def _in_space(limbs: int) -> list[RobotLimb]:
-    """Three limbs on a circle of 4 cm, each bent outward by its first wire; or four at corners."""
+def _limbs_in_space(limbs: int) -> list[RobotLimb]:
+    """Return three limbs on a circle of 4 cm that bend outward, or four limbs at corners.
+
+    The first wire bends each of three limbs outward, and each of four limbs forward.
+    """
+    robot_limbs = []
     if limbs == 3:
-        turns = {"rear": np.pi, "left": np.pi / 3, "right": -np.pi / 3}
-        outward = {
-            name: [round(float(part), 9) for part in (np.cos(turn), np.sin(turn), 0.0)]
-            for name, turn in turns.items()
-        }
-        places = {name: [0.04 * part for part in axis] for name, axis in outward.items()}
+        angles = {"rear": np.pi, "left": np.pi / 3, "right": -np.pi / 3}
+        for name, angle in angles.items():
+            outward = [round(float(part), 9) for part in (np.cos(angle), np.sin(angle), 0.0)]
+            position = [0.04 * part for part in outward]
+            robot_limbs.append(RobotLimb(name, position=position, e2=outward))
     else:
-        corners = itertools.product(("left", "right"), ("rear", "front"))
-        sides = {"rear": -0.03, "front": 0.03, "left": 0.015, "right": -0.015}
-        places = {f"{end}_{side}": [sides[end], sides[side], 0.0] for side, end in corners}
-        outward = {name: [1.0, 0.0, 0.0] for name in places}
-    return [
-        RobotLimb(name, position=places[name], e2=outward[name], parameters=walking_limb_in_space())
-        for name in places
-    ]
+        for side, y in (("left", 0.015), ("right", -0.015)):
+            for end, x in (("rear", -0.03), ("front", 0.03)):
+                name = f"{end}_{side}"
+                robot_limbs.append(RobotLimb(name, position=[x, y, 0.0], e2=[1.0, 0.0, 0.0]))
+    for limb in robot_limbs:
+        limb.parameters = walking_limb_in_space()
+    return robot_limbs
 
 
-def _rear_and_front() -> list[RobotLimb]:
+def _rear_and_front_limbs() -> list[RobotLimb]:
+    """Return the two limbs of the crawler."""
     return [
         RobotLimb(name, position=[x, 0.0, 0.0], parameters=walking_limb())
         for name, x in (("rear", -0.03), ("front", 0.03))
@@ -190,13 +200,13 @@ class RobotParameters(ConnectedLimbs):
     - ``feet``: `FootParameters`.
     - ``ground``: `GroundParameters`; None if there is none.
     - ``gravity``: acceleration along x, y and z of a level world, m/s².
-    - ``total_duty``: largest sum of the duties of all wires at a time, for which the supply is
+    - ``total_duty``: largest sum of the duties of all wires at one time, for which the supply is
       made.
     """
 
-    format: int = quantity(FORMAT, "", FORMAT, FORMAT)
+    format: int = quantity(FORMAT_VERSION, "", FORMAT_VERSION, FORMAT_VERSION)
     body: BodyParameters = dataclasses.field(default_factory=BodyParameters)
-    limbs: list[RobotLimb] = dataclasses.field(default_factory=_rear_and_front)
+    limbs: list[RobotLimb] = dataclasses.field(default_factory=_rear_and_front_limbs)
     feet: FootParameters = dataclasses.field(default_factory=FootParameters)
     ground: GroundParameters | None = dataclasses.field(default_factory=GroundParameters)
     gravity: list[float] = quantity((0.0, 0.0, -9.81), "m/s²", -100.0, 100.0)
@@ -216,7 +226,7 @@ class RobotParameters(ConnectedLimbs):
                 f"limbs is {limbs}; a robot in space has three or four by default, and any number "
                 "in a description of yours."
             )
-        robot = cls(body=BodyParameters(mount="free"), limbs=_in_space(limbs), total_duty=3.0)
+        robot = cls(body=BodyParameters(mount="free"), limbs=_limbs_in_space(limbs), total_duty=3.0)
         if limbs == 3:
             robot.body.length = robot.body.width = 0.09
         else:
@@ -225,7 +235,7 @@ class RobotParameters(ConnectedLimbs):
 
     @classmethod
     def of_limb(cls, limb: LimbParameters) -> "RobotParameters":
-        """A limb as a robot: alone on a welded body, its axes those of the world."""
+        """Return a robot of one limb on a welded body, with the limb's axes along the world's."""
         return cls(
             body=BodyParameters(mount="welded"),
             limbs=[RobotLimb("limb", e1=[1.0, 0.0, 0.0], e2=[0.0, 1.0, 0.0], parameters=limb)],
@@ -236,28 +246,29 @@ class RobotParameters(ConnectedLimbs):
 
     @classmethod
     def of(cls, robot: "RobotParameters | LimbParameters | str | Path | None") -> "RobotParameters":
-        """As `LimbParameters.of`; a limb becomes a robot `of_limb`."""
+        """Return a robot from parameters or a file, see `LimbParameters.of`.
+
+        A limb becomes a robot `of_limb`.
+        """
         return super().of(cls.of_limb(robot) if isinstance(robot, LimbParameters) else robot)
 
     @classmethod
     def from_yaml(cls, text: str) -> "RobotParameters":
-        """Parses YAML text of a robot, or of a limb, which becomes a robot `of_limb`."""
+        """Parse YAML text of a robot, or of a limb, which becomes a robot `of_limb`."""
         if re.search(r"^segments:", text, re.MULTILINE):
             return cls.of_limb(LimbParameters.from_yaml(text))
         return super().from_yaml(text)
 
     def plausibility_warnings(self, where: str = "") -> list[str]:
-        """Return sentences on what is odd about the limbs, as `Described.plausibility_warnings`."""
-        return [
-            oddity
-            for index, limb in enumerate(self.limbs)
-            for oddity in limb.parameters.plausibility_warnings(
-                where if self.is_limb else f"{where}limbs[{index}].parameters."
-            )
-        ]
+        """Return sentences on implausible values of the limbs, see `Described`."""
+        sentences = []
+        for index, limb in enumerate(self.limbs):
+            path = where if self.is_limb else f"{where}limbs[{index}].parameters."
+            sentences += limb.parameters.plausibility_warnings(path)
+        return sentences
 
     def without_provenance(self) -> "RobotParameters":
-        """Return these parameters without what made those of the limbs."""
+        """Return these parameters without the provenance of the limbs."""
         limbs = [
             dataclasses.replace(limb, parameters=limb.parameters.without_provenance())
             for limb in self.limbs
@@ -268,10 +279,17 @@ class RobotParameters(ConnectedLimbs):
         """Raise ParameterError for the first field that is out of its range."""
         with reraise_as(ParameterError):
             validate(self)
+        self._validate_body()
+        self._validate_gravity()
+        self._validate_limbs()
+        self._validate_sizes()
+
+    def _validate_body(self) -> None:
+        """Raise ParameterError if the body's mount, mass or inertia is impossible."""
         body = self.body
-        if body.mount not in MOUNTS:
+        if body.mount not in BODY_MOUNTS:
             raise ParameterError(
-                f"body.mount is {body.mount!r}; it must be one of {', '.join(MOUNTS)}."
+                f"body.mount is {body.mount!r}; it must be one of {', '.join(BODY_MOUNTS)}."
             )
         if body.inertia is not None and (
             len(body.inertia) != 3 or 2 * max(body.inertia) > sum(body.inertia) * (1 + 1e-9)
@@ -282,16 +300,18 @@ class RobotParameters(ConnectedLimbs):
             )
         sizes = {"length": body.length, "width": body.width, "height": body.height}
         check_density(body.mass, sizes, "body")
-        size = max(sizes.values())
-        if body.moments.max() > body.mass * size**2:
+        largest = body.mass * body.size**2
+        if body.moments.max() > largest:
             raise ParameterError(
-                f"body.inertia is {body.inertia} kg·m², but that of {body.mass:g} kg at the far "
-                f"end of the body would be {body.mass * size**2:.2g} kg·m²; is it in other units?"
+                f"body.inertia is {body.inertia} kg·m², but a mass of {body.mass:g} kg at the far "
+                f"end of the body would have {largest:.2g} kg·m²; is it in other units?"
             )
-        self._validate_gravity()
-        if not 1 <= len(self.limbs) <= MOST_LIMBS:
+
+    def _validate_limbs(self) -> None:
+        """Raise ParameterError if a limb is invalid, or if the limbs do not go together."""
+        if not 1 <= len(self.limbs) <= MAX_LIMBS:
             raise ParameterError(
-                f"limbs has {len(self.limbs)} elements; a robot has 1 to {MOST_LIMBS}."
+                f"limbs has {len(self.limbs)} elements; a robot has 1 to {MAX_LIMBS}."
             )
         names = [limb.name for limb in self.limbs]
         for index, limb in enumerate(self.limbs):
@@ -304,8 +324,9 @@ class RobotParameters(ConnectedLimbs):
             for field in ("ambient_temperature", "temperature_limits"):
                 if getattr(limb.parameters, field) != getattr(first, field):
                     raise ParameterError(
-                        f"{where}.parameters.{field} differs from that of limb {names[0]}; the "
-                        "limbs of a robot share the air and the limits of heat, so make them equal."
+                        f"{where}.parameters.{field} differs from the value of limb {names[0]}; "
+                        "the limbs of a robot share the air and the temperature limits, so make "
+                        "them equal."
                     )
 
         wires = self.as_single_limb.wire_names
@@ -314,27 +335,34 @@ class RobotParameters(ConnectedLimbs):
                 f"The names of limbs make the names of wires {', '.join(wires)}, of which some "
                 "are the same; give the limbs other names."
             )
+
+    def _validate_sizes(self) -> None:
+        """Raise ParameterError if hips or feet look as if they were in other units."""
+        # Compare places of limbs and the size of feet with body and limbs.
+        size = self.body.size
         lengths = [limb.parameters.length for limb in self.limbs]
         for index, (limb, length) in enumerate(zip(self.limbs, lengths, strict=True)):
-            if (far := np.abs(limb.position).max()) > FARTHEST * (size + length):
+            distance = np.abs(limb.position).max()
+            if distance > MAX_HIP_DISTANCE * (size + length):
                 raise ParameterError(
-                    f"limbs[{index}].position is {limb.position} m, {far:g} m from the middle of "
-                    f"a body of {size:g} m; is it in other units?"
+                    f"limbs[{index}].position is {limb.position} m, {distance:g} m from the middle "
+                    f"of a body of {size:g} m; is it in other units?"
                 )
         if self.feet.radius > min(lengths) / 2:
             raise ParameterError(
                 f"feet.radius is {self.feet.radius:g} m, more than half of a limb's length; is it "
                 "in mm?"
             )
-        carried = body.mass + sum(s.mass for s in self.as_single_limb.segments)
-        if self.feet.mass > carried:
+        carried_mass = self.body.mass + sum(s.mass for s in self.as_single_limb.segments)
+        if self.feet.mass > carried_mass:
             raise ParameterError(
                 f"feet.mass is {self.feet.mass:g} kg, more than all the rest of the robot, which "
-                f"is {carried:g} kg; is it in grams?"
+                f"is {carried_mass:g} kg; is it in grams?"
             )
 
-        pressed = carried * float(np.linalg.norm(self.gravity)) / len(self.limbs)
-        depth = pressed / self.feet.stiffness
+        # Compare the depth to which the weight presses the feet in with their thickness.
+        load = carried_mass * float(np.linalg.norm(self.gravity)) / len(self.limbs)
+        depth = load / self.feet.stiffness
         if self.ground and self.pose_size and depth > 2 * self.feet.radius:
             raise ParameterError(
                 f"feet.stiffness is {self.feet.stiffness:g} N/m, so that the robot's weight "
@@ -343,6 +371,7 @@ class RobotParameters(ConnectedLimbs):
             )
 
     def _validate_gravity(self) -> None:
+        """Raise ParameterError if gravity does not press the robot on its ground, in its plane."""
         _validate_vector(self.gravity, "gravity")
         if self.ground and self.world_gravity[2] >= 0:
             raise ParameterError(
@@ -356,10 +385,13 @@ class RobotParameters(ConnectedLimbs):
             )
 
     def _validate_place(self, limb: RobotLimb, where: str) -> None:
+        """Raise ParameterError if a limb's place or axes are impossible on this body."""
         for name in ("position", "e1", "e2"):
             _validate_vector(getattr(limb, name), f"{where}.{name}")
         lengths = [np.linalg.norm(axis) for axis in (limb.e1, limb.e2)]
-        if min(lengths) < SQUARE or abs(np.dot(limb.e1, limb.e2)) > SQUARE * np.prod(lengths):
+        if min(lengths) < MAX_COSINE or abs(np.dot(limb.e1, limb.e2)) > MAX_COSINE * np.prod(
+            lengths
+        ):
             raise ParameterError(
                 f"{where} has e1 = {limb.e1} and e2 = {limb.e2}; both must have a direction, at "
                 "right angles to each other."
@@ -371,7 +403,7 @@ class RobotParameters(ConnectedLimbs):
                 f"{where} bends in space, but the body moves in a plane; set body.mount to free, "
                 "or the axes of the limb's segments to 1."
             )
-        if max(abs(limb.e1[1]), abs(limb.e2[1])) > SQUARE:
+        if max(abs(limb.e1[1]), abs(limb.e2[1])) > MAX_COSINE:
             raise ParameterError(
                 f"{where} has e1 = {limb.e1} and e2 = {limb.e2}, out of the plane of x and z in "
                 "which the body moves; their second numbers must be 0."
@@ -390,7 +422,7 @@ class RobotParameters(ConnectedLimbs):
         raise ParameterError(f"This robot has no limb {name!r}; it has {names}.")
 
     def limb_alone(self, name: str) -> LimbParameters:
-        """The parameters of a limb that is taken off, which carries its foot as payload.
+        """The parameters of a limb without the robot; it carries its foot as payload.
 
         Raises:
             ParameterError: if no limb has that name.
@@ -400,18 +432,20 @@ class RobotParameters(ConnectedLimbs):
         return limb
 
     def with_limbs(self, limbs: Mapping[str, LimbParameters]) -> "RobotParameters":
-        """This robot with limbs that were calibrated alone, as `limb_alone` has them, by name.
+        """Return this robot with limbs that were calibrated alone, see `limb_alone`.
 
-        The air of the robot is as warm as on average for the limbs. The limits of heat are the
-        robot's.
+        The robot's ambient temperature is the mean of the limbs'. Its temperature limits stay.
+
+        Args:
+            limbs: calibrated limbs by name.
 
         Raises:
-            ParameterError: if no limb has such a name, or they do not fit the robot.
+            ParameterError: if no limb has such a name, or a limb does not fit the robot.
         """
         robot = copy.deepcopy(self)
         ambient = float(np.mean([limb.ambient_temperature for limb in limbs.values()]))
         for name in limbs:
-            robot.limb(name)  # which raises
+            robot.limb(name)  # raises ParameterError for an unknown name
         for limb in robot.limbs:
             if limb.name in limbs:
                 limb.parameters = copy.deepcopy(limbs[limb.name])
@@ -425,27 +459,28 @@ class RobotParameters(ConnectedLimbs):
 
     @property
     def is_limb(self) -> bool:
-        """Whether this is one limb that is held, and `together` describes all of it."""
+        """True for one limb on a welded body, which `as_single_limb` describes completely."""
         return len(self.limbs) == 1 and self.body.mount == "welded"
 
     @property
     def as_single_limb(self) -> LimbParameters:
-        """All limbs as one: their segments in order, with the limbs' names.
+        """All limbs as a single limb: their segments in order, with the limbs' names.
 
-        Whatever is about wires, joints and bends takes a robot by it: `LimbModel`,
-        recordings, supervisors and boards. Where the limbs are it does not say. Its ``board`` has
-        the serial numbers of all limbs' boards, if all were calibrated on one, or is the emulated
-        robot that all of them are of.
+        `LimbModel`, recordings, supervisors and boards use it for wires, joints and bends. It does
+        not have the places of the limbs. Its ``board`` has the serial numbers of all limbs' boards
+        if each limb was calibrated on a board; it is the emulated robot if all limbs are parts of
+        it.
         """
         if self.is_limb:
             limb = copy.deepcopy(self.limbs[0].parameters)
             limb.gravity = (self.limbs[0].axes.T @ self.world_gravity + 0.0).tolist()
             return limb
         segments = []
-        for part in self.limbs:
-            own = part.parameters.segments
-            for number, segment in enumerate(own, 1):
-                name = part.name if len(own) == 1 else f"{part.name}_{number}"
+        for robot_limb in self.limbs:
+            limb_segments = robot_limb.parameters.segments
+            for number, segment in enumerate(limb_segments, 1):
+                is_single = len(limb_segments) == 1
+                name = robot_limb.name if is_single else f"{robot_limb.name}_{number}"
                 segments.append(dataclasses.replace(segment, name=name))
         first = self.limbs[0].parameters
         return LimbParameters(
@@ -458,13 +493,13 @@ class RobotParameters(ConnectedLimbs):
 
     @property
     def _board(self) -> BoardIdentity:
+        """The identity of the emulated robot, or of all limbs' boards."""
         boards = [limb.parameters.board for limb in self.limbs]
-        names = [limb.name for limb in self.limbs]
         first = boards[0]
-        if isinstance(first, EmulatedLimb) and boards == [
-            dataclasses.replace(first, limb=name) for name in names
-        ]:
-            return dataclasses.replace(first, limb="")
+        if isinstance(first, EmulatedLimb):
+            robot_boards = [dataclasses.replace(first, limb=limb.name) for limb in self.limbs]
+            if boards == robot_boards:
+                return dataclasses.replace(first, limb="")
         numbers = [getattr(board, "serial_number", "") for board in boards]
         return SerialBoard(", ".join(dict.fromkeys(numbers))) if all(numbers) else NoBoard()
 
@@ -472,7 +507,8 @@ class RobotParameters(ConnectedLimbs):
     def world_gravity(self) -> np.ndarray:
         """Gravity (3,) in the world, whose x is along the sloping ground, m/s²."""
         slope = self.ground.slope if self.ground else 0.0
-        cosine, sine = np.cos(slope), np.sin(slope)
+        cosine = np.cos(slope)
+        sine = np.sin(slope)
         return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]) @ self.gravity
 
     @property
@@ -502,7 +538,7 @@ class RobotParameters(ConnectedLimbs):
         return 2 if self.body.mount == "planar" else 3
 
     def signal_columns(self) -> dict[str, list[str]]:
-        """Return the columns of ``body_pose`` and ``contact_force``, as far as there are such."""
+        """Return the columns of ``body_pose`` and ``contact_force``, if the robot has them."""
         poses = {"planar": "x_m z_m pitch_deg", "free": "x_m y_m z_m roll_deg pitch_deg yaw_deg"}
         columns = {}
         if self.body.mount in poses:
@@ -516,14 +552,17 @@ class RobotParameters(ConnectedLimbs):
 
     def pose_rows(self) -> list[tuple[str, str, float]]:
         """Return name, unit and scale from SI of each row of the body's pose."""
-        lengths, turns = {0: ("", ()), 3: ("xz", ("pitch",)), 6: ("xyz", ("roll", "pitch", "yaw"))}[
-            self.pose_size
-        ]
-        rows = [(axis, "mm", 1e3) for axis in lengths]
-        return rows + [(turn, "°", np.rad2deg(1.0)) for turn in turns]
+        names = {
+            "welded": ([], []),
+            "planar": (["x", "z"], ["pitch"]),
+            "free": (["x", "y", "z"], ["roll", "pitch", "yaw"]),
+        }
+        axes, angles = names[self.body.mount]
+        rows = [(axis, "mm", 1e3) for axis in axes]
+        return rows + [(angle, "°", np.rad2deg(1.0)) for angle in angles]
 
     def surroundings(self) -> str:
-        """Return what it stands on, in words."""
+        """Return the ground in words."""
         if self.ground is None:
             return "no ground"
         slope = np.rad2deg(self.ground.slope)
@@ -540,17 +579,17 @@ class RobotParameters(ConnectedLimbs):
 
     @property
     def joints_of(self) -> list[slice]:
-        """Places of each limb's joints among those of all."""
+        """Indices of each limb's joints among all limbs\'."""
         return slices([limb.parameters.num_joints for limb in self.limbs])
 
     @property
     def wires_of(self) -> list[slice]:
-        """Places of each limb's wires among those of all."""
+        """Indices of each limb's wires among all limbs\'."""
         return slices([len(limb.parameters.wires) for limb in self.limbs])
 
     @property
     def bends_of(self) -> list[slice]:
-        """Places of each limb's bends among those of all."""
+        """Indices of each limb's bends among all limbs\'."""
         return slices([sum(s.axes for s in limb.parameters.segments) for limb in self.limbs])
 
 

@@ -18,12 +18,12 @@ from walking.robot_parameters import RobotParameters
 class RobotSpecimen(Specimen):
     """A particular robot: all its limbs as one `Specimen`, and what carries them.
 
-    - ``robot``: `RobotParameters` as a lab would know them beforehand.
+    - ``robot``: `RobotParameters` as a lab would describe them beforehand.
     - ``drawn``: description with the true masses, places of the limbs and friction of the ground.
     - ``foot_friction``: μ between each foot and that ground (L,); empty without a ground.
 
-    Beside the effects of limbs it may be `without` "body", so that masses and places are as
-    described, and without "ground", so that μ is.
+    In addition to effects of limbs, `without` takes "body", for the described masses and places,
+    and "ground", for the described μ.
     """
 
     kind = RobotParameters
@@ -42,7 +42,8 @@ class RobotSpecimen(Specimen):
         self.robot = copy.deepcopy(robot)
         for limb in self.robot.limbs:
             self.around_calibrated |= limb.parameters.calibration is not None
-            limb.parameters.board, limb.parameters.calibration = NoBoard(), None
+            limb.parameters.board = NoBoard()
+            limb.parameters.calibration = None
         self._drawn_around = self.robot.to_yaml()
         self.drawn = copy.deepcopy(self.robot)
         uniform = np.random.default_rng([seed, len(robot.limbs)]).uniform
@@ -50,12 +51,13 @@ class RobotSpecimen(Specimen):
         self.foot_friction: list[float] = []
         if ground := self.drawn.ground:
             ground.friction *= uniform(0.7, 1.3)  # another floor, dust, wear
-            shares = uniform(0.9, 1.1, len(robot.limbs))  # feet are not alike
+            shares = uniform(0.9, 1.1, len(robot.limbs))  # feet differ
             self.foot_friction = (ground.friction * shares).tolist()
 
     def _draw_body(self, uniform) -> None:
-        """Draws masses to 10%, as parts are cast and glued, and places of the limbs to 1 mm."""
-        body, feet = self.drawn.body, self.drawn.feet
+        """Draw masses to 10%, as parts are cast and glued, and places of the limbs to 1 mm."""
+        body = self.drawn.body
+        feet = self.drawn.feet
         body.mass *= (share := uniform(0.9, 1.1))
         if body.inertia is not None:
             body.inertia = [share * moment for moment in body.inertia]
@@ -66,28 +68,30 @@ class RobotSpecimen(Specimen):
                 segment.mass *= uniform(0.9, 1.1)
 
     def without(self, *effects: str) -> "RobotSpecimen":
-        """As `Specimen.without`, with the effects of the class."""
-        specimen, described = super().without(*effects), copy.deepcopy(self.robot)
+        """Return the specimen without some effects, see `Specimen.without`."""
+        specimen = super().without(*effects)
+        described = copy.deepcopy(self.robot)
         if "body" in effects:
-            described.ground, specimen.drawn = specimen.drawn.ground, described
+            described.ground = specimen.drawn.ground
+            specimen.drawn = described
         if "ground" in effects and self.robot.ground:
             specimen.drawn.ground = copy.deepcopy(self.robot.ground)
             specimen.foot_friction = [self.robot.ground.friction] * len(self.robot.limbs)
         return specimen
 
     def true_robot(self) -> RobotParameters:
-        """Parameters of the mechanics: as `drawn`, and of the limbs as of `mechanics`."""
+        """Return the true parameters: body and ground of `drawn`, limbs of `mechanics`."""
         robot = copy.deepcopy(self.drawn)
         segments = iter(self.mechanics().segments)
         for limb in robot.limbs:
             limb.parameters.segments = [
-                dataclasses.replace(next(segments), mass=own.mass, name=own.name)
-                for own in limb.parameters.segments
+                dataclasses.replace(next(segments), mass=drawn.mass, name=drawn.name)
+                for drawn in limb.parameters.segments
             ]
         return robot
 
     def limb(self, name: str) -> "LimbOfRobot":
-        """A limb with its foot, unused, taken off and weighed, to calibrate it on a `LimbTwin`."""
+        """Return an unused limb with its foot alone, to calibrate it on a `LimbTwin`."""
         return LimbOfRobot(self, name)
 
 
@@ -106,7 +110,8 @@ class LimbOfRobot(Specimen):
         start = sum(places[:number])
         self.wires = robot.wires[robot.drawn.wires_of[number]]
         self.segments = robot.segments[start : start + places[number]]
-        self.ambient, self.absent = robot.ambient, robot.absent
+        self.ambient = robot.ambient
+        self.absent = robot.absent
         self._board = dataclasses.replace(robot.board, limb=name)
 
     @property

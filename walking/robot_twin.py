@@ -1,4 +1,4 @@
-"""The emulated robot: emulated limbs on a body, its masses and its ground's friction its own."""
+"""The emulated robot: emulated limbs on a body, with masses and friction drawn by a seed."""
 
 import copy
 import dataclasses
@@ -31,22 +31,22 @@ class RobotTwin(Diagram):
     """An emulated robot, with the ports of `Robot` as far as a lab has them.
 
     It is an emulation, not a measurement of a robot. The seed draws a `RobotSpecimen`: its limbs
-    have the lumped physics of `LimbTwin`, all on one plant as that of `Robot`, with contact; its
-    masses, the places of its limbs and the friction of each foot are its own. Its body is seen
-    by a `camera`.
+    have the lumped physics of `LimbTwin`, all on one plant with contact, like `Robot`. Its masses,
+    the places of its limbs and the friction of each foot differ from the description. A `camera`
+    sees its body.
 
-    For L limbs with F bends, n joints and W wires in all, those of the first limb first:
+    For L limbs with F bends, n joints and W wires in all, the first limb's first:
 
-    - inputs 0 to L: ``duty`` (W), ``rear.duty`` and so on, as of `Robot`
+    - inputs 0 to L: ``duty`` (W), ``rear.duty`` and so on, as in `Robot`
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
     - output 1 ``bend_angle``: φ (F), rad, as bend sensors read it
     - output 2 ``applied_duty``: D (W) in the steps of the PWM
     - output 3 ``measurement``: [V (W), φ (F)], as they are read
-    - output 4 ``cut_out``: 1 once a wire was measured at the board's limit, as of `LimbTwin`
+    - output 4 ``cut_out``: 1 once a wire was measured at the board's limit, see `LimbTwin`
     - only if the truth is asked for: ``wire_temperature`` (W), °C, ``joint_state`` [θ, θ̇]
-      (2n), rad and rad/s, ``true_body_pose`` and ``contact_force``, as of `Robot`
-    - ``body_pose``, unless the body is welded: as of `Robot`, as the camera sees it at 10 Hz
-    - ``rear.measured_temperature``, ``rear.bend_angle`` and so on: those of each limb
+      (2n), rad and rad/s, ``true_body_pose`` and ``contact_force``, as in `Robot`
+    - ``body_pose``, unless the body is welded: see `Robot`; as the camera sees it at 10 Hz
+    - ``rear.measured_temperature``, ``rear.bend_angle`` and so on: the signals of each limb
 
     ``robot`` describes it as a lab would before calibration, ``parameters`` all limbs together;
     their ``board`` is the robot's identity. It keeps its state after a simulation, as `LimbTwin`.
@@ -73,7 +73,7 @@ class RobotTwin(Diagram):
             robot: description of the kind of robot, or its YAML file; the crawler if None.
                 The seed draws the robot around it.
             seed: seed of the particular robot and its sensors' noise.
-            extra: effects that its limbs have beside those of every limb, see `Specimen`.
+            extra: effects of its limbs in addition to the default ones, see `Specimen`.
             specimen: the particular robot, in place of these three.
             bend_rate: rate at which the bend sensors are read, Hz.
             time_step: step of the mechanics on a ground, s.
@@ -86,7 +86,8 @@ class RobotTwin(Diagram):
         super().__init__()
         if specimen is None:
             specimen = RobotSpecimen(RobotParameters.of(robot), seed, extra)
-        self.specimen, self.robot = specimen, copy.deepcopy(specimen.robot)
+        self.specimen = specimen
+        self.robot = copy.deepcopy(specimen.robot)
         for limb in self.robot.limbs:
             limb.parameters.board = dataclasses.replace(specimen.board, limb=limb.name)
         self.parameters = copy.deepcopy(specimen.description)
@@ -94,10 +95,14 @@ class RobotTwin(Diagram):
         self.source = f"emulated robot, {specimen.label}"
         self.accuracy = None if self.robot.ground else SPACE_ACCURACY
 
-        builder, true = DiagramBuilder(), specimen.true_robot()
+        # Add the true mechanics, with the friction of each foot.
+        builder = DiagramBuilder()
+        true = specimen.true_robot()
         plant, joint_state, force = add_plant(builder, true, time_step)
         if true.ground:
             _set_friction(builder.GetSubsystemByName("scene_graph"), plant, specimen)
+
+        # Add wires, sensors and the camera.
         pose = body_pose_port(builder, plant, true)
         ports, duty = add_physics(
             builder,
@@ -115,6 +120,8 @@ class RobotTwin(Diagram):
             if pose:
                 builder.ExportOutput(pose, "true_body_pose")
             export_contact_force(builder, plant, true)
+
+        # Begin in the state after the last simulation, or at the rest angles.
         if "plant" in specimen.state:
             plant.SetDefaultPositions(specimen.state["plant"][: plant.num_positions()])
         else:
@@ -124,11 +131,11 @@ class RobotTwin(Diagram):
 
     @classmethod
     def of(cls, robot: RobotParameters, seed: int = 0, *, truth: bool = False) -> "RobotTwin":
-        """The emulated robot whose limbs a robot's were calibrated on, unused.
+        """Return the unused emulated robot on which a robot's limbs were calibrated.
 
         Args:
-            robot: if its limbs were not calibrated on those of one emulated robot, a robot of
-                its kind is drawn.
+            robot: if its limbs were not calibrated on one emulated robot, a robot of its kind is
+                drawn.
             seed: seed of that draw.
             truth: as for the constructor.
 
@@ -142,7 +149,7 @@ class RobotTwin(Diagram):
     def after_rest(
         self, pause: float = 0.0, *, bend_rate: float = 20.0, truth: bool = False
     ) -> "RobotTwin":
-        """The same robot in its present state, or after a pause without heat.
+        """Return the same robot in its present state, or after a pause without heat.
 
         Args:
             pause: s, to cool down where it stands.
@@ -161,13 +168,15 @@ class RobotTwin(Diagram):
 
 
 def _set_friction(scene_graph: SceneGraph, plant: MultibodyPlant, specimen: RobotSpecimen) -> None:
-    """Sets μ of each foot. Drake takes 2 a b / (a + b) of two bodies' coefficients a and b."""
+    """Set μ of each foot. Drake takes 2 a b / (a + b) of two bodies' coefficients a and b."""
     assert specimen.drawn.ground
     ground = specimen.drawn.ground.friction
     for limb, friction in zip(specimen.robot.limbs, specimen.foot_friction, strict=True):
         (foot,) = plant.GetCollisionGeometriesForBody(plant.GetBodyByName(f"{limb.name}_foot"))
         described = scene_graph.model_inspector().GetProximityProperties(foot)
         properties = ProximityProperties(described)
-        own = friction * ground / (2 * ground - friction)
-        properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(own, own))
+        coefficient = friction * ground / (2 * ground - friction)
+        properties.UpdateProperty(
+            "material", "coulomb_friction", CoulombFriction(coefficient, coefficient)
+        )
         scene_graph.AssignRole(plant.get_source_id(), foot, properties, RoleAssign.kReplace)

@@ -1,4 +1,4 @@
-"""Schedules of gaits: what each foot does, phase by phase, and those that are worth trying.
+"""Schedules of gaits: the contact of each foot in each phase, and candidates to try.
 
 In text, a phase is a letter for each foot, and a space ends it: ``fs ss sf ss`` is a crawl of two
 feet, of which the first slides forward, then both stick while the body shifts, and so on.
@@ -18,8 +18,8 @@ LETTERS = dict(zip("sfbdl", CONTACTS, strict=True))  # forward, backward, dragge
 Schedule = list[list[str]]
 
 
-def schedule_of(text: str, num_feet: int) -> Schedule:
-    """The contact of each foot in each phase (P, F), from text such as ``fs ss sf ss``.
+def parse_schedule(text: str, num_feet: int) -> Schedule:
+    """Return the contact of each foot in each phase (P, F), from text such as ``fs ss sf ss``.
 
     Raises:
         PlanningError: if it is not such text for so many feet.
@@ -34,40 +34,41 @@ def schedule_of(text: str, num_feet: int) -> Schedule:
     return [[LETTERS[letter] for letter in phase] for phase in phases]
 
 
-def schedule_text(schedule: Sequence[Sequence[str]]) -> str:
-    """Text of a schedule, as `schedule_of` reads it."""
+def format_schedule(schedule: Sequence[Sequence[str]]) -> str:
+    """Return the text of a schedule, which `parse_schedule` reads."""
     letters = {contact: letter for letter, contact in LETTERS.items()}
     return " ".join("".join(letters[contact] for contact in phase) for phase in schedule)
 
 
 def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) -> None:
-    """Checks whether there can be a gait of a schedule.
+    """Check that there can be a gait of a schedule.
 
     Raises:
         PlanningError: if it has other feet or contacts, or nothing holds the body at some time.
     """
-    num_feet, in_space = len(robot.limbs), robot.body.mount == "free"
+    num_feet = len(robot.limbs)
+    in_space = robot.body.mount == "free"
     for phase in schedule:
         if len(phase) != num_feet or set(phase) - {*CONTACTS}:
             raise PlanningError(
                 f"The schedule has the phase {short_repr(list(phase))}; each phase must have one "
                 f"of {', '.join(CONTACTS)} for each of {num_feet} feet."
             )
-    other = {"slide_forward", "slide_backward"} if in_space else {"slide"}
-    if other & {contact for phase in schedule for contact in phase}:
+    forbidden = {"slide_forward", "slide_backward"} if in_space else {"slide"}
+    if forbidden & {contact for phase in schedule for contact in phase}:
         raise PlanningError(
-            f"The schedule {schedule_text(schedule)!r} has feet that slide forward or backward, "
+            f"The schedule {format_schedule(schedule)!r} has feet that slide forward or backward, "
             "but the body moves in space; let them be dragged (d), where the planner finds along "
             "what."
             if in_space
-            else f"The schedule {schedule_text(schedule)!r} has feet that are dragged (d), but the "
-            "body moves in a plane; let them slide forward (f) or backward (b)."
+            else f"The schedule {format_schedule(schedule)!r} has feet that are dragged (d), but "
+            "the body moves in a plane; let them slide forward (f) or backward (b)."
         )
     for foot, contacts in enumerate(zip(*schedule, strict=True)):
         if set(contacts) == {"stick"}:
             raise PlanningError(
                 f"Foot {foot + 1} sticks in all phases of the schedule "
-                f"{schedule_text(schedule)!r}, so that the robot stays where it is; let it slide "
+                f"{format_schedule(schedule)!r}, so that the robot stays where it is; let it slide "
                 "or be lifted in one."
             )
     for number, phase in enumerate(schedule):
@@ -76,13 +77,13 @@ def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) ->
         if not any(pair == ("stick", "stick") for pair in pairs):
             raise PlanningError(
                 f"No foot sticks both in phase {number + 1} and in phase {after + 1} of the "
-                f"schedule {schedule_text(schedule)!r}, so that nothing holds the body when one "
+                f"schedule {format_schedule(schedule)!r}, so that nothing holds the body when one "
                 "follows the other; put a phase between in which all feet stick."
             )
 
 
-def sensible_schedules(robot: RobotParameters) -> list[Schedule]:
-    """Schedules that are worth trying, the best first.
+def candidate_schedules(robot: RobotParameters) -> list[Schedule]:
+    """Return schedules that are worth trying, the best first.
 
     In a plane feet move forward one after the other, from the rear or from the front; they slide,
     or are lifted if three or more can stand on the others. Of four or more, every other one may
@@ -102,14 +103,15 @@ def sensible_schedules(robot: RobotParameters) -> list[Schedule]:
     if num_feet > 3:
         orders.insert(0, [list(range(0, num_feet, 2)), list(range(1, num_feet, 2))])
     return [
-        _schedule(order, contact, num_feet)
+        _group_schedule(order, contact, num_feet)
         for contact in ("slide_forward", "swing")[: 1 if num_feet < 3 else 2]
         for order in orders
     ]
 
 
 def _schedules_in_space(robot: RobotParameters) -> list[Schedule]:
-    F, places = len(robot.limbs), np.array([limb.position[:2] for limb in robot.limbs])
+    F = len(robot.limbs)
+    places = np.array([limb.position[:2] for limb in robot.limbs])
     sides = [np.flatnonzero(side).tolist() for side in (places[:, 1] > 0, places[:, 1] <= 0)]
     left, right = (sorted(side, key=lambda foot: places[foot, 0]) for side in sides)
     around = [*left, *right[::-1]]
@@ -117,16 +119,20 @@ def _schedules_in_space(robot: RobotParameters) -> list[Schedule]:
     across += [foot for foot in around if foot not in across]
     waves = [[*left, *right], [*right, *left], across, across[::-1]]
     waves = waves[::2] if F == 3 else waves  # the others are these, begun at another foot
-    schedules = [_schedule([[foot] for foot in wave], "slide", F, rests=F < 4) for wave in waves]
+    schedules = [
+        _group_schedule([[foot] for foot in wave], "slide", F, rests=F < 4) for wave in waves
+    ]
     if F > 3:
         opposite = [around[::2], around[1::2]]
         groups = opposite, opposite[::-1], [left, right]
-        schedules += [_schedule(each, "slide", F) for each in groups]
+        schedules += [_group_schedule(each, "slide", F) for each in groups]
     return [each for number, each in enumerate(schedules) if each not in schedules[:number]]
 
 
-def _schedule(order: list[list[int]], contact: str, num_feet: int, rests: bool = True) -> Schedule:
-    """Groups of feet that move in an order, with all sticking between them if there are rests."""
+def _group_schedule(
+    order: list[list[int]], contact: str, num_feet: int, rests: bool = True
+) -> Schedule:
+    """Return phases in which groups of feet move in an order; with rests, all stick in between."""
     phases = []
     for moving in order:
         phases.append([contact if foot in moving else "stick" for foot in range(num_feet)])

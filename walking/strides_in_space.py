@@ -1,7 +1,7 @@
-"""What the strides of a robot in space tell: friction of the ground, and heights of its feet.
+"""The fit of the ground's friction and the heights of feet to the strides of a robot in space.
 
-More than three feet share a load by heights that nobody measures: those of the hips, of rest angles
-and of limbs that pull differently. Their common effect is the warp of the places where the feet
+More than three feet share a load by heights that nobody measures: they come from hips, rest angles
+and limbs that pull differently. Their common effect is the warp of the places where the feet
 would be without a ground, h1 - h2 - h3 + h4 of four limbs around a body. A camera sees it, as the
 body then rolls and pitches otherwise in a cycle.
 """
@@ -16,20 +16,21 @@ from calibration.estimate import Estimate
 from calibration.remarks import CalibrationError
 from limb_systems import Recording
 from limb_systems.simulation import SimulationError
-from walking.gait import Gait, along_heading
+from walking.gait import Gait, rotate_to_heading
 from walking.gait_check import with_friction
 from walking.in_mujoco import simulate_in_mujoco
 from walking.robot_parameters import RobotParameters
-from walking.strides import FRICTION, StridesFit, fit_heat, smoothed
+from walking.strides import FRICTION_ERROR, StridesFit, fit_heat, smooth_bends
 
-WARP = 1e-3  # m, that is expected
-STARTS = (-0.7, 0.7)  # of the warp, as multiples of the expected one
-SIMULATIONS = 25  # from each start
-PLACE_ERROR, TURN_ERROR = 5e-4, np.deg2rad(0.25)  # m and rad, of a pose that the model explains
-STEP = 0.3  # of logarithm and multiple, over which the curvature of the cost is taken
-LEAST_CURVATURE = 2.0  # of what is expected of the warp alone
-POSES = 20  # in a cycle, that count
-CYCLES = 2  # that are simulated, from the heat of the limit cycle, of which the last one counts
+EXPECTED_WARP = 1e-3  # m, that is expected
+START_WARPS = (-0.7, 0.7)  # of the warp, as multiples of the expected one
+MAX_SIMULATIONS = 25  # from each start
+PLACE_ERROR = 5e-4
+TURN_ERROR = np.deg2rad(0.25)  # m and rad, of a pose that the model explains
+CURVATURE_STEP = 0.3  # of logarithm and multiple, over which the curvature of the cost is taken
+MIN_CURVATURE = 2.0  # of what is expected of the warp alone
+NUM_POSES = 20  # in a cycle, that count
+NUM_CYCLES = 2  # that are simulated, from the heat of the limit cycle, of which the last one counts
 
 
 def fit_strides_in_space(gait: Gait, recording: Recording, start: float, cycles: int) -> StridesFit:
@@ -50,7 +51,7 @@ def fit_strides_in_space(gait: Gait, recording: Recording, start: float, cycles:
     # What is seen of the last cycle.
     last = start + (cycles - 1) * gait.period
     pose = recording.body_pose
-    seen = np.full(1, np.nan) if pose is None else _course(recording, last, gait.period)
+    seen = np.full(1, np.nan) if pose is None else _body_motion(recording, last, gait.period)
     if not np.isfinite(seen).all():
         raise CalibrationError(
             "No camera sees the body in the last stride, which would tell of its feet; walk "
@@ -60,43 +61,44 @@ def fit_strides_in_space(gait: Gait, recording: Recording, start: float, cycles:
 
     def cost(values: np.ndarray) -> float:
         """Squared deviations from what is seen, and from what is expected."""
-        robot = with_warp_and_friction(gait.robot, WARP * values[1:].sum(), values[0])
+        robot = with_warp_and_friction(gait.robot, EXPECTED_WARP * values[1:].sum(), values[0])
         try:
-            walked = simulate_in_mujoco(gait, robot, CYCLES)
+            walked = simulate_in_mujoco(gait, robot, NUM_CYCLES)
         except SimulationError:
             return np.inf
-        missed = _course(walked, (CYCLES - 1) * gait.period, gait.period) - seen
-        scaled = missed / np.array([[PLACE_ERROR] * 2 + [TURN_ERROR] * 3]).T
-        # Deviations are alike along a cycle: all poses of it count as one.
-        expected = np.append(values[0] / FRICTION, values[1:])
+        residual = _body_motion(walked, (NUM_CYCLES - 1) * gait.period, gait.period) - seen
+        scaled = residual / np.array([[PLACE_ERROR] * 2 + [TURN_ERROR] * 3]).T
+        # Deviations along a cycle are correlated: all its poses count as one.
+        expected = np.append(values[0] / FRICTION_ERROR, values[1:])
         return float((scaled**2).mean(axis=1).sum() + expected @ expected)
 
     # Search from several starts, as more than one warp explains most of the pose.
-    options = {"maxfev": SIMULATIONS, "xatol": 0.02, "fatol": 0.01}
-    found = []
-    for warp in STARTS if warps else (0.0,):
+    options = {"maxfev": MAX_SIMULATIONS, "xatol": 0.02, "fatol": 0.01}
+    searches = []
+    for warp in START_WARPS if warps else (0.0,):
         first = np.array([0.0, warp][: 1 + warps])
         simplex = np.vstack([first, first + 0.3 * np.eye(len(first))])
         search = {**options, "initial_simplex": simplex}
-        found.append(minimize(cost, first, method="Nelder-Mead", options=search))
-    best = min(found, key=lambda result: result.fun)
+        searches.append(minimize(cost, first, method="Nelder-Mead", options=search))
+    best = min(searches, key=lambda result: result.fun)
     if not np.isfinite(best.fun):
         raise CalibrationError("The robot falls by this gait whatever its friction and its feet.")
-    logarithm, *others = best.x
-    robot = with_warp_and_friction(gait.robot, WARP * sum(others), logarithm)
+    logarithm, *warp_multiples = best.x
+    robot = with_warp_and_friction(gait.robot, EXPECTED_WARP * sum(warp_multiples), logarithm)
     # Standard errors follow from the curvature of the cost along each value.
-    curvatures = [
-        (cost(best.x + step) + cost(best.x - step) - 2 * best.fun) / STEP**2
-        for step in STEP * np.eye(len(best.x))
-    ]
-    errors = np.sqrt(2 / np.maximum(curvatures, LEAST_CURVATURE))
+    curvatures = []
+    for step in CURVATURE_STEP * np.eye(len(best.x)):
+        change = cost(best.x + step) + cost(best.x - step) - 2 * best.fun
+        curvatures.append(change / CURVATURE_STEP**2)
+    errors = np.sqrt(2 / np.maximum(curvatures, MIN_CURVATURE))
     friction = float(np.exp(logarithm))
     estimates = {"friction": Estimate(friction, friction * float(errors[0]), "of before")}
-    if others:
-        estimates["warp"] = Estimate(WARP * float(others[0]), WARP * float(errors[1]), "m")
+    if warp_multiples:
+        warp = EXPECTED_WARP * float(warp_multiples[0])
+        estimates["warp"] = Estimate(warp, EXPECTED_WARP * float(errors[1]), "m")
     # The heat at the end of the recording is the wires' own.
     heat = fit_heat(copy.deepcopy(gait.robot), recording)[0]
-    return StridesFit(robot, estimates, heat[-1], smoothed(recording)[:, -1])
+    return StridesFit(robot, estimates, heat[-1], smooth_bends(recording)[:, -1])
 
 
 def with_warp_and_friction(
@@ -106,7 +108,7 @@ def with_warp_and_friction(
 
     Args:
         warp: h1 - h2 - h3 + h4 of four hips that are raised and lowered by turns, m.
-        logarithm: of the friction as a multiple.
+        logarithm: logarithm of the multiple of friction.
     """
     robot = with_friction(robot, float(np.exp(logarithm)))
     for limb, raised in zip(robot.limbs, 0.25 * warp * warp_pattern(robot), strict=True):
@@ -123,14 +125,14 @@ def warp_pattern(robot: RobotParameters) -> np.ndarray:
     return patterns[:, 0] * np.sqrt(len(places)) * np.sign(patterns[0, 0])
 
 
-def _course(recording: Recording, start: float, period: float) -> np.ndarray:
-    """Return x, y, m, yaw, roll and pitch, rad (5, POSES), along a cycle that begins at a time.
+def _body_motion(recording: Recording, start: float, period: float) -> np.ndarray:
+    """Return x, y, m, yaw, roll and pitch, rad (5, NUM_POSES), along a cycle that begins at a time.
 
     The first three are counted from its beginning.
     """
     assert recording.body_pose is not None
-    times = start + period * np.linspace(0.0, 1.0, POSES)
+    times = start + period * np.linspace(0.0, 1.0, NUM_POSES)
     pose = np.unwrap(recording.body_pose, axis=1)
     x, y, _, roll, pitch, yaw = (np.interp(times, recording.time, row) for row in pose)
-    moved = along_heading(np.array([x - x[0], y - y[0]]), yaw[0])
+    moved = rotate_to_heading(np.array([x - x[0], y - y[0]]), yaw[0])
     return np.vstack([moved, yaw - yaw[0], roll, pitch])

@@ -52,13 +52,15 @@ class Walker:
         check_walker(robot)
         laws = (type(wire.law) for wire in robot.as_single_limb.wires)
         self.key = Walker, repr(robot), *laws
-        self.__dict__.update(build_once(self.key, lambda: self._stated(robot)))
+        self.__dict__.update(build_once(self.key, lambda: self._build_expressions(robot)))
 
-    def _stated(self, robot: RobotParameters) -> dict[str, Any]:
-        """The attributes of all `Walker`s of a description."""
+    def _build_expressions(self, robot: RobotParameters) -> dict[str, Any]:
+        """Build the attributes that all `Walker`s of a description share."""
         mechanics = LimbModel.of(robot.as_single_limb).mechanics
         B = robot.pose_size
-        self.pose_size, self.num_tangents, self.num_feet = B, B // 3, len(robot.limbs)
+        self.pose_size = B
+        self.num_tangents = B // 3
+        self.num_feet = len(robot.limbs)
         self.height = self.num_tangents
         self.stiffness = np.append(np.zeros(B), mechanics.stiffness)
         self.rest = np.append(np.zeros(B), mechanics.rest_angles)
@@ -67,16 +69,27 @@ class Walker:
         self.friction = robot.ground.friction
         self.contact_stiffness = robot.contact_stiffness
         self.last_joints = [joints.stop - 1 for joints in robot.joints_of]
+
+        # Add the masses of body and limbs, and the feet, in symbols of the configuration.
         y = self.configuration = ca.SX.sym("y", len(self.stiffness))
-        origin, frame = _pose(y[:B])
-        masses, places, feet = [robot.body.mass], [origin], []
+        origin, frame = _body_frame(y[:B])
+        masses = [robot.body.mass]
+        places = [origin]
+        feet = []
         for limb, joints in zip(robot.limbs, robot.joints_of, strict=True):
-            of_limb = LimbModel.of(limb.parameters).mechanics
-            chain = Chain(of_limb, y[B + joints.start : B + joints.stop])
-            base, to_world = origin + frame @ ca.DM(limb.position), frame @ ca.DM(limb.axes)
-            last, end = of_limb.layout.num_joints - 1, of_limb.end_offset[-1]
+            limb_mechanics = LimbModel.of(limb.parameters).mechanics
+            chain = Chain(limb_mechanics, y[B + joints.start : B + joints.stop])
+            base = origin + frame @ ca.DM(limb.position)
+            to_world = frame @ ca.DM(limb.axes)
+            last = limb_mechanics.layout.num_joints - 1
+            end = limb_mechanics.end_offset[-1]
             bodies = [
-                *zip(of_limb.body_joints, of_limb.body_masses, of_limb.body_centres, strict=True),
+                *zip(
+                    limb_mechanics.body_joints,
+                    limb_mechanics.body_masses,
+                    limb_mechanics.body_centres,
+                    strict=True,
+                ),
                 (last, robot.feet.mass, end),
             ]
             for joint, mass, centre in bodies:
@@ -85,8 +98,10 @@ class Walker:
                 places.append(base + to_world @ place)
             tip = base + to_world @ chain.position(last, end)
             along = to_world @ chain.frames[last] @ ca.DM(end / np.linalg.norm(end))
-            travel = tip[: self.num_tangents] + self.radius * self._rolled(along)
+            travel = tip[: self.num_tangents] + self.radius * self._roll_travel(along)
             feet.append(ca.vertcat(travel, tip[2]))
+
+        # Build the potential from weights and springs.
         self.size = max(limb.parameters.length for limb in robot.limbs)
         self.weight = sum(masses) * robot.world_gravity
         self.symbolic_feet = ca.horzcat(*feet)
@@ -99,8 +114,8 @@ class Walker:
         # garbage as soon as the object itself is, whoever else has the dictionary.
         return dict(vars(self))
 
-    def _rolled(self, along: ca.SX) -> ca.SX:
-        """How far a foot of radius 1 rolls (τ,) from upright to where its limb's end points (3,).
+    def _roll_travel(self, along: ca.SX) -> ca.SX:
+        """Return the travel of a rolling foot of radius 1 (τ,) from upright to its limb's end.
 
         It is the angle between the limb's end and the vertical. In space, where the ground sees the
         sine of it, it is the series of arcsin, to 1e-3 up to 45°.
@@ -113,26 +128,28 @@ class Walker:
         return share * along[:2]
 
     def feet(self, y: np.ndarray) -> np.ndarray:
-        """s and z of each foot (..., F, τ + 1), m, of y (..., d)."""
+        """Return s and z of each foot (..., F, τ + 1), m, of y (..., d)."""
         return self._feet.values(y).reshape(*y.shape[:-1], self.num_feet, self.num_tangents + 1)
 
     def feet_jacobian(self, y: np.ndarray) -> np.ndarray:
-        """Derivatives of `feet` by y (..., F, τ + 1, d)."""
+        """Return derivatives of `feet` by y (..., F, τ + 1, d)."""
         slopes = self._feet.first(y)[1]
         return slopes.reshape(*y.shape[:-1], self.num_feet, self.num_tangents + 1, y.shape[-1])
 
 
-def _pose(pose: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Place (3,), m, and frame (3, 3) of a body with a pose in the plane or in space."""
+def _body_frame(pose: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return place (3,), m, and frame (3, 3) of a body with a pose in the plane or in space."""
     if pose.numel() == 3:
-        x, z, pitch = pose[0], pose[1], -pose[2]
+        x = pose[0]
+        z = pose[1]
+        pitch = -pose[2]
         return ca.vertcat(x, 0, z), rotation(1, pitch)
     roll, pitch, yaw = ca.vertsplit(pose[3:])
     return pose[:3], rotation(2, yaw) @ rotation(1, pitch) @ rotation(0, roll)
 
 
 def check_walker(robot: RobotParameters) -> None:
-    """Raises PlanningError if a robot cannot walk, whatever it does."""
+    """Raise PlanningError if a robot cannot walk with any gait."""
     if robot.body.mount == "welded":
         raise PlanningError(
             "The body is welded, so that it cannot walk; set body.mount to planar or free."

@@ -13,36 +13,38 @@ from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.drake_python import weak_method
 from limb_systems.files.schema import short_repr
 from limb_systems.simulation import PERIOD
-from walking.gait import Gait, GaitCheck, along_heading, travels
-from walking.gait_check import MOST_TILT
+from walking.gait import Gait, GaitCheck, body_travel, rotate_to_heading
+from walking.gait_check import FALL_TILT
 from walking.heat_feedback import HeatFeedback
 from walking.walk_trajectory import walk
 
-NEAR = 0.015  # m, of a place at which the robot is there
-FACING = np.deg2rad(8.0)  # rad, of a heading that is asked for
-FARTHEST = 1000.0  # m and rad, of a goal
-LEARNED = 0.5  # of what a cycle made otherwise than expected
+PLACE_TOLERANCE = 0.015  # m, of a place at which the robot is there
+HEADING_TOLERANCE = np.deg2rad(8.0)  # rad, of a heading that is asked for
+MAX_GOAL = 1000.0  # m and rad, of a goal
+LEARNING_RATE = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
-SLOWEST = 1e-6  # m/s and rad/s, of robots that turn to one side alone, or not at all
+MIN_SPEED = 1e-6  # m/s and rad/s, of robots that turn to one side alone, or not at all
 # A robot does not get on when so many cycles in a row made less than this share of their way.
-STALLED_CYCLES, LEAST_SHARE = 5, 0.2
+STALLED_CYCLES = 5
+MIN_CYCLE_PROGRESS = 0.2
 TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state
-STALLED, EXPECTED = 7, 8  # of the state, which ends with what is expected
+STALLED = 7
+EXPECTED = 8  # of the state, which ends with what is expected
 
 
 class Wayfinder(HeatFeedback):
-    """`HeatFeedback` about a gait, which is chosen anew at the end of each cycle.
+    """`HeatFeedback` about a gait, which is chosen at the end of each cycle.
 
     The gait is the first of those three cycles after which the robot is expected to be at its goal
     soonest, by the time that it takes to turn to it, walk there, and turn to the heading that is
     asked for. What a cycle of a gait is expected to make after one of each gait is what was planned
     at first, and then follows what is seen: friction and limbs are not quite as described. Where a
-    gait begins with other heat than the one before ended with, the robot stands until its wires
+    gait begins with other heat than the last gait ended with, the robot stands until its wires
     have it. A place is reached within 15 mm, a heading within 8°. The simulation
     ends after the last goal, and if the robot falls or five cycles in a row make less than a fifth
     of their way.
 
-    - inputs 0 and 1, output 0: those of `PlanController`
+    - inputs 0 and 1, output 0: see `PlanController`
     - input 2 ``body_pose``: x, y, z, m, and roll, pitch and yaw, rad; NaN where it is not seen
     - output 1 ``course``: time in the plan, s; numbers of the gait before, of the gait, and of the
       goal; where the cycle began, x, y, m, and yaw, rad; how many cycles in a row made little; and
@@ -62,7 +64,7 @@ class Wayfinder(HeatFeedback):
     ):
         """
         Args:
-            gaits: gaits of one robot in space, as of `plan_gaits`; the first begins from cold.
+            gaits: gaits of one robot in space, see `plan_gaits`; the first begins from cold.
             goals: places x, y, m, or x, y and yaw, m and rad, one after the other.
             parameters: description of all limbs together; the gaits' if None.
 
@@ -78,15 +80,15 @@ class Wayfinder(HeatFeedback):
         for name, gait in gaits.items():
             if not gait.check.is_missing and (failure := gait.check.failure()):
                 raise LimbError(f"The gait {name!r} failed its check and is not walked: {failure}")
-        self._goals = np.array([_checked(goal, index) for index, goal in enumerate(goals)])
-        trajectory, self._begins, self._lasts = joined(self._gaits)
+        self._goals = np.array([_check_goal(goal, index) for index, goal in enumerate(goals)])
+        trajectory, self._begins, self._lasts = join_gaits(self._gaits)
         super().__init__(trajectory, parameters=parameters)
         made = np.array([gait.displacement for gait in self._gaits])
         self.DeclareVectorInputPort("body_pose", 6)
         start = [0.0, len(made), 0.0, 0.0, *[np.nan] * 3, 0.0]
         expected = np.tile(made, (len(made), 1)).ravel()
         self.DeclareStateOutputPort("course", self.DeclareDiscreteState([*start, *expected]))
-        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._check_end))
 
     def _plan_time(self, context) -> float:
         return context.get_discrete_state(2).value()[TIME]
@@ -97,65 +99,88 @@ class Wayfinder(HeatFeedback):
         part = tuple(now[[BEFORE, GAIT]].astype(int))
         over = now[TIME] - self._begins[part] - self._lasts[part]
         if over > -1e-9:
-            self._choose(now, self.get_input_port(2).Eval(context)[[0, 1, 5]], over)
+            self._begin_cycle(now, self.get_input_port(2).Eval(context)[[0, 1, 5]], over)
         state.set_value(2, now)
 
-    def _choose(self, now: np.ndarray, pose: np.ndarray, over: float) -> None:
+    def _begin_cycle(self, now: np.ndarray, pose: np.ndarray, over: float) -> None:
         """Learn from the cycle that ended, and begin the next one, in the course."""
-        G, start = len(self._gaits), now[START : START + 3].copy()
-        made = now[EXPECTED:].reshape(G, G, 3)  # after each gait, of each gait
+        num_gaits = len(self._gaits)
+        start = now[START : START + 3].copy()
+        expected = now[EXPECTED:].reshape(num_gaits, num_gaits, 3)  # after each gait, of each gait
         before, gait = map(int, now[[BEFORE, GAIT]])
-        if before < G and np.isfinite([*start, *pose]).all():  # the first one began from cold
+
+        # Learn the travel of the cycle, unless it began from cold or the body was not seen.
+        if before < num_gaits and np.isfinite([*start, *pose]).all():
             poses = np.zeros((6, 2))
             poses[[0, 1, 5]] = np.transpose([start, pose])
-            made[before, gait] += LEARNED * (travels(poses)[:, 0] - made[before, gait])
-            made_little = self._gaits[gait].progress(poses)[0][0] < LEAST_SHARE
-            now[STALLED] = now[STALLED] + 1 if made_little else 0.0
+            error = body_travel(poses)[:, 0] - expected[before, gait]
+            expected[before, gait] += LEARNING_RATE * error
+            is_stalled = self._gaits[gait].progress(poses)[0][0] < MIN_CYCLE_PROGRESS
+            now[STALLED] = now[STALLED] + 1 if is_stalled else 0.0
+
+        # Go on to the next goal after the robot has reached one, and choose the gait.
         if np.isfinite(pose).all():
             while now[GOAL] < len(self._goals) and self.is_there(pose, now[GOAL]):
                 now[GOAL] += 1
             if now[GOAL] < len(self._goals):
-                now[GAIT] = self._best(pose, made, gait, now[GOAL])
-        now[BEFORE], now[START : START + 3] = gait, pose
+                now[GAIT] = self._choose_gait(pose, expected, gait, now[GOAL])
+
+        # Begin its cycle.
+        now[BEFORE] = gait
+        now[START : START + 3] = pose
         now[TIME] = self._begins[gait, int(now[GAIT])] + max(0.0, over)
 
-    def _best(self, pose: np.ndarray, made: np.ndarray, now: int, goal: float) -> int:
-        """The number of the gait to go on with, after a cycle of the gait now."""
-        each = np.arange(len(made))
-        # By planned speeds a robot that is slower would seem to lose nothing while it stands.
-        rates = (made / self._lasts[:-1, :, None])[each, each]
-        speed, *turning = np.maximum([rates[:, 0], rates[:, 2], -rates[:, 2]], SLOWEST).max(axis=1)
-        choices = list(itertools.product(range(len(made)), repeat=CYCLES_AHEAD))
+    def _choose_gait(self, pose: np.ndarray, expected: np.ndarray, now: int, goal: float) -> int:
+        """Return the number of the next gait, by the expected time to the goal.
+
+        Args:
+            pose: x, y, m, and yaw, rad, of the body (3,).
+            expected: expected travel (G, G, 3) after each gait, of each gait.
+            now: number of the gait of the last cycle.
+            goal: number of the goal.
+        """
+        # Estimate speeds from expected travel: by planned speeds a slow robot would stand too much.
+        num_gaits = len(expected)
+        diagonal = np.arange(num_gaits)
+        rates = (expected / self._lasts[:-1, :, None])[diagonal, diagonal]
+        speed, *turning = np.maximum([rates[:, 0], rates[:, 2], -rates[:, 2]], MIN_SPEED).max(
+            axis=1
+        )
+
+        # Predict the time to the goal after each choice of the next three cycles.
+        choices = list(itertools.product(range(num_gaits), repeat=CYCLES_AHEAD))
         times = []
         for choice in choices:
-            after, taken = pose, 0.0
+            after = pose
+            duration = 0.0
             for before, gait in itertools.pairwise((now, *choice)):
                 if self.is_there(after, goal):
                     break
-                x_y, turn = made[before, gait][:2], made[before, gait][2]
-                place = after[:2] + along_heading(x_y, -after[2])
+                x_y = expected[before, gait][:2]
+                turn = expected[before, gait][2]
+                place = after[:2] + rotate_to_heading(x_y, -after[2])
                 after = np.append(place, after[2] + turn)
-                taken += self._lasts[before, gait]
-            times.append(taken + self._time_to_go(after, goal, speed, turning))
+                duration += self._lasts[before, gait]
+            times.append(duration + self._time_to_go(after, goal, speed, turning))
         return choices[int(np.argmin(times))][0]
 
     def is_there(self, pose: np.ndarray, goal: float, slack: float = 1.0) -> bool:
         """Return whether a pose x, y, m, and yaw, rad, is at a goal, and faces as it asks for.
 
         Args:
-            pose: of the body (3,).
+            pose: x, y, m, and yaw, rad, of the body (3,).
             goal: number of the goal, from 0.
             slack: times 15 mm and 8°, within which it is there.
         """
         x, y, heading = self._goals[int(goal)]
         distance = np.hypot(x - pose[0], y - pose[1])
-        turn = abs(_wrapped(heading - pose[2]))  # NaN if any heading will do
-        return bool(distance <= slack * NEAR and not turn > slack * FACING)
+        turn = abs(_wrap_angle(heading - pose[2]))  # NaN if any heading will do
+        return bool(distance <= slack * PLACE_TOLERANCE and not turn > slack * HEADING_TOLERANCE)
 
     def _time_to_go(
         self, pose: np.ndarray, goal: float, speed: float, turning: Sequence[float]
     ) -> float:
-        """Time that it takes to turn to a goal, walk to it and face as it asks for, s.
+        """Return the time to turn to a goal, walk to it and turn to its heading, s.
 
         Args:
             speed: speed ahead, m/s.
@@ -163,22 +188,27 @@ class Wayfinder(HeatFeedback):
         """
 
         def time_to_turn(angle: float, tolerance: float) -> float:
-            angle = _wrapped(angle)
+            angle = _wrap_angle(angle)
             left = max(0.0, abs(angle) - tolerance) * np.sign(angle)
             return min(left % (2 * np.pi) / turning[0], -left % (2 * np.pi) / turning[1])
 
         x, y, heading = self._goals[int(goal)]
         away = np.array([x, y]) - pose[:2]
-        distance, facing, time = float(np.hypot(*away)), pose[2], 0.0
-        if distance > NEAR:
+        distance = float(np.hypot(*away))
+        facing = pose[2]
+        time = 0.0
+        if distance > PLACE_TOLERANCE:
             facing = np.arctan2(away[1], away[0])
-            time = time_to_turn(facing - pose[2], np.arcsin(NEAR / distance))
-            time += (distance - NEAR) / speed
-        return time + (0.0 if np.isnan(heading) else time_to_turn(heading - facing, FACING))
+            time = time_to_turn(facing - pose[2], np.arcsin(PLACE_TOLERANCE / distance))
+            time += (distance - PLACE_TOLERANCE) / speed
+        return time + (
+            0.0 if np.isnan(heading) else time_to_turn(heading - facing, HEADING_TOLERANCE)
+        )
 
-    def _look(self, context) -> EventStatus:
+    def _check_end(self, context) -> EventStatus:
+        """End the simulation after a fall, after the last goal, or if the robot stalls."""
         roll, pitch = self.get_input_port(2).Eval(context)[3:5]
-        if max(abs(roll), abs(pitch)) > MOST_TILT:
+        if max(abs(roll), abs(pitch)) > FALL_TILT:
             return EventStatus.ReachedTermination(self, "the robot has fallen")
         course = context.get_discrete_state(2).value()
         if course[GOAL] >= len(self._goals):
@@ -188,62 +218,65 @@ class Wayfinder(HeatFeedback):
         return EventStatus.DidNothing()
 
 
-def _checked(goal: Sequence[float], index: int) -> list[float]:
+def _check_goal(goal: Sequence[float], index: int) -> list[float]:
     """Return a goal's x, y, m, and heading, rad, or NaN; LimbError if it is no place."""
     try:
         place = np.asarray(goal, float)
     except (TypeError, ValueError):
         place = np.empty(0)
-    if place.shape not in ((2,), (3,)) or not (np.abs(place) <= FARTHEST).all():  # NaN is not
+    if place.shape not in ((2,), (3,)) or not (np.abs(place) <= MAX_GOAL).all():  # NaN is not
         raise LimbError(
             f"goals[{index}] is {short_repr(goal)}; it must be x and y in m, or x, y and a heading "
-            f"in rad, finite and at most {FARTHEST:g} in size."
+            f"in rad, finite and at most {MAX_GOAL:g} in size."
         )
     return [*place, np.nan][:3]
 
 
-def joined(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarray]:
-    """Cycles of each gait after each, and of the first one from cold, as one plan.
+def join_gaits(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarray]:
+    """Join a cycle of each gait after each gait, and of the first from cold, to one plan.
 
     Returns:
         The plan, and when each part begins in it, and how long it lasts (1 + G, G), s, in the rows
         of the gaits before, the last of which is none: only the first gait begins from cold.
     """
     G = len(gaits)
-    begins, lasts = np.full((1 + G, G), np.nan), np.full((1 + G, G), np.nan)
+    begins = np.full((1 + G, G), np.nan)
+    lasts = np.full((1 + G, G), np.nan)
     parts: list[Trajectory] = []
     for before, gait in [(G, 0), *itertools.product(range(G), repeat=2)]:
         # A check of each part, by its bends, would take long, and no one asks for it.
-        unchecked, start = dataclasses.replace(gaits[gait], check=GaitCheck()), {}
+        unchecked = dataclasses.replace(gaits[gait], check=GaitCheck())
+        start = {}
         if before < G:
             first = gaits[before]
             start = {"heat": first.initial_heat, "bend": first.bend_angle[:, 0]}
-        cycles, period = walk(unchecked, 2, **start), gaits[gait].period
+        cycles = walk(unchecked, 2, **start)
+        period = gaits[gait].period
         warm_up = PERIOD * np.floor((cycles.duration - 2 * period) / PERIOD + 1e-6)
         begins[before, gait] = PERIOD * sum(len(part.time) for part in parts)
         lasts[before, gait] = warm_up + period
         # The period in which the cycle ends is its own, to its end.
-        parts.append(_until(cycles, int(np.ceil((warm_up + period) / PERIOD)) + 1))
-    signals: dict[str, Any] = {
-        name: np.hstack([getattr(part, name) for part in parts]) for name in _signals(parts[0])
-    }
+        parts.append(_first_knots(cycles, int(np.ceil((warm_up + period) / PERIOD)) + 1))
+    signals: dict[str, Any] = {}
+    for name in _signal_names(parts[0]):
+        signals[name] = np.hstack([getattr(part, name) for part in parts])
     signals["time"] = PERIOD * np.arange(signals["duty"].shape[1])
     return dataclasses.replace(parts[0], **signals), begins, lasts
 
 
-def _until(trajectory: Trajectory, knots: int) -> Trajectory:
-    """The first knots of a trajectory."""
+def _first_knots(trajectory: Trajectory, knots: int) -> Trajectory:
+    """Return the first knots of a trajectory."""
     signals: dict[str, Any] = {
-        name: getattr(trajectory, name)[..., :knots] for name in _signals(trajectory)
+        name: getattr(trajectory, name)[..., :knots] for name in _signal_names(trajectory)
     }
     return dataclasses.replace(trajectory, **signals)
 
 
-def _signals(trajectory: Trajectory) -> list[str]:
+def _signal_names(trajectory: Trajectory) -> list[str]:
     names = [field.name for field in dataclasses.fields(trajectory)]
     return [name for name in names if isinstance(getattr(trajectory, name), np.ndarray)]
 
 
-def _wrapped(angle: float) -> float:
-    """An angle within half a turn of zero, rad."""
+def _wrap_angle(angle: float) -> float:
+    """Return an angle within half a turn of zero, rad."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)

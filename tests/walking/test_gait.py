@@ -14,11 +14,11 @@ from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 from limb_systems import CoupledLaw, LimbModel, LimbParameters, SegmentParameters
 from walking import Gait, GaitVariation, RobotLimb, RobotParameters, add_robot, plan_gait
 from walking.gait_check import simulate_gait
-from walking.gait_planning import _reason, standing_still
+from walking.gait_planning import _infeasibility_reason, standing_start
 from walking.gait_program import STEADINESS, Course, GaitProgram
 from walking.robot_parameters import walking_limb
-from walking.schedules import schedule_of
-from walking.standing import FrictionGain, Stability, balance_of
+from walking.schedules import parse_schedule
+from walking.standing import FrictionGain, Stability, make_balance
 from walking.walker import Walker
 
 VELOCITIES = JacobianWrtVariable.kV
@@ -50,7 +50,7 @@ def odd_robot() -> RobotParameters:
     return robot
 
 
-def test_potential_and_feet_are_those_of_drakes_plant():
+def test_potential_and_feet_match_drakes_plant():
     robot, plant = odd_robot(), plant_of(odd_robot())
     planar, context = Walker(robot), plant.CreateDefaultContext()
     rng = np.random.default_rng(1)
@@ -99,14 +99,14 @@ COUPLED = CoupledLaw(heating_drop=0.1, stress_shift=6.0, creep_share=0.1)
 )
 def test_derivatives_of_all_blocks(robot, schedule, course, objective):
     F = len(robot.limbs)
-    schedule = schedule_of(schedule, F)
+    schedule = parse_schedule(schedule, F)
     intervals = [2, *[1] * (len(schedule) - 1)]
     program = GaitProgram(robot, schedule, intervals, objective, course=course)
     scales = np.ones(program.prog.num_vars())
     for index, scale in program.prog.GetVariableScaling().items():
         scales[index] = scale
     rng = np.random.default_rng(2)
-    x = standing_still(program) + 0.1 * scales * rng.normal(size=len(scales))
+    x = standing_start(program) + 0.1 * scales * rng.normal(size=len(scales))
     away = scales * rng.normal(size=len(scales))
 
     def jacobian(block, x):
@@ -161,7 +161,7 @@ def test_load_and_friction_by_balance_where_the_ground_rises_and_a_foot_is_dragg
     robot = three_limbs()
     planar, wires, mu = Walker(robot), LimbModel.of(robot.as_single_limb).wires, 0.3
     held = np.array([[[1.0, 1.0], [1.0, 1.0], [0.0, 1.0]]])  # the front foot slides
-    standing, balance_at = Stability(planar, wires, held), balance_of(planar, wires)
+    standing, balance_at = Stability(planar, wires, held), make_balance(planar, wires)
     d = len(planar.stiffness)
     temperatures = 25.0 + np.array([20.0, 0.0, 0.0, 30.0, 10.0, 0.0])
 
@@ -195,7 +195,7 @@ def test_load_and_friction_by_balance_where_the_ground_rises_and_a_foot_is_dragg
 @pytest.mark.whole
 def test_three_limbs_slide_one_by_one_as_planned_in_drake():
     robot = three_limbs()
-    schedule = schedule_of("ssf sss sfs sss fss sss", 3)
+    schedule = parse_schedule("ssf sss sfs sss fss sss", 3)
     gait = plan_gait(robot, schedule=schedule, temperature_margin=5.0, check=False)
     assert gait.speed > 1.8e-3
     made = simulate_gait(gait, "", robot, 2)
@@ -210,7 +210,7 @@ def gait(request) -> Gait:
     return plan_gait(robot, check=False)
 
 
-def test_crawler_is_as_fast_as_one_that_works(gait):
+def test_crawler_is_as_fast_as_a_hand_made_gait(gait):
     assert gait.speed >= {0.3: 1.7e-3, 0.6: 1.4e-3}[gait.robot.ground.friction]
     assert gait.check.iterations <= 100
     assert gait.check.violation <= 1e-6
@@ -231,7 +231,7 @@ def test_pitch_is_as_stiff_as_asked_for(gait):
 
 
 @pytest.mark.whole
-def test_a_gait_is_as_steady_as_can_be():
+def test_gait_has_the_largest_feasible_steadiness():
     gait = plan_gait(check=False, steadiness=1000.0, intervals=8)
     assert gait.check.steadiness in (125.0, 250.0, 500.0)
     assert "as steady as asked for, 1000" in gait.check.remark
@@ -279,7 +279,7 @@ def test_a_margin_leaves_room_for_feedback_that_distrusts_the_lag_of_readings():
     assert (T + (T - V)).max() == pytest.approx(97.0, abs=1e-3)
 
 
-def test_reasons_why_there_is_no_gait_are_told():
+def test_error_gives_the_reason_for_a_missing_gait():
     together = RobotParameters()
     for limb in together.limbs:
         limb.position = [0.0, 0.0, 0.0]
@@ -287,9 +287,9 @@ def test_reasons_why_there_is_no_gait_are_told():
         (together, 0.0, "all feet are within 0.0 mm of each other"),
         (RobotParameters(), 74.0, "74 °C below T_max are too cold"),
     ):
-        schedule = schedule_of("fs ss sf ss", 2)
+        schedule = parse_schedule("fs ss sf ss", 2)
         program = partial(GaitProgram, robot, schedule, [2] * 4, temperature_margin=margin)
-        assert words in _reason(program)
+        assert words in _infeasibility_reason(program)
 
 
 def test_gait_is_in_balance_by_drakes_inverse_dynamics(gait):
@@ -361,7 +361,7 @@ def test_speed_is_in_proportion_to_cooling():
     np.testing.assert_allclose(strides, strides[0], rtol=1e-3)
 
 
-def test_the_objective_is_what_is_asked_for():
+def test_gait_minimizes_the_requested_objective():
     """Heat by distance is least where it is asked for, and speed where that is, or nothing."""
     fast, frugal = (plan_gait(objective=o, intervals=8, check=False) for o in ("speed", "energy"))
 

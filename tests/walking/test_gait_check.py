@@ -9,10 +9,10 @@ import pytest
 from limb_systems import LimbError, Recording, RestMemory, simulate
 from walking import Gait, GaitVariation, Robot, RobotParameters, check_gait, plan_gait, walk
 from walking.gait_check import (
-    fall_of,
+    find_fall,
+    measure_strides,
     simulate_gait,
     simulate_in_drake,
-    strides_of,
     variations,
 )
 from walking.in_mujoco import simulate_in_mujoco
@@ -68,7 +68,7 @@ def test_a_gait_that_walks_steadily_has_the_stride_that_it_makes(
     assert (checked.duty == gait.duty).all()
 
 
-def test_the_duty_of_the_other_wires_is_no_gait(gait):
+def test_gait_with_duty_of_opposite_wires_fails_its_check(gait):
     wrong = dataclasses.replace(gait, duty=gait.duty[[1, 0, 3, 2]])
     failure = check_gait(wrong, cycles=1, spread=False).check.failure()
     assert "falls in simulation" in failure or "misses it by more than 5%" in failure
@@ -99,8 +99,8 @@ def standing(gait: Gait, body_pose=(0.0, 0.06, 0.0), force=0.25) -> Recording:
         ({"force": 0.0}, "its front foot carries nothing for half a period after"),
     ],
 )
-def test_falls_are_told(gait, what, words):
-    fall, _ = fall_of(standing(gait, **what), gait)
+def test_find_fall_describes_each_kind_of_fall(gait, what, words):
+    fall, _ = find_fall(standing(gait, **what), gait)
     assert fall.startswith(words)
     assert bool(fall) == bool(words)
 
@@ -129,7 +129,7 @@ def test_a_walk_from_cold_comes_to_the_gait(checked):
     assert walked.duty.sum(axis=0).max() <= checked.robot.total_duty + 1e-3
     assert (walked.duty[:, -1] == 0).all()
     recording = simulate(Robot(checked.robot), walked)
-    strides = strides_of(recording, checked, 3, begin)[0]
+    strides = measure_strides(recording, checked, 3, begin)[0]
     assert strides[2] == pytest.approx(checked.check.simulation.strides[-1], abs=0.03)
     in_third = (recording.time - begin) - 2 * checked.period
     there = (in_third >= 0) & (in_third <= checked.period)

@@ -110,7 +110,7 @@ def test_a_calibrated_robot_walks_as_planned(tmp_path, monkeypatch, capsys):
     assert travel[-1] - travel[0] == pytest.approx(3 * gait.stride, rel=0.1)
 
 
-def test_what_cannot_walk_is_said_in_a_sentence(robot, tmp_path, capsys):
+def test_robot_that_cannot_walk_is_refused_in_a_sentence(robot, tmp_path, capsys):
     output = tmp_path / "gait.csv"
     for change, sentence in (
         (["--schedule", "fx ss"], "The schedule is 'fx ss'; it must have phases of 2 letters"),

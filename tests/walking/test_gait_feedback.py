@@ -47,7 +47,7 @@ def corrections(gait, fed):
     return after
 
 
-def test_nothing_is_corrected_where_all_is_as_planned(corrections):
+def test_feedback_corrects_nothing_on_a_robot_as_planned(corrections):
     found, _ = corrections()
     assert found[-1, [AMPLITUDE, DURATION]] == pytest.approx(1.0, abs=0.02)  # of 40 ticks
 
@@ -65,7 +65,7 @@ def test_a_body_that_is_not_seen_leaves_the_amplitude(corrections):
     assert (found[:, AMPLITUDE] == 1.0).all()
 
 
-def test_a_supervised_one_has_the_ports_of_a_robot(gait):
+def test_supervised_robot_has_the_ports_of_a_robot(gait):
     system = supervised(GaitFeedback(gait, 1), gait.parameters)
     names = {system.get_input_port(i).get_name() for i in range(system.num_input_ports())}
     assert names == {"measured_temperature", "bend_angle", "body_pose"}

@@ -24,7 +24,7 @@ from walking import (
 from walking.gait_check import simulate_gait
 from walking.gait_set import load_gaits, save_gaits
 from walking.robot import set_positions
-from walking.schedules import schedule_of
+from walking.schedules import parse_schedule
 from walking.walk_trajectory import walk
 from walking.walker import Walker
 from walking.wayfinder import STALLED, STALLED_CYCLES
@@ -43,7 +43,7 @@ def gaits() -> dict[str, Gait]:
     return {"ahead": ahead, "left": left, "right": right, "spot": spot}
 
 
-def test_potential_and_feet_are_those_of_drakes_plant():
+def test_potential_and_feet_match_drakes_plant():
     robot = RobotParameters.in_space(4)
     robot.limbs[1].e1, robot.limbs[1].e2 = [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]
     plant, walker = MultibodyPlant(1e-3), Walker(robot)
@@ -144,11 +144,15 @@ def test_cycles_one_after_the_other_are_moved_and_turned(gaits):
         (THREE, {"stride": 0.2}, "A stride of 200 mm cannot be had"),
         (THREE, {"turn": 1.5}, "which turns the body by"),
         (THREE, {"turn": math.inf, "speed": 1e-3}, "no speed"),
-        (THREE, {"schedule": schedule_of("fss sss sfs sss ssf sss", 3)}, "let them be dragged"),
-        (THREE, {"speed": 0.1, "schedule": schedule_of("dss sss sds sss ssd sss", 3)}, "fastest"),
+        (THREE, {"schedule": parse_schedule("fss sss sfs sss ssf sss", 3)}, "let them be dragged"),
+        (
+            THREE,
+            {"speed": 0.1, "schedule": parse_schedule("dss sss sds sss ssd sss", 3)},
+            "fastest",
+        ),
     ],
 )
-def test_what_cannot_be_had_is_said_in_a_sentence(robot, request_, said):
+def test_impossible_request_is_refused_in_a_sentence(robot, request_, said):
     with pytest.raises(PlanningError, match=said):
         plan_gait(robot, check=False, explain=False, **request_)
 
@@ -210,7 +214,7 @@ def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
         cosine, sine = np.cos(pose[2]), np.sin(pose[2])
         pose += np.array([cosine * x - sine * y, sine * x + cosine * y, turn + np.deg2rad(3.0)])
         before = int(course[3])
-        finder._choose(course, pose, 0.0)
+        finder._begin_cycle(course, pose, 0.0)
         visited += [pose.copy()] * (int(course[3]) - before)
         if course[3] == len(goals):
             break
@@ -221,7 +225,7 @@ def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
             assert np.cos(place[2] - heading[0]) >= np.cos(np.deg2rad(8.0))
 
 
-def test_a_robot_that_does_not_get_on_is_stopped_after_five_cycles(gaits):
+def test_stalled_robot_is_stopped_after_five_cycles(gaits):
     finder = Wayfinder(gaits, [(0.15, 0.0)])
     course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
     course[1], course[4:7] = 0, 0.0  # it does not begin from cold
@@ -229,5 +233,5 @@ def test_a_robot_that_does_not_get_on_is_stopped_after_five_cycles(gaits):
         assert course[STALLED] < STALLED_CYCLES
         pose = course[4:7] + np.array([made * gaits["ahead"].stride, 0.0, 0.0])
         course[2] = 0  # whatever it would rather walk by
-        finder._choose(course, pose, 0.0)
+        finder._begin_cycle(course, pose, 0.0)
     assert course[STALLED] == STALLED_CYCLES

@@ -17,7 +17,7 @@ def weight(robot):
     return mass * robot.world_gravity[[0, 2]]
 
 
-def test_a_welded_limb_is_todays_limb(tmp_path):
+def test_welded_robot_of_one_limb_equals_the_limb(tmp_path):
     limb = LimbParameters()
     limb.gravity = [0.0, -9.81, 0.0]
     limb.save(tmp_path / "limb.yaml")
@@ -172,7 +172,7 @@ def test_descriptions_that_no_robot_has_are_refused(refused):
             robot.validate()
 
 
-def test_files_of_robots_and_of_their_recordings_round_trip(tmp_path):
+def test_robot_and_recording_files_round_trip(tmp_path):
     robot = RobotParameters()
     robot.limbs[1].parameters.segments[0].wires[0].law.a1 = -0.06
     robot.save(tmp_path / "robot.yaml")

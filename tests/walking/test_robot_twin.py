@@ -108,7 +108,7 @@ def test_a_seed_draws_a_robot_and_its_identity_makes_it_again():
     assert len(numbers) == 4
 
 
-def test_a_limb_that_is_taken_off_is_the_one_on_the_robot():
+def test_limb_specimen_equals_the_limb_on_the_robot():
     robot = RobotTwin(seed=5)
     specimen = robot.specimen.limb("front")
     twin = LimbTwin(specimen=specimen)

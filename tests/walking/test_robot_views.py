@@ -21,7 +21,7 @@ from walking import (
 )
 from walking.foot_fall import foot_fall
 from walking.robot_parameters import walking_limb
-from walking.views.robot_panels import foot_fall_panel, way_panel
+from walking.views.robot_panels import body_path_panel, foot_fall_panel
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "limb_systems"))
 
@@ -185,7 +185,7 @@ def test_feet_slide_and_then_stick_also_where_a_camera_has_noise(robot, noise):
 
 def test_the_way_of_a_body_is_drawn_from_above():
     recording = random_recording(in_space(), travel=0.1)
-    panel = way_panel(recording, [[0.1, 0.02], [0.0, 0.0, 1.5]])
+    panel = body_path_panel(recording, [[0.1, 0.02], [0.0, 0.0, 1.5]])
     way, places = panel.curves
     np.testing.assert_allclose([way.x, way.y], 1e3 * recording.body_pose[:2])
     np.testing.assert_allclose([places.x, places.y], [[100.0, 0.0], [20.0, 0.0]])

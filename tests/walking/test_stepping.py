@@ -6,7 +6,7 @@ import pytest
 from limb_systems import simulate
 from walking import Robot, RobotParameters, plan_gait
 from walking.robot_parameters import RobotLimb, walking_limb
-from walking.schedules import schedule_of
+from walking.schedules import parse_schedule
 from walking.walker import Walker
 
 COOLING = 4.0  # times the nominal, so that a phase is short
@@ -29,7 +29,7 @@ def stepper() -> RobotParameters:
 @pytest.mark.whole
 def test_diagonal_pairs_lift_their_feet_clear_of_the_ground_in_drake():
     robot = stepper()
-    schedule = schedule_of("lsls ssss slsl ssss", 4)
+    schedule = parse_schedule("lsls ssss slsl ssss", 4)
     gait = plan_gait(robot, schedule=schedule, intervals=12, check=False)
     swing = gait.phases[1].start
     recording = simulate(

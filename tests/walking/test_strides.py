@@ -32,7 +32,7 @@ def walked():
     return gait, recording, plan.duration - 2 * gait.period, other
 
 
-def test_friction_torque_and_heat_are_those_of_the_robot_that_walked(walked):
+def test_strides_fit_recovers_friction_torque_and_heat(walked):
     gait, recording, start, other = walked
     fit = fit_strides(gait, recording, start, 2)
     found = {name: estimate.value for name, estimate in fit.estimates.items()}
@@ -51,7 +51,7 @@ def test_friction_torque_and_heat_are_those_of_the_robot_that_walked(walked):
     assert planned.speed == pytest.approx(true.speed, rel=0.1)
 
 
-def test_a_robot_that_does_not_slide_tells_nothing(walked):
+def test_recording_without_sliding_feet_is_refused(walked):
     gait, recording, start, _ = walked
     still = copy.copy(recording)
     still.bend_angle = np.zeros_like(recording.bend_angle)

@@ -24,7 +24,7 @@ def test_three_feet_have_no_warp_and_four_have_one():
 
 
 @pytest.mark.whole
-def test_warp_and_friction_are_those_of_the_robot_that_walked():
+def test_strides_fit_in_space_recovers_warp_and_friction():
     robot = RobotParameters.in_space(4)
     for law in (wire.law for limb in robot.limbs for wire in limb.parameters.wires):
         law.a1, law.a2, law.a3 = QUICK * law.a1, QUICK * law.a2, QUICK * law.a3

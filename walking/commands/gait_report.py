@@ -14,36 +14,41 @@ from walking.gait import Gait, GaitVariation
 
 
 def gait_verdict(gait: Gait) -> str:
-    """How far and how fast a gait goes and turns, and whether it was checked."""
-    turn, what = np.rad2deg(gait.turn), _made(gait)
-    goes = [] if gait.on_the_spot else [f"{what} of {1e3 * gait.stride:.1f} mm"]
+    """Return a gait's motion, temperature and the result of its check, in words."""
+    # Describe the motion.
+    turn = np.rad2deg(gait.turn)
+    cycle_noun = _cycle_noun(gait)
+    goes = [] if gait.on_the_spot else [f"{cycle_noun} of {1e3 * gait.stride:.1f} mm"]
     paces = [] if gait.on_the_spot else [f"{1e3 * gait.speed:.2f} mm/s"]
     if abs(turn) > 1e-6:
         side = "left" if turn > 0 else "right"
         goes.append(f"turns of {abs(turn):.1f}° to the {side}")
         paces.append(f"{abs(turn) / gait.period:.2f} °/s")
-    said = (
+    text = (
         f"{' and '.join(goes)} in {gait.period:.1f} s, {' and '.join(paces)}, with wires up to "
         f"{gait.wire_temperature.max():.0f} °C."
     )
-    said = said[0].upper() + said[1:]
+    text = text[0].upper() + text[1:]
+
+    # Describe the check.
     if failure := gait.check.failure():
-        return f"{said} Not to be used: {failure}"
-    simulation, spread = gait.check.simulation, gait.check.spread
+        return f"{text} Not to be used: {failure}"
+    simulation = gait.check.simulation
+    spread = gait.check.spread
     shares = simulation.strides
-    said += (
-        f" Checked: simulated with contact over {len(shares)} cycles, {what} are "
+    text += (
+        f" Checked: simulated with contact over {len(shares)} cycles, {cycle_noun} are "
         f"{min(shares):.1%} to {max(shares):.1%} of the planned one"
     )
     if simulation.aside:
-        said += f", and the robot goes or turns aside by at most {max(simulation.aside):.1%} of it"
-    said += "."
+        text += f", and the robot goes or turns aside by at most {max(simulation.aside):.1%} of it"
+    text += "."
     if fallen := sum(bool(variation.fall) for variation in spread):
-        said += (
+        text += (
             f" With other friction or parameters {fallen} of {len(spread)} fall; a gait of more "
             "steadiness falls less and is slower."
         )
-    return said
+    return text
 
 
 def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | None = None) -> None:
@@ -61,11 +66,11 @@ def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | N
     ]
     if not check.is_missing:
         nominal = dataclasses.replace(check.simulation, what="as planned")
-        one = _made(gait).removesuffix("s")
+        one = _cycle_noun(gait).removesuffix("s")
         names = ["robot or ground", f"mean {one}, %", "least, %", "most, %"]
         names += ["aside, %"] * gait.in_space + ["T, °C", "fall"]
         aside = ", the most that the robot goes or turns aside of it" * gait.in_space
-        rows = [_row(variation, gait.in_space) for variation in [nominal, *check.spread]]
+        rows = [_variation_row(variation, gait.in_space) for variation in [nominal, *check.spread]]
         caption = (
             f"{one.capitalize()}s in simulation with contact as shares of the planned one{aside}, "
             "the highest temperature of any wire, and how it fell, if it did."
@@ -80,12 +85,12 @@ def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | N
     page.write_page(path, "Gait of a robot", parts, gait.provenance, data)
 
 
-def _made(gait: Gait) -> str:
-    """What a gait makes in its cycles: strides, or turns on the spot."""
+def _cycle_noun(gait: Gait) -> str:
+    """Return the noun for a gait's cycles: strides, or turns on the spot."""
     return "turns" if gait.on_the_spot else "strides"
 
 
-def _row(variation: GaitVariation, in_space: bool) -> list[str]:
+def _variation_row(variation: GaitVariation, in_space: bool) -> list[str]:
     strides = 100 * np.array(variation.strides)
     shares = [strides.mean(), strides.min(), strides.max()] if len(strides) else [np.nan] * 3
     if in_space:

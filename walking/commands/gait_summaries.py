@@ -1,4 +1,4 @@
-"""Gaits and walks, each told once, for terminals, JSON and pages."""
+"""Summaries of gaits and walks, for terminals, JSON and pages."""
 
 import dataclasses
 
@@ -7,24 +7,22 @@ import numpy as np
 from limb_systems.files.recording import Recording
 from limb_systems.summary import Entry, Summary
 from walking.gait import Gait
-from walking.gait_check import fall_of, strides_of
+from walking.gait_check import find_fall, measure_strides
 
 
 def gait_summary(gait: Gait) -> Summary:
-    """How far and fast a gait goes, what its feet do, how it was found, and how it was checked."""
+    """Summarize a gait: its motion, the contacts of its feet, its solver and its check."""
     check = gait.check
-    phases = [
-        f"{phase.start:5.1f} s  "
-        + ", ".join(
-            f"{limb.name} {contact.replace('_', ' ')}"
-            for limb, contact in zip(gait.robot.limbs, phase.contacts, strict=True)
-        )
-        for phase in gait.phases
-    ]
-    how = (
-        f"{check.solver}: {check.status} in {check.iterations} iterations, {check.solve_time:.2f} s"
-    )
-    found = how if check.solver else ""
+    phases = []
+    for phase in gait.phases:
+        contacts = []
+        for limb, contact in zip(gait.robot.limbs, phase.contacts, strict=True):
+            contacts.append(f"{limb.name} {contact.replace('_', ' ')}")
+        phases.append(f"{phase.start:5.1f} s  {', '.join(contacts)}")
+    solver = ""
+    if check.solver:
+        effort = f"in {check.iterations} iterations, {check.solve_time:.2f} s"
+        solver = f"{check.solver}: {check.status} {effort}"
     strides = [share for variation in check.spread for share in variation.strides]
     fallen = [variation.what for variation in check.spread if variation.fall]
     spread = []
@@ -44,7 +42,7 @@ def gait_summary(gait: Gait) -> Summary:
     return gait.summary() + Summary.of(
         {
             "phases": "\n".join(phases),
-            "solver": found,
+            "solver": solver,
             "steadiness": "; ".join(steadiness) if np.isfinite(check.steadiness) else "",
             "checked by": check.checked_by,
             "announced": announced,
@@ -60,32 +58,33 @@ def gait_summary(gait: Gait) -> Summary:
 
 
 def walk_summary(gait: Gait, recording: Recording, cycles: int, start: float) -> Summary:
-    """The travel in each planned period beside the planned stride, the heat, and whether it fell.
+    """Summarize a walk: its travel in each planned period, its heat, and its fall, if any.
 
-    Feedback may take longer for a cycle, of which a period then has a part.
+    With feedback a cycle may last longer than a period, which then has only a part of it.
 
     Args:
-        cycles: number of cycles that it was to have.
-        start: time at which the first of them begins, s.
+        cycles: number of planned cycles.
+        start: time at which the first cycle begins, s.
     """
     summary = recording.summary()
     if recording.body_pose is None:
         return summary
-    fall, end = fall_of(recording, gait, start)
+    fall, end = find_fall(recording, gait, start)
     cycles = max(0, min(cycles, int((end - start) / gait.period + 1e-6)))
-    planned, unit = (np.rad2deg(gait.turn), "°") if gait.on_the_spot else (1e3 * gait.stride, " mm")
-    shares = strides_of(recording, gait, cycles, start)[0]
-    strides = shares * (gait.turn if gait.on_the_spot else gait.stride)
-    shown = ", ".join(f"{share * planned:.1f}" for share in shares)
-    said = f"{shown}{unit}" if len(strides) else "none is whole"
-    said += f" in periods of {gait.period:.1f} s, {planned:.1f}{unit} planned"
+    planned = gait.turn if gait.on_the_spot else gait.stride
+    scale, unit = (np.rad2deg(1.0), "°") if gait.on_the_spot else (1e3, " mm")
+    strides = measure_strides(recording, gait, cycles, start)[0] * planned
+    sentence = "none is whole"
+    if len(strides):
+        sentence = ", ".join(f"{scale * stride:.1f}" for stride in strides) + unit
+    sentence += f" in periods of {gait.period:.1f} s, {scale * planned:.1f}{unit} planned"
     if fall:
         places = recording.body_pose[: 2 if gait.in_space else 1]
         moved = [np.diff(np.interp([start, end], recording.time, row))[0] for row in places]
         fall += f", having travelled {1e3 * np.linalg.norm(moved):.1f} mm"
     return summary + Summary(
         [
-            Entry("strides", strides.tolist(), "rad" if gait.on_the_spot else "m", said),
+            Entry("strides", strides.tolist(), "rad" if gait.on_the_spot else "m", sentence),
             Entry("fall", fall),
         ]
     )

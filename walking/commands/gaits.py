@@ -38,45 +38,57 @@ from soft_limb.runs.rollout import OPEN_LOOP, record_replay
 from walking.commands.gait_summaries import gait_summary, walk_summary
 from walking.course import check_course
 from walking.gait import Gait
-from walking.gait_check import fall_of, simulate_gait, strides_of
+from walking.gait_check import find_fall, measure_strides, simulate_gait
 from walking.gait_feedback import GaitFeedback
 from walking.gait_planning import plan_gait
 from walking.gait_program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
 from walking.gait_request import GaitRequest
-from walking.gait_set import AHEAD, TURNING, gait_files, load_gaits, plan_gaits, save_gaits
+from walking.gait_set import AHEAD, TURNING_GAITS, gait_files, load_gaits, plan_gaits, save_gaits
 from walking.heat_feedback import HeatFeedback
 from walking.robot import Robot
 from walking.robot_parameters import RobotParameters
 from walking.robot_twin import RobotTwin
 from walking.schedules import (
     Schedule,
+    candidate_schedules,
     check_schedule,
-    schedule_of,
-    schedule_text,
-    sensible_schedules,
+    format_schedule,
+    parse_schedule,
 )
 from walking.strides import StridesFit, fit_strides
 from walking.strides_in_space import fit_strides_in_space
-from walking.views.robot_panels import way_panel
+from walking.views.robot_panels import body_path_panel
 from walking.walk_trajectory import walk
 from walking.walker import check_walker
-from walking.wayfinder import LEAST_SHARE, STALLED_CYCLES, Wayfinder
+from walking.wayfinder import MIN_CYCLE_PROGRESS, STALLED_CYCLES, Wayfinder
 
-STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
-OF_ONE_GAIT = ("schedule", "turn", "stride", "speed", "steadiness", "quick", "plot", "report")
-FIRST_STRIDES = 2  # after which the gait is planned again
-WELL_MADE = 0.9  # of a stride in space, from which on the gait is kept
-CAMERA_SLACK = 1.2  # times the tolerance, within which a camera sees a robot that has arrived
-STALLS = (
-    f"stopped, as {STALLED_CYCLES} cycles in a row made less than {LEAST_SHARE:.0%} of what was "
-    "planned; does the robot slip, or is it another than the gait's?"
+STRIDE_FEEDBACK = "gait-feedback"
+BEND_FEEDBACK = "plan-feedback"
+HEAT_FEEDBACK = "heat-feedback"
+SINGLE_GAIT_OPTIONS = (
+    "schedule",
+    "turn",
+    "stride",
+    "speed",
+    "steadiness",
+    "quick",
+    "plot",
+    "report",
 )
-STANDING = 10.0  # s, that an emulated robot stands with its wires off while that is done
-_Trial = tuple[Schedule, Gait | None, str]  # with its gait, or why it has none, if it was planned
+FIRST_STRIDES = 2  # after which the gait is planned again
+MIN_KEPT_STRIDE_SHARE = 0.9  # of the planned stride in space: robots that make it keep the gait
+# Of the tolerance of a place: a camera sees robots that arrived within so many times as much.
+CAMERA_TOLERANCE_FACTOR = 1.2
+STALLED_MESSAGE = (
+    f"stopped, as {STALLED_CYCLES} cycles in a row made less than {MIN_CYCLE_PROGRESS:.0%} of "
+    "what was planned; does the robot slip, or is it another than the gait's?"
+)
+STANDING_TIME = 10.0  # s, for which an emulated robot stands with its wires off in the meantime
+_Trial = tuple[Schedule, Gait | None, str]  # with its gait, or the reason why it has none
 
 
-def _turn(text: str) -> float:
-    """A turn in a cycle, rad, of text such as left, right or 10."""
+def _parse_turn(text: str) -> float:
+    """Return a turn in a cycle, rad, from text such as left, right or 10."""
     sides = {"left": np.inf, "right": -np.inf}
     try:
         return sides[text] if text in sides else float(np.deg2rad(float(text)))
@@ -86,9 +98,12 @@ def _turn(text: str) -> float:
         ) from error
 
 
-def _gait(options: argparse.Namespace) -> int:
+def _plan(options: argparse.Namespace) -> int:
+    """Plan a gait of the first schedule that works, or of the best."""
     if options.set:
-        return _gait_set(options)
+        return _plan_set(options)
+
+    # Check the request before planning, which takes minutes.
     outputs = checked_outputs(options, options.robot)
     robot = RobotParameters.of(options.robot)
     check_walker(robot)
@@ -104,21 +119,19 @@ def _gait(options: argparse.Namespace) -> int:
         sticking_share=options.sticking,
     )
     check_course(robot, request.course)
-    schedules = [schedule_of(text, len(robot.limbs)) for text in options.schedule]
+    schedules = [parse_schedule(text, len(robot.limbs)) for text in options.schedule]
     for schedule in schedules:
         check_schedule(schedule, robot)
-    schedules = schedules or sensible_schedules(robot)
+    schedules = schedules or candidate_schedules(robot)
     request.validate(robot, schedules[0])
+
+    # Plan, and report schedules that gave no gait.
     print_duration(
         f"some seconds for each of {len(schedules)} schedules, and five to twenty to check one",
     )
-    gait, refused = _best_gait(
-        schedules,
-        functools.partial(
-            _planned, robot, dataclasses.replace(request, explain=len(schedules) == 1)
-        ),
-        spread=not options.quick,
-    )
+    request = dataclasses.replace(request, explain=len(schedules) == 1)
+    try_schedule = functools.partial(_try_schedule, robot, request)
+    gait, refused = _best_gait(schedules, try_schedule, spread=not options.quick)
     if gait is None:
         raise LimbError(
             f"No schedule of {len(schedules)} gives a gait that walks as planned: "
@@ -127,6 +140,8 @@ def _gait(options: argparse.Namespace) -> int:
         )
     if refused and not options.json:
         print_table("schedules that were not taken", refused)
+
+    # Save the gait, and describe it.
     gait.save(options.output)
     save_panels(motion_panels(gait), options.plot)
     if options.report:
@@ -137,16 +152,16 @@ def _gait(options: argparse.Namespace) -> int:
     return 0
 
 
-def _gait_set(options: argparse.Namespace) -> int:
-    """Plan the gaits by which a robot in space gets anywhere, into a folder."""
-    # Refuse what is about one gait.
-    given = [f"--{name}" for name in OF_ONE_GAIT if getattr(options, name)]
-    if given:
-        raise LimbError(f"--set plans gaits of all directions; leave out {', '.join(given)}.")
+def _plan_set(options: argparse.Namespace) -> int:
+    """Plan a set of gaits by which a robot in space walks to any place, into a folder."""
+    # Refuse options of a single gait.
+    unsuitable = [f"--{name}" for name in SINGLE_GAIT_OPTIONS if getattr(options, name)]
+    if unsuitable:
+        raise LimbError(f"--set plans gaits of all directions; leave out {', '.join(unsuitable)}.")
     # Check the files before the gaits are planned, which takes minutes.
     check_outputs(gait_files(options.output), inputs=[options.robot], force=options.force)
     robot = RobotParameters.of(options.robot)
-    num_processes = min(os.cpu_count() or 1, len(TURNING))
+    num_processes = min(os.cpu_count() or 1, len(TURNING_GAITS))
     gaits = plan_gaits(
         robot,
         map_function=functools.partial(run_each, num_processes=num_processes, in_order=True),
@@ -165,12 +180,13 @@ def _best_gait(
     """Plan a gait of each schedule, and check them, the best first, until one walks as planned.
 
     Args:
-        plan: `_planned` for a robot and an objective.
+        plan: `_try_schedule` for a robot and an objective.
         spread: whether the check varies ground and parameters.
 
     Returns:
-        The gait that was taken, if any; and each other schedule with why it was not.
+        The gait that was taken, if any; and each rejected schedule with the reason.
     """
+    # Plan a gait of each schedule, without checks, and sort them by merit.
     trials: list[_Trial] = [(schedule, None, "") for schedule in schedules]
     if len(schedules) > 1:
         num_processes = min(os.cpu_count() or 1, len(schedules))
@@ -178,34 +194,40 @@ def _best_gait(
             trials = []
             for trial in run_each(plan, schedules, num_processes):
                 trials.append(trial)
-                done = [schedule for schedule, *_ in trials]
-                left = [schedule_text(each) for each in schedules if each not in done]
-                progress.update(len(trials), f"trying {left[0]}" if left else "")
+                tried = [schedule for schedule, *_ in trials]
+                untried = [schedule for schedule in schedules if schedule not in tried]
+                message = f"trying {format_schedule(untried[0])}" if untried else ""
+                progress.update(len(trials), message)
         trials.sort(key=lambda trial: -trial[1].merit if trial[1] else np.inf)
-    taken, refused = None, []
+
+    # Check them until one passes.
+    taken = None
+    refused = []
     for schedule, gait, reason in trials:
         if gait and taken:
             reason = f"{_pace(gait)}, and another is better"
         elif not reason:
             _, taken, reason = plan(schedule, check=True, spread=spread)
         if reason:
-            refused.append((schedule_text(schedule), reason))
+            refused.append((format_schedule(schedule), reason))
     return taken, refused
 
 
 def _pace(gait: Gait) -> str:
+    """Return the speed of a gait, or its rate of turning on the spot, in words."""
     if gait.on_the_spot:
         return f"{np.rad2deg(gait.turn / gait.period):.2f} °/s"
     return f"{1e3 * gait.speed:.2f} mm/s"
 
 
-def _planned(
+def _try_schedule(
     robot: RobotParameters,
     request: GaitRequest,
     schedule: Schedule,
     check: bool = False,
     spread: bool = True,
 ) -> _Trial:
+    """Plan a gait of a schedule; return it, or the reason why there is none."""
     try:
         gait = plan_gait(robot, request, schedule=schedule, check=check, spread=spread)
         return schedule, gait, ""
@@ -213,8 +235,8 @@ def _planned(
         return schedule, None, str(error)
 
 
-def _place(text: str) -> list[float]:
-    """A place x, y, m, and a heading, rad, if any, of text such as 0.5,0 or 0.5,0,90."""
+def _parse_place(text: str) -> list[float]:
+    """Return x, y, m, and a heading, rad, if any, from text such as 0.5,0 or 0.5,0,90."""
     try:
         x, y, *heading = map(float, text.split(","))
         if len(heading) > 1 or not np.isfinite([x, y, *heading]).all():
@@ -226,8 +248,9 @@ def _place(text: str) -> list[float]:
     return [x, y, *np.deg2rad(heading)]
 
 
-def _go(options: argparse.Namespace) -> int:
-    """Walk to places, by gaits of a folder."""
+def _walk_to_places(options: argparse.Namespace) -> int:
+    """Walk to places, by the gaits of a folder."""
+    # Refuse options that do not go with --to.
     if options.replan or options.controller:
         raise LimbError("--to chooses gaits stride by stride; leave out --replan and --controller.")
     if options.port:
@@ -238,73 +261,90 @@ def _go(options: argparse.Namespace) -> int:
     outputs = checked_outputs(options)
     gaits = load_gaits(options.gait)
     ahead = gaits[AHEAD]
-    robot, controller = _robot(options, ahead), Wayfinder(gaits, options.to)
-    way = np.vstack([[0.0, 0.0], *(goal[:2] for goal in options.to)])
-    length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
-    # Turning takes cycles, too, and strides may be a third of those planned.
-    cycles = int(3 * length / ahead.stride) + 30 * len(options.to)
-    most = walk(ahead, cycles)
-    recording = record_replay(most, robot, options.output, controller=controller)
-    save_panels([way_panel(recording, options.to)], options.plot)
+    robot = _make_robot(options, ahead)
+    controller = Wayfinder(gaits, options.to)
+
+    # Walk for at most three times as many strides as planned, and 30 cycles to turn at each place.
+    waypoints = np.vstack([[0.0, 0.0], *(goal[:2] for goal in options.to)])
+    length = np.linalg.norm(np.diff(waypoints, axis=0), axis=1).sum()
+    max_cycles = int(3 * length / ahead.stride) + 30 * len(options.to)
+    longest_walk = walk(ahead, max_cycles)
+    recording = record_replay(longest_walk, robot, options.output, controller=controller)
+    save_panels([body_path_panel(recording, options.to)], options.plot)
+
+    # Compare the last pose with the last place.
     pose = recording.body_pose
     assert pose is not None, "a Wayfinder sees the body"
-    last = pose[:, np.isfinite(pose).all(axis=0)][:, -1]
-    missed = float(np.hypot(*(last[:2] - way[-1])))
-    fall = fall_of(recording, ahead)[0]
-    # The Wayfinder ends the walk at the last place, and where the robot does not get on.
-    ended = recording.time[-1] < most.duration - PERIOD
-    is_there = controller.is_there(last[[0, 1, 5]], len(options.to) - 1, slack=CAMERA_SLACK)
+    last_pose = pose[:, np.isfinite(pose).all(axis=0)][:, -1]
+    distance = float(np.hypot(*(last_pose[:2] - waypoints[-1])))
+    fall = find_fall(recording, ahead)[0]
+    # The Wayfinder ends the walk at the last place, or when the robot stalls.
+    ended = recording.time[-1] < longest_walk.duration - PERIOD
+    last_goal = len(options.to) - 1
+    is_there = controller.is_there(last_pose[[0, 1, 5]], last_goal, slack=CAMERA_TOLERANCE_FACTOR)
     arrived = ended and is_there and not (fall or recording.interrupted)
     stalls = ended and not (arrived or fall or recording.interrupted)
-    said = f"{1e3 * missed:.0f} mm from the last place, after {recording.time[-1]:.0f} s"
-    told = [
+    sentence = f"{1e3 * distance:.0f} mm from the last place, after {recording.time[-1]:.0f} s"
+    entries = [
         Entry("arrived", arrived, sentence="yes" if arrived else "no"),
-        Entry("missed", missed, "m", said),
-        Entry("stalls", STALLS if stalls else ""),
+        Entry("missed", distance, "m", sentence),
+        Entry("stalls", STALLED_MESSAGE if stalls else ""),
         Entry("fall", fall),
     ]
-    print_summary(options, recording.summary() + Summary(told), outputs)
+    print_summary(options, recording.summary() + Summary(entries), outputs)
     return 0 if arrived else 1
 
 
 def _walk(options: argparse.Namespace) -> int:
+    """Walk some cycles of a gait, after a new plan from the first strides if asked for."""
     if options.to:
-        return _go(options)
+        return _walk_to_places(options)
     if options.gait.is_dir():
         raise LimbError(
             f"{options.gait} is a folder of gaits, by which a robot walks to places; say where, "
             "with --to X,Y."
         )
+
+    # Check files and gait before the robot moves.
     outputs = checked_outputs(options, options.gait)
-    parts = [
-        options.output.with_stem(f"{options.output.stem}_{what}") for what in ("first", "gait")
-    ]
-    check_outputs(parts if options.replan else [], inputs=[options.gait], force=options.force)
-    gait, heat, bend, told = Gait.load(options.gait), None, None, Summary([])
+    first_file = options.output.with_stem(f"{options.output.stem}_first")
+    gait_file = options.output.with_stem(f"{options.output.stem}_gait")
+    if options.replan:
+        check_outputs([first_file, gait_file], inputs=[options.gait], force=options.force)
+    gait = Gait.load(options.gait)
     if gait.check.is_missing:
         raise LimbError(
             f"{options.gait} was never checked and is not walked by; plan it again with soft-limb "
             "gait, which checks it by simulation."
         )
-    robot = _robot(options, gait)
+    robot = _make_robot(options, gait)
+
+    # Walk the first strides, and plan the gait again for the robot that they show.
+    heat = None
+    bend = None
+    replan_summary = Summary([])
     if options.replan:
-        fit = _first_strides(options, gait, robot, parts[0])
-        gait, heat, told = _replanned(gait, fit, options)
+        fit = _walk_first_strides(options, gait, robot, first_file)
+        gait, heat, replan_summary = _replan(gait, fit, options)
         if isinstance(robot, RobotTwin):
-            robot = robot.after_rest(STANDING, truth=True)
+            robot = robot.after_rest(STANDING_TIME, truth=True)
         else:  # its port was closed, with its wires off, after the first strides
-            robot = _robot(options, gait)
+            robot = _make_robot(options, gait)
         bend = fit.bend
-        gait.save(parts[1])
-        outputs += parts
-    recording, start = _drive(options, gait, options.cycles, robot, options.output, heat, bend)
+        gait.save(gait_file)
+        outputs += [first_file, gait_file]
+
+    # Walk, and summarize the strides.
+    cycles = options.cycles
+    recording, start = _walk_cycles(options, gait, cycles, robot, options.output, heat, bend)
     save_panels(motion_panels(recording), options.plot)
-    print_summary(options, told + walk_summary(gait, recording, options.cycles, start), outputs)
+    summary = replan_summary + walk_summary(gait, recording, cycles, start)
+    print_summary(options, summary, outputs)
     return 1 if recording.interrupted else 0
 
 
-def _robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
-    """The robot that a command names: on a port, the gait's own model, or an emulated one."""
+def _make_robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
+    """Return the robot of a command's options: on a port, the gait's model, or emulated."""
     limbs = gait.robot.limbs
     uncalibrated = [limb.name for limb in limbs if not limb.parameters.calibration]
     if uncalibrated and not options.model:
@@ -319,14 +359,14 @@ def _robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
         return SerialLimb(options.port, gait.parameters)
     if options.model:
         if options.replan:
-            raise LimbError("--model is the robot as planned, so --replan tells nothing of it.")
+            raise LimbError("--model is the robot as planned; leave out --replan, which fits it.")
         return Robot(gait.robot)
     if options.emulated is None:
         return RobotTwin.of(gait.robot, truth=True)
     return RobotTwin(gait.robot, seed=options.emulated, truth=True)
 
 
-def _drive(
+def _walk_cycles(
     options: argparse.Namespace,
     gait: Gait,
     cycles: int,
@@ -335,66 +375,76 @@ def _drive(
     heat: np.ndarray | None = None,
     bend: np.ndarray | None = None,
 ) -> tuple[Recording, float]:
-    """Walks some cycles from a heat and bends; returns the walk, and when the first begins, s."""
+    """Walk some cycles from a heat and bends.
+
+    Returns:
+        The recording, and the time at which the first cycle begins, s.
+    """
     trajectory = walk(gait, cycles, heat=heat, bend=bend)
-    on_a_plane = BENDS if options.port else STRIDES
-    name = options.controller or (HEAT if gait.in_space else on_a_plane)
+    default_in_plane = BEND_FEEDBACK if options.port else STRIDE_FEEDBACK
+    name = options.controller or (HEAT_FEEDBACK if gait.in_space else default_in_plane)
     controller: LeafSystem | None = None
-    if name == STRIDES:
+    if name == STRIDE_FEEDBACK:
         controller = GaitFeedback(gait, cycles, heat=heat, bend=bend)
-    elif name == BENDS:
+    elif name == BEND_FEEDBACK:
         controller = PlanFeedback(trajectory, known_start=heat is not None)
-    elif name == HEAT:
+    elif name == HEAT_FEEDBACK:
         controller = HeatFeedback(trajectory)
     recording = record_replay(trajectory, robot, output, controller=controller)
     return recording, trajectory.duration - cycles * gait.period
 
 
-def _first_strides(
+def _walk_first_strides(
     options: argparse.Namespace, gait: Gait, robot: LimbSystem, output: Path
 ) -> StridesFit:
-    """Walk two strides, and return what they tell.
+    """Walk two strides, and fit the robot to them.
 
     Raises:
-        LimbError: if the robot falls, or its strides tell nothing.
+        LimbError: if the robot falls, or nothing can be fitted to its strides.
     """
-    recording, start = _drive(options, gait, FIRST_STRIDES, robot, output)
-    fall = fall_of(recording, gait, start)[0] if recording.body_pose is not None else ""
+    recording, start = _walk_cycles(options, gait, FIRST_STRIDES, robot, output)
+    fall = find_fall(recording, gait, start)[0] if recording.body_pose is not None else ""
     if fall or recording.interrupted:
         raise LimbError(
-            f"The robot does not make its first strides, which are in {output}: "
+            f"The robot does not make its first strides; see their recording {output}: "
             f"{fall or recording.interrupted}."
         )
     if not gait.in_space:
         return fit_strides(gait, recording, start, FIRST_STRIDES)
     fit = fit_strides_in_space(gait, recording, start, FIRST_STRIDES)
-    made = strides_of(recording, gait, FIRST_STRIDES, start)[0][-1]
+    made = measure_strides(recording, gait, FIRST_STRIDES, start)[0][-1]
     return dataclasses.replace(fit, made=float(made))
 
 
-def _replanned(
+def _replan(
     gait: Gait, fit: StridesFit, options: argparse.Namespace
 ) -> tuple[Gait, np.ndarray, Summary]:
-    """The gait for what strides told, the wires' heat when it is planned, and what is to be said.
+    """Plan the gait again for a fitted robot, unless the robot makes its strides.
 
-    The gait stays as it was where none walks for what they told.
+    Returns:
+        The gait, the wires' heat after planning, and a summary of the fit and the gait.
     """
     began = time.monotonic()
-    if gait.in_space and fit.made >= WELL_MADE:
-        planned, said = gait, f"the gait is kept, of whose stride the robot makes {fit.made:.0%}"
+    if gait.in_space and fit.made >= MIN_KEPT_STRIDE_SHARE:
+        planned = gait
+        sentence = f"the gait is kept, of whose stride the robot makes {fit.made:.0%}"
     else:
-        planned, said = planned_anew(gait, fit)
-    pause = time.monotonic() - began if options.port else STANDING
-    told = {name: estimate.value for name, estimate in fit.estimates.items()}
-    shown = "\n".join(f"{name} {estimate}" for name, estimate in fit.estimates.items())
-    entries = [Entry("strides_fit", told, "", shown), Entry("replanned", said)]
+        planned, sentence = replan_gait(gait, fit)
+    pause = time.monotonic() - began if options.port else STANDING_TIME
+    values = {}
+    lines = []
+    for name, estimate in fit.estimates.items():
+        values[name] = estimate.value
+        lines.append(f"{name} {estimate}")
+    entries = [Entry("strides_fit", values, "", "\n".join(lines)), Entry("replanned", sentence)]
     return planned, fit.heat_after(pause), Summary(entries)
 
 
-def planned_anew(gait: Gait, fit: StridesFit) -> tuple[Gait, str]:
-    """The gait for the fitted robot if it walks there, and else the gait as it was; and why.
+def replan_gait(gait: Gait, fit: StridesFit) -> tuple[Gait, str]:
+    """Return a gait of the fitted robot, or the former gait, and the reason in words.
 
-    In space it must be faster there than the gait as it was, in MuJoCo.
+    The former gait stays if no new gait walks as planned; in space also if it is as fast as the new
+    gait on the fitted robot in MuJoCo.
     """
     margin = gait.parameters.temperature_limits.maximum - gait.wire_temperature.max()
     objective: Any = gait.check.objective
@@ -415,9 +465,9 @@ def planned_anew(gait: Gait, fit: StridesFit) -> tuple[Gait, str]:
     except PlanningError as error:
         return gait, f"the gait is kept: {error}"
     if gait.in_space:
-        as_it_was = simulate_gait(gait, "", fit.robot, FIRST_STRIDES)
-        makes = 0.0 if as_it_was.fall else as_it_was.strides[-1] * gait.reach / gait.period
-        if makes >= planned.reach / planned.period:
+        former = simulate_gait(gait, "", fit.robot, FIRST_STRIDES)
+        former_speed = 0.0 if former.fall else former.strides[-1] * gait.reach / gait.period
+        if former_speed >= planned.reach / planned.period:
             return gait, "the gait is kept, as a new one is no faster on such feet"
     return planned, f"{1e3 * planned.speed:.2f} mm/s, after {1e3 * gait.speed:.2f} mm/s"
 
@@ -440,11 +490,11 @@ STICKING = Option(
 
 COMMANDS = {
     "gait": Command(
-        _gait,
-        "Plans the gait of a robot of several limbs on the ground: a motion that repeats, heat "
-        "included. Tries the schedules of contacts that are worth it and says why others were not "
-        "taken; simulates the best with contact, and with other friction and "
-        "parameters; and writes it to a file that soft-limb walk drives a robot by.",
+        _plan,
+        "Plan the gait of a robot of several limbs on the ground: a motion that repeats, heat "
+        "included. The command tries schedules of contacts, and reports why each was rejected. It "
+        "simulates the best gait with contact, also with varied friction and parameters, and "
+        "writes it to a file for soft-limb walk.",
         "plot report json force",
         [
             Option(
@@ -457,8 +507,9 @@ COMMANDS = {
             Option(
                 "--set",
                 action="store_true",
-                help="plan the gaits by which a robot in space gets anywhere: ahead, along arcs to "
-                "the left and right, and on the spot; soft-limb walk --to takes their folder",
+                help="plan the gaits by which a robot in space walks to any place: ahead, along "
+                "arcs to the left and right, and on the spot; soft-limb walk --to takes their "
+                "folder",
             ),
             Option(
                 "--schedule",
@@ -471,7 +522,7 @@ COMMANDS = {
             ),
             Option(
                 "--turn",
-                type=_turn,
+                type=_parse_turn,
                 default=0.0,
                 metavar="DEGREES",
                 help="turn to the left in a cycle, °, negative to the right; or left or right, as "
@@ -493,7 +544,7 @@ COMMANDS = {
                 "--objective",
                 choices=["speed", "energy"],
                 default="speed",
-                help="the fastest gait, or the one that heats least for its distance (default "
+                help="the fastest gait, or the gait that heats least for its distance (default "
                 "%(default)s)",
             ),
             MARGIN,
@@ -509,7 +560,7 @@ COMMANDS = {
             Option(
                 "--quick",
                 action="store_true",
-                help="simulate it on the described ground alone, not on others",
+                help="simulate the gait with the described friction and parameters alone",
             ),
         ],
         stopped="stopped; nothing was written",
@@ -520,9 +571,9 @@ COMMANDS = {
     ),
     "walk": Command(
         _walk,
-        "Walks by a gait: warms the wires up, makes so many cycles, and stops. Without a port it "
-        "is an emulated robot that walks, whose limbs, masses and friction are not as described; "
-        "its body is seen by an emulated camera.",
+        "Walk by a gait: warm the wires up, make some cycles, and stop. Without a port, an "
+        "emulated robot walks. Its limbs, masses and friction differ from the description, and an "
+        "emulated camera sees its body.",
         "output driven plot json force",
         [
             Option(
@@ -533,7 +584,7 @@ COMMANDS = {
             ),
             Option(
                 "--to",
-                type=_place,
+                type=_parse_place,
                 action="append",
                 default=[],
                 metavar="X,Y[,DEGREES]",
@@ -553,15 +604,16 @@ COMMANDS = {
                 help="walk two strides, fit friction, stiffness, torques and heat to them (in "
                 "space friction and the heights of feet, to the body's pose), plan the gait anew "
                 "while the robot stands, in space if it makes less than 90%% of a stride, and go "
-                "on by it; files *_first.csv and *_gait.csv have the strides and the gait",
+                "on by it; files *_first.csv and *_plan.csv have the strides and the gait",
             ),
             Option(
                 "--controller",
-                choices=[STRIDES, BENDS, HEAT, OPEN_LOOP],
-                help=f"{STRIDES}: hold the bends, and correct their amplitude and duration by each "
-                f"stride; {BENDS}: hold the bends; {HEAT}: hold the temperatures; {OPEN_LOOP}: the "
-                f"gait's duty (default in space {HEAT}; in a plane {STRIDES}, or {BENDS} on a "
-                "port, where no camera sees the body)",
+                choices=[STRIDE_FEEDBACK, BEND_FEEDBACK, HEAT_FEEDBACK, OPEN_LOOP],
+                help=f"{STRIDE_FEEDBACK}: hold the bends, and correct their amplitude and duration "
+                f"by each stride; {BEND_FEEDBACK}: hold the bends; {HEAT_FEEDBACK}: hold the "
+                f"temperatures; {OPEN_LOOP}: the gait's duty (default in space {HEAT_FEEDBACK}; in "
+                f"a plane {STRIDE_FEEDBACK}, or {BEND_FEEDBACK} on a port, where no camera sees "
+                "the body)",
             ),
         ],
         examples=["soft-limb walk out/gait.csv -n 4 -o out/walk.csv"],

@@ -1,4 +1,4 @@
-"""What the files of gaits and robots are, for commands on results."""
+"""Readers of gait and robot files, for commands on results."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,14 +12,15 @@ from walking.gait import Gait
 from walking.robot_parameters import RobotParameters
 
 
-def _gait(path: Path, _text: str, _quick: bool) -> Read:
+def _read_gait(path: Path, _text: str, _quick: bool) -> Read:
     gait = Gait.load(path)
     return gait, gait.provenance, gait_summary(gait) + Summary([identity_entry(gait.robot)])
 
 
-def _robot(path: Path, _text: str, _quick: bool) -> Read:
+def _read_robot(path: Path, _text: str, _quick: bool) -> Read:
     robot = RobotParameters.load(path)
-    body, ground = robot.body, robot.ground
+    body = robot.body
+    ground = robot.ground
     stands = f"μ = {ground.friction:g}, slope {np.rad2deg(ground.slope):g}°" if ground else "none"
     entries = [
         Entry("body", f"{body.mount}, {1e3 * body.mass:g} g"),
@@ -30,4 +31,4 @@ def _robot(path: Path, _text: str, _quick: bool) -> Read:
     return robot, None, Summary(entries)
 
 
-READERS: dict[str, Callable[[Path, str, bool], Read]] = {GAIT: _gait, ROBOT: _robot}
+READERS: dict[str, Callable[[Path, str, bool], Read]] = {GAIT: _read_gait, ROBOT: _read_robot}

@@ -23,29 +23,26 @@ _DASHES = {"x": "dashed", "y": "dotted", "z": "solid"}
 
 
 def robot_panels(robot: RobotParameters, motion: Recording | Gait) -> list[Panel]:
-    """What the feet of a robot do, where its body is, and the contact forces, as far as known."""
-    time, panels = motion.time, []
-    forces, pose = motion.contact_force, motion.body_pose
+    """Return panels of the contacts of feet, the body's pose and the contact forces, if present."""
+    time = motion.time
+    panels = []
+    forces = motion.contact_force
+    pose = motion.body_pose
     if isinstance(motion, Gait):
         panels.append(foot_fall_panel(robot, motion.phases, motion.period))
     elif forces is not None and motion.joint_state is not None and len(time) > 1:
         panels.append(foot_fall_panel(robot, foot_fall(motion), time[-1]))
     if pose is not None:
         in_space = robot.pose_size == 6
-        # On a ground z tells little, and x and y less beside it.
+        # On a ground z changes little, and its curve would squeeze x and y.
         floats = in_space and robot.ground is None
         for group in ("mm", "°"):
-            drawn = [
-                (name, scale * row)
-                for (name, unit, scale), row in zip(robot.pose_rows(), pose, strict=True)
-                if unit == group and (floats or name != "z")
-            ]
             colors = wire_colors(3) if in_space else [ROLLOUT_COLOR]
-            curves = [
-                Curve(name, time, row, color)
-                for (name, row), color in zip(drawn, colors, strict=False)
-            ]
-            names = ", ".join(name for name, _ in drawn)
+            curves: list[Curve] = []
+            for (name, unit, scale), row in zip(robot.pose_rows(), pose, strict=True):
+                if unit == group and (floats or name != "z"):
+                    curves.append(Curve(name, time, scale * row, colors[len(curves)]))
+            names = ", ".join(curve.name for curve in curves)
             panels.append(Panel(f"body {names} ({group})", curves, 190))
     if forces is not None:
         of_feet = forces.reshape(len(robot.limbs), -1, len(time))
@@ -61,7 +58,7 @@ def robot_panels(robot: RobotParameters, motion: Recording | Gait) -> list[Panel
     return panels
 
 
-def way_panel(recording: Recording, goals: Sequence[Sequence[float]]) -> Panel:
+def body_path_panel(recording: Recording, goals: Sequence[Sequence[float]]) -> Panel:
     """Return the way of a body over the ground, from above, and the places it was to go to.
 
     Args:
@@ -87,7 +84,7 @@ def foot_fall_panel(robot: RobotParameters, phases: Sequence[GaitPhase], end: fl
         end: end of the last phase, s.
     """
     ends = [*(phase.start for phase in phases[1:]), end]
-    curves = []
+    curves: list[Curve] = []
     for contact, (name, color, width) in CONTACT_BARS.items():
         x: list[float] = []
         y: list[float] = []

@@ -10,10 +10,11 @@ from limb_systems.views.limb_view import LimbView
 from walking.robot import add_robot, set_positions
 from walking.robot_parameters import RobotParameters
 
-MARK = 0.01  # m, from mark to mark on the ground
-FIFTH = 5  # marks after which one is wider
-_BESIDE = (0.0, -0.97, 0.26)  # direction to the camera
-_GROUND_COLOR, _MARK_COLOR = (0.97, 0.98, 0.96), (0.62, 0.64, 0.66)
+MARK_SPACING = 0.01  # m, from mark to mark on the ground
+MARKS_PER_WIDE_MARK = 5  # marks after which one is wider
+_CAMERA_DIRECTION = (0.0, -0.97, 0.26)  # direction to the camera
+_GROUND_COLOR = (0.97, 0.98, 0.96)
+_MARK_COLOR = (0.62, 0.64, 0.66)
 
 
 class RobotView(LimbView):
@@ -47,7 +48,7 @@ class RobotView(LimbView):
         return {f"{limb.name}_": limb.parameters for limb in self._robot.limbs}
 
     def _to_eye(self) -> tuple[float, float, float]:
-        return _BESIDE
+        return _CAMERA_DIRECTION
 
     def _add_model(self, plant: MultibodyPlant) -> None:
         add_robot(plant, self._robot)
@@ -59,15 +60,18 @@ class RobotView(LimbView):
         """Put the ground below the bodies, with a mark each 10 mm along x."""
         if not self._robot.ground:
             return
-        step, path = FIFTH * MARK, f"{self._root}ground"
-        first, last = np.floor(low[0] / step) - 1, np.ceil(high[0] / step) + 1
-        middle, depth = (low[1] + high[1]) / 2, high[1] - low[1] + 2.0 * self._robot.body.width
-        size = (last - first) * step, depth, MARK / 5
+        step = MARKS_PER_WIDE_MARK * MARK_SPACING
+        path = f"{self._root}ground"
+        first = np.floor(low[0] / step) - 1
+        last = np.ceil(high[0] / step) + 1
+        middle = (low[1] + high[1]) / 2
+        depth = high[1] - low[1] + 2.0 * self._robot.body.width
+        size = (last - first) * step, depth, MARK_SPACING / 5
         center = [(first + last) / 2 * step, middle, -size[2] / 2]
         meshcat.SetObject(f"{path}/plane", Box(*size), Rgba(*_GROUND_COLOR))
         meshcat.SetTransform(f"{path}/plane", RigidTransform(center))
-        for number in range(round((last - first) * FIFTH) + 1):
-            mark = Box(MARK * (0.05 if number % FIFTH else 0.15), depth, 1e-5)
+        for number in range(round((last - first) * MARKS_PER_WIDE_MARK) + 1):
+            mark = Box(MARK_SPACING * (0.05 if number % MARKS_PER_WIDE_MARK else 0.15), depth, 1e-5)
             meshcat.SetObject(f"{path}/mark_{number}", mark, Rgba(*_MARK_COLOR))
-            at = [first * step + number * MARK, middle, 1e-5]
+            at = [first * step + number * MARK_SPACING, middle, 1e-5]
             meshcat.SetTransform(f"{path}/mark_{number}", RigidTransform(at))
