@@ -43,7 +43,7 @@ from calibration.recordings.at_rest import ambient_temperature, rest_angles
 from calibration.recordings.files import leaving_out, read_folder, usable
 from calibration.recordings.kinds import FREE_KINDS, all_kinds, heated_kinds, only_segment, title_of
 from calibration.recordings.repair import FEWEST, before_missing, with_lost_rows
-from calibration.remarks import CalibrationError, Remark, verdict
+from calibration.remarks import CalibrationError, Remark, Severity, verdict
 from calibration.validation import Validation, validate, validation_of
 from calibration.wire_directions import check_directions, wire_directions
 from limb_systems import (
@@ -138,7 +138,13 @@ class Calibration(Summarized):
             return None
         prediction = self.prediction
         shown = [part.bend_error for part in prediction.parts]
-        return plan_miss(self.parameters, prediction.foreseen, prediction.fit.predicted, shown)
+        return plan_miss(
+            self.parameters,
+            prediction.foreseen,
+            prediction.fit.predicted,
+            shown,
+            prediction.mean_error,
+        )
 
     @property
     def estimates(self) -> dict[str, Estimate]:
@@ -189,6 +195,11 @@ class Calibration(Summarized):
             common[known, known] = 0.0
             covariance[np.ix_(multiples, multiples)] += common
         return covariance
+
+    @property
+    def may_be_planned_with(self) -> bool:
+        """Return whether no remark forbids plans with the calibrated limb."""
+        return all(remark.severity < Severity.STOP for remark in self.remarks)
 
     @property
     def verdict(self) -> str:
@@ -366,7 +377,20 @@ def calibrate(
         limb, ambient, stiffness, damping, prediction, heat, force, validation, sources, left_out
     )
     _record(calibration)
+    with _noted(left_out):
+        _check_better_than_mean(calibration)
     return calibration
+
+
+def _check_better_than_mean(calibration: Calibration) -> None:
+    """Raise CalibrationError if plans may miss by more than the mean bend would."""
+    miss = calibration.plan_miss
+    if miss and miss.high > miss.by_mean:
+        further = calibration.next_recording or "record more motions like those you plan"
+        raise CalibrationError(
+            f"These recordings tell no model: {miss.in_words}, but the mean bend misses such a "
+            f"motion by {np.rad2deg(miss.by_mean):.1f}°. Next, {further}."
+        )
 
 
 @contextlib.contextmanager

@@ -20,7 +20,7 @@ from pydrake.systems.primitives import (
 )
 
 from hardware.board.journal import closing, journaled
-from hardware.board.link import present_temperature
+from hardware.board.link import check_heat_is_measured, present_temperature
 from hardware.board.serial_limb import SerialLimb
 from hardware.firmware import guard
 from hardware.live_feed import LiveView, shown
@@ -183,12 +183,7 @@ def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: boo
 def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
     """Checks of a robot: the plan is for this board, and the wires are as warm as in the plan."""
     board, planned = limb.info.serial_number, trajectory.parameters
-    if planned.calibration and not planned.calibration.heat_measured:
-        raise ReplayError(
-            "This trajectory was planned with a limb that was calibrated without thermocouples, so "
-            "that nobody knows how hot its wires get, and boards refuse to heat without them: bond "
-            "thermocouples, calibrate again, and plan again. It can be simulated."
-        )
+    check_heat_is_measured(planned)
     number = planned.board.identity
     if isinstance(planned.board, EmulatedLimb):
         number = planned.board.serial_number

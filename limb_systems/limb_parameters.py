@@ -462,6 +462,11 @@ class LimbParameters(Described):
         return suffixes
 
     @property
+    def heat_is_measured(self) -> bool:
+        """Return whether boards may heat the limb; not if a calibration had no thermocouples."""
+        return self.calibration is None or self.calibration.heat_measured
+
+    @property
     def heat_bounds(self) -> list[HeatBounds]:
         """Heat bounds of all wires (W): as calibrated, or else around their laws.
 

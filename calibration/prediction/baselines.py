@@ -7,6 +7,7 @@ import numpy as np
 from calibration.prediction.heated_run import STEP, HeatedRun
 from limb_systems.low_pass import low_pass
 
+MEAN = "the mean"
 DELAYS = (2.0, 4.0, 8.0, 16.0, 32.0)  # s, time constants that are tried
 
 
@@ -32,7 +33,7 @@ def baselines(
     by_lag = min((_lag(fitted, delay) for delay in DELAYS), key=lambda lag: lag[0])
     _, delay, gains = by_lag
     return {
-        "the mean": [mean] * len(judges),
+        MEAN: [mean] * len(judges),
         "a lag of each wire": [_factors(run, delay) @ gains for run in judges],
     }
 

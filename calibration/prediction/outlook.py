@@ -76,12 +76,14 @@ class PlanMiss:
     - ``expected``: this for motions as wide as plans, and what is unknown of the limb and its day.
     - ``span``: range of the bend in the motions that judged, rad.
     - ``shown``: least and most by which parts were missed that were left out of a fit, rad.
+    - ``by_mean``: what the mean bend is expected to miss motions as wide as plans by, rad.
     """
 
     left: float
     expected: float
     span: float
     shown: tuple[float, float]
+    by_mean: float
 
     @property
     def low(self) -> float:
@@ -118,14 +120,16 @@ def plan_miss(
     foreseen: Sequence[Predicted],
     fitted: Sequence[Predicted],
     shown: Sequence[float],
+    mean_error: float,
 ) -> PlanMiss:
-    """How far plans of a calibrated limb will miss it.
+    """Return how far plans of a calibrated limb will miss it.
 
     Args:
         limb: one with its calibration's covariance; of one segment.
         foreseen: what judged, predicted from its start; see `LawFit.foresee`.
         fitted: the recordings of the fit, which may be missed by more.
         shown: errors of parts that were left out, rad, by fits without them.
+        mean_error: error of the mean bend in these parts, rad.
     """
     unknown, typical = limb.segments[0].bend_sensor.drift, 0.0  # in space: of both angles
     if limb.segments[0].axes == 1:
@@ -142,7 +146,8 @@ def plan_miss(
     if typical:  # a limb that stays in the middle of its range misses no more
         left, wide = min(left, typical / 2), min(wide, typical / 2)
     expected = float(np.hypot(wide, unknown))
-    return PlanMiss(left, expected, _span(foreseen), (min(shown), max(shown)))
+    by_mean = mean_error * max(1.0, typical / _span(foreseen))
+    return PlanMiss(left, expected, _span(foreseen), (min(shown), max(shown)), by_mean)
 
 
 def _span(group: Sequence[Predicted]) -> float:

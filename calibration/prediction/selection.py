@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from calibration.prediction.baselines import baseline_errors
+from calibration.prediction.baselines import MEAN, baseline_errors
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.law_fit import (
     BEND_SCALE,
@@ -139,6 +139,7 @@ class Prediction:
     - ``judges``: recordings that the laws were judged by, in words.
     - ``foreseen``: parts that were left out, as this fit predicts them from their start, as plans.
     - ``parts``: parts that were left out in turn, as the best law predicts them from the others.
+    - ``mean_error``: mean distance of the bend in these parts from the mean bend of the others, rad.
     """
 
     candidates: list[Candidate]
@@ -147,6 +148,7 @@ class Prediction:
     judges: str
     foreseen: list[Predicted]
     parts: list[Predicted]
+    mean_error: float
 
     @property
     def bend_error(self) -> float:
@@ -313,12 +315,15 @@ def fit_by_prediction(
             tell=tell,
             fitted=lambda law: time_left.add(times[law]),
         )
-        best, parts = _as_good_as_baselines(candidates, best, folds, runs, tell)
+        baselines = _baseline_errors(folds)
+        best, parts = _as_good_as_baselines(candidates, best, folds, baselines, runs, tell)
         fit = best.fit
         tell(f"{best.name}, all recordings")
         fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
         foreseen = fit.foresee([predicted.run for predicted in parts])
-    return Prediction(candidates, best, fit, folds.words, foreseen, parts)
+    return Prediction(
+        candidates, best, fit, folds.words, foreseen, parts, mean_error=baselines[MEAN]
+    )
 
 
 class _Folds(NamedTuple):
@@ -366,10 +371,17 @@ def _left_out_in_turn(runs: Mapping[str, list[HeatedRun]]) -> tuple[list[HeatedR
     return fitted, _Folds(parts, True, "the last part of each recording, fitted last")
 
 
+def _baseline_errors(folds: _Folds) -> dict[str, float]:
+    """Return by name the mean error of each baseline over all parts left out, rad."""
+    errors = [baseline_errors(rest, judges) for rest, judges in folds.parts]
+    return {name: float(np.mean([each[name] for each in errors])) for name in errors[0]}
+
+
 def _as_good_as_baselines(
     candidates: Sequence[Candidate],
     best: Candidate,
     folds: _Folds,
+    baselines: Mapping[str, float],
     kinds: Iterable[str],
     tell: Callable[[str], object],
 ) -> tuple[Candidate, list[Predicted]]:
@@ -378,9 +390,6 @@ def _as_good_as_baselines(
     Raises:
         CalibrationError: if there is none.
     """
-    # The better baseline, over all parts.
-    errors = [baseline_errors(rest, judges) for rest, judges in folds.parts]
-    baselines = {name: float(np.mean([each[name] for each in errors])) for name in errors[0]}
     baseline, error = min(baselines.items(), key=lambda item: item[1])
     allowed = max(WORSE[0] * error, error + WORSE[1])
     # The best law, or the nearest others, each fitted without each part.

@@ -192,6 +192,7 @@ def _fit(options: argparse.Namespace) -> int:
     every = itertools.chain(*recorded.values())
     check_outputs(outputs, inputs=[options.limb, *every], force=options.force)
     summaries, limbs = {}, {}
+    forbidden: list[str] = []
     for name, folder in folders.items():
         described = None
         if options.limb:
@@ -225,12 +226,14 @@ def _fit(options: argparse.Namespace) -> int:
         if name in reports:
             data = {path.stem: path for path in recorded[name]}
             write_report(calibration, reports[name], {"calibrated limb": options.output, **data})
+        if not calibration.may_be_planned_with:
+            forbidden.append(name)
         limbs[name], summaries[name] = calibration.parameters, calibration_summary(calibration)
     # Written last, so that Ctrl-C before leaves no limb.
     if robot is None:
         limbs[""].save(options.output)
         print_summary(options, summaries[""], outputs)
-        return 0
+        return _exit_status(options.output, forbidden)
     robot.with_limbs(limbs).save(options.output)
     kept = [limb.name for limb in robot.limbs if limb.name not in limbs]
     told = [Entry(name, each.to_json(), "", f"{each}\n") for name, each in summaries.items()]
@@ -240,7 +243,19 @@ def _fit(options: argparse.Namespace) -> int:
         for words in robot.commands_after_fit(options.output)
     ]
     print_summary(options, Summary(told), outputs)
-    return 0
+    return _exit_status(options.output, forbidden)
+
+
+def _exit_status(output: Path, forbidden: list[str]) -> int:
+    """Return 1, and print why, if there are limbs whose verdict forbids plans; 0 otherwise."""
+    for name in forbidden:
+        limb = f"the limb {name} in {output}" if name else str(output)
+        print(
+            f"error: Do not plan with {limb}: its remarks that begin with stop say why, and what "
+            "to record or mend. The file is for looking at.",
+            file=sys.stderr,
+        )
+    return 1 if forbidden else 0
 
 
 def _robot_recorded(options: argparse.Namespace) -> ConnectedLimbs | None:

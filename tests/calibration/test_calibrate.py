@@ -21,7 +21,7 @@ from calibration import (
     validate,
 )
 from calibration.recordings.repair import part
-from calibration.remarks import Severity, remarks_on_estimate
+from calibration.remarks import Remark, Severity, remarks_on_estimate
 from hardware import LimbTwin
 from limb_systems import (
     HystereticLaw,
@@ -291,6 +291,21 @@ def test_remarks_are_ranked(emulated_folder, capsys, tmp_path):
     (told,) = re.findall(r"^validation +.*: mean ([\d.]+)°", said, re.MULTILINE)
     assert f"{again['bend_angle_mean_deg']:.2f}" == told
     assert found.calibration.validation.startswith(f"bend angle off by {told} deg on average")
+
+
+def test_a_limb_that_must_not_be_planned_with_is_no_success(
+    by_the_paper, capsys, monkeypatch, tmp_path
+):
+    """The file is kept for looking at, and the exit status is 1."""
+    stop = dataclasses.replace(by_the_paper, left_out=[Remark("start", "It starts at 900 °C.")])
+    fit = ["fit", str(tmp_path), "-o", str(tmp_path / "limb.yaml"), "--force"]
+    for calibration, status in ((by_the_paper, 0), (stop, 1)):
+        found = mock.Mock(return_value=calibration)
+        monkeypatch.setattr("soft_limb.commands.calibration.calibrate", found)
+        assert main(fit) == status
+        printed = capsys.readouterr()
+        assert ("Do not plan with" in printed.err) == bool(status)
+    assert "Do not plan with this: a recording starts" in printed.out
 
 
 def test_wires_on_the_wrong_side_are_a_question(emulated_folder, capsys, tmp_path):

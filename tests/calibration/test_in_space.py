@@ -9,7 +9,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration import calibrate
+from calibration import CalibrationError, calibrate
+from calibration.calibrate import _check_better_than_mean
 from calibration.collecting.measurement_protocol import mounted
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
@@ -196,6 +197,9 @@ def test_bends_alone_tell_a_limb_that_bends_in_space(motion):
     assert np.rad2deg(predicted.bend_error) < 1.5
     assert np.rad2deg(np.nanmax(np.abs(run.bend))) > 15.0
     assert calibration.plan_miss.low < predicted.bend_error < calibration.plan_miss.high
+    no_better = dataclasses.replace(calibration.prediction, mean_error=np.deg2rad(0.1))
+    with pytest.raises(CalibrationError, match=r"tell no model: .* misses such a motion by 0\.1°"):
+        _check_better_than_mean(dataclasses.replace(calibration, prediction=no_better))
     limb = calibration.parameters
     assert limb.temperature_limits.maximum == 80.0
     assert [wire.law.a2 for wire in limb.wires] == pytest.approx(3 * [LinearLaw().a2])

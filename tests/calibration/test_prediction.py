@@ -128,7 +128,7 @@ def test_the_simplest_law_that_predicts_as_well_is_used():
     assert candidates[-1].name == "TwoMassLaw + rest_memory"
     assert best.name == "TwoMassLaw"
     assert beaten(candidates[0], candidates[1])
-    chosen = Prediction(candidates, best, best.fit, "", [], [])
+    chosen = Prediction(candidates, best, best.fit, "", [], [], 0.0)
     assert ("is nearer to what judged" in chosen.choice) == (
         min(candidates, key=lambda c: c.bend_error) is not best
     )
@@ -192,7 +192,7 @@ def test_a_plan_is_expected_to_miss_by_what_is_left_and_by_what_is_unknown():
     def miss(error: float, share: float = 1.0) -> PlanMiss:
         smaller = dataclasses.replace(run, bend=share * run.bend)
         predicted = [Predicted(smaller, run.temperature, smaller.bend + error)]
-        return plan_miss(limb, predicted, predicted, [error])
+        return plan_miss(limb, predicted, predicted, [error], 2.0 * error)
 
     unknown = miss(0.0).expected
     assert np.deg2rad(0.3) < unknown < np.deg2rad(4.0)  # the sensor's drift is 1°
