@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
 
 from calibration.estimate import Estimate
-from calibration.recordings.repair import filled
+from calibration.recordings.repair import fill_gaps
 from calibration.remarks import CalibrationError
 from limb_systems import LimbModel, Recording
 from limb_systems.kinematics import joint_angles_from_bend_angle
@@ -164,7 +164,7 @@ def _multiple(logarithm: float, variance: float) -> Estimate:
 def _smoothed(recording: Recording) -> np.ndarray:
     """Measured bends (F, K), rad, without gaps, and with little noise."""
     size = max(1, round(SMOOTHING * recording.sample_rate))
-    bends = np.array([filled(recording.time, bend) for bend in recording.bend_angle])
+    bends = np.array([fill_gaps(recording.time, bend) for bend in recording.bend_angle])
     return uniform_filter1d(bends, size, axis=1)
 
 

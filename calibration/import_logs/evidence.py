@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 from scipy.signal import lfilter
 
-MEMORY = 15.0  # s, over which a wire keeps its heat, roughly
-SLOW = 90.0  # s, over which silicone gives its heat back
-STEP = 0.5  # s, of the signals that are compared
-MOST_STEPS = 20_000
-MARGIN = 3.0  # standard errors that decide
-FACTOR = 1.5  # by which a wire warms its thermocouple more than others
-FEWEST = 12  # steps, from which on a regression tells anything
+WIRE_MEMORY = 15.0  # s, over which a wire keeps its heat, roughly
+SILICONE_MEMORY = 90.0  # s, over which silicone gives its heat back
+COMPARISON_STEP = 0.5  # s, of the signals that are compared
+MAX_STEPS = 20_000
+DECIDING_ERRORS = 3.0  # standard errors that decide
+WARMING_FACTOR = 1.5  # by which a wire warms its thermocouple more than others
+MIN_STEPS = 12  # steps, from which on a regression tells anything
 
 
 def forward_fill(duty: np.ndarray) -> np.ndarray:
@@ -47,7 +47,9 @@ class Steps:
     @classmethod
     def of(cls, times: np.ndarray) -> "Steps":
         """Return steps for rows at some times (K,), s, increasing."""
-        step = max(STEP, (times[-1] - times[0]) / MOST_STEPS, float(np.median(np.diff(times))))
+        step = max(
+            COMPARISON_STEP, (times[-1] - times[0]) / MAX_STEPS, float(np.median(np.diff(times)))
+        )
         step_of_row = ((times - times[0]) // step).astype(int)
         return cls(step_of_row, step * np.arange(step_of_row[-1] + 1), step)
 
@@ -62,13 +64,13 @@ class Steps:
     def heat(self, duty: np.ndarray) -> np.ndarray:
         """Return the heat of a duty (K,) in each step (N,): warmth and bend follow it."""
         mean_duty = forward_fill(self.means(forward_fill(duty)))
-        kept = np.exp(-self.step / MEMORY)
+        kept = np.exp(-self.step / WIRE_MEMORY)
         return lfilter([0.0, 1.0 - kept], [1.0, -kept], mean_duty)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Responses:
-    """How signals respond to the heat of wires, by regression.
+    """The responses of signals to the heat of wires, by regression.
 
     - ``gains``: change of each signal for a unit of heat of each wire (M, W).
     - ``errors``: standard errors of the gains (M, W); infinite for wires that were not heated.
@@ -95,7 +97,8 @@ class Responses:
         """Return the thermocouple that each wire clearly warms (W,); None where none is clear.
 
         A wire warms its thermocouple more than others do, or warms it more than the others, by
-        `FACTOR` and by `MARGIN` standard errors, among those that are not paired yet.
+        `WARMING_FACTOR` and by `DECIDING_ERRORS` standard errors. Only thermocouples and wires that
+        are not paired yet are compared.
         """
         found: list[int | None] = [None] * self.gains.shape[1]
         wires = [int(i) for i in np.flatnonzero(np.isfinite(self.errors).all(axis=0))]
@@ -113,7 +116,7 @@ class Responses:
         """Return whether a thermocouple is clearly of a wire, among others."""
         gain = self.gains[sensor, wire]
         error = self.errors[sensor, wire]
-        if gain <= MARGIN * error:
+        if gain <= DECIDING_ERRORS * error:
             return False
         leads = []
         for others in (
@@ -122,10 +125,14 @@ class Responses:
         ):
             gains = np.array([self.gains[other] for other in others])
             errors = np.array([self.errors[other] for other in others])
-            lead = gain - FACTOR * np.maximum(gains, 0.0)
+            lead = gain - WARMING_FACTOR * np.maximum(gains, 0.0)
             if (lead <= 0.0).any():
                 return False
-            leads += [(lead > MARGIN * np.hypot(error, FACTOR * errors)).all()] if others else []
+            leads += (
+                [(lead > DECIDING_ERRORS * np.hypot(error, WARMING_FACTOR * errors)).all()]
+                if others
+                else []
+            )
         return not leads or any(leads)
 
 
@@ -163,10 +170,12 @@ def _regression(
     gains = np.zeros(len(heats))
     errors = np.full(len(heats), np.inf)
     shown = ~np.isnan(np.vstack([heats, signal])).any(axis=0)
-    if shown.sum() < FEWEST or not (moving := np.ptp(heats[:, shown], axis=1) > 1e-9).any():
+    if shown.sum() < MIN_STEPS or not (moving := np.ptp(heats[:, shown], axis=1) > 1e-9).any():
         return gains, errors
     since = times - times[0]
-    decays = np.array([np.ones(len(times)), np.exp(-since / MEMORY), np.exp(-since / SLOW)])
+    decays = np.array(
+        [np.ones(len(times)), np.exp(-since / WIRE_MEMORY), np.exp(-since / SILICONE_MEMORY)]
+    )
     factors = np.vstack([heats[moving], decays])[:, shown].T
     wanted = signal[shown]
     memory = 0.0

@@ -22,7 +22,7 @@ from limb_systems.limb_parameters import LimbParameters
 
 @dataclasses.dataclass(eq=False)
 class ImportedLog:
-    """What a log tells of a limb.
+    """A log of a limb, its mapping and its recordings.
 
     - ``path``: path of the log.
     - ``limb``: the limb in it, with the mapping by which it is read, and what is asked.
@@ -40,7 +40,7 @@ class ImportedLog:
 
     @property
     def asks(self) -> bool:
-        """Whether something is asked that the log does not tell."""
+        """Return whether something is asked that the log does not tell."""
         return bool(self.limb.questions or self.limb.mapping.open_fields)
 
     @property
@@ -106,7 +106,7 @@ def import_logs(
         parameters: the limb's description; the nominal limb if None.
         unread: gets why a log is left out that is no table of text with rows of numbers; if None,
             none is left out.
-        dictionary: words of the columns' names; those of `words` if None.
+        dictionary: words of the columns' names; the words of `words` if None.
 
     Raises:
         LogError: if a log is no table of text with rows of numbers, unless it is left out beside

@@ -21,11 +21,11 @@ from limb_systems.progress import Progress
 # The names that mappings have for delimiters; "space" is any white space.
 DELIMITERS = {",": ",", ";": ";", "tab": "\t", "|": "|", "space": None}
 SAMPLE_ROWS = 200  # which show the form of the lines
-FEWEST_ROWS = 10
-FIRST_ROWS = 4  # rows of numbers, one after the other, with which the numbers begin
-LONGEST_HEAD = 10_000  # lines before the first row of numbers
-LONGEST_LINE = 100_000  # characters
-BLOCK = 2**21  # characters that are in memory as text
+MIN_ROWS = 10
+MIN_FIRST_ROWS = 4  # rows of numbers, one after the other, with which the numbers begin
+MAX_HEAD_LINES = 10_000  # lines before the first row of numbers
+MAX_LINE_LENGTH = 100_000  # characters
+BLOCK_CHARACTERS = 2**21  # characters that are in memory as text
 _CLOCK = r"\d\d?:\d\d:\d\d(?:[.,]\d+)?(?:\s*[AaPp][Mm])?"
 _DATED = rf"(?:\d{{4}}-\d\d-\d\d[ T]|\d\d?[./]\d\d?[./]\d{{4}} )?{_CLOCK}"
 # A terminal's time before a line: "14:02:11.451 -> ", "[14:02:11.451] ", "14:02:11.451 1,2,3".
@@ -136,7 +136,7 @@ class _Form:
     def labelled(self, line: str) -> list[tuple[str, str]]:
         """Return label and value of each cell of a line; nothing if a cell has none."""
         line = re.sub(r"\s*([:=])\s+", r"\1", self.without_stamp(line)[1])
-        cells = [cell for cell in split(line.replace('"', ""), self.delimiter) if cell]
+        cells = [cell for cell in split_cells(line.replace('"', ""), self.delimiter) if cell]
         matches = [_LABELLED.fullmatch(cell) for cell in cells]
         return [(match[1], match[2]) for match in matches if match] if all(matches) else []
 
@@ -144,7 +144,7 @@ class _Form:
         """Return the cells of a line; none if its labels are others."""
         first, rest = self.without_stamp(line)
         if not self.labels:
-            return [*first, *split(rest, self.delimiter)]
+            return [*first, *split_cells(rest, self.delimiter)]
         found = self.labelled(line)
         is_alike = tuple(label for label, _ in found) == self.labels
         return [*first, *(value for _, value in found)] if is_alike else []
@@ -185,11 +185,11 @@ def read_table(
         LogError: with one sentence, if it is no table of text with rows of numbers.
     """
     check_file(path, "log", LARGEST_TABLE, LogError)
-    encoding, num_lines = _survey(Path(path))
-    blocks = _blocks(Path(path), encoding)
+    encoding, num_lines = _survey_encoding(Path(path))
+    blocks = _line_blocks(Path(path), encoding)
     # Find the form of the lines in the middle of the first block.
     first = next(blocks, [])
-    full = [line for line in first if line.strip() and len(line) < LONGEST_LINE]
+    full = [line for line in first if line.strip() and len(line) < MAX_LINE_LENGTH]
     middle = max(0, (len(full) - SAMPLE_ROWS) // 2)
     sample = full[middle : middle + SAMPLE_ROWS]
     choices = [delimiter] if delimiter else list(DELIMITERS)
@@ -207,7 +207,7 @@ def read_table(
             f"{path} has {len(names)} names in line {names_line}, but {form.width} cells in the "
             "rows below; give each column a name, or none in the line."
         )
-    names = unique(names)
+    names = unique_names(names)
     units = _units(head, names_line, form)
     # Read the numbers.
     columns = list(zip(*form.rows, strict=True))
@@ -220,7 +220,7 @@ def read_table(
         values[:, count : count + found.shape[1]] = found
         count += found.shape[1]
         odd_rows += odd
-    if count < FEWEST_ROWS:
+    if count < MIN_ROWS:
         raise LogError(f"{path} has only {count} rows of numbers.")
     dates = frozenset(itertools.compress(names, is_date))
     has_names = bool(names_line or form.labels)
@@ -230,7 +230,7 @@ def read_table(
     )  # fmt: skip
 
 
-def split(line: str, delimiter: str) -> list[str]:
+def split_cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line; delimiters within quotes are text."""
     character = DELIMITERS[delimiter]
     if not character:
@@ -241,7 +241,7 @@ def split(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def unique(names: Iterable[str]) -> list[str]:
+def unique_names(names: Iterable[str]) -> list[str]:
     """Return a name for each column, none twice; ``column_3`` for the third if it has none."""
     seen: Counter[str] = Counter()
     found = []
@@ -264,7 +264,7 @@ def _is_of_moments(cells: tuple[str, ...], decimal: str) -> bool:
     return of_moments > sum(is_number(cell, decimal) for cell in full)
 
 
-def _survey(path: Path) -> tuple[str, int]:
+def _survey_encoding(path: Path) -> tuple[str, int]:
     """Return the encoding of a log, and the most lines that it can have."""
     encoding = "utf-8-sig"
     num_lines = 1
@@ -295,7 +295,7 @@ def _survey(path: Path) -> tuple[str, int]:
     return encoding, num_lines
 
 
-def _blocks(path: Path, encoding: str) -> Iterator[list[str]]:
+def _line_blocks(path: Path, encoding: str) -> Iterator[list[str]]:
     """Yield the lines of a log in blocks."""
     size = round(path.stat().st_size / 1e6, 1)
     with (
@@ -303,7 +303,7 @@ def _blocks(path: Path, encoding: str) -> Iterator[list[str]]:
         io.TextIOWrapper(raw, encoding, errors="replace") as file,
         Progress(f"reading {path.name}", size, "MB") as progress,
     ):
-        while lines := file.readlines(BLOCK):
+        while lines := file.readlines(BLOCK_CHARACTERS):
             yield lines
             progress.update(raw.tell() / 1e6)
 
@@ -312,14 +312,14 @@ def _head(lines: list[str], form: _Form, names_line: int, path: str | Path) -> l
     """Return the rows before the numbers, as cells."""
     head: list[list[str]] = []
     in_a_row = 0
-    for line in lines[:LONGEST_HEAD]:
+    for line in lines[:MAX_HEAD_LINES]:
         row = form.cells(line)
         full = [cell for cell in row if cell]
         known = sum(is_number(cell, form.decimal) or is_moment(cell) for cell in full)
         is_of_numbers = len(row) == form.width and known >= max(2, 0.3 * len(full))
         in_a_row = in_a_row + 1 if is_of_numbers and len(head) >= names_line else 0
         head.append(row)
-        if in_a_row == FIRST_ROWS:
+        if in_a_row == MIN_FIRST_ROWS:
             break
     if not in_a_row:
         raise LogError(f"{path} has no rows of numbers between delimiters; is it a log?")

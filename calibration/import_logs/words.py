@@ -23,19 +23,7 @@ _DATA = yaml.safe_load(Path(__file__).with_name("dictionary.yaml").read_text(enc
 WORDS: dict[str, list[str]] = {
     key: words.split() for key, words in (_DATA["words"] | _DATA["quantities"]).items()
 }
-_NAME_WORDS = (
-    "in",
-    "min",
-    "rh",
-    "a",
-    "g",
-    "s",
-    "m",
-    "h",
-    "d",
-    "n",
-    "j",
-)
+_NAME_WORDS = ("in", "min", "rh", "a", "g", "s", "m", "h", "d", "n", "j")
 _PER_SECOND = re.compile(r"(?<![a-z])(deg|rad|°|mm|m|c|k)[_ ]?(per|p|/|_)_?s(ec)?\b")
 _PARTS = re.compile(r"[A-ZÄÖÜ]?[a-zäöüßéèê]+|[A-ZÄÖÜ]+(?![a-zäöüé])|\d+|%|[^\x00-ɏ]+")
 
@@ -122,7 +110,7 @@ def known_unit(text: str) -> tuple[str, str]:
 
 @dataclasses.dataclass(frozen=True)
 class Name:
-    """What the name of a column says.
+    """The meaning of a column's name.
 
     - ``text``: the name.
     - ``words``: its words in small letters, without numbers.

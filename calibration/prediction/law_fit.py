@@ -20,8 +20,8 @@ from calibration.estimate import Estimate, record_of
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.unknowns import (
-    ABSENT,
-    FORMER,
+    ABSENT_VALUES,
+    FORMER_FIELDS,
     Unknown,
     prior_factor,
     slopes_of,
@@ -43,20 +43,23 @@ MEMORY_SPREAD = 0.05  # of other states than temperatures, in typical changes, o
 TEMPERATURE_NOISE = (0.3, 0.5, 300.0)
 BEND_DRIFT_TIME = 120.0  # s
 # Of what the law's form leaves of bends, rad, and of readings, °C, before it is fitted, and least.
-FORMS, LEAST_FORMS = (np.deg2rad(0.7), 1.0), (np.deg2rad(0.2), 0.3)
+INITIAL_FORM_SIZES = (np.deg2rad(0.7), 1.0)
+MIN_FORM_SIZES = (np.deg2rad(0.2), 0.3)
 FORM_TIME = 8.0  # s, within which it stays alike, before that is fitted
 FORM_TIMES = (0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # s, that are tried
-LONGEST_LAG = 16.0  # s, of residuals that are compared
-PASSES = 2, 4  # least and most, as what the form leaves is fitted after each
-SAME_FORM = 1.5  # ratio of sizes, within which another pass changes little
-BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
-OUTLIER = 6.0  # robust standard deviations
+MAX_LAG = 16.0  # s, of residuals that are compared
+NUM_PASSES = 2, 4  # least and most, as what the form leaves is fitted after each
+SAME_SIZE_RATIO = 1.5  # ratio of sizes, within which another pass changes little
+# rad and °C of error that weigh the same
+BEND_SCALE = np.deg2rad(1.0)
+TEMPERATURE_SCALE = 3.0
+OUTLIER_DEVIATIONS = 6.0  # robust standard deviations
 RELATIVE_STEP = 1e-4  # of finite differences, in spreads of the prior
 TOLERANCE = 1e-4  # relative, at which iterations end
-MOST_ITERATIONS = 40
-STEPS_OF_A_FIT = 10  # that take as long as its first, roughly
-KNOWN = 0.5  # share of what was unknown beforehand, below which more of it tells little
-STARTS = 16  # of a fit, of which the best is taken
+MAX_ITERATIONS = 40
+NUM_FIT_STEPS = 10  # that take as long as its first, roughly
+KNOWN_SHARE = 0.5  # share of what was unknown beforehand, below which more of it tells little
+NUM_STARTS = 16  # of a fit, of which the best is taken
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -130,18 +133,20 @@ class LawFit:
         (segment,) = limb.segments
         for wire in segment.wires:
             wire.law = self.law()
-        every = [*self.unknowns, *self.untold]
-        if any(unknown.field == "shift" for unknown in every):
+        all_unknowns = [*self.unknowns, *self.untold]
+        if any(unknown.field == "shift" for unknown in all_unknowns):
             segment.rest_memory = RestMemory()
-        fitted = [*self.fitted, *(u.center for u in self.untold)]
-        for unknown, value in zip(every, map(float, values_of(every, fitted)), strict=True):
+        all_values = [*self.fitted, *(u.center for u in self.untold)]
+        for unknown, value in zip(
+            all_unknowns, map(float, values_of(all_unknowns, all_values)), strict=True
+        ):
             owner, field = owner_of(limb, unknown.name)
             setattr(owner, field, value)
 
     def calibrated(self, described: LimbParameters) -> LimbParameters:
-        """A described limb with these laws, rubber and ambient temperature, and how known they are.
+        """Return a limb with the fitted laws, rubber and ambient temperature, and their record.
 
-        Its stiffness is that of the fit, and its mechanics as described.
+        Its stiffness is the fit's, and its other mechanics are as described.
         """
         limb = copy.deepcopy(described)
         limb.ambient_temperature = self.ambient
@@ -173,7 +178,7 @@ class LawFit:
         return slopes @ self.covariance @ slopes.T
 
     def predict(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
-        """Predicts recordings open loop, each from the initial state that suits it best.
+        """Predict recordings open loop, each from the initial state that suits it best.
 
         That state is not recorded: a limb that is not quite cold has warm silicone.
         """
@@ -181,33 +186,33 @@ class LawFit:
         problem.num_moved = 0
         size = len(self.fitted)
 
-        def whole(nuisances: np.ndarray) -> np.ndarray:
+        def full_vector(nuisances: np.ndarray) -> np.ndarray:
             return np.concatenate([self.fitted, nuisances])
 
         solution = least_squares(
-            lambda n: problem.residuals(whole(n)),
+            lambda n: problem.residuals(full_vector(n)),
             problem.nuisance_center,
-            lambda n: problem.jacobian(whole(n))[:, size:],
+            lambda n: problem.jacobian(full_vector(n))[:, size:],
             x_scale=problem.spread[size:],
             ftol=10 * TOLERANCE,
             xtol=TOLERANCE,
-            max_nfev=MOST_ITERATIONS,
+            max_nfev=MAX_ITERATIONS,
         )
-        return problem.predicted(whole(solution.x))
+        return problem.predicted(full_vector(solution.x))
 
     def foresee(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
-        """Predicts recordings open loop from what is read at their start, as a plan begins."""
+        """Predict recordings open loop from what is read at their start, as a plan begins."""
         problem = self._problem(runs)
         return problem.predicted(np.concatenate([self.fitted, problem.nuisance_center]))
 
     def continued(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
-        """Predicts other samples of the recordings of the fit, from the same initial states."""
+        """Predict other samples of the recordings of the fit, from the same initial states."""
         problem = self._problem(runs)
         return problem.predicted(np.concatenate([self.fitted, self.nuisances.ravel()]))
 
-    def _problem(self, runs: Sequence[HeatedRun]) -> "_Problem":
+    def _problem(self, runs: Sequence[HeatedRun]) -> "_FitProblem":
         known = self.law, runs, self.segment, self.ambient
-        return _Problem(*known, self.unknowns, self.untold)
+        return _FitProblem(*known, self.unknowns, self.untold)
 
 
 def fit_law(
@@ -218,32 +223,32 @@ def fit_law(
     *,
     rubber: tuple[str, ...] = (),
     start: LawFit | None = None,
-    tell: Callable[[str], object] = lambda remark: None,
+    report: Callable[[str], object] = lambda remark: None,
 ) -> LawFit:
     """Fit a law to recordings by their open-loop prediction.
 
-    A law that contains that of the start predicts the same recordings no worse than it.
+    A law that contains the start's law predicts the same recordings no worse.
 
     Args:
         law: class of the law of all wires.
         runs: the recordings.
         segment: the described one; its stiffness counts, and its wires' laws as what
             is expected.
-        ambient: T0, °C, about which that of each recording is.
+        ambient: T0, °C, about which each recording has its own.
         rubber: as for `unknowns_of`.
         start: a fit of this or another law, of which values of the same name are taken.
-        tell: is called in each iteration with a remark on it.
+        report: is called in each iteration with a remark on it.
     """
     heated = np.any([run.duty.any(axis=0) for run in runs], axis=0)
     read = np.any([run.counts[:, segment.axes :].any(axis=0) for run in runs], axis=0)
     unknowns, untold = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
-    problem = _Problem(law, runs, segment, ambient, unknowns, untold)
-    known = {u.name: u.center for u in unknowns}
+    problem = _FitProblem(law, runs, segment, ambient, unknowns, untold)
+    start_values = {u.name: u.center for u in unknowns}
     if start is not None:
-        known |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
+        start_values |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
 
     def fitted_from(x: np.ndarray) -> LawFit:
-        for number in range(PASSES[1]):
+        for number in range(NUM_PASSES[1]):
             solution = least_squares(
                 problem.residuals,
                 x,
@@ -253,56 +258,62 @@ def fit_law(
                 ftol=TOLERANCE if number else 10 * TOLERANCE,
                 xtol=TOLERANCE,
                 gtol=1e-10,
-                max_nfev=MOST_ITERATIONS,
-                callback=lambda intermediate_result: tell(f"cost {intermediate_result.cost:.0f}"),
+                max_nfev=MAX_ITERATIONS,
+                callback=lambda intermediate_result: report(f"cost {intermediate_result.cost:.0f}"),
             )
             x = solution.x
             changed = problem.reweigh(x)
-            if number + 1 >= PASSES[0] and changed < SAME_FORM:
+            if number + 1 >= NUM_PASSES[0] and changed < SAME_SIZE_RATIO:
                 break
         return problem.fit_at(x)
 
-    fit = fitted_from(problem.best_start([known[u.name] for u in unknowns]))
+    fit = fitted_from(problem.best_start([start_values[u.name] for u in unknowns]))
     # No worse than a law that it contains.
-    contained = problem.contained(start) if start else None
-    if start is None or contained is None or not _is_of(start, runs):
+    start_in_law = problem.contained(start) if start else None
+    if start is None or start_in_law is None or not _is_fit_to(start, runs):
         return fit
     if fit.misfit > start.misfit:
-        fit = min(fit, fitted_from(contained), key=lambda each: each.misfit)
-    return fit if fit.misfit <= start.misfit else problem.fit_at(contained)
+        fit = min(fit, fitted_from(start_in_law), key=lambda each: each.misfit)
+    return fit if fit.misfit <= start.misfit else problem.fit_at(start_in_law)
 
 
-def _is_of(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
+def _is_fit_to(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
     """Return whether a fit is to these very recordings."""
-    own = [predicted.run for predicted in fit.predicted]
-    return len(own) == len(runs) and all(one is other for one, other in zip(own, runs, strict=True))
+    fitted_runs = [predicted.run for predicted in fit.predicted]
+    return len(fitted_runs) == len(runs) and all(
+        one is other for one, other in zip(fitted_runs, runs, strict=True)
+    )
 
 
 def fitting_time(
     law: type[WireLaw], runs: Sequence[HeatedRun], segment: SegmentParameters, ambient: float
 ) -> float:
-    """About how long `fit_law` takes on this machine, s, by a first step of it."""
+    """Estimate the time that `fit_law` takes on this machine, s, by its first step."""
     start = time.monotonic()
-    problem = _Problem(law, runs, segment, ambient, unknowns_of(law, segment), [])
+    problem = _FitProblem(law, runs, segment, ambient, unknowns_of(law, segment), [])
     problem.residuals(problem.center)
-    return STEPS_OF_A_FIT * (time.monotonic() - start)
+    return NUM_FIT_STEPS * (time.monotonic() - start)
 
 
-class _Problem:
-    """Whitened residuals of all recordings, and of what was known beforehand, and their Jacobian.
+class _FitProblem:
+    """The whitened residuals of all recordings and of the prior, and their Jacobian.
 
     x is the unknowns (P), then for each of R recordings its nuisances (Q): its
-    T0, and the states of its wires at the start, those of all wires for each
+    T0, and the states of its wires at the start, all wires for each
     state in turn. The Jacobian is zero for unknowns from ``num_moved`` on.
     """
 
     def __init__(
         self, law, runs, segment, ambient: float, unknowns: list[Unknown], untold: list[Unknown]
     ):
-        self._law, self._runs, self._unknowns, self._ambient = law, runs, unknowns, ambient
+        self._law = law
+        self._runs = runs
+        self._unknowns = unknowns
+        self._ambient = ambient
         self._segment = segment
         self._untold = untold
-        self._num_wires, self._stiffness = len(segment.wires), segment.stiffness
+        self._num_wires = len(segment.wires)
+        self._stiffness = segment.stiffness
         self.num_moved = len(unknowns)
         lengths = [len(run.duty) for run in runs]
         duty = np.zeros((max(lengths), len(runs), self._num_wires))
@@ -331,60 +342,67 @@ class _Problem:
         sensor = segment.bend_sensor
         self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
         # Size and time of what the form leaves, of bends and of readings.
-        self._forms = [(size, FORM_TIME) for size in FORMS]
+        self._forms = [(size, FORM_TIME) for size in INITIAL_FORM_SIZES]
         self._outliers = [np.zeros_like(shown) for shown in self._shown]
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
         self._whiten()
 
     def _nuisances(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
-        """Expected values of a recording's (Q,), and their spreads."""
-        centers, spreads = [np.array([ambient])], [np.array([AMBIENT_SPREAD])]
+        """Return the expected initial conditions of a recording (Q,), and their spreads (Q,)."""
+        centers = [np.array([ambient])]
+        spreads = [np.array([AMBIENT_SPREAD])]
         first = self._first(run, ambient)
         warmth = np.abs(first - ambient)
         warmth[np.isnan(run.first)] = warmth.max()  # as warm as another is, or not at all
-        unread = 0.0
+        unread_warmth = 0.0
         if not run.is_read:
-            unread = UNREAD_WARMTH
-            warmth += unread
+            unread_warmth = UNREAD_WARMTH
+            warmth += unread_warmth
         slope = np.where(np.isnan(run.slope), COOLING_RATE * warmth, np.abs(run.slope))
         change = COOLING_TIME * slope
         cold_states = self._law().cold_states(0.0)
         for cold, (name, scale) in zip(cold_states, self._law.states.items(), strict=True):
             if self._law.is_temperature(name):
-                unknown = 0.3 * warmth if len(centers) > 1 else unread  # all but the wire itself
+                unknown_warmth = (
+                    0.3 * warmth if len(centers) > 1 else unread_warmth
+                )  # all but the wire itself
                 centers.append(first)
-                spreads.append(READING_SPREAD + change + unknown)
+                spreads.append(READING_SPREAD + change + unknown_warmth)
             else:
                 centers.append(np.full(self._num_wires, cold))
                 spreads.append(scale * (MEMORY_SPREAD + warmth / 100.0))
         return np.concatenate(centers), np.concatenate(spreads)
 
     def _first(self, run: HeatedRun, ambient: float) -> np.ndarray:
-        """V at the beginning of a recording (W,), °C, and T0 where it is not read."""
+        """Return V at the beginning of a recording (W,), °C, and T0 where it is not read."""
         return np.where(np.isnan(run.first), ambient, run.first)
 
     def _whiten(self) -> None:
-        """Factors of the residuals' covariances, for bend and each wire of each recording."""
+        """Set the factors of the residuals' covariances, for each signal of each recording."""
         self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by these factors
         self._factors = []
-        for run, outliers, shown in zip(self._runs, self._outliers, self._shown, strict=True):
+        for run, outliers, is_read in zip(self._runs, self._outliers, self._shown, strict=True):
             lags = np.abs(run.times[:, None] - run.times)
             times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
-            within = {time: np.exp(-lags / time) for time in times}
+            correlations = {time: np.exp(-lags / time) for time in times}
             factors: list[np.ndarray] = []
-            alike: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
-            for signal, there in enumerate(shown):
-                of_wire = int(signal >= self._num_bends)
-                sample, drift, drift_time = self._noises[of_wire]
-                form, form_time = self._forms[of_wire]
-                own = sample**2 / np.maximum(run.counts[:, signal], 1)
-                own = own + (100 * sample * outliers[signal]) ** 2
-                if (key := (of_wire, there.tobytes(), own.tobytes())) not in alike:
-                    covariance = drift**2 * within[drift_time]
-                    covariance += form**2 * within[form_time]
-                    np.einsum("ii->i", covariance)[:] += own + 1e-12
-                    alike[key] = np.linalg.cholesky(covariance[np.ix_(there, there)])
-                factors.append(alike[key])
+            factors_by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
+            for signal, is_present in enumerate(is_read):
+                is_reading = int(signal >= self._num_bends)
+                sample, drift, drift_time = self._noises[is_reading]
+                form, form_time = self._forms[is_reading]
+                sample_variance = sample**2 / np.maximum(run.counts[:, signal], 1)
+                sample_variance = sample_variance + (100 * sample * outliers[signal]) ** 2
+                if (
+                    key := (is_reading, is_present.tobytes(), sample_variance.tobytes())
+                ) not in factors_by_noise:
+                    covariance = drift**2 * correlations[drift_time]
+                    covariance += form**2 * correlations[form_time]
+                    np.einsum("ii->i", covariance)[:] += sample_variance + 1e-12
+                    factors_by_noise[key] = np.linalg.cholesky(
+                        covariance[np.ix_(is_present, is_present)]
+                    )
+                factors.append(factors_by_noise[key])
             self._factors.append(factors)
 
     def reweigh(self, x: np.ndarray) -> float:
@@ -393,7 +411,7 @@ class _Problem:
         Returns:
             the larger ratio of its sizes before and after.
         """
-        lags = np.arange(round(LONGEST_LAG / STEP))
+        lags = np.arange(round(MAX_LAG / STEP))
         sums = np.zeros((2, 2, len(lags)))  # of bends and readings: products, and their number
         for predicted, outliers in zip(self.predicted(x), self._outliers, strict=True):
             errors = np.column_stack([predicted.bend, predicted.temperature])
@@ -402,18 +420,18 @@ class _Problem:
                     continue
                 around = error - np.nanmedian(error)
                 spread = 1.48 * np.nanmedian(np.abs(around)) + 1e-9
-                outliers[signal] = ~(np.abs(around) <= OUTLIER * spread)
+                outliers[signal] = ~(np.abs(around) <= OUTLIER_DEVIATIONS * spread)
                 # Products of residuals that are apart by each lag.
                 steps = (predicted.run.times / STEP).astype(int)
-                even = np.full(steps[-1] + 1, np.nan)
-                even[steps] = np.where(outliers[signal], np.nan, around)
-                even -= np.nanmean(even)
-                of_kind = sums[int(signal >= self._num_bends)]
-                for lag in lags[: len(even)]:
-                    products = even[lag:] * even[: len(even) - lag]
-                    of_kind[0, lag] += np.nansum(products)
-                    of_kind[1, lag] += (~np.isnan(products)).sum()
-        changed = 1.0
+                even_residuals = np.full(steps[-1] + 1, np.nan)
+                even_residuals[steps] = np.where(outliers[signal], np.nan, around)
+                even_residuals -= np.nanmean(even_residuals)
+                kind_sums = sums[int(signal >= self._num_bends)]
+                for lag in lags[: len(even_residuals)]:
+                    products = even_residuals[lag:] * even_residuals[: len(even_residuals) - lag]
+                    kind_sums[0, lag] += np.nansum(products)
+                    kind_sums[1, lag] += (~np.isnan(products)).sum()
+        largest_change = 1.0
         for kind, (products, counts) in enumerate(sums):
             if not counts[0]:
                 continue
@@ -422,15 +440,18 @@ class _Problem:
             shapes = np.exp(-STEP * lags / np.array(FORM_TIMES)[:, None])
             scales = (shapes * counts) @ covariances / ((shapes**2) @ counts)
             misfits = ((covariances - scales[:, None] * shapes) ** 2) @ counts
-            size = max(float(np.sqrt(covariances[0])), LEAST_FORMS[kind])
-            changed = max(changed, size / self._forms[kind][0], self._forms[kind][0] / size)
+            size = max(float(np.sqrt(covariances[0])), MIN_FORM_SIZES[kind])
+            largest_change = max(
+                largest_change, size / self._forms[kind][0], self._forms[kind][0] / size
+            )
             self._forms[kind] = (size, FORM_TIMES[int(np.argmin(misfits))])
         self._whiten()
-        return changed
+        return largest_change
 
     def fit_at(self, x: np.ndarray) -> LawFit:
         """Return the fit whose parameters and nuisances are x."""
-        jacobian, residuals = self.jacobian(x), self.residuals(x)
+        jacobian = self.jacobian(x)
+        residuals = self.residuals(x)
         misfit = max(1.0, float((residuals[: -len(x)] ** 2).sum() / self.num_readings))
         covariance = misfit * np.linalg.pinv(jacobian.T @ jacobian)
         size = len(self._unknowns)
@@ -448,16 +469,16 @@ class _Problem:
         )
 
     def contained(self, fit: LawFit) -> np.ndarray | None:
-        """Return x with which the law is that of a fit, if the law contains it; else None."""
-        former = dict(zip([u.name for u in fit.unknowns], fit.fitted, strict=True))
+        """Return x with which the law equals a fit's law, if it contains that law; else None."""
+        other_values = dict(zip([u.name for u in fit.unknowns], fit.fitted, strict=True))
         x = self.center.copy()
         for index, unknown in enumerate(self._unknowns):
             name = unknown.name
             owner, _, field = name.rpartition(".")
-            if name not in former and field in FORMER:
-                name = f"{owner}.{FORMER[field]}"
-            x[index] = former.pop(name, ABSENT.get(field, x[index]))
-        if former:
+            if name not in other_values and field in FORMER_FIELDS:
+                name = f"{owner}.{FORMER_FIELDS[field]}"
+            x[index] = other_values.pop(name, ABSENT_VALUES.get(field, x[index]))
+        if other_values:
             return None
         size = len(self._unknowns)
         margin = 1e-6 * (self.bounds[1][:size] - self.bounds[0][:size])
@@ -480,12 +501,14 @@ class _Problem:
 
     def _roll_out(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return T, V and φ as `OpenLoop.simulate`, for parameters and nuisances (B, P + R Q)."""
-        size, num_wires, num_sets = len(self._unknowns), self._num_wires, len(x)
+        size = len(self._unknowns)
+        num_wires = self._num_wires
+        num_sets = len(x)
         fields: dict[str, np.ndarray] = {}
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
         columns = [*x.T[:size], *(np.full(num_sets, u.center) for u in self._untold)]
-        every = [*self._unknowns, *self._untold]
-        for unknown, value in zip(every, values_of(every, columns), strict=True):
+        all_unknowns = [*self._unknowns, *self._untold]
+        for unknown, value in zip(all_unknowns, values_of(all_unknowns, columns), strict=True):
             if unknown.wire is None:
                 rubber[unknown.field] = value
             elif unknown.field == "angle":
@@ -503,7 +526,7 @@ class _Problem:
         return self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
 
     def _simulate(self, x: np.ndarray) -> list[np.ndarray]:
-        """φ and V of each recording (M, B, F + W), for parameters and nuisances (B, P + R Q)."""
+        """Simulate φ and V of each recording (M, B, F + W) for parameter sets x (B, P + R Q)."""
         _, readings, bends = self._roll_out(x)
         bends = bends.reshape(*readings.shape[:-1], self._num_bends)
         signals = np.concatenate([bends, readings], axis=-1)
@@ -513,9 +536,9 @@ class _Problem:
         ]
 
     def predicted(self, x: np.ndarray) -> list[Predicted]:
-        """All recordings, for one x."""
-        known, signals = self._simulated
-        if not np.array_equal(known, x):
+        """Return all recordings, for one x."""
+        simulated_x, signals = self._simulated
+        if not np.array_equal(simulated_x, x):
             signals = self._simulate(x[None])
         simulated = zip(self._runs, signals, strict=True)
         count = self._num_bends
@@ -525,34 +548,39 @@ class _Problem:
         ]
 
     def _whitened(self, simulated: list[np.ndarray]) -> np.ndarray:
-        """Residuals of each recording: of φ, then of each V, over their factors (all M, B).
+        """Return the residuals of φ, then of each V, over their factors (all M, B).
 
         Those that are missing are left out.
 
         Args:
-            simulated: φ and V of each recording, as of `_simulate`.
+            simulated: φ and V of each recording, by `_simulate`.
         """
         parts = []
-        for run, factors, shown, signals in zip(
+        for run, factors, is_read, signals in zip(
             self._runs, self._factors, self._shown, simulated, strict=True
         ):
             errors = np.moveaxis(signals - run.signals[:, None], 2, 0)
-            for factor, there, error in zip(factors, shown, errors, strict=True):
-                if there.any():
-                    each = error[there]
-                    parts.append(solve_triangular(factor, each, lower=True, check_finite=False))
+            for factor, is_present, error in zip(factors, is_read, errors, strict=True):
+                if is_present.any():
+                    present_errors = error[is_present]
+                    parts.append(
+                        solve_triangular(factor, present_errors, lower=True, check_finite=False)
+                    )
         return np.concatenate(parts)
 
     def _beforehand(self, x: np.ndarray) -> np.ndarray:
-        size, away = len(self._unknowns), x - self.center
-        return np.concatenate([self._prior @ away[:size], away[size:] / self._nuisance_spread])
+        size = len(self._unknowns)
+        deviation = x - self.center
+        return np.concatenate(
+            [self._prior @ deviation[:size], deviation[size:] / self._nuisance_spread]
+        )
 
-    def best_start(self, known: Sequence[float]) -> np.ndarray:
+    def best_start(self, expected: Sequence[float]) -> np.ndarray:
         """Return the best of what is known of the unknowns (P), what is expected, and random."""
         size = len(self._unknowns)
-        starts = np.tile(self.center, (STARTS, 1))
-        starts[0, :size] = known
-        random = np.random.default_rng(0).standard_normal((STARTS - 2, size))
+        starts = np.tile(self.center, (NUM_STARTS, 1))
+        starts[0, :size] = expected
+        random = np.random.default_rng(0).standard_normal((NUM_STARTS - 2, size))
         starts[2:, :size] += random * self.spread[:size]
         low, high = (bound[:size] for bound in self.bounds)
         margin = 1e-6 * (high - low)
@@ -569,46 +597,51 @@ class _Problem:
         return self._around(x)[1]
 
     def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals, as many as matter, and their Jacobian by differences, in one simulation.
+        """Return the residuals at x and their Jacobian by differences, in one simulation.
 
         One set of parameters takes more than half of the time of all, and nearly every x is
         asked for both. A nuisance is moved in all recordings at once, as each only moves its
         own.
         """
-        known, values = self._evaluated
-        if np.array_equal(known, x):
+        evaluated_x, values = self._evaluated
+        if np.array_equal(evaluated_x, x):
             return values
-        size, count, num_moved = len(self._unknowns), self._num_nuisances, self.num_moved
+        size = len(self._unknowns)
+        count = self._num_nuisances
+        num_moved = self.num_moved
         step = RELATIVE_STEP * self.spread
         if not np.array_equal(self._simulated[0], x):
-            moved = np.tile(x, (1 + num_moved + count, 1))
+            moved_x = np.tile(x, (1 + num_moved + count, 1))
             for index in range(num_moved):
-                moved[1 + index, index] += step[index]
+                moved_x[1 + index, index] += step[index]
             for index in range(count):
-                moved[1 + num_moved + index, size + index :: count] += step[size + index :: count]
-            self._simulated = x.copy(), self._simulate(moved)
+                moved_x[1 + num_moved + index, size + index :: count] += step[size + index :: count]
+            self._simulated = x.copy(), self._simulate(moved_x)
         # Steps into what cannot be simulated are refused by the solver if they are far off.
         with np.errstate(over="ignore", invalid="ignore"):
             whitened = self._whitened(self._simulated[1])
         readings = np.nan_to_num(whitened[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
         change = whitened[:, 1:] - whitened[:, :1]
-        errors, rows, row, column = [], [], 0, size
-        for shown in self._shown:
-            of_run = slice(row, row := row + int(shown.sum()))
+        errors = []
+        rows = []
+        row = 0
+        column = size
+        for is_read in self._shown:
+            run_rows = slice(row, row := row + int(is_read.sum()))
             columns = slice(column, column := column + count)
-            slopes = change[of_run] / np.concatenate([step[:num_moved], step[columns]])
+            slopes = change[run_rows] / np.concatenate([step[:num_moved], step[columns]])
             # Turned, the residuals of a run are as many as what they depend on, and their squares
             # and slopes say the same.
-            together = np.column_stack([slopes, readings[of_run]])
-            turned = np.asarray(np.linalg.qr(together, mode="r"))
-            block = np.zeros((len(turned), len(x)))
-            block[:, :num_moved] = turned[:, :num_moved]
-            block[:, columns] = turned[:, num_moved:-1]
+            stacked_residuals = np.column_stack([slopes, readings[run_rows]])
+            rotated = np.asarray(np.linalg.qr(stacked_residuals, mode="r"))
+            block = np.zeros((len(rotated), len(x)))
+            block[:, :num_moved] = rotated[:, :num_moved]
+            block[:, columns] = rotated[:, num_moved:-1]
             rows.append(block)
-            errors.append(turned[:, -1])
-        beforehand = np.zeros((len(x), len(x)))
-        beforehand[:size, :size] = self._prior
-        beforehand[size:, size:] = np.diag(1 / self._nuisance_spread)
-        result = np.concatenate([*errors, self._beforehand(x)]), np.vstack([*rows, beforehand])
+            errors.append(rotated[:, -1])
+        prior_rows = np.zeros((len(x), len(x)))
+        prior_rows[:size, :size] = self._prior
+        prior_rows[size:, size:] = np.diag(1 / self._nuisance_spread)
+        result = np.concatenate([*errors, self._beforehand(x)]), np.vstack([*rows, prior_rows])
         self._evaluated = x.copy(), result
         return result

@@ -17,7 +17,7 @@ from calibration import (
 )
 from calibration.calibrate import METHODS
 from calibration.collecting.measurement_protocol import PROTOCOLS
-from calibration.recordings.files import folder_of_limb, read_folder, usable
+from calibration.recordings.files import folder_of_limb, read_folder, usable_recordings
 from calibration.recordings.recording_checks import check_recording, check_without_gaps
 from calibration.wire_directions import WrongDescriptionError
 from hardware import LimbTwin, SerialLimb
@@ -152,7 +152,7 @@ def _limbs_to_record(
 
 def _fit_next(folder: Path, of_limbs: Sequence[Path]) -> Summary:
     """The command that fits a limb, or the limbs of a robot, to a folder, if it can."""
-    usable_each = [usable(read_folder(own)[0]).heated for own in of_limbs]
+    usable_each = [usable_recordings(read_folder(own)[0]).heated for own in of_limbs]
     name = "limb" if list(of_limbs) == [folder] else "robot_calibrated"
     line = fit_line(folder, name) if all(usable_each) else ""
     return Summary.of({"next": line}, {})

@@ -20,7 +20,7 @@ from calibration import (
     kinds_of,
     validate,
 )
-from calibration.recordings.repair import part
+from calibration.recordings.repair import select_samples
 from calibration.remarks import Remark, Severity, remarks_on_estimate
 from hardware import LimbTwin
 from limb_systems import (
@@ -86,7 +86,7 @@ def test_description_keeps_what_is_not_calibrated(model_recordings):
     (left,), (right,) = model_recordings["left"], model_recordings["right"]
     of_a_board = copy.deepcopy(right)
     of_a_board.parameters.board = SerialBoard("twin0007")
-    of_a_board = part(of_a_board, np.arange(len(right.time)) % 10 != 5)
+    of_a_board = select_samples(of_a_board, np.arange(len(right.time)) % 10 != 5)
     recordings = {"left": [left], "right": [of_a_board, right]}
     calibration = calibrate(recordings, description, method="paper")
     assert calibration.parameters.wires[1].law.a1 == pytest.approx(-0.07, rel=0.03)
@@ -175,7 +175,7 @@ def test_a_limb_with_one_wire_is_calibrated():
 
 def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb, model_recordings):
     (whole,) = model_recordings["both"]
-    both = part(whole, whole.time < 30.0)
+    both = select_samples(whole, whole.time < 30.0)
     assert np.rad2deg(validate(true_limb, both).mean) < 0.1
     wrong = copy.deepcopy(true_limb)
     wrong.segments[0].wire("left").law.beta *= 1.2
@@ -191,7 +191,7 @@ def test_validation_may_start_warm(true_limb):
         [0.0, 10.0, 70.0], [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
     )
     recording = simulate(Limb(limb), levels, 70.0, sample_rate=5.0)
-    warm = part(recording, recording.time >= 14.0)
+    warm = select_samples(recording, recording.time >= 14.0)
     assert validate(limb, warm).temperature_mean < 1.0
 
 

@@ -11,12 +11,12 @@ import pytest
 
 from calibration import CalibrationError, calibrate
 from calibration.calibrate import _check_better_than_mean
-from calibration.collecting.measurement_protocol import mounted
+from calibration.collecting.measurement_protocol import mounted_limb
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.law_fit import fit_law
 from calibration.recordings.at_rest import rest_angles
-from calibration.recordings.kinds import TURNS
+from calibration.recordings.kinds import MOUNTING_ANGLES
 from calibration.wire_directions import WrongDescriptionError, check_directions, wire_directions
 from limb_systems import LimbModel, LimbParameters, LinearLaw, Recording, RestMemory
 from limb_systems.monte_carlo import draw_ensemble, stacked
@@ -54,7 +54,7 @@ def true_limb() -> LimbParameters:
 
 def recording_of(turned: float | None, seed: int, levels: list[list[float]]) -> Recording:
     """Each level held for 15 s, then 15 s without duty, as a noisy, drifting sensor shows it."""
-    limb = mounted(true_limb(), turned)
+    limb = mounted_limb(true_limb(), turned)
     wires, random = LimbModel.of(limb).wires, np.random.default_rng(seed)
     parts = np.array([[0.0] * 3, *(row for level in levels for row in (level, [0.0] * 3))])
     times = np.arange(0.0, 15.0 * len(parts), 1 / RATE)
@@ -76,7 +76,7 @@ def recording_of(turned: float | None, seed: int, levels: list[list[float]]) -> 
         duty=np.concatenate([duty[:1], duty[:-1]]).T,
         measured_temperature=np.array(readings).T + 0.3 * random.standard_normal((3, len(times))),
         bend_angle=seen + noise + DRIFT * random.standard_normal((2, 1)),
-        parameters=mounted(described(), turned),
+        parameters=mounted_limb(described(), turned),
         source=f"limb turned by {turned}°",
         sample_rate=RATE,
     )
@@ -91,7 +91,7 @@ def motion() -> Recording:
 
 
 def test_four_mountings_tell_directions_gains_and_stiffness(motion):
-    heated = [recording_of(turned, seed, STAIRS) for seed, turned in enumerate(TURNS)]
+    heated = [recording_of(turned, seed, STAIRS) for seed, turned in enumerate(MOUNTING_ANGLES)]
     calibration = calibrate({"heated": heated, "motion": [motion]}, laws=[LinearLaw])
     off = {}
     for name, true in TRUE.items():
@@ -119,7 +119,7 @@ def test_the_open_loop_in_space_shows_exact_equilibria():
     limb, (own,) = true_limb(), true_limb().segments
     limb.segments = [own]
     own.stiffening, own.twists = 0.1, True
-    limbs = [mounted(limb, turned) for turned in (None, 0, 90)]
+    limbs = [mounted_limb(limb, turned) for turned in (None, 0, 90)]
     hot = np.random.default_rng(0).uniform(25.0, 110.0, (40, 3))
     loads = [[*each.gravity, each.payload] for each in limbs for _ in hot]
     law, ambient, rubber = stacked([limb])

@@ -13,7 +13,7 @@ from loggers import logged
 from calibration import CalibrationError, calibrate
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import fit_law
-from calibration.recordings.repair import in_pieces, part
+from calibration.recordings.repair import in_pieces, select_samples
 from limb_systems import LimbParameters, LinearLaw, Recording, SaturatingLaw, SegmentParameters
 from soft_limb.reports.calibration_report import write_report
 from soft_limb.results.summaries import calibration_summary
@@ -52,7 +52,9 @@ def poor(log) -> Recording:
     in_heat = log.time - 2 * PERIOD - 8.0  # of the third
     kept[(in_heat > 2.0) & (in_heat < 6.1)] = False
     kept[0] = True
-    return part(dataclasses.replace(log, bend_angle=bend, measured_temperature=measured), kept)
+    return select_samples(
+        dataclasses.replace(log, bend_angle=bend, measured_temperature=measured), kept
+    )
 
 
 def test_a_long_log_is_cut_where_it_rests(log, monkeypatch):
@@ -84,13 +86,13 @@ def test_a_gap_is_cut_where_the_duty_is_not_known(poor):
     steady = dataclasses.replace(poor, duty=np.where(poor.time > 8.0, [[0.0], [0.1]], 0.0))
     assert len(in_pieces(steady)[0]) == 1  # as the duty is the same on both sides
     with pytest.raises(CalibrationError, match="nothing is left of it to fit"):
-        in_pieces(part(poor, abs(poor.time - 2 * PERIOD - 14.0) < 6.0))
+        in_pieces(select_samples(poor, abs(poor.time - 2 * PERIOD - 14.0) < 6.0))
 
 
 def test_what_one_thermocouple_tells(poor, log, tmp_path):
     """Of a file that has any name: it predicts what it never saw, and says what is not known."""
     poor.save(tmp_path / "log of march.csv")
-    part(poor, poor.time < 7.0).save(tmp_path / "log of april.csv")
+    select_samples(poor, poor.time < 7.0).save(tmp_path / "log of april.csv")
     calibration = calibrate(tmp_path, laws=[SaturatingLaw])
     assert calibration.prediction.judges.startswith("the last 2 of 5 heated recordings or")
     assert calibration.as_described == ["stiffness", "damping", "left.a3"]
@@ -140,7 +142,7 @@ def with_holes(recording):
     bend[0, 200:300] = bend[0, 400::3] = np.nan
     measured[1, 100:130] = np.nan
     holes = dataclasses.replace(recording, bend_angle=bend, measured_temperature=measured)
-    return part(holes, ~np.isin(np.arange(bend.size), [150, 151, 350]))
+    return select_samples(holes, ~np.isin(np.arange(bend.size), [150, 151, 350]))
 
 
 def test_what_is_missing_is_fitted_without(pulses):
@@ -184,7 +186,7 @@ def test_laws_are_within_their_errors(true_limb, model_recordings, change):
     random, heated = np.random.default_rng(0), []
     for kind in ("right", "left"):
         (whole,) = model_recordings[kind]
-        recording = logged(part(whole, whole.time <= 120.0), 20.0)
+        recording = logged(select_samples(whole, whole.time <= 120.0), 20.0)
         noisy = {
             name: getattr(recording, name)
             + size * random.normal(size=getattr(recording, name).shape)

@@ -1,4 +1,4 @@
-"""What to expect of a calibration: how far plans will miss, and the recording to make next.
+"""The expected error of plans by a calibration, and the recording to make next.
 
 A plan begins with what is read at its start, and has temperatures and reversals of its own. Its
 distance from the limb has two parts:
@@ -16,20 +16,20 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from calibration.prediction.heated_run import STEP
-from calibration.prediction.law_fit import AMBIENT_SPREAD, KNOWN, LawFit, Predicted
-from calibration.prediction.unknowns import OF_READINGS, Unknown
+from calibration.prediction.law_fit import AMBIENT_SPREAD, KNOWN_SHARE, LawFit, Predicted
+from calibration.prediction.unknowns import READING_FIELDS, Unknown
 from calibration.remarks import Remark
 from limb_systems import LimbParameters, WireLaw
 from limb_systems.monte_carlo import OpenLoop, draw_ensemble, stacked
 from limb_systems.wire_laws.wire_law import COLD_HEATING, SLOW_HEATING
 
-MEMBERS = 64
+NUM_LIMBS = 64
 SUPPLY_SPREAD = 0.03  # of the heat for the same duty, from day to day
 # Motions of one limb are missed by half to twice the expected; `benchmarks/plan_miss.py` shows how
 # often that holds.
-SPREAD = 2.0
+MISS_RATIO = 2.0
 # s, and shares of the duty of wires towards -E2 and +E2: both warm, then reversals to both sides.
-TYPICAL = (
+TYPICAL_LEVELS = (
     (10.0, 0.6, 0.6),
     (8.0, 0.1, 0.9),
     (6.0, 0.2, 0.5),
@@ -40,18 +40,20 @@ TYPICAL = (
     (4.0, 0.8, 0.0),
     (6.0, 0.0, 0.6),
 )
-GOOD, WORST = 0.15, 0.4  # expected miss over the range of the bend: good up to, bad from there on
-HOT = 0.8  # share of the rise to T_max that recordings must reach
-SWING = 0.3  # share of a wire's rise that is a swing
-FEWEST_SWINGS = 2  # that show hysteresis
+# expected miss over the range of the bend: good up to, bad from there on
+GOOD_SHARE = 0.15
+WORST_SHARE = 0.4
+MIN_RISE_SHARE = 0.8  # share of the rise to T_max that recordings must reach
+SWING_SHARE = 0.3  # share of a wire's rise that is a swing
+MIN_SWINGS = 2  # that show hysteresis
 
-HEATED = "heat the {} wire alone from cold for 60 s and let it cool for 120 s"
-OF_LAWS = {  # recordings that tell fields of laws, see `Prior`
-    COLD_HEATING: HEATED,
+HEAT_ALONE = "heat the {} wire alone from cold for 60 s and let it cool for 120 s"
+LAW_RECORDINGS = {  # recordings that tell fields of laws, see `Prior`
+    COLD_HEATING: HEAT_ALONE,
     SLOW_HEATING: "raise the duty of the {} wire alone slowly until it is as hot as it may be, and "
     "lower it as slowly",
 }
-OF_SEGMENT = {  # recordings, and the parameters of the segment that they tell best
+SEGMENT_RECORDINGS = {  # recordings, and the parameters of the segment that they tell best
     "mount the limb horizontally, turned about its axis by 0°, 90°, 180° and 270°, and in each "
     "mounting hold each wire at four levels, then neighbouring pairs": (
         *("stiffness", "stiffness_ratio", "roll", "angle", "rest_angle_e3"),
@@ -62,7 +64,7 @@ OF_SEGMENT = {  # recordings, and the parameters of the segment that they tell b
         *("shift", "rate"),
     ),
 }
-FURTHER = {
+FURTHER_RECORDINGS = {
     "motion": "record a motion like those that you plan, named motion_1.csv, which judges the laws",
     "ring_down": "record a ring-down, named ring_down_1.csv, which tells σ",
 }
@@ -70,7 +72,7 @@ FURTHER = {
 
 @dataclasses.dataclass(frozen=True)
 class PlanMiss:
-    """Mean |φ* - φ| of a plan, open loop: what is expected, and from where to where it may be, rad.
+    """The mean |φ* - φ| of a plan, open loop, rad: its expected value and its range.
 
     - ``left``: what the law leaves of the motions that judged.
     - ``expected``: this for motions as wide as plans, and what is unknown of the limb and its day.
@@ -88,12 +90,12 @@ class PlanMiss:
     @property
     def low(self) -> float:
         """The least that a plan is expected to miss by, rad: on the same day, near what judged."""
-        return min(self.left / SPREAD, self.shown[0])
+        return min(self.left / MISS_RATIO, self.shown[0])
 
     @property
     def high(self) -> float:
         """The most that a plan is expected to miss by, rad."""
-        return max(self.expected, self.shown[1]) * SPREAD
+        return max(self.expected, self.shown[1]) * MISS_RATIO
 
     @property
     def in_words(self) -> str:
@@ -105,21 +107,21 @@ class PlanMiss:
     def remarks(self) -> list[Remark]:
         """A remark if that is much of the limb's range."""
         share = self.expected / self.span
-        if share <= GOOD:
+        if share <= GOOD_SHARE:
             return []
         sentence = (
             f"{self.in_words[0].upper()}{self.in_words[1:]}, and the bend ranged over "
             f"{np.rad2deg(self.span):.0f}° in what judged: record more motions like those that "
             "you plan, from cold and with reversals."
         )
-        return [Remark("off" if share <= WORST else "far", sentence)]
+        return [Remark("off" if share <= WORST_SHARE else "far", sentence)]
 
 
 def plan_miss(
     limb: LimbParameters,
     foreseen: Sequence[Predicted],
     fitted: Sequence[Predicted],
-    shown: Sequence[float],
+    part_errors: Sequence[float],
     mean_error: float,
 ) -> PlanMiss:
     """Return how far plans of a calibrated limb will miss it.
@@ -128,39 +130,46 @@ def plan_miss(
         limb: one with its calibration's covariance; of one segment.
         foreseen: what judged, predicted from its start; see `LawFit.foresee`.
         fitted: the recordings of the fit, which may be missed by more.
-        shown: errors of parts that were left out, rad, by fits without them.
+        part_errors: errors of parts that were left out, rad, by fits without them.
         mean_error: error of the mean bend in these parts, rad.
     """
-    unknown, typical = limb.segments[0].bend_sensor.drift, 0.0  # in space: of both angles
+    # in space: of both angles
+    unknown_error = limb.segments[0].bend_sensor.drift
+    typical_range = 0.0
     if limb.segments[0].axes == 1:
-        unknown, typical = _typical_motion(limb)
-    left, of_fit = (
+        unknown_error, typical_range = _typical_motion(limb)
+    law_error, fit_error = (
         float(np.mean([predicted.bend_error for predicted in group]))
         for group in (foreseen, fitted)
     )
-    left = max(left, float(np.mean(shown)))
+    law_error = max(law_error, float(np.mean(part_errors)))
     # Motions that bend the limb by more are missed by more.
-    wide = max(
-        left * max(1.0, typical / _span(foreseen)), of_fit * max(1.0, typical / _span(fitted))
+    wide_error = max(
+        law_error * max(1.0, typical_range / _bend_range(foreseen)),
+        fit_error * max(1.0, typical_range / _bend_range(fitted)),
     )
-    if typical:  # a limb that stays in the middle of its range misses no more
-        left, wide = min(left, typical / 2), min(wide, typical / 2)
-    expected = float(np.hypot(wide, unknown))
-    by_mean = mean_error * max(1.0, typical / _span(foreseen))
-    return PlanMiss(left, expected, _span(foreseen), (min(shown), max(shown)), by_mean)
+    if typical_range:  # a limb that stays in the middle of its range misses no more
+        law_error = min(law_error, typical_range / 2)
+        wide_error = min(wide_error, typical_range / 2)
+    expected = float(np.hypot(wide_error, unknown_error))
+    by_mean = mean_error * max(1.0, typical_range / _bend_range(foreseen))
+    return PlanMiss(
+        law_error, expected, _bend_range(foreseen), (min(part_errors), max(part_errors)), by_mean
+    )
 
 
-def _span(group: Sequence[Predicted]) -> float:
-    """Range of the bend in recordings, rad; a degree at least, as sensors have noise."""
+def _bend_range(group: Sequence[Predicted]) -> float:
+    """Return the range of the bend in recordings, rad; a degree at least, as sensors have noise."""
     bends = [predicted.run.bend for predicted in group]
     spans = [np.nanmax(bend, axis=0) - np.nanmin(bend, axis=0) for bend in bends]
     return max(float(np.max(spans)), float(np.deg2rad(1.0)))
 
 
 def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> list[Remark]:
-    """Remarks on wires whose recordings are cooler than plans, or have hardly any reversals."""
+    """Return remarks on wires whose recordings are cooler than plans, or lack reversals."""
     remarks = []
-    top, room = limb.temperature_limits.maximum, limb.ambient_temperature
+    max_temperature = limb.temperature_limits.maximum
+    room = limb.ambient_temperature
     for index, wire in enumerate(limb.wires):
         runs = [p.run.temperature[:, index] for p in fitted if p.run.duty[:, index].any()]
         runs = [readings[~np.isnan(readings)] for readings in runs]
@@ -168,16 +177,20 @@ def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> li
         if not runs:
             continue
         hottest = max(float(readings.max()) for readings in runs)
-        if hottest < room + HOT * (top - room):
+        if hottest < room + MIN_RISE_SHARE * (max_temperature - room):
             remarks.append(
                 Remark(
                     "range",
                     f"The {wire.name} wire was read at {hottest:.0f} °C at most, and plans may "
-                    f"heat it to {top:.0f} °C, where nothing is known of it: record it hotter, or "
+                    f"heat it to {max_temperature:.0f} °C, where nothing is known of it: record "
+                    "it hotter, or "
                     "lower temperature_limits.maximum.",
                 )
             )
-        elif sum(_swings(readings, SWING * (hottest - room)) for readings in runs) < FEWEST_SWINGS:
+        elif (
+            sum(_count_swings(readings, SWING_SHARE * (hottest - room)) for readings in runs)
+            < MIN_SWINGS
+        ):
             remarks.append(
                 Remark(
                     "range",
@@ -188,15 +201,20 @@ def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> li
     return remarks
 
 
-def _swings(readings: np.ndarray, least: float) -> int:
-    """How often readings fall by so much after they have risen by as much."""
-    count, rising, turned = 0, False, np.inf
+def _count_swings(readings: np.ndarray, min_swing: float) -> int:
+    """Return how often readings fall by so much after they have risen by as much."""
+    count = 0
+    rising = False
+    extreme = np.inf
     for value in readings.tolist():
-        turned = max(turned, value) if rising else min(turned, value)
-        if rising and value < turned - least:
-            count, rising, turned = count + 1, False, value
-        elif not rising and value > turned + least:
-            rising, turned = True, value
+        extreme = max(extreme, value) if rising else min(extreme, value)
+        if rising and value < extreme - min_swing:
+            count = count + 1
+            rising = False
+            extreme = value
+        elif not rising and value > extreme + min_swing:
+            rising = True
+            extreme = value
     return count
 
 
@@ -204,30 +222,33 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
     """How far limbs alike are apart in a typical motion (mean, of which the root mean square over
     limbs), and the range of the bend in it, rad.
     """
-    shares = np.vstack([np.tile(levels, (round(t / STEP), 1)) for t, *levels in TYPICAL])
+    shares = np.vstack([np.tile(levels, (round(t / STEP), 1)) for t, *levels in TYPICAL_LEVELS])
     sides = [int(wire.lever[0] > 0) for wire in limb.wires]
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     for _ in range(6):  # the duty that heats a wire to T_max
         middle = (low + high) / 2
-        hottest = _simulated([limb], middle * shares[:, sides])[0].max()
+        hottest = _simulate_limbs([limb], middle * shares[:, sides])[0].max()
         low, high = (middle, high) if hottest < limb.temperature_limits.maximum else (low, middle)
-    limbs = draw_ensemble(limb, MEMBERS)
+    limbs = draw_ensemble(limb, NUM_LIMBS)
     random = np.random.default_rng(0)
-    for other in limbs:
-        drift, room = random.standard_normal(2)
-        other.segments[0].rest_angle += other.segments[0].bend_sensor.drift * drift
-        other.ambient_temperature += AMBIENT_SPREAD * room
+    for drawn_limb in limbs:
+        drift_deviation, room_deviation = random.standard_normal(2)
+        drawn_limb.segments[0].rest_angle += (
+            drawn_limb.segments[0].bend_sensor.drift * drift_deviation
+        )
+        drawn_limb.ambient_temperature += AMBIENT_SPREAD * room_deviation
     supplies = np.exp([0.0, -SUPPLY_SPREAD, SUPPLY_SPREAD]).tolist()
-    bends = _simulated([limb, *limbs], low * shares[:, sides], supplies)[1]
-    each = np.arange(1, len(limbs) + 1)
-    away = np.abs(bends[:, each, 1 + each % 2] - bends[:, :1, 0]).mean(axis=0)
-    return float(np.sqrt((away**2).mean())), float(np.ptp(bends[:, 0, 0]))
+    bends = _simulate_limbs([limb, *limbs], low * shares[:, sides], supplies)[1]
+    members = np.arange(1, len(limbs) + 1)
+    distances = np.abs(bends[:, members, 1 + members % 2] - bends[:, :1, 0]).mean(axis=0)
+    return float(np.sqrt((distances**2).mean())), float(np.ptp(bends[:, 0, 0]))
 
 
-def _simulated(
+def _simulate_limbs(
     limbs: Sequence[LimbParameters], duty: np.ndarray, supplies: Sequence[float] = (1.0,)
 ) -> tuple[np.ndarray, np.ndarray]:
-    """T (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad, of cold limbs (B) with a duty (K, W).
+    """Simulate T (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad, of cold limbs (B).
 
     Args:
         supplies: multiples of the duty (R,).
@@ -246,7 +267,7 @@ def _simulated(
 
 
 def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") -> str:
-    """The recording to make next and what it tells, in words; empty if none is needed.
+    """Return the recording to make next and what it tells, in words; empty if none is needed.
 
     Args:
         fit: fit of the wires; None if not by prediction.
@@ -255,35 +276,47 @@ def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") ->
     """
     if fit is None:
         kinds = {*kinds, "motion"}
-    elif untold := [u for u in fit.untold if fit.measures_heat or u.field not in OF_READINGS]:
-        of_wire = [u for u in untold if u.wire == untold[0].wire]
-        bond = "with a thermocouple on it, " if len(of_wire) == 1 else ""  # else it was not heated
-        return _said(
-            fit, bond + HEATED, [u for u in of_wire if told_by(fit.law, u.field) == HEATED]
+    elif unidentified := [
+        u for u in fit.untold if fit.measures_heat or u.field not in READING_FIELDS
+    ]:
+        wire_unknowns = [u for u in unidentified if u.wire == unidentified[0].wire]
+        bond = (
+            "with a thermocouple on it, " if len(wire_unknowns) == 1 else ""
+        )  # else it was not heated
+        return _recording_in_words(
+            fit,
+            bond + HEAT_ALONE,
+            [u for u in wire_unknowns if told_by(fit.law, u.field) == HEAT_ALONE],
         )
     else:
         shares = dict(zip([u.name for u in fit.unknowns], fit.unknown_shares, strict=True))
-        unknown = [u for u in fit.unknowns if shares[u.name] > KNOWN]
-        for least in sorted(unknown, key=lambda u: -shares[u.name]):
-            if recording := told_by(fit.law, least.field):
-                of_wire = [u for u in unknown if u.wire == least.wire]
-                alike = [u for u in of_wire if told_by(fit.law, u.field) == recording]
-                return _said(fit, recording, alike)
-    lacking = {kind: said for kind, said in FURTHER.items() if kind not in kinds}
-    return lacking.get("motion") or sag or lacking.get("ring_down", "")
+        poorly_known = [u for u in fit.unknowns if shares[u.name] > KNOWN_SHARE]
+        for worst_known in sorted(poorly_known, key=lambda u: -shares[u.name]):
+            if recording := told_by(fit.law, worst_known.field):
+                wire_unknowns = [u for u in poorly_known if u.wire == worst_known.wire]
+                same_recording = [
+                    u for u in wire_unknowns if told_by(fit.law, u.field) == recording
+                ]
+                return _recording_in_words(fit, recording, same_recording)
+    missing_kinds = {
+        kind: instruction for kind, instruction in FURTHER_RECORDINGS.items() if kind not in kinds
+    }
+    return missing_kinds.get("motion") or sag or missing_kinds.get("ring_down", "")
 
 
 def told_by(law: type[WireLaw], field: str) -> str:
     """Return the recording that tells an unknown of a law or of the segment best; empty if none."""
-    for recording, fields in OF_SEGMENT.items():
+    for recording, fields in SEGMENT_RECORDINGS.items():
         if field in fields:
             return recording
-    found = law.__dataclass_fields__.get(field)  # type: ignore[attr-defined]
-    prior = found.metadata.get("prior") if found else None
-    return OF_LAWS.get(prior.told_by, "") if prior else ""
+    law_field = law.__dataclass_fields__.get(field)  # type: ignore[attr-defined]
+    prior = law_field.metadata.get("prior") if law_field else None
+    return LAW_RECORDINGS.get(prior.told_by, "") if prior else ""
 
 
-def _said(fit: LawFit, recording: str, told: list[Unknown]) -> str:
+def _recording_in_words(fit: LawFit, recording: str, identified: list[Unknown]) -> str:
     names = [wire.name for wire in fit.segment.wires]
-    said = recording if told[0].wire is None else recording.format(names[told[0].wire])
-    return f"{said}, which tells {', '.join(unknown.name for unknown in told)}"
+    instruction = (
+        recording if identified[0].wire is None else recording.format(names[identified[0].wire])
+    )
+    return f"{instruction}, which tells {', '.join(unknown.name for unknown in identified)}"
