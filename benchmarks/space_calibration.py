@@ -143,7 +143,7 @@ def errors_by_bursts(physics: str, wires: int, seed: int) -> tuple[str, list[flo
         described = question.corrected
         calibration = calibrate({"heated": [fitted]}, described, as_described=True)
     run = HeatedRun.of(other)
-    (predicted,) = calibration.prediction.fit.foresee([run])
+    (predicted,) = calibration.prediction.fit.roll_out([run])
     bends = [
         predicted.bend,
         *(bend for (bend,) in baselines([HeatedRun.of(fitted)], [run]).values()),

@@ -109,9 +109,13 @@ class Calibration(Summarized):
     @property
     def as_described(self) -> list[str]:
         """Names of the parameters that no recording tells, which stay as described."""
-        untold = [unknown.name for unknown in self.prediction.fit.untold] if self.prediction else []
+        unidentified = (
+            [unknown.name for unknown in self.prediction.fit.unidentified]
+            if self.prediction
+            else []
+        )
         own = ("ambient_temperature", "stiffness", "damping")
-        return [name for name in own if name not in self.estimates] + untold
+        return [name for name in own if name not in self.estimates] + unidentified
 
     @property
     def next_recording(self) -> str:
@@ -138,7 +142,7 @@ class Calibration(Summarized):
         part_errors = [part.bend_error for part in prediction.parts]
         return plan_miss(
             self.parameters,
-            prediction.foreseen,
+            prediction.rollouts,
             prediction.fit.predicted,
             part_errors,
             prediction.mean_error,

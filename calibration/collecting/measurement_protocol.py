@@ -75,7 +75,7 @@ class Knowledge:
     def __init__(self, described: LimbParameters, recordings: Iterable[Recording] = ()):
         self._described = copy.deepcopy(described)
         self._recordings = list(recordings)
-        self._known: LawFit | None = None
+        self._fit_so_far: LawFit | None = None
         self._motions: list[np.ndarray] = []
 
     @property
@@ -94,7 +94,7 @@ class Knowledge:
         if kind != "motion":
             if not gravity_bends(recording.parameters):  # others tell little more of the heat
                 self._recordings.append(recording)
-                self._known = None
+                self._fit_so_far = None
             return sentence
         self._motions.append(recording.bend_angle)
         if len(self._motions) > 1:
@@ -109,14 +109,14 @@ class Knowledge:
         return sentence
 
     def _fit(self) -> LawFit:
-        if self._known is None:
+        if self._fit_so_far is None:
             ambient = ambient_temperature(self._recordings).value
             segment = copy.deepcopy(only_segment(self._described))
             segment.rest_angle = rest_angles(self._recordings, ambient)[0].value
             runs = [HeatedRun.of(each) for each in self._recordings if each.duty.any()]
             with threadpool_limits(1, "blas"):
-                self._known = fit_law(self.LAW, runs, segment, ambient)
-        return self._known
+                self._fit_so_far = fit_law(self.LAW, runs, segment, ambient)
+        return self._fit_so_far
 
 
 @dataclasses.dataclass(frozen=True)

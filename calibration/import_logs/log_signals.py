@@ -198,7 +198,7 @@ class _Signals:
             text = f"{count} of {_count_rows(len(times))} lack a reading, which stays empty."
             self.remarks.append(text)
         cuts = self._cuts()
-        found: list[dict[str, Any]] = []
+        parts: list[dict[str, Any]] = []
         for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
             if end - start < 2 or (
                 len(cuts) > 2 and times[end - 1] - times[start] < MIN_PART_DURATION
@@ -211,9 +211,9 @@ class _Signals:
                 times[rows] - times[start], self.duty[:, rows], self.readings[:, rows], self.rate
             )
             where = f", part {number}" if len(cuts) > 2 else ""
-            about = {"parameters": self.limb, "source": f"log {self.path.name}{where}"}
-            found.append({**even, **about, "sample_rate": self.rate})
-        if not found:
+            description = {"parameters": self.limb, "source": f"log {self.path.name}{where}"}
+            parts.append({**even, **description, "sample_rate": self.rate})
+        if not parts:
             raise LogError(f"no part of {MIN_PART_DURATION:g} s or more has rows without a gap.")
         # Gravity bends a limb whose log says so in its name.
         bends = self.readings[len(self.duty) :]
@@ -221,7 +221,7 @@ class _Signals:
             self.limb.gravity = [0.0, GRAVITY * (np.sign(np.nanmedian(bends)) or -1.0), 0.0]
             text = "By its name, gravity bends the limb here, to the side of its bend."
             self.remarks.append(text)
-        return found
+        return parts
 
     def _cuts(self) -> list[int]:
         """Return where parts begin, and the end: a part ends where nobody knows the duty."""
@@ -239,10 +239,9 @@ class _Signals:
             ends = ", ".join(f"{times[cut - 1]:.0f} s" for cut in cuts[1:-1])
             self.remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
         if (~is_unknown).any():
-            known = gaps[long[~is_unknown]]
-            text = (
-                f"{len(known)} gaps of more than {MIN_GAP:g} s, the longest of {known.max():.1f} s."
-            )
+            known_gaps = gaps[long[~is_unknown]]
+            longest = known_gaps.max()
+            text = f"{len(known_gaps)} gaps of more than {MIN_GAP:g} s, the longest of {longest:.1f} s."
             self.remarks.append(text)
         # Cut long parts where wires are coldest.
         short = [0]
@@ -314,13 +313,15 @@ def _offset(
 
 def _interpolate_slow_sensor(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return readings of a sensor that is slower than the rows, with lines between them."""
-    shown = ~np.isnan(values)
-    own = np.diff(times[shown])
-    if len(own) < 2 or np.median(own) < 1.5 * np.median(np.diff(times)):
+    is_present = ~np.isnan(values)
+    sensor_periods = np.diff(times[is_present])
+    if len(sensor_periods) < 2 or np.median(sensor_periods) < 1.5 * np.median(np.diff(times)):
         return values
-    near = np.interp(times, times[shown][1:], own, left=own[0])
-    there = np.interp(times, times[shown], values[shown], left=np.nan, right=np.nan)
-    return np.where(near <= STALE_PERIODS * np.median(own), there, np.nan)
+    period = np.interp(times, times[is_present][1:], sensor_periods, left=sensor_periods[0])
+    interpolated = np.interp(
+        times, times[is_present], values[is_present], left=np.nan, right=np.nan
+    )
+    return np.where(period <= STALE_PERIODS * np.median(sensor_periods), interpolated, np.nan)
 
 
 def _count_rows(count: int) -> str:
@@ -462,15 +463,15 @@ def resampled(
 
     def means(ends: np.ndarray) -> np.ndarray:
         """Return mean duty between times, and before the first of them the first row's."""
-        later = doses(duty[:, :-1], times, ends) / np.diff(ends)
-        return np.clip(np.column_stack([duty[:, 0], later]), 0.0, 1.0)
+        later_means = doses(duty[:, :-1], times, ends) / np.diff(ends)
+        return np.clip(np.column_stack([duty[:, 0], later_means]), 0.0, 1.0)
 
-    used, index = np.unique(row, return_inverse=True)
+    used_rows, index = np.unique(row, return_inverse=True)
     return {
         "time": grid,
         "duty": means(grid),
         "measured_temperature": readings[: len(duty)],
         "bend_angle": readings[len(duty) :],
-        "applied_duty": means(times[used])[:, index],
+        "applied_duty": means(times[used_rows])[:, index],
         "sample_age": age,
     }

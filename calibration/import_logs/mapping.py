@@ -74,8 +74,8 @@ class BendColumns(Strict):
     @property
     def columns(self) -> list[str]:
         """The columns that show the bend."""
-        own = [self.column, self.e2, self.e3, *self.line, *self.base_line]
-        return [column for column in own if column]
+        named = [self.column, self.e2, self.e3, *self.line, *self.base_line]
+        return [column for column in named if column]
 
 
 @dataclasses.dataclass
@@ -128,14 +128,14 @@ class LogMapping(Strict):
                 (f"unit of the {wire.name} wire", wire.unit, [*TEMPERATURE_UNITS, UNANSWERED])
             )
             allowed.append((f"sign of the {wire.name} wire", wire.sign, (1, -1)))
-        for where, value, known in allowed:
-            if value not in known:
-                words = ", ".join(str(word) for word in known if word != UNANSWERED)
+        for where, value, allowed_words in allowed:
+            if value not in allowed_words:
+                words = ", ".join(str(word) for word in allowed_words if word != UNANSWERED)
                 text = repr(value) if isinstance(value, str) else f"{value:g}"
                 raise LogError(f"{where} is {text}; it must be one of {words}.")
         # There is one bend, and wires have different names.
-        ways = [bool(bend.column), bool(bend.e2 and bend.e3), bool(bend.line)]
-        if sum(ways) != 1 or bool(bend.e2) != bool(bend.e3):
+        is_given = [bool(bend.column), bool(bend.e2 and bend.e3), bool(bend.line)]
+        if sum(is_given) != 1 or bool(bend.e2) != bool(bend.e3):
             raise LogError("bend must have either a column, e2 and e3, or a line.")
         if not self.wires:
             raise LogError("wires must have at least one wire.")
@@ -148,12 +148,17 @@ class LogMapping(Strict):
         for wire in self.wires:
             signals.append((f"duty of the {wire.name} wire", wire.duty, wire.sign))
             signals.append((f"temperature of the {wire.name} wire", wire.temperature, 0.0))
-        taken: dict[str, tuple[str, float]] = {}
+        signal_of_column: dict[str, tuple[str, float]] = {}
         for signal, column, sign in signals:
-            other, sign_of_other = taken.setdefault(column, (signal, sign))
-            if column not in ("", UNANSWERED) and other != signal and not sign * sign_of_other < 0:
+            other_signal, sign_of_other = signal_of_column.setdefault(column, (signal, sign))
+            if (
+                column not in ("", UNANSWERED)
+                and other_signal != signal
+                and not sign * sign_of_other < 0
+            ):
                 raise LogError(
-                    f"the column {column!r} is given for {other} and for {signal}; give each its "
+                    f"the column {column!r} is given for {other_signal} and for {signal}; give "
+                    "each its "
                     "own."
                 )
 

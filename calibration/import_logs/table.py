@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.import_logs.cells import AMOUNT, is_moment, is_name, is_number, moment, number
-from calibration.import_logs.words import known_unit
+from calibration.import_logs.words import parse_unit
 from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TABLE, check_file
 from limb_systems.progress import Progress
@@ -145,23 +145,23 @@ class _Form:
         first, rest = self.without_stamp(line)
         if not self.labels:
             return [*first, *split_cells(rest, self.delimiter)]
-        found = self.labelled(line)
-        is_alike = tuple(label for label, _ in found) == self.labels
-        return [*first, *(value for _, value in found)] if is_alike else []
+        labels_and_values = self.labelled(line)
+        is_alike = tuple(label for label, _ in labels_and_values) == self.labels
+        return [*first, *(value for _, value in labels_and_values)] if is_alike else []
 
     def numbers(self, lines: list[str], is_date: list[bool]) -> tuple[np.ndarray, int]:
         """Return the numbers in lines (N, K), and how many lines have other numbers of cells."""
         # Read lines of numbers and nothing else at once.
         if not (self.stamped or self.labels or any(is_date)) and self.decimal == ".":
             try:
-                found = np.loadtxt(
+                parsed = np.loadtxt(
                     lines, comments=None, delimiter=DELIMITERS[self.delimiter], ndmin=2
                 )
             except ValueError:
-                found = np.empty((0, 0))
-            if found.shape[1] == self.width:
-                found[~np.isfinite(found)] = np.nan
-                return found.T, 0
+                parsed = np.empty((0, 0))
+            if parsed.shape[1] == self.width:
+                parsed[~np.isfinite(parsed)] = np.nan
+                return parsed.T, 0
         # Read others cell by cell.
         rows = [self.cells(line) for line in lines]
         full = [row for row in rows if len(row) == self.width and any(row)]
@@ -189,9 +189,9 @@ def read_table(
     blocks = _line_blocks(Path(path), encoding)
     # Find the form of the lines in the middle of the first block.
     first = next(blocks, [])
-    full = [line for line in first if line.strip() and len(line) < MAX_LINE_LENGTH]
-    middle = max(0, (len(full) - SAMPLE_ROWS) // 2)
-    sample = full[middle : middle + SAMPLE_ROWS]
+    full_lines = [line for line in first if line.strip() and len(line) < MAX_LINE_LENGTH]
+    middle = max(0, (len(full_lines) - SAMPLE_ROWS) // 2)
+    sample = full_lines[middle : middle + SAMPLE_ROWS]
     choices = [delimiter] if delimiter else list(DELIMITERS)
     forms = [_Form.of(sample, choice, decimal) for choice in choices] if sample else []
     form = max(forms, key=lambda form: form.score, default=_Form("", ""))
@@ -216,9 +216,9 @@ def read_table(
     count = 0
     odd_rows = 0
     for lines in itertools.chain([first[len(head) :]], blocks):
-        found, odd = form.numbers(lines, is_date)
-        values[:, count : count + found.shape[1]] = found
-        count += found.shape[1]
+        block_values, odd = form.numbers(lines, is_date)
+        values[:, count : count + block_values.shape[1]] = block_values
+        count += block_values.shape[1]
         odd_rows += odd
     if count < MIN_ROWS:
         raise LogError(f"{path} has only {count} rows of numbers.")
@@ -243,13 +243,13 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 def unique_names(names: Iterable[str]) -> list[str]:
     """Return a name for each column, none twice; ``column_3`` for the third if it has none."""
-    seen: Counter[str] = Counter()
-    found = []
-    for number_, given in enumerate(names, 1):
-        name = given or f"column_{number_}"
-        seen[name] += 1
-        found.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
-    return found
+    counts: Counter[str] = Counter()
+    names_so_far = []
+    for number_, name_or_empty in enumerate(names, 1):
+        name = name_or_empty or f"column_{number_}"
+        counts[name] += 1
+        names_so_far.append(name if counts[name] == 1 else f"{name}_{counts[name]}")
+    return names_so_far
 
 
 def _is_written(cell: str, mark: str) -> bool:
@@ -271,9 +271,10 @@ def _survey_encoding(path: Path) -> tuple[str, int]:
     decoder = codecs.getincrementaldecoder("utf-8")()
     with path.open("rb") as file:
         start = file.read(4096)
-        if own := re.match(rb"(?:\xef\xbb\xbf)?# limb (\w+), format ", start):
+        if header := re.match(rb"(?:\xef\xbb\xbf)?# limb (\w+), format ", start):
             raise LogError(
-                f"{path} is no log, but a {own[1].decode()} of soft-limb, which is read as it is."
+                f"{path} is no log, but a {header[1].decode()} of soft-limb, which is read as it "
+                "is."
             )
         # Half of the bytes of text in UTF-16 are zero, always the same half.
         zeros = start.count(b"\0")
@@ -315,8 +316,8 @@ def _head(lines: list[str], form: _Form, names_line: int, path: str | Path) -> l
     for line in lines[:MAX_HEAD_LINES]:
         row = form.cells(line)
         full = [cell for cell in row if cell]
-        known = sum(is_number(cell, form.decimal) or is_moment(cell) for cell in full)
-        is_of_numbers = len(row) == form.width and known >= max(2, 0.3 * len(full))
+        num_numbers = sum(is_number(cell, form.decimal) or is_moment(cell) for cell in full)
+        is_of_numbers = len(row) == form.width and num_numbers >= max(2, 0.3 * len(full))
         in_a_row = in_a_row + 1 if is_of_numbers and len(head) >= names_line else 0
         head.append(row)
         if in_a_row == MIN_FIRST_ROWS:
@@ -333,7 +334,7 @@ def _names_line(head: list[list[str]], width: int) -> int:
             row = head[line - 1]
             full = [cell for cell in row if cell]
             num_units = sum(
-                cell.strip(" []()-1") == "" or bool(known_unit(cell)[0]) for cell in row
+                cell.strip(" []()-1") == "" or bool(parse_unit(cell)[0]) for cell in row
             )
             has_names_above = line > 1 and len(head[line - 2]) == len(row)
             is_of_units = num_units >= (0.5 if has_names_above else 1.0) * len(row)
@@ -362,10 +363,12 @@ def _names(head: list[list[str]], names_line: int, form: _Form, row: list[str]) 
         names[0] = "time"
     # Names that are there twice, such as X and Y of points, begin with what a row above says.
     repeated = {name for name, count in Counter(names).items() if count > 1 and name}
-    above = [own for own in head[: names_line - 1] if len(own) == len(names)]
-    above.sort(key=lambda own: not {"name", "bodyparts"} & {cell.lower() for cell in own[:2]})
-    for own in above if repeated else ():
-        pairs = zip(own, names, strict=True)
+    above = [row_above for row_above in head[: names_line - 1] if len(row_above) == len(names)]
+    above.sort(
+        key=lambda row_above: not {"name", "bodyparts"} & {cell.lower() for cell in row_above[:2]}
+    )
+    for row_above in above if repeated else ():
+        pairs = zip(row_above, names, strict=True)
         joined = [f"{x} {name}".strip() if name in {*repeated, ""} else name for x, name in pairs]
         if len(set(joined) - {""}) == len(joined) - joined.count(""):
             return joined
@@ -374,15 +377,15 @@ def _names(head: list[list[str]], names_line: int, form: _Form, row: list[str]) 
 
 def _units(head: list[list[str]], names_line: int, form: _Form) -> list[str]:
     """Return the units of columns: of a row below the names or above them, or in each cell."""
-    found = [""] * form.width
+    units_by_column = [""] * form.width
     for row in [*head[names_line:], *head[: max(0, names_line - 1)][::-1]]:
-        num_units = sum(bool(known_unit(cell)[0]) for cell in row)
+        num_units = sum(bool(parse_unit(cell)[0]) for cell in row)
         if len(row) == form.width and num_units >= max(2, 0.5 * sum(map(bool, row))):
-            found = [cell if known_unit(cell)[0] else "" for cell in row]
+            units_by_column = [cell if parse_unit(cell)[0] else "" for cell in row]
             break
     for index, cells in enumerate(zip(*form.rows, strict=True)):
         amounts = [AMOUNT.fullmatch(cell) for cell in cells]
-        units = [match[2] for match in amounts if match and known_unit(match[2])[0]]
-        if units and not found[index]:
-            found[index] = units[0]
-    return found
+        units = [match[2] for match in amounts if match and parse_unit(match[2])[0]]
+        if units and not units_by_column[index]:
+            units_by_column[index] = units[0]
+    return units_by_column

@@ -74,28 +74,28 @@ FURTHER_RECORDINGS = {
 class PlanMiss:
     """The mean |φ* - φ| of a plan, open loop, rad: its expected value and its range.
 
-    - ``left``: what the law leaves of the motions that judged.
+    - ``law_error``: what the law leaves of the motions that judged.
     - ``expected``: this for motions as wide as plans, and what is unknown of the limb and its day.
     - ``span``: range of the bend in the motions that judged, rad.
-    - ``shown``: least and most by which parts were missed that were left out of a fit, rad.
+    - ``part_errors``: least and most by which parts were missed that were left out of a fit, rad.
     - ``by_mean``: what the mean bend is expected to miss motions as wide as plans by, rad.
     """
 
-    left: float
+    law_error: float
     expected: float
     span: float
-    shown: tuple[float, float]
+    part_errors: tuple[float, float]
     by_mean: float
 
     @property
     def low(self) -> float:
         """The least that a plan is expected to miss by, rad: on the same day, near what judged."""
-        return min(self.left / MISS_RATIO, self.shown[0])
+        return min(self.law_error / MISS_RATIO, self.part_errors[0])
 
     @property
     def high(self) -> float:
         """The most that a plan is expected to miss by, rad."""
-        return max(self.expected, self.shown[1]) * MISS_RATIO
+        return max(self.expected, self.part_errors[1]) * MISS_RATIO
 
     @property
     def in_words(self) -> str:
@@ -119,7 +119,7 @@ class PlanMiss:
 
 def plan_miss(
     limb: LimbParameters,
-    foreseen: Sequence[Predicted],
+    rollouts: Sequence[Predicted],
     fitted: Sequence[Predicted],
     part_errors: Sequence[float],
     mean_error: float,
@@ -128,7 +128,7 @@ def plan_miss(
 
     Args:
         limb: one with its calibration's covariance; of one segment.
-        foreseen: what judged, predicted from its start; see `LawFit.foresee`.
+        rollouts: what judged, predicted from its start; see `LawFit.roll_out`.
         fitted: the recordings of the fit, which may be missed by more.
         part_errors: errors of parts that were left out, rad, by fits without them.
         mean_error: error of the mean bend in these parts, rad.
@@ -140,21 +140,21 @@ def plan_miss(
         unknown_error, typical_range = _typical_motion(limb)
     law_error, fit_error = (
         float(np.mean([predicted.bend_error for predicted in group]))
-        for group in (foreseen, fitted)
+        for group in (rollouts, fitted)
     )
     law_error = max(law_error, float(np.mean(part_errors)))
     # Motions that bend the limb by more are missed by more.
     wide_error = max(
-        law_error * max(1.0, typical_range / _bend_range(foreseen)),
+        law_error * max(1.0, typical_range / _bend_range(rollouts)),
         fit_error * max(1.0, typical_range / _bend_range(fitted)),
     )
     if typical_range:  # a limb that stays in the middle of its range misses no more
         law_error = min(law_error, typical_range / 2)
         wide_error = min(wide_error, typical_range / 2)
     expected = float(np.hypot(wide_error, unknown_error))
-    by_mean = mean_error * max(1.0, typical_range / _bend_range(foreseen))
+    by_mean = mean_error * max(1.0, typical_range / _bend_range(rollouts))
     return PlanMiss(
-        law_error, expected, _bend_range(foreseen), (min(part_errors), max(part_errors)), by_mean
+        law_error, expected, _bend_range(rollouts), (min(part_errors), max(part_errors)), by_mean
     )
 
 
@@ -277,7 +277,7 @@ def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") ->
     if fit is None:
         kinds = {*kinds, "motion"}
     elif unidentified := [
-        u for u in fit.untold if fit.measures_heat or u.field not in READING_FIELDS
+        u for u in fit.unidentified if fit.measures_heat or u.field not in READING_FIELDS
     ]:
         wire_unknowns = [u for u in unidentified if u.wire == unidentified[0].wire]
         bond = (

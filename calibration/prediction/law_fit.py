@@ -96,10 +96,10 @@ class LawFit:
     - ``fitted``: values of the unknowns (P), as `Unknown` has them.
     - ``covariance``: covariance of these values (P, P).
     - ``ambient``: T0, °C.
-    - ``nuisances``: T0 and the initial states of the wires in each recording (R, Q).
+    - ``initial_conditions``: T0 and the initial states of the wires in each recording (R, Q).
     - ``predicted``: the recordings of the fit, as they are predicted from there.
     - ``hottest``: highest T of each wire in these predictions (W,), °C.
-    - ``untold``: quantities that recordings tell nothing of, which stay as expected.
+    - ``unidentified``: quantities that recordings tell nothing of, which stay as expected.
     """
 
     law: type[WireLaw]
@@ -108,10 +108,10 @@ class LawFit:
     fitted: np.ndarray
     covariance: np.ndarray
     ambient: float
-    nuisances: np.ndarray
+    initial_conditions: np.ndarray
     predicted: list[Predicted]
     hottest: np.ndarray
-    untold: list[Unknown] = dataclasses.field(default_factory=list)
+    unidentified: list[Unknown] = dataclasses.field(default_factory=list)
 
     @property
     def measures_heat(self) -> bool:
@@ -133,10 +133,10 @@ class LawFit:
         (segment,) = limb.segments
         for wire in segment.wires:
             wire.law = self.law()
-        all_unknowns = [*self.unknowns, *self.untold]
+        all_unknowns = [*self.unknowns, *self.unidentified]
         if any(unknown.field == "shift" for unknown in all_unknowns):
             segment.rest_memory = RestMemory()
-        all_values = [*self.fitted, *(u.center for u in self.untold)]
+        all_values = [*self.fitted, *(u.center for u in self.unidentified)]
         for unknown, value in zip(
             all_unknowns, map(float, values_of(all_unknowns, all_values)), strict=True
         ):
@@ -186,12 +186,12 @@ class LawFit:
         problem.num_moved = 0
         size = len(self.fitted)
 
-        def full_vector(nuisances: np.ndarray) -> np.ndarray:
-            return np.concatenate([self.fitted, nuisances])
+        def full_vector(initial_conditions: np.ndarray) -> np.ndarray:
+            return np.concatenate([self.fitted, initial_conditions])
 
         solution = least_squares(
             lambda n: problem.residuals(full_vector(n)),
-            problem.nuisance_center,
+            problem.initial_center,
             lambda n: problem.jacobian(full_vector(n))[:, size:],
             x_scale=problem.spread[size:],
             ftol=10 * TOLERANCE,
@@ -200,19 +200,19 @@ class LawFit:
         )
         return problem.predicted(full_vector(solution.x))
 
-    def foresee(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
+    def roll_out(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
         """Predict recordings open loop from what is read at their start, as a plan begins."""
         problem = self._problem(runs)
-        return problem.predicted(np.concatenate([self.fitted, problem.nuisance_center]))
+        return problem.predicted(np.concatenate([self.fitted, problem.initial_center]))
 
     def continued(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
         """Predict other samples of the recordings of the fit, from the same initial states."""
         problem = self._problem(runs)
-        return problem.predicted(np.concatenate([self.fitted, self.nuisances.ravel()]))
+        return problem.predicted(np.concatenate([self.fitted, self.initial_conditions.ravel()]))
 
     def _problem(self, runs: Sequence[HeatedRun]) -> "_FitProblem":
         known = self.law, runs, self.segment, self.ambient
-        return _FitProblem(*known, self.unknowns, self.untold)
+        return _FitProblem(*known, self.unknowns, self.unidentified)
 
 
 def fit_law(
@@ -241,8 +241,8 @@ def fit_law(
     """
     heated = np.any([run.duty.any(axis=0) for run in runs], axis=0)
     read = np.any([run.counts[:, segment.axes :].any(axis=0) for run in runs], axis=0)
-    unknowns, untold = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
-    problem = _FitProblem(law, runs, segment, ambient, unknowns, untold)
+    unknowns, unidentified = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
+    problem = _FitProblem(law, runs, segment, ambient, unknowns, unidentified)
     start_values = {u.name: u.center for u in unknowns}
     if start is not None:
         start_values |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
@@ -298,20 +298,26 @@ def fitting_time(
 class _FitProblem:
     """The whitened residuals of all recordings and of the prior, and their Jacobian.
 
-    x is the unknowns (P), then for each of R recordings its nuisances (Q): its
+    x is the unknowns (P), then for each of R recordings its initial_conditions (Q): its
     T0, and the states of its wires at the start, all wires for each
     state in turn. The Jacobian is zero for unknowns from ``num_moved`` on.
     """
 
     def __init__(
-        self, law, runs, segment, ambient: float, unknowns: list[Unknown], untold: list[Unknown]
+        self,
+        law,
+        runs,
+        segment,
+        ambient: float,
+        unknowns: list[Unknown],
+        unidentified: list[Unknown],
     ):
         self._law = law
         self._runs = runs
         self._unknowns = unknowns
         self._ambient = ambient
         self._segment = segment
-        self._untold = untold
+        self._untold = unidentified
         self._num_wires = len(segment.wires)
         self._stiffness = segment.stiffness
         self.num_moved = len(unknowns)
@@ -326,28 +332,28 @@ class _FitProblem:
         )
         self._num_bends = segment.axes
         self._prior = prior_factor(unknowns)
-        centers, spreads = zip(*[self._nuisances(run, ambient) for run in runs], strict=True)
-        self.nuisance_center = np.concatenate(centers)
-        self._nuisance_spread = np.concatenate(spreads)
-        self._num_nuisances = len(centers[0])
-        self.center = np.concatenate([[u.center for u in unknowns], self.nuisance_center])
-        self.spread = np.concatenate([[u.spread for u in unknowns], self._nuisance_spread])
-        free = np.full(len(self.nuisance_center), np.inf)
+        centers, spreads = zip(*[self._initial_prior(run, ambient) for run in runs], strict=True)
+        self.initial_center = np.concatenate(centers)
+        self._initial_spread = np.concatenate(spreads)
+        self._num_initial = len(centers[0])
+        self.center = np.concatenate([[u.center for u in unknowns], self.initial_center])
+        self.spread = np.concatenate([[u.spread for u in unknowns], self._initial_spread])
+        free = np.full(len(self.initial_center), np.inf)
         self.bounds = (
             np.concatenate([[u.low for u in unknowns], -free]),
             np.concatenate([[u.high for u in unknowns], free]),
         )
-        self._shown = [run.counts.T > 0 for run in runs]
-        self.num_readings = int(sum(shown.sum() for shown in self._shown))
+        self._is_read = [run.counts.T > 0 for run in runs]
+        self.num_readings = int(sum(shown.sum() for shown in self._is_read))
         sensor = segment.bend_sensor
         self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
         # Size and time of what the form leaves, of bends and of readings.
         self._forms = [(size, FORM_TIME) for size in INITIAL_FORM_SIZES]
-        self._outliers = [np.zeros_like(shown) for shown in self._shown]
+        self._outliers = [np.zeros_like(shown) for shown in self._is_read]
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
         self._whiten()
 
-    def _nuisances(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
+    def _initial_prior(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the expected initial conditions of a recording (Q,), and their spreads (Q,)."""
         centers = [np.array([ambient])]
         spreads = [np.array([AMBIENT_SPREAD])]
@@ -381,7 +387,7 @@ class _FitProblem:
         """Set the factors of the residuals' covariances, for each signal of each recording."""
         self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by these factors
         self._factors = []
-        for run, outliers, is_read in zip(self._runs, self._outliers, self._shown, strict=True):
+        for run, outliers, is_read in zip(self._runs, self._outliers, self._is_read, strict=True):
             lags = np.abs(run.times[:, None] - run.times)
             times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
             correlations = {time: np.exp(-lags / time) for time in times}
@@ -449,7 +455,7 @@ class _FitProblem:
         return largest_change
 
     def fit_at(self, x: np.ndarray) -> LawFit:
-        """Return the fit whose parameters and nuisances are x."""
+        """Return the fit whose parameters and initial_conditions are x."""
         jacobian = self.jacobian(x)
         residuals = self.residuals(x)
         misfit = max(1.0, float((residuals[: -len(x)] ** 2).sum() / self.num_readings))
@@ -483,24 +489,26 @@ class _FitProblem:
         size = len(self._unknowns)
         margin = 1e-6 * (self.bounds[1][:size] - self.bounds[0][:size])
         x[:size] = np.clip(x[:size], self.bounds[0][:size] + margin, self.bounds[1][:size] - margin)
-        if len(fit.nuisances) == len(self._runs):
+        if len(fit.initial_conditions) == len(self._runs):
             # The ambient temperature, and the states that both laws have.
-            nuisances = x[size:].reshape(len(self._runs), -1)
-            nuisances[:, 0] = fit.nuisances[:, 0]
-            states = nuisances[:, 1:].reshape(len(self._runs), -1, self._num_wires)
-            former_states = fit.nuisances[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+            initial_conditions = x[size:].reshape(len(self._runs), -1)
+            initial_conditions[:, 0] = fit.initial_conditions[:, 0]
+            states = initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+            former_states = fit.initial_conditions[:, 1:].reshape(
+                len(self._runs), -1, self._num_wires
+            )
             for row, state in enumerate(self._law.states):
                 if state in fit.law.states:
                     states[:, row] = former_states[:, list(fit.law.states).index(state)]
-            nuisances[:, 1:] = states.reshape(len(self._runs), -1)
+            initial_conditions[:, 1:] = states.reshape(len(self._runs), -1)
         return x
 
     def hottest(self, x: np.ndarray) -> np.ndarray:
         """Return the highest T of each wire (W,), °C, for one x."""
-        return self._roll_out(x[None])[0].max(axis=(0, 1, 2))
+        return self._simulate_states(x[None])[0].max(axis=(0, 1, 2))
 
-    def _roll_out(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return T, V and φ as `OpenLoop.simulate`, for parameters and nuisances (B, P + R Q)."""
+    def _simulate_states(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return T, V and φ as `OpenLoop.simulate` does, for parameter sets x (B, P + R Q)."""
         size = len(self._unknowns)
         num_wires = self._num_wires
         num_sets = len(x)
@@ -516,18 +524,18 @@ class _FitProblem:
             else:
                 array = fields.setdefault(unknown.field, np.empty((num_sets, 1, num_wires)))
                 array[:, 0, unknown.wire] = value
-        nuisances = x[:, size:].reshape(num_sets, len(self._runs), self._num_nuisances)
+        initial_conditions = x[:, size:].reshape(num_sets, len(self._runs), self._num_initial)
         states = np.moveaxis(
-            nuisances[:, :, 1:].reshape(num_sets, len(self._runs), -1, num_wires), 2, 0
+            initial_conditions[:, :, 1:].reshape(num_sets, len(self._runs), -1, num_wires), 2, 0
         )
         first = np.array([self._first(run, self._ambient) for run in self._runs])
         initial = [*states, np.broadcast_to(first, states[0].shape)]
         law = with_fields(self._law, fields)
-        return self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
+        return self._open_loop.simulate(law, initial_conditions[:, :, 0], initial, rubber)
 
     def _simulate(self, x: np.ndarray) -> list[np.ndarray]:
         """Simulate φ and V of each recording (M, B, F + W) for parameter sets x (B, P + R Q)."""
-        _, readings, bends = self._roll_out(x)
+        _, readings, bends = self._simulate_states(x)
         bends = bends.reshape(*readings.shape[:-1], self._num_bends)
         signals = np.concatenate([bends, readings], axis=-1)
         return [
@@ -557,7 +565,7 @@ class _FitProblem:
         """
         parts = []
         for run, factors, is_read, signals in zip(
-            self._runs, self._factors, self._shown, simulated, strict=True
+            self._runs, self._factors, self._is_read, simulated, strict=True
         ):
             errors = np.moveaxis(signals - run.signals[:, None], 2, 0)
             for factor, is_present, error in zip(factors, is_read, errors, strict=True):
@@ -572,7 +580,7 @@ class _FitProblem:
         size = len(self._unknowns)
         deviation = x - self.center
         return np.concatenate(
-            [self._prior @ deviation[:size], deviation[size:] / self._nuisance_spread]
+            [self._prior @ deviation[:size], deviation[size:] / self._initial_spread]
         )
 
     def best_start(self, expected: Sequence[float]) -> np.ndarray:
@@ -607,7 +615,7 @@ class _FitProblem:
         if np.array_equal(evaluated_x, x):
             return values
         size = len(self._unknowns)
-        count = self._num_nuisances
+        count = self._num_initial
         num_moved = self.num_moved
         step = RELATIVE_STEP * self.spread
         if not np.array_equal(self._simulated[0], x):
@@ -626,7 +634,7 @@ class _FitProblem:
         rows = []
         row = 0
         column = size
-        for is_read in self._shown:
+        for is_read in self._is_read:
             run_rows = slice(row, row := row + int(is_read.sum()))
             columns = slice(column, column := column + count)
             slopes = change[run_rows] / np.concatenate([step[:num_moved], step[columns]])
@@ -641,7 +649,7 @@ class _FitProblem:
             errors.append(rotated[:, -1])
         prior_rows = np.zeros((len(x), len(x)))
         prior_rows[:size, :size] = self._prior
-        prior_rows[size:, size:] = np.diag(1 / self._nuisance_spread)
+        prior_rows[size:, size:] = np.diag(1 / self._initial_spread)
         result = np.concatenate([*errors, self._beforehand(x)]), np.vstack([*rows, prior_rows])
         self._evaluated = x.copy(), result
         return result

@@ -144,7 +144,7 @@ class Prediction:
     - ``best``: the simplest of them that no other beats.
     - ``fit``: the best law, fitted to all recordings.
     - ``judges``: recordings that the laws were judged by, in words.
-    - ``foreseen``: parts that were left out, as this fit predicts them from their start, as plans.
+    - ``rollouts``: parts that were left out, as this fit predicts them from their start, as plans.
     - ``parts``: parts that were left out in turn, as the best law predicts them from the others.
     - ``mean_error``: mean error of the mean bend in these parts, rad.
     """
@@ -153,7 +153,7 @@ class Prediction:
     best: Candidate
     fit: LawFit
     judges: str
-    foreseen: list[Predicted]
+    rollouts: list[Predicted]
     parts: list[Predicted]
     mean_error: float
 
@@ -224,7 +224,9 @@ class Prediction:
                 "this limb; boards refuse to heat without thermocouples.",
             )
         for index, wire in enumerate(self.fit.segment.wires):
-            unidentified = {unknown.field for unknown in self.fit.untold if unknown.wire == index}
+            unidentified = {
+                unknown.field for unknown in self.fit.unidentified if unknown.wire == index
+            }
             if not self.fit.measures_heat and unidentified <= {*READING_FIELDS}:
                 continue
             if unidentified == {LAG_FIELD}:
@@ -271,7 +273,7 @@ class Prediction:
         law = self.fit.law
         names = [wire.name for wire in self.fit.segment.wires]
         for predicted, initial_conditions in zip(
-            self.fit.predicted, self.fit.nuisances, strict=True
+            self.fit.predicted, self.fit.initial_conditions, strict=True
         ):
             run = predicted.run
             room = float(initial_conditions[0])
@@ -343,9 +345,9 @@ def fit_by_prediction(
         fit = best.fit
         report(f"{best.name}, all recordings")
         fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_options(fit), start=fit)
-        foreseen = fit.foresee([predicted.run for predicted in parts])
+        rollouts = fit.roll_out([predicted.run for predicted in parts])
     return Prediction(
-        candidates, best, fit, folds.words, foreseen, parts, mean_error=baselines[MEAN]
+        candidates, best, fit, folds.words, rollouts, parts, mean_error=baselines[MEAN]
     )
 
 

@@ -143,7 +143,7 @@ def test_thermocouples_are_those_of_their_own_wires():
     recording = recording_of(0, 0, STAIRS[:3])
     recording.measured_temperature[:2] = np.nan
     fit = fit_law(LinearLaw, [HeatedRun.of(recording)], described().segments[0], 22.0)
-    assert [unknown.name for unknown in fit.untold] == ["wire_1.a3", "wire_2.a3"]
+    assert [unknown.name for unknown in fit.unidentified] == ["wire_1.a3", "wire_2.a3"]
 
 
 def test_the_angle_at_rest_is_told_towards_both_axes(motion):
@@ -193,7 +193,7 @@ def test_bends_alone_tell_a_limb_that_bends_in_space(motion):
     other = recording_of(None, 11, [[0, 0.25, 0.1], [0.3, 0, 0.1]])
     calibration = calibrate({"heated": [alone]}, laws=[LinearLaw], counted_limit=80.0)
     run = HeatedRun.of(other)
-    (predicted,) = calibration.prediction.fit.foresee([run])
+    (predicted,) = calibration.prediction.fit.roll_out([run])
     assert np.rad2deg(predicted.bend_error) < 1.5
     assert np.rad2deg(np.nanmax(np.abs(run.bend))) > 15.0
     assert calibration.plan_miss.low < predicted.bend_error < calibration.plan_miss.high

@@ -130,7 +130,7 @@ def test_heat_from_the_beginning_leaves_the_start_at_the_room(pulses):
     recorded, again = pulses
     segment = LimbParameters().segments[0]
     fit = fit_law(SaturatingLaw, [HeatedRun.of(r) for r in recorded], segment, 22.0)
-    assert np.abs(fit.nuisances - 22.0).max() < 8.0
+    assert np.abs(fit.initial_conditions - 22.0).max() < 8.0
     for predicted in fit.predict([HeatedRun.of(recording) for recording in again]):
         assert np.rad2deg(predicted.bend_error) < 2.0
         assert predicted.temperature_error < 2.0

@@ -37,7 +37,7 @@ def known_logger(table: LogTable) -> list[Proposal]:
         heated = [proposal for proposal in proposals if proposal.is_heated]
         return heated or proposals
     if TIMESTAMP in table.names and any(n.startswith("MPRpressure_") for n in table.names):
-        return _pneumatic(table)
+        return _pneumatic_limbs(table)
     return []
 
 
@@ -110,7 +110,7 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
     return bend, f"{said} of the base in the picture, bend.zero"
 
 
-def _pneumatic(table: LogTable) -> list[Proposal]:
+def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
     """Return the pneumatic limbs: no heat, but the half angles of the limbs' tips, in degrees."""
     angles = [name for name in table.names if re.fullmatch(r"theta_\d", name)]
     tags = [name for name in table.names if re.fullmatch(r"tagid_x_\d+", name)]
