@@ -300,11 +300,13 @@ def calibrate(
         def report_step(remark: str) -> None:
             progress.update(next(steps), remark)
 
+        # Leave out unusable recordings and cut the others in pieces.
         by_kind, heated, limb, described = _usable_recordings(
             recordings, parameters, by_paper, left_out
         )
         segment = only_segment(limb)
 
+        # Ask if recordings contradict the described sides of the wires.
         if not by_paper:
             report_step("directions of the wires")
             runs = [HeatedRun.of(recording) for recording in itertools.chain(*heated.values())]
@@ -313,6 +315,7 @@ def calibrate(
                 announce(str(direction))
             if not as_described:
                 check_directions(directions, limb)
+        # Read the room, the bounds of the board and the angle at rest.
         report_step("bounds for the board")
         all_recordings = list(itertools.chain(*by_kind.values()))
         ambient = ambient_temperature(all_recordings)
@@ -378,6 +381,7 @@ def calibrate(
             prediction = prediction or predicted(heated)
             validation = validation_of(prediction.parts, limb)
         limb.validate()
+    # Put the result together, and refuse it if it is no better than the mean.
     sources = {
         kind: [recording.source for recording in by_kind[kind]]
         for kind in all_kinds(limb)
@@ -429,6 +433,7 @@ def _usable_recordings(
     if isinstance(source, (str, Path)):
         source, remarks = read_folder(source)
         left_out += remarks
+    # Take the description that most recordings have, unless one is given.
     all_recordings = list(itertools.chain(*source.values()))
     if not all_recordings:
         raise CalibrationError("There are no recordings.")
@@ -439,12 +444,14 @@ def _usable_recordings(
     )
     usable_by_kind = usable_recordings(source, described, whole=by_paper)
     left_out += usable_by_kind.left_out
+    # Cut heated recordings in pieces, and restore rows that the logger lost.
     kinds = [*heated_kinds(described), *(() if by_paper else FREE_KINDS)]
     recordings, pieces = (
         {kind: [with_lost_rows(r) for r in group] for kind, group in groups.items()}
         for groups in (usable_by_kind.recordings, usable_by_kind.heated)
     )
     heated = {kind: pieces.get(kind, []) for kind in kinds}
+    # The method of the paper needs a plane, a recording and a thermocouple of each wire.
     if by_paper:
         if only_segment(described).axes > 1:
             raise CalibrationError(
@@ -465,6 +472,7 @@ def _usable_recordings(
     all_recordings = list(itertools.chain(*heated.values()))
     if not all_recordings:
         raise CalibrationError("There is no recording with heat, which tells the wires' laws.")
+    # Start from the description, mounted as in the last recording.
     limb = copy.deepcopy(parameters or all_recordings[0].parameters)
     if not isinstance(all_recordings[0].parameters.board, NoBoard):
         limb.board = all_recordings[0].parameters.board

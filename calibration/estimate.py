@@ -105,6 +105,7 @@ def clustered_covariance(
     )
     information = jacobian.T @ jacobian + prior_information
     numbers = np.unique(clusters)
+    # Shift of the estimate when each cluster is left out.
     shifts = []
     for number in numbers:
         part = jacobian[clusters == number]
@@ -113,6 +114,7 @@ def clustered_covariance(
         shifts.append(np.linalg.pinv(information - part.T @ part) @ (part.T @ residual))
     stacked_shifts = np.array(shifts)
     inverse_information = np.linalg.pinv(information)
+    # Add the scatter of these shifts and the error of the prior.
     widening = _widening(len(numbers)) ** 2 * (len(numbers) - 1) / len(numbers)
     return (
         widening * stacked_shifts.T @ stacked_shifts

@@ -73,6 +73,7 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
         rates.heating / wire.kind.most_heating * SPREAD["most_heating"]
         for wire, rates in heated_wires
     ]
+    # Compare the wires with each other.
     largest_share = max(shares, default=np.inf)
     remarks = []
     for (wire, rates), share in zip(heated_wires, shares, strict=True):
@@ -89,6 +90,7 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
                 "heat than the other: compare their resistances, and bond the thermocouple anew. "
                 "The board heats it as if the thermocouple were wrong."
             )
+    # Compare all wires with their description.
     if largest_share < SPREAD["least_heating"]:
         remarks.append(
             f"the wires show {largest_share:.0%} of the heat that their description says, at "
@@ -137,6 +139,7 @@ def _fit_wire(wire: _Wire, hottest: float, margin: float) -> HeatBounds:
     if rates is None:
         return kind
     bounds = rates.bounds(kind, hottest, margin)
+    # The least heating is low enough for all readings.
     share = rates.heating / kind.least_heating
     for course in wire.courses:
         # It is proportional to the least heating.

@@ -89,6 +89,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         LimbError: if a value of the recording is not plausible.
     """
     recording.check_plausible()
+    # Apply the recorded duty to the model, from its first readings.
     times = recording.time - recording.time[0]
     # The duty at a sample was in force since the sample before.
     duty_in_force = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
@@ -109,6 +110,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         readings = simulation.interpolated(simulation.measured_temperature, times[is_early])
         return float(np.nanmean(np.abs(readings - measured)))
 
+    # Search how warm the silicone is at the start.
     cold, wires = _warm_starts(parameters, recording, first)
     if (cold != wires).any():
         search = minimize_scalar(
@@ -118,6 +120,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
             options={"xatol": WARMTH_TOLERANCE},
         )
         wires = cold + search.x * (wires - cold)
+    # Simulate all of it, as the limb's own sensor shows it.
     simulation = run(wires, times[-1])
     assert simulation.joint_state is not None  # a model's
     mechanics = LimbModel.of(parameters).mechanics
@@ -147,6 +150,7 @@ def _warm_starts(
     """
     wires = LimbModel.of(parameters).wires
     warm_temperatures = first.copy()
+    # Estimate T of warm wires from the rate at which V changes.
     warm = first > parameters.ambient_temperature + COLD_SPREAD
     is_early = recording.time <= recording.time[0] + max(LEAD_TIME, 2.5 / recording.sample_rate)
     for index in np.flatnonzero(warm):
@@ -158,6 +162,7 @@ def _warm_starts(
                 warm_temperatures[index] += (
                     np.polyfit(recording.time[is_used], readings, 1)[0] / rate
                 )
+    # Silicone may be cold or as warm as its wire.
     settled = wires.rested_states(warm_temperatures)
     silicone = np.zeros(len(settled), bool)
     of_laws = slice(wires.num_wires, sum(len(wire.law.states) for wire in parameters.wires))
@@ -173,6 +178,7 @@ def validation_of(predictions: Sequence[Predicted], parameters: LimbParameters) 
     runs = [predicted.run for predicted in predictions]
     spans = [run.times[-1] - run.times[0] + STEP for run in runs]
     starts = np.cumsum([0.0, *spans[:-1]])
+    # Put the recordings one after the other.
     times = []
     duty = []
     for run, start, span in zip(runs, starts, spans, strict=True):

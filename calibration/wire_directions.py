@@ -70,6 +70,7 @@ class WireDirection:
 
 def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> list[WireDirection]:
     """Return the directions of the wires that are heated, by the changes of the bend with heat."""
+    # Compute changes of the bend, and of powers of each wire's heat.
     changes = np.concatenate([_changes(run, run.bend) for run in runs])
     is_read = ~np.isnan(changes).any(axis=1)
     changes = changes[is_read]
@@ -81,6 +82,7 @@ def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> li
     if len(changes) <= len(heated) or not heated:
         return []
 
+    # Take the delay and power with which the regression fits best.
     def misfit(chosen_heats: np.ndarray) -> float:
         gains = np.linalg.lstsq(chosen_heats, changes, rcond=None)[0]
         return float(((changes - chosen_heats @ gains) ** 2).sum())
@@ -95,6 +97,7 @@ def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> li
     products = chosen_heats.T @ chosen_heats
     products += MIN_HEAT_SHARE * np.trace(products) * np.eye(len(products))
     errors = np.sqrt(variance * np.diag(np.linalg.inv(products)))
+    # Turn each wire's gain into an angle, and compare it with the description.
     directions = []
     for wire, gain, error, wire_heat in zip(heated, gains, errors, chosen_heats.T, strict=True):
         size = float(np.linalg.norm(gain)) + 1e-12
@@ -144,6 +147,7 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
                 f"were turned: its roll would be {roll:.0f}°.",
                 corrected,
             )
+    # Ask about wires that are clearly wrong, or that may be exchanged.
     wrong_wires = [d for d in directions if abs(d.off) - 2 * d.error > MAX_ANGLE_ERROR]
     doubtful_wires = [] if wrong_wires else _exchangeable_wires(directions, segment)
     if not wrong_wires + doubtful_wires:
@@ -170,6 +174,7 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
             wire.angle = float(place)
         elif np.cos(place) * wire.lever[0] < 0:
             wire.e2 = -wire.e2
+    # Say what the recordings contradict.
     directions_text = "; ".join(map(str, wrong_wires + doubtful_wires))
     if wrong_wires:
         names = " and ".join(direction.name for direction in wrong_wires)

@@ -63,6 +63,7 @@ class BendAngleController(LeafSystem):
         )
         steady = (warmer_torque - cooler_torque) / (warmer_duty - cooler_duty)
         gain = segment.chain.bend_by_equal_angle * abs(steady) / segment.stiffness
+        # Choose gains for a loop gain of 1.5 and a zero at the slowest pole.
         slowest = np.abs(np.diag(wires.affine_rates()[0])[: wires.num_wires]).min()
         self._proportional = 1.5 / gain
         self._integral = 1.5 / gain * slowest
@@ -70,6 +71,7 @@ class BendAngleController(LeafSystem):
         self._direction = np.where(np.isin(np.arange(wires.num_wires), heated_indices), sides, 0.0)
         self._co_contraction = CO_CONTRACTION_DUTY if len(heated_indices) > 1 else 0.0
         self._cut_out = parameters.temperature_limits.maximum - CUT_OUT_MARGIN
+        # Declare ports and state.
         self.DeclareVectorInputPort("bend_angle", 1)
         self.DeclareVectorInputPort("measured_temperature", wires.num_wires)
         self.DeclareVectorInputPort("set_point", 1)
@@ -83,11 +85,13 @@ class BendAngleController(LeafSystem):
         integral = state[0]
         was_cut_out = state[1 : 1 + len(self._direction)] > 0.5
         bend_angle, measured, set_point = (self.get_input_port(i).Eval(context) for i in range(3))
+        # Limit the duty by the temperature.
         error = set_point[0] - bend_angle[0]
         cut_out = measured >= self._cut_out - 5.0 * was_cut_out
         taper = np.minimum(np.maximum((self._cut_out - measured) / DUTY_TAPER, 0.0), 1.0)
         taper = np.nan_to_num(taper)  # no duty without a reading
         limit = np.where(cut_out, 0.0, MAX_DUTY * taper) * np.abs(self._direction)
+        # Compute the PI command, and integrate unless it is at its limit.
         command = self._proportional * error + self._integral * integral
         error_sign = np.sign(error)
         available_duty = limit[self._direction == error_sign].max(initial=0.0)
@@ -160,12 +164,14 @@ class EquilibriumSchedule(LeafSystem):
         present = np.concatenate([self.get_input_port(i).Eval(context) for i in range(2)])
         average = np.where(np.isfinite(average), average, present)
         present = np.where(np.isfinite(present), present, average)  # a board may miss a reading
+        # Average the inputs, and see whether the limb has settled.
         average = average + PERIOD / self.AVERAGING_TIME * (present - average)
         slope = (present[1:] - average[1:]) / self.AVERAGING_TIME  # of a ramp, in the end
         is_near = np.abs(average[0] - self._angle(index)) < self.NEAR
         is_quiet = is_near and (np.abs(slope) < self.SLOW).all()
         time_held = time_held + PERIOD
         time_settled = time_settled + PERIOD if is_quiet else 0.0
+        # Go on to the next angle when settled or late.
         if time_settled >= self.SETTLED_TIME or time_held >= self._longest:
             index = index + 1
             time_held = 0.0

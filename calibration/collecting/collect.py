@@ -70,11 +70,13 @@ def collect_equilibria(
             f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there must "
             "be an angle at least, and the seed must be zero or more."
         )
+    # Draw random angles to the sides of the heated wires.
     wires = only_segment(limb.parameters).wires
     sides = np.sign([wires[index].lever[0] for index in heated])
     low = min(0, *sides)
     high = max(0, *sides)
     angles = MAX_EQUILIBRIUM_BEND * np.random.default_rng(seed).uniform(low, high, num_angles)
+    # Hold them by PI control.
     schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
     controller = BendAngleController(limb.parameters, actuated)
     duration = num_angles * longest
@@ -179,6 +181,7 @@ def _record(
 ) -> Recording:
     """Record a limb under the duty of a source, which sees its outputs, until a schedule ends."""
     check_limb(limb)
+    # Connect limb, source and schedule.
     builder = DiagramBuilder()
     builder.AddSystem(limb)
     for system in filter(None, (schedule, source)):
@@ -194,6 +197,7 @@ def _record(
         def until(context):
             return schedule.is_finished(schedule.GetMyContextFromRoot(context))
 
+    # Record, with a live page and a journal if they are asked for.
     duty = source.get_output_port()
     provenance = Provenance.now(limb.parameters, seed)
     with (

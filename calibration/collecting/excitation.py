@@ -89,10 +89,12 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
     wires = range(num_wires - 1, -1, -1)
     off = np.zeros(num_wires)
 
+    # Heat each wire twice from cold.
     conditioning = [(3.0, off)]
     for wire in wires:
         conditioning += 2 * [(8.0, 0.5 * unit_levels[wire]), (22.0, off)]
 
+    # Pulses of random heights and lengths.
     pulses = [(3.0, off)]
     for number in range(5):
         for wire in wires:
@@ -100,12 +102,14 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
             pulses.append((duration, random.uniform(0.2, 0.6) * unit_levels[wire]))
             pulses.append((random.uniform(5.0, 12.0), off))
 
+    # A slow triangle with a faster one on it, which reverses.
     ramps = [(2.0, off)]
     times = np.arange(0.0, 50.0, LEVEL_STEP)
     levels = 0.05 + 0.3 * (1 - _triangle(times / 50.0)) + 0.15 * (1 - 2 * _triangle(times / 16.0))
     for wire in wires:
         ramps += [(LEVEL_STEP, level * unit_levels[wire]) for level in np.clip(levels, 0.0, 0.6)]
 
+    # The motion that judges.
     motion = [(1.0, off)]
     for number, (duration, left, right) in enumerate(MOTION_LEVELS):
         # More than two wires take turns in following the two.
@@ -246,6 +250,7 @@ class LimitedDuty(_DutyByReadings):
     def _allowed(self, states: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """Return the duty (W,) at which no limb's wire is above T_max soon."""
         off_and_on = np.array([0.0, 1.0]).reshape(2, 1, 1, 1)
+        # Solve for the duty with which T reaches T_max within the reaction time.
         cooling, heating = self._law.rates(list(states), off_and_on, self._rooms)[0]
         allowed_rate = (self._highest - states[0]) / REACTION_TIME
         duty = ((allowed_rate - cooling) / (heating - cooling)).min(axis=(0, 1))

@@ -96,6 +96,7 @@ class Knowledge:
                 self._recordings.append(recording)
                 self._fit_so_far = None
             return sentence
+        # Compare the motion with its repetitions.
         self._motions.append(recording.bend_angle)
         if len(self._motions) > 1:
             differences = []
@@ -183,10 +184,12 @@ def planned_recordings(
         for number in range(1, sag_trials + 1)
         if planar
     ]
+    # Ring-downs, by hand.
     plans += [
         PlannedRecording(f"ring_down_{number}", "ring_down", ring_down)
         for number in range(1, ring_downs + 1)
     ]
+    # Equilibria of each wire and of all.
     hold = functools.partial(collect_equilibria, num_angles=num_angles, longest=longest)
     equilibria = [
         PlannedRecording(
@@ -303,6 +306,7 @@ def collect_from_twin(
         LimbError: if there is no such protocol.
     """
     described = copy.deepcopy(twin.parameters)
+    # Plan the recordings, and estimate the work of each.
     plans = planned_recordings(
         described,
         protocol,
@@ -325,6 +329,7 @@ def collect_from_twin(
     recordings: dict[str, list[Recording]] = {"sag": [], "ring_down": []}
     knowledge = None
     for plan in plans:
+        # Let the emulated limb rest in the next mounting.
         limb = mounted_limb(described, plan.turned)
         swing = {}
         if plan.kind == "ring_down":
@@ -332,6 +337,7 @@ def collect_from_twin(
             swing = {"hand": hand, "bend_rate": RING_DOWN_RATE}
         pause = cooling_time if plan.pause is None else plan.pause
         twin = twin.again(pause, gravity=limb.gravity, payload=limb.payload, **swing)
+        # Calibrate with what was recorded so far, which limits the duty.
         known = {}
         if plan.excites:
             if knowledge is None:
@@ -392,6 +398,7 @@ def collect_from_robot(
         HardwareError: if the robot fails on the way; it is off then.
         OutputError: as for `hardware.replaying`.
     """
+    # Plan the recordings, and say how many are left.
     plans = planned_recordings(
         parameters,
         protocol,
@@ -417,6 +424,7 @@ def collect_from_robot(
     for plan in plans:
         path = paths[plan.name]
         limb = mounted_limb(described, plan.turned)
+        # First contact is not needed after a warm-up.
         if plan.name == FIRST_CONTACT:
             if paths[WARM_UP].exists():
                 continue
@@ -426,6 +434,7 @@ def collect_from_robot(
             knowledge = Knowledge(
                 limb, [Recording.load(paths[n]) for n in (*ring_down_names, WARM_UP)]
             )
+        # Take a recording that is complete already.
         if path.exists():
             if knowledge:
                 knowledge.add(Recording.load(path), plan.kind)
@@ -439,6 +448,7 @@ def collect_from_robot(
                 say(f"{plan.name}: calibrating with what was recorded so far")
                 # It takes seconds, in which no robot should wait.
                 known = {"known": knowledge.limb}
+            # Let the operator mount the limb.
             if not was_excited or plan.turned != turned:
                 ask(f"{plan.name}{_instruction(parameters, plan, plan.turned != turned)}")
             if plan.excites:
@@ -447,6 +457,7 @@ def collect_from_robot(
             say(numbered_name := _numbered_name(plan, plans))
             with part_of_work(numbered_name), connect(limb) as robot:
                 recording = plan.collect(robot, journal=path, live=live, **known)
+            # Compare the thermocouples after the first heat.
             if plan.name == FIRST_CONTACT:
                 check_first_contact(recording, parameters, path)
             if plan.name in (FIRST_CONTACT, WARM_UP):

@@ -241,7 +241,7 @@ class _Signals:
         if (~is_unknown).any():
             known_gaps = gaps[long[~is_unknown]]
             longest = known_gaps.max()
-            text = f"{len(known_gaps)} gaps of more than {MIN_GAP:g} s, the longest of {longest:.1f} s."
+            text = f"{len(known_gaps)} gaps of over {MIN_GAP:g} s, the longest of {longest:.1f} s."
             self.remarks.append(text)
         # Cut long parts where wires are coldest.
         short = [0]

@@ -183,6 +183,7 @@ def fit_stiffness(
     for recording in recordings:
         recording.check_plausible()
     recordings = [select_samples(recording, ~recording.missing) for recording in recordings]
+    # Read the sags, all by one sensor.
     sags = np.array([_resting_angle(recording) for recording in recordings])
     sensor = bend_sensor_of(recordings[0])
     for recording in recordings[1:]:
@@ -204,6 +205,7 @@ def fit_stiffness(
             f"where the description has {described:.2g} N·m/rad; look at mass, length and payload "
             "in the description, and at what the bend sensor reads while the limb is straight."
         )
+    # Say what is missing.
     remarks = []
     if len(sags) < 3:
         sentence = (
@@ -212,6 +214,7 @@ def fit_stiffness(
         )
         remarks.append(Remark("few", sentence))
     remarks += remarks_on_estimate("the stiffness", estimate)
+    # Compute λ of eqn (9) from the fitted equilibrium.
     simulated = np.array([_sag_of(limb, sensor, stiffness, rest)[0] for limb in limbs])
     sagging_angles = _sag_of(limbs[0], sensor, stiffness, rest)[1]
     segment = only_segment(limbs[0])
@@ -236,6 +239,7 @@ def _stiffness_of_sags(
     limbs: Sequence[LimbParameters], sensor: BendSensor, sags: np.ndarray, rest_error: float
 ) -> tuple[Estimate, float]:
     """Return k and the rest angle, rad, by the sags (K,), rad, of mounted limbs at a sensor."""
+    # Average trials of the same mounting.
     loads = np.array([[*limb.gravity, limb.payload] for limb in limbs])
     _, first, group = np.unique(loads.round(9), axis=0, return_index=True, return_inverse=True)
     counts = np.bincount(group)
@@ -243,6 +247,7 @@ def _stiffness_of_sags(
     means = np.bincount(group, sags) / counts
     mounted_limbs = [limbs[index] for index in first]
     rest = only_segment(limbs[0]).rest_angle
+    # Start from a limb that sags in proportion to its softness.
     compliances = np.array([_compliance(limb, sensor) for limb in mounted_limbs])
     sag_means = means - sensor.apparent_bend_angle(rest_joint_angles(limbs[0]))
     if not (counts * compliances) @ sag_means > 0:
@@ -261,6 +266,7 @@ def _stiffness_of_sags(
         spread = pooled_spread(scatter, len(counts))
     weights = np.sqrt(counts) / max(spread, 1e-9)
 
+    # Fit log k and the rest angle to the means.
     def residuals(unknown: np.ndarray) -> np.ndarray:
         k = np.exp(unknown[0])
         angle = rest + rest_error * unknown[1]
@@ -411,6 +417,7 @@ def fit_damped_sinusoid(
     signal = fill_gaps(time, signal)
     if not np.ptp(signal) > 0:
         raise CalibrationError("The signal does not move; there is no ring-down in it.")
+    # Start where the signal first passes its final level.
     period = (time[-1] - time[0]) / (len(time) - 1)
     start = _first_passing(signal, _release_index(signal))
     since = time[start:] - time[start]
@@ -431,6 +438,7 @@ def fit_damped_sinusoid(
             f"oscillation of {band[0]:.3g} Hz to {band[1]:.3g} Hz."
         )
 
+    # Amplitudes and offset are linear, so only ratio and frequency are searched.
     def basis(logarithms: np.ndarray) -> np.ndarray:
         ratio, angular_frequency = np.exp(logarithms)
         envelope = np.exp(-ratio * angular_frequency * since)
@@ -456,6 +464,7 @@ def fit_damped_sinusoid(
     best = min(starts, key=lambda x: np.sum(residuals(x) ** 2))
     ends = np.log([(MIN_DECAY_RATIO, 2 * np.pi * lowest), (MAX_DECAY_RATIO, 2 * np.pi * highest)])
     fit = least_squares(residuals, best, x_scale=0.1, bounds=ends)
+    # Leave out glitches, and fit again.
     residual_sizes = np.abs(fit.fun)
     envelope_now = np.hypot(*weights(fit.x)[:2])
     envelope_now = envelope_now * np.exp(-np.exp(fit.x.sum()) * since[is_read])
@@ -478,6 +487,7 @@ def fit_damped_sinusoid(
             f"{time[start]:.2f} s: its amplitude would be {amplitude:.3g}, compared with residuals "
             f"of {rms:.3g}."
         )
+    # Standard errors, and the parameters in the usual form.
     # Of the decay's logarithm, which is the sum of both.
     error = np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac).sum()) * rms
     natural = np.hypot(decay, angular_frequency)
@@ -521,6 +531,7 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     """
     if not recordings:
         raise CalibrationError("There is no recording of a ring-down.")
+    # Fit each trial; trials scatter.
     fits = [_fit_recording(parameters, recording) for recording in recordings]
     values = np.array([value for value, _, _, _ in fits])
     trial_errors = np.array([error for _, error, _, _ in fits])
@@ -531,6 +542,7 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     measured = [fit[2] for fit in fits]
     simulated = [fit[3] for fit in fits]
     remarks = []
+    # Compare the frequencies of limb and model.
     ratios = [m.frequency / s.frequency for m, s in zip(measured, simulated, strict=True)]
     worst_index = int(np.argmax(np.abs(np.log(ratios))))
     if not 1 / MAX_FREQUENCY_RATIO < ratios[worst_index] < MAX_FREQUENCY_RATIO:
@@ -576,12 +588,14 @@ def _fit_recording(parameters, recording: Recording):
     gravity = recording.parameters.gravity if len(direction) > 1 else [0.0, 0.0, 0.0]
     if len(signal) < MIN_SAMPLES or not np.ptp(signal) > 0:
         fit_damped_sinusoid(recording.time, signal)  # which says so
+    # Find the release, and how far the limb was bent.
     release = _release_index(signal)
     held_level = np.median(signal[max(0, release - 4) : release + 1])
     released = float(abs(held_level - np.median(signal[-MIN_SAMPLES // 2 :])) / sensor.gain)
     duration = recording.time[-1] - recording.time[release]
     rate = max(MODEL_RATE, recording.sample_rate)
 
+    # The model of the cold limb rings down with a given σ.
     def ring_down(damping: float, released: float) -> DampedSinusoid:
         limb = copy.deepcopy(parameters)
         limb.gravity = list(gravity)
@@ -607,6 +621,7 @@ def _fit_recording(parameters, recording: Recording):
         )
         return fit_damped_sinusoid(model.time, direction @ simulated_bends)
 
+    # Fit the sinusoid near the model's frequency.
     described = ring_down(only_segment(parameters).damping, released)
     if recording.sample_rate < MIN_SAMPLES_PER_PERIOD * described.frequency:
         raise CalibrationError(
@@ -661,11 +676,13 @@ def with_ringing(fit: StiffnessFit, damping: DampingFit) -> StiffnessFit:
         fit: k by the sag.
         damping: ring-downs of the limb, and of the model with this k.
     """
+    # log k by the ring-down, relative to log k by the sag.
     pairs = zip(damping.measured, damping.simulated, strict=True)
     ratios = np.array([2 * np.log(m.natural_frequency / s.natural_frequency) for m, s in pairs])
     scatter = standard_error(ratios) if len(ratios) > 1 else RING_DOWN_ERROR
     k = fit.by_sag.value
     error = fit.by_sag.standard_error / fit.by_sag.value
+    # Weight both by their precisions, and widen if they disagree.
     precisions = 1 / np.array([error**2, FAST_STIFFENING_ERROR**2 + scatter**2])
     log_difference = float(ratios.mean() - np.log(1 + FAST_STIFFENING))  # of the logarithms of k
     weight = precisions[1] / precisions.sum()
@@ -694,6 +711,7 @@ def remarks_on_sensor(
     if type(header_sensor) not in alternatives:
         return []
     alternative = alternatives[type(header_sensor)](**dataclasses.asdict(header_sensor))
+    # k, and the frequency with it, if the sensor were the other kind.
     limbs = [_mounted_limb(limb, r.parameters.gravity, r.parameters.payload) for r in sags]
     try:
         k = _stiffness_of_sags(limbs, alternative, stiffness.sags, 0.0)[0].value

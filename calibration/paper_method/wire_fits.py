@@ -143,6 +143,7 @@ def fit_heat_transfer(
             the bound of its fit, which any wire is within.
     """
     recording.check_plausible()
+    # Take readings at their sample times, without spikes and gaps.
     fits_delay = recording.applied_duty is None or recording.sample_age is None
     is_read = ~recording.missing
     recording = with_interpolated_gaps(without_spikes_in(at_sample_times(recording)))
@@ -153,6 +154,7 @@ def fit_heat_transfer(
     period = 1 / recording.sample_rate
     name = recording.parameters.wire_names[index]
     _check_excitation(name, duty, readings, ambient, period)
+    # Estimate T from the bend by the best equilibrium, and start from it.
     angle_eq, measured_eq = _most_promising_equilibrium(recording, index, ambient)
     b = (measured_eq - ambient) / angle_eq
     if abs(angle_eq) < np.deg2rad(3.0):
@@ -163,6 +165,7 @@ def fit_heat_transfer(
     wire_start = b * bend + ambient
     start = _collocate(duty, wire_start, readings, period, ambient)
 
+    # Simulate T, V and φ with x: logarithms of the rates, 1/b, T and V at the start, delay.
     def simulated(x: np.ndarray, room: float = ambient):
         delay = x[6] if fits_delay else 0.0
         simulated_wire, simulated_readings = simulate_heat(
@@ -183,6 +186,7 @@ def fit_heat_transfer(
             ]
         )
 
+    # Fit from the two-stage start, within bounds.
     first_temperatures = [first_readings(recording)[index]] * 2
     guess = [
         *np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST),
@@ -205,6 +209,7 @@ def fit_heat_transfer(
         weights = [1 / _independent_deviation(residual, blocks) for residual in residual_pair]
         fit = least_squares(residuals, fit.x, bounds=bounds, x_scale=scale)
     simulated_wire, simulated_readings, simulated_bend = simulated(fit.x)
+    # Standard errors by the jackknife over blocks, and by the error of T0.
     clusters = np.tile(blocks, 2)
     num_residuals = len(clusters)
     prior = fit.jac[-1] if fits_delay else None
@@ -218,6 +223,7 @@ def fit_heat_transfer(
         Estimate(float(value), float(abs(value) * np.sqrt(covariance[i, i])), unit)
         for i, (value, unit) in enumerate(zip(values, RATE_UNITS.values(), strict=True))
     )
+    # Put the result together.
     delay = None
     if fits_delay:  # a delay at its bound ends just inside it
         delay = Estimate(round(fit.x[6], 6), float(np.sqrt(covariance[6, 6])), "s")
@@ -301,6 +307,7 @@ def _collocate(duty, wire, measured, period: float, ambient: float) -> tuple[flo
     # As above.
     from scipy.signal import savgol_filter
 
+    # Smooth both temperatures.
     window = 2 * int(1.0 / period) + 1
     wire = savgol_filter(wire - ambient, window, 2)
     measured = savgol_filter(measured - ambient, window, 2)
@@ -309,6 +316,7 @@ def _collocate(duty, wire, measured, period: float, ambient: float) -> tuple[flo
     def integrate(values: np.ndarray) -> np.ndarray:
         return np.diff(np.cumsum(values)[::stride]) * period
 
+    # Solve the integrated (6) for a1 and a2, and (7) for a3.
     heat = np.column_stack([integrate(wire), integrate(duty)])
     a1, a2 = np.linalg.lstsq(heat, np.diff(wire[::stride]), rcond=None)[0]
     lag = integrate(measured - wire)
@@ -404,6 +412,7 @@ def fit_force(
     is_read = ~recording.missing
     recording = with_interpolated_gaps(without_spikes_in(recording))
     side = only_segment(parameters).wires[index].lever[0]
+    # Find equilibria, above T_warm if there are enough.
     starts, ends = _equilibria(recording, is_read, heat, parameters.temperature_limits.warm)
     if len(starts) < 3:
         starts, ends = _equilibria(recording, is_read, heat, heat.ambient + MIN_TORQUE_RISE)
@@ -412,6 +421,7 @@ def fit_force(
             f"The limb never rests while the {heat.wire} wire is warm; hold it longer at each "
             "bend angle."
         )
+    # Average over each equilibrium, and compute Γ.
     spans = list(zip(starts, ends, strict=True))
     wire = np.array([heat.wire_temperature[a:b].mean() for a, b in spans])
     angle = np.array([recording.bend_angle[0, a:b].mean() for a, b in spans])
@@ -432,6 +442,7 @@ def fit_force(
     relative = np.sqrt((stiffness.standard_error / stiffness.value) ** 2 + shared_variance)
     mean = float(ratios.mean())
     count = len(ratios)
+    # Add the scatter of the equilibria and the sensor's drift.
     remarks = []
     if count < 3:
         sentence = f"Of the {heat.wire} wire there are {count} equilibria; record at least five."
@@ -470,6 +481,7 @@ def _equilibria(
     half = width // 2
     bend_rate[half:-half] = np.abs(angle[2 * half :] - angle[: -2 * half]) / (2 * half * period)
     heating = np.abs(np.gradient(heat.wire_temperature, period))
+    # Rest is where bend and temperature stand still and the wire is warm.
     is_resting = (
         (bend_rate < STILL_BEND_RATE)
         & (heating < STEADY_HEATING_RATE)

@@ -30,6 +30,7 @@ def baselines(
     heat of each wire, after the delay that fits best.
     """
     mean = np.nanmean(np.concatenate([run.bend for run in fitted]), axis=0)
+    # Take the time constant with which a lag fits best.
     by_lag = min((_fit_lag(fitted, delay) for delay in DELAYS), key=lambda lag: lag[0])
     _, delay, gains = by_lag
     return {
@@ -53,6 +54,7 @@ def _fit_lag(runs: Sequence[HeatedRun], delay: float) -> tuple[float, float, np.
     factors = np.concatenate([_lag_factors(run, delay) for run in runs])
     bends = np.concatenate([run.bend for run in runs])
     is_read = ~np.isnan(bends).any(axis=1)
+    # The gains follow from linear least squares.
     gains = np.linalg.lstsq(factors[is_read], bends[is_read], rcond=None)[0]
     return float(((bends - factors @ gains)[is_read] ** 2).sum()), delay, gains
 

@@ -138,6 +138,7 @@ def plan_miss(
     typical_range = 0.0
     if limb.segments[0].axes == 1:
         unknown_error, typical_range = _typical_motion(limb)
+    # Error that the law leaves of the motions.
     law_error, fit_error = (
         float(np.mean([predicted.bend_error for predicted in group]))
         for group in (rollouts, fitted)
@@ -224,12 +225,14 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
     """
     shares = np.vstack([np.tile(levels, (round(t / STEP), 1)) for t, *levels in TYPICAL_LEVELS])
     sides = [int(wire.lever[0] > 0) for wire in limb.wires]
+    # Find the duty that heats a wire to T_max by bisection.
     low = 0.0
     high = 1.0
     for _ in range(6):  # the duty that heats a wire to T_max
         middle = (low + high) / 2
         hottest = _simulate_limbs([limb], middle * shares[:, sides])[0].max()
         low, high = (middle, high) if hottest < limb.temperature_limits.maximum else (low, middle)
+    # Draw limbs that the recordings cannot tell apart, on other days.
     limbs = draw_ensemble(limb, NUM_LIMBS)
     random = np.random.default_rng(0)
     for drawn_limb in limbs:
@@ -238,6 +241,7 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
             drawn_limb.segments[0].bend_sensor.drift * drift_deviation
         )
         drawn_limb.ambient_temperature += AMBIENT_SPREAD * room_deviation
+    # Compare each of them with the calibrated limb, with another supply.
     supplies = np.exp([0.0, -SUPPLY_SPREAD, SUPPLY_SPREAD]).tolist()
     bends = _simulate_limbs([limb, *limbs], low * shares[:, sides], supplies)[1]
     members = np.arange(1, len(limbs) + 1)
@@ -253,6 +257,7 @@ def _simulate_limbs(
     Args:
         supplies: multiples of the duty (R,).
     """
+    # All wires start cold, in rooms of their own.
     law, ambient, rubber = stacked(limbs)
     rooms = np.repeat(ambient[:, np.newaxis], len(supplies), axis=1)
     room = np.repeat(rooms[..., np.newaxis], duty.shape[1], axis=-1)
@@ -274,6 +279,7 @@ def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") ->
         kinds: kinds of the recordings that there are.
         sag: the recording of the sag that tells k, in words; empty if k is known.
     """
+    # A wire without heat or thermocouple comes first, then the least known parameter.
     if fit is None:
         kinds = {*kinds, "motion"}
     elif unidentified := [

@@ -44,11 +44,13 @@ class HeatedRun:
         """Return a recording without readings that are missing, or far from their neighbours."""
         recording = without_spikes_in(at_sample_times(recording))
         bends = bend_sensor_of(recording).corrected_bends(recording.bend_angle)
+        # Average the duty over even steps.
         times = recording.time - recording.time[0]
         num_steps = max(1, int(np.ceil(times[-1] / STEP - 1e-6)))
         edges = STEP * np.arange(num_steps + 1)
         # The duty at a sample was in force since the sample before.
         duty = doses(recording.duty[:, 1:], times, edges) / STEP
+        # Average the readings in each step, where there are any.
         temperature = recording.measured_temperature
         is_read = ~np.isnan([*bends, *temperature])
         is_row_read = np.vstack([is_read.any(axis=0), is_read])
@@ -63,6 +65,7 @@ class HeatedRun:
         signal_rows = zip([*bends, *temperature], is_read, counts[1:], strict=True)
         averaged = np.array([means(*signal) for signal in signal_rows]).T
 
+        # Fit the rate at which readings change before the first heat.
         is_start = before_heat(recording) & (
             times <= max(3 * START_TIME, 5.0 / recording.sample_rate)
         )

@@ -61,6 +61,7 @@ class OpenLoopInSpace(OpenLoop):
         lengths: Sequence[int] | None = None,
     ):
         super().__init__(duty, step, segment, lengths)
+        # A straight segment with k = 1 has the balance of all sets, scaled.
         unit = copy.deepcopy(segment)
         unit.stiffness = unit.stiffening = unit.stiffness_ratio = 1.0
         unit.rest_angle = unit.rest_angle_e3 = 0.0
@@ -68,6 +69,7 @@ class OpenLoopInSpace(OpenLoop):
         self._mechanics = LimbModel.of(LimbParameters(segments=[unit])).mechanics
         self._sensor = segment.bend_sensor
         self._disc = _disc()
+        # Runs with the same gravity and payload share a balance.
         kinds, self._mounting = np.unique(np.round(loads, 9), axis=0, return_inverse=True)
         self._balances = [_balance(unit, gravity, payload) for *gravity, payload in kinds.tolist()]
 
@@ -77,6 +79,7 @@ class OpenLoopInSpace(OpenLoop):
         rubber: Mapping[str, np.ndarray],
         bent: Callable[[int, np.ndarray], np.ndarray] | None,
     ) -> np.ndarray:
+        # Add the wires' torques, over k, towards E2 and E3.
         levers = np.stack([np.cos(rubber["angle"]), np.sin(rubber["angle"])], axis=-1)
         pulls = torques.swapaxes(0, 1) @ levers[:, None]
         pulls /= rubber["stiffness"][:, None, None, None]
@@ -84,6 +87,7 @@ class OpenLoopInSpace(OpenLoop):
             ratio = _springs(rubber)[:, None, None]
             shifts = self._rest_shifts(torques, levers, rubber).swapaxes(0, 1)
             pulls += ratio * shifts / self._chain.bend_by_equal_angle
+        # Find the bends in each mounting, and turn them as the sensor is rolled.
         bends = np.empty_like(pulls)
         for number, balance in enumerate(self._balances):
             runs = np.flatnonzero(self._mounting == number)
@@ -118,6 +122,7 @@ class OpenLoopInSpace(OpenLoop):
         self, balance: SmoothFunction, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]
     ) -> np.ndarray:
         """Return the bends (B, ..., 2), rad, by torques over k towards E2 and E3 (B, ..., 2)."""
+        # Solve equilibria at points in the disc of torques that occur.
         sizes = np.linalg.norm(pulls, axis=-1, keepdims=True)
         max_pulls = (
             np.minimum(sizes.max(axis=(1, 2, 3)), MAX_HELD_BEND * self._mechanics.shape.max())
@@ -126,6 +131,7 @@ class OpenLoopInSpace(OpenLoop):
         ranges = max_pulls[:, None, None, None]
         points, terms, weights = self._disc
         held_bends = self.held(balance, ranges[:, 0] * points, rubber)
+        # Evaluate the polynomial through these points at all torques.
         coefficients = np.zeros((len(pulls), 2, *terms.shape))
         coefficients[:, :, terms] = (weights @ held_bends).swapaxes(1, 2)
         scaled_pulls = (pulls / np.maximum(sizes, ranges)).reshape(len(pulls), 1, -1, 2)
@@ -139,6 +145,7 @@ class OpenLoopInSpace(OpenLoop):
         """Return exact bends (B, P, 2), rad, for `_interpolated`; nan without an equilibrium."""
         mechanics = self._mechanics
         towards = (mechanics.shape > 0).astype(float)  # joints by bends (n, 2)
+        # Set springs, rest angles and forces of all joints.
         k = rubber["stiffness"]
         ratio = _springs(rubber)
         # A twist joint keeps its own share of k.
@@ -152,6 +159,7 @@ class OpenLoopInSpace(OpenLoop):
             [force, np.repeat(set_inputs[:, None], force.shape[1], axis=1)], axis=-1
         )
         angles = rest[:, None] + force / springs[:, None]
+        # Solve for the joint angles by Newton's method, with limited steps.
         for _ in range(MAX_NEWTON_STEPS):
             residual, slopes = balance.first(angles, balance_inputs)
             step = -np.linalg.solve(slopes, residual[..., None])[..., 0]

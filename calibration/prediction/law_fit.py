@@ -131,6 +131,7 @@ class LawFit:
     def apply(self, limb: LimbParameters) -> None:
         """Give the segment of a limb these laws and this rubber."""
         (segment,) = limb.segments
+        # Set the law and the memory first, then their numbers.
         for wire in segment.wires:
             wire.law = self.law()
         all_unknowns = [*self.unknowns, *self.unidentified]
@@ -239,6 +240,7 @@ def fit_law(
         start: a fit of this or another law, of which values of the same name are taken.
         report: is called in each iteration with a remark on it.
     """
+    # Fit what the recordings can identify.
     heated = np.any([run.duty.any(axis=0) for run in runs], axis=0)
     read = np.any([run.counts[:, segment.axes :].any(axis=0) for run in runs], axis=0)
     unknowns, unidentified = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
@@ -249,6 +251,7 @@ def fit_law(
 
     def fitted_from(x: np.ndarray) -> LawFit:
         for number in range(NUM_PASSES[1]):
+            # Fit, then weight residuals by what the law's form leaves, and fit again.
             solution = least_squares(
                 problem.residuals,
                 x,
@@ -321,6 +324,7 @@ class _FitProblem:
         self._num_wires = len(segment.wires)
         self._stiffness = segment.stiffness
         self.num_moved = len(unknowns)
+        # Simulate all runs at once, in arrays as long as the longest run.
         lengths = [len(run.duty) for run in runs]
         duty = np.zeros((max(lengths), len(runs), self._num_wires))
         for number, run in enumerate(runs):
@@ -331,6 +335,7 @@ class _FitProblem:
             else OpenLoopInSpace(duty, STEP, segment, [run.load for run in runs], lengths)
         )
         self._num_bends = segment.axes
+        # Center, spread and bounds of x.
         self._prior = prior_factor(unknowns)
         centers, spreads = zip(*[self._initial_prior(run, ambient) for run in runs], strict=True)
         self.initial_center = np.concatenate(centers)
@@ -343,6 +348,7 @@ class _FitProblem:
             np.concatenate([[u.low for u in unknowns], -free]),
             np.concatenate([[u.high for u in unknowns], free]),
         )
+        # Noise of the sensors, and errors of the law's form, by which residuals are whitened.
         self._is_read = [run.counts.T > 0 for run in runs]
         self.num_readings = int(sum(shown.sum() for shown in self._is_read))
         sensor = segment.bend_sensor
@@ -357,6 +363,7 @@ class _FitProblem:
         """Return the expected initial conditions of a recording (Q,), and their spreads (Q,)."""
         centers = [np.array([ambient])]
         spreads = [np.array([AMBIENT_SPREAD])]
+        # Wires without a thermocouple may be as warm as the warmest.
         first = self._first(run, ambient)
         warmth = np.abs(first - ambient)
         warmth[np.isnan(run.first)] = warmth.max()  # as warm as another is, or not at all
@@ -364,6 +371,7 @@ class _FitProblem:
         if not run.is_read:
             unread_warmth = UNREAD_WARMTH
             warmth += unread_warmth
+        # The initial state is the less certain the faster a wire cools.
         slope = np.where(np.isnan(run.slope), COOLING_RATE * warmth, np.abs(run.slope))
         change = COOLING_TIME * slope
         cold_states = self._law().cold_states(0.0)
@@ -388,12 +396,14 @@ class _FitProblem:
         self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by these factors
         self._factors = []
         for run, outliers, is_read in zip(self._runs, self._outliers, self._is_read, strict=True):
+            # Correlations by how far samples are apart.
             lags = np.abs(run.times[:, None] - run.times)
             times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
             correlations = {time: np.exp(-lags / time) for time in times}
             factors: list[np.ndarray] = []
             factors_by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
             for signal, is_present in enumerate(is_read):
+                # Variance of each mean; outliers count for almost nothing.
                 is_reading = int(signal >= self._num_bends)
                 sample, drift, drift_time = self._noises[is_reading]
                 form, form_time = self._forms[is_reading]
@@ -417,6 +427,7 @@ class _FitProblem:
         Returns:
             the larger ratio of its sizes before and after.
         """
+        # Sum products of residuals that are apart by each lag.
         lags = np.arange(round(MAX_LAG / STEP))
         sums = np.zeros((2, 2, len(lags)))  # of bends and readings: products, and their number
         for predicted, outliers in zip(self.predicted(x), self._outliers, strict=True):
@@ -456,6 +467,7 @@ class _FitProblem:
 
     def fit_at(self, x: np.ndarray) -> LawFit:
         """Return the fit whose parameters and initial_conditions are x."""
+        # The covariance follows from the Jacobian, widened by the misfit.
         jacobian = self.jacobian(x)
         residuals = self.residuals(x)
         misfit = max(1.0, float((residuals[: -len(x)] ** 2).sum() / self.num_readings))
@@ -514,6 +526,7 @@ class _FitProblem:
         num_sets = len(x)
         fields: dict[str, np.ndarray] = {}
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
+        # Sort the values into fields of the laws and of the rubber.
         columns = [*x.T[:size], *(np.full(num_sets, u.center) for u in self._untold)]
         all_unknowns = [*self._unknowns, *self._untold]
         for unknown, value in zip(all_unknowns, values_of(all_unknowns, columns), strict=True):
@@ -586,6 +599,7 @@ class _FitProblem:
     def best_start(self, expected: Sequence[float]) -> np.ndarray:
         """Return the best of what is known of the unknowns (P), what is expected, and random."""
         size = len(self._unknowns)
+        # The expected values, a former fit's and random draws from the prior.
         starts = np.tile(self.center, (NUM_STARTS, 1))
         starts[0, :size] = expected
         random = np.random.default_rng(0).standard_normal((NUM_STARTS - 2, size))
@@ -593,6 +607,7 @@ class _FitProblem:
         low, high = (bound[:size] for bound in self.bounds)
         margin = 1e-6 * (high - low)
         starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
+        # Simulate all starts at once, and take the start with the least cost.
         with np.errstate(all="ignore"):  # of values that nobody has
             readings = self._whitened(self._simulate(starts))
             costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
@@ -617,6 +632,7 @@ class _FitProblem:
         size = len(self._unknowns)
         count = self._num_initial
         num_moved = self.num_moved
+        # Simulate x and a small step along each unknown.
         step = RELATIVE_STEP * self.spread
         if not np.array_equal(self._simulated[0], x):
             moved_x = np.tile(x, (1 + num_moved + count, 1))
@@ -628,6 +644,7 @@ class _FitProblem:
         # Steps into what cannot be simulated are refused by the solver if they are far off.
         with np.errstate(over="ignore", invalid="ignore"):
             whitened = self._whitened(self._simulated[1])
+        # Reduce each run's residuals to as many rows as it has unknowns.
         readings = np.nan_to_num(whitened[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
         change = whitened[:, 1:] - whitened[:, :1]
         errors = []
@@ -647,6 +664,7 @@ class _FitProblem:
             block[:, columns] = rotated[:, num_moved:-1]
             rows.append(block)
             errors.append(rotated[:, -1])
+        # Append the residuals of the prior.
         prior_rows = np.zeros((len(x), len(x)))
         prior_rows[:size, :size] = self._prior
         prior_rows[size:, size:] = np.diag(1 / self._initial_spread)

@@ -104,6 +104,7 @@ def _block_errors(recordings: Sequence[Predicted]) -> np.ndarray:
         heat = np.abs(reading).mean(axis=1) / TEMPERATURE_SCALE
         error = np.ma.filled(np.abs(bend).mean(axis=1), 0.0) + np.ma.filled(heat, 0.0)
         numbers = (run.times / ERROR_BLOCK_TIME).astype(int)
+        # Average in blocks of time, which count as independent.
         blocks += [error[numbers == number].mean() for number in np.unique(numbers)]
     return np.array(blocks)
 
@@ -314,11 +315,13 @@ def fit_by_prediction(
     Raises:
         CalibrationError: if no law predicts what judges as well as the mean and a lag of each wire.
     """
+    # Split the recordings into folds.
     runs = {kind: [HeatedRun.of(r) for r in group] for kind, group in recordings.items() if group}
     fitted, folds = _make_folds(runs)
     rest, judges = folds.parts[0]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
         report("how long it takes")
+        # Announce the time, estimated by a first step of each law.
         times = {law: fitting_time(law, rest, segment, ambient) for law in laws}
         # One law is fitted again with each option, without each part, and to all.
         num_further_fits = len(OPTIONS) + len(folds.parts)
@@ -330,6 +333,7 @@ def fit_by_prediction(
                 f"min of heated recordings takes about {float(f'{expected_time:.1g}'):.0f} s"
             )
         time_left = TimeLeft(expected_time, announce)
+        # Compare the laws by the first fold, and the best laws by all folds.
         candidates, best = compare_laws(
             laws,
             rest,
@@ -342,6 +346,7 @@ def fit_by_prediction(
         )
         baselines = _baseline_errors(folds)
         best, parts = _best_law_by_folds(candidates, best, folds, baselines, runs, report)
+        # Fit the best law to all recordings.
         fit = best.fit
         report(f"{best.name}, all recordings")
         fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_options(fit), start=fit)
@@ -517,6 +522,7 @@ def compare_laws(
         fitted(law)
         return candidates[-1]
 
+    # Fit the laws, each from the law before, then the best with options of the rubber.
     for law in laws:
         add(law, (), candidates[-1].fit if candidates else None)
     best = simplest_unbeaten_law(candidates)

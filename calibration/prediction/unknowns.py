@@ -117,6 +117,7 @@ def unknowns_of(
     """
     result = []
     for field in dataclasses.fields(law):  # type: ignore[arg-type]
+        # Bounds of the field, as the fit has it: a logarithm where the sign is fixed.
         above = law.below.get(field.name, "")
         low, high = (MIN_BELOW, MAX_BELOW) if above else field.metadata["range"]
         unit = field.metadata["unit"]
@@ -126,6 +127,7 @@ def unknowns_of(
             high = min(high, MAX_RATE)
         if form:
             low, high = sorted(np.log(np.abs([low, high])))
+        # Prior of the field for each wire.
         for index, wire in enumerate(segment.wires):
             default = _described_value(law(), field.name, above) or 0.0
             described = _described_value(wire.law, field.name, above)
@@ -150,6 +152,7 @@ def _segment_unknowns(
     segment: SegmentParameters, rubber: tuple[str, ...]
 ) -> Iterator[tuple[str, int | None, str, str, float, float, float]]:
     """Yield name, wire, unit, form, center and bounds of the unknowns that are of no law."""
+    # Angles, and in space springs, which mountings under gravity tell.
     angles: list[tuple[str, int | None, float]] = [("rest_angle", None, segment.rest_angle)]
     springs = {}
     if segment.axes > 1:  # mountings under gravity then tell them

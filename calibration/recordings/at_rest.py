@@ -76,6 +76,7 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     if not any(recording.has_thermocouple.any() for recording in recordings):
         rooms = [recording.parameters.ambient_temperature for recording in recordings]
         return Estimate(float(np.mean(rooms)), 0.0, "°C")
+    # Collect a cold reading of each thermocouple in each recording.
     readings = []
     cooled = []
     expected = []
@@ -107,6 +108,7 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
         usual_low = min(lows, key=lambda reading: abs(reading - np.mean(expected)))
         return min(reading for reading in lows if reading > usual_low - DISCONNECTED_BELOW)
 
+    # If all recordings start warm, their coldest readings count.
     lowest = lowest_of(readings)
     described = float(np.mean(expected))
     if lowest_of(cooled) < lowest - COLD_SPREAD:
@@ -114,6 +116,7 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
         lowest = lowest_of(cooled)
         if described + COLD_SPREAD < lowest < described + MAX_ROOM_ERROR:
             return Estimate(described, (lowest - described) / 2, "°C")
+    # Take the median of each thermocouple, of unheated wires if there are any.
     per_thermocouple = []
     for name in dict.fromkeys(name for name, *_ in readings):
         wire_readings = [
@@ -144,6 +147,7 @@ def rest_angles(recordings: Sequence[Recording], ambient: float) -> list[Estimat
     recordings' scatter. Zero where none shows it.
     """
     level_recordings = [r for r in recordings if not gravity_bends(r.parameters)]
+    # Ring-downs rest at their end, heated recordings at their beginning.
     starts = [
         recording.time > recording.time[-1] - END_TIME
         if not recording.duty.any()
@@ -151,6 +155,7 @@ def rest_angles(recordings: Sequence[Recording], ambient: float) -> list[Estimat
         for recording in level_recordings
     ]
     angles, drifts = _cold_angles(level_recordings, starts, ambient)
+    # Or else limbs that have cooled at the end.
     if not angles:
         ending_cold = [
             r for r in level_recordings if not r.duty[:, r.time > r.time[-1] - COOLING_TIME].any()

@@ -64,6 +64,7 @@ def usable_recordings(
             pieces = [recording] * bool(recording.duty.any())
             if kind not in kinds and wire_names == names:
                 raise CalibrationError(f"{kind!r} is no kind of recording: {', '.join(kinds)}.")
+            # Check the recording, and cut it before a frozen sensor and in pieces.
             try:
                 if described and wire_names != names:
                     raise CalibrationError(
@@ -124,6 +125,7 @@ def read_folder(folder: str | Path) -> tuple[dict[str, list[Recording]], list[Re
     """
     recordings: dict[str, list[Recording]] = {}
     remarks: list[Remark] = []
+    # Read each file, and note why it is left out.
     paths = [p for p in sorted(folder_of_limb(folder).glob("*.csv")) if not is_unfinished(p)]
     with Progress("reading", len(paths), "recordings") as progress:
         for number, path in enumerate(paths):

@@ -74,6 +74,7 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     recording = without_spikes_in(with_interpolated_gaps(recording))
     _check_duration(recording)
     _check_gravity(recording)
+    # Compare with the kind that is expected.
     kind = kind_by_signals(recording)
     if expected in FREE_KINDS and recording.duty.any():
         kind = expected
@@ -142,11 +143,13 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
     A frozen sensor repeats one reading to the last digit while a wire is heated as much as moved
     the reading before. Readings may stand where the limb rests, or where the sensor is coarse.
     """
+    # See how much each wire's heat changes within a window.
     heat = _wire_heat(recording)
     window = max(1, round(HEAT_WINDOW * recording.sample_rate))
     if len(recording.time) <= window:
         return None
     rises = np.abs(heat[:, window:] - heat[:, :-window])
+    # A thermocouple is driven by its own wire, a bend sensor by all.
     names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
     signals = list(zip(names, recording.measured_temperature, rises[:, None], strict=True))
     signals += [("the bend sensor", bend, rises) for bend in recording.bend_angle]
@@ -159,6 +162,7 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
         moves[read_rows[1:]] = changes
         is_moved = np.convolve(moves, np.ones(window), "valid")[1:] > 0.5
         rise = wire_rises.max(axis=0)
+        # Find stretches in which a reading stands.
         is_driven = rise > DRIVING_HEAT_SHARE * rise.max()
         first = np.arange(len(rise))
         num_changes = np.cumsum(changes)

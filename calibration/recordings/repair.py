@@ -77,6 +77,7 @@ def at_sample_times(recording: Recording) -> Recording:
     """
     if recording.applied_duty is None or recording.sample_age is None:
         return recording
+    # Times at which samples were taken, in order.
     sample_times, first = np.unique(
         np.round(recording.time - recording.sample_age, 6), return_index=True
     )
@@ -102,6 +103,7 @@ def with_lost_rows(recording: Recording) -> Recording:
     Such samples have the duty of the next sample, which was in force since the sample before.
     """
     period = 1 / recording.sample_rate
+    # Count the samples that are lost before each sample.
     num_lost = np.maximum(np.round(np.diff(recording.time) / period).astype(int) - 1, 0)
     if not num_lost.any():
         return recording
@@ -180,6 +182,7 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
         CalibrationError: if no piece is left.
     """
     time = recording.time
+    # Cut unbroken stretches after pauses, and where they are too long.
     pieces = []
     for unbroken in _unbroken_stretches(recording):
         starts = [
@@ -197,6 +200,7 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
             "show "
             "heat and readings, and have no gap whose duty is not known."
         )
+    # Say how much is left out.
     remarks = []
     kept = sum(piece.duration + 1.5 / recording.sample_rate for piece in pieces)
     if (left_out := recording.duration - kept) > 1.0:
@@ -243,6 +247,7 @@ def unknown_gaps(recording: Recording) -> Iterator[int]:
 
 def _first_rest(recording: Recording, since: int) -> int:
     """Return the first sample from ``since`` on at which wires rest long enough to start there."""
+    # Count the heated samples before each sample.
     heat = np.concatenate([[0], np.cumsum(recording.duty.any(axis=0))])
     count = len(heat) - 1
     heated = recording.duty.any(axis=1)

@@ -374,7 +374,7 @@ def test_a_limb_in_space_is_mounted_by_hand_for_each_excitation(short_excitation
     """The weight is hung to it, it is turned, and the weight is taken off for the motion."""
     protocol, whole = "calibration.collecting.measurement_protocol", mountings
     short_excitations.setattr(f"{protocol}.NUM_RING_DOWNS", 0)
-    short_excitations.setattr(f"{protocol}._wait", lambda pause, _: None)
+    short_excitations.setattr(f"{protocol}._wait_with_progress", lambda pause, _: None)
     short_excitations.setattr(f"{protocol}.Knowledge.LAW", LinearLaw)
     short_excitations.setattr(
         f"{protocol}.mountings",

@@ -159,7 +159,7 @@ def test_what_is_unlike_the_other_wire_or_the_description_is_told():
         assert remark.startswith(f"the {side} thermocouple lags by 5 s")
     half = showing(simulate(Limb(nominal), duty, 60.0), 0.5)
     (remark,) = heat_remarks([half], nominal)
-    assert remark.startswith("the left wire shows 50% of the heat of the one that shows most")
+    assert remark.startswith("the left wire shows 50% of the heat of the wire that shows most")
     weak = simulate(Limb(described_by(a2=10.0)), duty, 60.0)
     (remark,) = heat_remarks([weak], nominal)
     assert remark.startswith("the wires show 50% of the heat that their description says")
