@@ -46,7 +46,7 @@ LONGEST = 30.0  # s with the fault; by then the most that a wire can have was re
 SIDES = ("left", "right")
 FROM_BEGINNING, WHEN_HOT = "from the beginning", "when hot"
 
-# Orders of `Emulation.misbehave`, where {side} is the heated wire's.
+# Orders of `Emulation.inject_fault`, where {side} is the heated wire's.
 FAULTS = {
     "thermocouple has come off": ["detach {side}"],
     "thermocouple reversed": ["reverse {side}"],
@@ -92,7 +92,7 @@ def prepare(board: SimulatedBoard, noise: int) -> None:
     """Adds noise to the thermocouples, and waits until the board can be armed."""
     for name in board.parameters.wire_names:
         extra = THERMOCOUPLE_NOISE * np.sqrt(noise**2 - 1)
-        board.emulation.misbehave(f"jitter {name} {extra}")
+        board.emulation.inject_fault(f"jitter {name} {extra}")
     board.run(1.0)
 
 
@@ -125,7 +125,7 @@ def run_fault(
     duties = [duty * (wire == other or not orders) for other in range(wires)]
     if when == FROM_BEGINNING:
         for order in orders:
-            board.emulation.misbehave(order)
+            board.emulation.inject_fault(order)
     prepare(board, noise)
     hottest = -np.inf
     armed = board.arm()
@@ -133,7 +133,7 @@ def run_fault(
         for _ in range(round(WARM_TIME)):
             board.run(1.0, duties)
         for order in orders:
-            board.emulation.misbehave(order)
+            board.emulation.inject_fault(order)
         armed = board.newest.armed  # it may have been too hot already
     start, off = board.now, None
     while armed and board.now < start + LONGEST:
@@ -162,7 +162,7 @@ def print_faults(results: list[dict]) -> None:
             continue
         times = [r["off"] for r in runs if r["off"] is not None]
         hot = [r["hottest"] for r in runs if r["armed"]]
-        reasons = sorted({r["reason"] for r in runs} - {guard.NONE})
+        reasons = sorted({r["reason"] for r in runs} - {guard.NO_REASON})
         print(
             f"{fault:<38}{when:<20}{np.mean([h > HOTTEST for h in hot] or [0]):>6.0%}"
             f"{max(hot, default=np.nan):>9.1f}{max(times, default=np.nan):>11.2f}"

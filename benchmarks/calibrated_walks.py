@@ -6,11 +6,11 @@ and stiffness up a slope of 2°. Shown are the planned speed and the mean speed 
 planned periods by feedback, open loop, and after the gait was planned anew, beside that of the plan
 that was walked; and falls.
 
-``three`` is a robot in space of three limbs, which goes to (0.5, 0) m, turns there by 90°, and
-comes back. Shown are its speed ahead as planned, when and how near it came to the last place, and
-its hottest wire.
+``three`` and ``four`` are robots in space of so many limbs, which go to (0.5, 0) m, turn there by
+90°, and come back. Shown are their speed ahead as planned, when and how near they came to the last
+place, and their hottest wire.
 
-    python benchmarks/calibrated_walks.py [default:3 default:11 long:5 three:2 ...]
+    python benchmarks/calibrated_walks.py [default:3 default:11 long:5 three:2 four:0 ...]
 
 Each robot takes four minutes, or twenty in space. Its files are left in out/calibrated_walks/.
 """
@@ -28,7 +28,7 @@ from walking import Gait, RobotParameters
 
 USUAL = ("default:3", "default:11", "default:12", "default:13", "default:14")
 UNLIKE = ("long:5", "heavy:6", "unlike:7")
-IN_SPACE = "three"
+IN_SPACE = {"three": 3, "four": 4}
 FOLDER = Path("out/calibrated_walks")
 WAYS: dict[str, list[str]] = {
     "feedback": [],
@@ -38,8 +38,8 @@ WAYS: dict[str, list[str]] = {
 
 
 def described(name: str) -> RobotParameters:
-    if name == IN_SPACE:
-        return RobotParameters.in_space(3)
+    if name in IN_SPACE:
+        return RobotParameters.in_space(IN_SPACE[name])
     robot = RobotParameters()
     rear, front = (limb.parameters.segments[0] for limb in robot.limbs)
     if name == "long":
@@ -74,7 +74,7 @@ def row(robot: str) -> None:
     described(name).save(folder / "robot.yaml")
     command(folder, "collect", "-l", "robot.yaml", "-o", "recordings", "--emulated", seed)
     command(folder, "fit", "recordings", "-o", "calibrated.yaml", "--json")
-    if name == IN_SPACE:
+    if name in IN_SPACE:
         row_in_space(folder, robot)
         return
     said = command(folder, "gait", "calibrated.yaml", "-o", "gait.csv", "--json")

@@ -93,16 +93,18 @@ def check_guard(subject: guard.Guard, now: int) -> None:
     assert sum(subject.duty) <= subject._total + 1e-9, "more than the power of both"
     if any(subject.duty):
         assert subject.state == guard.ARMED, "not armed"
-        assert subject.reason == guard.NONE, "off for a reason"
-        assert now - subject._answered < guard.LONGEST_HOLD, "nothing fresh"
-        assert now - subject._heard < guard.HEARTBEAT, "no command"
+        assert subject.reason == guard.NO_REASON, "off for a reason"
+        assert now - subject._answered_time < guard.LONGEST_HOLD, "nothing fresh"
+        assert now - subject._command_time < guard.HEARTBEAT, "no command"
     for duty, observer, room, proven in zip(
         subject.duty, subject.observers, subject._rooms, subject.proven, strict=True
     ):
         if duty:
-            assert observer.shortfall <= guard.SHORTFALL, "out of its band"
+            assert observer.shortfall <= guard.MAX_SHORTFALL, "out of its band"
             assert proven or duty <= heat.LITTLE_DUTY, "its thermocouple did not follow"
-            if proven and observer.most + room > guard.HIGHEST + 0.1:  # after a reset nobody knows
+            if (
+                proven and observer.most + room > guard.MAX_WIRE_TEMPERATURE + 0.1
+            ):  # after a reset nobody knows
                 a1_slow, _, _, a2_most, _ = observer.bounds
                 loss = a1_slow * (observer.most - observer._silicone)
                 assert a2_most * duty <= loss + 1e-9, "too hot, and warming"
@@ -124,18 +126,21 @@ def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> d
             cleared = rng.random() < 0.8
             clear = protocol.encode(protocol.CLEAR, challenge if cleared else challenge ^ 1)
             bounds = tuple(rng.uniform(0.95 * low, 1.05 * high) for low, high in heat.RANGES)
-            given = heat.NOMINAL if rng.random() < 0.8 else bounds
-            bounds, total = [given] + [heat.NOMINAL] * (wires - 1), rng.uniform(0, 1.05 * wires)
+            given = heat.NOMINAL_BOUNDS if rng.random() < 0.8 else bounds
+            bounds, total = (
+                [given] + [heat.NOMINAL_BOUNDS] * (wires - 1),
+                rng.uniform(0, 1.05 * wires),
+            )
             arming = subject.challenge, bounds, total, board.pulls
             board.incoming += clear + b"".join(from_host.encode_arming(*arming))
         elif what < 0.97:
             sequence = subject.acknowledged + rng.choice((1, 1, 1, 1, 0, -1, 7))
-            heard = board.now - int(rng.expovariate(1 / 60))
+            sample_time = board.now - int(rng.expovariate(1 / 60))
             session = subject.session if rng.random() < 0.95 else rng.getrandbits(16)
             duty = [rng.choice((0.0, 0.2, 1.0, rng.random())) for _ in range(wires)]
             if rng.random() < 0.002:
                 duty[0] = rng.uniform(1.0001, 6.5)
-            board.incoming += from_host.encode_command(session or 0, sequence, heard, duty)
+            board.incoming += from_host.encode_command(session or 0, sequence, sample_time, duty)
         elif what < 0.98:
             kind = rng.choice((protocol.DISARM, protocol.HELLO))
             board.incoming += protocol.encode(kind)
@@ -149,7 +154,7 @@ def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> d
             board.duty = [0.0] * wires
             program = Firmware(board)
             host.firmware, host.guard = program, program.guard
-            resets, before = resets + 1, guard.NONE
+            resets, before = resets + 1, guard.NO_REASON
         elif what < 0.991:
             board.wires, board.temperatures = [25.0] * wires, [25.0] * wires
             board.errors, board.faults, board.silent = [0.0] * wires, [0] * wires, False

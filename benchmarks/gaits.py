@@ -35,7 +35,6 @@ from walking import Gait, RobotParameters, plan_gait
 from walking.gait_check import scale_limb
 from walking.robot_parameters import RobotLimb, walking_limb
 from walking.schedules import schedule_of, schedule_text, sensible_schedules
-from walking.standing import GROUND_STIFFNESS
 from walking.walker import Walker
 
 HEADER = "case | mm/s | stride, mm | period, s | iterations | s | violation | simulated"
@@ -59,7 +58,7 @@ def violation(gait: Gait) -> float:
     excess = np.abs(forces[..., 0]) - mu * forces[..., 1]
     limit = gait.parameters.temperature_limits.maximum
     violations = [np.abs(balance).max() / load, excess.max() / load]
-    pressed = forces[:-1, :, 1] / GROUND_STIFFNESS * (contacts != "swing").all()
+    pressed = forces[:-1, :, 1] / gait.robot.contact_stiffness * (contacts != "swing").all()
     off_ground = np.abs(heights[:-1] + pressed - planar.radius)[contacts != "swing"]
     violations += [off_ground.max() / planar.size]
     violations += [np.abs(moved).max() / planar.size, gait.wire_temperature.max() / limit - 1]

@@ -1,4 +1,4 @@
-"""Gaits of the default robots in space: time to plan them, and what they make in Drake's contact.
+"""Gaits of the default robots in space: time to plan them, and what they make in MuJoCo's contact.
 
 python benchmarks/gaits_in_space.py
 """
@@ -10,7 +10,8 @@ import numpy as np
 
 from planners import PlanningError
 from walking import Gait, RobotParameters, plan_gait
-from walking.gait_check import simulate_gait, simulate_in_drake
+from walking.gait_check import simulate_gait
+from walking.gait_set import schedules_on_the_spot
 from walking.schedules import sensible_schedules
 
 ROW = "{:<7}{:<20}{:<28}{:>7}{:>7}  {:<15}{:>6}"
@@ -37,8 +38,9 @@ def main() -> None:
     print(ROW.format("limbs", "gait", "planned", "CPU, s", "iter.", "made, of plan", "aside"))
     for limbs in (3, 4):
         robot = RobotParameters.in_space(limbs)
-        schedule = sensible_schedules(robot)[0]
         for name, request in COURSES.items():
+            turns = "spot" in name or "as far" in name
+            schedule = (schedules_on_the_spot if turns else sensible_schedules)(robot)[0]
             began = time.process_time()
             try:
                 gait = plan_gait(
@@ -53,7 +55,7 @@ def main() -> None:
                 print(ROW.format(limbs, name, f"none: {error}", *[""] * 4), flush=True)
                 continue
             taken = time.process_time() - began
-            made = simulate_gait(gait, "", robot, CYCLES, simulated=simulate_in_drake)
+            made = simulate_gait(gait, "", robot, CYCLES)
             shares = f"{min(made.strides):.3f}-{max(made.strides):.3f}" if made.strides else ""
             aside = f"{max(made.aside, default=math.nan):.1%}"
             how = f"{taken:.1f}", f"{gait.check.iterations}"

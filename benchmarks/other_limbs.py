@@ -93,7 +93,7 @@ class OtherLimb(Diagram):
                 builder.ExportOutput(body.GetOutputPort(name), name)
         builder.BuildInto(self)
 
-    def again(
+    def after_rest(
         self,
         pause: float = 0.0,
         *,

@@ -67,7 +67,7 @@ def take(limb: tuple[str, int]) -> list[dict]:
                     continue
                 if day == "other day":
                     specimen = specimen.disturbed(**OTHER_DAY)
-                driven = replay(trajectory, type(twin)(specimen=specimen).again(PAUSE))
+                driven = replay(trajectory, type(twin)(specimen=specimen).after_rest(PAUSE))
                 error = tracking_errors(trajectory, [driven]).mean
                 missed[f"{name}, {day}"] = float(np.rad2deg(error))
         judged = float(np.rad2deg(calibration.prediction.best.bend_error))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.board.link import Assembly, Sample, pulls_of
+from hardware.board.link import Sample, SampleAssembler, pulls_of
 from hardware.board.reasons import REASONS
 from hardware.emulation.emulated_board import RunningTwin
 from hardware.emulation.emulator import Emulation
@@ -23,7 +23,7 @@ COMMAND_PERIOD = 50  # ms
 class SimulatedBoard:
     """An emulated board, and a host that commands it whatever the board says.
 
-    It is the board's `Cable`, too. Faults are given to ``emulation.misbehave``.
+    It is the board's `Cable`, too. Faults are given to ``emulation.inject_fault``.
 
     - ``duties``: time, s, and duty of each wire, of each change at the pins.
     - ``samples``: each `Sample` that came, once.
@@ -46,7 +46,7 @@ class SimulatedBoard:
         self.milliseconds, self._step = 0, step
         self.duties: list[tuple[float, ...]] = []
         self.samples: list[Sample] = []
-        self._assembly = Assembly()
+        self._assembly = SampleAssembler()
         self._to_board, self._sequence, self._session = b"", 0, 0
         self._parser = protocol.Parser(protocol.BOARD_KINDS)
         self.emulation = Emulation(twin or LimbTwin(), self, self._note, lambda: self.now, limb)
@@ -90,8 +90,8 @@ class SimulatedBoard:
     def command(self, duty: Sequence[float]) -> None:
         """Sends a duty (W), in answer to the newest sample."""
         self._sequence += 1
-        heard = round(1000 * self.newest.board_time)
-        frame = from_host.encode_command(self._session, self._sequence, heard, duty)
+        sample_time = round(1000 * self.newest.board_time)
+        frame = from_host.encode_command(self._session, self._sequence, sample_time, duty)
         self._to_board += 2 * frame  # as `BoardLink` does
 
     def use(self, parameters: LimbParameters) -> None:

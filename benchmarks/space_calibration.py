@@ -124,7 +124,7 @@ def recordings_of_bursts(physics: str, wires: int, seed: int) -> Iterator[Record
     turn = random.uniform(0.0, np.pi / 3)
     limb = LimbTwin(mounted_limb(LimbParameters.in_space(wires), None), seed=seed, physics=physics)
     for pause in (0.0, 600.0):
-        limb = limb.again(pause) if pause else limb
+        limb = limb.after_rest(pause) if pause else limb
         run = simulate(limb, bursts(random, wires), BURSTS, sample_rate=10.0)
         yield dataclasses.replace(
             run,

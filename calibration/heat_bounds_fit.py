@@ -8,7 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from calibration.remarks import CalibrationError
-from hardware.board.heat_rates import HeatRates, acceptable, fit_heat_rates, lagged, without_gaps
+from hardware.board.heat_rates import (
+    HeatRates,
+    detectable_bounds,
+    first_order_lag,
+    fit_heat_rates,
+    interpolate_gaps,
+)
 from hardware.firmware import heat
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
 from limb_systems.heat_bounds import ANY_WIRE, SPREAD, HeatBounds
@@ -151,7 +157,7 @@ def _fit_wire(wire: _Wire, hottest: float, margin: float) -> HeatBounds:
     share = max(share * (1 - margin), 1.0 if share > 1.0 else 0.0)
     low, high = HeatBounds.__dataclass_fields__["least_heating"].metadata["range"]
     heating = min(max(share * kind.least_heating, low), high, bounds.most_heating)
-    return acceptable(dataclasses.replace(bounds, least_heating=float(heating)))
+    return detectable_bounds(dataclasses.replace(bounds, least_heating=float(heating)))
 
 
 class _WireHeat:
@@ -165,7 +171,7 @@ class _WireHeat:
 
     def __init__(self, recording: Recording, wire: int):
         applied = recording.heating_duty
-        readings = without_gaps(recording.measured_temperature[wire])
+        readings = interpolate_gaps(recording.measured_temperature[wire])
         start = readings[recording.time < recording.time[0] + heat.AVERAGING_TIME].mean()
         stride = max(1, round(heat.LONGEST_STEP * recording.sample_rate))
         # What is applied from one sample to the next, and read at the end of a step.
@@ -176,7 +182,7 @@ class _WireHeat:
         self.averaged = self._average(self.rise)
 
     def _average(self, signal: np.ndarray) -> np.ndarray:
-        return lagged(signal, 1 / heat.AVERAGING_TIME, self.interval)
+        return first_order_lag(signal, 1 / heat.AVERAGING_TIME, self.interval)
 
     def least(self, bounds: HeatBounds) -> np.ndarray:
         """Return the least rise that is read, averaged (K), °C."""

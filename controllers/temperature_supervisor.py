@@ -19,6 +19,11 @@ LAG_ERROR, UNCALIBRATED_LAG_ERROR = 0.1, 1.0
 BELOW_BOARD = 5.0  # °C, that feedback stays below what the board cuts out at
 
 
+def lag_error(parameters: LimbParameters) -> float:
+    """Return the share of T - V by which wires may be warmer than estimated."""
+    return LAG_ERROR if parameters.calibration else UNCALIBRATED_LAG_ERROR
+
+
 class TemperatureLimiter:
     """The most duty that a wire may have.
 
@@ -49,7 +54,7 @@ class TemperatureLimiter:
                 f"measured_maximum, {limits.measured_maximum:g} °C, where the board cuts out."
             )
         self.limit = limit
-        self._lag_error = LAG_ERROR if parameters.calibration else UNCALIBRATED_LAG_ERROR
+        self._lag_error = lag_error(parameters)
         self._model = ReducedModel(parameters, HOLD)
 
     def caps(self, estimate: StateEstimate, limit: ArrayLike | None = None) -> np.ndarray:

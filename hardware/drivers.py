@@ -1,4 +1,4 @@
-"""Drivers of models in a scenario, as Drake's hardware_sim has them: the wires of a limb."""
+"""Drivers of models in a scenario, like Drake's hardware_sim: the wires of a limb."""
 
 import dataclasses
 import warnings
@@ -14,17 +14,17 @@ from pydrake.systems.framework import DiagramBuilder, System
 from limb_systems import LimbParameters, add_limb_actuation
 from limb_systems.files.schema import Tagged, quantity
 
-OUTPUTS = "measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"
-TILTED = 0.5  # m/s², by which gravity in a description may differ from that in the plant
+LIMB_PORTS = "measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"
+GRAVITY_TOLERANCE = 0.5  # m/s², between gravity in a description and in the plant
 
 
 @dataclasses.dataclass
 class LimbDriver(Tagged):
-    """Wires of a limb, as a driver of a scenario. Drake's `ApplyDriverConfigs` knows it, too.
+    """The wires of a limb as a driver in a scenario, also for Drake's `ApplyDriverConfigs`.
 
     - ``limb``: YAML file of its `LimbParameters`, from the scenario's folder; the nominal limb if
       empty.
-    - ``seed``: seed of the limb where it is emulated.
+    - ``seed``: seed of an emulated limb.
     - ``port``: serial port of its board.
     """
 
@@ -34,7 +34,7 @@ class LimbDriver(Tagged):
 
     @property
     def parameters(self) -> LimbParameters:
-        """Description of the limb."""
+        """The description of the limb."""
         return LimbParameters.of(self.limb or None)
 
 
@@ -51,27 +51,22 @@ def ApplyDriverConfig(
     lcms: Any,
     builder: DiagramBuilder,
 ) -> None:
-    """Add what drives a model to a simulation; export the ports of a limb with its name.
+    """Add the driver of a model to a simulation; export the ports of a limb with its name.
 
     Args:
-        driver_config: what drives the model.
+        driver_config: the driver.
         model_instance_name: name of the model in the plant.
-        sim_plant: finalized, with the model.
-        models_from_directives, lcms: used by Drake's drivers alone.
+        sim_plant: the finalized plant with the model.
+        models_from_directives, lcms: arguments for Drake's drivers.
         builder: builder of the diagram that has the plant.
 
     Raises:
-        ParameterError: if the limb in the plant is not that of the description.
+        ParameterError: if the limb in the plant does not fit its description.
     """
     if isinstance(driver_config, ZeroForceDriver):
-        manipulation.ApplyDriverConfig(
-            manipulation.ZeroForceDriver(),
-            model_instance_name,
-            sim_plant,
-            models_from_directives,
-            lcms,
-            builder,
-        )
+        zero_force = manipulation.ZeroForceDriver()
+        drake_arguments = sim_plant, models_from_directives, lcms, builder
+        manipulation.ApplyDriverConfig(zero_force, model_instance_name, *drake_arguments)
         return
     limb = sim_plant.GetModelInstanceByName(model_instance_name)
     wires = add_limb_actuation(builder, sim_plant, limb, driver_config.parameters)
@@ -82,12 +77,12 @@ def ApplyDriverConfig(
 def _warn_of_gravity(
     plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
 ) -> None:
-    """Warns if plans of a limb would be for another direction of gravity than in the plant."""
+    """Warn if the description of a limb, from which plans are made, has another gravity."""
     base = plant.GetFrameByName("base", limb).CalcPoseInWorld(plant.CreateDefaultContext())
-    there = base.rotation().inverse() @ plant.gravity_field().gravity_vector()
-    if np.linalg.norm(there - parameters.gravity) > TILTED:
+    gravity = base.rotation().inverse() @ plant.gravity_field().gravity_vector()
+    if np.linalg.norm(gravity - parameters.gravity) > GRAVITY_TOLERANCE:
         warnings.warn(
-            f"Gravity is {np.round(there, 2).tolist()} m/s² in the base of the limb "
+            f"Gravity is {np.round(gravity, 2).tolist()} m/s² in the base of the limb "
             f"{plant.GetModelInstanceName(limb)!r} and {list(parameters.gravity)} in its "
             "description, for which it is planned; give the description the same gravity.",
             stacklevel=2,
@@ -95,7 +90,7 @@ def _warn_of_gravity(
 
 
 def export_limb(builder: DiagramBuilder, limb: System, name: str) -> None:
-    """Exports the ports of a limb, with its name before theirs."""
+    """Export the ports of a limb as NAME.PORT."""
     builder.ExportInput(limb.GetInputPort("duty"), f"{name}.duty")
-    for output in filter(limb.HasOutputPort, OUTPUTS):
+    for output in filter(limb.HasOutputPort, LIMB_PORTS):
         builder.ExportOutput(limb.GetOutputPort(output), f"{name}.{output}")

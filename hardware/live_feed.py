@@ -1,4 +1,4 @@
-"""What the process that runs a limb tells whoever shows it, such as the live page's process."""
+"""The data that a running limb sends to a view, such as the live page's process."""
 
 import contextlib
 import dataclasses
@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from hardware.board.link import HardwareError
-from hardware.board.serial_limb import DEADLINE, SerialLimb
+from hardware.board.serial_limb import COMMAND_DEADLINE, SerialLimb
 from hardware.board.several_boards import Link
 from hardware.firmware import guard
 from limb_systems import LimbModel, LimbParameters, LimbSystem, Trajectory
@@ -17,17 +17,17 @@ from limb_systems.drake_python import weak_method
 from limb_systems.plan_band import Band, band
 from limb_systems.simulation import PERIOD
 
-DONE = "done"  # why a run ended as it should
+DONE = "done"  # reason for the regular end of a run
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RunHeader:
-    """What is known of a recording before it begins, with new curves.
+    """The description of a recording before it begins, with new curves.
 
     - ``source``: name of the limb, as in recordings.
     - ``parameters``: description of the limb.
     - ``limit``: reading at which the heaters are switched off, °C.
-    - ``duration``: longest duration, s; None if it has no end.
+    - ``duration``: longest duration, s; None if there is no limit.
     - ``plan``, ``band``: plan that the limb follows, and its band; or None.
     """
 
@@ -41,14 +41,14 @@ class RunHeader:
 
 @dataclasses.dataclass(frozen=True)
 class BoardReading:
-    """What is known of a board and its cable at a moment.
+    """The state of a board and its cable at a time.
 
     - ``armed``: whether the wires may be heated.
-    - ``reason``: reason why they may not, in words.
+    - ``reason``: reason why not, in words.
     - ``warmest``: highest temperature of each wire by its duty, °C.
     - ``lost_samples``: number of samples that did not arrive.
     - ``late``: delay of the last command, s; None if none was sent.
-    - ``commands``, ``missed``: number of commands sent, and of those later than `DEADLINE`.
+    - ``commands``, ``missed``: number of commands sent, and of those later than `COMMAND_DEADLINE`.
     """
 
     armed: bool
@@ -62,14 +62,14 @@ class BoardReading:
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """What is known of a limb at a moment.
+    """The state of a limb at a time.
 
     - ``time``: time since the recording began, s.
     - ``bend_angle``: φ of each bend, rad.
     - ``measured_temperature``: V of each wire, °C.
     - ``duty``: commanded duty of each wire.
-    - ``applied_duty``: duty that the limb had applied, of each wire; or None.
-    - ``reference``: bend angles that are asked for, rad; or None.
+    - ``applied_duty``: applied duty of each wire; or None.
+    - ``reference``: reference of the bend angles, rad; or None.
     - ``board``: state of a robot's board; or None.
     - ``cooling``: whether the run has ended, and its wires cool.
     """
@@ -86,9 +86,9 @@ class Reading:
 
 @dataclasses.dataclass(frozen=True)
 class Message:
-    """What is sent at once. The file of a new `RunHeader` goes with it.
+    """A message to the view. The file of a new `RunHeader` goes with it.
 
-    - ``activity``: sentence on what runs.
+    - ``activity``: sentence about the present run.
     - ``reading``: newest reading; None while no limb runs.
     """
 
@@ -97,28 +97,29 @@ class Message:
 
 
 class LiveView(Protocol):
-    """Shows a limb while it runs, and never waits; `soft_limb.live_page.LivePage` is one."""
+    """A view of a running limb that never waits, such as `soft_limb.live_page.LivePage`."""
 
     def begin(self, header: RunHeader) -> None:
         """Show a new recording, before its wires are heated."""
 
     def say(self, what: str) -> None:
-        """Say what runs, in words, until something else is said."""
+        """Show a sentence about the present run, until the next sentence."""
 
     def show(self, reading: Reading) -> None:
-        """Show what is known of the limb."""
+        """Show the state of the limb."""
 
     def rest(self) -> None:
-        """Say that no limb runs any more."""
+        """Show that no limb runs any more."""
 
 
 class Feed(LeafSystem):
-    """Hands what a limb does to a `LiveView`, at 20 Hz; it waits for nothing.
+    """A system that sends the state of a limb to a `LiveView`, at 20 Hz, without waiting.
 
     - input 0 ``duty``: D (W), in [0, 1]
     - input 1 ``measured_temperature``: V (W), °C
     - input 2 ``bend_angle``: φ (S), rad
-    - further inputs, if there are such: ``applied_duty`` (W), ``reference`` (S), rad
+    - further inputs, if the limb or controller has them: ``applied_duty`` (W), ``reference`` (S),
+      rad
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -127,67 +128,57 @@ class Feed(LeafSystem):
         """
         Args:
             live: the page.
-            limb: system whose outputs come in.
-            has_reference: whether there is an input for the bend angle that is asked for.
+            limb: system whose outputs are connected.
+            has_reference: whether there is an input for the reference of the bend angle.
         """
         super().__init__()
         layout = LimbModel.of(limb.parameters).layout
-        num_wires, num_bends = layout.num_wires, layout.num_bends
-        sizes = {"duty": num_wires, "measured_temperature": num_wires, "bend_angle": num_bends}
+        sizes = dict.fromkeys(("duty", "measured_temperature"), layout.num_wires)
+        sizes["bend_angle"] = layout.num_bends
         if limb.HasOutputPort("applied_duty"):
-            sizes["applied_duty"] = num_wires
+            sizes["applied_duty"] = layout.num_wires
         if has_reference:
-            sizes["reference"] = num_bends
-        self._live, self._names = live, list(sizes)
+            sizes["reference"] = layout.num_bends
+        self._live = live
+        self._names = list(sizes)
         self._robot = (limb.link, limb.timing_errors) if isinstance(limb, SerialLimb) else None
         self._commands = self._missed = 0
         for name, size in sizes.items():
             self.DeclareVectorInputPort(name, size)
-        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._tell))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._publish))
 
-    def _tell(self, context) -> None:
-        signals = {
-            name: self.get_input_port(index).Eval(context).tolist()
-            for index, name in enumerate(self._names)
-        }
+    def _publish(self, context) -> None:
+        signals = {name: self.GetInputPort(name).Eval(context).tolist() for name in self._names}
         board = self._board(*self._robot) if self._robot else None
         self._live.show(Reading(context.get_time(), **signals, board=board))
 
-    def _board(self, link: Link, late: list[float]) -> BoardReading | None:
-        new = late[self._commands :]
-        self._commands += len(new)
-        self._missed += sum(delay > DEADLINE for delay in new)
-        # It is the limb that fails if samples do not come.
+    def _board(self, link: Link, delays: list[float]) -> BoardReading | None:
+        """Return the state of the board, and count new commands by their delays, s."""
+        new_delays = delays[self._commands :]
+        self._commands += len(new_delays)
+        self._missed += sum(delay > COMMAND_DEADLINE for delay in new_delays)
+        # Without samples the limb raises an error; this system does not.
         with contextlib.suppress(HardwareError):
-            return board_reading(link, late[-1] if late else None, self._commands, self._missed)
+            return board_reading(link, delays[-1] if delays else None, self._commands, self._missed)
         return None
 
 
 def board_reading(
-    link: Link,
-    late: float | None = None,
-    commands: int = 0,
-    missed: int = 0,
+    link: Link, late: float | None = None, commands: int = 0, missed: int = 0
 ) -> BoardReading:
-    """What is known of a board; arguments as of `BoardReading`.
+    """Return the state of a board; for the arguments see `BoardReading`.
 
     Raises:
         HardwareError: if no sample has come at all, or the cable is gone.
     """
-    sample = link.sample(np.inf)  # whoever drives the limb looks at its age
-    return BoardReading(
-        sample.armed,
-        sample.reason_text,
-        sample.warmest.tolist(),
-        link.lost_samples,
-        late,
-        commands,
-        missed,
-    )
+    sample = link.sample(np.inf)  # of any age, which the limb checks
+    warmest = sample.warmest.tolist()
+    state = BoardReading(sample.armed, sample.reason_text, warmest, link.lost_samples)
+    return dataclasses.replace(state, late=late, commands=commands, missed=missed)
 
 
 @contextlib.contextmanager
-def shown(
+def live_display(
     builder: DiagramBuilder,
     live: LiveView | None,
     limb: LimbSystem,
@@ -197,32 +188,29 @@ def shown(
     plan: Trajectory | None = None,
     reference: OutputPort | None = None,
 ) -> Iterator[None]:
-    """A context in which a diagram is built and run whose limb is on a page, if there is one.
+    """Show a limb on a page, if there is one, in a context in which its diagram is built and run.
 
     Args:
-        builder: builder of the diagram, which has the limb already: its command leaves first.
+        builder: builder of the diagram, which has the limb already, so that its command is first.
         live: the page.
         limb: system that runs.
         duty: port that drives it.
         duration: longest duration, s.
         plan: trajectory that the limb follows.
-        reference: port of the bend angle that is asked for.
+        reference: port of the reference of the bend angle.
     """
     if live is None:
         yield
         return
-    live.begin(
-        RunHeader(
-            limb.source,
-            limb.parameters,
-            limb.info.temperature_limit
-            if isinstance(limb, SerialLimb)
-            else guard.TEMPERATURE_LIMIT,
-            duration,
-            plan.since_start() if plan else None,
-            band(plan) if plan else None,
-        )
-    )
+    # Begin a recording on the page.
+    limit = guard.TEMPERATURE_LIMIT
+    if isinstance(limb, SerialLimb):
+        limit = limb.info.temperature_limit
+    header = RunHeader(limb.source, limb.parameters, limit, duration)
+    if plan:
+        header = dataclasses.replace(header, plan=plan.since_start(), band=band(plan))
+    live.begin(header)
+    # Connect the feed to the limb, and let the caller run the diagram.
     feed = builder.AddSystem(Feed(live, limb, has_reference=reference is not None))
     ports = {"duty": duty, **({"reference": reference} if reference else {})}
     for index in range(feed.num_input_ports()):

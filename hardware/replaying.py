@@ -1,4 +1,4 @@
-"""Replays a planned trajectory, or records a limb that is moved by hand."""
+"""Replay of a planned trajectory, and recording of a limb that is moved by hand."""
 
 import warnings
 from collections.abc import Callable
@@ -6,24 +6,14 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import (
-    Context,
-    DiagramBuilder,
-    EventStatus,
-    LeafSystem,
-    System,
-)
-from pydrake.systems.primitives import (
-    ConstantVectorSource,
-    Multiplexer,
-    TrajectorySource,
-)
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, System
+from pydrake.systems.primitives import ConstantVectorSource, Multiplexer, TrajectorySource
 
-from hardware.board.journal import closing, journaled
+from hardware.board.journal import closing, open_journal
 from hardware.board.link import check_heat_is_measured, present_temperature
 from hardware.board.serial_limb import SerialLimb
 from hardware.firmware import guard
-from hardware.live_feed import LiveView, shown
+from hardware.live_feed import LiveView, live_display
 from limb_systems import (
     EmulatedLimb,
     LimbError,
@@ -37,9 +27,9 @@ from limb_systems.drake_python import weak_method
 from limb_systems.limb_system import check_limb
 from limb_systems.simulation import PERIOD, RecordOptions, record
 
-CUT_OUT_READ = 0.2  # s before the end, in which the reading at which a limb has cut out is
-# °C, by which a wire may differ from where the plan starts without a warning, and at all.
-OTHER_START, START_TOLERANCE = 3.0, 10.0
+CUT_OUT_WINDOW = 0.2  # s before the end of a recording, within which a limb has cut out
+START_WARNING = 3.0  # °C; a wire that differs more from the start of the plan causes a warning
+START_TOLERANCE = 10.0  # °C; a wire that differs more prevents the replay
 
 
 class ReplayError(LimbError):
@@ -56,7 +46,7 @@ def replay(
     journal: str | Path | None = None,
     live: LiveView | None = None,
 ) -> Recording:
-    """Drives a limb along a trajectory and records it.
+    """Drive a limb along a trajectory and record it.
 
     A `SerialLimb` is driven in real time and closed at the end, also after an
     error, so that the wires are off. Other limbs are simulated, in real time if
@@ -66,25 +56,22 @@ def replay(
         trajectory: a plan that passed its check.
         limb: a `SerialLimb`, a `LimbTwin`, a `Limb` or any other `LimbSystem`;
             it becomes part of a diagram and cannot be replayed on twice.
-        controller: what drives it: a system with the output port ``duty`` (W),
-            in [0, 1], and any of the input ports ``measured_temperature`` (W),
-            °C, ``bend_angle`` (F), rad, ``measurement``, both of them, and the ``body_pose``
-            of a robot.
-            Time is that since the start of the plan. The trajectory's duty,
-            open loop, if None.
-        unchecked: whether to replay a plan without a check, such as one that was not
-            made here. A plan that failed its check is always refused.
+        controller: a system with the output port ``duty`` (W), in [0, 1], and any of the input
+            ports ``measured_temperature`` (W), °C, ``bend_angle`` (F), rad, ``measurement``, both
+            of them, and the ``body_pose`` of a robot. Its time begins with the plan. If None, the
+            trajectory's duty drives the limb in open loop.
+        unchecked: whether to replay a plan without a check, for example from another program.
+            A plan that failed its check is always refused.
         sample_rate: rate of the recording's samples, Hz.
-        journal: file of the recording, to which each sample goes when it arrives;
-            its name is that of a `TableWriter`'s until the plan has ended. A
-            file that is there is replaced then.
+        journal: file of the recording, to which each sample is written when it arrives. Until the
+            plan has ended it has a `TableWriter`'s preliminary name; then it replaces a file of
+            this name.
         live: page on which to show its curves while it runs.
 
     Raises:
-        ReplayError: if the trajectory failed its check, if it was planned for
-            another limb, hotter than this one allows or by its band may be, or from another
-            temperature than its wires have, or if the controller has other
-            ports.
+        ReplayError: if the trajectory failed its check, was planned for another limb, is hotter
+            than this limb allows (also within its band), or starts at another temperature than its
+            wires have; or if the controller has other ports.
         OutputError: if the disk is full or stalled, or the journal cannot be
             written for another reason.
         HardwareError: if the robot fails on the way, or gets a duty that is
@@ -97,7 +84,8 @@ def replay(
             controller = TrajectorySource(trajectory.since_start().duty_trajectory())
         else:
             _check_controller(controller, limb)
-        return _run(limb, controller, trajectory.duration, sample_rate, journal, live, trajectory)
+        duration = trajectory.duration
+        return _record_with(limb, controller, duration, sample_rate, journal, live, trajectory)
 
 
 def watch(
@@ -109,12 +97,12 @@ def watch(
     journal: str | Path | None = None,
     live: LiveView | None = None,
 ) -> Recording:
-    """Records a limb with its wires off, while it hangs, swings or is moved by hand.
+    """Record a limb with its wires off, while it hangs, swings or is moved by hand.
 
     If Ctrl-C ends it, the journal gets its name and says so, and KeyboardInterrupt is raised.
 
     Args:
-        duration: at most, s.
+        duration: longest duration, s.
         until: function of V (W), °C; the recording ends when it is true.
         limb, sample_rate, journal, live: as for `replay`.
 
@@ -124,30 +112,32 @@ def watch(
     """
     with closing(check_limb(limb)):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-        return _run(
+        return _record_with(
             limb, off, duration, sample_rate, journal, live, until=until, ended_by_hand=True
         )
 
 
 def present_readings(limb: LimbSystem) -> np.ndarray:
-    """V (W,), °C, of a limb now: of a robot from its board, of another one as simulations begin.
+    """Return V (W,), °C: a robot's present readings, or another limb's at the start of simulations.
 
-    A plan that begins there takes them by `limb_systems.resting_state`.
+    `limb_systems.resting_state` makes the initial state of a plan from them.
 
     Raises:
-        HardwareError: if the robot does not answer, or a wire of it has no reading.
+        HardwareError: if the robot does not answer, or one of its wires has no reading.
     """
     if isinstance(limb, SerialLimb):
         return present_temperature(limb.link)
     assert isinstance(limb, System)
-    simulator, duty = Simulator(limb), limb.GetInputPort("duty")
+    simulator = Simulator(limb)
+    duty = limb.GetInputPort("duty")
     duty.FixValue(simulator.get_mutable_context(), np.zeros(duty.size()))
     simulator.Initialize()  # sensors are read then
     return limb.GetOutputPort("measured_temperature").Eval(simulator.get_context())
 
 
 def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: bool = False) -> None:
-    """Raises ReplayError if a trajectory must not be replayed on a limb."""
+    """Raise ReplayError if a trajectory must not be replayed on a limb."""
+    # The plan must have passed its check.
     if trajectory.check.is_missing:
         if not unchecked:
             raise ReplayError(
@@ -156,18 +146,22 @@ def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: boo
             )
     elif failure := trajectory.check.failure():
         raise ReplayError(f"This trajectory failed its check and is not replayed: {failure}")
-    planned, present = trajectory.parameters, limb.parameters
+    # It must be for this number of wires, and not too hot for them.
+    planned = trajectory.parameters
+    present = limb.parameters
     if len(planned.wires) != len(present.wires):
         raise ReplayError(
             f"This trajectory drives {len(planned.wires)} wires, but the limb has "
             f"{len(present.wires)}."
         )
-    hottest, limit = trajectory.wire_temperature.max(), present.temperature_limits.maximum
+    hottest = trajectory.wire_temperature.max()
+    limit = present.temperature_limits.maximum
     if hottest > limit + 1e-6:
         raise ReplayError(
             f"This trajectory heats a wire to {hottest:.1f} °C, but this limb's "
             f"temperature_limits.maximum is {limit:g} °C; plan it again for this limb."
         )
+    # The highest reading of its band must be below the limit of the board.
     limit = present.temperature_limits.measured_maximum
     if isinstance(limb, SerialLimb):
         _check_robot(trajectory, limb)
@@ -181,8 +175,10 @@ def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: boo
 
 
 def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
-    """Checks of a robot: the plan is for this board, and the wires are as warm as in the plan."""
-    board, planned = limb.info.serial_number, trajectory.parameters
+    """Raise ReplayError unless the plan is for this board, and starts at the wires' temperature."""
+    # The temperatures of the plan must come from thermocouples, and its board be this board.
+    board = limb.info.serial_number
+    planned = trajectory.parameters
     check_heat_is_measured(planned)
     number = planned.board.identity
     if isinstance(planned.board, EmulatedLimb):
@@ -192,6 +188,7 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
             f"This trajectory was planned with the calibration of the limb {number}, but the limb "
             f"on {limb.link.port} is {board}; calibrate that one."
         )
+    # Temperature and total duty must be within the robot's limits.
     limit = planned.temperature_limits.maximum
     if limit > limb.info.temperature_limit:
         raise ReplayError(
@@ -199,42 +196,49 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
             f"{limb.info.temperature_limit:g} °C; plan it again with a lower "
             "temperature_limits.maximum."
         )
-    total, budget = trajectory.duty.sum(axis=0), limb.parameters.total_duty
-    if total.max() > budget + 1e-3:
+    total = trajectory.duty.sum(axis=0)
+    largest_total = limb.parameters.total_duty
+    if total.max() > largest_total + 1e-3:
         raise ReplayError(
             f"This trajectory's duties add up to {total.max():.2f} at "
-            f"{trajectory.time[np.argmax(total)]:.1f} s, but this limb's total_duty is {budget:g}; "
-            "raise it if the supply and the limb are made for that, or plan another motion."
+            f"{trajectory.time[np.argmax(total)]:.1f} s, but this limb's total_duty is "
+            f"{largest_total:g}; raise it if the supply and the limb are made for that, or plan "
+            "another motion."
         )
-    measured, planned_start = present_readings(limb), trajectory.measured_temperature[:, 0]
-    apart = np.abs(measured - planned_start)
-    most = int(np.argmax(apart))
-    if apart[most] > OTHER_START:
+    # The wires must be about as warm as at the start of the plan.
+    measured = present_readings(limb)
+    planned_start = trajectory.measured_temperature[:, 0]
+    differences = np.abs(measured - planned_start)
+    wire = int(np.argmax(differences))
+    if differences[wire] > START_WARNING:
         now = ",".join(f"{reading:.1f}" for reading in measured)
         sentence = (
-            f"The {planned.wire_names[most]} wire is at {measured[most]:.1f} °C, but the "
-            f"trajectory starts at {planned_start[most]:.1f} °C; wait until it has cooled, or plan "
+            f"The {planned.wire_names[wire]} wire is at {measured[wire]:.1f} °C, but the "
+            f"trajectory starts at {planned_start[wire]:.1f} °C; wait until it has cooled, or plan "
             f"from where it is: soft-limb plan --start {now}."
         )
-        if apart[most] > START_TOLERANCE:
+        if differences[wire] > START_TOLERANCE:
             raise ReplayError(sentence)
         warnings.warn(sentence, stacklevel=2)
 
 
 def _check_controller(controller: System, limb: LimbSystem) -> None:
-    """Raises ReplayError unless the limb has a port for each port of the controller."""
-    name, num_wires = type(controller).__name__, len(limb.parameters.wires)
-    num_bends = LimbModel.of(limb.parameters).layout.num_bends
-    sizes = {"measured_temperature": num_wires, "bend_angle": num_bends}
+    """Raise ReplayError unless the limb has a port for each port of the controller."""
+    # Sizes of the limb's outputs.
+    name = type(controller).__name__
+    layout = LimbModel.of(limb.parameters).layout
+    num_wires = layout.num_wires
+    sizes = {"measured_temperature": num_wires, "bend_angle": layout.num_bends}
     sizes["measurement"] = sum(sizes.values())
     if limb.HasOutputPort("body_pose"):
         sizes["body_pose"] = limb.GetOutputPort("body_pose").size()
+    # The controller must have the limb's duty, and inputs for these outputs only.
     if not controller.HasOutputPort("duty"):
         raise ReplayError(f"{name} has no output port duty, and cannot drive a limb.")
     if (size := controller.GetOutputPort("duty").size()) != num_wires:
         raise ReplayError(f"{name} has a duty for {size} wires, but the limb has {num_wires}.")
-    inputs = [controller.get_input_port(i) for i in range(controller.num_input_ports())]
-    for port in inputs:
+    for index in range(controller.num_input_ports()):
+        port = controller.get_input_port(index)
         if port.get_name() not in sizes:
             raise ReplayError(
                 f"{name} has an input port {port.get_name()}, but a limb has only the outputs "
@@ -246,7 +250,7 @@ def _check_controller(controller: System, limb: LimbSystem) -> None:
             )
 
 
-def _run(
+def _record_with(
     limb: LimbSystem,
     controller: System,
     duration: float,
@@ -258,11 +262,13 @@ def _run(
     until: Callable[[np.ndarray], bool] | None = None,
     ended_by_hand: bool = False,
 ) -> Recording:
+    """Record a limb that a controller drives; the arguments are as for `replay` and `watch`."""
+    # Connect the controller and the limb, and end the simulation at a cut-out.
     builder = DiagramBuilder()
     builder.AddSystem(controller)
     builder.AddSystem(limb)
     _connect_readings(builder, limb, controller)
-    # A TrajectorySource and a ConstantVectorSource have one port, by a name of Drake's.
+    # A TrajectorySource and a ConstantVectorSource have one port, with Drake's name.
     duty = (
         controller.GetOutputPort("duty")
         if controller.HasOutputPort("duty")
@@ -270,18 +276,19 @@ def _run(
     )
     may_cut_out = plan is not None and limb.HasOutputPort("cut_out")
     if may_cut_out:
-        end = builder.AddSystem(_EndAtCutOut())
-        builder.Connect(limb.GetOutputPort("cut_out"), end.get_input_port())
+        cut_out_end = builder.AddSystem(_EndAtCutOut())
+        builder.Connect(limb.GetOutputPort("cut_out"), cut_out_end.get_input_port())
 
     def is_over(root: Context) -> bool:
         measured = limb.GetOutputPort("measured_temperature")
         assert until
         return until(measured.Eval(limb.GetMyContextFromRoot(root)))
 
+    # Simulate and record, with a journal and on a page.
     provenance = Provenance.now(limb.parameters)
     with (
-        shown(builder, live, limb, duty, duration, plan=plan),
-        journaled(
+        live_display(builder, live, limb, duty, duration, plan=plan),
+        open_journal(
             builder,
             journal,
             limb,
@@ -301,15 +308,17 @@ def _run(
                 until=is_over if until else None,
                 real_time=live is not None,
                 sample_rate=sample_rate,
-                remark=_remark(limb) if limb.real_time else None,
+                remark=_progress_remark(limb) if limb.real_time else None,
                 provenance=provenance,
             ),
         )
-        end = recording.time[-1]
-        last = recording.measured_temperature[:, recording.time >= end - CUT_OUT_READ].max(axis=1)
-        ended_early = end < duration - 0.5 / sample_rate  # by a controller, if not by a cut-out
-        if may_cut_out and ended_early and last.max() >= guard.TEMPERATURE_LIMIT:
-            hottest = int(np.argmax(last))
+        # Note a cut-out in the recording and its journal.
+        end_time = recording.time[-1]
+        in_window = recording.time >= end_time - CUT_OUT_WINDOW
+        highest = recording.measured_temperature[:, in_window].max(axis=1)
+        ended_early = end_time < duration - 0.5 / sample_rate  # also by a controller
+        if may_cut_out and ended_early and highest.max() >= guard.TEMPERATURE_LIMIT:
+            hottest = int(np.argmax(highest))
             recording.interrupted = (
                 f"the {limb.parameters.wire_names[hottest]} wire was measured at "
                 f"{guard.TEMPERATURE_LIMIT:g} °C or more, the limit at which a board switches off"
@@ -317,13 +326,13 @@ def _run(
             if writer:
                 writer.finish(recording.interrupted)
         return recording
-    return Recording.load(journal)  # as far as it came before it was ended by hand
+    return Recording.load(journal)  # the part before it was ended by hand
 
 
 class _EndAtCutOut(LeafSystem):
-    """Ends the simulation when an emulated limb has cut out.
+    """A system that ends the simulation when an emulated limb has cut out.
 
-    - input 0 ``cut_out``: 1 if it has, else 0
+    - input 0 ``cut_out``: 1 if it has cut out, else 0
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -331,22 +340,23 @@ class _EndAtCutOut(LeafSystem):
     def __init__(self):
         super().__init__()
         self.DeclareVectorInputPort("cut_out", 1)
-        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._end_if_cut_out))
 
-    def _look(self, context) -> EventStatus:
+    def _end_if_cut_out(self, context) -> EventStatus:
         if self.get_input_port().Eval(context)[0]:
             return EventStatus.ReachedTermination(self, "the emulated limb has cut out")
         return EventStatus.DidNothing()
 
 
 def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: System) -> None:
-    """Connects the limb's outputs to the controller's inputs."""
+    """Connect the limb's outputs to the controller's inputs."""
     for index in range(controller.num_input_ports()):
         port = controller.get_input_port(index)
         name = port.get_name()
         if name != "measurement" or limb.HasOutputPort(name):
             builder.Connect(limb.GetOutputPort(name), port)
             continue
+        # Join both readings for a limb without the output ``measurement``.
         readings = [limb.GetOutputPort(n) for n in ("measured_temperature", "bend_angle")]
         joined = builder.AddSystem(Multiplexer([reading.size() for reading in readings]))
         for entry, reading in enumerate(readings):
@@ -354,8 +364,8 @@ def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: Sys
         builder.Connect(joined.get_output_port(), port)
 
 
-def _remark(limb: LimbSystem):
-    """Angle, temperatures and duty for the progress line."""
+def _progress_remark(limb: LimbSystem):
+    """Return a function that writes angles, temperatures and duty for the progress line."""
     names = limb.parameters.wire_names
 
     def remark(root: Context) -> str:
@@ -363,10 +373,10 @@ def _remark(limb: LimbSystem):
         angles = np.rad2deg(limb.GetOutputPort("bend_angle").Eval(context))
         measured = limb.GetOutputPort("measured_temperature").Eval(context)
         duty = limb.GetInputPort("duty").Eval(context)
-        said = [f"φ {angle:+5.1f}°" for angle in angles if np.isfinite(angle)]
+        words = [f"φ {angle:+5.1f}°" for angle in angles if np.isfinite(angle)]
         for name, temperature, share in zip(names, measured, duty, strict=True):
             reading = f" {temperature:.1f} °C" if np.isfinite(temperature) else ""
-            said.append(f"{name}{reading} at {share:.2f}")
-        return ", ".join(said)
+            words.append(f"{name}{reading} at {share:.2f}")
+        return ", ".join(words)
 
     return remark

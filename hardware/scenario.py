@@ -1,4 +1,4 @@
-"""Scenarios of stations: their YAML, what of it has an effect, and Drake's settings for it."""
+"""Scenarios of stations: their YAML, its checks, and Drake's settings for it."""
 
 import dataclasses
 from pathlib import Path
@@ -26,6 +26,7 @@ from limb_systems.files.schema import (
 )
 from limb_systems.simulation import MAX_STEP_SIZE
 
+# Integration schemes of Drake, and reasons against two of them.
 FIXED_STEP_SCHEMES = "explicit_euler", "runge_kutta2", "semi_explicit_euler"
 ERROR_CONTROLLED_SCHEMES = (
     "bogacki_shampine3",
@@ -36,15 +37,15 @@ ERROR_CONTROLLED_SCHEMES = (
     "runge_kutta5",
     "velocity_implicit_euler",
 )
-CENIC = "it adds energy to light springs on Drake 1.58, and fails on 1.51"
-TAMSI = "Drake 1.58 reads it and does not have it any more"
+CENIC_REASON = "it adds energy to light springs on Drake 1.58, and fails on 1.51"
+TAMSI_REASON = "Drake 1.58 reads it and does not have it any more"
 
 
 class StationError(LimbError):
     """A scenario is wrong, a station cannot be made of it, or one of its inputs does not fit."""
 
 
-def _three(low: float, high: float, unit: str) -> Any:
+def _three_numbers(low: float, high: float, unit: str) -> Any:
     """Return a field of three numbers, all 0 by default."""
     metadata = {"unit": unit, "range": (low, high)}
     return dataclasses.field(default=(0.0, 0.0, 0.0), metadata=metadata)
@@ -54,14 +55,14 @@ def _three(low: float, high: float, unit: str) -> Any:
 class Rpy(Tagged):
     """A rotation by roll, pitch and yaw, ``deg``."""
 
-    deg: tuple[float, float, float] = _three(-1e3, 1e3, "°")
+    deg: tuple[float, float, float] = _three_numbers(-1e3, 1e3, "°")
 
 
 @dataclasses.dataclass
 class AngleAxis(Tagged):
     """A rotation by an angle, ``angle_deg``, about an ``axis``."""
 
-    axis: tuple[float, float, float] = _three(-1.0, 1.0, "")
+    axis: tuple[float, float, float] = _three_numbers(-1.0, 1.0, "")
     angle_deg: float = quantity(0.0, "°", -1e3, 1e3)
 
 
@@ -70,7 +71,7 @@ class Transform(Strict):
     """A pose: ``translation``, m, and ``rotation`` in ``base_frame``, the world or the parent."""
 
     base_frame: str | None = None
-    translation: tuple[float, float, float] = _three(-1e4, 1e4, "m")
+    translation: tuple[float, float, float] = _three_numbers(-1e4, 1e4, "m")
     rotation: Rpy | AngleAxis | None = None
 
 
@@ -142,17 +143,17 @@ class Directive(Strict):
 
 @dataclasses.dataclass
 class PlantConfig(Strict):
-    """Settings of the plant, of Drake's `MultibodyPlantConfig`. Contact is as of robots by default.
+    """Settings of the plant, see Drake's `MultibodyPlantConfig`; contact is by default a robot's.
 
-    - ``time_step``: s; 0 for a plant that is not in steps.
+    - ``time_step``: s; 0 for a continuous plant.
     - ``contact_model``: point, hydroelastic or hydroelastic_with_fallback.
     - ``discrete_contact_approximation``: sap, similar or lagged; sap by default.
     - ``sap_near_rigid_threshold``: 0 by default.
-    - ``stiction_tolerance``: m/s, of similar, lagged and contact that is not in steps.
+    - ``stiction_tolerance``: m/s, for similar, for lagged, and for a continuous plant.
     - ``contact_surface_representation``: polygon or triangle, of hydroelastic contact.
     - ``adjacent_bodies_collision_filters``: whether bodies that share a joint do not collide.
-    - ``use_sampled_output_ports``: whether ports of forces and accelerations show those of the last
-      step, and nothing before the first, not those by the state that there is.
+    - ``use_sampled_output_ports``: whether ports of forces and accelerations show their values in
+      the last step, and nothing before the first, instead of values by the present state.
     """
 
     REFUSED: ClassVar[dict[str, str]] = {
@@ -173,16 +174,18 @@ class PlantConfig(Strict):
 
     def check(self) -> None:
         """Raise SchemaError for a setting that Drake does not have, or that has no effect."""
+        # Names must be Drake's.
         approximation = self.discrete_contact_approximation
         models = "point", "hydroelastic", "hydroelastic_with_fallback"
         _check_choice("contact_model", self.contact_model, models)
         if approximation is not None:
             approximations = "sap", "similar", "lagged"
-            refused = {"tamsi": TAMSI}
+            refused = {"tamsi": TAMSI_REASON}
             _check_choice("discrete_contact_approximation", approximation, approximations, refused)
         surfaces = self.contact_surface_representation
         if surfaces is not None:
             _check_choice("contact_surface_representation", surfaces, ("polygon", "triangle"))
+        # Settings must have an effect.
         if not self.time_step:
             for name in (
                 "discrete_contact_approximation",
@@ -199,25 +202,23 @@ class PlantConfig(Strict):
 
     def to_drake(self) -> MultibodyPlantConfig:
         """Return Drake's settings."""
-        given = dataclasses.asdict(self)
-        ours = {
+        defaults = {
             "discrete_contact_approximation": "sap",
             "sap_near_rigid_threshold": NEAR_RIGID_THRESHOLD,
         }
-        return MultibodyPlantConfig(**{**ours, **_without_none(given)})
+        return MultibodyPlantConfig(**defaults | _without_none(dataclasses.asdict(self)))
 
 
 @dataclasses.dataclass
 class SimulationConfig(Strict):
-    """Settings of the simulator, of Drake's `SimulatorConfig`.
+    """Settings of the simulator, see Drake's `SimulatorConfig`.
 
-    - ``integration_scheme``: the scheme that integrates heat if the plant is in steps;
-      explicit_euler by default, and
-      radau3 if it is not in steps.
+    - ``integration_scheme``: by default explicit_euler if the plant is in steps, which leaves only
+      heat to integrate, else radau3.
     - ``max_step_size``: s.
-    - ``use_error_control``: whether steps heed the accuracy; if the scheme can, by default.
+    - ``use_error_control``: whether the accuracy controls the steps; by default if the scheme can.
     - ``accuracy``: absolute, of the states in K, rad, rad/s and m.
-    - ``target_realtime_rate``: the most times as fast as real time; 0 for no limit.
+    - ``target_realtime_rate``: largest speed over real time; 0 for no limit.
     """
 
     REFUSED: ClassVar[dict[str, str]] = {
@@ -233,14 +234,14 @@ class SimulationConfig(Strict):
     target_realtime_rate: float = quantity(0.0, "", 0.0, 1e3)
 
     def scheme(self, time_step: float) -> str:
-        """Return the integration scheme beside a plant of some time step, s."""
+        """Return the integration scheme for a time step of the plant, s."""
         return self.integration_scheme or ("explicit_euler" if time_step else "radau3")
 
     def check(self, time_step: float) -> None:
         """Raise SchemaError for a setting that Drake does not have, or that has no effect."""
         scheme = self.scheme(time_step)
         schemes = FIXED_STEP_SCHEMES + ERROR_CONTROLLED_SCHEMES
-        _check_choice("integration_scheme", scheme, schemes, {"cenic": CENIC})
+        _check_choice("integration_scheme", scheme, schemes, {"cenic": CENIC_REASON})
         if self.use_error_control and scheme in FIXED_STEP_SCHEMES:
             _refuse("use_error_control", f"{scheme} has no error control; choose another scheme")
         if self.accuracy is None:
@@ -251,9 +252,9 @@ class SimulationConfig(Strict):
             _refuse("accuracy", "it has no effect where use_error_control is false")
 
     def to_drake(self, time_step: float) -> SimulatorConfig:
-        """Return Drake's settings beside a plant of some time step, s."""
-        given = dataclasses.asdict(self) | {"integration_scheme": self.scheme(time_step)}
-        return SimulatorConfig(**_without_none(given))
+        """Return Drake's settings for a time step of the plant, s."""
+        settings = dataclasses.asdict(self) | {"integration_scheme": self.scheme(time_step)}
+        return SimulatorConfig(**_without_none(settings))
 
 
 @dataclasses.dataclass
@@ -263,20 +264,20 @@ class Directives(Strict):
     directives: list[Directive] = dataclasses.field(default_factory=list)
 
     def to_drake(self) -> ModelDirectives:
-        """Return Drake's directives, by YAML whose numbers Drake reads as they are meant."""
+        """Return Drake's directives, through YAML with numbers in Drake's notation."""
         return yaml_load_typed(schema=ModelDirectives, data=dump_typed(Directives(self.directives)))
 
 
 @dataclasses.dataclass
 class Scenario(Directives):
-    """What there is, as in the scenarios of Drake's hardware_sim, without LCM and cameras.
+    """A scenario like those for Drake's hardware_sim, without LCM and cameras.
 
     - ``directives``: models and welds; ``package://soft_limb`` has the limb, ``package://scenario``
       is the scenario's folder.
     - ``model_drivers``: a driver for the model instances that have one, by name: `LimbDriver`, or
       `ZeroForceDriver`.
-    - ``plant_config``, ``simulator_config``: settings of the simulation. Those that would have no
-      effect are refused.
+    - ``plant_config``, ``simulator_config``: settings of the simulation. Settings without effect
+      are refused.
     """
 
     model_drivers: dict[str, LimbDriver | ZeroForceDriver] = dataclasses.field(default_factory=dict)
@@ -288,7 +289,8 @@ class Scenario(Directives):
         """Read a YAML file.
 
         Raises:
-            StationError: if it is none, or a field is unknown, out of its range or without effect.
+            StationError: if it is no scenario, or a field is unknown, out of range or without
+                effect.
         """
         text = read_text(path, "scenario", StationError)
         if not text.strip():
@@ -303,10 +305,10 @@ class Scenario(Directives):
         with raised_as(StationError):
             validate(self)
             for index, directive in enumerate(self.directives):
-                given = [name for name, value in vars(directive).items() if value is not None]
-                if len(given) != 1:
+                names = list(_without_none(vars(directive)))
+                if len(names) != 1:
                     raise SchemaError(
-                        f"directives[{index}] has {', '.join(given) or 'nothing'}; each element "
+                        f"directives[{index}] has {', '.join(names) or 'nothing'}; each element "
                         "adds one thing."
                     )
         with raised_as(StationError, "plant_config."):
@@ -318,7 +320,7 @@ class Scenario(Directives):
 def _check_choice(
     name: str, value: str, choices: tuple[str, ...], refused: dict[str, str] | None = None
 ) -> None:
-    """Raise SchemaError if a text is none of the choices, with the reason if there is one."""
+    """Raise SchemaError if a text is not among the choices, with the reason if there is one."""
     if reason := (refused or {}).get(value):
         _refuse(name, f"{value} is not for stations: {reason}")
     if value not in choices:
@@ -332,5 +334,5 @@ def _refuse(name: str, reason: str) -> None:
 
 
 def _without_none(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the values that are given."""
+    """Return the values that are not None."""
     return {name: value for name, value in values.items() if value is not None}

@@ -20,17 +20,14 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 import urdf
-from hardware.board.link import Closed
+from hardware.board.link import Closeable
 from hardware.board.serial_limb import SerialLimb
 from hardware.board.several_boards import switch_off_together
 from hardware.drivers import LimbDriver, export_limb
 from hardware.emulation.twin import LimbTwin
 from hardware.replaying import check_replayable
 from hardware.scenario import Scenario, StationError
-from limb_systems import (
-    Trajectory,
-    WireColors,
-)
+from limb_systems import Trajectory, WireColors
 from limb_systems.contact import ContactForces
 from limb_systems.files.schema import shown
 from limb_systems.simulation import (
@@ -43,11 +40,14 @@ from limb_systems.simulation import (
     make_simulator,
 )
 
-SIMULATED, EMULATED, BOARD = KINDS = ("simulated", "emulated", "board")
+SIMULATED = "simulated"
+EMULATED = "emulated"
+BOARD = "board"
+KINDS = SIMULATED, EMULATED, BOARD
 
 
-class Station(Diagram, Closed):
-    """The limbs of a scenario, and with simulated limbs all else that is in it.
+class Station(Diagram, Closeable):
+    """The limbs of a scenario, and with simulated limbs also its other models.
 
     For each limb, by its name:
 
@@ -56,16 +56,17 @@ class Station(Diagram, Closed):
       rad; ``left_finger.measurement``: [V, φ]; and, unless it is on a board,
       ``left_finger.wire_temperature``: T (W), °C, and ``left_finger.joint_state``: [θ, θ̇] (2n)
 
-    With simulated limbs also, for each limb, output ``left_finger.contact_force``: N, of whatever
-    touches it, along x, y and z of the world (3), over the plant's step that begins with the state
-    that there is; for each other model instance that moves,
-    output ``wrist.state``: of the plant; for each that has actuators without a driver, inputs
-    ``wrist.actuation``, which may be left unconnected, and ``wrist.desired_state``, which its
-    actuators with gains hold if it is connected.
+    With simulated limbs there are also:
 
-    Boards are switched off together as soon as one of them fails, by `switch_off_together`.
+    - for each limb, output ``left_finger.contact_force``: force on it, N, along x, y and z of the
+      world (3), over the plant's step that begins with the present state
+    - for each other model instance that moves, output ``wrist.state`` of the plant
+    - for each model instance that has actuators without a driver, inputs ``wrist.actuation``, which
+      may be left unconnected, and ``wrist.desired_state``, which actuators with gains track
 
-    - ``real_time``: whether it has boards, and so must run in real time and be closed at the end.
+    Boards are switched off together as soon as one of them fails, see `switch_off_together`.
+
+    - ``real_time``: whether it has boards. It then must run in real time and be closed at the end.
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -79,16 +80,16 @@ class Station(Diagram, Closed):
     ):
         """
         Args:
-            scenario: what there is, or its YAML file.
-            limbs: "simulated", "emulated" or "board". Emulated limbs, `LimbTwin`, and those on
-                boards, `SerialLimb`, are there alone, without the plant.
-            meshcat: where what is simulated is shown, with wires in the colour of their heat;
-                nowhere if None.
+            scenario: the scenario, or its YAML file.
+            limbs: "simulated", "emulated" or "board". Emulated limbs, `LimbTwin`, and limbs on
+                boards, `SerialLimb`, are alone, without the plant.
+            meshcat: view of the simulated models, with wires in the colour of their heat; or None.
 
         Raises:
             LimbError: one sentence, if a model, a description or a board does not fit.
         """
         super().__init__()
+        # Load the scenario, whose folder the paths of its limbs start from.
         folder = Path() if isinstance(scenario, Scenario) else Path(scenario).parent
         if isinstance(scenario, Scenario):
             scenario.validate()
@@ -96,29 +97,31 @@ class Station(Diagram, Closed):
             scenario = Scenario.load(scenario)
         if limbs not in KINDS:
             raise StationError(f"limbs is {limbs!r}; it must be one of {', '.join(KINDS)}.")
-        drivers = {
-            name: dataclasses.replace(driver, limb=driver.limb and str(folder / driver.limb))
-            if isinstance(driver, LimbDriver)
-            else driver
-            for name, driver in scenario.model_drivers.items()
-        }
-        of_limbs = {name: d for name, d in drivers.items() if isinstance(d, LimbDriver)}
-        if not of_limbs:
+        drivers: dict[str, Any] = dict(scenario.model_drivers)
+        limb_drivers: dict[str, LimbDriver] = {}
+        for name, driver in scenario.model_drivers.items():
+            if isinstance(driver, LimbDriver):
+                path = str(folder / driver.limb) if driver.limb else ""
+                drivers[name] = limb_drivers[name] = dataclasses.replace(driver, limb=path)
+        if not limb_drivers:
             raise StationError(
                 "The scenario has no limb: model_drivers must have a !LimbDriver for each model "
                 "that is one."
             )
-        self.real_time, self.scenario = limbs == BOARD, scenario
-        self._is_simulated, self._names = limbs == SIMULATED, list(of_limbs)
+        self.real_time = limbs == BOARD
+        self.scenario = scenario
+        self._is_simulated = limbs == SIMULATED
+        self._names = list(limb_drivers)
+        # Add the plant, or each limb alone; boards are closed again if one does not answer.
         builder = DiagramBuilder()
         links: list[Any] = []  # to boards
-        with contextlib.ExitStack() as opened:  # closed again if one does not answer
+        with contextlib.ExitStack() as opened:
             if limbs == SIMULATED:
                 _add_plant(builder, scenario, drivers, folder)
                 if meshcat:
-                    _show(builder, list(of_limbs), meshcat)
-            for name, driver in of_limbs.items() if limbs != SIMULATED else ():
-                limb = _limb_alone(name, driver, limbs)
+                    _add_visualization(builder, list(limb_drivers), meshcat)
+            for name, driver in limb_drivers.items() if limbs != SIMULATED else ():
+                limb = _make_limb_alone(name, driver, limbs)
                 if limbs == BOARD:
                     opened.callback(limb.close)
                     links.append(limb.link)
@@ -132,7 +135,7 @@ class Station(Diagram, Closed):
 
     @property
     def plant(self) -> MultibodyPlant | None:
-        """The plant of what is simulated; None if limbs are emulated or on boards."""
+        """The plant of a simulation; None if limbs are emulated or on boards."""
         return self.GetSubsystemByName("plant") if self._is_simulated else None
 
     @property
@@ -142,10 +145,10 @@ class Station(Diagram, Closed):
         return {name: self.GetSubsystemByName(f"{name}{suffix}") for name in self._names}
 
     def close(self) -> None:
-        """Switches all wires off that are on boards, and closes their ports."""
-        with contextlib.ExitStack() as every:  # whatever one of them raises
+        """Switch all wires off that are on boards, and close their ports."""
+        with contextlib.ExitStack() as opened:  # closes all, also if one raises
             for limb in self.limbs.values() if self.real_time else ():
-                every.callback(limb.close)
+                opened.callback(limb.close)
 
 
 def drive(
@@ -155,25 +158,26 @@ def drive(
     *,
     sample_rate: float = 20.0,
 ) -> dict[str, np.ndarray]:
-    """Runs a station from time 0, on boards in real time, and closes it.
+    """Run a station from time 0, on boards in real time, and close it.
 
     Args:
-        station: it becomes part of a diagram and cannot be run again.
+        station: the station, which becomes part of a diagram and cannot be run again.
         inputs: signals by the names of ports: a plan for ``NAME.duty``, a Drake trajectory with a
-            row for each number, or constants. ``NAME.desired_state`` may have positions alone.
+            row for each number, or constants. ``NAME.desired_state`` may be positions only.
         duration: s.
-        sample_rate: rate of what is returned, Hz.
+        sample_rate: rate of the returned samples, Hz.
 
     Returns:
         "time" (K,), s, and the samples (size, K) of all output ports by name.
 
     Raises:
-        StationError: if the station has no such port, an input has another size, or a limb no duty,
-            one that ends before the duration, or one beyond its ``total_duty``.
-        ReplayError: if a plan must not be replayed on its limb, as `hardware.replaying` says.
+        StationError: if the station has no such port, an input has another size, or a limb has no
+            duty, a duty that ends before the duration, or a duty beyond its ``total_duty``.
+        ReplayError: if a plan must not be replayed on its limb, see `check_replayable`.
         LimbError: if duty leaves [0, 1], or the simulation or a board fails.
     """
     with station:
+        # Each input must be known, and each limb have its duty.
         check_positive("duration", duration, " s")
         check_positive("sample_rate", sample_rate)
         builder = DiagramBuilder()
@@ -185,28 +189,30 @@ def drive(
             )
         if missing := [n for n in names if n.endswith(".duty") and n not in inputs]:
             raise StationError(f"{', '.join(missing)} is missing; each limb needs its duty.")
-        limbs, jumps = station.limbs, np.empty(0)
-        for name, given in inputs.items():
+        # Connect a source to each input. Integration stops at its jumps.
+        limbs = station.limbs
+        jumps = np.empty(0)
+        for name, value in inputs.items():
             port = station.GetInputPort(name)
-            signal = _signal(name, given, duration)
+            signal = _as_trajectory(name, value, duration)
             with_rates = name.endswith(".desired_state") and 2 * signal.rows() == port.size()
             if not with_rates and signal.rows() != port.size():
                 raise StationError(
-                    f"The input {name} has {port.size()} numbers, and what it is given "
-                    f"{signal.rows()}."
+                    f"The input {name} has {port.size()} numbers, but its signal {signal.rows()}."
                 )
             if name.endswith(".duty"):
                 limb = limbs[name.removesuffix(".duty")]
-                if isinstance(given, Trajectory):
-                    check_replayable(given, limb)
+                if isinstance(value, Trajectory):
+                    check_replayable(value, limb)
                 _check_duty(name, signal, duration, limb.parameters.total_duty)
             jumps = np.append(jumps, jump_times(signal))
             source = builder.AddSystem(TrajectorySource(signal, int(with_rates)))
             builder.Connect(source.get_output_port(), port)
-        outputs = map(station.get_output_port, range(station.num_output_ports()))
-        sinks = {
-            port.get_name(): LogVectorOutput(port, builder, 1 / sample_rate) for port in outputs
-        }
+        # Log all outputs, and simulate.
+        sinks = {}
+        for index in range(station.num_output_ports()):
+            port = station.get_output_port(index)
+            sinks[port.get_name()] = LogVectorOutput(port, builder, 1 / sample_rate)
         simulator = _simulator(station, build(builder))
         end = end_of_samples(duration, sample_rate)
         advance(simulator, end, real_time=station.real_time, jumps=np.unique(jumps))
@@ -216,7 +222,7 @@ def drive(
 
 
 def _simulator(station: Station, diagram: Diagram) -> Simulator:
-    """By the scenario's configuration, or by what limbs that are alone need."""
+    """Return a simulator by the scenario's configuration, or by the accuracy of limbs alone."""
     if station.plant is not None:
         simulator = Simulator(diagram)
         config = station.scenario.simulator_config
@@ -227,47 +233,50 @@ def _simulator(station: Station, diagram: Diagram) -> Simulator:
     return make_simulator(diagram, min(filter(None, accuracies), default=None))
 
 
-def _signal(name: str, given: Any, duration: float) -> trajectories.Trajectory:
-    """Return what an input is given as a trajectory of a column, from time 0.
+def _as_trajectory(name: str, value: Any, duration: float) -> trajectories.Trajectory:
+    """Return the value of an input as a trajectory with one column, from time 0.
 
     Raises:
-        StationError: if it is none.
+        StationError: if it is no plan, trajectory or list of numbers.
     """
-    if isinstance(given, Trajectory):
-        return given.since_start().duty_trajectory()
-    if isinstance(given, trajectories.Trajectory):
+    if isinstance(value, Trajectory):
+        return value.since_start().duty_trajectory()
+    # A Drake trajectory must be a column, and begin with the run.
+    if isinstance(value, trajectories.Trajectory):
         try:
-            shape = given.rows(), given.cols()
+            rows = value.rows()
+            columns = value.cols()
         except RuntimeError:  # it is empty
-            shape = 0, 0
-        if shape[0] == 0 or shape[1] != 1:
+            rows = columns = 0
+        if rows == 0 or columns != 1:
             raise StationError(
-                f"The input {name} is a trajectory of {shape[0]} x {shape[1]} numbers; it must "
+                f"The input {name} is a trajectory of {rows} x {columns} numbers; it must "
                 "have a row for each number of the input, and one column."
             )
-        if given.start_time() > 1e-6:
+        if value.start_time() > 1e-6:
             raise StationError(
-                f"The input {name} starts at {given.start_time():g} s, but a run begins at 0 s; "
-                "shift it, or say what is before."
+                f"The input {name} starts at {value.start_time():g} s, but a run begins at 0 s; "
+                "shift it, or begin it at 0 s."
             )
-        return given
+        return value
+    # Constants hold for the whole run.
     try:
-        values = np.atleast_1d(np.asarray(given, float))
+        values = np.atleast_1d(np.asarray(value, float))
     except (TypeError, ValueError):
         values = np.empty(0)
     if values.ndim != 1 or not values.size or not np.isfinite(values).all():
         raise StationError(
-            f"The input {name} is {shown(given)}; it must be a plan, a trajectory or a list of "
+            f"The input {name} is {shown(value)}; it must be a plan, a trajectory or a list of "
             "finite numbers."
         )
-    held = np.column_stack([values, values])
-    return trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], held)
+    samples = np.column_stack([values, values])
+    return trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], samples)
 
 
 def _check_duty(
     name: str, signal: trajectories.Trajectory, duration: float, total_duty: float
 ) -> None:
-    """Raises LimbError if a limb must not have a duty; its last value would go on after its end."""
+    """Raise LimbError for a duty that ends early, leaves [0, 1] or exceeds the total duty."""
     if signal.end_time() < duration - 1e-6:
         raise StationError(
             f"The input {name} ends at {signal.end_time():g} s, before the {duration:g} s of the "
@@ -275,9 +284,10 @@ def _check_duty(
         )
     times = np.linspace(0.0, duration, 1000)
     check_duty(signal, times)
-    if (most := signal.vector_values(times).sum(axis=0).max()) > total_duty + 1e-3:
+    largest_sum = signal.vector_values(times).sum(axis=0).max()
+    if largest_sum > total_duty + 1e-3:
         raise StationError(
-            f"The duties of {name} add up to {most:.2f}, but the limb's total_duty is "
+            f"The duties of {name} add up to {largest_sum:.2f}, but the limb's total_duty is "
             f"{total_duty:g}; raise it if the supply and the limb are made for that."
         )
 
@@ -285,18 +295,20 @@ def _check_duty(
 def _add_plant(
     builder: DiagramBuilder, scenario: Scenario, drivers: Mapping[str, Any], folder: Path
 ) -> None:
-    """Adds the plant of a scenario with its drivers, and exports the ports of all models."""
+    """Add the plant of a scenario with its drivers, and export the ports of all models."""
+    # Load the models.
     try:
         config = scenario.plant_config.to_drake()
         plant, _ = AddMultibodyPlant(config=config, builder=builder)
         parser = Parser(plant)
         parser.package_map().PopulateFromFolder(str(Path(urdf.__file__).parent))
         parser.package_map().Add("scenario", str(folder.resolve()))
-        with _refusing_replaced_inertia():
+        with _refuse_replaced_inertia():
             models = ProcessModelDirectives(scenario.to_drake(), plant, parser)
         plant.Finalize()
     except RuntimeError as error:
         raise StationError(f"The scenario: {' '.join(str(error).split())}") from error
+    # Add their drivers.
     names = [model.model_name for model in models]
     if unknown := [name for name in drivers if name not in names]:
         raise StationError(
@@ -311,6 +323,7 @@ def _add_plant(
         lcm_buses=None,
         builder=builder,
     )
+    # Export contact forces of limbs, and ports of other models.
     for name in limbs:
         bodies = plant.GetBodyIndices(plant.GetModelInstanceByName(name))
         contact = builder.AddNamedSystem(f"{name}_contact", ContactForces(plant, [bodies]))
@@ -326,36 +339,37 @@ def _add_plant(
 
 
 @contextlib.contextmanager
-def _refusing_replaced_inertia() -> Iterator[None]:
-    """Raise StationError if Drake's parser puts the inertia of a ball of water in a body's place.
+def _refuse_replaced_inertia() -> Iterator[None]:
+    """Raise StationError if Drake's parser replaces a body's inertia by a ball of water's.
 
-    It does so where moments break the triangle inequality, and says so in its log alone.
+    It does so where moments break the triangle inequality, with only a message in its log.
     """
     records: list[logging.LogRecord] = []
 
-    class Keeper(logging.Handler):
+    class RecordKeeper(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             records.append(record)
 
-    log, keeper = logging.getLogger("drake"), Keeper()
+    log = logging.getLogger("drake")
+    keeper = RecordKeeper()
     log.addHandler(keeper)
     try:
         yield
     finally:
         log.removeHandler(keeper)
     for record in records:
-        place, found, reason = record.getMessage().partition(" warning: While parsing inertia")
-        if found:
+        place, warning, reason = record.getMessage().partition(" warning: While parsing inertia")
+        if warning:
             moments = reason.partition("principal moments of inertia:")[2].split("do not")[0]
             raise StationError(
-                f"{place} the moments of inertia {', '.join(moments.split())} kg·m² are those of "
-                "no body, and Drake would take those of a ball of water; give moments of which "
+                f"{place} the moments of inertia {', '.join(moments.split())} kg·m² fit no "
+                "body, and Drake would replace them by a ball of water's; give moments of which "
                 "none is larger than the other two together."
             )
 
 
-def _show(builder: DiagramBuilder, limbs: list[str], meshcat: Meshcat) -> None:
-    """Shows what is simulated, with wires in the colour of their heat."""
+def _add_visualization(builder: DiagramBuilder, limbs: list[str], meshcat: Meshcat) -> None:
+    """Show the simulated models, with wires in the colour of their heat."""
     ApplyVisualizationConfig(VisualizationConfig(), builder, meshcat=meshcat)
     for name in limbs:
         wires = builder.GetSubsystemByName(f"{name}_actuation")
@@ -363,8 +377,8 @@ def _show(builder: DiagramBuilder, limbs: list[str], meshcat: Meshcat) -> None:
         builder.Connect(wires.GetOutputPort("wire_temperature"), colors.get_input_port())
 
 
-def _limb_alone(name: str, driver: LimbDriver, kind: str) -> LimbTwin | SerialLimb:
-    """An emulated limb, or one on a board."""
+def _make_limb_alone(name: str, driver: LimbDriver, kind: str) -> LimbTwin | SerialLimb:
+    """Return an emulated limb, or a limb on a board."""
     if kind == EMULATED:
         return LimbTwin(driver.parameters, seed=driver.seed, truth=True)
     if not driver.port:

@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from hardware.board.signals import SIGNALS, came, stop
+from hardware.board.signals import SIGNALS, received_signals, stop
 from limb_systems.errors import LimbError
 from soft_limb.results.folder import find, glance
 
@@ -187,7 +187,7 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         Exit status: the command's own, 1 if it could not be done, 128 and the
         signal's number if it was stopped: 130 by Ctrl-C, 143 by SIGTERM.
     """
-    came.clear()
+    received_signals.clear()
     before = {number: signal.getsignal(number) for number in SIGNALS}
     for number in SIGNALS:
         if number != signal.SIGHUP or before[number] != signal.SIG_IGN:
@@ -202,21 +202,21 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 1
     except KeyboardInterrupt:
-        came.append(signal.SIGINT)
+        received_signals.append(signal.SIGINT)
     except Exception as error:
         # What a signal has stopped may fail in consequence.
-        if not came and not isinstance(error, LimbError | OSError | MemoryError):
+        if not received_signals and not isinstance(error, LimbError | OSError | MemoryError):
             raise
-        if not came:
+        if not received_signals:
             print("\n".join([f"error: {error}", *getattr(error, "__notes__", [])]), file=sys.stderr)
         status = 1
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    if came:
+    if received_signals:
         print(stopped, file=sys.stderr)
-        status = 128 + came[0]
-        came.clear()
+        status = 128 + received_signals[0]
+        received_signals.clear()
     return status
 
 

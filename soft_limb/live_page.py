@@ -40,7 +40,7 @@ from tornado.ioloop import IOLoop
 from tornado.netutil import bind_sockets
 from tornado.web import ErrorHandler, OutputTransform
 
-from hardware.board.serial_limb import DEADLINE
+from hardware.board.serial_limb import COMMAND_DEADLINE
 from hardware.live_feed import DONE, Message, Reading, RunHeader
 from limb_systems import LimbError, LimbModel
 from limb_systems.simulation import PERIOD
@@ -541,7 +541,7 @@ def facts(run: Run) -> str:
             if board.late is not None:
                 lines.append(
                     f"last command late by {1000 * board.late:.1f} ms; {board.missed} of "
-                    f"{board.commands} by more than {1000 * DEADLINE:g} ms"
+                    f"{board.commands} by more than {1000 * COMMAND_DEADLINE:g} ms"
                 )
     if header.band is not None:
         lines.append("Shaded: 95% band of the bend reading, 99.5% upper bound of wire temperature.")

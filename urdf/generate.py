@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 SILICONE_COLOR, CLEAR_SILICONE_COLOR = "0.89 0.91 0.94 1", "0.80 0.85 0.92 0.3"
 WIRE_COLOR = "0.45 0.45 0.5 1"
 BRACKET_COLOR, BODY_COLOR = "0.25 0.27 0.3 1", "0.36 0.42 0.50 1"
-# N/m and s, of contact: a foot that carries 0.25 N sinks in by 25 µm.
+# N/m and s, of contact, of the ground and of a robot's body.
 CONTACT_STIFFNESS, RELAXATION_TIME = 2e4, 0.01
 # Of the silicone's surface: friction on smooth things; Pa, hydroelastic modulus, of soft casting
 # silicones, which have 0.1 to 0.6 MPa; s/m and s, of contact.
@@ -111,7 +111,7 @@ def robot_element(robot: Any) -> Element:
         foot = _add_point(element, *names, parent, origin, robot.feet.mass)
         _add_visual(foot, "foot", BRACKET_COLOR, ball)
         if robot.ground:
-            _add_collision(foot, ball, _of_ground(robot.ground))
+            _add_collision(foot, ball, _of_foot(robot))
     if robot.ground:
         _filter_collisions(element, ["body", *(f"{limb.name}_foot" for limb in robot.limbs)])
     return element
@@ -134,6 +134,15 @@ def _of_ground(ground) -> dict[str, float | None]:
         "mu_static": ground.friction,
         "point_contact_stiffness": CONTACT_STIFFNESS,
         "relaxation_time": RELAXATION_TIME,
+    }
+
+
+def _of_foot(robot) -> dict[str, float | None]:
+    """Contact of a robot's foot."""
+    feet = robot.feet
+    return _of_ground(robot.ground) | {
+        "point_contact_stiffness": feet.stiffness,
+        "relaxation_time": feet.damping / feet.stiffness,
     }
 
 

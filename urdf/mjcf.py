@@ -10,11 +10,11 @@ import numpy as np
 
 from urdf.generate import document, limb_element, robot_element
 
-# N/m, N·s/m and ratio, of a foot on the ground. A foot that sticks creeps by 1 / (damping times
-# ratio) for each newton, 0.4 mm/s: as much as in Drake's SAP with steps of 1 ms.
-FOOT_STIFFNESS = 1e4
-FOOT_DAMPING = 100.0
-FRICTION_RATIO = 25.0
+# Share of a contact's damping in Drake with which feet land here as there; and N·s/m, damping times
+# MuJoCo's impratio, by whose inverse a foot that sticks creeps for each newton: 0.4 mm/s, as much
+# as in Drake's SAP with steps of 1 ms.
+DAMPING_SHARE = 0.5
+STICKING_DAMPING = 2500.0
 IMPEDANCE = 0.9  # of a foot's contact, at any depth
 # kg and kg·m², of a thermocouple: a hinge whose angle is a temperature, which has no inertia.
 NEGLIGIBLE_INERTIA = 1e-9
@@ -76,7 +76,8 @@ def robot_mjcf(robot: Any, *, wires: bool = True, timestep: float = 0.002) -> st
         ImportError: without MuJoCo, if there is a ground, for whose contact it is asked.
     """
     options = {"timestep": timestep, "integrator": "discrete", "gravity": robot.world_gravity}
-    contact = {"cone": "elliptic", "impratio": FRICTION_RATIO}
+    damping = DAMPING_SHARE * robot.contact_damping
+    contact = {"cone": "elliptic", "impratio": STICKING_DAMPING / damping}
     root, world = _root("robot", options | contact)
     together = robot.together
     names = [
@@ -276,12 +277,13 @@ def _add_feet(root: Element, world: Element, robot: Any) -> None:
     import mujoco  # of robots alone
 
     model = mujoco.MjModel.from_xml_string(document(root))
+    stiffness, damping = robot.contact_stiffness, DAMPING_SHARE * robot.contact_damping
     for limb in robot.limbs:
         name = f"{limb.name}_foot"
         scale = (1 - IMPEDANCE) * model.body(name).invweight0[0]
         foot = next(geom for geom in world.iter("geom") if geom.get("name") == name)
         foot.set("priority", "1")  # over the ground's
-        foot.set("solref", _text(-FOOT_STIFFNESS * scale, -FOOT_DAMPING * scale))
+        foot.set("solref", _text(-stiffness * scale, -damping * scale))
         foot.set("solimp", _text(IMPEDANCE, IMPEDANCE, 1.0, 0.5, 1.0))
         sensor = {"geom1": "ground", "geom2": name, "data": "force", "reduce": "netforce"}
         _add(_section(root, "sensor"), "contact", name=name, **sensor)

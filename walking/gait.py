@@ -69,6 +69,8 @@ class GaitCheck:
     - ``sticking_share``: share of μ that feet that stick may use.
     - ``remark``: why it is not as steady as asked for; empty if it is.
     - ``checked_by``: the engines that simulated it; empty if none did.
+    - ``made``: share of the program's stride that simulated strides made, in a plane: the gait's
+      stride is so long.
     """
 
     solver: str = ""
@@ -84,6 +86,7 @@ class GaitCheck:
     sticking_share: float = math.nan
     remark: str = ""
     checked_by: str = ""
+    made: float = 1.0
 
     @property
     def is_missing(self) -> bool:
@@ -236,6 +239,12 @@ class Gait(Planned):
     def schedule(self) -> list[list[str]]:
         """What each foot does in each phase (P, L)."""
         return [phase.contacts for phase in self.phases]
+
+    @property
+    def intervals(self) -> list[int]:
+        """Number of intervals between knots of each phase (P,)."""
+        starts = [phase.start for phase in self.phases]
+        return np.diff(np.searchsorted(self.time, [*starts, self.period])).tolist()
 
     @property
     def initial_heat(self) -> np.ndarray:

@@ -78,9 +78,12 @@ class GaitFeedback(PlanFeedback):
         bends = self._plan.bend_angle[round(self._begin / PERIOD) : -1]
         self._mean_bend, self._range = bends.mean(axis=0), np.ptp(bends, axis=0)
         model, duty = self._estimator.model, np.zeros_like(self._plan.duty)
-        none, full = (model.step(self._plan.heat, duty + D) - self._plan.heat for D in (0.0, 1.0))
+        # Temperatures alone, as duty does not change states of memory within a step.
         W = model.num_wires
-        self._holding = np.clip(none / (none - full), 0.0, 1.0)[:, :W]
+        none, full = (
+            (model.step(self._plan.heat, duty + D) - self._plan.heat)[:, :W] for D in (0.0, 1.0)
+        )
+        self._holding = np.clip(none / (none - full), 0.0, 1.0)
         self.DeclareVectorInputPort("body_pose", 3)
         F = model.num_bends
         start = [0.0, 1.0, 1.0, np.nan, *[np.inf] * F, *[-np.inf] * F]

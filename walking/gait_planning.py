@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 from pydrake.solvers import IpoptSolver, SolverOptions
+from scipy.interpolate import PchipInterpolator
 
 from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.solving import PlanningError
 from walking.course import Course, check_course
 from walking.gait import Gait, GaitCheck
-from walking.gait_check import check_gait, with_friction
+from walking.gait_check import SPREAD_CYCLES, check_gait, simulate_gait, with_friction
 from walking.gait_program import (
     LEAST_LOAD,
     GaitProgram,
@@ -36,6 +37,9 @@ START_WARMTH, OTHER_WARMTHS = 40.0, (55.0, 30.0)
 LESS_STEADY, STEADIER = (0.125, 0.25, 0.5, 1.0), (2.0, 4.0)
 # In space, shares of friction that feet that stick may use, in place of what was asked for.
 LESS_FRICTION_USED = 0.75, 0.6
+# Share by which strides in MuJoCo may miss those planned on knots that are dense enough, and most
+# intervals: between knots, a foot that sticks in the program slides, more if they are far apart.
+COARSE, MOST_KNOTS = 0.01, 96
 # Barriers of IPOPT from a gait of a program that differs little, and from one whose feet slide
 # unevenly.
 FROM_GAIT = {"mu_strategy": "monotone", "mu_init": 1e-4}
@@ -98,7 +102,7 @@ def plan_gait(
             GaitProgram,
             robot,
             schedule,
-            np.diff(knots).tolist(),
+            intervals=np.diff(knots).tolist(),
             objective=request.objective if request.speed is None else "energy",
             temperature_margin=request.temperature_margin,
             sticking_share=request.sticking_share,
@@ -165,8 +169,10 @@ def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, sp
     Raises:
         PlanningError: if none does.
     """
-    first = gait.check
-    gait, planned = check_gait(gait, spread=spread), gait
+    if not gait.in_space:
+        gait = _refined(gait, partial(program, course=course))
+    first, planned = gait.check, gait
+    gait = check_gait(gait, spread=spread)
     remedies: list[tuple[dict[str, float], str]] = [
         ({"steadiness": factor * first.steadiness}, f"steadier than the {first.steadiness:g}")
         for factor in STEADIER
@@ -177,7 +183,8 @@ def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, sp
         remedies = [({"sticking_share": share}, asked) for share in shares]
     for changes, what in () if gait.passed else remedies:
         try:
-            other = _solved(program(course=course, **changes), planned)
+            finer = {"intervals": planned.intervals, **changes}
+            other = _solved(program(course=course, **finer), planned)
         except PlanningError:
             break
         other.check.remark = f"{what} planned first, with which {gait.check.failure()}"
@@ -191,6 +198,26 @@ def _walking(gait: Gait, program: Callable[..., GaitProgram], course: Course, sp
         f"Gaits were planned, the last of them of {goes} in {gait.period:.1f} s, but they are "
         f"refused: {gait.check.failure()}"
     )
+
+
+def _refined(gait: Gait, program: Callable[..., GaitProgram]) -> Gait:
+    """The gait on knots that are twice as dense, until strides in MuJoCo are as planned.
+
+    Args:
+        program: program of the gait, by further arguments.
+    """
+    while 2 * sum(gait.intervals) <= MOST_KNOTS:
+        strides = simulate_gait(gait, "", gait.robot, SPREAD_CYCLES).strides
+        if len(strides) == SPREAD_CYCLES and abs(strides[-1] - 1) < COARSE:
+            break
+        intervals = [2 * number for number in gait.intervals]
+        try:
+            finer = _solved(program(steadiness=gait.check.steadiness, intervals=intervals), gait)
+        except PlanningError:
+            break
+        finer.check.remark = gait.check.remark
+        gait = finer
+    return gait
 
 
 def _steady(program: Callable[..., GaitProgram], steadiness: float, near: Gait | None) -> Gait:
@@ -331,12 +358,22 @@ def _from_gait(program: GaitProgram, gait: Gait, states: np.ndarray | None = Non
     """All decision variables of a gait, with other states x of the wires (K + 1, N), if given."""
     N = program.wires.num_states
     x = np.zeros(program.prog.num_vars())
-    x[program.y] = np.vstack([gait.body_pose, gait.joint_angles]).T[:-1]
-    x[program.forces.reshape(len(program.y), -1)] = gait.contact_force.T[:-1]
-    x[program.duty] = gait.duty.T[:-1]
-    x[program.heat[:, :N]] = (gait.wire_states.T if states is None else states)[:-1]
-    x[program.heat[:, N:]] = gait.measured_temperature.T[:-1]
-    return program.complete(x, np.diff(gait.time), gait.displacement)
+    # Divide the phases of the gait into the program's intervals.
+    starts = np.append([phase.start for phase in gait.phases], gait.period)
+    steps = (np.diff(starts) / np.bincount(program.phase_of))[program.phase_of]
+    times = np.append(0.0, np.cumsum(steps)[:-1])
+
+    def at_knots(values: np.ndarray) -> np.ndarray:
+        return PchipInterpolator(gait.time, values, axis=1)(times).T
+
+    # Take everything from there.
+    x[program.y] = at_knots(np.vstack([gait.body_pose, gait.joint_angles]))
+    x[program.forces.reshape(len(program.y), -1)] = at_knots(gait.contact_force)
+    held = np.searchsorted(gait.time, times + 0.5 * steps) - 1
+    x[program.duty] = gait.duty.T[held]
+    x[program.heat[:, :N]] = at_knots(gait.wire_states if states is None else states.T)
+    x[program.heat[:, N:]] = at_knots(gait.measured_temperature)
+    return program.complete(x, steps, gait.displacement)
 
 
 def _reason(program: Callable[..., GaitProgram]) -> str:

@@ -12,7 +12,8 @@ a duration of its own. What is held:
   that slides travels along one direction u in each phase, and has f_t = -μ f_n u; one that swings
   carries nothing, is 1 mm clear of the ground at knots inside of its phase, and travels so little
   in an interval that it is clear in between;
-- (19), 0 <= D <= 1 and the total duty.
+- (19), 0 <= D <= 1 and the total duty; and, with a margin of temperature, that T and what
+  feedback takes for a possible error of it, a share of T - V, are 3 °C below T_max.
 
 A knot between two phases belongs to both. Where a foot begins to slide or ceases to, friction is
 what slides, as friction does not jump: the share of μ counts at knots inside of a phase.
@@ -28,6 +29,7 @@ import casadi as ca
 import numpy as np
 from pydrake.solvers import MathematicalProgram
 
+from controllers.temperature_supervisor import lag_error
 from limb_systems import LimbModel, Provenance
 from limb_systems.segment_chain import rotation
 from limb_systems.smooth_function import SmoothFunction
@@ -60,7 +62,8 @@ STEADINESS = 25.0
 # Calibrated limbs are known better, and are driven by feedback: what they need to hold their feet
 # apart, heat of both wires of a limb, then is better kept for the stride.
 STEADINESS_CALIBRATED = 12.5
-LENGTH_SCALE = 0.01  # m, a typical travel
+FEEDBACK_ROOM = 3.0  # °C, of a margin, for what estimates of T may be off
+LENGTH_SCALE, HEAT_SCALE = 0.01, 50.0  # m and °C, a typical travel and warmth
 LEAST_STRIDE = 1e-3  # m; below, there is no gait to speak of
 STEPS = 0.1, 10.0  # of intervals, as shares of the time constant of cooling over their number
 # rad, of roll and pitch and of each joint: bounds that gaits do not reach keep iterates sane.
@@ -209,11 +212,24 @@ class GaitProgram:
         self._bound(self.heat[:, :W], ambient, limits.maximum - self.temperature_margin)
         readings = self.heat[:, self.wires.num_states :]
         self._bound(readings, -np.inf, limits.measured_maximum)
+        self._leave_room_for_feedback(limits.maximum)
         self._bound(self.duty, 0.0, 1.0)
         typical = self.prog.GetVariableScaling()[int(self.steps[0])]
         self._bound(self.steps, *(share * typical for share in STEPS))
         for of_interval in self.duty:
             self._add_linear(np.ones((1, W)), 0.0, self.robot.total_duty, of_interval)
+
+    def _leave_room_for_feedback(self, highest: float) -> None:
+        """Keep T where `TemperatureLimiter`, which distrusts T - V, lets feedback hold it, °C."""
+        lag, W = lag_error(self.robot.together), self.wires.num_wires
+        room = min(FEEDBACK_ROOM, self.temperature_margin)
+        if not room:
+            return
+        row = np.array([[1 + lag, -lag]]) / HEAT_SCALE
+        most = (highest - room) / HEAT_SCALE
+        for of_knot in self.heat:
+            for pair in zip(of_knot[:W], of_knot[-W:], strict=True):
+                self._add_linear(row, -np.inf, most, pair)
 
     @property
     def _travels(self) -> list[int]:

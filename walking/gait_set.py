@@ -19,7 +19,7 @@ from walking.gait import Gait
 from walking.gait_planning import plan_gait
 from walking.gait_request import GaitRequest
 from walking.robot_parameters import RobotParameters
-from walking.schedules import sensible_schedules
+from walking.schedules import Schedule, sensible_schedules
 
 AHEAD, SIDES = "ahead", {"left": 1.0, "right": -1.0}
 TURNING = (*SIDES, *(f"spot_{side}" for side in SIDES))  # names of gaits
@@ -91,13 +91,23 @@ def _along_arc(
 
 
 def _on_the_spot(robot: RobotParameters, sign: float, request: GaitRequest) -> Gait | None:
-    """The gait with the largest turn, of the first two schedules, that never falls."""
-    for turn, schedule in itertools.product(ON_THE_SPOT, sensible_schedules(robot)[:2]):
+    """The gait with the largest turn, of `schedules_on_the_spot`, that never falls."""
+    for turn, schedule in itertools.product(ON_THE_SPOT, schedules_on_the_spot(robot)):
         with contextlib.suppress(PlanningError):
             gait = plan_gait(robot, request, turn=sign * turn, stride=0.0, schedule=schedule)
             if _never_falls(gait):
                 return gait
     return None
+
+
+def schedules_on_the_spot(robot: RobotParameters) -> list[Schedule]:
+    """Return schedules by which a robot in space turns on the spot, those with rests first.
+
+    On soft feet, four limbs that go one after the other without rests slip where they stand.
+    """
+    sensible, still = sensible_schedules(robot), ["stick"] * len(robot.limbs)
+    with_rests = [schedule for schedule in sensible if still in schedule][:2]
+    return with_rests + [each for each in sensible[:2] if each not in with_rests]
 
 
 def _never_falls(gait: Gait) -> bool:

@@ -25,6 +25,7 @@ from limb_systems.limb_parameters import (
     SegmentParameters,
     SerialBoard,
 )
+from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 
 FORMAT = 1  # of the YAML file
 MOUNTS = ("welded", "planar", "free")
@@ -107,10 +108,20 @@ class FootParameters(Strict):
 
     - ``radius``: m.
     - ``mass``: mass of each, kg.
+    - ``stiffness``: force by which the ground presses a foot in, per depth, N/m. Along the ground
+      feet do not give way.
+    - ``damping``: that force per speed, N·s/m.
     """
 
     radius: float = quantity(0.001, "m", 1e-4, 0.1)
     mass: float = quantity(0.0, "kg", 0.0, 10.0)
+    stiffness: float = quantity(2e4, "N/m", 1.0, 1e6)
+    damping: float = quantity(200.0, "N·s/m", 0.0, 1e5)
+
+
+def soft_feet() -> FootParameters:
+    """Pads of soft silicone, 6 mm wide, over which more than three limbs share a robot's weight."""
+    return FootParameters(radius=0.003, stiffness=200.0, damping=2.0)
 
 
 @dataclasses.dataclass
@@ -196,6 +207,8 @@ class RobotParameters(ConnectedLimbs):
     def in_space(cls, limbs: int = 4) -> "RobotParameters":
         """A robot of three or four limbs that bend about two axes, on a body that moves in space.
 
+        Four limbs have `soft_feet`: on hard ones, micrometres decide which of them carry the robot.
+
         Raises:
             ParameterError: for another number of limbs.
         """
@@ -204,10 +217,12 @@ class RobotParameters(ConnectedLimbs):
                 f"limbs is {limbs}; a robot in space has three or four by default, and any number "
                 "in a description of yours."
             )
-        body = BodyParameters(mount="free")
+        robot = cls(body=BodyParameters(mount="free"), limbs=_in_space(limbs), total_duty=3.0)
         if limbs == 3:
-            body.length = body.width = 0.09
-        return cls(body=body, limbs=_in_space(limbs), total_duty=3.0)
+            robot.body.length = robot.body.width = 0.09
+        else:
+            robot.feet = soft_feet()
+        return robot
 
     @classmethod
     def of_limb(cls, limb: LimbParameters) -> "RobotParameters":
@@ -317,6 +332,15 @@ class RobotParameters(ConnectedLimbs):
             raise ParameterError(
                 f"feet.mass is {self.feet.mass:g} kg, more than all the rest of the robot, which "
                 f"is {carried:g} kg; is it in grams?"
+            )
+
+        pressed = carried * float(np.linalg.norm(self.gravity)) / len(self.limbs)
+        depth = pressed / self.feet.stiffness
+        if self.ground and self.pose_size and depth > 2 * self.feet.radius:
+            raise ParameterError(
+                f"feet.stiffness is {self.feet.stiffness:g} N/m, so that the robot's weight "
+                f"presses its feet in by {1e3 * depth:.3g} mm, more than the "
+                f"{2e3 * self.feet.radius:g} mm that they are thick; is it in N/mm?"
             )
 
     def _validate_gravity(self) -> None:
@@ -458,6 +482,17 @@ class RobotParameters(ConnectedLimbs):
         return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]) @ self.gravity
 
     @property
+    def contact_stiffness(self) -> float:
+        """Stiffness of a foot and the ground in series, N/m."""
+        return self.feet.stiffness * CONTACT_STIFFNESS / (self.feet.stiffness + CONTACT_STIFFNESS)
+
+    @property
+    def contact_damping(self) -> float:
+        """Damping of a foot on the ground, whose relaxation times add up, N·s/m."""
+        relaxation_time = self.feet.damping / self.feet.stiffness + RELAXATION_TIME
+        return self.contact_stiffness * relaxation_time
+
+    @property
     def standing_height(self) -> float:
         """Height of the body's origin, m, with the lowest foot of straight limbs on the ground."""
         return self.feet.radius - min(limb.straight_height for limb in self.limbs)
@@ -502,9 +537,11 @@ class RobotParameters(ConnectedLimbs):
         return f"ground: a mark each 10 mm, μ = {self.ground.friction:g}{rises}"
 
     def commands_after_fit(self, path: Path) -> list[list[str]]:
-        """Return the words of the command that plans a gait, if the robot walks in the plane."""
-        if self.body.mount != "planar" or not self.ground:
+        """Return the words of the command that plans gaits, if the robot walks."""
+        if self.body.mount == "welded" or not self.ground:
             return []
+        if self.body.mount == "free":
+            return [["gait", str(path), "--set", "-o", str(free_path(Path("gaits")))]]
         return [["gait", str(path), "-o", str(free_path(Path("gait.csv")))]]
 
     @property

@@ -139,7 +139,7 @@ class RobotTwin(Diagram):
             return cls(specimen=RobotSpecimen.of(board), truth=truth)
         return cls(robot, seed=seed, truth=truth)
 
-    def again(
+    def after_rest(
         self, pause: float = 0.0, *, bend_rate: float = 20.0, truth: bool = False
     ) -> "RobotTwin":
         """The same robot in its present state, or after a pause without heat.

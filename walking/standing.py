@@ -28,12 +28,8 @@ import numpy as np
 
 from limb_systems.smooth_function import SmoothFunction, stated_once
 from limb_systems.wires import Wires
-from urdf.generate import CONTACT_STIFFNESS
 from walking.walker import Walker
 
-# ρ, N/m, of a foot and the ground in series: a hundred times what limbs are, so that more of it
-# would change pivots by percents.
-GROUND_STIFFNESS = CONTACT_STIFFNESS / 2
 # Least pivots. With less, gaits tip over a slightly uneven ground or slip of a foot: at 10 N/m, a
 # tenth of a limb's weight moves the body by 1.5 mm; at 0.1 N·m/rad, it turns it by 1°. Against
 # pitch, which other limbs than planned make tip, `GaitProgram` asks for more.
@@ -62,7 +58,7 @@ class Balance(SmoothFunction):
         x, travel = ca.SX.sym("x", wires.num_states), ca.SX.sym("s", feet[:-1, :].numel())
         forces = ca.SX.sym("f", *feet.shape)
         balance = _balance(walker, wires, x, forces)
-        heights = feet[-1, :].T + ground_gives * forces[-1, :].T / GROUND_STIFFNESS
+        heights = feet[-1, :].T + ground_gives * forces[-1, :].T / walker.contact_stiffness
         values = ca.vertcat(balance, ca.vec(feet[:-1, :]) - travel, heights)
         super().__init__(values, ca.vertcat(y, x, ca.vec(forces), travel))
 
@@ -124,6 +120,7 @@ class Stability:
         """Φ; the stiffness, column by column; and Φ of `FrictionGain`."""
         d, F = self._d, self._F
         y, feet = walker.configuration, ca.vec(walker.symbolic_feet)
+        ground = walker.contact_stiffness  # a hundred times what limbs are, if feet are hard
         x, forces = ca.SX.sym("x", wires.num_states), ca.SX.sym("f", 2, F)
         v, on_ground = ca.SX.sym("v", d + F), ca.SX.sym("held", 2 * F)
         balance = _balance(walker, wires, x, forces)
@@ -132,10 +129,10 @@ class Stability:
         turned = ca.jtimes(feet, y, v[:d])
         along = turned - raised
         own = ca.jtimes(balance, y, v[:d])
-        energy = ca.dot(v[:d], own) + GROUND_STIFFNESS * ca.dot(on_ground, along**2)
+        energy = ca.dot(v[:d], own) + ground * ca.dot(on_ground, along**2)
         w, drag = ca.SX.sym("w", d), ca.SX.sym("drag", 2 * F)
         pushed = ca.jtimes(feet, y, w)
-        coupled = ca.dot(w, own) + GROUND_STIFFNESS * ca.dot(on_ground * turned, pushed)
+        coupled = ca.dot(w, own) + ground * ca.dot(on_ground * turned, pushed)
         gain = ca.dot(drag[::2], pushed[::2]) + ca.dot(drag[1::2], turned[1::2]) - coupled
         return (
             SmoothFunction(energy, ca.vertcat(point, v), on_ground),
@@ -251,7 +248,7 @@ class FrictionGain:
     def __init__(self, walker: Walker, wires: Wires, held: np.ndarray, sliding: np.ndarray):
         self._walker, self._standing = walker, Stability(walker, wires, held)
         self._gain, self._d = self._standing.gain, len(walker.stiffness)
-        self._drag = np.stack([sliding, GROUND_STIFFNESS * (sliding != 0)], axis=-1)
+        self._drag = np.stack([sliding, walker.contact_stiffness * (sliding != 0)], axis=-1)
         both = np.stack([held, self._drag], axis=1)
         self._parameters = both.reshape(len(held), 4 * walker.num_feet)
         self._P = self._gain.num_variables - 2 * self._d

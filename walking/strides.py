@@ -47,12 +47,14 @@ class StridesFit:
     - ``robot``: its description with the fitted values.
     - ``estimates``: each of them as a multiple of the value before, by name.
     - ``heat``, ``bend``: [x, V] of the wires (N + W,) and φ (F,), rad, at the recording's end.
+    - ``made``: share of the planned stride that the last one made; NaN if the body was not seen.
     """
 
     robot: RobotParameters
     estimates: dict[str, Estimate]
     heat: np.ndarray
     bend: np.ndarray
+    made: float = np.nan
 
     def heat_after(self, pause: float) -> np.ndarray:
         """[x, V] of the wires after a pause without duty, s (N + W,)."""
@@ -83,7 +85,7 @@ def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> 
             f"The recording is of the wires {', '.join(recording.parameters.wire_names)}, but the "
             f"gait is of {', '.join(robot.together.wire_names)}."
         )
-    heat, of_rates = _fit_heat(robot, recording)
+    heat, of_rates = fit_heat(robot, recording)
     states = heat[:, : -len(recording.duty)]
     moments, contacts = _sliding(gait, recording, start, cycles)
     if len(moments) < FEWEST:
@@ -91,7 +93,7 @@ def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> 
             "No foot slides as planned in this recording, so that its strides tell nothing of the "
             "ground; does the robot stand on it, and are its wires heated?"
         )
-    states, smooth = recording.interpolated(states.T, moments).T, _smoothed(recording)
+    states, smooth = recording.interpolated(states.T, moments).T, smoothed(recording)
     bends = recording.interpolated(smooth, moments).T
     balance = _Balance(robot, states, contacts, exact=recording.applied_duty is None)
     names, expected = ["friction"], [FRICTION]
@@ -108,7 +110,7 @@ def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> 
     return StridesFit(fitted, estimates | of_rates, heat[-1], smooth[:, -1])
 
 
-def _fit_heat(
+def fit_heat(
     robot: RobotParameters, recording: Recording
 ) -> tuple[np.ndarray, dict[str, Estimate]]:
     """[x, V] of the wires along a recording (K, N + W) with rates that fit its readings.
@@ -161,7 +163,7 @@ def _multiple(logarithm: float, variance: float) -> Estimate:
     return Estimate(value, value * float(np.sqrt(variance)), "of before")
 
 
-def _smoothed(recording: Recording) -> np.ndarray:
+def smoothed(recording: Recording) -> np.ndarray:
     """Measured bends (F, K), rad, without gaps, and with little noise."""
     size = max(1, round(SMOOTHING * recording.sample_rate))
     bends = np.array([fill_gaps(recording.time, bend) for bend in recording.bend_angle])
@@ -195,7 +197,7 @@ def _sliding(
         )
 
     planned = speeds(gait, gait.bend_angle, in_cycle)
-    made = speeds(recording, _smoothed(recording), times)
+    made = speeds(recording, smoothed(recording), times)
     mean = np.array([np.abs(planned[(signs == s).all(axis=1)]).mean(axis=0) for s in signs])
     slides = (signs * made > SLIDING * mean) | (signs == 0)
     at = slides.all(axis=1) & (signs != 0).any(axis=1) & ~(contacts == "swing").any(axis=1)

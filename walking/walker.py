@@ -37,6 +37,7 @@ class Walker:
     - ``last_joints``: the joint of each limb that carries its foot, among the joints (F,).
     - ``radius``: radius of the feet, m.
     - ``friction``: μ of the ground.
+    - ``contact_stiffness``: stiffness of a foot and the ground in series, N/m.
     - ``size``: the longest limb's length, m.
     - ``key``: the same for robots with the same description.
 
@@ -64,6 +65,7 @@ class Walker:
         self.radius = robot.feet.radius
         assert robot.ground is not None  # or it would not walk
         self.friction = robot.ground.friction
+        self.contact_stiffness = robot.contact_stiffness
         self.last_joints = [joints.stop - 1 for joints in robot.joints_of]
         y = self.configuration = ca.SX.sym("y", len(self.stiffness))
         origin, frame = _pose(y[:B])

@@ -24,7 +24,10 @@ FARTHEST = 1000.0  # m and rad, of a goal
 LEARNED = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
 SLOWEST = 1e-6  # m/s and rad/s, of robots that turn to one side alone, or not at all
-TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state, which ends with what is expected
+# A robot does not get on when so many cycles in a row made less than this share of their way.
+STALLED_CYCLES, LEAST_SHARE = 5, 0.2
+TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state
+STALLED, EXPECTED = 7, 8  # of the state, which ends with what is expected
 
 
 class Wayfinder(HeatFeedback):
@@ -35,14 +38,16 @@ class Wayfinder(HeatFeedback):
     asked for. What a cycle of a gait is expected to make after one of each gait is what was planned
     at first, and then follows what is seen: friction and limbs are not quite as described. Where a
     gait begins with other heat than the one before ended with, the robot stands until its wires
-    have it. A place is reached within 15 mm, a heading within 8°. After the last goal, or if the
-    robot falls, the simulation ends.
+    have it. A place is reached within 15 mm, a heading within 8°. The simulation
+    ends after the last goal, and if the robot falls or five cycles in a row make less than a fifth
+    of their way.
 
     - inputs 0 and 1, output 0: those of `PlanController`
     - input 2 ``body_pose``: x, y, z, m, and roll, pitch and yaw, rad; NaN where it is not seen
     - output 1 ``course``: time in the plan, s; numbers of the gait before, of the gait, and of the
-      goal; where the cycle began, x, y, m, and yaw, rad; and what a cycle is expected to make, x,
-      y, m, and yaw, rad, in the heading at its beginning, after each gait of each gait
+      goal; where the cycle began, x, y, m, and yaw, rad; how many cycles in a row made little; and
+      what a cycle is expected to make, x, y, m, and yaw, rad, in the heading at its beginning,
+      after each gait of each gait
     - state, discrete, at 20 Hz: 0 and 1 of `PlanController`; 2: the course
     """
 
@@ -78,8 +83,9 @@ class Wayfinder(HeatFeedback):
         super().__init__(trajectory, parameters=parameters)
         made = np.array([gait.displacement for gait in self._gaits])
         self.DeclareVectorInputPort("body_pose", 6)
-        start = [0.0, len(made), 0.0, 0.0, *[np.nan] * 3, *np.tile(made, (len(made), 1)).ravel()]
-        self.DeclareStateOutputPort("course", self.DeclareDiscreteState(start))
+        start = [0.0, len(made), 0.0, 0.0, *[np.nan] * 3, 0.0]
+        expected = np.tile(made, (len(made), 1)).ravel()
+        self.DeclareStateOutputPort("course", self.DeclareDiscreteState([*start, *expected]))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
 
     def _time_in_plan(self, context) -> float:
@@ -97,14 +103,16 @@ class Wayfinder(HeatFeedback):
     def _choose(self, now: np.ndarray, pose: np.ndarray, over: float) -> None:
         """Learn from the cycle that ended, and begin the next one, in the course."""
         G, start = len(self._gaits), now[START : START + 3].copy()
-        made = now[START + 3 :].reshape(G, G, 3)  # after each gait, of each gait
+        made = now[EXPECTED:].reshape(G, G, 3)  # after each gait, of each gait
         before, gait = map(int, now[[BEFORE, GAIT]])
         if before < G and np.isfinite([*start, *pose]).all():  # the first one began from cold
             poses = np.zeros((6, 2))
             poses[[0, 1, 5]] = np.transpose([start, pose])
             made[before, gait] += LEARNED * (travels(poses)[:, 0] - made[before, gait])
+            made_little = self._gaits[gait].progress(poses)[0][0] < LEAST_SHARE
+            now[STALLED] = now[STALLED] + 1 if made_little else 0.0
         if np.isfinite(pose).all():
-            while now[GOAL] < len(self._goals) and self._is_there(pose, now[GOAL]):
+            while now[GOAL] < len(self._goals) and self.is_there(pose, now[GOAL]):
                 now[GOAL] += 1
             if now[GOAL] < len(self._goals):
                 now[GAIT] = self._best(pose, made, gait, now[GOAL])
@@ -122,7 +130,7 @@ class Wayfinder(HeatFeedback):
         for choice in choices:
             after, taken = pose, 0.0
             for before, gait in itertools.pairwise((now, *choice)):
-                if self._is_there(after, goal):
+                if self.is_there(after, goal):
                     break
                 x_y, turn = made[before, gait][:2], made[before, gait][2]
                 place = after[:2] + along_heading(x_y, -after[2])
@@ -131,11 +139,18 @@ class Wayfinder(HeatFeedback):
             times.append(taken + self._time_to_go(after, goal, speed, turning))
         return choices[int(np.argmin(times))][0]
 
-    def _is_there(self, pose: np.ndarray, goal: float) -> bool:
-        """Whether a pose is at a goal, and faces as it asks for."""
+    def is_there(self, pose: np.ndarray, goal: float, slack: float = 1.0) -> bool:
+        """Return whether a pose x, y, m, and yaw, rad, is at a goal, and faces as it asks for.
+
+        Args:
+            pose: of the body (3,).
+            goal: number of the goal, from 0.
+            slack: times 15 mm and 8°, within which it is there.
+        """
         x, y, heading = self._goals[int(goal)]
-        missed = _wrapped(heading - pose[2])
-        return bool(np.hypot(x - pose[0], y - pose[1]) <= NEAR and not abs(missed) > FACING)
+        distance = np.hypot(x - pose[0], y - pose[1])
+        turn = abs(_wrapped(heading - pose[2]))  # NaN if any heading will do
+        return bool(distance <= slack * NEAR and not turn > slack * FACING)
 
     def _time_to_go(
         self, pose: np.ndarray, goal: float, speed: float, turning: Sequence[float]
@@ -165,8 +180,11 @@ class Wayfinder(HeatFeedback):
         roll, pitch = self.get_input_port(2).Eval(context)[3:5]
         if max(abs(roll), abs(pitch)) > MOST_TILT:
             return EventStatus.ReachedTermination(self, "the robot has fallen")
-        if context.get_discrete_state(2).value()[GOAL] >= len(self._goals):
+        course = context.get_discrete_state(2).value()
+        if course[GOAL] >= len(self._goals):
             return EventStatus.ReachedTermination(self, "the robot has arrived")
+        if course[STALLED] >= STALLED_CYCLES:
+            return EventStatus.ReachedTermination(self, "the robot does not get on")
         return EventStatus.DidNothing()
 
 

@@ -11,8 +11,8 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
 from calibration.recordings.kinds import heated_wires, only_segment
-from hardware.board.journal import journaled
-from hardware.live_feed import LiveView, shown
+from hardware.board.journal import open_journal
+from hardware.live_feed import LiveView, live_display
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Recording
 from limb_systems.limb_system import check_limb
 from limb_systems.simulation import RecordOptions, record
@@ -201,8 +201,8 @@ def _record(
     duty = source.get_output_port()
     provenance = Provenance.now(limb.parameters, seed)
     with (
-        shown(builder, live, limb, duty, duration, reference=reference),
-        journaled(
+        live_display(builder, live, limb, duty, duration, reference=reference),
+        open_journal(
             builder,
             journal,
             limb,

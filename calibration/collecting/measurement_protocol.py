@@ -289,7 +289,7 @@ def collect_from_twin(
     the other and with all of them, as in Sec. V, a warm-up and `excitations`.
 
     Args:
-        twin: an emulated limb of one segment; `again` is called on it.
+        twin: an emulated limb of one segment; `after_rest` is called on it.
         seed, num_angles, longest: as for `collect_equilibria`.
         cooling_time: time without heat before each recording that begins cold, s.
         sag_trials, ring_downs: numbers of recordings.
@@ -336,7 +336,7 @@ def collect_from_twin(
             hand = hand_for_ring_down(only_segment(described).axes)
             swing = {"hand": hand, "bend_rate": RING_DOWN_RATE}
         pause = cooling_time if plan.pause is None else plan.pause
-        twin = twin.again(pause, gravity=limb.gravity, payload=limb.payload, **swing)
+        twin = twin.after_rest(pause, gravity=limb.gravity, payload=limb.payload, **swing)
         # Calibrate with what was recorded so far, which limits the duty.
         known = {}
         if plan.excites:

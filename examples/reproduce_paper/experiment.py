@@ -221,8 +221,10 @@ def teach(specimen: Specimen) -> tuple[Specimen, dict[str, Recording]]:
     taught = {}
     for name in HANDS:
         hand = hand_course(name)
-        taught[name] = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), hand.end_time())
-    LimbTwin(specimen=specimen).again(PAUSE)
+        taught[name] = watch(
+            LimbTwin(specimen=specimen).after_rest(PAUSE, hand=hand), hand.end_time()
+        )
+    LimbTwin(specimen=specimen).after_rest(PAUSE)
     return specimen.with_noise(0), taught
 
 

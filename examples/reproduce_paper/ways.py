@@ -92,7 +92,7 @@ def roll_out(
         if number == count - 1:
             break
         if learner or number == 0:
-            LimbTwin(specimen=limb).again(PAUSE)
+            LimbTwin(specimen=limb).after_rest(PAUSE)
             specimen = limb
     return Way(trajectory, rollouts)
 

@@ -4,43 +4,49 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hardware.board.heat_rates import HeatRates, fit_heat_rates, warmth, without_gaps
-from hardware.board.link import BoardLink, check_fit, shares_of
+from hardware.board.heat_rates import (
+    HeatRates,
+    fit_heat_rates,
+    interpolate_gaps,
+    unit_temperature_rise,
+)
+from hardware.board.link import BoardLink, Sample, check_fit, shares_of
 from limb_systems import LimbError, LimbModel, LimbParameters, bend_angle_from_tip_tangent
 from limb_systems.heat_bounds import SPREAD
 from limb_systems.simulation import PERIOD
 
-COLD = (5.0, 45.0)  # °C, that cold wires may have
-MOST_REST = 30.0  # degrees, that a limb at rest may be bent
-RISE = 3.0  # °C, at least, that is heat
-# First any limb is warmed by some degrees, then as far as it takes to bend it.
-CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, CONTACT_TOTAL = 0.1, 30.0, 10.0, 0.3  # s and °C
+COLD_RANGE = (5.0, 45.0)  # °C, readings of cold wires
+MAX_REST_BEND_DEG = 30.0  # largest bend of a limb at rest
+MIN_RISE = 3.0  # °C, smallest rise that counts as heat
+# First each wire is warmed by some degrees, which any limb bears, then until the limb bends.
+# The numbers are duty, longest time (s), rise (°C) and largest sum of duties.
+CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, CONTACT_TOTAL = 0.1, 30.0, 10.0, 0.3
 BEND_DUTY, BEND_TIME, BEND_RISE = 0.2, 20.0, 45.0
-REST = 15.0  # s after each of these, for the thermocouple's lag, and to cool
-MARGIN = 0.5  # share by which bounds are wider than what the first degrees showed
-BEND, ENOUGH_BEND = np.deg2rad(1.0), np.deg2rad(6.0)  # at least, and to compare wires by
-ALIKE = 0.75  # share of what another wire shows for its heat and its bend, at least
-WHAT_TO_DO = (
+REST_TIME = 15.0  # s after each heating, to cool and for the thermocouple's lag
+BOUNDS_MARGIN = 0.5  # share by which bounds are wider than the rates of the first heating
+MIN_BEND = np.deg2rad(1.0)  # smallest bend that counts
+COMPARISON_BEND = np.deg2rad(6.0)  # bend at which wires are compared
+MIN_LIKENESS = 0.75  # smallest ratio between two thermocouples of a segment, for like heat
+MISMATCH_ADVICE = (
     "Either its thermocouple shows a share of its rise, or its wire gets less heat or bends more "
     "than another. Bond the thermocouple anew, and compare resistances and thermocouples' types."
 )
 
-SAME_HEAT = SPREAD["least_heating"], SPREAD["most_heating"]  # of a supply, by its voltage squared
-CUT_OFF = (
+# Accepted heat of a supply, over its heat at the calibration; heat goes with voltage squared.
+SAME_HEAT_RANGE = SPREAD["least_heating"], SPREAD["most_heating"]
+CUT_OFF_ADVICE = (
     "only a thermal cut-off in series with the wires helps against two faults at once, such as "
     "twice the heat and a thermocouple that shows 60% of it, which the board cannot see "
     "(docs/robot.md)"
 )
 
+Report = Callable[[bool, str], None]  # takes whether something is good, and a sentence
 # Samples while a wire is heated: duty (K, W), V (K, W), °C, and the bend to its own side (K), rad.
 Heating = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def check_supply(
-    parameters: LimbParameters,
-    voltage: float | None,
-    cut_off: bool | None,
-    say: Callable[[bool, str], None],
+    parameters: LimbParameters, voltage: float | None, cut_off: bool | None, report: Report
 ) -> bool:
     """Return whether the supply may heat wires: a person has to say so, and no answer is a no.
 
@@ -48,15 +54,15 @@ def check_supply(
         parameters: the limb's description, whose ``supply_voltage`` it is compared with.
         voltage: measured voltage of the supply, V; None if nobody answered.
         cut_off: whether a thermal cut-off is in series with the wires; None if nobody answered.
-        say: takes whether it is good, and a sentence.
+        report: takes whether it is good, and a sentence.
 
     Raises:
         LimbError: if the voltage is no positive number.
     """
-    # The voltage must be known, and that of the calibration, if there was one.
+    # The voltage must be given. If the limb was calibrated, it must be the voltage from then.
     if voltage is None:
         is_voltage_good = False
-        say(
+        report(
             False,
             "nobody has said which voltage the wires' supply has, and heat goes with its square: "
             "measure it, and give --supply VOLTS",
@@ -66,232 +72,254 @@ def check_supply(
             raise LimbError(
                 f"The supply's voltage is {voltage:g} V; it must be from 0.1 to 1000 V."
             )
-        is_voltage_good = _judge_voltage(voltage, parameters.supply_voltage, say)
+        is_voltage_good = _check_voltage(voltage, parameters.supply_voltage, report)
     # A cut-off must be there.
     if cut_off:
-        say(True, "a thermal cut-off is on the limb")
+        report(True, "a thermal cut-off is on the limb")
     elif cut_off is None:
-        say(
+        report(
             False,
             "nobody has said that a thermal cut-off is on the limb, in series with its wires; give "
-            f"--cut-off if there is one: {CUT_OFF}",
+            f"--cut-off if there is one: {CUT_OFF_ADVICE}",
         )
     else:
-        say(False, f"no cut-off: {CUT_OFF}")
+        report(False, f"no cut-off: {CUT_OFF_ADVICE}")
     return is_voltage_good and bool(cut_off)
 
 
-def _judge_voltage(voltage: float, calibrated: float, say: Callable[[bool, str], None]) -> bool:
-    """Return whether a supply gives the heat of the calibration, at whose voltage, V, it was."""
+def _check_voltage(voltage: float, calibrated_voltage: float, report: Report) -> bool:
+    """Return whether a supply heats as during the calibration; both voltages are in V."""
     measured = f"the supply has {voltage:.3g} V"
-    if not calibrated:
-        say(
-            True,
-            f"{measured}; write supply_voltage: {voltage:g} into the limb's file to compare",
-        )
+    if not calibrated_voltage:
+        advice = f"write supply_voltage: {voltage:g} into the limb's file to compare"
+        report(True, f"{measured}; {advice}")
         return True
-    heat = (voltage / calibrated) ** 2
-    is_good = SAME_HEAT[0] <= heat <= SAME_HEAT[1]
-    what = (
-        f"{measured}, and {calibrated:.3g} V when the limb was calibrated: {heat:.0%} of its heat, "
-        f"where {SAME_HEAT[0]:.0%} to {SAME_HEAT[1]:.0%} are accepted"
+    heat_ratio = (voltage / calibrated_voltage) ** 2
+    lowest, highest = SAME_HEAT_RANGE
+    is_good = lowest <= heat_ratio <= highest
+    sentence = (
+        f"{measured}, and {calibrated_voltage:.3g} V when the limb was calibrated: "
+        f"{heat_ratio:.0%} of its heat, where {lowest:.0%} to {highest:.0%} are accepted"
     )
-    say(is_good, what if is_good else f"{what}; set it to {calibrated:.3g} V, or calibrate anew")
+    if not is_good:
+        sentence += f"; set it to {calibrated_voltage:.3g} V, or calibrate anew"
+    report(is_good, sentence)
     return is_good
 
 
-def check_wires(
-    link: BoardLink, say: Callable[[bool, str], None], parameters: LimbParameters | None = None
-) -> bool:
-    """Whether sensors are alive and each wire does what it should.
+class _Verdict:
+    """Reports results, and remembers whether all were good (``passed``)."""
+
+    def __init__(self, report: Report):
+        self._report = report
+        self.passed = True
+
+    def add(self, is_good: bool, sentence: str) -> None:
+        is_good = bool(is_good)  # not numpy's
+        self.passed = self.passed and is_good
+        self._report(is_good, sentence)
+
+
+def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | None = None) -> bool:
+    """Return whether sensors are alive and each wire does its job.
 
     Each wire is warmed by some degrees, with a little duty and bounds for any limb. It must warm
-    its own thermocouple, more than any other. Then, with bounds around what that showed, each
-    is heated until the limb bends: it must do so to the wire's own side. What a thermocouple shows
-    for the heat, and for the bend, must be like that of others in its segment. The board is
-    disarmed at the end.
+    its own thermocouple, more than any other. Then each wire is heated until the limb bends, with
+    bounds around the rates of the first heating. The limb must bend to the wire's own side. The
+    readings of a thermocouple, for the heat and for the bend, must be like those from the others
+    in its segment. The board is disarmed at the end.
 
     Args:
         link: connection to the board.
-        say: takes whether it was good, and a sentence, for each thing that was looked at.
+        report: takes whether it was good, and a sentence, for each thing that was looked at.
         parameters: the limb's description; the nominal limb if None.
 
     Raises:
         HardwareError: if the board fails on the way.
         LimbError: if the board has not as many channels as the limb has wires.
     """
-    passed, parameters = True, parameters or LimbParameters()
+    parameters = parameters or LimbParameters()
     names = parameters.wire_names
+    verdict = _Verdict(report)
 
-    def judge(good: bool, what: str) -> None:
-        nonlocal passed
-        good = bool(good)  # not numpy's
-        passed = passed and good
-        say(good, what)
-
+    # Look at the sensors of the cold limb.
     info = link.info()
     check_fit(parameters, info, link.port)
-    judge(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
-    samples = [link.next_sample() for _ in range(10)]
-    for side, V in zip(names, np.nanmean([s.temperature for s in samples], axis=0), strict=True):
-        is_cold = COLD[0] <= V <= COLD[1]
-        what = (
-            f"{side} thermocouple reads {V:.1f} °C; cold wires have {COLD[0]:g} to {COLD[1]:g} °C"
-        )
-        judge(is_cold, what if is_cold else f"{what}: let them cool, or look at its type and poles")
-    bends = np.mean([bend_angle_from_tip_tangent(s.tip_tangent) for s in samples], axis=0)
-    for bend in bends:
-        degrees = np.rad2deg(bend)
-        what = f"bend sensor reads {degrees:+.1f}° at rest, where {MOST_REST:g}° are accepted"
-        judge(abs(degrees) <= MOST_REST, what)
-    towards = shares_of(parameters).T
-
-    def heat(*how: float) -> list[Heating]:
-        return [_heat(link, wire, towards[wire], how) for wire in range(len(names))]
-
-    if not passed:
+    verdict.add(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
+    _check_cold_sensors(names, [link.next_sample() for _ in range(10)], verdict)
+    if not verdict.passed:
         return False
+
+    sides = shares_of(parameters).T  # (W, F), share of each wire's torque that turns each bend
     kinds = parameters.heat_bounds
+    wires = range(len(names))
     try:
-        total = min(CONTACT_TOTAL, parameters.total_duty)
-        link.arm([kind.around_any() for kind in kinds], total)
-        contacts = heat(CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, np.inf)
+        # Warm each wire by some degrees.
+        total_duty = min(CONTACT_TOTAL, parameters.total_duty)
+        link.arm([kind.around_any() for kind in kinds], total_duty)
+        contact_limits = CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, np.inf
+        contacts = [_heat_wire(link, wire, sides[wire], contact_limits) for wire in wires]
         link.disarm()
-        for wire, (side, (_, temperatures, _)) in enumerate(zip(names, contacts, strict=True)):
-            rise = temperatures - temperatures[:5].mean(axis=0)
-            warmest = np.argmax(rise[:, wire])
-            own = rise[warmest, wire]
-            other = np.delete(rise[warmest], wire).max(initial=0.0)
-            judge(
-                own > RISE and own > 2 * other,
-                f"{side} wire warms its own thermocouple by {own:.1f} °C, another by "
-                f"{other:.1f} °C",
-            )
-        if not passed:
+        _check_contacts(names, contacts, verdict)
+        if not verdict.passed:
             return False
-        rates = [_rates([contact], wire) for wire, contact in enumerate(contacts)]
+        # Fit the bounds to this heating, and let the limb rest.
+        rates = [_fit_rates([contact], wire) for wire, contact in enumerate(contacts)]
         hottest = max(rate.heating for rate in rates)
-        for _ in range(round(REST / PERIOD)):
+        bounds = [rates[wire].bounds(kinds[wire], hottest, BOUNDS_MARGIN) for wire in wires]
+        for _ in range(round(REST_TIME / PERIOD)):
             link.next_sample()
-        link.arm(
-            [rate.bounds(kind, hottest, MARGIN) for rate, kind in zip(rates, kinds, strict=True)],
-            parameters.total_duty,
-        )
-        bent = heat(BEND_DUTY, BEND_TIME, BEND_RISE, ENOUGH_BEND)
+        # Heat each wire until the limb bends.
+        link.arm(bounds, parameters.total_duty)
+        bend_limits = BEND_DUTY, BEND_TIME, BEND_RISE, COMPARISON_BEND
+        bends = [_heat_wire(link, wire, sides[wire], bend_limits) for wire in wires]
     finally:
         link.disarm()
-    for side, (_, _, bend) in zip(names, bent, strict=True):
-        degrees = np.rad2deg(_change(bend).max())
-        judge(
-            degrees > np.rad2deg(BEND),
-            f"{side} wire bends the limb by {degrees:.1f}° to its own side",
-        )
-    rates = [
-        _rates(heatings, wire) for wire, heatings in enumerate(zip(contacts, bent, strict=True))
-    ]
-    heating, most = [rate.heating for rate in rates], [kind.most_heating for kind in kinds]
-    _judge_heat(names, heating, most, judge)
-    if passed:
+
+    # Judge direction and heat of each wire, then compare the wires of each segment.
+    for name, (_, _, bend) in zip(names, bends, strict=True):
+        largest = _bend_change(bend).max()
+        sentence = f"{name} wire bends the limb by {np.rad2deg(largest):.1f}° to its own side"
+        verdict.add(largest > MIN_BEND, sentence)
+    rates = [_fit_rates([contacts[wire], bends[wire]], wire) for wire in wires]
+    heating = [rate.heating for rate in rates]
+    most_heating = [kind.most_heating for kind in kinds]
+    _check_heat(names, heating, most_heating, verdict.add)
+    if verdict.passed:
         for around in LimbModel.of(parameters).layout.wires_of:
-            _judge_likeness(names[around], rates[around], bent[around], judge)
-    return passed
+            _check_likeness(names[around], rates[around], bends[around], verdict.add)
+    return verdict.passed
 
 
-def _judge_heat(
-    names: Sequence[str],
-    heating: Sequence[float],
-    most: Sequence[float],
-    judge: Callable[[bool, str], None],
+def _check_cold_sensors(names: Sequence[str], samples: Sequence[Sample], verdict: _Verdict) -> None:
+    """Check that wires are read as cold and the limb as nearly straight."""
+    temperatures = np.nanmean(_stacked(samples, "temperature"), axis=0)
+    lowest, highest = COLD_RANGE
+    for name, temperature in zip(names, temperatures, strict=True):
+        is_cold = lowest <= temperature <= highest
+        accepted = f"cold wires have {lowest:g} to {highest:g} °C"
+        advice = "" if is_cold else ": let them cool, or look at its type and poles"
+        verdict.add(is_cold, f"{name} thermocouple reads {temperature:.1f} °C; {accepted}{advice}")
+    bends = bend_angle_from_tip_tangent(_stacked(samples, "tip_tangent"))
+    for bend_deg in np.rad2deg(bends.mean(axis=0)):
+        accepted = f"{MAX_REST_BEND_DEG:g}° are accepted"
+        sentence = f"bend sensor reads {bend_deg:+.1f}° at rest, where {accepted}"
+        verdict.add(abs(bend_deg) <= MAX_REST_BEND_DEG, sentence)
+
+
+def _check_contacts(names: Sequence[str], contacts: Sequence[Heating], verdict: _Verdict) -> None:
+    """Check that each wire warms its own thermocouple, and more than any other."""
+    for wire, (name, (_, temperatures, _)) in enumerate(zip(names, contacts, strict=True)):
+        rises = temperatures - temperatures[:5].mean(axis=0)
+        warmest = np.argmax(rises[:, wire])
+        own_rise = rises[warmest, wire]
+        largest_other_rise = np.delete(rises[warmest], wire).max(initial=0.0)
+        verdict.add(
+            own_rise > MIN_RISE and own_rise > 2 * largest_other_rise,
+            f"{name} wire warms its own thermocouple by {own_rise:.1f} °C, another by "
+            f"{largest_other_rise:.1f} °C",
+        )
+
+
+def _check_heat(
+    names: Sequence[str], heating: Sequence[float], most_heating: Sequence[float], report: Report
 ) -> None:
-    """Judge whether each wire heats as its description says, °C/s at full duty.
+    """Check that each wire heats as its description says, °C/s at full duty.
 
-    Args:
-        heating: what each thermocouple showed.
-        most: upper bound of each wire's kind, which is `SPREAD` above its description.
+    ``most_heating`` is the upper bound of each wire's kind, `SPREAD` above its description.
     """
-    # Short, cool heatings tell the heat no better than wires of one kind differ. Rounded as they
-    # are said, so that no verdict disagrees with its sentence.
-    lowest = [round(b * SPREAD["least_heating"] ** 2 / SPREAD["most_heating"], 1) for b in most]
-    highest = [round(bound / SPREAD["least_heating"], 1) for bound in most]
-    heating = [round(float(value), 1) for value in heating]
-    is_low = [shown < low for shown, low in zip(heating, lowest, strict=True)]
-    for wire, side in enumerate(names):
-        shown = (
-            f"{side} wire shows {heating[wire]:.1f} °C/s at full duty, where {lowest[wire]:.1f} to "
+    # Short, cool heatings measure heat no better than wires of one kind differ. The numbers are
+    # rounded as they are printed, so that no verdict disagrees with its sentence.
+    least_share, most_share = SPREAD["least_heating"], SPREAD["most_heating"]
+    lowest = [round(bound * least_share**2 / most_share, 1) for bound in most_heating]
+    highest = [round(bound / least_share, 1) for bound in most_heating]
+    heating = [round(float(rate), 1) for rate in heating]
+    is_low = [rate < low for rate, low in zip(heating, lowest, strict=True)]
+    for wire, name in enumerate(names):
+        sentence = (
+            f"{name} wire shows {heating[wire]:.1f} °C/s at full duty, where {lowest[wire]:.1f} to "
             f"{highest[wire]:.1f} are accepted for its description"
         )
         if lowest[wire] <= heating[wire] <= highest[wire]:
-            judge(True, shown)
+            report(True, sentence)
         elif is_low[wire] and not all(is_low):
-            judge(False, f"{shown}, and another one shows that. {WHAT_TO_DO}")
+            report(False, f"{sentence}, and another one shows that. {MISMATCH_ADVICE}")
         else:
-            judge(
+            report(
                 False,
-                f"{shown}: the limb is unlike its description, or all thermocouples are wrong; "
+                f"{sentence}: the limb is unlike its description, or all thermocouples are wrong; "
                 f"if you are sure of them, describe the wire by a2: {heating[wire]:.1f}",
             )
 
 
-def _judge_likeness(
-    names: Sequence[str],
-    rates: Sequence[HeatRates],
-    bends: Sequence[Heating],
-    judge: Callable[[bool, str], None],
+def _check_likeness(
+    names: Sequence[str], rates: Sequence[HeatRates], bends: Sequence[Heating], report: Report
 ) -> None:
-    """Whether the thermocouples of a segment show the like for the like heat and bend."""
-    shown = np.array([rate.heating for rate in rates])
-    risen = []
-    for rate, (duty, _, bend) in zip(rates, bends, strict=True):
-        rises = rate.heating * warmth(duty.sum(axis=1), rate.cooling, 0.3, PERIOD)
-        reached = np.argmax(_change(bend) >= ENOUGH_BEND)
-        risen.append(rises[reached] if reached else np.nan)
-    # How warm a wire has to be for a bend is another, independent witness.
-    bent = not np.isnan(risen).any()
-    shown = np.sqrt(shown * risen) if bent else shown
-    ratio = shown.min() / shown.max()
-    least, most = (names[int(wire)] for wire in (shown.argmin(), shown.argmax()))
-    what = (
+    """Check that the thermocouples of a segment show the like for the like heat and bend."""
+    heating = np.array([rate.heating for rate in rates])
+    # The rise of each wire at the same bend is another, independent witness.
+    rises_at_bend = np.full(len(rates), np.nan)
+    for wire, (rate, (duty, _, bend)) in enumerate(zip(rates, bends, strict=True)):
+        rise = rate.heating * unit_temperature_rise(duty.sum(axis=1), rate.cooling, 0.3, PERIOD)
+        bent_at = np.argmax(_bend_change(bend) >= COMPARISON_BEND)  # 0 if never
+        if bent_at:
+            rises_at_bend[wire] = rise[bent_at]
+    all_bent = not np.isnan(rises_at_bend).any()
+    witness = np.sqrt(heating * rises_at_bend) if all_bent else heating
+    # Compare the thermocouple that shows least with the thermocouple that shows most.
+    ratio = witness.min() / witness.max()
+    least = names[int(witness.argmin())]
+    most = names[int(witness.argmax())]
+    sentence = (
         f"{least} thermocouple shows {ratio:.0%} of what the {most} one does for the same heat"
-        + " and bend" * bent
+        + " and bend" * all_bent
     )
-    judge(ratio > ALIKE, what if ratio > ALIKE else f"{what}. {WHAT_TO_DO}")
+    is_alike = ratio > MIN_LIKENESS
+    report(is_alike, sentence if is_alike else f"{sentence}. {MISMATCH_ADVICE}")
 
 
-def _change(bend: np.ndarray) -> np.ndarray:
-    """How far the limb has bent since a heating began (K), rad."""
+def _bend_change(bend: np.ndarray) -> np.ndarray:
+    """Return the change of a bend angle (K), rad, since a heating began."""
     return bend - bend[:5].mean()
 
 
-def _rates(heatings: Sequence[Heating], wire: int) -> HeatRates:
-    rates = fit_heat_rates(
-        [(duty[1:, wire], (V[:, wire] - V[:5, wire].mean())[1:], PERIOD) for duty, V, _ in heatings]
-    )
+def _fit_rates(heatings: Sequence[Heating], wire: int) -> HeatRates:
+    """Return the rates of a wire that was heated one or several times."""
+    wire_heatings = []
+    for duty, temperature, _ in heatings:
+        rise = temperature[:, wire] - temperature[:5, wire].mean()
+        wire_heatings.append((duty[1:, wire], rise[1:], PERIOD))
+    rates = fit_heat_rates(wire_heatings)
     assert rates  # it was heated
     return rates
 
 
-def _heat(link: BoardLink, wire: int, towards: np.ndarray, how: Sequence[float]) -> Heating:
-    """Heats a wire until it reads so much more, or the limb has bent so far, and lets it rest.
+def _heat_wire(link: BoardLink, wire: int, side: np.ndarray, limits: Sequence[float]) -> Heating:
+    """Heat a wire until its reading has risen or the limb has bent, and let it rest.
 
-    ``towards`` has how far each bend angle is to the wire's own side; ``how`` the duty, the
-    longest time, the rise and the bend.
+    ``side`` (F,) is the share of the wire's torque that turns each bend angle. ``limits`` are the
+    duty, the longest time, s, the rise, °C, and the bend, rad.
     """
-    duty, longest, rise, bend = how
+    duty, longest, max_rise, max_bend = limits
     samples = [link.next_sample()]
     cold = samples[0].temperature[wire]
-    heated = duty * np.eye(len(samples[0].duty))[wire]
-    while (now := len(samples) * PERIOD) < longest + REST:
-        link.command(heated)
+    commanded = duty * np.eye(len(samples[0].duty))[wire]
+    while (elapsed := len(samples) * PERIOD) < longest + REST_TIME:
+        link.command(commanded)
         samples.append(link.next_sample())
-        turns = bend_angle_from_tip_tangent(samples[-1].tip_tangent - samples[0].tip_tangent)
+        turned = samples[-1].tip_tangent - samples[0].tip_tangent
+        bend = side @ bend_angle_from_tip_tangent(turned)
         reading = samples[-1].temperature[wire]
         cold = reading if np.isnan(cold) else cold  # the first reading was bad
-        risen = reading - cold
-        if now >= longest or risen >= rise or abs(towards @ turns) >= 1.2 * bend:
-            heated, longest = np.zeros_like(heated), min(longest, now)
-    readings = np.array([sample.temperature for sample in samples])
-    return (
-        np.array([sample.duty for sample in samples]),
-        np.apply_along_axis(without_gaps, 0, readings),
-        np.array([bend_angle_from_tip_tangent(s.tip_tangent) for s in samples]) @ towards,
-    )
+        # Switch off, and let it rest, as soon as a limit is reached.
+        if elapsed >= longest or reading - cold >= max_rise or abs(bend) >= 1.2 * max_bend:
+            commanded = np.zeros_like(commanded)
+            longest = min(longest, elapsed)
+    temperatures = np.apply_along_axis(interpolate_gaps, 0, _stacked(samples, "temperature"))
+    bends = bend_angle_from_tip_tangent(_stacked(samples, "tip_tangent"))
+    return _stacked(samples, "duty"), temperatures, bends @ side
+
+
+def _stacked(samples: Sequence[Sample], name: str) -> np.ndarray:
+    """Return an attribute of all samples, in rows."""
+    return np.array([getattr(sample, name) for sample in samples])

@@ -1,4 +1,4 @@
-"""The self test of a board: what it answers and refuses, and when it ends duty.
+"""The self test of a board: its answers, its refusals, and the end of duty.
 
 The numbers here are from docs/protocol.md, not from the firmware in this project, so that a
 changed number shows. All wires get a duty of 4% for less than a second at a time.
@@ -11,106 +11,109 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hardware.board.link import Assembly, HardwareError, Sample, SerialPort, pulls_of
-from hardware.board.signals import heed_signals
+from hardware.board.link import HardwareError, Sample, SampleAssembler, SerialPort, pulls_of
+from hardware.board.signals import raise_if_interrupted
 from hardware.firmware import from_host, protocol
 from limb_systems import LimbParameters
 
-PASSED, FAILED, NOT_RUN = "passed", "failed", "not run"
-POLL = 0.01  # s, between two looks at what came
-GENTLE = 0.04  # duty that warms a wire by less than 1 °C/s
-HOTTEST = 45.0  # °C, of a reading at which the test stops
+PASSED = "passed"
+FAILED = "failed"
+NOT_RUN = "not run"
+POLL_INTERVAL = 0.01  # s
+GENTLE_DUTY = 0.04  # duty that warms a wire by less than 1 °C/s
+MAX_READING = 45.0  # °C; the test stops above
 
-# Bounds of ARM: (a1 slowest, fastest, a2 least, most, a3 slowest).
-WIDE = (0.03, 0.5, 4.0, 40.0, 0.1)  # that suit any wire
-NONE = (0.0,) * 5
-RANGES = ((0.005, 0.2), (0.01, 0.5), (4.0, 60.0), (8.0, 100.0), (0.1, 4.0))
-NOMINAL = (0.042, 0.095, 17.0, 23.0, 0.5)
-WRONG = [
-    (0.095, 0.042, *NOMINAL[2:]),  # out of order
-    (0.042, 0.095, 23.0, 17.0, 0.5),
-    *((*NOMINAL[:n], 0.8 * low, *NOMINAL[n + 1 :]) for n, (low, _) in enumerate(RANGES)),
-    *((*NOMINAL[:n], 1.2 * high, *NOMINAL[n + 1 :]) for n, (_, high) in enumerate(RANGES)),
-]
-Bounds = Sequence[float]
+Bounds = Sequence[float]  # of ARM: (a1 slowest, fastest, a2 least, most, a3 slowest)
+WIDE_BOUNDS = (0.03, 0.5, 4.0, 40.0, 0.1)  # suit any wire
+ZERO_BOUNDS = (0.0,) * 5
+BOUND_RANGES = ((0.005, 0.2), (0.01, 0.5), (4.0, 60.0), (8.0, 100.0), (0.1, 4.0))
+NOMINAL_BOUNDS = (0.042, 0.095, 17.0, 23.0, 0.5)
+# Bounds out of order, then with one bound below or above its range.
+WRONG_BOUNDS: list[Bounds] = [(0.095, 0.042, *NOMINAL_BOUNDS[2:]), (0.042, 0.095, 23.0, 17.0, 0.5)]
+for _index, (_low, _high) in enumerate(BOUND_RANGES):
+    for _wrong in (0.8 * _low, 1.2 * _high):
+        WRONG_BOUNDS.append((*NOMINAL_BOUNDS[:_index], _wrong, *NOMINAL_BOUNDS[_index + 1 :]))
 
 
 class StaysOnError(Exception):
-    """The board heats when it must not."""
+    """Raised if the board heats when it must not."""
 
 
 class NotRunError(Exception):
-    """A rule cannot be checked."""
+    """Raised if a rule cannot be checked."""
 
 
 class Host:
-    """The host's side of the cable: ``samples`` came once each, ``infos`` are values of INFO."""
+    """The host's side of the cable, with all ``samples``, and values of INFO in ``infos``."""
 
     def __init__(self, cable: SerialPort, limb: LimbParameters):
-        self.cable, self.pulls = cable, pulls_of(limb)
-        self.parser, self._assembly = protocol.Parser(protocol.BOARD_KINDS), Assembly()
+        self.cable = cable
+        self.pulls = pulls_of(limb)
+        self.parser = protocol.Parser(protocol.BOARD_KINDS)
+        self._assembly = SampleAssembler()
         self.session = self.sequence = 0
         self.names = limb.wire_names
         self.samples: list[Sample] = []
         self.infos: list[tuple] = []
 
     @property
-    def last(self) -> Sample:
+    def newest(self) -> Sample:
         """The newest sample."""
         return self.samples[-1]
 
-    def every(self, share: float) -> list[float]:
-        """The same duty for each wire."""
+    def same_duty(self, share: float) -> list[float]:
+        """Return the same duty for each wire."""
         return [share] * len(self.names)
 
-    def say(self, kind: int) -> None:
+    def send_empty(self, kind: int) -> None:
         """Send a frame without values three times, as one may get lost."""
         self.cable.send(3 * protocol.encode(kind))
 
     def receive(self) -> bytes:
-        """Return what came."""
+        """Return the received bytes."""
         return self.cable.receive()
 
-    def steps(self, seconds: float) -> Iterator[bool]:
-        """Let time pass; yield after each look at what came whether a new sample did."""
-        end = self.cable.now() + seconds - POLL / 2
+    def polls(self, seconds: float) -> Iterator[bool]:
+        """Let time pass; yield after each poll whether a new sample came."""
+        end = self.cable.now() + seconds - POLL_INTERVAL / 2
         while self.cable.now() < end:
-            heed_signals()
-            self.cable.wait(POLL)
+            raise_if_interrupted()
+            self.cable.wait(POLL_INTERVAL)
             count = len(self.samples)
             for kind, values in self.parser.feed(self.receive()):
                 if kind == protocol.INFO:
                     self.infos.append(values)
                     continue
                 sample = self._assembly.take(kind, values, self.cable.now())
-                if sample and (not self.samples or sample.board_time != self.last.board_time):
+                if sample and (not self.samples or sample.board_time != self.newest.board_time):
                     self.samples.append(sample)
             yield len(self.samples) > count
 
     def wait(self, seconds: float) -> None:
-        """Let time pass, and take what comes."""
-        for _ in self.steps(seconds):
+        """Let time pass, and receive frames."""
+        for _ in self.polls(seconds):
             pass
 
-    def fresh(self, after: float = 0.0) -> Sample:
+    def next_sample(self, after: float = 0.0) -> Sample:
         """Return the first sample after some seconds; HardwareError if none comes for 1 s."""
         self.wait(after)
-        if not any(self.steps(1.0)):
+        if not any(self.polls(1.0)):
             raise HardwareError("The board sent no sample for 1 s; look at cable and supply.")
-        return self.last
+        return self.newest
 
     def send_arm(self, bounds: Sequence[Bounds], total: float, challenge: int) -> None:
         """Ask the board once to arm, with bounds of each wire."""
-        self.session, self.sequence = challenge, 0
+        self.session = challenge
+        self.sequence = 0
         for frame in from_host.encode_arming(challenge, bounds, total, self.pulls):
             self.cable.send(frame)
-            self.wait(POLL)
+            self.wait(POLL_INTERVAL)
 
     def command(self, duty: Sequence[float]) -> None:
         """Send the next COMMAND twice, in answer to the newest sample, with a duty of each wire."""
         self.sequence += 1
-        heard = round(1000 * self.last.board_time)
-        frame = from_host.encode_command(self.session, self.sequence, heard, duty)
+        sample_time = round(1000 * self.newest.board_time)
+        frame = from_host.encode_command(self.session, self.sequence, sample_time, duty)
         self.cable.send(2 * frame)
 
     def hold(
@@ -118,109 +121,120 @@ class Host:
         duty: Sequence[float],
         seconds: float,
         until: Callable[[Sample], object] = lambda _: False,
-        hottest: float = HOTTEST,
+        hottest: float = MAX_READING,
     ) -> bool:
         """Command a duty in answer to each sample; return whether it ended because of ``until``.
 
         Raises StaysOnError if a heated wire is read above ``hottest``, °C.
         """
-        for came in self.steps(seconds):
-            if came:
-                if self.last.duty.any() and (self.last.temperature > hottest).any():
-                    highest = np.nanmax(self.last.temperature)
+        for has_new_sample in self.polls(seconds):
+            if has_new_sample:
+                if self.newest.duty.any() and (self.newest.temperature > hottest).any():
+                    highest = np.nanmax(self.newest.temperature)
                     raise StaysOnError(
                         f"a wire is read at {highest:.0f} °C, hotter than any check makes it; "
                         "look at wires and supply"
                     )
-                if until(self.last):
+                if until(self.newest):
                     return True
                 self.command(duty)
         return False
 
     def heat(self, total: float = 1.5) -> str:
-        """Arm the board and hold a gentle duty for 0.3 s; return what went wrong, or nothing."""
+        """Arm the board and hold a gentle duty for 0.3 s; return the fault in words, or ""."""
         for _ in range(8):
-            self.send_arm([WIDE] * len(self.names), total, self.fresh().challenge)
-            if self.fresh(0.05).armed:
-                self.hold(self.every(GENTLE), 0.3)
-                return "" if self.last.duty.all() else "no duty followed a command"
-        return f"the board did not arm: {self.last.reason_text}"
+            self.send_arm([WIDE_BOUNDS] * len(self.names), total, self.next_sample().challenge)
+            if self.next_sample(0.05).armed:
+                self.hold(self.same_duty(GENTLE_DUTY), 0.3)
+                return "" if self.newest.duty.all() else "no duty followed a command"
+        return f"the board did not arm: {self.newest.reason_text}"
 
-    def off(self) -> Sample:
+    def ensure_off(self) -> Sample:
         """Disarm the board; return the sample that shows it. StaysOnError if it heats on."""
-        self.say(protocol.DISARM)
+        self.send_empty(protocol.DISARM)
         for after in (0.1, 0.8):  # by then its heartbeat has ended
-            sample = self.fresh(after)
+            sample = self.next_sample(after)
             if not sample.armed and not sample.duty.any():
                 return sample
         raise StaysOnError("it does not switch off; disconnect the supply of its wires now")
 
 
-def _answers(host: Host) -> str:
-    host.say(protocol.HELLO)
+def _check_info(host: Host) -> str:
+    host.send_empty(protocol.HELLO)
     host.wait(0.3)
     if not host.infos:
         return "no INFO came after three HELLO"
     version, period, limit, _, channels, angles, cause = host.infos[-1]
-    bends = len(host.fresh().tip_tangent)
-    good = (version, period, channels, angles) == (5, 50, len(host.names), bends)
+    num_bends = len(host.next_sample().tip_tangent)
+    is_expected = (version, period, channels, angles) == (5, 50, len(host.names), num_bends)
+    if is_expected and 0 < limit <= 440 and cause <= 5:
+        return ""
     return (
-        ""
-        if good and 0 < limit <= 440 and cause <= 5
-        else f"INFO says version {version}, {period} ms, {channels} channels, {angles} angles, "
+        f"INFO says version {version}, {period} ms, {channels} channels, {angles} angles, "
         f"{limit / 4:g} °C at most, reset by cause {cause}"
     )
 
 
-def _samples(host: Host) -> str:
+def _check_samples(host: Host) -> str:
     count = len(host.samples)
     host.wait(2.0)
-    steps = np.diff([1000 * sample.board_time for sample in host.samples[count:]])
-    good = len(steps) > 26 and abs(steps.mean() - 50) <= 2
-    return "" if good else f"{len(steps) + 1} samples came in 2 s"
+    steps_ms = np.diff([1000 * sample.board_time for sample in host.samples[count:]])
+    is_good = len(steps_ms) > 26 and abs(steps_ms.mean() - 50) <= 2
+    return "" if is_good else f"{len(steps_ms) + 1} samples came in 2 s"
 
 
-def _sensors(host: Host) -> str:
-    V, tips = host.fresh().temperature, np.rad2deg(host.last.tip_tangent)
-    good = 10 <= V.min() <= V.max() <= HOTTEST and np.ptp(V) <= 8 and (abs(tips) < 120).all()
-    return "" if good else f"wires are read at {V} °C, tip tangents at {tips}°"
+def _check_sensors(host: Host) -> str:
+    sample = host.next_sample()
+    V = sample.temperature
+    tips_deg = np.rad2deg(sample.tip_tangent)
+    is_cold = 10 <= V.min() <= V.max() <= MAX_READING and np.ptp(V) <= 8
+    is_good = is_cold and (abs(tips_deg) < 120).all()
+    return "" if is_good else f"wires are read at {V} °C, tip tangents at {tips_deg}°"
 
 
-def _refused(host: Host, reason: int | None, *wrong: Bounds, total=1.0, other=0) -> str:
-    for bounds, (wire, name) in itertools.product(wrong, enumerate(host.names)):
-        each = [bounds if n == wire else WIDE for n in range(len(host.names))]
-        host.send_arm(each, total, host.last.challenge ^ other)
-        sample = host.fresh(0.05)
+def _check_refusal(
+    host: Host, reason: int | None, *wrong_bounds: Bounds, total=1.0, challenge_error=0
+) -> str:
+    """Check that ARM is refused for a reason, or for any if None, with wrong bounds of a wire."""
+    for bounds, (wire, name) in itertools.product(wrong_bounds, enumerate(host.names)):
+        bounds_of_wires: list[Bounds] = [WIDE_BOUNDS] * len(host.names)
+        bounds_of_wires[wire] = bounds
+        host.send_arm(bounds_of_wires, total, host.newest.challenge ^ challenge_error)
+        sample = host.next_sample(0.05)
         if sample.armed or reason not in (None, sample.reason):
             return f"reason {sample.reason} after ARM with {bounds} of {name}, a sum of {total}"
     return ""
 
 
-def _ends(host: Host, reason: int, within: float, act: Callable[[], None] = lambda: None) -> str:
-    """Heat gently, act, and say what is wrong unless duty ends in time for a reason."""
-    if wrong := host.heat():
-        return wrong
-    answered = host.last.board_time
+def _check_duty_end(
+    host: Host, reason: int, within: float, act: Callable[[], None] = lambda: None
+) -> str:
+    """Heat gently and act; return the fault unless duty ends in time for a reason."""
+    if fault := host.heat():
+        return fault
+    answered = host.newest.board_time
     act()
     host.wait(0.6)
     age = max(s.board_time for s in host.samples if s.armed or s.duty.any()) - answered
-    good = age <= within and host.last.reason == reason
-    return "" if good else f"armed for {age:.2f} s after it, then off for reason {host.last.reason}"
+    if age <= within and host.newest.reason == reason:
+        return ""
+    return f"armed for {age:.2f} s after it, then off for reason {host.newest.reason}"
 
 
-def _sum(host: Host) -> str:
-    wrong = host.heat(GENTLE / 2 * len(host.names))
-    good = np.allclose(host.last.duty, GENTLE / 2, rtol=0, atol=5e-5)
-    return wrong or ("" if good else f"duties are {host.last.duty}; ARM allows half of {GENTLE}")
+def _check_sum(host: Host) -> str:
+    if fault := host.heat(GENTLE_DUTY / 2 * len(host.names)):
+        return fault
+    is_reduced = np.allclose(host.newest.duty, GENTLE_DUTY / 2, rtol=0, atol=5e-5)
+    return "" if is_reduced else f"duties are {host.newest.duty}; ARM allows half of {GENTLE_DUTY}"
 
 
 class Case(NamedTuple):
-    """A rule of docs/protocol.md, and how it is checked.
+    """A rule of docs/protocol.md, and its check.
 
-    - ``name``: stable, for reports.
+    - ``name``: name for reports, which does not change.
     - ``rule``, ``section``: the rule in words, and its anchor on the page.
-    - ``check``: takes the host; returns how the board breaks the rule, or nothing.
-    - ``by``: "hand" if something must be done at the robot, "order" if only an emulated board
+    - ``check``: function of the host; returns the board's fault in words, or "".
+    - ``needs``: "hand" if something must be done at the robot, "order" if only an emulated board
       can do it, else empty.
     """
 
@@ -228,48 +242,54 @@ class Case(NamedTuple):
     rule: str
     section: str
     check: Callable[[Any], str]
-    by: str = ""
+    needs: str = ""
 
 
-BOARD, HOST = "from-the-board", "from-the-host"
+BOARD_SECTION, HOST_SECTION = "from-the-board", "from-the-host"
 # fmt: off
 CASES = [Case(*row) for row in (
-    ("info", "INFO says 50 ms, all wires and angles, and 110 °C at most.", BOARD, _answers),
-    ("samples", "A SAMPLE comes every 50 ms.", BOARD, _samples),
-    ("sensors", "A cold limb is read at 10 to 45 °C and below 120°.", BOARD, _sensors),
-    ("challenge", "ARM without the newest challenge does not arm.", HOST,
-        lambda host: _refused(host, None, WIDE, other=1)),
-    ("no-bounds", "ARM without bounds does not arm.", HOST, lambda host: _refused(host, 7, NONE)),
-    ("bounds", "ARM with bounds out of range or order does not arm.", HOST,
-        lambda host: _refused(host, 7, *WRONG)),
-    ("no-sum", "ARM with a largest sum of zero does not arm.", HOST,
-        lambda host: _refused(host, 7, WIDE, total=0.0)),
-    ("duty", "A duty above 1 switches the board off.", HOST,
-        lambda host: _ends(host, 2, 0.08, lambda: host.command(host.every(1.0001)))),
-    ("sum", "Duties above the sum that ARM allows are reduced.", HOST, _sum),
-    ("silence", "Duty ends 250 ms after a COMMAND.", HOST, lambda host: _ends(host, 1, 0.3)),
-    ("disarm", "DISARM ends duty at once.", HOST,
-        lambda host: _ends(host, 3, 0.08, lambda: host.say(protocol.DISARM))),
+    ("info", "INFO says 50 ms, all wires and angles, and 110 °C at most.", BOARD_SECTION,
+        _check_info),
+    ("samples", "A SAMPLE comes every 50 ms.", BOARD_SECTION, _check_samples),
+    ("sensors", "A cold limb is read at 10 to 45 °C and below 120°.", BOARD_SECTION,
+        _check_sensors),
+    ("challenge", "ARM without the newest challenge does not arm.", HOST_SECTION,
+        lambda host: _check_refusal(host, None, WIDE_BOUNDS, challenge_error=1)),
+    ("no-bounds", "ARM without bounds does not arm.", HOST_SECTION,
+        lambda host: _check_refusal(host, 7, ZERO_BOUNDS)),
+    ("bounds", "ARM with bounds out of range or order does not arm.", HOST_SECTION,
+        lambda host: _check_refusal(host, 7, *WRONG_BOUNDS)),
+    ("no-sum", "ARM with a largest sum of zero does not arm.", HOST_SECTION,
+        lambda host: _check_refusal(host, 7, WIDE_BOUNDS, total=0.0)),
+    ("duty", "A duty above 1 switches the board off.", HOST_SECTION,
+        lambda host: _check_duty_end(host, 2, 0.08, lambda: host.command(host.same_duty(1.0001)))),
+    ("sum", "Duties above the sum that ARM allows are reduced.", HOST_SECTION, _check_sum),
+    ("silence", "Duty ends 250 ms after a COMMAND.", HOST_SECTION,
+        lambda host: _check_duty_end(host, 1, 0.3)),
+    ("disarm", "DISARM ends duty at once.", HOST_SECTION,
+        lambda host: _check_duty_end(host, 3, 0.08, lambda: host.send_empty(protocol.DISARM))),
 )]
 # fmt: on
 
 
 class Outcome(NamedTuple):
-    """The outcome of a case: "passed", "failed" or "not run", and what was seen."""
+    """The outcome of a case: "passed", "failed" or "not run", with the fault or the reason."""
 
     case: Case
     outcome: str
-    what: str = ""
+    details: str = ""
 
 
-def check_board(host: Host, say: Callable, cases: Sequence[Case] = ()) -> list[Outcome]:
-    """Test a board case by case, and tell each outcome. Duty must be zero after each case.
+def check_board(host: Host, report: Callable, cases: Sequence[Case] = ()) -> list[Outcome]:
+    """Test a board case by case, and report each outcome. Duty must be zero after each case.
 
     Raises HardwareError if no samples come, the board is for another limb, or a fault is latched.
     """
-    outcomes, ended = list[Outcome](), ""
+    outcomes: list[Outcome] = []
+    end_reason = ""
     try:
-        sample = host.fresh(0.5)
+        # The board must be for this limb, and free of faults.
+        sample = host.next_sample(0.5)
         if len(sample.temperature) != len(host.names):
             raise HardwareError(
                 f"The board has {len(sample.temperature)} channels, but the limb has "
@@ -280,22 +300,23 @@ def check_board(host: Host, say: Callable, cases: Sequence[Case] = ()) -> list[O
                 f"The board cannot be checked: it is off for reason {sample.reason}, "
                 f"{sample.reason_text}. Mend it, then: soft-limb status PORT --clear."
             )
+        # After a board that heats when it must not, no further case is run.
         for case in cases or CASES:
-            outcome = Outcome(case, NOT_RUN, ended)
-            if not ended:
+            outcome = Outcome(case, NOT_RUN, end_reason)
+            if not end_reason:
                 try:
-                    host.off()
-                    wrong = case.check(host)
-                    host.off()
-                    outcome = Outcome(case, FAILED if wrong else PASSED, wrong)
+                    host.ensure_off()
+                    fault = case.check(host)
+                    host.ensure_off()
+                    outcome = Outcome(case, FAILED if fault else PASSED, fault)
                 except NotRunError as reason:
                     outcome = Outcome(case, NOT_RUN, str(reason))
                 except StaysOnError as error:
                     outcome = Outcome(case, FAILED, str(error))
-                    ended = "it heated when it must not"
+                    end_reason = "it heated when it must not"
             outcomes.append(outcome)
-            say(outcome)
+            report(outcome)
     finally:
         with contextlib.suppress(HardwareError):
-            host.say(protocol.DISARM)
+            host.send_empty(protocol.DISARM)
     return outcomes

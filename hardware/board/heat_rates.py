@@ -1,4 +1,4 @@
-"""How a wire heats, cools and is read, fitted to its duty and what its thermocouple read."""
+"""The fit of a wire's heating, cooling and thermocouple to its duty and readings."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,19 +9,20 @@ from hardware.firmware import heat
 from limb_systems.heat_bounds import SPREAD, HeatBounds
 from limb_systems.low_pass import low_pass
 
-NARROWEST = 1.75  # times the slowest cooling of its kind, above which a wire's is not raised
-LAGS = 5.0  # time constants of the thermocouple, in which a wire may cool for that to be seen
-# Of the fit: heating, cooling, by how much faster it is read, as what is read would be almost
-# the same if these two rates were swapped, and the silicone's share, which the board has at
-# its largest.
-START = 20.0, 0.06, 10.0, 0.25
-LOWEST = 0.5, 0.005, 1.2, 0.02
-HIGHEST = 200.0, 0.5, 200.0, heat.SILICONE_SHARE
+# Bounds raise the slowest cooling to this many times the slowest cooling of the wire's kind.
+MAX_COOLING_FACTOR = 1.75
+# Cooling is visible if it takes at most this many time constants of the thermocouple.
+VISIBLE_TIME_CONSTANTS = 5.0
+# Parameters of the fit: heating, cooling, reading over cooling, and the silicone's share. Reading
+# is faster than cooling, because swapping these two rates would not change the readings much.
+INITIAL_RATES = 20.0, 0.06, 10.0, 0.25
+LOWEST_RATES = 0.5, 0.005, 1.2, 0.02
+HIGHEST_RATES = 200.0, 0.5, 200.0, heat.SILICONE_SHARE
 
 
 @dataclasses.dataclass
 class HeatRates:
-    """Rates of eqns (6) and (7) in silicone, as the board has them (`hardware.firmware.heat`).
+    """Rates of eqns (6) and (7) in silicone, by the board's model (`hardware.firmware.heat`).
 
     - ``heating``: a2 of the wire times the share of its rise that its thermocouple shows, °C/s;
       readings cannot tell these two apart.
@@ -34,86 +35,87 @@ class HeatRates:
     reading: float
 
     def bounds(self, kind: HeatBounds, hottest: float, margin: float) -> HeatBounds:
-        """Bounds for the board around these rates.
+        """Return bounds for the board around these rates.
 
-        A wire that gets less heat and a thermocouple that shows a share of the rise read the
-        same, so that readings never make the most heating less than that of the kind. Where they
-        show more, the description is wrong, and the most of all wires comes from the one that
-        shows most. The slowest cooling is raised by `NARROWEST` at most.
+        Readings cannot tell a wire with less heat from a thermocouple that shows a share of the
+        rise, so they never lower the kind's bound of the most heating. If they show more heat,
+        the description is wrong, and the hottest wire gives the most heating of all wires.
+        The slowest cooling is raised by `MAX_COOLING_FACTOR` at most.
 
         Args:
             kind: bounds of any wire of its kind.
             hottest: largest ``heating`` of all wires of the limb.
             margin: share by which the rates are widened.
         """
-        seen = max(kind.slowest_cooling, self.reading / LAGS)
-        cooling = self.cooling / (1 + margin)
+        # Widen the rates by the margin, and take the kind's bounds where these are wider.
+        visible_cooling = max(kind.slowest_cooling, self.reading / VISIBLE_TIME_CONSTANTS)
+        largest_slowest = min(visible_cooling, MAX_COOLING_FACTOR * kind.slowest_cooling)
+        most_heating = hottest * max(SPREAD["most_heating"], 1 + margin)
         bounds = {
-            "slowest_cooling": min(cooling, seen, NARROWEST * kind.slowest_cooling),
+            "slowest_cooling": min(self.cooling / (1 + margin), largest_slowest),
             "fastest_cooling": max(self.cooling * (1 + margin), kind.fastest_cooling),
             "least_heating": self.heating * (1 - margin),
-            "most_heating": max(
-                hottest * max(SPREAD["most_heating"], 1 + margin), kind.most_heating
-            ),
+            "most_heating": max(most_heating, kind.most_heating),
             "slowest_reading": min(self.reading / (1 + margin), kind.slowest_reading),
         }
+        # Stay within the ranges that a board accepts.
         for field in dataclasses.fields(kind):
             low, high = field.metadata["range"]
             bounds[field.name] = float(min(max(bounds[field.name], low), high))
-        return acceptable(HeatBounds(**bounds))
+        return detectable_bounds(HeatBounds(**bounds))
 
 
-def acceptable(bounds: HeatBounds) -> HeatBounds:
-    """Bounds that a board takes: these, or with a slower cooling if heat need not show by them."""
-    if heat.shown(dataclasses.astuple(bounds), np.inf):
+def detectable_bounds(bounds: HeatBounds) -> HeatBounds:
+    """Return bounds by which the board can detect overheating, if necessary with slower cooling."""
+    if heat.can_detect_overheating(dataclasses.astuple(bounds), np.inf):
         return bounds
     allowed = heat.HIGHEST_RISE * (1 - heat.SILICONE_SHARE)
     slowest = heat.LITTLE_DUTY * bounds.most_heating / allowed
-    # Frames have steps of 1/1000.
+    # Frames have steps of 1/1000 1/s.
     return dataclasses.replace(bounds, slowest_cooling=np.floor(1000 * slowest).item() / 1000)
 
 
-def fit_heat_rates(
-    heatings: Sequence[tuple[np.ndarray, np.ndarray, float]],
-) -> HeatRates | None:
-    """The rates that come closest to what was read of a wire.
+def fit_heat_rates(heatings: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> HeatRates | None:
+    """Return the rates that come closest to the readings of a wire.
 
     Args:
-        heatings: duty (K) of each, reading above that of the cold wire after each step (K),
-            °C, and interval of the steps, s.
+        heatings: for each heating the duty (K), the rise of the reading after each step (K), °C,
+            and the interval of the steps, s.
 
     Returns:
-        rates; None if the wire was not heated.
+        The rates; None if the wire was not heated.
     """
     if not any(duty.any() for duty, _, _ in heatings):
         return None
-    from scipy.optimize import least_squares  # takes longer to import than all the rest
+    from scipy.optimize import least_squares  # slow to import
 
     def errors(logarithms: np.ndarray) -> np.ndarray:
-        heating, cooling, faster, share = np.exp(logarithms)
-        reading = faster * cooling
-        return np.concatenate(
-            [
-                heating * lagged(warmth(duty, cooling, share, interval), reading, interval) - rise
-                for duty, rise, interval in heatings
-            ]
-        )
+        heating, cooling, reading_ratio, share = np.exp(logarithms)
+        differences = []
+        for duty, rise, interval in heatings:
+            wire = unit_temperature_rise(duty, cooling, share, interval)
+            reading = first_order_lag(wire, reading_ratio * cooling, interval)
+            differences.append(heating * reading - rise)
+        return np.concatenate(differences)
 
-    fit = least_squares(errors, np.log(START), bounds=(np.log(LOWEST), np.log(HIGHEST)))
-    heating, cooling, faster, _ = np.exp(fit.x).tolist()
-    return HeatRates(heating, cooling, faster * cooling)
+    limits = np.log(LOWEST_RATES), np.log(HIGHEST_RATES)
+    fit = least_squares(errors, np.log(INITIAL_RATES), bounds=limits)
+    heating, cooling, reading_ratio, _ = np.exp(fit.x).tolist()
+    return HeatRates(heating, cooling, reading_ratio * cooling)
 
 
-def without_gaps(readings: np.ndarray) -> np.ndarray:
-    """Return readings (K,) with values interpolated where there is none, nan, as of a bad frame."""
+def interpolate_gaps(readings: np.ndarray) -> np.ndarray:
+    """Return readings (K,) with interpolated values where they are missing (nan)."""
     samples = np.arange(len(readings))
-    known = np.isfinite(readings)
-    return np.interp(samples, samples[known], readings[known])
+    is_read = np.isfinite(readings)
+    return np.interp(samples, samples[is_read], readings[is_read])
 
 
-def warmth(duty: np.ndarray, cooling: float, share: float, interval: float) -> np.ndarray:
-    """Temperature above the room of a wire whose a2 is one, after each step (K), °C."""
-    from scipy.signal import lfilter  # as above
+def unit_temperature_rise(
+    duty: np.ndarray, cooling: float, share: float, interval: float
+) -> np.ndarray:
+    """Return the rise (K), °C, after each step, of a wire whose a2 is one."""
+    from scipy.signal import lfilter  # slow to import
 
     silicone = heat.SILICONE_RATE
     steps = interval * np.array([[-cooling, cooling], [silicone * share, -silicone]]) + np.eye(2)
@@ -121,6 +123,6 @@ def warmth(duty: np.ndarray, cooling: float, share: float, interval: float) -> n
     return lfilter(numerator, [1.0, -np.trace(steps), np.linalg.det(steps)], duty)
 
 
-def lagged(signal: np.ndarray, rate: float, interval: float) -> np.ndarray:
-    """A signal (K,) from zero behind a lag of the first order, 1/s, by Euler's method."""
+def first_order_lag(signal: np.ndarray, rate: float, interval: float) -> np.ndarray:
+    """Return a signal (K,) behind a first-order lag of a rate, 1/s, that starts at zero."""
     return low_pass(signal, max(0.0, 1.0 - interval * rate))

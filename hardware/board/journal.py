@@ -15,15 +15,15 @@ from limb_systems.files.signal_table import column_names, without_rounding
 from limb_systems.files.table_writer import TableWriter
 
 SIGNALS = ("measured_temperature", "bend_angle")
-OF_ROBOTS = ("applied_duty", "board_time", "sample_age", "body_pose")  # where the limb has them
-STOPPED = "stopped by Ctrl-C or a signal"
+ROBOT_SIGNALS = ("applied_duty", "board_time", "sample_age", "body_pose")  # if the limb has them
+STOPPED_BY_SIGNAL = "stopped by Ctrl-C or a signal"
 
 
 class Journal(LeafSystem):
-    """Hands each sample of a limb to a `TableWriter` when it arrives.
+    """Writes each sample of a limb to disk when it arrives, through a `TableWriter`.
 
     If the program dies, `Recording.load(journal.writer.path, unfinished=True)`
-    reads the samples up to then.
+    reads the samples that arrived before.
 
     - input 0 ``duty``: D (2), in [0, 1]
     - input 1 ``measured_temperature``: V (2), °C
@@ -50,18 +50,19 @@ class Journal(LeafSystem):
     ):
         """
         Args:
-            path: file, as it is named when it is finished.
+            path: name of the finished file.
             limb: limb whose ``parameters`` and ``source`` go into the header.
             sample_rate: Hz.
-            has_reference: whether there is an input for the bend angle that is asked for.
+            has_reference: whether there is an input for the reference of the bend angle.
             provenance: origin of the recording; None if it is not known.
-            kind: kind of the recording, as of `Recording`.
+            kind: kind of the recording, see `Recording`.
             may_wait: as for `TableWriter`.
 
         Raises:
             OutputError: if no file can be made there.
         """
         super().__init__()
+        # The header comes from a recording without samples.
         robot = getattr(limb, "robot", None)
         names = column_names(limb.parameters, robot)
         signals: Any = {name: np.empty((len(names[name]), 0)) for name in ("duty", *SIGNALS)}
@@ -75,28 +76,29 @@ class Journal(LeafSystem):
             time=np.empty(0),
             **signals,
         )
-        self.signals = ["duty", *SIGNALS, *filter(limb.HasOutputPort, OF_ROBOTS)]
+        # Declare an input for each signal, whose columns follow the time.
+        self.signals = ["duty", *SIGNALS, *filter(limb.HasOutputPort, ROBOT_SIGNALS)]
         self.signals += ["reference"] * has_reference
-        columns = [column for signal in ("time", *self.signals) for column in names[signal]]
+        columns = list(names["time"])
         for signal in self.signals:
+            columns += names[signal]
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))
         self.writer = TableWriter(path, Recording.KIND, empty.header(), columns, may_wait=may_wait)
 
     def _append(self, context):
-        duty, *others = (
-            self.get_input_port(index).Eval(context) for index in range(self.num_input_ports())
-        )
-        self.writer.append([context.get_time(), *without_rounding(duty), *np.concatenate(others)])
+        indices = range(self.num_input_ports())
+        duty, *readings = [self.get_input_port(index).Eval(context) for index in indices]
+        self.writer.append([context.get_time(), *without_rounding(duty), *np.concatenate(readings)])
 
 
 def closing(limb: Any) -> contextlib.AbstractContextManager:
-    """A context at whose end a robot is closed, also after an error; no other limb has to be."""
+    """Return a context that closes a robot at its end, also after an error; other limbs stay."""
     return contextlib.closing(limb) if limb.real_time else contextlib.nullcontext()
 
 
 @contextlib.contextmanager
-def journaled(
+def open_journal(
     builder: DiagramBuilder,
     path: str | Path | None,
     limb: LimbSystem,
@@ -109,20 +111,20 @@ def journaled(
     kind: str = "",
     may_wait: bool = False,
 ) -> Iterator[TableWriter | None]:
-    """A context in which a diagram is built and run, with a journal of its limb.
+    """Write a journal of a limb in a context in which its diagram is built and run.
 
-    It yields the writer of the file, if there is one. The file gets its name when the
-    context ends. If that is by an error, the file says so and keeps the name of an unfinished
-    one. A robot is closed before the disk is waited for.
+    It yields the writer of the file, or None. The file gets its name when the context ends. After
+    an error the file says so and keeps its unfinished name. A robot is closed before waiting for
+    the disk.
 
     Args:
         builder: builder of the diagram, to which the journal is added.
-        path: file; there is no journal if it is None.
-        duty: the port that drives the limb.
-        reference: port of the bend angle that is asked for.
+        path: file; no journal if None.
+        limb, sample_rate: as for `Journal`.
+        duty: port that drives the limb.
+        reference: port of the reference of the bend angle.
         provenance, kind, may_wait: as for `Journal`.
-        ended_by_hand: whether what there is when Ctrl-C comes is a recording: the file then
-            gets its name.
+        ended_by_hand: whether Ctrl-C is a regular end, after which the file gets its name.
 
     Raises:
         OutputError: if the file cannot be made, or is not on the disk in the end.
@@ -142,6 +144,7 @@ def journaled(
     writer = journal.writer
     try:
         with closing(limb):
+            # Connect the journal to the limb, and let the caller run the diagram.
             builder.AddSystem(journal)
             ports = {"duty": duty, "reference": reference}
             for name in journal.signals:
@@ -149,11 +152,13 @@ def journaled(
                 builder.Connect(port, journal.GetInputPort(name))
             yield writer
     except BaseException as error:
-        stopped = isinstance(error, KeyboardInterrupt)
-        if stopped and ended_by_hand and writer.num_rows:
-            writer.finish(STOPPED)
-            warnings.warn(f"What was recorded until then is in {path}.", stacklevel=3)
+        # Keep the samples, and why there are no more.
+        is_interrupt = isinstance(error, KeyboardInterrupt)
+        if is_interrupt and ended_by_hand and writer.num_rows:
+            writer.finish(STOPPED_BY_SIGNAL)
+            warnings.warn(f"The recording until then is in {path}.", stacklevel=3)
         else:
-            writer.abandon(STOPPED if stopped else str(error) or type(error).__name__)
+            reason = str(error) or type(error).__name__
+            writer.abandon(STOPPED_BY_SIGNAL if is_interrupt else reason)
         raise
     writer.finish()

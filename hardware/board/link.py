@@ -15,24 +15,24 @@ import numpy as np
 import serial
 
 from hardware.board.reasons import REASONS
-from hardware.board.signals import heed_signals
+from hardware.board.signals import raise_if_interrupted
 from hardware.firmware import firmware, from_host, guard, protocol
 from limb_systems import LimbError, LimbModel, LimbParameters
 from limb_systems.heat_bounds import HeatBounds
 
 BAUD_RATE = 115200
-STALE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered
-SILENT = 0.2  # s without a sample of one of several boards, after which the others are switched off
-# Share by which the board's clock may be slower than this computer's, as without a crystal.
-# A delay that grows as slowly as that shows by answers to commands, which this clock times.
+MAX_SAMPLE_AGE = 0.25  # s; an older sample must not be used, nor a command wait longer
+MAX_SILENCE = 0.2  # s; if one of several boards is silent for longer, all are switched off
+# Largest relative slowness of the board's clock, which may lack a crystal.
+# A delay that grows as slowly shows in the answers to commands, which this computer's clock times.
 CLOCK_ERROR = 0.025
 WRITE_TIMEOUT = 0.2  # s, after which a port must be ready for more
-SESSION_END = 0.5  # s, within which a session that nobody commands has ended
+SESSION_END_TIME = 0.5  # s, within which a session without commands has ended
 ANSWER_TIME = 1.0  # s, within which a board answers
 READING_TIME = 0.5  # s, within which a thermocouple has been read again after a bad frame
 ARMING_TIME = 3.0  # s, in which a board that was just switched on has settled
-WAITING_FRAMES = 8
-FRAME_PAUSE = 0.01  # s, between those that arm, as many boards keep some 60 bytes that come
+MAX_QUEUED_FRAMES = 8
+FRAME_PAUSE = 0.01  # s, between the frames of an arming; many boards buffer only some 60 bytes
 RESET_CAUSES = {
     firmware.POWER_ON: "switched on",
     firmware.PIN_RESET: "reset button",
@@ -42,10 +42,11 @@ RESET_CAUSES = {
     firmware.UNKNOWN_RESET: "unknown",
 }
 
-# pyserial's own errors are OSErrors, but it lets through those of line settings.
+# pyserial's own errors are OSErrors, but errors of line settings come from termios.
 PORT_ERRORS = (OSError, termios.error)
 
 Answer = TypeVar("Answer")
+Predicate = Callable[[], Any]
 
 
 class HardwareError(LimbError):
@@ -65,8 +66,8 @@ class Sample:
     - ``acknowledged``: sequence of the last command, modulo 65536.
     - ``temperature``: V (W), °C; nan where the amplifier sent no reading.
     - ``tip_tangent``: α (A), as the bend sensors read it, rad.
-    - ``duty``: applied (W); the board reduces what was commanded where a wire
-      gets hot, or all of them ask for too much.
+    - ``duty``: applied (W); the board reduces the command where a wire gets hot, or where the
+      sum is too large.
     - ``warmest``: highest temperatures that the wires can have by their heat (W), °C.
     - ``parts``: sample of each board, if this is one of several boards.
     """
@@ -86,7 +87,7 @@ class Sample:
 
     @classmethod
     def of(cls, header: Sequence, bends: Sequence, wires: Sequence, received: float) -> "Sample":
-        """The sample in frames: values that begin a SAMPLE, all angles, and three of each wire."""
+        """Return the sample in frames: a SAMPLE's header and bends, and three numbers per wire."""
         sequence, ticks, challenge, state, reason, acknowledged = header
         quarters, duty, warmest = map(np.array, zip(*wires, strict=True))
         has_reading = quarters != protocol.NO_READING
@@ -106,12 +107,12 @@ class Sample:
 
     @property
     def latched(self) -> bool:
-        """Whether its reason stays until it is cleared."""
+        """True if its reason stays until it is cleared."""
         return self.reason >= guard.LATCHING
 
     @property
     def age(self) -> float:
-        """Time since it was received, s."""
+        """The time since it was received, s."""
         return time.monotonic() - self.received
 
     @property
@@ -121,35 +122,39 @@ class Sample:
         return REASONS.get(self.reason, unknown)
 
 
-class Assembly:
-    """Puts samples together: one counts only if its SAMPLE and all its CHANNELS came."""
+class SampleAssembler:
+    """Assembles samples from their frames: a SAMPLE and all its CHANNELS."""
 
     def __init__(self):
         self._sequence: int | None = None
         self._header: tuple = ()
         self._wires: dict[int, tuple] = {}
-        self._count = 1
+        self._num_wires = 1
 
     def take(self, kind: int, values: tuple, received: float) -> Sample | None:
-        """The sample that the values of a SAMPLE or CHANNELS complete, or None."""
+        """Return the sample that the values of a SAMPLE or CHANNELS complete, or None."""
+        # Begin a new sample with a new sequence number.
         if values[0] != self._sequence:
-            self._sequence, self._header, self._wires = values[0], (), {}
+            self._sequence = values[0]
+            self._header = ()
+            self._wires = {}
+        # Store the values of this frame; CHANNELS have three for each wire.
         if kind == protocol.SAMPLE:
             self._header = values
         else:
-            _, first, self._count, *parts = values
-            for wire, part in enumerate(zip(*3 * [iter(parts)], strict=True), first):
-                self._wires[wire] = part
-        if not self._header or len(self._wires) < self._count:
+            _, first, self._num_wires, *numbers = values
+            for start in range(0, len(numbers), 3):
+                self._wires[first + start // 3] = tuple(numbers[start : start + 3])
+        if not self._header or len(self._wires) < self._num_wires:
             return None
-        self._sequence = None  # its copy is another one
-        wires = [self._wires[wire] for wire in range(self._count)]
+        self._sequence = None  # every frame is sent twice: its copy begins another sample
+        wires = [self._wires[wire] for wire in range(self._num_wires)]
         return Sample.of(self._header[:6], self._header[6:], wires, received)
 
 
 @dataclasses.dataclass(frozen=True)
 class BoardInfo:
-    """A board's description of itself.
+    """The description that a board gives of itself.
 
     - ``firmware_version``: number of the firmware.
     - ``sample_period``: time between two samples, s.
@@ -169,8 +174,8 @@ class BoardInfo:
     angles: int = 1
 
 
-class Closed:
-    """What is closed at the end of its context: a connection, or a system that has one."""
+class Closeable:
+    """A context manager that closes itself: a connection, or a system that has one."""
 
     __slots__ = ()  # for Drake's systems, see limb_systems.drake_python
 
@@ -181,11 +186,11 @@ class Closed:
         self.close()
 
     def close(self) -> None:
-        """Ends it; a second call does nothing."""
+        """Close it; a second call does nothing."""
         raise NotImplementedError
 
 
-class SerialPort(Closed):
+class SerialPort(Closeable):
     """The host's end of a cable: a serial port that this program alone has."""
 
     def __init__(self, port: str):
@@ -207,7 +212,7 @@ class SerialPort(Closed):
         except (ValueError, *PORT_ERRORS) as error:
             if "exclusively lock" in str(error):
                 raise HardwareError(f"{port} is in use by another program.") from error
-            reason = _in_words(error)
+            reason = _error_text(error)
             if "Could not configure port" in reason:
                 reason = "it is no serial port"
             raise HardwareError(
@@ -216,46 +221,49 @@ class SerialPort(Closed):
 
     def send(self, data: bytes) -> None:
         """Send bytes; HardwareError if the cable is gone, or the port not ready in time."""
-        self._do(lambda: self._serial.write(data))
+        self._attempt(lambda: self._serial.write(data))
 
     def receive(self) -> bytes:
-        """The bytes that came, or none within 10 ms; HardwareError if the cable is gone."""
-        return self._do(lambda: self._serial.read(max(1, self._serial.in_waiting)))
+        """Return received bytes, or none after 10 ms; HardwareError if the cable is gone."""
+        return self._attempt(lambda: self._serial.read(max(1, self._serial.in_waiting)))
 
     def now(self) -> float:
-        """Time, s."""
+        """Return the time, s."""
         return time.monotonic()
 
     def wait(self, seconds: float) -> None:
-        """Lets time pass."""
+        """Let time pass."""
         time.sleep(seconds)
 
     def close(self) -> None:
-        """Closes the port; a second call does nothing."""
+        """Close the port; a second call does nothing."""
         with contextlib.suppress(*PORT_ERRORS):
             self._serial.close()
 
-    def _do(self, action: Callable[[], Any]) -> Any:
+    def _attempt(self, action: Callable[[], Any]) -> Any:
+        """Return the result of an action at the port; HardwareError if it fails."""
         try:
             return action()
         except serial.SerialTimeoutException as error:
-            # It waits after the last byte, too: all of them may have left.
+            # pyserial waits after the last byte, too: all bytes may have left.
             raise HardwareError(
                 f"{self.port} was not ready for more data within {WRITE_TIMEOUT:g} s of a write; "
                 "is the board hung, or this computer too busy?"
             ) from error
         except (TypeError, *PORT_ERRORS) as error:
-            raise HardwareError(f"The cable to {self.port} is gone: {_in_words(error)}.") from error
+            raise HardwareError(
+                f"The cable to {self.port} is gone: {_error_text(error)}."
+            ) from error
 
 
-def _in_words(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     if isinstance(error, termios.error):
         return str(error.args[-1])
     number = getattr(error, "errno", None)
     return os.strerror(number) if number else str(error)
 
 
-def _switched_off(port: str, sample: Sample) -> str:
+def _switched_off_message(port: str, sample: Sample) -> str:
     return f"The board on {port} switched off: {sample.reason_text}."
 
 
@@ -277,21 +285,22 @@ def present_temperature(link: Any) -> np.ndarray:
 
 
 def checked_duty(duty: np.ndarray, num_wires: int) -> np.ndarray:
-    """A duty (W); HardwareError if it is out of [0, 1] or not a number."""
+    """Return a duty (W) as numbers; HardwareError if it is out of [0, 1] or not a number."""
     duty = np.asarray(duty, float)
-    if duty.shape != (num_wires,) or not ((duty >= 0) & (duty <= 1)).all():  # NaN is not
+    if duty.shape != (num_wires,) or not ((duty >= 0) & (duty <= 1)).all():  # false for nan
         raise HardwareError(f"duty is {duty.tolist()}; it must be {num_wires} numbers from 0 to 1.")
     return duty
 
 
 def check_fit(limb: LimbParameters, board: BoardInfo, port: str) -> None:
-    """Raises LimbError unless a board has what a limb needs, and nothing else."""
-    wires, angles = len(limb.wires), LimbModel.of(limb).layout.num_bends
-    if (wires, angles) != (board.channels, board.angles):
+    """Raise LimbError unless a board has as many channels and angles as a limb needs."""
+    num_wires = len(limb.wires)
+    num_bends = LimbModel.of(limb).layout.num_bends
+    if (num_wires, num_bends) != (board.channels, board.angles):
         raise LimbError(
-            f"This limb has {wires} wires and {angles} bend angles, but the board on {port} has "
-            f"{board.channels} channels and {board.angles} angles; describe the limb that is on "
-            "it, or take the port of its board."
+            f"This limb has {num_wires} wires and {num_bends} bend angles, but the board on {port} "
+            f"has {board.channels} channels and {board.angles} angles; describe the limb that is "
+            "on it, or take the port of its board."
         )
 
 
@@ -307,31 +316,33 @@ def check_heat_is_measured(limb: LimbParameters) -> None:
 
 
 def pulls_of(limb: LimbParameters) -> list[int]:
-    """How each wire pulls (W), as `protocol.shares` reads it."""
-    return [
-        from_host.pull(bends.start, wire.e2, wire.e3 if segment.axes == 2 else 0.0)
-        for bends, segment in zip(LimbModel.of(limb).layout.bends_of, limb.segments, strict=True)
-        for wire in segment.wires
-    ]
+    """Return the pull of each wire (W), a number that `protocol.shares` decodes."""
+    pulls = []
+    layout = LimbModel.of(limb).layout
+    for bends, segment in zip(layout.bends_of, limb.segments, strict=True):
+        for wire in segment.wires:
+            e3 = wire.e3 if segment.axes == 2 else 0.0
+            pulls.append(from_host.pull(bends.start, wire.e2, e3))
+    return pulls
 
 
 def shares_of(limb: LimbParameters) -> np.ndarray:
-    """Shares of each wire's torque that turn the bend angles (F, W), as the board has them."""
-    bends = range(LimbModel.of(limb).layout.num_bends)
-    return np.array([protocol.shares(pulls_of(limb), bend) for bend in bends])
+    """Return the shares of each wire's torque that turn the bend angles (F, W), by the board."""
+    pulls = pulls_of(limb)
+    num_bends = LimbModel.of(limb).layout.num_bends
+    return np.array([protocol.shares(pulls, bend) for bend in range(num_bends)])
 
 
-class BoardLink(Closed):
+class BoardLink(Closeable):
     """A connection to a board. It arms the board only in `arm`.
 
-    Threads read and write. Only `info`, `arm` and `clear` wait for the cable: for
-    an answer, and at most some seconds. Use it as a context manager, or `close`
-    it: both disarm the board.
+    Threads read and write. Only `info`, `arm` and `clear` wait for an answer over the cable, at
+    most some seconds. Use it as a context manager, or `close` it: both disarm the board.
 
     - ``lost_samples``: number of samples that did not arrive.
-    - ``delay``: time by which the newest sample was longer on its way than the fastest one, s.
-    - ``when_off``: function that takes a sentence, called by a thread or a command when the board
-      is not armed any more or silent for 0.2 s, a command fails, or its cable is gone; or None.
+    - ``delay``: travel time of the newest sample, beyond the travel time of the fastest, s.
+    - ``when_off``: function that takes a sentence, or None. A thread or a command calls it when
+      the board is not armed any more or silent for 0.2 s, a command fails, or the cable is gone.
     """
 
     def __init__(self, port: str, limb: LimbParameters | None = None):
@@ -343,52 +354,54 @@ class BoardLink(Closed):
         Raises:
             HardwareError: if it cannot be opened, or another program has it.
         """
-        self.port, self._pulls = port, pulls_of(limb or LimbParameters())
+        self.port = port
+        self._pulls = pulls_of(limb or LimbParameters())
         self._cable = SerialPort(port)
         self.parser = protocol.Parser(protocol.BOARD_KINDS)
-        self._assembly = Assembly()
+        self._assembly = SampleAssembler()
         self.lost_samples = 0
         self.when_off: Callable[[str], None] | None = None
-        self._why_off = ""
+        self._off_reason = ""  # sentence, if another board is the cause
         self._sample: Sample | None = None
         self._info: BoardInfo | None = None
-        self._session, self._sequence = 0, 0
+        # Commands: their session, their sequence, and the commands without an answer.
+        self._session = self._sequence = 0
         self._unanswered: collections.deque[tuple[int, float]] = collections.deque(maxlen=100)
-        self._clock_offset = np.inf  # s, between both clocks, of the sample that came fastest
+        self._clock_offset = np.inf  # s, between both clocks, by the fastest sample
         self.delay = 0.0
         self._restarts = self._restarts_when_armed = 0
+        # Start a thread that reads and a thread that writes.
         self._failure: str | None = None
         self._arrived = threading.Condition()
-        self._outgoing: queue.Queue[bytes | None] = queue.Queue(WAITING_FRAMES)
+        self._outgoing: queue.Queue[bytes | None] = queue.Queue(MAX_QUEUED_FRAMES)
         self._closing = False
-        self._threads = [
-            threading.Thread(target=work, name=f"{port} {work.__name__}", daemon=True)
-            for work in (self._read, self._write)
-        ]
-        for thread in self._threads:
+        self._threads = []
+        for work in (self._read, self._write):
+            thread = threading.Thread(target=work, name=f"{port} {work.__name__}", daemon=True)
+            self._threads.append(thread)
             thread.start()
 
     def info(self) -> BoardInfo:
-        """Asks the board for its description.
+        """Request the board's description.
 
         Raises:
             HardwareError: if it does not answer, or speaks another protocol.
         """
         self._send_until([protocol.encode(protocol.HELLO)], lambda: self._info, ANSWER_TIME)
-        return self._answer(self._info, "a greeting")
+        return self._checked_answer(self._info, "a greeting")
 
-    def sample(self, oldest: float = STALE) -> Sample:
-        """The newest sample.
+    def sample(self, oldest: float = MAX_SAMPLE_AGE) -> Sample:
+        """Return the newest sample.
 
         Args:
-            oldest: age at which it must not be used, s. Whoever heats leaves it as it is.
+            oldest: largest age and delay of the sample, s. Leave the default if wires are heated.
 
         Raises:
-            HardwareError: if it is older or came that late, or the cable is gone.
+            HardwareError: if the sample is older or came later, or the cable is gone.
         """
-        self._check()
+        self._raise_failure()
         self._wait_for(lambda: self._sample, ANSWER_TIME)
-        sample = self._answer(self._sample, "after the port was opened")
+        sample = self._checked_answer(self._sample, "after the port was opened")
         if sample.age > oldest:
             raise HardwareError(
                 f"Nothing new came from the board on {self.port} for {sample.age:.2f} s."
@@ -401,31 +414,31 @@ class BoardLink(Closed):
         return sample
 
     def next_sample(self) -> Sample:
-        """The sample after the newest one, for which it waits.
+        """Wait for the sample after the newest one, and return it.
 
         Raises:
-            HardwareError: as `sample`.
+            HardwareError: see `sample`.
         """
-        before = self.sample()
-        self._wait_for(lambda: self._sample is not before, STALE)
+        newest = self.sample()
+        self._wait_for(lambda: self._sample is not newest, MAX_SAMPLE_AGE)
         return self.sample()
 
     def arm(self, bounds: Sequence[HeatBounds], total_duty: float = 1.5) -> None:
-        """Arms the board: commands heat from now on.
+        """Arm the board: commands heat from now on.
 
         Args:
-            bounds: bounds of all wires, as `LimbParameters.heat_bounds` has them.
+            bounds: bounds of all wires, see `LimbParameters.heat_bounds`.
             total_duty: largest sum of all duties.
 
         Raises:
-            HardwareError: if it does not let itself be armed, with its reason,
-                or if another program has armed it.
-            KeyboardInterrupt: if a signal has ended the command that runs.
+            HardwareError: if the board refuses, with its reason, or another program has armed it.
+            KeyboardInterrupt: if a signal has ended the present command.
         """
-        heed_signals()
+        raise_if_interrupted()
+        # Let a session that has no commands end; another program goes on with its session.
         sample = self.sample()
         if sample.armed:
-            self._wait_for(lambda: not self._sample_now().armed, SESSION_END)
+            self._wait_for(lambda: not self._current_sample().armed, SESSION_END_TIME)
             sample = self.sample()
             if sample.armed:
                 raise HardwareError(f"The board on {self.port} is in use by another program.")
@@ -434,13 +447,16 @@ class BoardLink(Closed):
                 f"The board on {self.port} refuses to be armed: {sample.reason_text}. "
                 "Mend it, then clear the fault: soft-limb status PORT --clear."
             )
-        self._session, self._sequence, self._why_off = sample.challenge, 0, ""
+        # Begin a session, and send its bounds until the board is armed.
+        self._session = sample.challenge
+        self._sequence = 0
+        self._off_reason = ""
         self._unanswered.clear()
         self._restarts_when_armed = self._restarts
-        values = [dataclasses.astuple(bound) for bound in bounds]
-        total = min(total_duty, len(values))  # they cannot have more
-        frames = from_host.encode_arming(sample.challenge, values, total, self._pulls)
-        armed = self._send_until(frames, lambda: self._sample_now().armed, ARMING_TIME)
+        values = list(map(dataclasses.astuple, bounds))
+        largest_total = min(total_duty, len(values))  # each duty is at most one
+        frames = from_host.encode_arming(sample.challenge, values, largest_total, self._pulls)
+        armed = self._send_until(frames, lambda: self._current_sample().armed, ARMING_TIME)
         if not armed:
             raise HardwareError(
                 f"The board on {self.port} does not let itself be armed: "
@@ -448,60 +464,62 @@ class BoardLink(Closed):
             )
 
     def command(self, duty: np.ndarray) -> None:
-        """Sends a duty (W), in [0, 1]; it holds for 250 ms.
+        """Send a duty (W), in [0, 1]; it holds for 250 ms.
 
         Raises:
-            HardwareError: if it is out of range or not a number, if the board
-                is not armed, if samples no longer come, or if commands do not
-                arrive in time.
-            KeyboardInterrupt: if a signal has ended the command that runs.
+            HardwareError: if the duty is out of range or not a number, the board is not armed,
+                samples no longer come, or commands do not arrive in time.
+            KeyboardInterrupt: if a signal has ended the present command.
         """
-        heed_signals()
+        raise_if_interrupted()
         try:
-            self._command(duty)
+            self._send_command(duty)
         except HardwareError as error:
-            self._tell_off(str(error))
+            self._report_off(str(error))
             raise
 
-    def _command(self, duty: np.ndarray) -> None:
+    def _send_command(self, duty: np.ndarray) -> None:
+        # Refuse unless the board is armed, answers, and has not been reset.
         sample = self.sample()
         duty = checked_duty(duty, len(sample.duty))
-        if self._why_off:
-            raise HardwareError(self._why_off)
+        if self._off_reason:
+            raise HardwareError(self._off_reason)
         if not sample.armed:
-            raise HardwareError(_switched_off(self.port, sample))
+            raise HardwareError(_switched_off_message(self.port, sample))
         if self._restarts != self._restarts_when_armed:
             raise HardwareError(f"The time of the board on {self.port} went back; reset it.")
         self._check_answers(sample)
+        # Send the next command in answer to this sample.
         self._sequence += 1
         self._unanswered.append((self._sequence, time.monotonic()))
-        heard = round(1000 * sample.board_time)
-        frame = from_host.encode_command(self._session, self._sequence, heard, duty.tolist())
-        self._send(2 * frame)  # one may get lost; the board takes each once
+        sample_time = round(1000 * sample.board_time)
+        frame = from_host.encode_command(self._session, self._sequence, sample_time, duty.tolist())
+        self._send(2 * frame)  # a frame may get lost; the board obeys each command once
 
     def _check_answers(self, sample: Sample) -> None:
-        """Raises HardwareError if the oldest command without an answer is too old."""
-        waiting = self._unanswered
-        while waiting and (sample.acknowledged - waiting[0][0]) & 0xFFFF < 0x8000:
-            waiting.popleft()
-        if waiting and (late := time.monotonic() - waiting[0][1]) > STALE:
+        """Raise HardwareError if the oldest command without an answer is too old."""
+        # Forget the commands that the sample acknowledges; their sequence is modulo 2**16.
+        unanswered = self._unanswered
+        while unanswered and (sample.acknowledged - unanswered[0][0]) & 0xFFFF < 0x8000:
+            unanswered.popleft()
+        if unanswered and (age := time.monotonic() - unanswered[0][1]) > MAX_SAMPLE_AGE:
             raise HardwareError(
-                f"The board on {self.port} did not get a command within {late:.2f} s; commands "
+                f"The board on {self.port} did not get a command within {age:.2f} s; commands "
                 "arrive late or not at all."
             )
 
-    def disarm(self, why: str = "") -> None:
-        """Switches the wires off. Does not wait, and never raises.
+    def disarm(self, reason: str = "") -> None:
+        """Switch the wires off; do not wait, and never raise.
 
         Args:
-            why: sentence that the next command raises, if another board is the cause.
+            reason: sentence that the next command raises, if another board is the cause.
         """
-        self._why_off = self._why_off or why
+        self._off_reason = self._off_reason or reason
         with contextlib.suppress(HardwareError):
             self._send(protocol.encode(protocol.DISARM))
 
     def clear(self) -> None:
-        """Clears a latched fault; the board stays off until it is armed.
+        """Clear a latched fault; the board stays off until it is armed.
 
         Raises:
             HardwareError: if the fault is still there.
@@ -511,7 +529,7 @@ class BoardLink(Closed):
             return
         cleared = self._send_until(
             [protocol.encode(protocol.CLEAR, sample.challenge)],
-            lambda: not self._sample_now().latched,
+            lambda: not self._current_sample().latched,
             ANSWER_TIME,
         )
         if not cleared:
@@ -519,57 +537,58 @@ class BoardLink(Closed):
             raise HardwareError(f"The fault of the board on {self.port} is still there: {reason}.")
 
     def close(self) -> None:
-        """Disarms the board and closes the port; a second call does nothing."""
+        """Disarm the board and close the port; a second call does nothing."""
         if self._closing:
             return
+        # Send the queue, then end both threads.
+        reader, writer = self._threads
         for _ in range(3):  # a frame may get lost
             self.disarm()
         with contextlib.suppress(queue.Full):
             self._outgoing.put(None, timeout=0.2)
-        self._threads[1].join(1.0)
+        writer.join(1.0)
         self._closing = True
-        self._threads[0].join(1.0)
+        reader.join(1.0)
         self._cable.close()
 
-    def _send_until(self, frames: Sequence[bytes], done: Callable[[], Any], limit: float) -> bool:
-        """Sends frames until something is so, because they may get lost; whether it is."""
+    def _send_until(self, frames: Sequence[bytes], is_done: Predicate, limit: float) -> bool:
+        """Send frames, which may get lost, until something is done; return whether it is."""
         end = time.monotonic() + limit
         while time.monotonic() < end:
             for number, frame in enumerate(frames):
                 time.sleep(FRAME_PAUSE if number else 0.0)
                 self._send(frame)
-            if self._wait_for(done, 0.1):
+            if self._wait_for(is_done, 0.1):
                 break
-        self._check()
-        return bool(done())
+        self._raise_failure()
+        return bool(is_done())
 
-    def _wait_for(self, done: Callable[[], Any], limit: float) -> bool:
-        """Waits until something is so, or the cable is gone."""
+    def _wait_for(self, is_done: Predicate, limit: float) -> bool:
+        """Wait until something is done or the cable is gone; return False after the limit, s."""
         with self._arrived:
-            return bool(self._arrived.wait_for(lambda: done() or self._failure, limit))
+            return bool(self._arrived.wait_for(lambda: is_done() or self._failure, limit))
 
-    def _sample_now(self) -> Sample:
-        assert self._sample  # whoever asks had one before
+    def _current_sample(self) -> Sample:
+        assert self._sample  # every caller had a sample before
         return self._sample
 
-    def _answer(self, answer: Answer | None, what: str) -> Answer:
-        """What the board answered; HardwareError if it did not."""
-        self._check()
+    def _checked_answer(self, answer: Answer | None, request: str) -> Answer:
+        """Return the board's answer to a request; HardwareError if there is none."""
+        self._raise_failure()
         if answer:
             return answer
-        if (other := self.parser.other_version) is not None:
-            mend = (
-                "flash the board with the firmware of this program."
-                if other < protocol.VERSION
-                else "use a newer version of this program."
-            )
+        version = self.parser.other_version
+        if version is not None:
+            advice = "use a newer version of this program."
+            if version < protocol.VERSION:
+                advice = "flash the board with the firmware of this program."
             raise HardwareError(
-                f"The board on {self.port} speaks version {other} of the protocol, but this "
-                f"program version {protocol.VERSION}; {mend}"
+                f"The board on {self.port} speaks version {version} of the protocol, but this "
+                f"program version {protocol.VERSION}; {advice}"
             )
-        raise HardwareError(f"The board on {self.port} does not answer {what}.")
+        raise HardwareError(f"The board on {self.port} does not answer {request}.")
 
-    def _check(self) -> None:
+    def _raise_failure(self) -> None:
         if self._failure:
             raise HardwareError(self._failure)
 
@@ -585,17 +604,20 @@ class BoardLink(Closed):
                 return
             self._failure = str(error)
             self._arrived.notify_all()
-        self._tell_off(str(error))
+        self._report_off(str(error))
 
-    def _tell_off(self, why: str) -> None:
+    def _report_off(self, reason: str) -> None:
         if self.when_off:
-            self.when_off(why)
+            self.when_off(reason)
 
     def _check_silence(self) -> None:
-        """Tells once if this is one of several boards, and no sample came for 0.2 s."""
+        """Report once if this is one of several boards, and no sample came for 0.2 s."""
         sample = self._sample
-        if self.when_off and sample and sample.armed and not self._why_off and sample.age > SILENT:
-            self._tell_off(f"Nothing new came from the board on {self.port} for {SILENT:g} s.")
+        if not (self.when_off and sample and sample.armed) or self._off_reason:
+            return
+        if sample.age > MAX_SILENCE:
+            reason = f"Nothing new came from the board on {self.port} for {MAX_SILENCE:g} s."
+            self._report_off(reason)
 
     def _write(self) -> None:
         while (frame := self._outgoing.get()) is not None:
@@ -613,32 +635,42 @@ class BoardLink(Closed):
                 return
             for kind, values in self.parser.feed(data):
                 with self._arrived:
-                    self._take(kind, values)
+                    self._handle(kind, values)
                     self._arrived.notify_all()
             self._check_silence()
 
-    def _take(self, kind: int, values: tuple) -> None:
+    def _handle(self, kind: int, values: tuple) -> None:
+        """Store the values of a frame from the board."""
         if kind == protocol.INFO:
-            version, period, limit, number, channels, angles, cause = values
-            text = number.rstrip(b"\0")
-            name = text.decode() if text.isalnum() else number.hex()
-            cause = RESET_CAUSES.get(cause, f"unknown ({cause})")
-            self._info = BoardInfo(version, period / 1000, limit / 4, name, channels, cause, angles)
+            self._info = _board_info(values)
             return
-        if (sample := self._assembly.take(kind, values, time.monotonic())) is None:
+        sample = self._assembly.take(kind, values, time.monotonic())
+        if sample is None:
             return
-        if (before := self._sample) is not None:
-            step = (sample.sequence - before.sequence) & 0xFFFF
-            if step == 0 or sample.board_time == before.board_time:
-                return  # the same again: nothing new
+        # Compare the sample with the previous sample: copies, losses and restarts.
+        previous = self._sample
+        if previous is not None:
+            step = (sample.sequence - previous.sequence) & 0xFFFF
+            if step == 0 or sample.board_time == previous.board_time:
+                return  # a copy
             self.lost_samples += step - 1 if step < 0x8000 else 0
-            if sample.board_time < before.board_time:  # it was restarted, or sends old samples
+            if sample.board_time < previous.board_time:  # it was restarted, or sends old samples
                 self._restarts += 1
                 self._clock_offset = np.inf
-            self._clock_offset += CLOCK_ERROR * (sample.received - before.received)
+            self._clock_offset += CLOCK_ERROR * (sample.received - previous.received)
+        # The fastest sample gives the offset of the board's clock; others are delayed.
         offset = sample.received - sample.board_time
         self._clock_offset = min(self._clock_offset, offset)
         self.delay = offset - self._clock_offset
         self._sample = sample
-        if before and before.armed and not sample.armed:
-            self._tell_off(_switched_off(self.port, sample))
+        if previous and previous.armed and not sample.armed:
+            self._report_off(_switched_off_message(self.port, sample))
+
+
+def _board_info(values: tuple) -> BoardInfo:
+    """Return the description in the values of an INFO."""
+    version, period_ms, limit_quarters, number, channels, angles, cause = values
+    text = number.rstrip(b"\0")
+    name = text.decode() if text.isalnum() else number.hex()
+    cause = RESET_CAUSES.get(cause, f"unknown ({cause})")
+    return BoardInfo(version, period_ms / 1000, limit_quarters / 4, name, channels, cause, angles)

@@ -1,14 +1,14 @@
-"""Why a board is off, in words."""
+"""The reasons for which a board is off, in words."""
 
 from hardware.firmware import guard
 
 REASONS = {
-    guard.NONE: "all is well",
+    guard.NO_REASON: "all is well",
     guard.NO_COMMAND: "no valid command came for 250 ms",
     guard.OUT_OF_RANGE: "a command was out of range",
-    guard.HOST: "the host switched it off",
+    guard.BY_HOST: "the host switched it off",
     guard.POWER_UP: "it was just switched on",
-    guard.RESET: "it was reset",
+    guard.WAS_RESET: "it was reset",
     guard.LATE_COMMANDS: "commands come more than 250 ms late",
     guard.BAD_BOUNDS: (
         "the limb's heat_bounds did not all arrive, are out of the board's range, or so wide that "
@@ -34,5 +34,5 @@ REASONS = {
     guard.BELOW_ROOM: "a thermocouple reads less than the room's temperature",
     guard.AMPLIFIER: "an amplifier sends bits that it should not",
     guard.RESTARTED: "it restarted by itself",
-    guard.CLOCK: "its clock stands still",
+    guard.CLOCK_STANDS: "its clock stands still",
 }

@@ -4,39 +4,39 @@ import contextlib
 import signal
 from collections.abc import Iterator
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a command
-came: list[int] = []  # of these, since the command that runs has begun
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # end a command
+received_signals: list[int] = []  # those of `SIGNALS` since the present command began
 
 
 def stop(number: int, _frame: object) -> None:
-    """Handler of `SIGNALS` while a command runs."""
-    came.append(number)
+    """Handle one of `SIGNALS` while a command runs."""
+    received_signals.append(number)
     raise KeyboardInterrupt
 
 
-def heed_signals() -> None:
-    """Raises KeyboardInterrupt if a signal has come that ends the command that runs.
+def raise_if_interrupted() -> None:
+    """Raise KeyboardInterrupt if a signal has ended the present command.
 
-    The handler has done so before, but what it raises is lost in a finalizer,
-    for example, and in some imports. Whoever heats wires asks here first.
+    The handler has raised it before, but finalizers and some imports swallow its exception.
+    Code that heats wires calls this first.
     """
-    if came:
+    if received_signals:
         raise KeyboardInterrupt
 
 
 @contextlib.contextmanager
-def ended_at_once() -> Iterator[None]:
-    """A context in which a signal that ends a command ends its process at once, without a word.
+def default_signal_handlers() -> Iterator[None]:
+    """Let signals that end a command end the process at once, within a context.
 
-    For work that holds no robot and no file. Python heeds signals only between calls
-    into Drake and solvers, which take from seconds to minutes. Scripts, whose
-    signals are not a command's, get KeyboardInterrupt there as anywhere.
+    This is for work without a robot or an open file. Python handles signals only between calls
+    into Drake and solvers, which take from seconds to minutes. Scripts, which do not install the
+    command's handler, get KeyboardInterrupt as anywhere.
     """
-    ours = [number for number in SIGNALS if signal.getsignal(number) is stop]
-    for number in ours:
+    handled = [number for number in SIGNALS if signal.getsignal(number) is stop]
+    for number in handled:
         signal.signal(number, signal.SIG_DFL)
     try:
         yield
     finally:
-        for number in ours:
+        for number in handled:
             signal.signal(number, stop)

@@ -1,8 +1,7 @@
 """An emulated board with an emulated limb on it, for the firmware to run on.
 
-The sensors answer with the bytes of the real ones. The limb is a `LimbTwin`
-that is simulated along a clock, the computer's or another. Its sensors can be
-made to fail.
+The sensors answer with the bytes of real sensors. The limb is a `LimbTwin` that is simulated
+along a clock. Faults of its sensors can be injected.
 """
 
 import dataclasses
@@ -21,23 +20,23 @@ from hardware.firmware.protocol import MOST_ANGLES, MOST_CHANNELS
 from limb_systems import LimbError, LimbModel
 from limb_systems.simulation import make_simulator
 
-LIMB_PERIOD = 0.02  # s, by which the limb is simulated at a time
-AMPLIFIERS = 1.0  # °C, by which they are warmer than the room
+LIMB_PERIOD = 0.02  # s; the limb is simulated in multiples of it
+AMPLIFIER_WARMTH = 1.0  # °C above the room
 SUPPLY_TIME = 0.1  # s, for which the charge pump holds the supply's relay
 
 
 @dataclasses.dataclass
 class Thermocouple:
-    """What is wrong with a thermocouple, or nothing.
+    """The faults of a thermocouple, none by default.
 
-    - ``faults``: bits that its amplifier sets.
-    - ``frozen``: °C that it keeps reading.
-    - ``share``: share of the temperature above the room that it reads; -1 if it is
-      reversed, 0 if it has come off the wire.
-    - ``offset``, ``drift``: °C that it reads too much, and °C/s by which that grows.
-    - ``noise``: standard deviation that is added to its noise, °C.
-    - ``word``: word that its amplifier sends, whatever it reads.
-    - ``bad_frames``: number of frames that its amplifier will send as if it were open.
+    - ``faults``: fault bits of its amplifier.
+    - ``frozen``: constant reading, °C.
+    - ``share``: reading above the room over the temperature above the room; -1 if it is reversed,
+      0 if it has come off the wire.
+    - ``offset``, ``drift``: error of the reading, °C, and rate at which the error grows, °C/s.
+    - ``noise``: standard deviation of additional noise, °C.
+    - ``word``: constant word from its amplifier.
+    - ``bad_frames``: number of next frames that are as from an open thermocouple.
     """
 
     faults: int = 0
@@ -51,7 +50,7 @@ class Thermocouple:
 
 
 class RunningTwin:
-    """An emulated limb or robot that is simulated bit by bit, for the boards that are on it."""
+    """An emulated limb or robot that its boards simulate step by step."""
 
     def __init__(self, twin: EmulatedSystem):
         self.twin: Any = twin
@@ -62,8 +61,8 @@ class RunningTwin:
         self._input = duty.FixValue(self._context, self.duty)
         self._begin()
 
-    def part(self, limb: str) -> tuple[Any, slice]:
-        """Parameters and wires of a robot's limb, by name; of all there is if that is empty."""
+    def limb_part(self, limb: str) -> tuple[Any, slice]:
+        """Return parameters and wires of a robot's limb by name, or of all if it is empty."""
         if not limb:
             return self.twin.parameters, slice(None)
         robot = self.twin.robot
@@ -71,26 +70,26 @@ class RunningTwin:
         return robot.limb(limb), robot.wires_of[names.index(limb)]
 
     def cool(self) -> None:
-        """Brings it back to its initial state: cold and at rest."""
+        """Bring it back to its initial state: cold and at rest."""
         self.twin.SetDefaultContext(self._context)
         self._begin()
 
     def _begin(self) -> None:
-        self.twin.without_cut_out(self._context)  # the firmware is what switches off
+        self.twin.without_cut_out(self._context)  # the firmware switches off instead
         self._simulator.Initialize()
 
     def advance(self, time: float) -> None:
-        """Simulates up to a time, s, since it was made, unless it is there."""
+        """Simulate up to a time, s, since it was made, unless the simulation is there."""
         if time > self._context.get_time():
             self._input.GetMutableData().set_value(self.duty)
             self._simulator.AdvanceTo(time)
 
     def reading(self, name: str) -> np.ndarray:
-        """The readings at a port."""
+        """Return the readings at a port."""
         return self.twin.GetOutputPort(name).Eval(self._context)
 
     def wire_temperature(self) -> np.ndarray:
-        """T (W), °C, which no board can read."""
+        """Return T (W), °C, which no board can read."""
         wires = self.twin.GetSubsystemByName("shape_memory_wires")
         return wires.GetOutputPort("wire_temperature").Eval(
             wires.GetMyContextFromRoot(self._context)
@@ -98,11 +97,11 @@ class RunningTwin:
 
 
 class EmulatedBoard:
-    """A board for `firmware.Firmware`, with channels and bend angles for all of a limb.
+    """A board for `firmware.Firmware`, with the wires and bend angles of a limb or a robot.
 
-    Or for all limbs of a robot; or for one of them, by name, beside others on boards of their own.
-    ``on_duty(duty)`` is called with that of each wire whenever one changes at the pins;
-    ``clock()`` is the time, s, along which the limb is simulated.
+    A robot's limb, by name, may also have this board while other limbs have boards of their own.
+    ``on_duty(duty)`` is called with the duties of all wires whenever a pin changes;
+    ``clock()`` returns the time, s, along which the limb is simulated.
 
     Raises:
         LimbError: at construction, if the limb has more wires or bend angles than a
@@ -116,10 +115,11 @@ class EmulatedBoard:
         clock: Callable[[], float] = time.monotonic,
         limb: str = "",
     ):
+        # Take the whole of a limb or robot, or one limb of a robot.
         self._running = twin if isinstance(twin, RunningTwin) else RunningTwin(twin)
         self._prefix = f"{limb}." if limb else ""
         self._wires: slice
-        self.parameters, self._wires = self._running.part(limb)
+        self.parameters, self._wires = self._running.limb_part(limb)
         self.channels = len(self.reading("measured_temperature"))
         self.angles = len(self.reading("bend_angle"))
         if self.channels > MOST_CHANNELS or self.angles > MOST_ANGLES:
@@ -127,60 +127,65 @@ class EmulatedBoard:
                 f"An emulated board has at most {MOST_CHANNELS} channels and {MOST_ANGLES} bend "
                 f"angles; this limb has {self.channels} wires and {self.angles} bend angles."
             )
-        self._clock, self._start = clock, clock()
+        # Time, duty and sensors.
+        self._clock = clock
+        self._start = clock()
         self._on_duty = on_duty
         self._duty = [0.0] * self.channels
         segments = self.parameters.segments
         layout = LimbModel.of(self.parameters).layout
-        self._sensors = [segments[n].bend_sensor for n in layout.bend_segment]
-        self.to_host, self.from_host = bytearray(), bytearray()
+        self._sensors = [segments[number].bend_sensor for number in layout.bend_segment]
+        # The attributes of a board that `firmware` lists.
+        self.to_host = bytearray()
+        self.from_host = bytearray()
         self.serial_number = self.parameters.board.serial_number.encode()
         self.random = random.SystemRandom().getrandbits(16)
-        self.reset_cause, self.remembered = POWER_ON, 0
-        self._held = clock()
+        self.reset_cause = POWER_ON
+        self.remembered = 0
+        self._supply_held_at = clock()
         self.mend()
         self.feed()
 
     def mend(self) -> None:
-        """Removes all faults of sensors."""
+        """Remove all faults of sensors, supply and MOSFETs."""
         self.thermocouples = [Thermocouple() for _ in range(self.channels)]
         self._faulty_since = self._clock()
         self._stopped_at: int | None = None
         self.frozen_bend: bytes | None = None
-        self.stuck_bend: list[float] = []  # degrees of each angle, on which there is noise
+        self.stuck_bend: list[float] = []  # degrees of each angle, to which noise is added
         self.bend_is_silent = False
-        self.heat_share = 1.0  # of the heat that the duty asks for, by a supply that is another
-        self.chill = 0.0  # °C, by which amplifiers read their own temperature too low
-        self.shorted = [False] * self.channels  # MOSFETs
+        self.heat_share = 1.0  # heat over the heat of a correct supply
+        self.chill = 0.0  # °C, error by which amplifiers read their own temperature too low
+        self.shorted = [False] * self.channels  # MOSFETs that conduct
         self._heat()
 
     def fail(self, wire: int, **faults: Any) -> None:
-        """Gives a thermocouple faults, in addition to those that it has; see `Thermocouple`."""
+        """Add faults to a thermocouple, see `Thermocouple`."""
         self.thermocouples[wire] = dataclasses.replace(self.thermocouples[wire], **faults)
         self._faulty_since = self._clock()
 
     def stop_clock(self) -> None:
-        """Lets the board's clock stand still from now on, while the limb's goes on."""
+        """Stop the board's clock, while the limb's clock goes on."""
         self._stopped_at = self.ticks()
 
     def cool(self) -> None:
-        """Brings the limb, and all that is on the same body, back to the start: cold, at rest."""
+        """Bring the limb or robot back to its initial state: cold and at rest."""
         self._running.cool()
 
     def advance(self) -> None:
-        """Simulates the limb up to the last multiple of `LIMB_PERIOD`.
+        """Simulate the limb up to the last multiple of `LIMB_PERIOD`.
 
-        Times in between would lead to steps from or to those of the twin's parts that are
-        shorter than the integrator's smallest. Those it makes explicitly, and the limb is
-        so stiff that a few of them in a row lead to NaN.
+        Other times would lead to steps below the integrator's smallest step between the updates of
+        the twin's parts. The integrator makes such steps explicitly, and a few of them in a row
+        lead to nan, because the limb is stiff.
         """
         self._heat()
         periods = int((self._clock() - self._start) / LIMB_PERIOD + 1e-6)
         self._running.advance(periods * LIMB_PERIOD)
 
     def _heat(self) -> None:
-        """Heats the wires by the duty at the pins, and what is wrong with MOSFETs and supply."""
-        supplied = self._clock() - self._held < SUPPLY_TIME
+        """Heat the wires by the duty at the pins, and by the faults of MOSFETs and supply."""
+        supplied = self._clock() - self._supply_held_at < SUPPLY_TIME
         heat = np.where(self.shorted, 1.0, self.heat_share * np.array(self._duty))
         self._running.duty[self._wires] = heat * supplied
 
@@ -197,7 +202,9 @@ class EmulatedBoard:
         self.to_host += data
 
     def read_thermocouple(self, wire: int) -> bytes:
-        room, fault = self._running.twin.specimen.ambient, self.thermocouples[wire]
+        room = self._running.twin.specimen.ambient
+        fault = self.thermocouples[wire]
+        # Add the faults to the temperature.
         temperature = self.reading("measured_temperature")[wire]
         if fault.share == 0:
             temperature = random.gauss(room, THERMOCOUPLE_NOISE)
@@ -206,7 +213,8 @@ class EmulatedBoard:
         temperature += random.gauss(0.0, fault.noise) if fault.noise else 0.0
         if fault.frozen is not None:
             temperature = fault.frozen
-        junction = round(16 * (room + AMPLIFIERS - self.chill)) & 0xFFF
+        # Encode it as a MAX31855 does, with the amplifier's own temperature and fault bits.
+        junction = round(16 * (room + AMPLIFIER_WARMTH - self.chill)) & 0xFFF
         quarters = round(4 * (temperature - self.chill)) & 0x3FFF
         faults = fault.faults
         if fault.bad_frames:
@@ -236,7 +244,7 @@ class EmulatedBoard:
         self._on_duty(self._duty)
 
     def keep_supply(self) -> None:
-        self._held = self._clock()
+        self._supply_held_at = self._clock()
 
     def feed(self) -> None:
         self.fed = self.ticks()
@@ -245,18 +253,19 @@ class EmulatedBoard:
         self.remembered = reason
 
     def reset(self, cause: int) -> None:
-        """Resets the board, for one of the causes that `firmware` lists."""
+        """Reset the board, for one of the causes that `firmware` lists."""
         for wire in range(self.channels):
-            self.set_duty(wire, 0.0)  # as pins of a board in reset
+            self.set_duty(wire, 0.0)  # like the pins of a board in reset
         if cause == POWER_ON:
             self.remembered = 0
-        self.reset_cause, self.random = cause, random.SystemRandom().getrandbits(16)
+        self.reset_cause = cause
+        self.random = random.SystemRandom().getrandbits(16)
         self.feed()
 
     def reading(self, name: str) -> np.ndarray:
-        """The readings at a port of the twin, or of its limb on this board."""
+        """Return the readings at a port of the twin, or of its limb on this board."""
         return self._running.reading(self._prefix + name)
 
     def wire_temperature(self) -> np.ndarray:
-        """T (W), °C, which no board can read."""
+        """Return T (W), °C, which no board can read."""
         return self._running.wire_temperature()[self._wires]

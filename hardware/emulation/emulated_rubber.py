@@ -1,4 +1,4 @@
-"""What turns the joints beside the wires: rubber beyond the linear eqn (1), and a hand."""
+"""Torques on the joints in addition to the wires: nonlinear rubber, and a hand."""
 
 import numpy as np
 from pydrake.symbolic import MakeVectorVariable
@@ -12,19 +12,18 @@ from limb_systems.drake_python import weak_method
 from limb_systems.kinematics import rest_joint_angles
 from limb_systems.symbolic_chain import tip_of_angles
 
-GRIP = 20.0  # stiffness of the hand over bending stiffness of the limb
-GRIP_TIME = 0.05  # s, of the hand's damping
+GRIP_STIFFNESS_RATIO = 20.0  # stiffness of the hand over the limb's bending stiffness
+GRIP_DAMPING_TIME = 0.05  # s, damping over stiffness of the hand
 
 
 class EmulatedRubber(SymbolicVectorSystem):
-    """Stiffening and relaxation of silicone, and its angle at rest.
+    """Silicone that stiffens and relaxes beyond the linear eqn (1), with its angle at rest.
 
         f = k θ_rest - k s (|θ| / θ_45)² θ - k v (θ - q),   q̇ = (θ - q) / τ
 
-    for each joint, whose angles count from where it rests as described:
-    stiffening by the share s at a bend of 45°, where |θ| is that of both bends of its link, and
-    a spring v k in series with a damper, which make a standard linear solid together with the k
-    of the manipulator. Twists do not stiffen.
+    for each joint, whose angle counts from the described angle at rest. It stiffens by the share
+    s at a bend of 45°, where |θ| combines both bends of its link; twists do not stiffen. A spring
+    v k in series with a damper makes a standard linear solid together with the manipulator's k.
 
     - input 0: [θ, θ̇] (2n), rad and rad/s
     - output 0: [f (n), q (n)], N·m and rad
@@ -35,28 +34,34 @@ class EmulatedRubber(SymbolicVectorSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, specimen: Specimen):
+        # Joint angles, relaxed angles and angles at rest, as symbols and numbers.
         parameters = specimen.description
         num_joints = parameters.num_joints
         joint_state = MakeVectorVariable(2 * num_joints, "x")
         state = MakeVectorVariable(num_joints, "q")
-        rest, described = specimen.rest_angles(), rest_joint_angles(parameters)
+        rest = specimen.rest_angles()
+        described_rest = rest_joint_angles(parameters)
         with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-            relaxed = state + specimen.state.get("rubber", specimen.rest_angles())
-            bent = joint_state[:num_joints] - described
-        force, rate = [], []
+            relaxed = state + specimen.state.get("rubber", rest)
+            bent = joint_state[:num_joints] - described_rest
+        # Torque of each joint, and rate of its relaxed angle.
+        force = []
+        rate = []
         mechanics = LimbModel.of(specimen.mechanics()).mechanics
         layout = mechanics.layout
         bends = np.flatnonzero(mechanics.shape.any(axis=1))
         for segment, chain, joints in zip(
             specimen.segments, mechanics.chains, layout.joints_of, strict=True
         ):
-            at_45 = 2 * np.pi / 4 / (2 / chain.equal_angle)  # eqn (11)
+            angle_at_45 = 2 * np.pi / 4 / (2 / chain.equal_angle)  # joint angle, rad, eqn (11)
             for index in range(joints.start, joints.stop):
-                theta, q, link = joint_state[index], relaxed[index], layout.link_of_joint[index]
-                spring = rest[index] - described[index]
+                theta = joint_state[index]
+                q = relaxed[index]
+                spring = rest[index] - described_rest[index]
                 if index in bends:
+                    link = layout.link_of_joint[index]
                     squared = sum(bent[i] ** 2 for i in bends if layout.link_of_joint[i] == link)
-                    spring -= segment.stiffening * (bent[index] * squared) / at_45**2
+                    spring -= segment.stiffening * (bent[index] * squared) / angle_at_45**2
                 stiffness = mechanics.stiffness[index]
                 force.append(stiffness * (spring - segment.viscous_share * (theta - q)))
                 rate.append((theta - q) / segment.relaxation_time)
@@ -64,17 +69,16 @@ class EmulatedRubber(SymbolicVectorSystem):
 
 
 class RestShift(LeafSystem):
-    """Angle at rest that remembers which wire was hot last.
+    """An angle at rest that remembers which wire was hot last.
 
     While a wire transforms on heating, the angle is drawn towards its side:
 
         ρ̇ = λ Σ_i max(-ξ̇_i, 0) (±Δ - ρ)
 
-    with the martensite fraction ξ of each wire of the segment, so that a whole
-    transformation makes up for 1 - exp(-λ) of the way. Where a segment bends about two axes, it
-    has a ρ for each, and ±Δ is along the wire's lever. The force on each joint is
-    that of the spring k to ρ, eqn (11). Integrated by Euler's method, with the steps
-    of the wires.
+    with the martensite fraction ξ of each wire of the segment, so that a whole transformation
+    moves ρ by 1 - exp(-λ) of the way. A segment that bends about two axes has a ρ for each, and
+    ±Δ is along the wire's lever. The spring k pulls each joint to its share of ρ, eqn (11).
+    Euler's method integrates ρ, with the steps of the wires.
 
     - input 0 ``wires``: state of `ShapeMemoryWires` (4W)
     - output 0 ``generalized_force``: f (n), N·m
@@ -91,17 +95,20 @@ class RestShift(LeafSystem):
             period: s, of the steps.
         """
         super().__init__()
-        parameters, physics = specimen.description, specimen.segments
+        parameters = specimen.description
         mechanics = LimbModel.of(specimen.mechanics()).mechanics
         layout = mechanics.layout
-        self._num_wires, self._stiffness = layout.num_wires, mechanics.stiffness
+        self._num_wires = layout.num_wires
+        self._stiffness = mechanics.stiffness
         self._shape = mechanics.shape
-        # Rows are bends: what a wire's transformation draws each by, and from where.
-        self._share, self._target = np.zeros((2, layout.num_bends, layout.num_wires))
+        # λ and ±Δ of each wire (column) on each bend (row).
+        self._share = np.zeros((layout.num_bends, layout.num_wires))
+        self._target = np.zeros((layout.num_bends, layout.num_wires))
         for bend, number in enumerate(layout.bend_segment):
-            segment, around = physics[number], layout.wires_of[number]
+            segment = specimen.segments[number]
+            around = layout.wires_of[number]
             levers = mechanics.levers[layout.bend_joints[bend][0], around]
-            # A wire of a planar segment leads to ±Δ, however its lever is inclined.
+            # A wire of a planar segment leads to ±Δ, for any inclination of its lever.
             sides = np.sign(levers) if parameters.segments[number].axes == 1 else levers
             self._share[bend, around] = segment.memory_share
             self._target[bend, around] = sides * segment.memory_angle
@@ -112,7 +119,7 @@ class RestShift(LeafSystem):
         self.DeclareVectorOutputPort(
             "generalized_force",
             parameters.num_joints,
-            weak_method(self._calc),
+            weak_method(self._calc_force),
             {self.discrete_state_ticket(state)},
         )
         self.DeclareStateOutputPort("state", state)
@@ -122,23 +129,23 @@ class RestShift(LeafSystem):
         return np.split(state, [len(state) - self._num_wires])
 
     def _step(self, context, discrete_state):
-        rest, before = self._split(context)
+        rest, previous_martensite = self._split(context)
         martensite = self.get_input_port().Eval(context).reshape(4, -1)[2]
-        transformed = np.maximum(before - martensite, 0.0)
-        drawn = self._share * transformed * (self._target - rest[:, np.newaxis])
-        discrete_state.set_value(np.append(rest + drawn.sum(axis=1), martensite))
+        transformed = np.maximum(previous_martensite - martensite, 0.0)
+        shift = self._share * transformed * (self._target - rest[:, np.newaxis])
+        discrete_state.set_value(np.append(rest + shift.sum(axis=1), martensite))
 
-    def _calc(self, context, output):
+    def _calc_force(self, context, output):
         rest, _ = self._split(context)
         output.SetFromVector(self._stiffness * (self._shape @ rest))
 
 
 class Hand(LeafSystem):
-    """Pushes the limb's tip across its chord until its bend is as wanted, then releases it.
+    """A hand that pushes the limb's tip across its chord to bend it, then releases it.
 
-    The bend is what an exact sensor of the limb's kind would show. Like a hand it is stiffer
-    than the limb, but not rigid. It holds the limb until the end of its motion. Where the limb
-    bends about two axes, it pushes for each along where E2 or E3 is turned to with the chord.
+    It controls the bend angle that an exact sensor of the limb's kind would read. It is stiffer
+    than the limb, but not rigid, and holds the limb until the end of its motion. It pushes along
+    E2 turned with the chord and, where the limb bends about two axes, also along E3.
 
     - input 0 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
     - output 0 ``generalized_force``: f (n), N·m
@@ -158,28 +165,32 @@ class Hand(LeafSystem):
         self._motion = motion
         mechanics = LimbModel.of(parameters).mechanics
         self._layout = mechanics.layout
-        (segment,), (self._segment_chain,) = parameters.segments, mechanics.chains
+        (segment,) = parameters.segments
+        (self._segment_chain,) = mechanics.chains
         self._tip = tip_of_angles(mechanics)
         # A torque at the tip turns the chord by about (n + 1) / 2 joints' worth of angle.
-        self._stiffness = GRIP * segment.stiffness * self._segment_chain.equal_angle
-        self._length, self._sensor = segment.length, segment.bend_sensor
+        self._stiffness = GRIP_STIFFNESS_RATIO * segment.stiffness * self._segment_chain.equal_angle
+        self._length = segment.length
+        self._sensor = segment.bend_sensor
         self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
         self.DeclareVectorOutputPort(
-            "generalized_force", parameters.num_joints, weak_method(self._calc)
+            "generalized_force", parameters.num_joints, weak_method(self._calc_force)
         )
 
-    def _calc(self, context, output):
-        time, num_joints = context.get_time(), self._layout.num_joints
+    def _calc_force(self, context, output):
+        time = context.get_time()
         if time >= self._motion.end_time():
-            output.SetFromVector(np.zeros(num_joints))
+            output.SetFromVector(np.zeros(self._layout.num_joints))
             return
+        # Directions across the chord: E2 and E3 after the least rotation that turns E1 along it.
         angles, rates = np.split(self.get_input_port().Eval(context), 2)
         chord, slopes = self._tip.first(angles)
         along = chord / np.linalg.norm(chord)
-        # The least rotation that turns E1 along the chord, of E2 and E3.
         across = np.eye(3)[1:] - np.outer(along[1:], along + np.eye(3)[0]) / (1 + along[0])
-        jacobian = across[: self._layout.num_bends] @ slopes  # of the tip, along `across`
+        jacobian = across[: self._layout.num_bends] @ slopes  # motion of the tip along them
+        # A spring and damper between the wanted and the present bend.
         bend = self._sensor.exact_bends(self._segment_chain, angles)
         error = self._motion.value(time).ravel() - bend
         rate = jacobian @ rates / self._length
-        output.SetFromVector(self._stiffness * (error - GRIP_TIME * rate) / self._length @ jacobian)
+        push = self._stiffness * (error - GRIP_DAMPING_TIME * rate) / self._length
+        output.SetFromVector(push @ jacobian)

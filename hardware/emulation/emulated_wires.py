@@ -10,8 +10,8 @@ from hardware.emulation.specimen import Specimen, WirePhysics
 from limb_systems.drake_python import declare_part, weak_method
 from limb_systems.limb_model import LimbModel
 
-# The wires' fastest rates are those of heating, some °C in a tenth of a second,
-# and far below the limb's 4.6 Hz mode, which hardly feels smoothed steps at 20 Hz.
+# Heating is the wires' fastest rate, some °C in a tenth of a second. It is far below the limb's
+# mode of 4.6 Hz, so that the limb does not respond to smoothed steps at 20 Hz.
 from limb_systems.simulation import PERIOD
 
 LONGEST_STEP = 0.1  # s, of Euler's method
@@ -44,10 +44,9 @@ class ShapeMemoryWires(LeafSystem):
 
     with the strain ε = -r φ_own, which bending towards the wire's own side
     reduces. The torque on each joint of the segment is proportional to τ, and to the share of
-    the wire's lever that turns the joint, from where the wire runs in truth. A
-    straight limb at the temperature of the room is free of torque. All this is
-    integrated by Euler's method, at 20 Hz by default; while a limb rests, several of
-    its steps are in a period, in which the strain changes evenly.
+    the wire's lever that turns the joint, at the wire's true place. A straight limb at the
+    temperature of the room is free of torque. Euler's method integrates all this, at 20 Hz by
+    default; while a limb rests, a period has several steps, in which the strain changes evenly.
 
     - input 0 ``duty``: D (W), in [0, 1]
     - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s; only angles are used
@@ -64,26 +63,31 @@ class ShapeMemoryWires(LeafSystem):
         """
         Args:
             specimen: the limb, with the state after its last use.
-            period: s, after which they see duty and bend again, and show another torque.
+            period: s, after which duty, bend and torque are updated.
         """
         super().__init__()
         self._num_steps = max(1, round(period / LONGEST_STEP))
         self._step_size = period / self._num_steps
-        parameters, wires = specimen.description, specimen.wires
-        num_wires, num_joints = len(wires), parameters.num_joints
-        self._room, self._num_wires, self._num_joints = specimen.ambient, num_wires, num_joints
-        self._wires = wires
+        self._room = specimen.ambient
+        self._wires = wires = specimen.wires
+        self._num_wires = num_wires = len(wires)
+        self._num_joints = num_joints = specimen.description.num_joints
         self._rates = [_heat_rates(w.fast_time, w.slow_time, w.silicone_share) for w in wires]
+
+        # Strain of each wire per joint angle (W, n), and torque of each wire on the joints (n, W).
+        # φ towards the wire's own side is the mean angle of the links, over the equal angles that
+        # make a bend of one, eqn (11).
         mechanics = LimbModel.of(specimen.mechanics()).mechanics
-        # φ towards the wire's own side is the mean angle that it sees on the links, over what
-        # equal ones are for a bend of one, eqn (11).
-        twice, links = np.empty((2, num_joints, 1))
+        angle_factor = np.empty((num_joints, 1))
+        num_links = np.empty((num_joints, 1))
         for chain, joints in mechanics.chains_with_joints:
-            twice[joints], links[joints] = 2 / chain.equal_angle, len(chain.lengths)
+            angle_factor[joints] = 2 / chain.equal_angle
+            num_links[joints] = len(chain.lengths)
         relief = mechanics.levers * [wire.strain_relief for wire in wires]
-        self._strain = np.ascontiguousarray(-(relief * twice / (2 * links)).T)
+        self._strain = np.ascontiguousarray(-(relief * angle_factor / (2 * num_links)).T)
         self._torque = mechanics.levers * [wire.torque for wire in wires]
 
+        # Declare state, inputs and outputs; an unused limb is at the temperature of the room.
         room = np.full(num_wires, specimen.ambient)
         rest = np.concatenate([room, room, np.ones(num_wires), np.zeros(num_wires)])
         index = self.DeclareDiscreteState(specimen.state.get("wires", rest))
@@ -105,31 +109,33 @@ class ShapeMemoryWires(LeafSystem):
 
     def _step(self, context, discrete_state):
         strain = self._strain @ self.get_input_port(1).Eval(context)[: self._num_joints]
-        duty, state = self.get_output_port(3).Eval(context).tolist(), self._state(context)
-        change = ((strain - state[3]) / self._num_steps).tolist()
+        duty = self.get_output_port(3).Eval(context).tolist()
+        state = self._state(context)
+        strain_change = ((strain - state[3]) / self._num_steps).tolist()
         for _ in range(self._num_steps):
-            parts = self._wires, self._rates, duty, change, *state
-            stepped = [self._after_step(*part) for part in zip(*parts, strict=True)]
-            state = list(zip(*stepped, strict=True))
-        discrete_state.set_value([number for row in state for number in row])
+            of_wires = zip(self._wires, self._rates, duty, strain_change, *state, strict=True)
+            states = [self._after_step(*values) for values in of_wires]
+            state = list(zip(*states, strict=True))
+        discrete_state.set_value(np.concatenate(state))
 
-    # Numbers of one wire, because arrays of two take several times as long.
+    # It takes the numbers of one wire, because arrays of two numbers take several times as long.
     def _after_step(
         self,
         wire: WirePhysics,
         rates: tuple[float, float, float],
         duty: float,
-        change: float,
+        strain_change: float,
         temperature: float,
         silicone: float,
         martensite: float,
         strain_before: float,
     ) -> tuple[float, float, float, float]:
-        """T, S, ξ and ε of a wire after a step from the latter four, in which ε changes."""
+        """Return T, S, ξ and ε of a wire after a step, from their values before it."""
         to_silicone, from_wire, to_room = rates
-        strain, strain_rate = strain_before + change, change / self._step_size
+        strain = strain_before + strain_change
+        strain_rate = strain_change / self._step_size
 
-        # Without transformation T' would change at this rate, and its sign is that of Ṫ'.
+        # Without transformation T' changes at ``free_rate``, which has the sign of Ṫ'.
         heating = wire.heating * duty - to_silicone * (temperature - silicone)
         softness = 1 - wire.modulus_ratio
         modulus = 1 - martensite * softness
@@ -137,13 +143,14 @@ class ShapeMemoryWires(LeafSystem):
         shifted = temperature - wire.stress_shift * stress
         free_share = 1 - wire.stress_shift * wire.expansion
         free_rate = free_share * heating - wire.stress_shift * modulus * strain_rate
-        # ξ̇ = -κ Ṫ', and Ṫ' depends on ξ̇ in turn: by latent heat, and by stress.
+        # ξ̇ = -κ Ṫ' by the curve of heating or cooling.
         if free_rate > 0:
             curve = _logistic((shifted - wire.austenite) / wire.austenite_width)
             kappa = martensite * (1 - curve) / wire.austenite_width
         else:
             curve = _logistic((shifted - wire.martensite) / wire.martensite_width)
             kappa = (1 - martensite) * curve / wire.martensite_width
+        # Ṫ' depends on ξ̇ in turn, through latent heat and stress.
         stress_by_martensite = -softness * (strain + 1 - martensite) - modulus
         feedback = free_share * wire.latent_heat - wire.stress_shift * stress_by_martensite
         martensite_rate = -kappa * free_rate / (1 + kappa * feedback)
@@ -157,7 +164,7 @@ class ShapeMemoryWires(LeafSystem):
         )
 
     def _state(self, context) -> Sequence[Sequence[float]]:
-        """T, S, ξ and ε of all wires."""
+        """Return T, S, ξ and ε of all wires."""
         state = context.get_discrete_state_vector().value()
         return state.reshape(4, self._num_wires).tolist()
 
@@ -169,8 +176,8 @@ class ShapeMemoryWires(LeafSystem):
 
     def _calc_force(self, context, output):
         temperature, _, martensite, strain = self._state(context)
-        parts = self._wires, temperature, martensite, strain
-        stress = [self._stress(*part) for part in zip(*parts, strict=True)]
+        of_wires = zip(self._wires, temperature, martensite, strain, strict=True)
+        stress = [self._stress(*values) for values in of_wires]
         output.SetFromVector(self._torque @ stress)
 
     def _calc_duty(self, context, output):
@@ -179,12 +186,12 @@ class ShapeMemoryWires(LeafSystem):
 
 
 def _logistic(x: float) -> float:
-    """1 / (1 + exp(x)), which does not overflow."""
+    """Return 1 / (1 + exp(x)) without overflow."""
     return 0.5 - 0.5 * math.tanh(0.5 * x)
 
 
 def _heat_rates(fast_time: float, slow_time: float, share: float) -> tuple[float, float, float]:
-    """c, d and e, 1/s, of a wire that cools with two time constants.
+    """Return c, d and e, 1/s, of a wire that cools with two time constants.
 
     In a lasting heat the silicone warms by ``share`` = d / (d + e) of the
     wire. The characteristic polynomial has c + d + e = p + q and

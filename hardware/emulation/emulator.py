@@ -25,12 +25,12 @@ from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firm
 from limb_systems import LimbError
 from limb_systems.files.output import naming
 
-TURN = 0.001  # s, between two passes of the firmware's loop
-LONGEST_PASS = 0.05  # s, by which the board's clock goes on in one
-LONGEST_DELAY = 3.0  # s, of a buffer that is full
-WATCHDOG = 200  # ms of the board's one clock, as that of board_nrf52dk.py
-# Of a thermocouple and its amplifier, which sends nothing if dead, and a reserved bit if garbled.
-FAULTS: dict[str, dict[str, Any]] = {
+LOOP_PAUSE = 0.001  # s, between two passes of the firmware's loop
+MAX_PASS_TIME = 0.05  # s, largest step of the board's clock in a pass
+MAX_DELAY = 3.0  # s, of a full buffer
+WATCHDOG_MS = 200  # ms of the board's one clock, see board_nrf52dk.py
+# Faults of a thermocouple or its amplifier, which sends a reserved bit if garbled.
+THERMOCOUPLE_FAULTS: dict[str, dict[str, Any]] = {
     "open": {"faults": 1},
     "ground": {"faults": 2},
     "supply": {"faults": 4},
@@ -46,13 +46,13 @@ class Cable(Protocol):
     """The board's end of a connection to a host."""
 
     def read(self) -> bytes:
-        """The bytes from the host since the last call, possibly none."""
+        """Return the bytes from the host since the last call, possibly none."""
 
     def write(self, data: bytes) -> None:
-        """Sends to the host; it may get lost."""
+        """Send bytes to the host; they may get lost."""
 
     def unplug(self) -> None:
-        """Ends the connection for good."""
+        """End the connection for good."""
 
 
 class BadLine:
@@ -64,18 +64,20 @@ class BadLine:
         self.mend()
 
     def mend(self) -> None:
-        """Removes all faults: bytes arrive undamaged, and without delay, also those on the way."""
+        """Remove all faults; delayed bytes arrive at once."""
         self.rates = dict.fromkeys(("drop", "corrupt", "duplicate", "reorder"), 0.0)
-        self.delay, self.creep = 0.0, 0.0  # s, and s by which it grows each second
+        self.delay = self.creep = 0.0  # s, and rate at which the delay grows, s/s
         self._creeping_since = self._clock()
         self._waiting = [(self._clock(), data) for _, data in self._waiting]
 
     def start_to_creep(self, rate: float) -> None:
-        """Lets the delay grow from now on, as a buffer that fills up does."""
-        self.creep, self._creeping_since = rate, self._clock()
+        """Let the delay grow from now on, like the delay of a buffer that fills up."""
+        self.creep = rate
+        self._creeping_since = self._clock()
 
     def pass_on(self, data: bytes) -> bytes:
-        """Puts ``data`` in at one end, and returns what comes out at the other end now."""
+        """Send ``data`` into one end, and return the bytes that arrive at the other end now."""
+        # Damage bytes at random.
         damaged = bytearray() if any(self.rates.values()) else bytearray(data)
         for byte in data if not damaged else b"":
             if random.random() < self.rates["drop"]:
@@ -87,13 +89,15 @@ class BadLine:
                 damaged.append(byte)
             if len(damaged) > 1 and random.random() < self.rates["reorder"]:
                 damaged[-2:] = damaged[-1:-3:-1]
+        # Delay them, and return bytes whose delay is over.
+        now = self._clock()
         if damaged:
-            crept = self.creep * (self._clock() - self._creeping_since)
-            delay = self.delay + min(crept, LONGEST_DELAY)
-            self._waiting.append((self._clock() + delay, bytes(damaged)))
-        now, arrived = self._clock(), b""
+            crept = min(self.creep * (now - self._creeping_since), MAX_DELAY)
+            self._waiting.append((now + self.delay + crept, bytes(damaged)))
+        arrived = b""
         while self._waiting and self._waiting[0][0] <= now:
-            arrived += self._waiting.pop(0)[1]
+            _, data = self._waiting.pop(0)
+            arrived += data
         return arrived
 
 
@@ -124,20 +128,21 @@ class PseudoTerminal:
 class BoardClock:
     """A clock for the board, which goes on by 50 ms at most in a pass of its loop.
 
-    A computer may be too busy for this process for a while. The board lives through that
-    afterwards, in passes as short as ever: heartbeat and relay end heat in time, and the limb is
-    never simulated for long with the same duty.
+    If the computer is too busy for this process for a while, the board catches up afterwards in
+    short passes. Heartbeat and relay then end heat in time, and the limb is never simulated for
+    long with the same duty.
     """
 
     def __init__(self, clock: Callable[[], float]):
-        self._clock, self._now = clock, clock()
+        self._clock = clock
+        self._now = clock()
 
     def __call__(self) -> float:
         return self._now
 
     def go_on(self) -> None:
-        """Begins a pass."""
-        self._now = min(self._clock(), self._now + LONGEST_PASS)
+        """Begin a pass."""
+        self._now = min(self._clock(), self._now + MAX_PASS_TIME)
 
 
 class Emulation:
@@ -154,61 +159,66 @@ class Emulation:
         """
         Args:
             twin: the limb, or the robot with all its limbs on the board.
-            cable: to the host.
-            on_event: called with what happens, as keyword arguments: ``event``,
-                ``time`` (s, of the clock) and more.
-            clock: the time, s. With another than the computer's a test need not
-                wait for what takes long.
-            limb: name of the robot's limb that is on the board, if not all are.
+            cable: board's end of the cable to the host.
+            on_event: called for each event with keyword arguments: ``event``, ``time`` (s, of the
+                clock) and more.
+            clock: returns the time, s. A test may have a clock that is faster than the computer's.
+            limb: name of the robot's limb on the board; all limbs if empty.
         """
-        self._cable, self._on_event, self._time = cable, on_event, clock
+        self._cable = cable
+        self._on_event = on_event
+        self._time = clock
         self._clock = BoardClock(clock)
         self.board = EmulatedBoard(twin, self._report_duty, self._clock, limb)
         self._wire_names = self.board.parameters.wire_names
         self._lines = BadLine(self._clock), BadLine(self._clock)  # from and to the host
-        self._plugged, self._stalled_until = True, self._clock()
-        self._recorded = b""
+        self._plugged = True
+        self._stalled_until = self._clock()
+        self._recorded = b""  # newest bytes from the host, for the fault "replay"
         self.firmware = Firmware(self.board)
 
     def step(self) -> None:
-        """One pass: bytes in, firmware, bytes out, limb."""
+        """Run one pass of the loop: limb, received bytes, firmware, sent bytes."""
         self._clock.go_on()
         self.board.advance()
         inwards, outwards = self._lines
         if self._plugged:
             self.board.from_host += inwards.pass_on(self._read())
+        # The firmware runs unless it is stalled, which its watchdog ends.
         if self._clock() >= self._stalled_until:
             self.firmware.step()
-        if self.board.ticks() - self.board.fed > WATCHDOG:
+        if self.board.ticks() - self.board.fed > WATCHDOG_MS:
             self._reset(WATCHDOG_RESET)
         data = bytes(self.board.to_host)
         self.board.to_host.clear()
         if self._plugged and (data := outwards.pass_on(data)):
             self._cable.write(data)
 
-    def misbehave(self, order: str) -> None:
-        """Carries out an order such as "corrupt 0.01" or "open right".
+    def inject_fault(self, order: str) -> None:
+        """Carry out an order such as "corrupt 0.01" or "open right".
 
         Raises:
             LimbError: if the order is not understood.
         """
         try:
-            self._obey(order.split())
+            self._carry_out(order.split())
         except ValueError as error:
             raise LimbError(f"'{order}' is not understood; orders are: {ORDERS}") from error
         self._on_event(event="order", order=order.strip(), time=self._time())
 
-    def _obey(self, words: list[str]) -> None:
-        board, lines, wire = self.board, self._lines, self._wire_names.index
+    def _carry_out(self, words: list[str]) -> None:
+        board = self.board
+        wire = self._wire_names.index
         match words:
+            # Cable.
             case ["drop" | "corrupt" | "duplicate" | "reorder" as damage, rate]:
-                for line in lines:
+                for line in self._lines:
                     line.rates[damage] = float(rate)
             case ["delay", seconds]:
-                for line in lines:
+                for line in self._lines:
                     line.delay = float(seconds)
             case ["creep", rate]:
-                for line in lines:
+                for line in self._lines:
                     line.start_to_creep(float(rate))
             case ["noise", count]:
                 board.from_host += random.randbytes(int(count))
@@ -217,30 +227,32 @@ class Emulation:
             case ["unplug"]:
                 self._plugged = False
                 self._cable.unplug()
+            # Sensors.
             case ["freeze", "bend"]:
                 board.frozen_bend = board.read_bend()
             case ["stick", "bend", *degrees]:
-                now = np.rad2deg(board.reading("bend_angle")).tolist()
-                board.stuck_bend = [float(degrees[0])] * len(now) if degrees else now
+                present = np.rad2deg(board.reading("bend_angle")).tolist()
+                board.stuck_bend = [float(degrees[0])] * len(present) if degrees else present
             case ["silence"]:
                 board.bend_is_silent = True
             case ["freeze", name]:
-                now = board.reading("measured_temperature")[wire(name)]
-                board.fail(wire(name), frozen=now)
-            case ["short", name]:
-                board.shorted[wire(name)] = True
-            case [fault, name] if fault in FAULTS:
-                board.fail(wire(name), **FAULTS[fault])
+                present = board.reading("measured_temperature")[wire(name)]
+                board.fail(wire(name), frozen=present)
+            case [fault, name] if fault in THERMOCOUPLE_FAULTS:
+                board.fail(wire(name), **THERMOCOUPLE_FAULTS[fault])
             case ["share" | "offset" | "drift" as field, name, value]:
                 board.fail(wire(name), **{field: float(value)})
             case ["glitch", name, count]:
                 board.fail(wire(name), bad_frames=int(count))
             case ["jitter", name, value]:
                 board.fail(wire(name), noise=float(value))
-            case ["weaken", share]:
-                board.heat_share = float(share)
             case ["chill", value]:
                 board.chill = float(value)
+            # Supply, MOSFETs and board.
+            case ["weaken", share]:
+                board.heat_share = float(share)
+            case ["short", name]:
+                board.shorted[wire(name)] = True
             case ["stop", "clock"]:
                 board.stop_clock()
             case ["stall", seconds]:
@@ -252,7 +264,7 @@ class Emulation:
             case ["cool"]:
                 board.cool()
             case ["mend"]:
-                for part in (board, *lines):
+                for part in (board, *self._lines):
                     part.mend()
                 self._stalled_until = self._clock()
             case _:
@@ -293,17 +305,18 @@ def emulate(
     *,
     limbs: Sequence[str] = (),
 ) -> None:
-    """Runs the firmware on an emulated board until the process is stopped.
+    """Run the firmware on an emulated board until the process is stopped.
 
-    Prints the port to connect to, and the command that shows whether the board answers there;
-    then carries out orders from standard input. With a board for each limb of a robot it prints
-    NAME=PORT for each, and orders may begin with a limb's name; others are for all boards.
+    It prints the port to connect to, and a command that checks whether the board answers there;
+    then it carries out orders from standard input. With a board for each limb of a robot it prints
+    NAME=PORT for each. An order that begins with a limb's name is for its board alone, any other
+    order for all boards.
 
     Args:
         twin: the limb on the board, or the robot.
-        orders: carried out at the start, see `Emulation.misbehave`.
+        orders: orders to carry out at the start, see `Emulation.inject_fault`.
         log: file with a line of JSON for each change of duty and each order.
-        limbs: names of a robot's limbs that have a board each; one board has all if empty.
+        limbs: names of a robot's limbs that have a board each; one board for all if empty.
 
     Raises:
         LimbError: if an order at the start is not understood.
@@ -315,6 +328,7 @@ def emulate(
                 file.write(json.dumps(event) + "\n")
                 file.flush()
 
+        # Make a board at a port, or one for each limb of a robot that all boards share.
         cables = {limb: PseudoTerminal() for limb in limbs or [""]}
         if limbs:
             running = RunningTwin(twin)
@@ -325,18 +339,21 @@ def emulate(
         else:
             boards = {"": Emulation(twin, cables[""], note)}
 
-        def obey(order: str) -> None:
-            name, _, rest = order.strip().partition(" ")
-            for board in [boards[name]] if name in boards else boards.values():
-                board.misbehave(rest if name in boards else order)
+        def carry_out(order: str) -> None:
+            name, _, order_of_board = order.strip().partition(" ")
+            if name in boards:
+                boards[name].inject_fault(order_of_board)
+                return
+            for board in boards.values():
+                board.inject_fault(order)
 
         for order in orders:
-            obey(order)
+            carry_out(order)
         for limb, cable in cables.items():
             print(f"{limb}={cable.port}" if limb else cable.port, flush=True)
         for cable in cables.values():
             print(f"next        soft-limb status {cable.port}", flush=True)
-        # Without a buffer, because `select` does not see lines in a buffer.
+        # Run all boards, and read orders without a buffer, in which `select` would not see lines.
         source = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
         listening = True
         while True:
@@ -347,15 +364,15 @@ def emulate(
                 listening = bool(line)
                 try:
                     if line.strip():
-                        obey(line)
+                        carry_out(line)
                 except LimbError as error:
                     print(f"error: {error}", file=sys.stderr)
-            time.sleep(TURN)
+            time.sleep(LOOP_PAUSE)
 
 
 @contextlib.contextmanager
 def emulated_port(seed: int = 0) -> Iterator[str]:
-    """A port with an emulated board and limb, which run in a separate process.
+    """Return a context with the port of an emulated board and limb in a separate process.
 
     Args:
         seed: seed of the limb.

@@ -1,24 +1,12 @@
-"""The lumped physics of emulated limbs and robots: all but the mechanics that their joints turn."""
+"""The lumped physics of emulated limbs and robots, without the mechanics of their joints."""
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
 from pydrake import trajectories
-from pydrake.systems.framework import (
-    BasicVector,
-    DiagramBuilder,
-    InputPort,
-    LeafSystem,
-    OutputPort,
-)
-from pydrake.systems.primitives import (
-    Adder,
-    Demultiplexer,
-    LinearSystem,
-    MatrixGain,
-    Multiplexer,
-)
+from pydrake.systems.framework import BasicVector, DiagramBuilder, InputPort, LeafSystem, OutputPort
+from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem, MatrixGain, Multiplexer
 
 from hardware.emulation.emulated_rubber import EmulatedRubber, Hand, RestShift
 from hardware.emulation.emulated_wires import ShapeMemoryWires
@@ -52,7 +40,7 @@ def add_physics(
     body_pose: OutputPort | None = None,
     memory: Mapping[str, OutputPort] = MappingProxyType({}),
 ) -> tuple[dict[str, OutputPort], InputPort]:
-    """Adds wires, rubber, sensors and cut-out about mechanics, and exports the ports of a limb.
+    """Add wires, rubber, sensors and cut-out to mechanics, and export the ports of a limb.
 
     Args:
         builder: builder of the diagram that has the mechanics.
@@ -61,45 +49,53 @@ def add_physics(
         force: torques on its joints (n), N·m.
         bend_rate, wire_period, truth, hand: as for `LimbTwin`.
         body_pose: pose of a robot's body, which a camera sees.
-        memory: what else the specimen's state keeps, by name.
+        memory: ports that the specimen's state keeps in addition, by name.
 
     Returns:
         Output ports by name, and the input port of the duty, which is neither connected nor
         exported.
     """
-    parameters, state = specimen.description, specimen.state
+    parameters = specimen.description
+    state = specimen.state
     layout = LimbModel.of(parameters).layout
-    num_wires, num_joints = layout.num_wires, layout.num_joints
+    num_wires = layout.num_wires
+    num_joints = layout.num_joints
+    segments = specimen.segments
+    # Wires, the rubber around them, and the exact signals of the sensors.
     wires = builder.AddNamedSystem("shape_memory_wires", ShapeMemoryWires(specimen, wire_period))
     rubber = builder.AddNamedSystem("rubber", EmulatedRubber(specimen))
     lag = builder.AddNamedSystem("thermocouple_lag", ThermocoupleLag(specimen.mechanics()))
     lag.configure_default_state(state.get("measured", np.full(num_wires, specimen.ambient)))
     bend_angle = builder.AddNamedSystem("exact_bend", exact_bend(parameters))
     split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
-    one = np.eye(num_joints)
-    rate = one / max(SMOOTHING_TIME, wire_period / 2)
-    smooth = builder.AddSystem(LinearSystem(-rate, rate, one, 0 * one))
+    # A low-pass smooths the steps of the wires' torque.
+    identity = np.eye(num_joints)
+    rate = identity / max(SMOOTHING_TIME, wire_period / 2)
+    smooth = builder.AddSystem(LinearSystem(-rate, rate, identity, 0 * identity))
     smooth.configure_default_state(state.get("smooth", np.zeros(num_joints)))
     builder.Connect(wires.GetOutputPort("generalized_force"), smooth.get_input_port())
+    # Add all torques up: wires, rubber, and where they are asked for, a hand and the rest's memory.
     forces = [smooth.get_output_port(), split.get_output_port(0)]
     if hand is not None:
         holding = builder.AddNamedSystem("hand", Hand(parameters, hand))
         builder.Connect(joint_state, holding.get_input_port())
         forces.append(holding.get_output_port())
-    if remembers := any(segment.memory_share for segment in specimen.segments):
+    has_rest_shift = any(segment.memory_share for segment in segments)
+    if has_rest_shift:
         rest = builder.AddNamedSystem("rest_shift", RestShift(specimen, wire_period))
         builder.Connect(wires.GetOutputPort("state"), rest.get_input_port())
         forces.append(rest.GetOutputPort("generalized_force"))
     total = builder.AddSystem(Adder(len(forces), num_joints))
     cut_out = builder.AddNamedSystem("heater_cut_out", CutOut(num_wires, wire_period))
-    drawn = specimen.segments
+    # Sensors, with the properties of this specimen.
+    of_bends = [segments[number] for number in layout.bend_segment]
     readings = limb_sensors(
         parameters,
         bend_rate,
         max(THERMOCOUPLE_PERIOD, wire_period),
-        bend_response=_bend_response(drawn, layout),
-        bend_noise=[drawn[number].sensor_noise for number in layout.bend_segment],
-        bend_drift=[drawn[number].sensor_drift for number in layout.bend_segment],
+        bend_response=_bend_response(segments, layout),
+        bend_noise=[segment.sensor_noise for segment in of_bends],
+        bend_drift=[segment.sensor_drift for segment in of_bends],
     )
     if body_pose:
         readings.append(camera(body_pose.size()))
@@ -108,6 +104,7 @@ def add_physics(
     sensors = builder.AddNamedSystem("sensors", sampled)
     measurement = sensors.GetOutputPort("measurement")
 
+    # Connect them: duty to wires to joints to sensors.
     builder.Connect(cut_out.GetOutputPort("duty"), wires.GetInputPort("duty"))
     builder.Connect(joint_state, wires.GetInputPort("joint_state"))
     builder.Connect(joint_state, rubber.get_input_port())
@@ -121,12 +118,15 @@ def add_physics(
     builder.Connect(bend_angle.get_output_port(), sensors.GetInputPort("bend_angle"))
     if body_pose:
         builder.Connect(body_pose, sensors.GetInputPort("body_pose"))
+        # The limb's measurement is without the pose, which is the last sensor.
         size = measurement.size()
-        of_limbs = builder.AddSystem(MatrixGain(np.eye(size - body_pose.size(), size)))
-        builder.Connect(measurement, of_limbs.get_input_port())
-        measurement = of_limbs.get_output_port()
+        first_readings = builder.AddSystem(MatrixGain(np.eye(size - body_pose.size(), size)))
+        builder.Connect(measurement, first_readings.get_input_port())
+        measurement = first_readings.get_output_port()
     measured = sensors.GetOutputPort("measured_temperature")
     builder.Connect(measured, cut_out.GetInputPort("measured_temperature"))
+
+    # Export the ports.
     ports = {
         "measured_temperature": measured,
         "bend_angle": sensors.GetOutputPort("bend_angle"),
@@ -142,7 +142,8 @@ def add_physics(
     for name, port in ports.items():
         builder.ExportOutput(port, name)
 
-    parts = {
+    # Keep the state of all parts in the specimen.
+    states = {
         "joints": joint_state,
         "wires": wires.GetOutputPort("state"),
         "rubber": split.get_output_port(1),
@@ -151,29 +152,29 @@ def add_physics(
         "draws": sensors.GetOutputPort("draws"),
         **memory,
     }
-    if remembers:
-        parts["rest"] = rest.GetOutputPort("state")
-    sizes = {name: port.size() for name, port in parts.items()}
+    if has_rest_shift:
+        states["rest"] = rest.GetOutputPort("state")
+    sizes = {name: port.size() for name, port in states.items()}
     joined = builder.AddNamedSystem("memory_inputs", Multiplexer(list(sizes.values())))
-    for index, port in enumerate(parts.values()):
+    for index, port in enumerate(states.values()):
         builder.Connect(port, joined.get_input_port(index))
-    keeper = builder.AddNamedSystem("memory", _Memory(specimen, sizes))
+    keeper = builder.AddNamedSystem("memory", _StateKeeper(specimen, sizes))
     builder.Connect(joined.get_output_port(), keeper.get_input_port())
     return ports, cut_out.GetInputPort("duty")
 
 
 class CutOut(LeafSystem):
-    """Switches all heaters off once a wire is measured at the limit of the board.
+    """A cut-out that switches all heaters off once a wire is measured at the board's limit.
 
-    They stay off until the end of the simulation. A board also reduces the duty before
-    that, which this does not.
+    They stay off until the end of the simulation. Unlike a board it does not reduce the duty
+    below the limit.
 
     - input 0 ``duty``: D (W), as commanded
     - input 1 ``measured_temperature``: V (W), °C
     - output 0 ``duty``: D (W), zero once it has cut out
-    - output 1 ``cut_out``: 1 if it has, else 0
-    - state, discrete: the same
-    - parameter: the limit, °C; that of the board's firmware
+    - output 1 ``cut_out``: 1 if it has cut out, else 0
+    - state, discrete: the value of ``cut_out``
+    - parameter: the limit, °C, by default the limit of the board's firmware
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -181,42 +182,41 @@ class CutOut(LeafSystem):
     def __init__(self, num_wires: int, period: float):
         """
         Args:
-            num_wires: W.
-            period: s, after which it looks again.
+            num_wires: number of wires, W.
+            period: s, between two checks of the temperatures.
         """
         super().__init__()
         state = self.DeclareDiscreteState(1)
         self.DeclareNumericParameter(BasicVector([guard.TEMPERATURE_LIMIT]))
         duty = self.DeclareVectorInputPort("duty", num_wires)
         self.DeclareVectorInputPort("measured_temperature", num_wires)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._look))
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._update_cut_out))
         tickets = {self.discrete_state_ticket(state)}
         self.DeclareVectorOutputPort(
             "duty",
             num_wires,
-            weak_method(self._calc),
+            weak_method(self._calc_duty),
             tickets | {self.input_port_ticket(duty.get_index())},
         )
         self.DeclareStateOutputPort("cut_out", state)
 
-    def _look(self, context, discrete_state):
+    def _update_cut_out(self, context, discrete_state):
         limit = context.get_numeric_parameter(0)[0]
         if (self.GetInputPort("measured_temperature").Eval(context) >= limit).any():
             discrete_state.set_value([1.0])
 
-    def _calc(self, context, output):
+    def _calc_duty(self, context, output):
         is_cut_out = context.get_discrete_state_vector()[0]
         duty = self.GetInputPort("duty").Eval(context)
         output.SetFromVector(0 * duty if is_cut_out else duty)
 
 
-class _Memory(LeafSystem):
+class _StateKeeper(LeafSystem):
     """Keeps the state of the parts in their specimen, for limbs that are made from it later.
 
-    Its input is the state of the parts one after the other, because each port that
-    is read takes time in every step. Nothing in this diagram reads the kept state, so
-    simulations of two copies of its Context do not affect each other. A later limb
-    starts from the state of the last run.
+    Its input is the state of all parts in one port, because each port takes time in every step.
+    Nothing in this diagram reads the kept state, so simulations of two copies of its Context do
+    not affect each other. A later limb starts from the state of the last run.
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -236,22 +236,22 @@ class _Memory(LeafSystem):
 def _bend_response(
     segments: Sequence[SegmentPhysics], layout: Layout
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """What the segments' bend sensors show where exact ones would show (F,), rad."""
-    turn = np.eye(layout.num_bends)
-    for segment, of in zip(segments, layout.bends_of, strict=True):
-        turn[of, of] = rolled(turn[of, of], segment.sensor_roll)
-    gain, curvature, offset = np.array([
-        (
-            (segment.sensor_gain, segment.sensor_gain_e3),
-            (segment.sensor_curvature, segment.sensor_curvature_e3),
-            (segment.sensor_offset, segment.sensor_offset_e3),
-        )
-        for segment in segments
-    ])[layout.bend_segment, :, layout.bend_direction].T  # fmt: skip
+    """Return the function from exact bends (F,), rad, to readings of the segments' bend sensors."""
+    # A sensor that is rolled about E1 mixes both bends of its segment.
+    roll = np.eye(layout.num_bends)
+    for segment, bends in zip(segments, layout.bends_of, strict=True):
+        roll[bends, bends] = rolled(roll[bends, bends], segment.sensor_roll)
+    # Gain, curvature and offset of each segment towards E2 and E3 (S, 3, 2), then of each bend.
+    of_segments = np.empty((len(segments), 3, 2))
+    for number, segment in enumerate(segments):
+        of_segments[number, 0] = segment.sensor_gain, segment.sensor_gain_e3
+        of_segments[number, 1] = segment.sensor_curvature, segment.sensor_curvature_e3
+        of_segments[number, 2] = segment.sensor_offset, segment.sensor_offset_e3
+    gain, curvature, offset = of_segments[layout.bend_segment, :, layout.bend_direction].T
     curvature = curvature / (np.pi / 4)
 
-    def shown(exact):
-        angle = turn @ exact
+    def readings(exact: np.ndarray) -> np.ndarray:
+        angle = roll @ exact
         return gain * angle * (1 + curvature * angle) + offset
 
-    return shown
+    return readings

@@ -18,11 +18,11 @@ from limb_systems.wire_blocks import VectorFunction
 THERMOCOUPLE_PERIOD = 0.1  # s
 THERMOCOUPLE_STEP = 0.25  # °C
 THERMOCOUPLE_NOISE = 0.25  # °C
-# Noise and drift of a bend sensor are in the limb's parameters; these two are ours.
+# Noise and drift of a bend sensor are in the limb's parameters; these two numbers are ours.
 BEND_STEP = np.deg2rad(0.1)
 BEND_DRIFT_TIME = 120.0  # s
-# A camera beside the robot. All are ours: about a pixel of one that sees 0.4 m of the ground, and
-# that pixel across a body of 9 cm.
+# A camera above the robot. All numbers are ours: about a pixel if it sees 0.4 m of the ground, and
+# the angle of such a pixel across a body of 9 cm.
 CAMERA_PERIOD = 0.1  # s
 CAMERA_NOISE = 3e-4  # m
 CAMERA_ANGLE_NOISE = np.deg2rad(0.2)
@@ -32,9 +32,9 @@ CAMERA_STEP = 1e-5  # m and rad
 class Noise:
     """Standard normal numbers in the order in which a generator draws them.
 
-    A system keeps in its state how many numbers it has used. It therefore
-    continues with the same numbers from every copy of its Context, because numbers
-    that were drawn once are kept. With a plain generator it would not.
+    The state of a system has the number of numbers that it has used. Because all drawn numbers
+    are kept, the system continues with the same numbers from every copy of its Context; with a
+    plain generator it would not.
     """
 
     def __init__(self, generator: np.random.Generator):
@@ -42,7 +42,7 @@ class Noise:
         self._numbers = np.empty(0)
 
     def read(self, start: int, count: int) -> np.ndarray:
-        """The numbers from ``start`` on, (count,)."""
+        """Return the numbers from ``start`` on, (count,)."""
         missing = start + count - len(self._numbers)
         if missing > 0:
             more = self._generator.standard_normal(max(missing, len(self._numbers), 1000))
@@ -52,7 +52,7 @@ class Noise:
 
 @dataclasses.dataclass(frozen=True)
 class Sensor:
-    """How a vector signal is read: sampled, with noise, drift and steps.
+    """A sensor of a vector signal: sampled, with noise, drift and quantization.
 
     - ``name``: name of the signal and of its reading.
     - ``size``: size of the signal.
@@ -86,7 +86,7 @@ class SampledSensors(LeafSystem):
     - inputs 0 to N - 1, by the sensors' names: x (size)
     - outputs 0 to N - 1, likewise: y (size), in the unit of the signal
     - output N ``measurement``: all y, one after the other
-    - output N + 1 ``draws``: how many numbers of the noise were used
+    - output N + 1 ``draws``: count of the numbers of the noise that were used
     - state, discrete: y of each; d of all; draws. Updated each period and at
       initialization, where a new drift is drawn
 
@@ -101,21 +101,24 @@ class SampledSensors(LeafSystem):
         Args:
             sensors: one or more; those that are due at the same time draw in this order.
             noise: numbers for noise and drift.
-            start: how many numbers of the noise were used before.
+            start: count of the numbers of the noise that were used before.
         """
         super().__init__()
-        self._sensors = [
-            dataclasses.replace(s, noise=np.asarray(s.noise), drift=np.asarray(s.drift))
-            for s in sensors
-        ]
-        self._memories = [np.exp(-s.period / s.drift_time) for s in sensors]
-        self._wanders = [
-            sensor.drift * np.sqrt(1 - memory**2)
-            for sensor, memory in zip(self._sensors, self._memories, strict=True)
-        ]
+        # In a period a drift decays by a factor, and moves by a random step.
+        self._sensors = []
+        self._drift_decays = []
+        self._drift_steps = []
+        for sensor in sensors:
+            sigma = np.asarray(sensor.noise)
+            delta = np.asarray(sensor.drift)
+            decay = np.exp(-sensor.period / sensor.drift_time)
+            self._sensors.append(dataclasses.replace(sensor, noise=sigma, drift=delta))
+            self._drift_decays.append(decay)
+            self._drift_steps.append(delta * np.sqrt(1 - decay**2))
         self._noise = noise
         self._parts = slices([sensor.size for sensor in sensors])
         size = self._parts[-1].stop
+        # Declare the states: readings of each sensor, drifts of all, and the count of draws.
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
         for index, sensor in enumerate(sensors):
             self.DeclareVectorInputPort(sensor.name, sensor.size)
@@ -127,7 +130,7 @@ class SampledSensors(LeafSystem):
         self.DeclareDiscreteState(size)
         draws = self.DeclareDiscreteState([float(start)])
         self.DeclareVectorOutputPort(
-            "measurement", size, weak_method(self._calc), {self.xd_ticket()}
+            "measurement", size, weak_method(self._calc_measurement), {self.xd_ticket()}
         )
         self.DeclareStateOutputPort("draws", draws)
 
@@ -142,34 +145,36 @@ class SampledSensors(LeafSystem):
         return lambda context, state: sample(index, context, state)
 
     def _sample(self, index: int, context, state):
-        sensor, part = self._sensors[index], self._parts[index]
+        sensor = self._sensors[index]
         signal = sensor.response(self.get_input_port(index).Eval(context))
-        noise, wander = self._draw(state, 2 * sensor.size).reshape(2, -1)
-        offset = state.get_mutable_value(len(self._sensors))[part]
-        offset[:] = self._memories[index] * offset + self._wanders[index] * wander
-        noisy = signal + sensor.noise * noise + offset
+        noise, random_step = self._draw(state, 2 * sensor.size).reshape(2, -1)
+        drift = state.get_mutable_value(len(self._sensors))[self._parts[index]]
+        drift[:] = self._drift_decays[index] * drift + self._drift_steps[index] * random_step
+        noisy = signal + sensor.noise * noise + drift
         state.set_value(index, sensor.step * np.rint(noisy / sensor.step))
 
     def _draw(self, state, count: int) -> np.ndarray:
-        """The next numbers of the noise, as far as the sensors before have used it."""
+        """Return the next numbers of the noise, and count them in the state."""
         draws = state.get_mutable_value(len(self._sensors) + 1)
         start = int(draws[0])
         draws[0] = start + count
         return self._noise.read(start, count)
 
-    def _calc(self, context, output):
+    def _calc_measurement(self, context, output):
         groups = range(len(self._sensors))
         readings = [context.get_discrete_state(group).value() for group in groups]
         output.SetFromVector(np.concatenate(readings))
 
 
 def exact_bend(parameters: LimbParameters) -> System:
-    """Return a system from [θ, θ̇] (2n), rad and rad/s, to what exact bend sensors show (F), rad."""
+    """Return a system from [θ, θ̇] (2n), rad and rad/s, to exact bend sensors' readings (F), rad."""
     mechanics = LimbModel.of(parameters).mechanics
-    n = parameters.num_joints
-    return VectorFunction(
-        lambda state: mechanics.recorded_bend_angle(state[:n]), [2 * n], mechanics.layout.num_bends
-    )
+    num_joints = parameters.num_joints
+
+    def readings(state: np.ndarray) -> np.ndarray:
+        return mechanics.recorded_bend_angle(state[:num_joints])
+
+    return VectorFunction(readings, [2 * num_joints], mechanics.layout.num_bends)
 
 
 def limb_sensors(
@@ -181,13 +186,13 @@ def limb_sensors(
     bend_noise: ArrayLike,
     bend_drift: ArrayLike,
 ) -> list[Sensor]:
-    """The robot's sensors, for `SampledSensors`: ``measured_temperature`` and ``bend_angle``.
+    """Return the robot's sensors ``measured_temperature`` and ``bend_angle`` for `SampledSensors`.
 
     Args:
         parameters: description of the limb.
         bend_rate: rate at which bend sensors are read, Hz.
         thermocouple_period: time between readings of a thermocouple, s.
-        bend_response: what they read where exact ones would show angles (F,), rad.
+        bend_response: function from exact bend angles (F,), rad, to readings of the sensors.
         bend_noise, bend_drift: their standard deviations, for all or for each (F,), rad.
     """
     thermocouples = Sensor(
@@ -211,17 +216,17 @@ def limb_sensors(
 
 
 def camera(size: int) -> Sensor:
-    """A camera or tags that see the ``body_pose`` (size,) of a robot, for `SampledSensors`."""
-    angles = 1 if size == 3 else 3
-    noise = np.repeat([CAMERA_NOISE, CAMERA_ANGLE_NOISE], [size - angles, angles])
+    """Return a camera that sees the ``body_pose`` (size,) of a robot, for `SampledSensors`."""
+    num_angles = 1 if size == 3 else 3
+    noise = np.repeat([CAMERA_NOISE, CAMERA_ANGLE_NOISE], [size - num_angles, num_angles])
     return Sensor("body_pose", size, CAMERA_PERIOD, CAMERA_STEP, noise=noise)
 
 
 class SensedLimb(Diagram):
     """A limb, such as the model, behind the robot's sensors.
 
-    Its ``bend_angle`` is what its bend sensors show of the joint angles, if it has
-    the output port ``joint_state``; else they show its own ``bend_angle``.
+    Bend sensors read the joint angles if the limb has the output port ``joint_state``, else its
+    ``bend_angle``.
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
@@ -236,7 +241,7 @@ class SensedLimb(Diagram):
     def __init__(self, limb: LimbSystem, *, seed: int = 0, bend_rate: float = 20.0):
         """
         Args:
-            limb: the one behind them.
+            limb: the limb behind the sensors.
             seed: seed of the sensors' noise.
             bend_rate: rate at which bend sensors are read, Hz.
         """
@@ -244,16 +249,17 @@ class SensedLimb(Diagram):
         builder = DiagramBuilder()
         check_limb(limb)
         builder.AddSystem(limb)
-        self.parameters, self.accuracy = limb.parameters, limb.accuracy
+        self.parameters = limb.parameters
+        self.accuracy = limb.accuracy
         self.source = f"{limb.source} with sensor noise, seed {seed}"
         builder.ExportInput(limb.GetInputPort("duty"), "duty")
+        # Make the sensors by their description in each segment.
         layout = LimbModel.of(limb.parameters).layout
         segments = limb.parameters.segments
         described = [segments[number].bend_sensor for number in layout.bend_segment]
         gain = np.array([sensor.gain for sensor in described])
-        offset = np.choose(
-            layout.bend_direction, np.array([(s.offset, s.offset_e3) for s in described]).T
-        )
+        offsets = np.array([(sensor.offset, sensor.offset_e3) for sensor in described])
+        offset = np.choose(layout.bend_direction, offsets.T)
         readings = limb_sensors(
             limb.parameters,
             bend_rate,
@@ -263,12 +269,13 @@ class SensedLimb(Diagram):
         )
         noise = Noise(np.random.default_rng(seed))
         sensors = builder.AddNamedSystem("sensors", SampledSensors(readings, noise))
-        shown = limb.GetOutputPort("bend_angle")
+        # Connect them, and export their readings.
+        bend_angle = limb.GetOutputPort("bend_angle")
         if limb.HasOutputPort("joint_state"):
             exact = builder.AddNamedSystem("exact_bend", exact_bend(limb.parameters))
             builder.Connect(limb.GetOutputPort("joint_state"), exact.get_input_port())
-            shown = exact.get_output_port()
-        builder.Connect(shown, sensors.GetInputPort("bend_angle"))
+            bend_angle = exact.get_output_port()
+        builder.Connect(bend_angle, sensors.GetInputPort("bend_angle"))
         temperature = "measured_temperature"
         builder.Connect(limb.GetOutputPort(temperature), sensors.GetInputPort(temperature))
         for name in ("measured_temperature", "bend_angle", "measurement"):

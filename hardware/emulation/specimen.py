@@ -50,8 +50,8 @@ from limb_systems.bend_sensor import rolled
 from limb_systems.limb_parameters import BoardIdentity, SegmentParameters
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor", "places")
-EXTRA_EFFECTS = ("memory", "bond")  # that a limb has on request only
-# What may change about a limb, with the values of no change.
+EXTRA_EFFECTS = ("memory", "bond")  # only on request
+# Changes of a limb, with their neutral values.
 DISTURBANCES = {
     "ambient": 0.0,
     "payload": 0.0,
@@ -65,12 +65,11 @@ DISTURBANCES = {
 
 @dataclasses.dataclass(frozen=True)
 class WirePhysics:
-    """One wire, the silicone around it and its thermocouple.
+    """The physics of one wire, the silicone around it and its thermocouple.
 
     - ``heating``: heating rate at full duty, °C/s.
     - ``fast_time``, ``slow_time``: time constants of cooling, s.
-    - ``silicone_share``: share of the steady temperature rise that is in the
-      silicone.
+    - ``silicone_share``: steady temperature rise of the silicone over the wire's.
     - ``lag_rate``: rate of the thermocouple's lag, 1/s, negative.
     - ``latent_heat``: heat of the transformation, as °C of the wire.
     - ``austenite``, ``martensite``: temperature at which half of the wire is
@@ -83,9 +82,9 @@ class WirePhysics:
     - ``strain_relief``: recoverable strain that is lost by bending one radian
       towards the wire.
     - ``expansion``: Θ of (3) over the stress of full transformation, 1/°C.
-    - ``bond_time``: time constant of the thermocouple's lag where it is badly bonded,
-      s, in place of ``lag_rate``; 0 if it is not.
-    - ``misplaced``: angle about E1 from where it is described to where it runs, rad.
+    - ``bond_time``: time constant of the thermocouple's lag if it is badly bonded, s, in place of
+      ``lag_rate``; 0 for a good bond.
+    - ``misplaced``: angle about E1 from the described to the true place, rad.
     """
 
     heating: float
@@ -109,7 +108,7 @@ class WirePhysics:
 
 @dataclasses.dataclass(frozen=True)
 class SegmentPhysics:
-    """The rubber of one segment and its bend sensor.
+    """The physics of one segment's rubber and its bend sensor.
 
     - ``stiffness``: k of each joint when bent slowly, N·m/rad.
     - ``damping``: σ of each joint, N·m·s/rad.
@@ -117,20 +116,19 @@ class SegmentPhysics:
     - ``viscous_share``: additional share of k in fast motions.
     - ``relaxation_time``: time constant with which this share decays, s.
     - ``rest_offset``: offset of the bend angle at rest from the described one, rad.
-    - ``sensor_gain``, ``sensor_offset``: slope of the bend sensor at zero, and what
-      it shows there, rad.
+    - ``sensor_gain``, ``sensor_offset``: slope and reading, rad, of the bend sensor at zero.
     - ``sensor_curvature``: share of the reading that is lost or gained at 45°.
     - ``sensor_noise``, ``sensor_drift``: standard deviations, rad.
     - ``memory_angle``: angle at rest, towards the wire that was hot last, to which it is
       drawn, rad.
     - ``memory_share``: λ of a whole transformation, see `RestShift`.
 
-    Where the segment bends about two axes, too:
+    In addition, for a segment that bends about two axes:
 
     - ``stiffness_ratio``: stiffness against bends towards E3 over k.
     - ``rest_offset_e3``, ``sensor_gain_e3``, ``sensor_offset_e3``, ``sensor_curvature_e3``: as
-      above, of the bend towards E3.
-    - ``sensor_roll``: angle about E1 from E2 to the axis that the sensor takes for it, rad.
+      above, for the bend towards E3.
+    - ``sensor_roll``: angle about E1 from E2 to the sensor's first axis, rad.
     """
 
     stiffness: float
@@ -155,33 +153,33 @@ class SegmentPhysics:
 
 
 class Specimen:
-    """A particular limb: its physics, and the state in which it was left.
+    """A particular limb: its physics, and its state after the last use.
 
-    - ``description``: `LimbParameters` as a lab would know them beforehand.
+    - ``description``: `LimbParameters`, as a lab knows them before calibration.
     - ``seed``: seed of the draw.
     - ``wires``: `WirePhysics` (W), in the order of the description.
     - ``segments``: `SegmentPhysics` (S).
     - ``ambient``: temperature of the room, °C.
     - ``state``: state of each part of the emulation after its last run, by name;
       empty for a limb that was never used.
-    - ``noise``: numbers of the sensors' noise; the state says how many were used.
-    - ``extra``: effects that it has beside those of every limb.
+    - ``noise``: numbers of the sensors' noise; the state has the count of used numbers.
+    - ``extra``: effects in addition to the effects of every limb.
     - ``absent``: effects that were taken out, see `without`.
-    - ``disturbances``: changes that it was given, see `disturbed`.
-    - ``around_calibrated``: whether it was drawn around a calibrated limb, which it is not.
+    - ``disturbances``: changes, see `disturbed`.
+    - ``around_calibrated``: whether it was drawn around a calibrated limb, as another limb.
 
     A new specimen is unused: its wires are cold, its rubber is at rest, and its
     noise is at the beginning.
 
-    - ``physics``: name of the physics, "lumped" or a name of your own in `SPECIMENS`.
-    - ``build``: method of a subclass of other physics, None for the lumped physics. It takes a
+    - ``physics``: name of the physics, "lumped" or your own name in `SPECIMENS`.
+    - ``build``: method of a subclass with other physics; None for the lumped physics. It takes a
       builder, ``hand``, ``bend_rate``, ``wire_period`` and ``truth``, adds the limb's systems and
       exports the ports of `LimbTwin`.
     - ``rest_period``: longest step of a rest without heat, s.
     - ``effects``, ``extra_effects``: effects that can be taken out, and added on request.
     """
 
-    kind: type[Any] = LimbParameters  # of description
+    kind: type[Any] = LimbParameters  # class of the description
     physics = "lumped"
     rest_period = 1.0
     effects: tuple[str, ...] = EFFECTS
@@ -194,7 +192,7 @@ class Specimen:
         """
         Args:
             description: parameters around which it is drawn.
-            seed: seed of the draw; what it draws does not depend on ``extra``.
+            seed: seed of the draw, which does not depend on ``extra``.
             extra: any of
 
                 - "memory": the angle at rest moves by some degrees towards the
@@ -203,63 +201,70 @@ class Specimen:
                   lags by 3 to 9 s.
 
         Raises:
-            LimbError: if the seed is negative, or an effect unknown, or if a law does
-                not say its `WireLaw.typical_rates`.
+            LimbError: if the seed is negative, an effect is unknown, or a law has no
+                `WireLaw.typical_rates`.
         """
+        # Check the arguments, and describe the limb as one without board and calibration.
         description.validate()
         _check_effects(extra, self.extra_effects)
         if seed < 0:
             raise LimbError(f"The seed of an emulated limb is {seed}; it must be zero or more.")
-        draw_seed, noise_seed, extra_seed, space_seed = np.random.SeedSequence(seed).spawn(4)
-        generator = np.random.default_rng(draw_seed)
         self.description = copy.deepcopy(description)
         self.around_calibrated = description.calibration is not None
-        self.description.board, self.description.calibration = NoBoard(), None
-        nominal = self.description == LimbParameters()
-        self._drawn_around = "" if nominal else self.description.to_yaml()
+        self.description.board = NoBoard()
+        self.description.calibration = None
+        is_nominal = self.description == LimbParameters()
+        self._drawn_around = "" if is_nominal else self.description.to_yaml()
         self.seed = seed
-        self.extra, self.absent = tuple(extra), tuple[str, ...]()
+        self.extra = tuple(extra)
+        self.absent: tuple[str, ...] = ()
         self.disturbances: dict[str, float] = {}
-        self.noise = Noise(np.random.default_rng(noise_seed))
         self.state: dict[str, np.ndarray] = {}
-        self._draw(generator.uniform, extra_seed)
+        # Draw it. Each group of numbers has a seed of its own, which no other group changes.
+        draw_seed, noise_seed, extra_seed, space_seed = np.random.SeedSequence(seed).spawn(4)
+        self.noise = Noise(np.random.default_rng(noise_seed))
+        self._draw(np.random.default_rng(draw_seed).uniform, extra_seed)
         self._draw_in_space(np.random.default_rng(space_seed).uniform)
 
     def _draw(self, uniform, extra_seed: np.random.SeedSequence) -> None:
-        """Draws the limb from a generator's uniform numbers, and what it has on request."""
+        """Draw the limb from a generator's uniform numbers, and the effects on request."""
         description = self.description
-        self.segments = [_draw_segment(uniform, s) for s in description.segments]
-        self.wires = [_draw_wire(uniform, w.law, description) for w in description.wires]
+        self.segments = [_draw_segment(uniform, segment) for segment in description.segments]
+        self.wires = [_draw_wire(uniform, wire.law, description) for wire in description.wires]
         self.ambient = description.ambient_temperature + uniform(-3.0, 3.0)  # °C, ours
-        uniform = np.random.default_rng(extra_seed).uniform  # [records], but how often is ours
-        memories = [
-            {"memory_angle": np.deg2rad(uniform(0.75, 2.0)), "memory_share": uniform(1.1, 2.6)}
-            for _ in self.segments
-        ]
-        bonds = [(uniform(0.0, 1.0) < 0.1, uniform(3.0, 9.0)) for _ in self.wires]
-        if "memory" in self.extra:
-            self.segments = list(map(_changed, self.segments, memories))
-        if "bond" in self.extra:
-            times = [{"bond_time": time if is_bad else 0.0} for is_bad, time in bonds]
-            self.wires = list(map(_changed, self.wires, times))
+        # The ranges are from [records], the frequency of bad bonds is ours. All numbers are drawn
+        # in any case, so that an effect does not change the numbers of another.
+        uniform = np.random.default_rng(extra_seed).uniform
+        for index, segment in enumerate(self.segments):
+            angle = np.deg2rad(uniform(0.75, 2.0))
+            share = uniform(1.1, 2.6)
+            if "memory" in self.extra:
+                memory = {"memory_angle": angle, "memory_share": share}
+                self.segments[index] = dataclasses.replace(segment, **memory)
+        for index, wire in enumerate(self.wires):
+            is_bad = uniform(0.0, 1.0) < 0.1
+            time = uniform(3.0, 9.0)
+            if "bond" in self.extra and is_bad:
+                self.wires[index] = dataclasses.replace(wire, bond_time=time)
 
     def _draw_in_space(self, uniform) -> None:
-        """Draws what only segments of two axes have; their other draws are those of planar ones."""
+        """Draw the numbers that only segments of two axes have."""
         layout = LimbModel.of(self.description).layout
         for number, described in enumerate(self.description.segments):
-            if described.axes == 2:
-                drawn = self._draw_second_axis(uniform, described)
-                self.segments[number] = _changed(self.segments[number], drawn)
-                for wire in range(layout.num_wires)[layout.wires_of[number]]:
-                    # 4° of standard deviation, ours: wires are laid into the mould by hand
-                    changes = {"misplaced": np.deg2rad(uniform(-7.0, 7.0))}
-                    self.wires[wire] = _changed(self.wires[wire], changes)
+            if described.axes != 2:
+                continue
+            drawn = self._draw_second_axis(uniform, described)
+            self.segments[number] = dataclasses.replace(self.segments[number], **drawn)
+            for index in range(layout.num_wires)[layout.wires_of[number]]:
+                # 4° of standard deviation, ours: wires are laid into the mould by hand
+                misplaced = np.deg2rad(uniform(-7.0, 7.0))
+                self.wires[index] = dataclasses.replace(self.wires[index], misplaced=misplaced)
 
     def _draw_second_axis(self, uniform, segment: SegmentParameters) -> dict[str, float]:
-        """What the segment's physics has beside, where it bends about two axes."""
+        """Return the numbers of `SegmentPhysics` that only a segment of two axes has."""
         sensor = segment.bend_sensor
         return {
-            # A section cast to 1% of its width and thickness, whose ratio counts squared; ours.
+            # Width and thickness are cast to 1%, and their ratio counts squared; ours.
             "stiffness_ratio": segment.stiffness_ratio * uniform(0.97, 1.03),
             "rest_offset_e3": np.deg2rad(uniform(-2.0, 2.0)),  # as towards E2
             "sensor_gain_e3": sensor.gain * uniform(0.97, 1.03),
@@ -270,7 +275,7 @@ class Specimen:
 
     @classmethod
     def of(cls, board: EmulatedLimb) -> Self:
-        """The limb with an identity, unused.
+        """Return the limb with an identity, unused.
 
         Raises:
             LimbError: if the identity is invalid.
@@ -278,20 +283,18 @@ class Specimen:
         text = board.description
         description = cls.kind.from_yaml(text) if text else cls.kind()
         specimen = cls(description, board.seed, board.extra).without(*board.absent)
-        return specimen.disturbed(**dict(map(_disturbance, board.disturbances)))
+        return specimen.disturbed(**dict(map(_parse_disturbance, board.disturbances)))
 
     @property
     def board(self) -> Any:
         """The limb's identity, an `EmulatedLimb` from which `of` makes it again."""
         changes = [f"{name} {value!r}" for name, value in self.disturbances.items()]
-        absent, extra = list(self.absent), list(self.extra)
-        return EmulatedLimb(
-            self.seed, self._drawn_around, absent, extra, changes, physics=self.physics
-        )
+        effects = list(self.absent), list(self.extra)
+        return EmulatedLimb(self.seed, self._drawn_around, *effects, changes, physics=self.physics)
 
     @property
     def label(self) -> str:
-        """Text that names it among those of its kind: the seed, and what is special about it."""
+        """A text that identifies it among limbs of its kind: seed, effects and changes."""
         names = [f"seed {self.seed}", *(f"with {name}" for name in self.extra)]
         names += [f"without {name}" for name in self.absent]
         names += [f"{name} changed by {value:.4g}" for name, value in self.disturbances.items()]
@@ -300,7 +303,7 @@ class Specimen:
         return ", ".join(names)
 
     def without(self, *effects: str) -> Self:
-        """This limb in its present state and with the same noise, without some of its effects.
+        """Return this limb in its present state, with the same noise, without some effects.
 
         Args:
             effects: any of
@@ -313,9 +316,8 @@ class Specimen:
                 - "rubber": it is linear, and rests at the described angle;
                 - "bend sensor": it reads α/2, or the chord's angle, exactly, except
                   for its steps;
-                - "places": wires of limbs that bend about two axes run where they are described,
-                  and not some degrees beside;
-                - "memory", "bond": what the limb may have beside these.
+                - "places": wires of limbs that bend about two axes are at the described places;
+                - "memory", "bond": effects on request.
 
         Raises:
             LimbError: if an effect is unknown.
@@ -325,45 +327,47 @@ class Specimen:
         for effect in effects:
             if effect == "hysteresis":
                 specimen.wires = list(map(_without_hysteresis, specimen.wires))
-            changes = dict.fromkeys(_WIRES_WITHOUT.get(effect, ()), 0.0)
+            # Set the fields of wires and segments to their values without the effect.
+            wire_changes = dict.fromkeys(_WIRES_WITHOUT.get(effect, ()), 0.0)
             if effect == "stress":
-                changes["modulus_ratio"] = 1.0
-            specimen.wires = [_changed(wire, changes) for wire in specimen.wires]
-            changes = dict.fromkeys(_SEGMENTS_WITHOUT.get(effect, ()), 0.0)
+                wire_changes["modulus_ratio"] = 1.0
+            specimen.wires = _with_changes(specimen.wires, wire_changes)
+            segment_changes = dict.fromkeys(_SEGMENTS_WITHOUT.get(effect, ()), 0.0)
             if effect == "bend sensor":
-                changes |= {"sensor_gain": 1.0, "sensor_gain_e3": 1.0}
-            specimen.segments = [_changed(segment, changes) for segment in specimen.segments]
+                segment_changes |= {"sensor_gain": 1.0, "sensor_gain_e3": 1.0}
+            specimen.segments = _with_changes(specimen.segments, segment_changes)
         specimen.absent += effects
         return specimen
 
     def with_noise(self, *numbers: int) -> Self:
-        """This limb in its present state, with other noise of its sensors for other numbers."""
+        """Return this limb in its present state, with a sensor noise seeded by the numbers."""
         specimen = copy.copy(self)
         specimen.noise = Noise(np.random.default_rng([self.seed, *numbers]))
         specimen.state = self.state | {"draws": np.zeros(1)} if self.state else {}
         return copy.deepcopy(specimen)
 
     def disturbed(self, **changes: float) -> Self:
-        """This limb in its present state and with the same noise, after something has changed.
+        """Return this limb in its present state, with the same noise, after changes.
 
-        It has rested in the change: its temperatures move with the room, and its joints with
+        It has rested after the changes: its temperatures move with the room, and its joints with
         the payload.
 
         Args:
             changes: any of
 
-                - "ambient": by which the room is warmer, °C;
-                - "payload", "payload_e3": rad, by which a constant torque on all joints would
-                  bend its rubber alone, towards E2 and E3; cold wires hold back a tenth of that;
+                - "ambient": rise of the room's temperature, °C;
+                - "payload", "payload_e3": bend of the rubber alone by a constant torque on all
+                  joints, rad, towards E2 and E3; cold wires hold back a tenth of it;
                 - "stiffness": factor of the rubber's k;
                 - "cooling": factor of the rates at which wires and silicone cool, as by a fan;
                 - "supply": factor of the heat for the same duty;
                 - "noise": factor of the bend sensors' noise.
 
         Raises:
-            LimbError: if a change is unknown, or a factor not a positive number, or if the
-                limb was disturbed before, or cannot bend towards E3.
+            LimbError: if a change is unknown, a factor is not a positive number, or the limb was
+                disturbed before or cannot bend towards E3.
         """
+        # Check the changes.
         for name, value in changes.items():
             if name not in DISTURBANCES:
                 raise LimbError(f"{name!r} is not one of the changes {', '.join(DISTURBANCES)}.")
@@ -373,16 +377,18 @@ class Specimen:
             raise LimbError("This limb is disturbed already; disturb the original by both at once.")
         if "payload_e3" in changes and LimbModel.of(self.description).layout.is_planar:
             raise LimbError("A limb that bends in a plane takes no payload_e3; give it a payload.")
+        # Change a copy of this limb, and its state.
         specimen = copy.deepcopy(self)
-        change = DISTURBANCES | {name: float(value) for name, value in changes.items()}
-        specimen.disturbances = self.disturbances | {name: change[name] for name in changes}
+        given = {name: float(value) for name, value in changes.items()}
+        change = DISTURBANCES | given
+        specimen.disturbances = self.disturbances | given
         specimen.ambient += change["ambient"]
         specimen._change(change)
         specimen._move_state(change["ambient"], specimen.rest_angles() - self.rest_angles())
         return specimen
 
     def _change(self, change: dict[str, float]) -> None:
-        """Changes wires and segments by all of `DISTURBANCES`."""
+        """Change wires and segments by all of `DISTURBANCES`."""
         self.wires = [
             dataclasses.replace(
                 wire,
@@ -396,7 +402,7 @@ class Specimen:
             dataclasses.replace(
                 segment,
                 stiffness=segment.stiffness * change["stiffness"],
-                # A torque on a spring is another angle at rest.
+                # A constant torque on a spring changes the angle at rest.
                 rest_offset=segment.rest_offset + change["payload"] / change["stiffness"],
                 rest_offset_e3=segment.rest_offset_e3 + change["payload_e3"] / change["stiffness"],
                 sensor_noise=segment.sensor_noise * change["noise"],
@@ -405,61 +411,62 @@ class Specimen:
         ]
 
     def _move_state(self, warmer: float, bent: np.ndarray) -> None:
-        """Adds to the temperatures, °C, and the joint angles (n,), rad, of a limb that was used."""
+        """Add to the temperatures, °C, and the joint angles (n,), rad, of a used limb."""
         if not self.state:
             return
-        state, num_wires, num_joints = self.state, len(self.wires), len(bent)
-        masses = np.arange(len(state["wires"])) < 2 * num_wires  # T and S, before ξ and ε
+        state = self.state
+        # The first half of the wires' state is T and S, then come ξ and ε.
+        is_temperature = np.arange(len(state["wires"])) < 2 * len(self.wires)
         self.state = state | {
-            "wires": state["wires"] + warmer * masses,
+            "wires": state["wires"] + warmer * is_temperature,
             "measured": state["measured"] + warmer,
-            "joints": state["joints"] + np.append(bent, np.zeros(num_joints)),
+            "joints": state["joints"] + np.append(bent, np.zeros(len(bent))),
             "rubber": state["rubber"] + bent,
         }
 
     def rest_angles(self) -> np.ndarray:
-        """Joint angles of the unused limb at rest (n,), rad, by eqn (11)."""
-        rest = [
-            angle
-            for described, segment in zip(self.description.segments, self.segments, strict=True)
-            for angle in (
-                described.rest_angle + segment.rest_offset,
-                described.rest_angle_e3 + segment.rest_offset_e3,
-            )[: described.axes]
-        ]
-        return joint_angles_from_bend_angle(self.description, rest)
+        """Return joint angles of the unused limb at rest (n,), rad, by eqn (11)."""
+        rest_bends = []
+        for described, segment in zip(self.description.segments, self.segments, strict=True):
+            rest_bends.append(described.rest_angle + segment.rest_offset)
+            if described.axes == 2:
+                rest_bends.append(described.rest_angle_e3 + segment.rest_offset_e3)
+        return joint_angles_from_bend_angle(self.description, rest_bends)
 
     def places(self) -> np.ndarray:
-        """Where the wires run in truth (W, 2), m along E2 and E3."""
+        """Return the true places of the wires (W, 2), m along E2 and E3."""
         described = np.array([[wire.e2, wire.e3] for wire in self.description.wires])
         return rolled(described.T, [-wire.misplaced for wire in self.wires]).T
 
     def mechanics(self) -> LimbParameters:
-        """Parameters of the linear part: true k, σ, places of wires, ambient and lag.
+        """Return parameters of the linear part: true k, σ, places of wires, ambient and lag.
 
-        Gravity is as described. Its springs are free of torque at the described angle at rest.
+        Gravity is as described. The springs are free of torque at the described angle at rest.
         """
         parameters = copy.deepcopy(self.description)
         parameters.ambient_temperature = self.ambient
         for segment, physics in zip(parameters.segments, self.segments, strict=True):
-            segment.stiffness, segment.damping = physics.stiffness, physics.damping
+            segment.stiffness = physics.stiffness
+            segment.damping = physics.damping
             segment.stiffness_ratio = physics.stiffness_ratio
-            segment.stiffening, segment.rest_memory = 0.0, None
-        for wire, drawn in zip(parameters.wires, self.wires, strict=True):
+            # Other systems have the nonlinear effects of the rubber.
+            segment.stiffening = 0.0
+            segment.rest_memory = None
+        places = self.places().tolist()
+        for wire, drawn, place in zip(parameters.wires, self.wires, places, strict=True):
             wire.law = LinearLaw(a3=-1 / drawn.bond_time if drawn.bond_time else drawn.lag_rate)
-        for wire, place in zip(parameters.wires, self.places().tolist(), strict=True):
             wire.e2, wire.e3 = place
         return parameters
 
 
 def emulated_limb(board: BoardIdentity) -> EmulatedLimb | None:
-    """The emulated limb that a board is or has on it, as far as its serial number tells.
+    """Return the emulated limb of a board, by its serial number; None for a real board.
 
-    Limbs that are calibrated through the port of an emulated board carry its
-    number, as those on a robot do. None for any other limb's.
+    Limbs that are calibrated through the port of an emulated board have its number, like limbs on
+    a robot.
 
     Raises:
-        LimbError: if it is that of an emulated limb which the number does not tell.
+        LimbError: if the number is an emulated board's, but does not identify the limb.
     """
     if isinstance(board, EmulatedLimb):
         return board
@@ -473,18 +480,18 @@ def emulated_limb(board: BoardIdentity) -> EmulatedLimb | None:
     return None
 
 
-def _check_effects(effects: Sequence[str], known: Sequence[str]) -> None:
+def _check_effects(effects: Sequence[str], choices: Sequence[str]) -> None:
     for effect in effects:
-        if not known:
+        if not choices:
             raise LimbError(
                 f"A limb of this physics has no effect {effect!r}, nor any other choice."
             )
-        if effect not in known:
-            raise LimbError(f"{effect!r} is not one of the effects {', '.join(known)}.")
+        if effect not in choices:
+            raise LimbError(f"{effect!r} is not one of the effects {', '.join(choices)}.")
 
 
-def _disturbance(text: str) -> tuple[str, float]:
-    """Name and value of an entry of `EmulatedLimb.disturbances`."""
+def _parse_disturbance(text: str) -> tuple[str, float]:
+    """Return name and value of an entry of `EmulatedLimb.disturbances`."""
     try:
         name, value = text.split()
         return name, float(value)
@@ -495,8 +502,9 @@ def _disturbance(text: str) -> tuple[str, float]:
 
 
 def _draw_wire(uniform, law: WireLaw, description: LimbParameters) -> WirePhysics:
-    """A wire around a law: its torque at T_max, and how fast it heats and cools at first."""
-    rates, ambient = law.typical_rates(), description.ambient_temperature
+    """Return a wire drawn around a law's torque at T_max and its rates of heat."""
+    rates = law.typical_rates()
+    ambient = description.ambient_temperature
     time = 1 / rates["fastest_cooling"]
     hot = law.warm_states(description.temperature_limits.maximum, ambient)
     austenite = uniform(58.0, 66.0)  # °C, ours: motion begins below T_warm [paper, VIII-B]
@@ -520,7 +528,7 @@ def _draw_wire(uniform, law: WireLaw, description: LimbParameters) -> WirePhysic
 
 
 def _draw_segment(uniform, segment) -> SegmentPhysics:
-    """The rubber around `SegmentParameters`, and the bend sensor."""
+    """Return rubber and bend sensor drawn around `SegmentParameters`."""
     sensor = segment.bend_sensor
     return SegmentPhysics(
         stiffness=segment.stiffness * uniform(0.9, 1.1),  # 2° of 10° between trials [paper, VIII-B]
@@ -537,8 +545,8 @@ def _draw_segment(uniform, segment) -> SegmentPhysics:
     )
 
 
-def _changed(physics: Any, changes: dict[str, float]) -> Any:
-    return dataclasses.replace(physics, **changes)
+def _with_changes(parts: Sequence[Any], changes: dict[str, float]) -> list[Any]:
+    return [dataclasses.replace(part, **changes) for part in parts]
 
 
 def _without_hysteresis(wire: WirePhysics) -> WirePhysics:

@@ -1,7 +1,7 @@
 """The nRF52-DK (PCA10040, nRF52832) under MicroPython 1.24 to 1.28: pins and peripherals.
 
 Pins are GPIO numbers; the README has them by their names on the board, and says which facts
-of this MicroPython are worked around here. See `firmware` for what a board is.
+of this MicroPython are worked around here. `firmware` lists the methods of a board.
 """
 
 import machine
@@ -13,8 +13,11 @@ HEATERS = (11, 12, 13, 14, 15, 16)[:WIRES]
 # P0.03, P0.04, P0.28 to P0.31: MAX31855 of left and right, and of further wires
 CHIP_SELECTS = (3, 4, 28, 29, 30, 31)[:WIRES]
 SUPPLY = 22  # P0.22: the charge pump that holds the relay in the wires' supply
-SCK, MOSI, MISO = 25, 23, 24  # P0.25, P0.23, P0.24; the amplifiers have no MOSI
-SCL, SDA = 27, 26  # P0.27, P0.26
+SCK = 25  # P0.25
+MOSI = 23  # P0.23; the amplifiers have no MOSI
+MISO = 24  # P0.24
+SCL = 27  # P0.27
+SDA = 26  # P0.26
 BEND_ADDRESSES = (0x12,) if AXES == 1 else (0x13,)  # as sold; the sensor at the base first
 PWM_FREQUENCY = 1000  # Hz
 
@@ -22,7 +25,7 @@ _PWM_ENABLES = (0x4001C500, 0x40021500)  # of the devices, each of which drives 
 
 
 def gates_low():
-    """Holds all gates low, also if the PWM has them, which goes on without the program."""
+    """Hold all gates low, also against the PWM, which goes on without the program."""
     for pin in HEATERS:
         machine.Pin(pin, machine.Pin.OUT, value=0)
     for enable in _PWM_ENABLES[: (WIRES + 3) // 4]:
@@ -46,8 +49,8 @@ from .firmware import (  # noqa: E402
     WATCHDOG_RESET,
 )
 
-# What the maker's drivers send and read, of both sensors: a number and 2 bytes for each angle. Its
-# counts are 1/64 degree of one axis, and 1/32 degree of two.
+# A transfer, by the maker's drivers of both sensors: a number and 2 bytes for each angle. A count
+# is 1/64 degree for one axis, and 1/32 degree for two.
 _TRANSFER = 1 + 2 * AXES
 _BEND_SCALE = AXES  # of a count, in 1/64 degree
 _MOST_COUNTS = 32767 // _BEND_SCALE
@@ -55,8 +58,8 @@ _RUN_FREELY = b"\x00\x01" + bytes(_TRANSFER - 2)
 
 _PERIOD = 1000000000 // PWM_FREQUENCY  # ns
 
-# Registers for which this MicroPython has no class (product specification of the nRF52832).
-# It reads them as signed numbers.
+# Registers for which this MicroPython has no class (product specification of the nRF52832). Their
+# numbers are read as signed.
 _DEVICE_ID = (0x10000060, 0x10000064)
 _RESET_REASONS = 0x40000400
 _RETAINED = 0x40000520  # GPREGRET2: 8 bits; bootloaders like to use GPREGRET
@@ -67,8 +70,9 @@ _WATCHDOG_CONFIG = 0x4001050C
 _WATCHDOG_RELOAD = 0x40010600
 _RELOAD_KEY = 0x6E524635
 _WATCHDOG_MS = 200
-_CLOCK_START, _CLOCK_STOP = 0x40000008, 0x4000000C  # of 32768 Hz, of watchdog and ticks alike
-_CLOCK_STATE = 0x40000418  # bit 16: it runs; bits 0 and 1: by what
+_CLOCK_START = 0x40000008  # of 32768 Hz, for watchdog and ticks
+_CLOCK_STOP = 0x4000000C
+_CLOCK_STATE = 0x40000418  # bit 16: it runs; bits 0 and 1: its source
 _CLOCK_SOURCE = 0x40000518
 _CRYSTAL = 1  # the board has one; else the chip's own oscillator, which is off by up to 2%
 _RUNS_BY_CRYSTAL = 1 << 16 | _CRYSTAL
@@ -79,25 +83,29 @@ _RAM = 0x2000E000
 _RAM_KEY = 0x5AC396  # in the upper 24 bits; after power-up they are random
 
 _ROOM = 128 * (1 + (WIRES + 3) // 4)  # bytes that wait to be sent: two of the longest samples
-_DRAIN_PASSES = 200  # in one call, some ms: no clock, as that may stand still; a byte takes 87 us
+_DRAIN_PASSES = 200  # in one call, some ms, without a clock, which may stand; a byte takes 87 us
 
 
 class Board:
-    """See `firmware` for what a board is."""
+    """The board; `firmware` lists its methods."""
 
-    channels, angles = WIRES, AXES * len(BEND_ADDRESSES)
+    channels = WIRES
+    angles = AXES * len(BEND_ADDRESSES)
 
     def __init__(self):
+        # Start the watchdog.
         self._take_crystal()  # before the watchdog, from which on no other can be chosen
         machine.mem32[_WATCHDOG_TICKS] = _WATCHDOG_MS * 32768 // 1000 - 1
         machine.mem32[_WATCHDOG_CONFIG] = 9  # goes on in sleep and while a debugger halts the CPU
         machine.mem32[_WATCHDOG_ENABLE] = 1
         machine.mem32[_WATCHDOG_START] = 1
+        # The state from before the reset, and numbers of this board and this start.
         self._recall()
         self.serial_number = b"".join(
             (machine.mem32[address] & 0xFFFFFFFF).to_bytes(4, "little") for address in _DEVICE_ID
         )
         self.random = int.from_bytes(os.urandom(2), "little")
+        # Open relay, serial port, buses and PWM.
         self._supply = machine.Pin(SUPPLY, machine.Pin.OUT, value=0)
         self._supply_level = 0
         micropython.kbd_intr(-1)  # 0x03 is a byte like any other from here on
@@ -123,6 +131,7 @@ class Board:
         ]
         self._now = 0
         self._ticks = time.ticks_ms()
+        # Start the bend sensors.
         for address in BEND_ADDRESSES:
             try:
                 self._i2c.writeto(address, _RUN_FREELY)
@@ -139,12 +148,14 @@ class Board:
         machine.mem32[_CLOCK_START] = 1  # some 0.3 s; until then the oscillator counts
 
     def _recall(self):
-        """Sets `remembered` and `reset_cause`."""
+        """Set `remembered` and `reset_cause`."""
+        # A register or a word of the RAM has the reason from before the reset.
         word = machine.mem32[_RAM]
         survived = word >> 8 == _RAM_KEY
-        # The register outlasts a soft reset, but hardly a watchdog's; the RAM in practice does.
+        # The register outlasts a soft reset, but seldom a watchdog's; in practice the RAM does.
         self.remembered = machine.mem32[_RETAINED] or (word & 0xFF if survived else 0)
         self.remember(self.remembered)
+        # The cause is by MicroPython, whose registers are cleared.
         self.reset_cause = {
             machine.HARD_RESET: PIN_RESET,
             machine.WDT_RESET: WATCHDOG_RESET,
@@ -172,7 +183,7 @@ class Board:
         self._drain()
 
     def _drain(self):
-        """Sends what waits, byte by byte, as `write` waits for a computer that may not listen."""
+        """Send waiting bytes one by one; `write` would wait for a computer that may not listen."""
         sent = 0
         for _ in range(_DRAIN_PASSES):
             if sent == len(self._outgoing):

@@ -1,50 +1,53 @@
-"""The board's program, apart from the board. Runs under MicroPython and CPython alike.
+"""The board's program, for any board. It runs under MicroPython and CPython.
 
 A board is an object with
 
 - ``channels``: number of wires, each with its thermocouple; ``angles``: number of bend angles;
 - ``ticks()``: ms, counting on without wrapping;
-- ``receive()``: bytes from the host, maybe none;
-- ``send(data)``: bytes to the host, which may get lost; it does not wait;
-- ``read_thermocouple(wire)``: the 4 bytes of its MAX31855;
-- ``read_bend()``: a byte 0, and 2 bytes for each angle, in 1/64 degree, low byte first; no bytes
-  if a bend sensor is silent;
-- ``set_duty(wire, duty)``: PWM, duty in [0, 1];
+- ``receive()``: returns bytes from the host, possibly none;
+- ``send(data)``: sends bytes to the host, which may get lost, without waiting;
+- ``read_thermocouple(wire)``: returns the 4 bytes of its MAX31855;
+- ``read_bend()``: returns a byte 0, and 2 bytes for each angle, in 1/64 degree, low byte first; no
+  bytes if a bend sensor is silent;
+- ``set_duty(wire, duty)``: sets the PWM, duty in [0, 1];
 - ``keep_supply()``: holds the relay in the wires' supply for some passes of the loop;
-- ``feed()``: the watchdog;
-- ``remember(reason)``: a byte, which outlives a reset, and is ``remembered`` after it;
-- ``reset_cause``: cause of the last reset, as below;
-- ``serial_number``: 8 bytes; ``random``: 16 bits, other ones at each start.
+- ``feed()``: feeds the watchdog;
+- ``remember(reason)``: stores a byte that outlives a reset, and is ``remembered`` after it;
+- ``reset_cause``: cause of the last reset, see below;
+- ``serial_number``: 8 bytes; ``random``: 16 bits that differ at each start.
 """
 
 from . import guard, protocol, readings
 
 SAMPLE_PERIOD = 50  # ms
-LONGEST_STANDSTILL = 50  # passes of the loop, in which the clock must go on
+LONGEST_STANDSTILL = 50  # passes of the loop, within which the clock must go on
 THERMOCOUPLE_TURN = 2  # samples: a MAX31855 needs 100 ms between readings to convert
 
 # Causes of a reset.
 POWER_ON, PIN_RESET, WATCHDOG_RESET, SOFT_RESET, LOCKUP_RESET, UNKNOWN_RESET = 0, 1, 2, 3, 4, 5
-_REASONS = {POWER_ON: guard.POWER_UP, PIN_RESET: guard.RESET, SOFT_RESET: guard.RESET}
+_REASONS = {POWER_ON: guard.POWER_UP, PIN_RESET: guard.WAS_RESET, SOFT_RESET: guard.WAS_RESET}
 
 
 class Firmware:
     """The board's program, in steps."""
 
     def __init__(self, board):
-        channels, angles = board.channels, board.angles
-        self._board, self._wires = board, range(channels)
+        channels = board.channels
+        self._board = board
+        self._wires = range(channels)
         self._parser = protocol.Parser(protocol.KINDS)
         self._parts = [None] * channels  # values of each wire's last BOUNDS
+        # Begin with the reason of the reset, or with a fault from before it.
         now = board.ticks()
         reason = _REASONS.get(board.reset_cause, guard.RESTARTED)
         if board.reset_cause != POWER_ON and board.remembered >= guard.LATCHING:
             reason = board.remembered
-        self.guard = guard.Guard(now, board.random, reason, channels, angles)
+        self.guard = guard.Guard(now, board.random, reason, channels, board.angles)
         self._remembered = board.remembered
         self._next = self._now = now
         self._standing = 0  # passes, for which the clock stood still
         self._sequence = 0
+        # Readings, 1/4 °C and 1/16 °C, and the duty at the pins.
         self._quarters = [0] * channels
         self._junctions = [0] * channels
         self._faults = [0] * channels
@@ -53,13 +56,15 @@ class Firmware:
         self._apply()
 
     def step(self):
-        """One pass of the loop; the board makes some hundred per second."""
+        """Run one pass of the loop; the board makes some hundred per second."""
+        # Check the clock.
         board = self._board
         now = board.ticks()
         self._standing = self._standing + 1 if now == self._now else 0
         self._now = now
-        if self._standing > LONGEST_STANDSTILL:  # and a watchdog of the same clock stands, too
-            self.guard.trip(guard.CLOCK, now)
+        if self._standing > LONGEST_STANDSTILL:  # a watchdog with the same clock stands, too
+            self.guard.trip(guard.CLOCK_STANDS, now)
+        # Handle frames, end a duty that is too old, and read the sensors every 50 ms.
         for kind, values in self._parser.feed(board.receive()):
             self._handle(kind, values, now)
         self.guard.tick(now)
@@ -67,12 +72,13 @@ class Firmware:
         if sampling:
             self._next = max(self._next + SAMPLE_PERIOD, now + SAMPLE_PERIOD // 2)
             self._read(now)
+        # Set the pins, and send the sample.
         self._apply()
         if self.guard.state == guard.ARMED and not self._standing:
             board.keep_supply()
         if sampling:
             self._send_sample(now)
-            board.feed()  # only here: sensors were read, and the guard has seen it
+            board.feed()  # only here, after sensors were read and checked
 
     def _handle(self, kind, values, now):
         if kind == protocol.BOUNDS:
@@ -94,28 +100,31 @@ class Firmware:
             board.send(protocol.encode(protocol.INFO, *info))
 
     def _arm(self, values, now):
-        """Arms, or has no bounds to arm with unless all BOUNDS came that the ARM is for."""
+        """Arm, with no bounds unless all BOUNDS came that the ARM is for."""
         challenge, channels, total, expected = values
         parts = self._parts
-        whole = channels == len(parts) and all(part and part[0] == challenge for part in parts)
-        if not whole or protocol.checksum(parts) != expected:
+        complete = channels == len(parts) and all(part and part[0] == challenge for part in parts)
+        if not complete or protocol.checksum(parts) != expected:
             parts = ()
-        bounds = [
-            [value / scale for value, scale in zip(part[2:7], protocol.BOUND_SCALES)]
-            for part in parts
-        ]
+        # Decode bounds and pulls.
+        bounds = []
+        for part in parts:
+            bounds.append([value / s for value, s in zip(part[2:7], protocol.BOUND_SCALES)])
         pulls = [part[7] for part in parts]
         shares = [protocol.shares(pulls, angle) for angle in range(self._board.angles)]
         self.guard.arm(challenge, bounds, total / protocol.FULL_DUTY, shares, now)
 
     def _read(self, now):
+        # Read thermocouples in every second sample.
         board = self._board
         if self._sequence % THERMOCOUPLE_TURN == 0:
             for wire in self._wires:
                 reading = readings.thermocouple(board.read_thermocouple(wire))
                 self._faults[wire] = reading[2]
-                if not reading[2]:  # else it is no temperature, and the one before is kept
-                    self._quarters[wire], self._junctions[wire] = reading[:2]
+                if not reading[2]:  # with a fault the reading before is kept
+                    self._quarters[wire] = reading[0]
+                    self._junctions[wire] = reading[1]
+        # Read the bend, and check all readings.
         self._bends = readings.bends(board.read_bend(), board.angles)
         temperatures = [quarters / 4 for quarters in self._quarters]
         junctions = [sixteenths / 16 for sixteenths in self._junctions]
@@ -132,12 +141,14 @@ class Firmware:
             self._board.remember(latched)
 
     def _send_sample(self, now):
+        # A SAMPLE has the state and the bends.
         self._sequence = (self._sequence + 1) & 0xFFFF
         subject = self.guard
         header = [self._sequence, now & 0xFFFFFFFF, subject.challenge, subject.state]
         header += [subject.reason, subject.acknowledged]
         bends = [0] * self._board.angles if self._bends is None else list(self._bends)
         frames = [protocol.encode(protocol.SAMPLE, *(header + bends))]
+        # CHANNELS have the wires, in groups.
         for first in range(0, len(self._wires), protocol.GROUP):
             values = [self._sequence, first, len(self._wires)]
             for wire in self._wires[first : first + protocol.GROUP]:
@@ -145,6 +156,7 @@ class Firmware:
                 quarters = protocol.NO_READING if self._faults[wire] else self._quarters[wire]
                 values += [quarters, ticks, subject.warmest(wire)]
             frames.append(protocol.encode(protocol.CHANNELS, *values))
-        for _ in (1, 2):  # one may get lost, and a host that hears nothing may not heat
+        # Send all twice, because a frame may get lost, and a host without samples must not heat.
+        for _ in (1, 2):
             for frame in frames:
                 self._board.send(frame)

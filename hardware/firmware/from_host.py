@@ -1,6 +1,6 @@
-"""What a host sends to arm a board. A board does not load it.
+"""Frames from a host that arm and command a board. A board does not load them.
 
-Runs under MicroPython and CPython alike, for the firmware's tests.
+This runs under MicroPython and CPython, for the firmware's tests.
 """
 
 import math
@@ -9,10 +9,10 @@ from . import protocol
 
 
 def encode_arming(challenge, bounds, total, pulls):
-    """The frames that arm, each as bytes: a BOUNDS for each wire, then ARM.
+    """Return the frames that arm, each as bytes: a BOUNDS for each wire, then ARM.
 
-    bounds: bounds of each wire, see `heat`; total: largest sum of all duties; pulls: of each
-    wire, see `pull`.
+    bounds: bounds of each wire, see `heat`; total: largest sum of all duties; pulls: pull of
+    each wire, see `pull`.
     """
     parts = []
     for wire, pull in enumerate(pulls):
@@ -28,16 +28,16 @@ def encode_arming(challenge, bounds, total, pulls):
     return frames
 
 
-def encode_command(session, sequence, heard, duty):
-    """The bytes of a COMMAND. heard: time of the newest sample, ms; duty: of each wire."""
+def encode_command(session, sequence, sample_time, duty):
+    """Return the bytes of a COMMAND. sample_time: ms, of the newest sample; duty: of each wire."""
     ticks = [int(protocol.FULL_DUTY * share + 0.5) for share in duty]
-    head = session, sequence & 0xFFFF, heard & 0xFFFFFFFF
+    head = session, sequence & 0xFFFF, sample_time & 0xFFFFFFFF
     return protocol.encode(protocol.COMMAND, *head, *ticks)
 
 
 def pull(angle, e2, e3):
-    """How a wire pulls, as `protocol.shares` reads it.
+    """Return the pull of a wire, a number that `protocol.shares` decodes.
 
-    angle: number of the first one of its segment; e2, e3: place of the wire.
+    angle: number of its segment's first angle; e2, e3: place of the wire.
     """
     return 32 * angle + int(16 / math.pi * math.atan2(e3, e2) + 32.5) % 32

@@ -1,4 +1,4 @@
-"""The board runs this when it is switched on."""
+"""The program that the board runs when it is switched on."""
 
 from firmware.board_nrf52dk import Board, gates_low
 from firmware.firmware import Firmware

@@ -1,6 +1,6 @@
 """Frames between host and board: docs/protocol.md in code, for both sides.
 
-Runs under MicroPython and CPython alike, hence the plain style.
+This runs under MicroPython and CPython, hence the plain style.
 """
 
 import math
@@ -8,8 +8,9 @@ import struct
 
 VERSION = 5
 MAX_PAYLOAD = 24  # bytes; with its CRC and every byte escaped a frame stays below 64
-MOST_CHANNELS, MOST_ANGLES = 8, 6  # of a board
-GROUP = 4  # channels in a CHANNELS, at most
+MOST_CHANNELS = 8  # of a board
+MOST_ANGLES = 6
+GROUP = 4  # largest number of channels in a CHANNELS
 FULL_DUTY = 10000  # a duty of 1 in a frame
 NO_READING = -0x8000  # in place of a temperature
 
@@ -18,7 +19,7 @@ HELLO, ARM, COMMAND, DISARM, CLEAR, BOUNDS = KINDS = 0x01, 0x02, 0x03, 0x04, 0x0
 # From the board to the host.
 INFO, SAMPLE, CHANNELS = BOARD_KINDS = 0x81, 0x82, 0x83
 
-# The numbers that a payload begins with, and those that follow for each wire or angle.
+# Formats of the numbers that a payload begins with, and of the numbers for each wire or angle.
 LAYOUTS = {
     HELLO: ("", ""),
     # challenge, wire, bounds: a1 (slowest, fastest) in 1/1000 1/s, a2 (least, most) in
@@ -37,20 +38,23 @@ LAYOUTS = {
     # 1/64 degrees
     SAMPLE: ("HIHBBH", "h"),
     # sequence, first channel, channels in all; of each channel: temperature in 1/4 °C or
-    # NO_READING, applied duty in 1/10000, the most that it can have in °C
+    # NO_READING, applied duty in 1/10000, highest possible temperature in °C
     CHANNELS: ("HBB", "hHB"),
 }
 
 BOUND_SCALES = 1000, 1000, 100, 100, 1000  # of a wire's bounds in a frame
 
-_FLAG, _ESCAPE, _FLIP = 0x7E, 0x7D, 0x20
+_FLAG = 0x7E
+_ESCAPE = 0x7D
+_FLIP = 0x20
 _ESCAPED = (_FLAG, _ESCAPE, 0x03)  # 0x03 interrupts a MicroPython that is at its prompt
 _MAX_BODY = 2 + MAX_PAYLOAD + 4
 
 
 def _crc_table():
-    """Low and high halves, as MicroPython allocates memory for integers of more than 30 bits."""
-    low, high = [], []
+    """Return low and high halves; MicroPython allocates memory for integers beyond 30 bits."""
+    low = []
+    high = []
     for value in range(16):
         for _ in range(4):
             value = (value >> 1) ^ (0xEDB88320 if value & 1 else 0)
@@ -63,11 +67,11 @@ _LOW, _HIGH = _crc_table()
 
 
 def crc32(data):
-    """The 4 bytes of the CRC-32 (ISO-HDLC), low byte first; by half bytes, small enough for us."""
+    """Return the 4 bytes of the CRC-32 (ISO-HDLC), low byte first, by a table for half bytes."""
     low = high = 0xFFFF
     for byte in data:
         low ^= byte
-        index = low & 15  # twice the same, as a loop would allocate memory
+        index = low & 15  # low half byte, then the high one; a loop would allocate memory
         low = (low >> 4 | (high & 15) << 12) ^ _LOW[index]
         high = high >> 4 ^ _HIGH[index]
         index = low & 15
@@ -77,19 +81,19 @@ def crc32(data):
 
 
 def encode(kind, *values):
-    """The bytes of one frame."""
+    """Return the bytes of one frame."""
     return frame(VERSION, kind, pack(kind, values))
 
 
 def pack(kind, values):
-    """The payload of a frame."""
+    """Return the payload of a frame."""
     begin, each = LAYOUTS[kind]
     count = (len(values) - len(begin)) // len(each) if each else 0
     return struct.pack("<" + begin + each * count, *values)
 
 
 def unpack(kind, payload):
-    """The values in a payload; None if it has another length."""
+    """Return the values in a payload; None if it has a wrong length."""
     begin, each = LAYOUTS[kind]
     size = len(payload) - struct.calcsize("<" + begin)
     count, rest = divmod(size, struct.calcsize("<" + each)) if each else (0, size)
@@ -97,7 +101,7 @@ def unpack(kind, payload):
 
 
 def frame(version, kind, payload):
-    """The bytes of a frame of any version."""
+    """Return the bytes of a frame of any version."""
     body = bytes((version, kind)) + payload
     body += crc32(body)
     frame = bytearray((_FLAG,))
@@ -111,36 +115,37 @@ def frame(version, kind, payload):
 
 
 def checksum(parts):
-    """What an ARM has of the values of all BOUNDS."""
+    """Return the checksum in an ARM over the values of all BOUNDS."""
     payloads = b"".join([pack(BOUNDS, part) for part in parts])
     return struct.unpack("<H", crc32(payloads)[:2])[0]
 
 
 def shares(pulls, angle):
-    """Share of each wire's torque that turns an angle.
+    """Return the share of each wire's torque that turns an angle.
 
     A pull has the first angle of the wire's segment in its upper three bits, and below them the
     wire's direction from +E2 towards +E3 in 1/32 turns. A segment that bends about two axes has
     two angles.
     """
-    found = []
+    of_wires = []
     for pull in pulls:
-        first, direction = pull >> 5, pull & 31
+        first = pull >> 5
+        direction = pull & 31
         turn = math.pi / 16 * direction
         across = math.sin(turn) if angle == first + 1 and direction % 16 else 0.0
-        found.append(math.cos(turn) if angle == first else across)
-    return found
+        of_wires.append(math.cos(turn) if angle == first else across)
+    return of_wires
 
 
 class Parser:
-    """Finds frames in a stream that may contain other bytes.
+    """A parser that finds frames in a stream that may contain other bytes.
 
-    ``rejected`` counts what looked like frames and were none. ``other_version`` is the version
-    of the last frame of another version, None if none came.
+    ``rejected`` counts broken frames. ``other_version`` is the version of the last frame of another
+    version, or None.
     """
 
     def __init__(self, kinds):
-        """kinds: of the frames that are accepted."""
+        """kinds: kinds of accepted frames."""
         self._kinds = kinds
         self._body = bytearray()
         self._escaping = False
@@ -149,9 +154,10 @@ class Parser:
         self.other_version = None
 
     def feed(self, data):
-        """Frames that end in these bytes, as a list of (kind, values)."""
+        """Return the frames that end in these bytes, as a list of (kind, values)."""
         frames = []
         for byte in data:
+            # A flag ends one frame, and begins the next.
             if byte == _FLAG:
                 if not self._lost and not self._escaping and self._body:
                     self._finish(frames)
@@ -159,6 +165,7 @@ class Parser:
                     self.rejected += 1
                 self._body = bytearray()
                 self._escaping = self._lost = False
+            # Skip bytes outside of frames, and decode escapes.
             elif self._lost:
                 pass
             elif byte == _ESCAPE:
@@ -176,13 +183,14 @@ class Parser:
         return frames
 
     def _lose(self):
-        """Skips everything up to the next flag."""
+        """Skip everything up to the next flag."""
         self.rejected += 1
         self._body = bytearray()
         self._escaping = False
         self._lost = True
 
     def _finish(self, frames):
+        """Add the frame that has ended to the list if it is valid."""
         body = bytes(self._body)
         if len(body) < 6 or body[-4:] != crc32(body[:-4]):
             self.rejected += 1

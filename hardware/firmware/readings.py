@@ -1,9 +1,9 @@
-"""Decodes the bytes of the sensors. Runs under MicroPython and CPython alike."""
+"""The decoding of the sensors' bytes. It runs under MicroPython and CPython."""
 
 import struct
 
-# Faults that a MAX31855 reports in its lowest bits (datasheet 19-5793, table 3), and one that is
-# ours: a frame that no MAX31855 sends.
+# Faults that a MAX31855 reports in its lowest bits (datasheet 19-5793, table 3), and our fault for
+# a frame that no MAX31855 sends.
 OPEN, SHORT_TO_GROUND, SHORT_TO_SUPPLY, INVALID = 1, 2, 4, 8
 
 _RESERVED = 1 << 17 | 1 << 3  # bits that are always 0
@@ -11,10 +11,11 @@ _FAULT = 1 << 16  # set if any fault is
 
 
 def thermocouple(data):
-    """Temperature in 1/4 °C, the amplifier's in 1/16 °C, and fault bits, from a MAX31855's 4 bytes.
+    """Decode the 4 bytes of a MAX31855.
 
-    A bus that answers nothing reads all zeros or all ones, which no working
-    amplifier sends: that counts as an open thermocouple.
+    Returns temperature in 1/4 °C, temperature of the amplifier in 1/16 °C, and fault bits. A bus
+    without an answer reads all zeros or all ones, which no working amplifier sends: that counts as
+    an open thermocouple.
     """
     (word,) = struct.unpack(">I", data)
     faults = word & 7
@@ -30,10 +31,10 @@ def _signed(bits, width):
 
 
 def bends(data, angles=1):
-    """Tip tangent angles in 1/64 degree from what a board's ``read_bend`` gives; None if invalid.
+    """Return tip tangent angles in 1/64 degree from bytes of ``read_bend``; None if invalid.
 
-    A sample is the byte 0 and a signed 16-bit number for each angle, low byte first, as the
-    one-axis sensor of Bend Labs sends it.
+    A sample is the byte 0 and a signed 16-bit number for each angle, low byte first, like the
+    sample of Bend Labs' one-axis sensor.
     """
     if len(data) != 1 + 2 * angles or data[0] != 0:
         return None

@@ -198,10 +198,12 @@ def _board_check(options: argparse.Namespace) -> int:
                 "rule": case.rule,
                 "section": section,
                 "outcome": result.outcome,
-                "what": result.what,
+                "what": result.details,
             }
         )
-        _say(options, words[result.outcome], case.name + f": {result.what}" * bool(result.what))
+        _say(
+            options, words[result.outcome], case.name + f": {result.details}" * bool(result.details)
+        )
         if result.outcome == board_check.FAILED:
             _say(options, "", f"rule: {case.rule} {section}")
 

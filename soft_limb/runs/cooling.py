@@ -5,7 +5,7 @@ import signal
 import warnings
 
 from hardware.board.serial_limb import SerialLimb
-from hardware.board.signals import came
+from hardware.board.signals import received_signals
 from hardware.emulation.twin import LimbTwin
 from hardware.live_feed import LiveView, Reading, RunHeader
 from hardware.replaying import watch
@@ -33,16 +33,16 @@ def cool_down(limb: LimbSystem, recording: Recording, live: LiveView, longest: f
         after = (
             SerialLimb(limb.port, limb.parameters, heated=False)
             if isinstance(limb, SerialLimb)
-            else limb.again()
+            else limb.after_rest()
         )
         view = _Beyond(live, float(recording.time[-1]))
         watch(after, longest, until=lambda measured: bool((measured <= start).all()), live=view)
     except LimbError as error:
         warnings.warn(f"The wires are not shown while they cool: {error}", stacklevel=2)
     except KeyboardInterrupt:
-        if set(came) - {signal.SIGINT}:
+        if set(received_signals) - {signal.SIGINT}:
             raise
-        came.clear()
+        received_signals.clear()
 
 
 class _Beyond:

@@ -11,7 +11,7 @@ from pydrake import trajectories
 
 from hardware import present_readings
 from hardware.board.journal import closing
-from hardware.board.signals import ended_at_once
+from hardware.board.signals import default_signal_handlers
 from hardware.live_feed import LiveView
 from limb_systems import LimbParameters, LimbSystem, Recording, Trajectory, resting_state
 from limb_systems.limb_system import check_limb
@@ -60,7 +60,7 @@ def plan_from_files(
         course = reference_from_file(reference, smoothing_time)
     if start is not None:
         settings["initial_state"] = resting_state(parameters, start)
-    with ended_at_once():
+    with default_signal_handlers():
         return plan(parameters, course, **settings)
 
 

@@ -111,7 +111,7 @@ def rested_twins(
 
     def rested() -> LimbSystem:
         nonlocal pause
-        limb, pause = twin.again(pause), PAUSE
+        limb, pause = twin.after_rest(pause), PAUSE
         return limb
 
     return rested

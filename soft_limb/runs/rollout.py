@@ -11,7 +11,7 @@ from pydrake.systems.framework import System
 import controllers
 from controllers import RecedingHorizon
 from controllers.estimator import Estimator
-from hardware.board.serial_limb import DEADLINE, SerialLimb
+from hardware.board.serial_limb import COMMAND_DEADLINE, SerialLimb
 from hardware.live_feed import LiveView
 from hardware.replaying import replay
 from limb_systems import LimbSystem, Recording, Trajectory
@@ -115,10 +115,10 @@ class Rollout:
         if self.late is None:
             return Entry("timing")
         median, most = 1000 * np.percentile(self.late, [50, 99])
-        missed, reduced = int(np.sum(self.late > DEADLINE)), reduced_time(self.recording)
+        missed, reduced = int(np.sum(self.late > COMMAND_DEADLINE)), reduced_time(self.recording)
         said = (
             f"commands were late by {median:.1f} ms (median), {most:.1f} ms (99%); {missed} "
-            f"({missed / len(self.late):.1%}) by more than {1000 * DEADLINE:g} ms; "
+            f"({missed / len(self.late):.1%}) by more than {1000 * COMMAND_DEADLINE:g} ms; "
             f"{self.lost_samples} samples were lost"
         )
         if reduced:

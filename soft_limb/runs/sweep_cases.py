@@ -17,7 +17,7 @@ from pydrake import trajectories
 
 from hardware import LimbTwin
 from hardware.emulation.specimen import emulated_limb
-from hardware.emulation.twin import specimens_of
+from hardware.emulation.twin import specimen_class
 from hardware.replaying import replay
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.files.output import write_atomically
@@ -115,7 +115,7 @@ def cases(
     drawn: list[tuple[str, int | None]] = [(calibrated.physics, None)] if calibrated else []
     drawn = drawn or [(p, seed) for p in physics for seed in (seeds if seeds is not None else [0])]
     for name, _ in drawn:
-        specimens_of(name)
+        specimen_class(name)
     found = []
     for values in itertools.product(*(values for _, values in vary)):
         fields = tuple(zip((field for field, _ in vary), values, strict=True))
@@ -191,7 +191,7 @@ def run(case: Case) -> dict[str, str]:
         else:
             twin = LimbTwin(case.limb, seed=case.seed, physics=case.physics)
         controller = controller_of(case.controller, trajectory)
-        recording = replay(trajectory, twin.again(truth=True), controller=controller)
+        recording = replay(trajectory, twin.after_rest(truth=True), controller=controller)
         truth = true_bend(recording)
         from_reference = reference_distances(trajectory, [truth])
         assert from_reference.done is not None  # of a recording

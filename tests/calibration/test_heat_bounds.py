@@ -28,7 +28,7 @@ def test_host_and_board_have_the_same_ranges_and_nominal_bounds():
     assert ranges == list(heat.RANGES)
     nominal = HeatBounds.around(LimbParameters().wires[0].law)
     for bounds in (HeatBounds(), nominal):
-        np.testing.assert_allclose(dataclasses.astuple(bounds), heat.NOMINAL, rtol=3e-3)
+        np.testing.assert_allclose(dataclasses.astuple(bounds), heat.NOMINAL_BOUNDS, rtol=3e-3)
 
 
 def test_bounds_of_a_limb_contain_its_other_motions():
@@ -85,7 +85,7 @@ def test_an_emulated_limb_is_warmed_up_and_then_hot_within_its_bounds():
             temperature = board.emulation.board.wire_temperature()[1]
             hottest = max(hottest, temperature)
             assert temperature < warmest + 1.0
-        assert board.reason == guard.NONE
+        assert board.reason == guard.NO_REASON
     assert hottest > 80.0
 
 
@@ -139,7 +139,7 @@ def test_first_contact_takes_in_any_limb(rates):
         ):
             observer.advance(applied, 0.05, read - 25.0)
             assert true - 25.0 < observer.most + 0.5
-            assert observer.shortfall < guard.SHORTFALL
+            assert observer.shortfall < guard.MAX_SHORTFALL
         assert fitted[wire].slowest_cooling < -rates["a1"] < fitted[wire].fastest_cooling
         assert fitted[wire].least_heating < rates["a2"] < fitted[wire].most_heating
         assert fitted[wire].slowest_reading < -rates["a3"]

@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from hardware.board.board_check import WIDE, Bounds, Host, NotRunError
+from hardware.board.board_check import WIDE_BOUNDS, Bounds, Host, NotRunError
 from hardware.board.link import HardwareError, Sample, SerialPort, shares_of
 from hardware.firmware import from_host, guard, protocol
 from limb_systems import LimbParameters
 
-HOTTEST = 90.0  # °C, of a reading at which the checks stop
+MAX_READING = 90.0  # °C, of a reading at which the checks stop
 CLEARING_TIME = 40.0  # s, within which a fault that a check made is gone
 RESET_TIME = 20.0  # s, in which a person presses the button
 UNDO = "Undo what you did, and wait until all is as cold and as straight as before"
@@ -65,20 +65,20 @@ class Bench(Host):
         self.received += data
         return data
 
-    def steps(self, seconds: float) -> Iterator[bool]:
+    def polls(self, seconds: float) -> Iterator[bool]:
         """As of `Host`; keeps the first sample."""
-        for came in super().steps(seconds):
-            self.rest = self.rest or (self.last if came else None)
+        for came in super().polls(seconds):
+            self.rest = self.rest or (self.newest if came else None)
             yield came
 
     def sees(self, shows: Callable[[Sample], object], seconds: float) -> bool:
         """Wait for a sample that shows something; return whether one came."""
-        return any(came and shows(self.last) for came in self.steps(seconds))
+        return any(came and shows(self.newest) for came in self.polls(seconds))
 
-    def fresh(self, after: float = 0.0) -> Sample:
+    def next_sample(self, after: float = 0.0) -> Sample:
         """As of `Host`; RuleBrokenError if no sample comes."""
         try:
-            return super().fresh(after)
+            return super().next_sample(after)
         except HardwareError:
             raise RuleBrokenError("no SAMPLE came for 1 s") from None
 
@@ -91,40 +91,40 @@ class Bench(Host):
         """Whether something can be done at the robot."""
         return self._ask is not None
 
-    def off(self) -> Sample:
+    def ensure_off(self) -> Sample:
         """As of `Host`; clears a fault that a check has made."""
-        super().off()
+        super().ensure_off()
         with contextlib.suppress(RuleBrokenError):
             self.clear()
-        return self.last
+        return self.newest
 
     def switch_off(self) -> None:
         """Say DISARM, three times, as one may get lost. Never raises."""
         with contextlib.suppress(HardwareError):
-            self.say(protocol.DISARM)
+            self.send_empty(protocol.DISARM)
 
     def clear(self) -> None:
         """Clear a latched fault when it is gone for good; RuleBrokenError if that takes 40 s."""
         end = self.cable.now() + CLEARING_TIME
-        while self.last.latched:
-            expect(self.cable.now() < end, f"not cleared within 40 s: {state_of(self.last)}")
-            self.cable.send(protocol.encode(protocol.CLEAR, self.last.challenge))
-            self.fresh(0.5)
+        while self.newest.latched:
+            expect(self.cable.now() < end, f"not cleared within 40 s: {state_of(self.newest)}")
+            self.cable.send(protocol.encode(protocol.CLEAR, self.newest.challenge))
+            self.next_sample(0.5)
 
     def try_to_arm(
-        self, bounds: Bounds = WIDE, total: float = 1.5, *, each: Sequence[Bounds] = ()
+        self, bounds: Bounds = WIDE_BOUNDS, total: float = 1.5, *, each: Sequence[Bounds] = ()
     ) -> None:
         """Ask once for arming, with the newest challenge. each: bounds of each wire, if unlike."""
-        self.send_arm(each or [bounds] * len(self.names), total, self.last.challenge)
+        self.send_arm(each or [bounds] * len(self.names), total, self.newest.challenge)
 
-    def arm(self, bounds: Bounds = WIDE, total: float = 1.5) -> None:
+    def arm(self, bounds: Bounds = WIDE_BOUNDS, total: float = 1.5) -> None:
         """Ask the board to arm until it is; NotRunError if that takes more than 1 s."""
-        self.fresh()
+        self.next_sample()
         for _ in range(8):
             self.try_to_arm(bounds, total)
             if self.sees(lambda sample: sample.armed, 0.12):
                 return
-        raise NotRunError(f"the board did not arm: {state_of(self.last)}")
+        raise NotRunError(f"the board did not arm: {state_of(self.newest)}")
 
     def stray(self, duty, *, sequence=None, session=None, age=0.0) -> None:
         """Send a COMMAND twice that is not the next one.
@@ -136,10 +136,10 @@ class Bench(Host):
         """
         sequence = self.sequence + 1 if sequence is None else sequence
         session = self.session if session is None else session
-        heard = round(1000 * (self.last.board_time - age))
-        self.cable.send(2 * from_host.encode_command(session, sequence, heard, duty))
+        sample_time = round(1000 * (self.newest.board_time - age))
+        self.cable.send(2 * from_host.encode_command(session, sequence, sample_time, duty))
 
-    def hold(self, duty, seconds, until=lambda _: False, hottest=HOTTEST) -> bool:
+    def hold(self, duty, seconds, until=lambda _: False, hottest=MAX_READING) -> bool:
         """As of `Host`; NotRunError if commands come too late to keep the board armed."""
 
         def late(sample: Sample) -> bool:
@@ -147,7 +147,7 @@ class Bench(Host):
 
         self.command(duty)
         ended = super().hold(duty, seconds, lambda s: late(s) or until(s), hottest)
-        if late(self.last):
+        if late(self.newest):
             raise NotRunError(
                 "commands did not come in time; is this computer or the connection too busy?"
             )
@@ -165,7 +165,7 @@ class Bench(Host):
         self.receive()  # what came while it was done may have gaps
         self.samples.clear()
         self.parser = protocol.Parser(protocol.BOARD_KINDS)
-        self.fresh(0.1)
+        self.next_sample(0.1)
 
     def tell(self, order: str, by_hand: str) -> None:
         """Have something done while the board is in whatever state; NotRunError if it is not."""
@@ -186,15 +186,15 @@ class Bench(Host):
 
     def reset(self) -> None:
         """Have the board reset, and wait until it is; NotRunError if it was not."""
-        before, end = self.fresh().sequence, self.cable.now() + RESET_TIME
+        before, end = self.next_sample().sequence, self.cable.now() + RESET_TIME
         self.do("reset", "Be ready to press the board's reset button within 20 s")
-        while self.last.sequence >= before:
+        while self.newest.sequence >= before:
             if self.cable.now() > end:
                 raise NotRunError("the board was not reset within 20 s")
             with contextlib.suppress(RuleBrokenError):
-                self.fresh()
+                self.next_sample()
 
     def cool(self, which: Callable[[np.ndarray], float], limit: float = 60.0) -> None:
         """Wait until one wire, or all, are nearly as cold as at the beginning, or for a while."""
-        rest = self.rest or self.last
+        rest = self.rest or self.newest
         self.sees(lambda sample: which(sample.temperature) < min(rest.temperature) + 5, limit)

@@ -17,10 +17,10 @@ from hardware.board import board_check
 from hardware.board.board_check import (
     CASES,
     FAILED,
-    GENTLE,
-    NOMINAL,
-    POLL,
-    WIDE,
+    GENTLE_DUTY,
+    NOMINAL_BOUNDS,
+    POLL_INTERVAL,
+    WIDE_BOUNDS,
     Bounds,
     Case,
     NotRunError,
@@ -72,8 +72,8 @@ def _added(name: str, sentence: str, section: str, by: str, check: Callable[[Ben
     def run(bench: Bench) -> str:
         if by and not bench.asks:
             raise NotRunError("it needs a hand at the robot")
-        if bench.last.latched:
-            raise NotRunError(f"the board cannot be armed: {state_of(bench.last)}")
+        if bench.newest.latched:
+            raise NotRunError(f"the board cannot be armed: {state_of(bench.newest)}")
         try:
             check(bench)
         except RuleBrokenError as broken:
@@ -119,7 +119,7 @@ def _expect_off(sample: Sample, when: str, *reasons: int) -> None:
 @_rule("from-the-board")
 def _samples_every_50_ms(bench: Bench) -> None:
     """A SAMPLE comes every 50 ms, twice; its sequence increases by 1, and its time is in ms."""
-    bench.fresh()
+    bench.next_sample()
     count, start = len(bench.samples) - 1, len(bench.received)
     bench.wait(2.0)
     samples, received = bench.samples[count:], bench.received[start:]
@@ -131,7 +131,7 @@ def _samples_every_50_ms(bench: Bench) -> None:
         f"{len(counted)} steps in 2 s, of {np.round(1000 * counted)} ms; expected 50 ms each",
     )
     expect(
-        abs(counted.sum() - arrived.sum()) <= 0.02 * arrived.sum() + 2 * POLL,
+        abs(counted.sum() - arrived.sum()) <= 0.02 * arrived.sum() + 2 * POLL_INTERVAL,
         f"its clock counted {counted.sum():.2f} s in {arrived.sum():.2f} s; expected the same",
     )
     frames = protocol.Parser(protocol.BOARD_KINDS).feed(received)
@@ -179,7 +179,7 @@ def _answers(bench: Bench, *pieces: bytes) -> int:
     bench.infos.clear()
     for piece in pieces:
         bench.cable.send(piece)
-        bench.wait(POLL)
+        bench.wait(POLL_INTERVAL)
     bench.wait(0.15)
     return len(bench.infos)
 
@@ -188,11 +188,11 @@ def _expect_answers(bench: Bench, expected: int, cases: Mapping[str, Sequence[by
     """Each case must bring so many INFO, and no other change."""
     if not any(_answers(bench, HELLO) for _ in range(3)):
         raise NotRunError("the board does not answer HELLO")
-    before = bench.last
+    before = bench.newest
     for case, pieces in cases.items():
         answers = _answers(bench, *pieces)
         expect(answers == expected, f"{answers} INFO after {case}; expected {expected}")
-    after = bench.fresh()
+    after = bench.next_sample()
     expect(
         (after.challenge, after.reason) == (before.challenge, before.reason),
         f"challenge or reason changed: {state_of(after)}; expected no change",
@@ -235,7 +235,7 @@ def _noise_is_skipped(bench: Bench) -> None:
 def _bend_in_64ths_of_a_degree(bench: Bench) -> None:
     """The tip tangent angle is in 1/64 degrees, to the right positive."""
     with bench.fault("stick bend 90", "Bend the tip to the right, square to the base, and hold it"):
-        angle = np.rad2deg(bench.fresh().tip_tangent[0])
+        angle = np.rad2deg(bench.next_sample().tip_tangent[0])
         expect(60 <= angle <= 120, f"the tip tangent is read as {angle:.0f}°; expected about 90°")
 
 
@@ -253,24 +253,24 @@ def _expect_armed(bench: Bench, *arguments) -> None:
 def _arm_arms(bench: Bench) -> None:
     """ARM with the newest challenge arms, without duty; while armed it has no effect."""
     _expect_armed(bench)
-    expect(bench.last.reason == 0, f"it is armed with reason {bench.last.reason}; expected 0")
+    expect(bench.newest.reason == 0, f"it is armed with reason {bench.newest.reason}; expected 0")
     bench.arm()
-    bench.hold(bench.every(GENTLE), 0.2)
-    bench.off()
+    bench.hold(bench.same_duty(GENTLE_DUTY), 0.2)
+    bench.ensure_off()
     bench.arm()
-    _expect_duty(bench.fresh(0.05), bench.every(0.0), "after ARM, before any COMMAND")
-    bench.hold(bench.every(GENTLE), 0.15)
+    _expect_duty(bench.next_sample(0.05), bench.same_duty(0.0), "after ARM, before any COMMAND")
+    bench.hold(bench.same_duty(GENTLE_DUTY), 0.15)
     number = bench.sequence
     session = bench.session
-    bench.send_arm([NOMINAL] * len(bench.names), 0.01, session)
-    bench.stray(bench.every(GENTLE), sequence=number + 1)
-    sample = bench.fresh(0.05)
+    bench.send_arm([NOMINAL_BOUNDS] * len(bench.names), 0.01, session)
+    bench.stray(bench.same_duty(GENTLE_DUTY), sequence=number + 1)
+    sample = bench.next_sample(0.05)
     expect(
         sample.armed and sample.acknowledged == number + 1,
         f"after a second ARM {state_of(sample)}, and command {sample.acknowledged} is the last; "
         f"expected armed, and {number + 1}",
     )
-    _expect_duty(sample, bench.every(GENTLE), "after a second ARM")
+    _expect_duty(sample, bench.same_duty(GENTLE_DUTY), "after a second ARM")
 
 
 @_rule("what-a-board-must-do", "hand")
@@ -280,21 +280,23 @@ def _cold_thermocouples_must_agree(bench: Bench) -> None:
         if not bench.sees(lambda sample: np.ptp(sample.temperature) > 10.5, 20.0):
             raise NotRunError("the thermocouples did not differ by 10 °C")
         bench.try_to_arm()
-        _expect_off(bench.fresh(0.05), "after ARM", 8)
+        _expect_off(bench.next_sample(0.05), "after ARM", 8)
 
 
 @_rule("what-a-board-must-do")
 def _arm_needs_the_newest_challenge(bench: Bench) -> None:
     """ARM with any other challenge has no effect; it changes each time the board is off."""
-    challenges = [bench.last.challenge]
+    challenges = [bench.newest.challenge]
     for _ in range(3):
         bench.arm()
-        challenges.append(bench.off().challenge)
+        challenges.append(bench.ensure_off().challenge)
     expect(len(set(challenges)) == 4, f"the challenges were {challenges}; expected unlike ones")
     *_, old, new = challenges
     for challenge in {old, new ^ 1, new ^ 0x8000, 0} - {new}:
-        bench.send_arm([NOMINAL] * len(bench.names), 1.0, challenge)
-        _expect_off(bench.fresh(0.15), f"after ARM with {challenge}, where {new} is the newest,")
+        bench.send_arm([NOMINAL_BOUNDS] * len(bench.names), 1.0, challenge)
+        _expect_off(
+            bench.next_sample(0.15), f"after ARM with {challenge}, where {new} is the newest,"
+        )
 
 
 @_rule("from-the-host")
@@ -302,10 +304,10 @@ def _heat_must_show(bench: Bench) -> None:
     """ARM arms only with a sum that all wires can have, and with bounds by which heat shows."""
     most = len(bench.names)
     for total in (most + 1e-4, 6.5535) if most < 6 else ():  # a frame cannot say more
-        bench.try_to_arm(NOMINAL, total)
-        _expect_off(bench.fresh(0.02), f"after ARM with a sum of {total:g}", 7)
+        bench.try_to_arm(NOMINAL_BOUNDS, total)
+        _expect_off(bench.next_sample(0.02), f"after ARM with a sum of {total:g}", 7)
     bench.try_to_arm(HIDING, 1.0)
-    _expect_off(bench.fresh(0.02), "after ARM with bounds by which 0.12 shows by 1 °C", 7)
+    _expect_off(bench.next_sample(0.02), "after ARM with bounds by which 0.12 shows by 1 °C", 7)
     _expect_armed(bench, HIDING, 0.12)
 
 
@@ -313,12 +315,12 @@ def _heat_must_show(bench: Bench) -> None:
 def _bounds_must_be_whole(bench: Bench) -> None:
     """ARM arms only if the BOUNDS of all wires came, with its challenge and its CRC."""
 
-    def frames(challenge: int, bounds: Bounds = NOMINAL, wires: int = len(bench.names)):
+    def frames(challenge: int, bounds: Bounds = NOMINAL_BOUNDS, wires: int = len(bench.names)):
         pulls = bench.pulls[:wires]
         return from_host.encode_arming(challenge, [bounds] * wires, 1.0, pulls)
 
-    challenge = bench.fresh().challenge
-    right, other, stale = frames(challenge), frames(challenge, WIDE), frames(challenge ^ 1)
+    challenge = bench.next_sample().challenge
+    right, other, stale = frames(challenge), frames(challenge, WIDE_BOUNDS), frames(challenge ^ 1)
     for what, sent in {
         "no BOUNDS of the first wire": right[1:],
         "a BOUNDS of another set": other[:1] + right[1:],
@@ -327,8 +329,8 @@ def _bounds_must_be_whole(bench: Bench) -> None:
     }.items():
         for frame in sent:
             bench.cable.send(frame)
-            bench.wait(POLL)
-        _expect_off(bench.fresh(0.05), f"after ARM with {what}", 7)
+            bench.wait(POLL_INTERVAL)
+        _expect_off(bench.next_sample(0.05), f"after ARM with {what}", 7)
 
 
 # Commands.
@@ -339,28 +341,28 @@ def _duty_goes_to_its_wire(bench: Bench) -> None:
     """COMMAND has the duty of each wire; above the sum all are reduced in proportion."""
     wires = len(bench.names)
     unlike = [0.02 + 0.01 * wire for wire in range(wires)]
-    far = [0.09, 0.03, *bench.every(0.06)[2:]]
+    far = [0.09, 0.03, *bench.same_duty(0.06)[2:]]
     for total, asked, applied in (
         (1.5, unlike, unlike),
         (1.5, bench.only(0, 0.0123), bench.only(0, 0.0123)),
-        (0.03 * wires, bench.every(0.06), bench.every(0.03)),
+        (0.03 * wires, bench.same_duty(0.06), bench.same_duty(0.03)),
         (0.03 * wires, far, [share / 2 for share in far]),
     ):
         bench.arm(total=total)
         bench.hold(asked, 0.15)
-        _expect_duty(bench.fresh(), applied, f"for {_percent(asked)} and a sum of {total:g}")
-        bench.off()
+        _expect_duty(bench.next_sample(), applied, f"for {_percent(asked)} and a sum of {total:g}")
+        bench.ensure_off()
 
 
 @_rule("from-the-board")
 def _acknowledges_the_last_command(bench: Bench) -> None:
     """SAMPLE has its sequence, modulo 65536; 7D and a byte stand for the byte XOR 20."""
     bench.arm()
-    first = bench.fresh().acknowledged
+    first = bench.next_sample().acknowledged
     expect(first == 0, f"{0} is the last command of a new session; expected 0")
     for number in (1, 2, 0x03, 0x7D, 0x7E, 0x7E7D, 0xFDFD, 0x0007):  # it begins anew
-        bench.stray(bench.every(0.0), sequence=number)
-        seen = bench.fresh(0.1).acknowledged
+        bench.stray(bench.same_duty(0.0), sequence=number)
+        seen = bench.next_sample(0.1).acknowledged
         expect(seen == number, f"command {number:X} is acknowledged as {seen:X}")
 
 
@@ -369,13 +371,13 @@ def _stale_commands_do_nothing(bench: Bench) -> None:
     """COMMAND has no effect if it is old, late, repeated or of another session, nor while off."""
     bench.arm()
     before = bench.session
-    bench.command(bench.every(GENTLE))
-    bench.fresh(0.05)
-    for session in (before, bench.off().challenge, 0):
-        bench.stray(bench.every(GENTLE), sequence=1000, session=session)
-        _expect_off(bench.fresh(), "after a COMMAND while it was off")
+    bench.command(bench.same_duty(GENTLE_DUTY))
+    bench.next_sample(0.05)
+    for session in (before, bench.ensure_off().challenge, 0):
+        bench.stray(bench.same_duty(GENTLE_DUTY), sequence=1000, session=session)
+        _expect_off(bench.next_sample(), "after a COMMAND while it was off")
     bench.arm()
-    bench.hold(bench.every(0.02), 0.4)
+    bench.hold(bench.same_duty(0.02), 0.4)
     commands: list[tuple[str, dict]] = [
         (f"of session {session}", {"sequence": 10**4, "session": session})
         for session in {before, bench.session ^ 1, 0} - {bench.session}
@@ -383,23 +385,23 @@ def _stale_commands_do_nothing(bench: Bench) -> None:
     commands += [(f"of the sequence {number}", {"sequence": number}) for number in (0, 1, 5, 40000)]
     # The last of these answers a sample that is not yet.
     commands += [(f"that answers a sample {age:g} s old", {"age": age}) for age in (0.3, 5.0, -1.0)]
-    commands += [("for a wire more", {"duty": [GENTLE] * (len(bench.names) + 1)})]
-    commands += [("for a wire less", {"duty": [GENTLE] * (len(bench.names) - 1)})]
+    commands += [("for a wire more", {"duty": [GENTLE_DUTY] * (len(bench.names) + 1)})]
+    commands += [("for a wire less", {"duty": [GENTLE_DUTY] * (len(bench.names) - 1)})]
     for what, command in commands:
-        asked = bench.every(0.02)
+        asked = bench.same_duty(0.02)
         bench.command(asked)
-        bench.fresh()
-        bench.stray(bench.every(GENTLE), sequence=bench.sequence)
-        bench.stray(**{"duty": bench.every(GENTLE)} | command)
-        _expect_duty(bench.fresh(), asked, f"after a command {what}, and one that repeats")
+        bench.next_sample()
+        bench.stray(bench.same_duty(GENTLE_DUTY), sequence=bench.sequence)
+        bench.stray(**{"duty": bench.same_duty(GENTLE_DUTY)} | command)
+        _expect_duty(bench.next_sample(), asked, f"after a command {what}, and one that repeats")
 
 
 def _last_command(bench: Bench) -> float:
     """Ends a series of commands; the time of the SAMPLE that the last one answered, s."""
     bench.arm()
-    bench.hold(bench.every(GENTLE), 0.3)
-    answered = bench.fresh().board_time
-    bench.command(bench.every(GENTLE))
+    bench.hold(bench.same_duty(GENTLE_DUTY), 0.3)
+    answered = bench.next_sample().board_time
+    bench.command(bench.same_duty(GENTLE_DUTY))
     return answered
 
 
@@ -407,23 +409,29 @@ def _last_command(bench: Bench) -> float:
 def _duty_ends_in_time(bench: Bench) -> None:
     """A duty holds until 250 ms after its COMMAND, and 290 ms after the SAMPLE it answers."""
     answered = _last_command(bench)
-    while (age := bench.fresh().board_time - answered) <= 0.22:
-        _expect_duty(bench.last, bench.every(GENTLE), f"{1000 * age:.0f} ms after the last command")
-    bench.off()
+    while (age := bench.next_sample().board_time - answered) <= 0.22:
+        _expect_duty(
+            bench.newest,
+            bench.same_duty(GENTLE_DUTY),
+            f"{1000 * age:.0f} ms after the last command",
+        )
+    bench.ensure_off()
     for after, answers_it, within in ((0.27, False, 0.36), (0.19, True, 0.385)):
         answered = _last_command(bench)
         # A SAMPLE tells too late when it ended; but a board that is off takes no command any more.
         bench.wait(after)
-        bench.stray(bench.every(GENTLE), age=answers_it * (bench.last.board_time - answered))
+        bench.stray(
+            bench.same_duty(GENTLE_DUTY), age=answers_it * (bench.newest.board_time - answered)
+        )
         ended = bench.sees(lambda sample: not sample.armed, 1.0)
-        age = bench.last.board_time - answered
+        age = bench.newest.board_time - answered
         expect(
             ended and age <= within,
             f"{'off' if ended else 'armed'} {1000 * age:.0f} ms after the answered sample, with "
             f"another COMMAND after {1000 * after:.0f} ms; expected off within "
             f"{1000 * within:.0f} ms",
         )
-        bench.off()
+        bench.ensure_off()
 
 
 @_rule("from-the-host")
@@ -431,14 +439,14 @@ def _off_has_its_reason(bench: Bench) -> None:
     """SAMPLE says whether no command came, or late ones only."""
     bench.arm()
     bench.wait(0.6)
-    if not bench.fresh().armed:  # else another rule is broken
-        _expect_off(bench.last, "when no command came", 1)
-    bench.off()
+    if not bench.next_sample().armed:  # else another rule is broken
+        _expect_off(bench.newest, "when no command came", 1)
+    bench.ensure_off()
     bench.arm()
-    for came in bench.steps(0.8):
+    for came in bench.polls(0.8):
         if came:
-            bench.stray(bench.every(0.0), age=0.4)
-    _expect_off(bench.last, "when only late commands came", 6)
+            bench.stray(bench.same_duty(0.0), age=0.4)
+    _expect_off(bench.newest, "when only late commands came", 6)
 
 
 # Faults. Bounds that no wire has let the band act at once.
@@ -448,9 +456,9 @@ def _make_fault(bench: Bench) -> None:
     """Heats the coolest wire, which ARM says warms far more, until the board is off for 21."""
     bench.cool(min)
     bench.arm(STRONG)
-    duty = bench.only(int(np.argmin(bench.last.temperature)), 0.3)
+    duty = bench.only(int(np.argmin(bench.newest.temperature)), 0.3)
     bench.hold(duty, 6.0, until=lambda sample: not sample.armed)
-    _expect_off(bench.last, "where ARM said that the wire warms by 60 °C/s at least", 21)
+    _expect_off(bench.newest, "where ARM said that the wire warms by 60 °C/s at least", 21)
 
 
 @_rule("the-band")
@@ -458,25 +466,25 @@ def _heat_that_is_not_read_latches(bench: Bench) -> None:
     """A reading below the band latches 21 until CLEAR with the newest challenge; it stays off."""
     _make_fault(bench)
     bench.wait(6.0)  # after which the fault is gone
-    old, new = bench.session, bench.last.challenge
+    old, new = bench.session, bench.newest.challenge
     bench.try_to_arm()
-    _expect_off(bench.fresh(0.15), "after ARM without a CLEAR", 21)
+    _expect_off(bench.next_sample(0.15), "after ARM without a CLEAR", 21)
     for challenge in {old, new ^ 1} - {new}:
         bench.cable.send(protocol.encode(protocol.CLEAR, challenge))
-        _expect_off(bench.fresh(0.15), f"after CLEAR with {challenge}, not the newest,", 21)
-    new = bench.last.challenge
+        _expect_off(bench.next_sample(0.15), f"after CLEAR with {challenge}, not the newest,", 21)
+    new = bench.newest.challenge
     bench.clear()
-    _expect_off(bench.fresh(), "after CLEAR", 3)
-    expect(bench.last.challenge != new, "CLEAR kept the challenge; expected a new one")
+    _expect_off(bench.next_sample(), "after CLEAR", 3)
+    expect(bench.newest.challenge != new, "CLEAR kept the challenge; expected a new one")
 
 
 @_rule("the-band")
 def _warmth_without_heat_latches(bench: Bench) -> None:
     """A reading above the band latches 24."""
     bench.arm(WEAK)
-    duty = bench.only(int(np.argmin(bench.last.warmest)), 0.3)  # of which it knows the least heat
+    duty = bench.only(int(np.argmin(bench.newest.warmest)), 0.3)  # of which it knows the least heat
     bench.hold(duty, 15.0, until=lambda sample: not sample.armed)
-    seen = bench.last
+    seen = bench.newest
     bench.switch_off()
     bench.cool(max)  # or else a board takes the thermocouple for a wrong one
     what = f"at {seen.temperature.max():.0f} °C, where ARM said 10 °C/s at most,"
@@ -485,10 +493,10 @@ def _warmth_without_heat_latches(bench: Bench) -> None:
 
 def _prove(bench: Bench) -> None:
     """Has all thermocouples follow some heat, as they must after a start; then it is off."""
-    if bench.last.warmest.max() >= 127:
-        bench.arm(NOMINAL)
-        bench.hold(bench.every(0.25), 4.0)
-        bench.off()
+    if bench.newest.warmest.max() >= 127:
+        bench.arm(NOMINAL_BOUNDS)
+        bench.hold(bench.same_duty(0.25), 4.0)
+        bench.ensure_off()
 
 
 @_rule("from-the-board")
@@ -496,10 +504,10 @@ def _heated_wire_is_the_one_that_warms(bench: Bench) -> None:
     """Left is the left wire, its thermocouple and negative angles, and so is any other wire."""
     _prove(bench)
     for wire, side in reversed(list(enumerate(bench.names))):
-        before = bench.fresh()
+        before = bench.next_sample()
         bench.arm()
         bench.hold(bench.only(wire, 0.3), 7.0)
-        after = bench.fresh(0.05)
+        after = bench.next_sample(0.05)
         bench.switch_off()
         risen = after.temperature - before.temperature
         own, other = risen[wire], np.delete(risen, wire).max(initial=0.0)
@@ -519,11 +527,11 @@ def _heated_wire_is_the_one_that_warms(bench: Bench) -> None:
 def _detached_thermocouple_latches(bench: Bench) -> None:
     """A thermocouple that has come off latches 21."""
     with bench.fault("detach {0}", "Take the {0} thermocouple off its wire, into the air"):
-        bench.fresh()
+        bench.next_sample()
         bench.clear()  # it may have jumped
-        bench.arm(NOMINAL)
-        bench.hold(bench.every(0.15), 10.0, until=lambda sample: not sample.armed)
-        _expect_off(bench.last, "10 s after it was heated", 21)
+        bench.arm(NOMINAL_BOUNDS)
+        bench.hold(bench.same_duty(0.15), 10.0, until=lambda sample: not sample.armed)
+        _expect_off(bench.newest, "10 s after it was heated", 21)
 
 
 @_rule("what-a-board-must-do", "hand")
@@ -546,9 +554,9 @@ def _bend_that_does_not_follow_latches(bench: Bench) -> None:
         for duty, seconds in ((one, 4.5), (0 * one, 20.0), (other, 9.0)):
             if bench.hold(duty, seconds, until=ends):
                 break
-        if bench.last.armed and np.ptp(pulls) <= 65:
+        if bench.newest.armed and np.ptp(pulls) <= 65:
             raise NotRunError("these wires would become too warm; they are stronger than others")
-        _expect_off(bench.last, "after a change by 65 °C", 23)
+        _expect_off(bench.newest, "after a change by 65 °C", 23)
 
 
 @_rule("the-band")
@@ -556,8 +564,8 @@ def _warmest_follows_the_heat(bench: Bench) -> None:
     """The most a wire can have follows its duty."""
     _prove(bench)
     bench.arm(BUDGET)
-    bench.command(bench.every(0.0))
-    start = bench.fresh()
+    bench.command(bench.same_duty(0.0))
+    start = bench.next_sample()
     count = len(bench.samples) - 1
     bench.hold(bench.only(0, 0.1), 3.0)
     bench.hold(bench.only(-1, 0.08), 3.0)
@@ -565,15 +573,15 @@ def _warmest_follows_the_heat(bench: Bench) -> None:
         100.0 * (after.board_time - before.board_time) * before.duty
         for before, after in itertools.pairwise(bench.samples[count:])
     )
-    risen = bench.last.warmest - start.warmest
+    risen = bench.newest.warmest - start.warmest
     expect(
         (np.abs(risen - given) <= 6.0).all(),
         f"the most that the wires can have rose by {risen} °C, when ARM said up to 100 °C/s at "
         f"full duty; expected {np.round(given)} °C",
     )
-    armed = bench.last.warmest
+    armed = bench.newest.warmest
     bench.switch_off()
-    off = bench.fresh(0.5).warmest
+    off = bench.next_sample(0.5).warmest
     expect(
         (np.abs(off - armed) <= 3).all(),
         f"the most fell from {armed} to {off} °C within 0.7 s of switching off; expected it to be "
@@ -588,7 +596,7 @@ def _duty_is_reduced_before_127_c(bench: Bench) -> None:
     bench.arm(BUDGET)
     bench.hold(bench.only(-1, 0.25), 8.0, until=lambda sample: 0 < sample.duty[-1] < 0.2)
     bench.hold(bench.only(-1, 0.25), 1.0)
-    seen = bench.fresh()
+    seen = bench.next_sample()
     expect(
         seen.armed and seen.duty[-1] < 0.2 and seen.warmest.max() <= 129,
         f"{state_of(seen)}, with {_percent(seen.duty)} after heat for {seen.warmest.max():g} °C; "
@@ -603,7 +611,7 @@ def _expect_latch(
     with bench.fault(order, by_hand):
         bench.sees(lambda sample: sample.latched or sample.temperature.max() > 118.0, seconds)
         hottest = np.nanmax([sample.temperature for sample in bench.samples])
-        _expect_off(bench.last, f"with readings up to {hottest:.1f} °C", reason)
+        _expect_off(bench.newest, f"with readings up to {hottest:.1f} °C", reason)
     return hottest
 
 
@@ -634,40 +642,40 @@ for _what, *_fault in (
 def _bad_reading_is_borne(bench: Bench) -> None:
     """A single bad reading is sent as none, and ends the duty of its wire alone until the next."""
     bench.arm()
-    bench.hold(bench.every(GENTLE), 0.2)
+    bench.hold(bench.same_duty(GENTLE_DUTY), 0.2)
     bench.tell("glitch {0} 1", "")
     start = len(bench.samples)
-    bench.hold(bench.every(GENTLE), 0.5)
+    bench.hold(bench.same_duty(GENTLE_DUTY), 0.5)
     bad = [sample for sample in bench.samples[start:] if np.isnan(sample.temperature).any()]
     expect(
         len(bad) == 2 and all(np.isnan(sample.temperature[0]) for sample in bad),
         f"{len(bad)} samples had no reading; expected the two samples of one",
     )
     for sample in bad:
-        _expect_duty(sample, [0.0, *bench.every(GENTLE)[1:]], "without a reading")
-    expect(bench.last.armed, f"{state_of(bench.last)} after it; expected it to be armed")
-    _expect_duty(bench.last, bench.every(GENTLE), "after the next reading")
+        _expect_duty(sample, [0.0, *bench.same_duty(GENTLE_DUTY)[1:]], "without a reading")
+    expect(bench.newest.armed, f"{state_of(bench.newest)} after it; expected it to be armed")
+    _expect_duty(bench.newest, bench.same_duty(GENTLE_DUTY), "after the next reading")
 
 
 @_rule("what-a-board-must-do", "order")
 def _watchdog_resets(bench: Bench) -> None:
     """A watchdog resets a board whose program hangs, which latches 27."""
     bench.arm()
-    bench.hold(bench.every(GENTLE), 0.2)
+    bench.hold(bench.same_duty(GENTLE_DUTY), 0.2)
     bench.tell("stall 5.0", "")
     bench.wait(0.3)
-    _expect_off(bench.fresh(), "after its program hung", 27)
+    _expect_off(bench.next_sample(), "after its program hung", 27)
 
 
 @_rule("what-a-board-must-do", "order")
 def _clock_that_stands_latches(bench: Bench) -> None:
     """A clock that stands still latches 28."""
     bench.arm()
-    bench.hold(bench.every(GENTLE), 0.2)
+    bench.hold(bench.same_duty(GENTLE_DUTY), 0.2)
     bench.tell("stop clock", "")
     bench.wait(2.0)
     bench.tell("mend", "")
-    _expect_off(bench.fresh(0.3), "after its clock stood still", 28)
+    _expect_off(bench.next_sample(0.3), "after its clock stood still", 28)
 
 
 @_rule("the-band", "order")
@@ -675,17 +683,17 @@ def _frozen_thermocouple_latches(bench: Bench) -> None:
     """A heated wire's reading that stands still gets no duty after 10 s, and latches 21."""
     _prove(bench)
     bench.cool(max)
-    bench.arm(NOMINAL)
+    bench.arm(NOMINAL_BOUNDS)
     bench.hold(bench.only(0, 0.15), 8.0)
     bench.tell("freeze {0}", "")
     bench.hold(bench.only(0, 0.08), 9.7)
-    seen = bench.fresh()
+    seen = bench.next_sample()
     expect(
         seen.armed and 0 < seen.duty[0] < 0.07,
         f"{state_of(seen)}, at {_percent(seen.duty)} 9.7 s after it froze; expected below 7%",
     )
     bench.hold(bench.only(0, 0.08), 13.0, until=lambda sample: not sample.armed)
-    _expect_off(bench.last, "22 s after it froze", 21)
+    _expect_off(bench.newest, "22 s after it froze", 21)
     bench.do("mend", UNDO)
 
 
@@ -693,9 +701,9 @@ def _frozen_thermocouple_latches(bench: Bench) -> None:
 def _first_fault_is_kept(bench: Bench) -> None:
     """The first fault that latches stays."""
     with bench.fault("supply {1}", "Connect a lead of the {1} thermocouple to 3.3 V"):
-        bench.fresh(0.3)
+        bench.next_sample(0.3)
         bench.do("silence", "Unplug the bend sensor as well")
-        _expect_off(bench.fresh(0.3), "after two faults", 19)
+        _expect_off(bench.next_sample(0.3), "after two faults", 19)
 
 
 @_rule("what-a-board-must-do", "hand")
@@ -704,18 +712,18 @@ def _reset_begins_anew(bench: Bench) -> None:
     challenges = []
     for _ in range(3):
         bench.reset()
-        challenges.append(bench.last.challenge)
-        _expect_off(bench.last, "after a reset", 5)
+        challenges.append(bench.newest.challenge)
+        _expect_off(bench.newest, "after a reset", 5)
     expect(len(set(challenges)) == 3, f"{challenges} after three resets; expected unlike ones")
-    while not bench.last.armed and bench.last.sequence < 30:
+    while not bench.newest.armed and bench.newest.sequence < 30:
         bench.try_to_arm()
-        bench.fresh()
-    number = bench.last.sequence
+        bench.next_sample()
+    number = bench.newest.sequence
     expect(
-        bench.last.armed and number > 10,
-        f"{state_of(bench.last)} at sample {number}; expected it to arm after sample 10",
+        bench.newest.armed and number > 10,
+        f"{state_of(bench.newest)} at sample {number}; expected it to arm after sample 10",
     )
-    bench.off()
+    bench.ensure_off()
     _answers(bench, 3 * HELLO)
     causes = [info[6] for info in bench.infos]
     expect({1, 3} & {*causes}, f"causes {causes} of the last reset; expected 1 or 3")
@@ -726,7 +734,7 @@ def _fault_outlives_a_reset(bench: Bench) -> None:
     """A latched fault stays over a reset."""
     _make_fault(bench)
     bench.reset()
-    _expect_off(bench.fresh(), "after a reset", 21)
+    _expect_off(bench.next_sample(), "after a reset", 21)
 
 
 @_rule("the-band", "hand")
@@ -734,19 +742,19 @@ def _little_heat_after_a_start(bench: Bench) -> None:
     """After any start there is little duty until a thermocouple has followed it."""
     bench.cool(max)
     bench.reset()
-    bench.fresh(0.6)
-    bench.arm(NOMINAL)
+    bench.next_sample(0.6)
+    bench.arm(NOMINAL_BOUNDS)
     share = round(min(0.3, 1.2 / len(bench.names)), 2)
-    bench.hold(bench.every(share), 0.3)
-    seen = bench.fresh()
+    bench.hold(bench.same_duty(share), 0.3)
+    seen = bench.next_sample()
     expect(
         seen.warmest.min() >= 120 and seen.duty.max() <= 0.12,
         f"{_percent(seen.duty)} after a reset, where the wires can have {seen.warmest} °C; "
         "expected 12% at most, and 120 °C or more",
     )
-    bench.hold(bench.every(share), 10.0, until=lambda sample: sample.duty.min() == share)
-    seen = bench.last
-    _expect_duty(seen, bench.every(share), "after ten seconds of the duty that was asked for")
+    bench.hold(bench.same_duty(share), 10.0, until=lambda sample: sample.duty.min() == share)
+    seen = bench.newest
+    _expect_duty(seen, bench.same_duty(share), "after ten seconds of the duty that was asked for")
     hottest = seen.warmest.max()
     expect(hottest < 100, f"a wire can have {hottest:g} °C after ten seconds; expected below 100")
 
@@ -771,7 +779,7 @@ def main() -> int:
     options = parser.parse_args()
 
     def say(result: Outcome) -> None:
-        print(f"{result.outcome:<9}{result.case.name}{': ' * bool(result.what)}{result.what}")
+        print(f"{result.outcome:<9}{result.case.name}{': ' * bool(result.details)}{result.details}")
         if result.outcome == FAILED:
             print(f"         rule: {result.case.rule} docs/protocol.md#{result.case.section}")
 

@@ -78,7 +78,7 @@ class VirtualBoard(Board):
 
     def order(self, text) -> float:
         """Gives an order, which is obeyed at once; the time, s."""
-        self._board.misbehave(text)
+        self._board.inject_fault(text)
         return self._time.monotonic()
 
 

@@ -115,7 +115,7 @@ class Host:
     def send(self, *frame):
         self.board.incoming += protocol.encode(*frame)
 
-    def arm(self, bounds=heat.NOMINAL, total=1.0):
+    def arm(self, bounds=heat.NOMINAL_BOUNDS, total=1.0):
         pulls = self.board.pulls
         frames = from_host.encode_arming(self.guard.challenge, [bounds] * len(pulls), total, pulls)
         self.board.incoming += b"".join(frames)
@@ -163,7 +163,7 @@ def test_a_session_from_greeting_to_disarming():
     assert close(host.board.duty[1], 0.3, 1e-6)
     host.send(protocol.DISARM)
     host.run(20)
-    assert (host.board.duty, host.guard.reason) == ([0.0, 0.0], guard.HOST)
+    assert (host.board.duty, host.guard.reason) == ([0.0, 0.0], guard.BY_HOST)
     assert host.board.held < host.board.now - 5
     host.arm()
     host.run(60, (0.0, 0.4))
@@ -177,14 +177,14 @@ def test_a_session_from_greeting_to_disarming():
     assert 950 <= host.board.fed - fed <= 1050
 
 
-def arm(subject, now, bounds=heat.NOMINAL, total=1.0):
+def arm(subject, now, bounds=heat.NOMINAL_BOUNDS, total=1.0):
     """Asks a guard of two wires to arm."""
     shares = ((-1.0, 1.0),)
-    subject.arm(subject.challenge, (bounds, heat.NOMINAL), total, shares, now)
+    subject.arm(subject.challenge, (bounds, heat.NOMINAL_BOUNDS), total, shares, now)
 
 
 def test_two_readings_above_the_limit_are_too_hot_and_one_is_not():
-    for readings_above, reason in ((1, guard.NONE), (2, guard.OVER_TEMPERATURE)):
+    for readings_above, reason in ((1, guard.NO_REASON), (2, guard.OVER_TEMPERATURE)):
         subject = guard.Guard(0, 4711)
         subject.observers = [heat.WireObserver(80.0), heat.WireObserver(80.0)]
         now = 0
@@ -199,7 +199,7 @@ def test_two_readings_above_the_limit_are_too_hot_and_one_is_not():
 
 def test_two_bad_readings_in_series_latch_and_one_is_borne():
     """Its wire has no duty meanwhile, the other one has, and its heat is counted on."""
-    for bad, reason in ((1, guard.NONE), (2, guard.THERMOCOUPLE_OPEN)):
+    for bad, reason in ((1, guard.NO_REASON), (2, guard.THERMOCOUPLE_OPEN)):
         host = Host()
         host.arm()
         host.run(2000, (0.2, 0.5))
@@ -221,7 +221,7 @@ def test_two_bad_readings_in_series_latch_and_one_is_borne():
 
 def test_a_board_may_begin_with_a_bad_reading():
     """There is no reading before it; and it is not armed with one."""
-    for bad, reason in ((1, guard.NONE), (2, guard.THERMOCOUPLE_OPEN)):
+    for bad, reason in ((1, guard.NO_REASON), (2, guard.THERMOCOUPLE_OPEN)):
         board = PaperBoard()
         board.bad_frames[0] = bad
         host = Host(board)
@@ -256,7 +256,7 @@ def rising(rate, until):
 
 def test_duty_ends_as_a_reading_goes_from_100_to_105():
     reason, seen = rising(2.0, 109.0)
-    assert reason == guard.NONE
+    assert reason == guard.NO_REASON
     assert min([duty for reading, duty in seen if 62 < reading < 92]) == 0.01
     assert max([duty for reading, duty in seen if reading >= 105]) == 0.0
 
@@ -273,14 +273,14 @@ def test_sensors_of_no_cold_limb_do_not_arm():
         ([-19.0, 0.0], ROOM, guard.BELOW_ROOM),
         ([5.0, -5.0], ROOM, guard.DISAGREEING),
         ([-20.0, -20.0], ROOM - 20.0, guard.DISAGREEING),
-        ([2.0, -2.0], ROOM, guard.NONE),
+        ([2.0, -2.0], ROOM, guard.NO_REASON),
     ):
         board = PaperBoard()
         board.errors, board.junctions = errors, [junction] * 2
         host = Host(board)
         host.arm()
         assert host.guard.reason == reason
-        assert (host.guard.state == guard.ARMED) == (reason == guard.NONE)
+        assert (host.guard.state == guard.ARMED) == (reason == guard.NO_REASON)
 
 
 def close(value, expected, tolerance):
@@ -289,7 +289,7 @@ def close(value, expected, tolerance):
 
 def test_bounds_follow_the_solutions_of_the_paper_s_equations():
     """(6): a2 D / a1 (1 - exp(-a1 t)) for the least; the most settles at a2 D / a1 (1 - share)."""
-    a1_slow, a1_fast, a2_least, a2_most, _ = heat.NOMINAL
+    a1_slow, a1_fast, a2_least, a2_most, _ = heat.NOMINAL_BOUNDS
     wire = heat.WireObserver(0.0)
     for _ in range(200):
         wire.advance(0.1, 0.05, 0.0)
@@ -325,7 +325,7 @@ def test_what_a_board_says_of_its_start():
     for cause, remembered, reason in (
         (firmware.POWER_ON, 0, guard.POWER_UP),
         (firmware.POWER_ON, latched, guard.POWER_UP),
-        (firmware.PIN_RESET, 0, guard.RESET),
+        (firmware.PIN_RESET, 0, guard.WAS_RESET),
         (firmware.SOFT_RESET, latched, latched),
         (firmware.WATCHDOG_RESET, latched, latched),
         (firmware.WATCHDOG_RESET, 0, guard.RESTARTED),
@@ -432,7 +432,7 @@ def test_clock_that_stands_still_switches_off():
     board.feed = lambda: counts.__setitem__("fed", counts["fed"] + 1)
     for _ in range(60):
         host.firmware.step()
-    assert host.guard.reason == board.remembered == guard.CLOCK
+    assert host.guard.reason == board.remembered == guard.CLOCK_STANDS
     assert board.duty == [0.0, 0.0]
     assert counts == {"held": 0, "fed": 0}
 

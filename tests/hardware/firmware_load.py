@@ -50,7 +50,7 @@ class Load:
     def __init__(self, board, firmware):
         from hardware.firmware import from_host, heat
 
-        self._from_host, self._bounds = from_host, [heat.NOMINAL] * board.channels
+        self._from_host, self._bounds = from_host, [heat.NOMINAL_BOUNDS] * board.channels
         self._board, self._firmware = board, firmware
         self._number = self._time = self._longest = self._garbage = 0
 

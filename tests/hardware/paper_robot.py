@@ -167,5 +167,5 @@ class EmulatedCable:
             self.emulation.step()
 
     def ask(self, order, by_hand):
-        self.emulation.misbehave(order)
+        self.emulation.inject_fault(order)
         return True

@@ -20,7 +20,7 @@ def check(limb, order=None, described=None):
     """Whether it passed, what was said of what failed, and the hottest wire, °C."""
     board = SimulatedBoard(limb, step=25)
     if order:
-        board.emulation.misbehave(order)
+        board.emulation.inject_fault(order)
     board.run(1.0)
     link = SimulatedLink(board)
     failures = []
@@ -53,7 +53,7 @@ def test_thermocouples_are_compared_by_heat_and_by_bend():
     for shown, good in ((14.0, False), (18.0, True)):
         rates = [HeatRates(heating, 0.07, 1.0) for heating in (20.0, shown)]
         said = []
-        arm_check._judge_likeness(
+        arm_check._check_likeness(
             ["left", "right"], rates, heatings, lambda ok, what: said.append((ok, what))
         )
         ((passed, what),) = said
@@ -76,7 +76,7 @@ def test_a_verdict_on_heat_agrees_with_the_range_that_it_names(shown, good):
     """Of a described 20 °C/s, 85% of 85% to 115% over 85%."""
     said = []
     most = [LimbParameters().heat_bounds[0].most_heating] * 2
-    arm_check._judge_heat(["left", "right"], shown, most, lambda ok, what: said.append((ok, what)))
+    arm_check._check_heat(["left", "right"], shown, most, lambda ok, what: said.append((ok, what)))
     assert [ok for ok, _ in said] == good
     for (ok, what), heating in zip(said, shown, strict=True):
         number = r"([\d.]+)"

@@ -13,7 +13,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import fake_machine as fake
 
-from hardware.board.link import Assembly
+from hardware.board.link import SampleAssembler
 from hardware.firmware import firmware, protocol, readings
 
 VERSIONS = [(1, 24), (1, 25), (1, 26), (1, 27), (1, 28)]
@@ -198,7 +198,7 @@ def test_angles_of_bend_labs_sensors(newest, monkeypatch, axes, address, counts_
     for _ in range(100):
         newest.now += 2000  # us
         program.step()
-    parser, assembly = protocol.Parser(protocol.BOARD_KINDS), Assembly()
+    parser, assembly = protocol.Parser(protocol.BOARD_KINDS), SampleAssembler()
     taken = [assembly.take(*frame, 0.0) for frame in parser.feed(bytes(newest.uart.line))]
     samples = [sample for sample in taken if sample]
     assert samples

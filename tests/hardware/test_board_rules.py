@@ -39,9 +39,9 @@ MUTANTS = [
     ("noise-is-skipped", "protocol", "self._escaping = self._lost = False", "self._lost = False"),
     ("sensors", "readings", "_signed(word >> 18, 14)", "word >> 17"),
     ("bend-in-64ths-of-a-degree", "firmware", "list(self._bends)", "[b // 2 for b in self._bends]"),
-    ("arm-arms", "guard", "ARMED, NONE\n", "ARMED, HOST\n"),
+    ("arm-arms", "guard", "self.reason = NO_REASON", "self.reason = BY_HOST"),
     ("arm-arms", "guard", "or self.state == ARMED or self.reason", "or self.reason"),
-    ("cold-thermocouples-must-agree", "guard", "TOLERANCE = 8.0", "TOLERANCE = 20.0"),
+    ("cold-thermocouples-must-agree", "guard", "_TOLERANCE = 8.0", "_TOLERANCE = 20.0"),
     ("arm-needs-the-newest-challenge", "guard", "challenge != self.challenge or", ""),
     ("challenge", "guard", "challenge != self.challenge or", ""),
     ("arm-needs-the-newest-challenge", "guard", "* 25173 + 13849", "* 1"),
@@ -49,7 +49,7 @@ MUTANTS = [
     ("no-bounds", "guard", "for bound in bounds\n", "for bound in bounds if any(bound)\n"),
     ("bounds", "heat", "bounds[0] <= bounds[1] and", ""),
     ("bounds", "heat", "bounds[2] <= bounds[3]", "True"),
-    ("heat-must-show", "heat", "* LITTLE_DUTY >= SHOWN", "* LITTLE_DUTY >= 0.1"),
+    ("heat-must-show", "heat", "* LITTLE_DUTY >= MIN_DETECTABLE_RISE", "* LITTLE_DUTY >= 0.1"),
     ("no-sum", "guard", "0.0 < total <= len", "0.0 <= total <= len"),
     ("heat-must-show", "guard", "0.0 < total <= len(self.duty)", "0.0 < total"),
     ("bounds-must-be-whole", "firmware", "or protocol.checksum(parts) != expected", ""),
@@ -59,28 +59,28 @@ MUTANTS = [
     ("stale-commands-do-nothing", "guard", "& 0xFFFF < 0x8000", "& 0xFFFF < 0x10000"),
     ("stale-commands-do-nothing", "guard", "or session != self.session", ""),
     ("stale-commands-do-nothing", "guard", "if age >= HEARTBEAT", "if age >= 5500"),
-    ("duty-ends-in-time", "guard", "now - self._heard >= HEARTBEAT", "now - self._heard >= 400"),
+    ("duty-ends-in-time", "guard", "_command_time >= HEARTBEAT", "_command_time >= 400"),
     ("duty-ends-in-time", "guard", "HEARTBEAT = 250", "HEARTBEAT = 150"),
     ("duty-ends-in-time", "guard", "LONGEST_HOLD = 290", "LONGEST_HOLD = 1000"),
-    ("silence", "guard", "now - self._heard >= HEARTBEAT or", "now - self._heard >= 500 and"),
+    ("silence", "guard", "_command_time >= HEARTBEAT or", "_command_time >= 500 and"),
     ("duty", "guard", "max(duty) > 1.0", "max(duty) > 7.0"),
-        ("disarm", "guard", "self.trip(HOST, now)", "pass"),
+        ("disarm", "guard", "self.trip(BY_HOST, now)", "pass"),
     ("off-has-its-reason", "guard", "LATE_COMMANDS if self._late else", ""),
-    ("heat-that-is-not-read-latches", "guard", "SHORTFALL = 3.0", "SHORTFALL = 300.0"),
+    ("heat-that-is-not-read-latches", "guard", "MAX_SHORTFALL = 3.0", "MAX_SHORTFALL = 300.0"),
     ("heat-that-is-not-read-latches", "guard", "if challenge == self.challenge and", "if"),
     ("heat-that-is-not-read-latches", "guard", "ARMED or self.reason >= LATCHING", "ARMED"),
-    ("warmth-without-heat-latches", "guard", "EXCESS = 15.0", "EXCESS = 150.0"),
+    ("warmth-without-heat-latches", "guard", "MAX_EXCESS = 15.0", "MAX_EXCESS = 150.0"),
     ("heated-wire-is-the-one-that-warms", "firmware", "couple(wire))", "couple(1 - wire))"),
-    ("detached-thermocouple-latches", "guard", "SHORTFALL = 3.0", "SHORTFALL = 30.0"),
-    ("bend-that-does-not-follow-latches", "guard", "PULL = 60.0", "PULL = 90.0"),
+    ("detached-thermocouple-latches", "guard", "MAX_SHORTFALL = 3.0", "MAX_SHORTFALL = 30.0"),
+    ("bend-that-does-not-follow-latches", "guard", "_CHANGE = 60.0", "_CHANGE = 90.0"),
     ("warmest-follows-the-heat", "heat", "rate = a2_most", "rate = a2_least"),
-    ("duty-is-reduced-before-127-c", "guard", "HIGHEST = 127.0", "HIGHEST = 250.0"),
+    ("duty-is-reduced-before-127-c", "guard", "TEMPERATURE = 127.0", "TEMPERATURE = 250.0"),
     ("open-thermocouple-latches", "guard", "if faults & 1:", "if faults & 8:"),
     ("short-to-ground-latches", "guard", "elif faults & 2:", "elif faults & 8:"),
     ("short-to-supply-latches", "guard", "elif faults & 4:", "elif faults & 8:"),
     ("dead-amplifier-latches", "readings", "(0, 0xFFFFFFFF)", "(0xFFFFFFFF,)"),
     ("silent-bend-sensor-latches", "guard", "if bends is None:", "if bends == 0:"),
-    ("reading-below-the-room-latches", "guard", "offset < -TOLERANCE:", "offset < -99.0:"),
+    ("reading-below-the-room-latches", "guard", "< -AGREEMENT_TOLERANCE:", "< -99.0:"),
     ("reserved-bits-latches", "readings", "word & _RESERVED or", ""),
     ("jump-latches", "guard", "LARGEST_JUMP = 10.0", "LARGEST_JUMP = 12.0"),
     ("fall-latches", "guard", "_temperatures and abs(", "_temperatures and ("),
@@ -89,9 +89,9 @@ MUTANTS = [
     ("bad-reading-is-borne", "guard", "BAD_SAMPLES = 3", "BAD_SAMPLES = 1"),
     ("bad-reading-is-borne", "guard", "0.0 if faults else max", "max"),
     ("bad-reading-is-borne", "firmware", "protocol.NO_READING if", "0 if"),
-    ("watchdog-resets", "firmware", "guard.RESTARTED)", "guard.RESET)"),
+    ("watchdog-resets", "firmware", "guard.RESTARTED)", "guard.WAS_RESET)"),
     ("clock-that-stands-latches", "firmware", "STANDSTILL = 50", "STANDSTILL = 5000"),
-    ("frozen-thermocouple-latches", "guard", "STILL = 5000, 10000", "STILL = 9000, 11000"),
+    ("frozen-thermocouple-latches", "guard", "= 5000, 10000", "= 9000, 11000"),
     ("frozen-thermocouple-latches", "guard", "if still > latest", "if still > 99999"),
     ("reset-begins-anew", "guard", "SETTLING_SAMPLES = 10", "SETTLING_SAMPLES = 3"),
     ("reset-begins-anew", "firmware", "Guard(now, board.random", "Guard(now, 4711"),
@@ -109,7 +109,7 @@ def fast_checksum(monkeypatch):
 
 def broken(outcomes):
     """What did not pass."""
-    return [(o.case.name, o.outcome, o.what) for o in outcomes if o.outcome != PASSED]
+    return [(o.case.name, o.outcome, o.details) for o in outcomes if o.outcome != PASSED]
 
 
 def mutant(file, old, new):
@@ -141,7 +141,9 @@ def test_each_firmware_keeps_all_rules(program):
 
 def test_what_needs_a_hand_is_not_run_without_one():
     found = outcomes_of(Firmware, by_hand=False)
-    assert {o.case.name for o in found if o.outcome == NOT_RUN} == {r.name for r in RULES if r.by}
+    assert {o.case.name for o in found if o.outcome == NOT_RUN} == {
+        r.name for r in RULES if r.needs
+    }
     assert {o.outcome for o in found} == {PASSED, NOT_RUN}
 
 
@@ -167,7 +169,7 @@ def test_a_changed_line_breaks_its_rule(file):
             rules = [rule for rule in RULES if rule.name == name]
             (outcome,) = outcomes_of(mutant(file, old, new), rules)
             assert outcome.outcome == FAILED, (name, new)
-            assert outcome.what
+            assert outcome.details
 
 
 def test_each_rule_has_a_changed_line():
@@ -179,7 +181,7 @@ def test_a_board_that_stays_on_ends_the_checks(monkeypatch):
     monkeypatch.setattr(guard.Guard, "disarm", lambda *_: None)
     monkeypatch.setattr(guard.Guard, "tick", lambda *_: None)
     found = outcomes_of(Firmware)
-    (stays,) = (o for o in found if "disconnect the supply of its wires" in o.what)
+    (stays,) = (o for o in found if "disconnect the supply of its wires" in o.details)
     assert {o.outcome for o in found[found.index(stays) + 1 :]} == {NOT_RUN}
 
 
@@ -190,8 +192,8 @@ def test_a_host_that_misses_channels_ends_the_heat_of_all_wires():
     bench = Bench(cable, limb=limb)
     bench.wait(0.7)
     bench.arm()
-    bench.hold(bench.every(0.05), 0.3)
-    assert cable.robot.duty == bench.every(0.05)
+    bench.hold(bench.same_duty(0.05), 0.3)
+    assert cable.robot.duty == bench.same_duty(0.05)
     receive, parser = cable.receive, protocol.Parser(protocol.BOARD_KINDS)
     cable.receive = lambda: b"".join(
         protocol.encode(kind, *values)
@@ -199,8 +201,8 @@ def test_a_host_that_misses_channels_ends_the_heat_of_all_wires():
         if (kind, values[1]) != (protocol.CHANNELS, 4)  # the second of two
     )
     start = cable.robot.now
-    Host.hold(bench, bench.every(0.05), 0.35)
-    assert cable.robot.duty == bench.every(0.0)
+    Host.hold(bench, bench.same_duty(0.05), 0.35)
+    assert cable.robot.duty == bench.same_duty(0.0)
     assert cable.robot.firmware.guard.reason == guard.NO_COMMAND
     assert cable.robot.now - start < 400
 
@@ -213,12 +215,12 @@ def test_an_emulated_board_whose_computer_was_busy_switches_off_in_time():
     bench.arm()
     bench.hold((0.0, 1.0), 4.0)
     before = cable.emulation.board.wire_temperature()[1]
-    duty = bench.last.duty[1]
+    duty = bench.newest.duty[1]
     cable.milliseconds += 3000
     for _ in range(100):  # passes, in which it catches up
         cable.wait(0.01)
     bench.wait(0.1)
-    assert bench.last.reason == guard.NO_COMMAND
+    assert bench.newest.reason == guard.NO_COMMAND
     assert cable.emulation.board.ticks() == cable.milliseconds
     assert cable.emulation.board.wire_temperature()[1] < before + 23.0 * duty * 0.3
 

@@ -20,7 +20,7 @@ from scipy.linalg import eigh
 from scipy.optimize import fsolve
 
 from hardware import LimbTwin
-from hardware.emulation.twin import specimens_of
+from hardware.emulation.twin import specimen_class
 from limb_systems import ChordSensor, LimbParameters, SegmentParameters, simulate
 from limb_systems.limb import make_manipulator
 from soft_limb.runs.jobs import run_each
@@ -144,5 +144,5 @@ def test_a_seed_is_one_limb_and_noise_is_by_numbers():
 
 
 def test_processes_know_the_physics_that_the_host_has_loaded():
-    kinds = list(run_each(specimens_of, ["continuum"] * 2, 2))
+    kinds = list(run_each(specimen_class, ["continuum"] * 2, 2))
     assert kinds == [ContinuumSpecimen] * 2

@@ -42,7 +42,7 @@ class Episode(PaperBoard):
             self.junctions = [rng.uniform(9.0, 26.0), rng.choice([10.5, 18.0, 25.0])]
         self.drift = [rng.choice([0.0, 0.0, rng.uniform(-0.5, 1.0)]) for _ in (0, 1)]  # °C/s
         tight, wide = (0.07, 0.07, 20.0, 20.0, 1.0), (0.042, 0.085, 6.0, 23.0, 0.5)
-        self.bounds = rng.choices([heat.NOMINAL, tight, wide], k=2)
+        self.bounds = rng.choices([heat.NOMINAL_BOUNDS, tight, wide], k=2)
         self.total = rng.choice([2.0, 2.0, 1.0, 0.4])
         self.rng, self.program = rng, program(self)
         self.asked, self.sequence = (0.0, 0.0), 0

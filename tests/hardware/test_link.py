@@ -14,7 +14,7 @@ from pydrake.systems.analysis import Simulator
 
 from calibration import collect_sag
 from hardware import BoardLink, HardwareError, LimbTwin, SerialLimb
-from hardware.board.link import Assembly, SerialPort
+from hardware.board.link import SampleAssembler, SerialPort
 from hardware.board.reasons import REASONS
 from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.firmware import guard, protocol, readings
@@ -168,7 +168,7 @@ def test_an_emulated_board_is_for_a_limb_of_eight_wires():
 def test_the_reason_for_which_a_board_is_off_is_told(virtual_time, board):
     for reason, text in REASONS.items():
         with BoardLink(board.port) as link:
-            board.write(sample(1, guard.ARMED, guard.NONE))
+            board.write(sample(1, guard.ARMED, guard.NO_REASON))
             link.command([0.0, 0.5])
             board.write(sample(2, guard.DISARMED, reason))
             assert virtual_time.wait_for(lambda: not link.sample().armed)
@@ -225,7 +225,7 @@ def test_a_sample_counts_only_if_all_of_its_channels_came():
         ]
 
     one, two, three, four = (frames(sequence) for sequence in (1, 2, 3, 4))
-    assembly = Assembly()
+    assembly = SampleAssembler()
     came = [
         *one, *one,  # both copies
         *two[:2], two[0], *three[:1],  # a CHANNELS was lost, twice
@@ -242,7 +242,7 @@ def test_a_sample_counts_only_if_all_of_its_channels_came():
 
 
 def armed(number, **others):
-    return sample(number, guard.ARMED, guard.NONE, **others)
+    return sample(number, guard.ARMED, guard.NO_REASON, **others)
 
 
 BAD_SAMPLES = {
@@ -290,16 +290,16 @@ def test_a_board_whose_clock_is_slow_is_borne(board, monkeypatch):
             passed = 0.05 * number
             monkeypatch.setattr("hardware.board.link.time.monotonic", lambda now=passed: now)
             for kind, values in parser.feed(
-                sample(number, guard.DISARMED, guard.NONE, time_ms=round(980 * passed))
+                sample(number, guard.DISARMED, guard.NO_REASON, time_ms=round(980 * passed))
             ):
-                link._take(kind, values)
+                link._handle(kind, values)
             assert link.delay < 0.01
         monkeypatch.undo()
 
 
 def test_the_sample_that_says_that_the_board_is_off_is_recorded(virtual_time, board, tmp_path):
     def make(number):
-        state, reason = guard.DISARMED, guard.NONE
+        state, reason = guard.DISARMED, guard.NO_REASON
         if number > 20:
             state = guard.ARMED
         if number > 40:
@@ -321,7 +321,7 @@ def test_the_sample_that_says_that_the_board_is_off_is_recorded(virtual_time, bo
 def test_a_board_that_another_program_has_armed_is_left_to_it(virtual_time, board):
     with (
         BoardLink(board.port) as link,
-        Talking(board, virtual_time, lambda number: sample(number, guard.ARMED, guard.NONE)),
+        Talking(board, virtual_time, lambda number: sample(number, guard.ARMED, guard.NO_REASON)),
         pytest.raises(HardwareError, match="is in use by another program"),
     ):
         link.arm(BOUNDS)

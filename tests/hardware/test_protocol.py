@@ -5,7 +5,7 @@ from firmware_checks import four_wires
 
 from hardware.firmware import from_host, heat, protocol
 
-BOUNDS = [heat.NOMINAL, (0.005, 0.5, 60.0, 100.0, 4.0)]
+BOUNDS = [heat.NOMINAL_BOUNDS, (0.005, 0.5, 60.0, 100.0, 4.0)]
 
 
 def test_random_and_mutated_frames_change_nothing():

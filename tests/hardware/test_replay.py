@@ -202,7 +202,7 @@ def test_a_plan_of_a_limb_of_ones_own_is_not_followed_by_another_in_silence(
     source = "emulated limb, seed 0, not the calibrated one"
     assert f"source      {source}\n" in said.out
     assert Recording.load(tmp_path / "recording.csv").source == source
-    assert LimbTwin(parameters).again().source == source
+    assert LimbTwin(parameters).after_rest().source == source
     assert main(["replay", *arguments, "--force", "--model"]) == 0
     said = capsys.readouterr()
     assert said.err == ""

@@ -174,7 +174,7 @@ def test_a_board_that_fails_switches_the_other_off_at_once(
     """Of a robot, and of a station; times are from the fault, and from when the host knows it."""
     rear, front = boards
     known, since = [], []
-    tell_off = BoardLink._tell_off
+    tell_off = BoardLink._report_off
 
     def note(link, why):
         known.append(virtual_time.monotonic())
@@ -184,7 +184,7 @@ def test_a_board_that_fails_switches_the_other_off_at_once(
         known.clear()
         since.append(front.order(fault))
 
-    monkeypatch.setattr(BoardLink, "_tell_off", note)
+    monkeypatch.setattr(BoardLink, "_report_off", note)
     virtual_time.when(lambda: any(rear.duty()) and any(front.duty()), fail, after=0.31)
     if kind == "station":
         drivers = {name: LimbDriver(port=port) for name, port in ports.items()}

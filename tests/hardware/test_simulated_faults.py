@@ -33,7 +33,7 @@ FAULTS = [
     ("silence", guard.BEND_SILENT, 0.052),
     ("freeze bend", guard.BEND_STUCK, 0.552),  # ten samples alike
     ("freeze right", guard.NOT_WARMING, 1.6),  # after 1 s of full duty
-    ("reset", guard.RESET, 0.001),
+    ("reset", guard.WAS_RESET, 0.001),
     ("restart", guard.POWER_UP, 0.001),
     ("stall 5.0", guard.RESTARTED, 0.202),  # its watchdog resets it
     ("delay 0.4", guard.NO_COMMAND, HEARTBEAT),  # late commands do not heat again
@@ -60,7 +60,7 @@ def test_faults_end_heat_in_time(fault, reason, limit, record_property):
         board.run_to_reading(HOT)
         board.run(moment / 1000, HOT)
         for order in filter(None, fault.split(";")):
-            board.emulation.misbehave(order)
+            board.emulation.inject_fault(order)
         times.append(board.time_to_off(limit, None if fault == NOISE else HOT))
         if reason is None:
             continue
@@ -85,7 +85,7 @@ def test_bytes_that_are_damaged_now_and_then(board_in_simulated_time):
     for damage in ("corrupt", "drop", "duplicate", "reorder"):
         start, sent = len(board.duties), len(board.samples)
         rejected = [parser.rejected for parser in parsers]
-        board.emulation.misbehave(f"{damage} 0.01")
+        board.emulation.inject_fault(f"{damage} 0.01")
         for duty in itertools.islice(itertools.cycle(commanded), 150):
             board.run(0.05, duty)
         assert {event[1:] for event in board.duties[start:]} <= known
@@ -93,7 +93,7 @@ def test_bytes_that_are_damaged_now_and_then(board_in_simulated_time):
         assert len(board.samples) - sent > 100
         assert board.newest.armed
         assert board.duty in commanded
-        board.emulation.misbehave("mend")
+        board.emulation.inject_fault("mend")
 
 
 def test_commands_that_are_later_and_later(record_property):
@@ -104,7 +104,7 @@ def test_commands_that_are_later_and_later(record_property):
         random.seed(0)
         board = SimulatedBoard()
         board.heat()
-        board.emulation.misbehave(f"creep {rate}")
+        board.emulation.inject_fault(f"creep {rate}")
         guarded, late = board.emulation.firmware.guard, None
         happened = board.now + (moment if event != "nothing" else 1e9)
         while board.duty != (0.0, 0.0):
@@ -116,14 +116,14 @@ def test_commands_that_are_later_and_later(record_property):
                 board.send(protocol.DISARM)
                 board.run(0.001)
             else:
-                board.emulation.misbehave("unplug")
+                board.emulation.inject_fault("unplug")
                 board.run(0.3)
             if late is None and guarded._late:
                 late = board.now  # the first command that is 250 ms old has come
             assert board.now < 100.0, "still on"
         off = next(t for t, left, right in board.duties[::-1] if left == right == 0.0)
         longest = max(longest, off - min(happened, late or happened))
-        assert guarded.reason in (guard.NO_COMMAND, guard.LATE_COMMANDS, guard.HOST)
+        assert guarded.reason in (guard.NO_COMMAND, guard.LATE_COMMANDS, guard.BY_HOST)
         assert_stays_off(board, None)
     record_property("off after", f"{1000 * longest:.0f} ms")
     print(f"\noff after {1000 * longest:.0f} ms")
@@ -135,13 +135,13 @@ def test_stale_frames_do_not_heat_again():
     board.heat()
     board.time_to_off(HEARTBEAT, None)
     assert len(board.emulation._recorded) > 400  # everything that the host sent, arming included
-    board.emulation.misbehave("replay")
+    board.emulation.inject_fault("replay")
     assert_stays_off(board, None)
     assert not board.newest.armed
     count = len(board.duties)
     assert board.arm()
     board.run(0.1, (0.0, 0.25))
-    board.emulation.misbehave("replay")  # commands of a session before, of higher numbers
+    board.emulation.inject_fault("replay")  # commands of a session before, of higher numbers
     board.run(0.1)
     assert board.duty == (0.0, 0.25)
     assert {event[1:] for event in board.duties[count:]} == {(0.0, 0.25)}
@@ -160,7 +160,7 @@ THERMAL = [
     # What the board bears, on a limb whose left wire gets hotter than most.
     ("thermocouple reads 60% of the rise", FROM_BEGINNING, 0.5, 0, None, None, (90.0, HOTTEST)),
     ("thermocouple frozen", WHEN_HOT, 0.5, 0, None, None, (90.0, HOTTEST)),
-    ("no fault, all wires hot", FROM_BEGINNING, 1.0, 0, guard.NONE, None, (95.0, HOTTEST)),
+    ("no fault, all wires hot", FROM_BEGINNING, 1.0, 0, guard.NO_REASON, None, (95.0, HOTTEST)),
 ]
 
 
@@ -186,10 +186,10 @@ def test_a_board_does_not_arm_with_a_fault():
 def test_power_cycles_do_not_add_up():
     """A thermocouple is off; each time the board is switched on anew, and asked for full duty."""
     board = Simulated(LimbTwin(seed=14), step=25)
-    board.emulation.misbehave("detach left")
+    board.emulation.inject_fault("detach left")
     hottest = 0.0
     for _ in range(10):
-        board.emulation.misbehave("restart")
+        board.emulation.inject_fault("restart")
         board.run(0.7)
         board.arm()
         for _ in range(4):
@@ -202,15 +202,15 @@ def test_power_cycles_do_not_add_up():
 def test_a_supply_that_is_half_too_high_or_a_reading_that_stands_still(fault):
     """With a wire that is warm already, whose thermocouple is good or stops to be."""
     board = Simulated(LimbTwin(seed=0), step=25)
-    board.emulation.misbehave("weaken 1.5")
+    board.emulation.inject_fault("weaken 1.5")
     board.run(1.0)
     assert board.arm()
     hottest = 0.0
     for number, duty in enumerate((0.2, 1.0, 0.0, 0.3, 1.0, 1.0, 1.0)):
         if number == 2 and fault:
-            board.emulation.misbehave(fault)
+            board.emulation.inject_fault(fault)
         for _ in range(40):
             board.run(0.1, (0.0, duty))
             hottest = max(hottest, board.emulation.board.wire_temperature().max())
     assert 90.0 < hottest < 130.0
-    assert board.reason == (guard.NOT_WARMING if fault else guard.NONE)
+    assert board.reason == (guard.NOT_WARMING if fault else guard.NO_REASON)

@@ -95,7 +95,7 @@ class Teensy:
 
     def heat(self):
         challenge, now = self.sample[2], self.sample[1]
-        arming = from_host.encode_arming(challenge, [heat.NOMINAL] * 2, 2.0, (16, 0))
+        arming = from_host.encode_arming(challenge, [heat.NOMINAL_BOUNDS] * 2, 2.0, (16, 0))
         self.send(b"".join(arming))
         self.send(from_host.encode_command(challenge, 1, now, (0.0, 0.1)))
         return self.run(100)
@@ -162,7 +162,7 @@ def test_a_fault_outlives_a_reset_and_causes_are_told_apart(compiled):
     assert again.sample[2] != first  # the challenge
     for why, word, reason in (
         (WATCHDOG, kept & ~0xFF, guard.RESTARTED),
-        (POWER, kept & ~0xFF, guard.RESET),
+        (POWER, kept & ~0xFF, guard.WAS_RESET),
         (POWER, 0x1234_0016, guard.POWER_UP),
     ):
         board = Teensy(compiled, why, word)

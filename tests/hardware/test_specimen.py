@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from hardware.emulation.emulated_rubber import GRIP, EmulatedRubber, Hand
+from hardware.emulation.emulated_rubber import GRIP_STIFFNESS_RATIO, EmulatedRubber, Hand
 from hardware.emulation.emulated_wires import ShapeMemoryWires
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from hardware.emulation.twin import LimbTwin
@@ -170,7 +170,7 @@ def test_hand_does_virtual_work_across_the_chord():
     angles = np.array([0.05, 0.02, 0.1, -0.03, 0.08])
     hand.get_input_port().FixValue(context, np.concatenate([angles, np.zeros(5)]))
     torque = hand.get_output_port().Eval(context)
-    stiffness = GRIP * parameters.segments[0].stiffness / 3
+    stiffness = GRIP_STIFFNESS_RATIO * parameters.segments[0].stiffness / 3
     tip, error = tip_position(parameters, angles), 0.5 - sensor.exact_bend_angle(angles)
     across = np.array([-tip[1], tip[0]]) / np.linalg.norm(tip)
     for joint in range(5):
@@ -231,7 +231,7 @@ def test_the_angle_at_rest_remembers_the_wire_that_was_hot_last():
     for limb in (specimen, specimen.without("memory")):
         twin = LimbTwin(specimen=limb)
         simulate(twin, [0.0, 0.25], 30.0)
-        cold.append(simulate(twin.again(60.0), [0.0, 0.0], 2.0).bend_angle.mean())
+        cold.append(simulate(twin.after_rest(60.0), [0.0, 0.0], 2.0).bend_angle.mean())
     after_right = specimen.state["rest"][0]
     assert cold[0] - cold[1] == pytest.approx(after_right, abs=np.deg2rad(0.25))
     simulate(LimbTwin(specimen=specimen), [0.25, 0.0], 30.0)

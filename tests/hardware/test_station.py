@@ -180,7 +180,7 @@ def test_bodies_that_no_parser_would_keep_are_refused(scenario):
 def test_inputs_that_do_not_fit_are_refused(scenario):
     with pytest.raises(LimbError, match=r"no input thum\.duty; it has finger\.duty, th"):
         drive(Station(scenario), {"thum.duty": "a"}, 1.0)
-    with pytest.raises(LimbError, match=r"thumb\.duty has 2 numbers, and what it is given 3"):
+    with pytest.raises(LimbError, match=r"thumb\.duty has 2 numbers, but its signal 3"):
         drive(Station(scenario), DUTY | {"thumb.duty": [0.0, 0.0, 0.0]}, 1.0)
     with pytest.raises(LimbError, match=r"thumb\.duty is missing"):
         drive(Station(scenario), {"finger.duty": [0.0, 0.0]}, 1.0)

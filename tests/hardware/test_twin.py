@@ -55,8 +55,8 @@ def test_readings_are_the_model_with_the_stated_noise():
 def test_a_limb_that_was_hot_is_still_warm():
     twin = LimbTwin(seed=2)
     cold = simulate(twin, [0.0, 0.3], 30.0)
-    now = simulate(twin.again(), [0.0, 0.0], 5.0)
-    later = simulate(twin.again(300.0), [0.0, 0.0], 5.0)
+    now = simulate(twin.after_rest(), [0.0, 0.0], 5.0)
+    later = simulate(twin.after_rest(300.0), [0.0, 0.0], 5.0)
     end, start = cold.measured_temperature[1, -1], now.measured_temperature[1, 0]
     assert abs(start - end) < 2.0
     assert abs(now.bend_angle[0, 0] - cold.bend_angle[0, -1]) < np.deg2rad(5.0)
@@ -93,7 +93,7 @@ def test_readings_are_those_they_have_always_been():
     for seed in (0, 3, 7):
         twin = LimbTwin(limb, seed=seed)
         runs = [simulate(twin, [0.1, 0.4], 3.0)]
-        rested = twin.again(2.0, bend_rate=100.0)
+        rested = twin.after_rest(2.0, bend_rate=100.0)
         runs.append(simulate(rested, [0.0, 0.0], 0.5, sample_rate=100.0))
         runs.append(simulate(SensedLimb(Limb(limb), seed=seed), [0.1, 0.4], 1.0))
         for number, run in enumerate(runs):
@@ -112,7 +112,7 @@ def test_an_emulated_limb_is_made_again_from_its_identity():
         LimbTwin(seed=7, extra=("memory", "bond")),
     ):
         recording = simulate(twin, [0.1, 0.4], 1.0)
-        used = twin.again(gravity=(0.0, -9.81, 0.0))
+        used = twin.after_rest(gravity=(0.0, -9.81, 0.0))
         assert recording.parameters.board == used.parameters.board
         calibrated = copy.deepcopy(recording.parameters)
         calibrated.segments[0].stiffness *= 1.1
@@ -134,7 +134,7 @@ def test_a_limb_that_is_measured_too_hot_cuts_out_until_its_next_use():
     assert recording.measured_temperature[1, -1] < 100.0
     assert (recording.duty[1] == 1.0).all()  # what was commanded
     assert not recording.interrupted
-    again = simulate(twin.again(), [0.0, 1.0], 0.5)
+    again = simulate(twin.after_rest(), [0.0, 1.0], 0.5)
     assert (again.applied_duty[1] == 1.0).all()
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from hardware import HardwareError
 from hardware.board.link import BoardLink, SerialPort
-from hardware.emulation.emulator import TURN
+from hardware.emulation.emulator import LOOP_PAUSE
 
 HANG = 600.0  # s of the computer, after which threads of the host are given up
 # Modules with clocks of the program that drives boards.
@@ -52,14 +52,14 @@ class VirtualTime:
         random.seed(0)
 
     def monotonic(self) -> float:
-        return 1000.0 + self._turns * TURN
+        return 1000.0 + self._turns * LOOP_PAUSE
 
     def sleep(self, seconds: float) -> None:
         self.wait_for(lambda: False, seconds)
 
     def wait_for(self, condition: Callable[[], Any], limit: float = 60.0) -> bool:
         """Lets time pass until something is so; whether it is."""
-        me = condition, self.monotonic() + limit - TURN / 2
+        me = condition, self.monotonic() + limit - LOOP_PAUSE / 2
         with self._changed:
             self._waiting.append(me)
             self._changed.notify_all()
@@ -86,7 +86,7 @@ class VirtualTime:
         def look():
             if not due and condition():
                 due.append(self.monotonic() + after)
-            if due and self.monotonic() >= due[0] - TURN / 2:
+            if due and self.monotonic() >= due[0] - LOOP_PAUSE / 2:
                 # It may raise, as a signal does.
                 self._hooks.remove(look)
                 action()

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.board.signals import heed_signals
+from hardware.board.signals import raise_if_interrupted
 from limb_systems import Limb, LimbError, LimbParameters, simulate
 from soft_limb.command import all_commands, main, run_command
 
@@ -92,12 +92,12 @@ def test_a_signal_whose_exception_is_lost_still_ends_it(then, capfd):
     def command():
         _Finalized()
         with pytest.raises(KeyboardInterrupt):
-            heed_signals()
+            raise_if_interrupted()
         return then()
 
     assert run_command(command, "stopped") == 130
     assert capfd.readouterr().err.endswith("stopped\n")
-    heed_signals()  # what runs next is not stopped
+    raise_if_interrupted()  # what runs next is not stopped
 
 
 def run_script(text):
@@ -111,10 +111,10 @@ def run_script(text):
 def test_what_cannot_heed_signals_is_ended_at_once():
     script = """
 import os, signal
-from hardware.board.signals import ended_at_once
+from hardware.board.signals import default_signal_handlers
 from soft_limb.command import run_command
 def command():
-    with ended_at_once():
+    with default_signal_handlers():
         os.kill(os.getpid(), signal.SIGTERM)
     print("it went on")
 run_command(command, "stopped")

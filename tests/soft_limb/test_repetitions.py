@@ -99,7 +99,7 @@ def test_emulated_limbs_rest_between_repetitions(short_plan):
     rests = []
 
     class Twin:
-        def again(self, pause):
+        def after_rest(self, pause):
             rests.append(pause)
 
     learner = Learner(short_plan)

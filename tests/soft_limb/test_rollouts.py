@@ -11,7 +11,7 @@ from limb_systems import LimbParameters, Recording, Trajectory, simulate
 from limb_systems.files.output import OutputError
 from planners import plan, references
 from soft_limb.command import main
-from soft_limb.runs.rollout import DEADLINE, Rollout, roll_out
+from soft_limb.runs.rollout import COMMAND_DEADLINE, Rollout, roll_out
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_deadlines_that_were_missed_are_counted(short_plan, tmp_path):
     rollout = roll_out(short_plan, lambda: LimbTwin(seed=3), tmp_path / "recording.csv")
     assert rollout.recording.source == "emulated limb, seed 3"
     assert rollout.replans is None
-    late = np.array([0.0, 1e-3, DEADLINE + 1e-4, 9e-3])
+    late = np.array([0.0, 1e-3, COMMAND_DEADLINE + 1e-4, 9e-3])
     counts = np.array([8.0, 2.0, 1.0])
     summary = Rollout("receding-horizon", short_plan, rollout.recording, late, 3, counts).summary()
     timing = summary.to_json()["timing"]

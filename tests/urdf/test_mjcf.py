@@ -202,7 +202,10 @@ def test_a_robot_stands_on_feet_of_their_stiffness_and_creep(robot):
     for limb in robot.limbs:
         foot = model.geom(f"{limb.name}_foot")
         mobility = model.body(foot.bodyid[0]).invweight0[0]
-        np.testing.assert_allclose(-foot.solref / mobility / 0.1, [1e4, 100.0], rtol=1e-6)
+        damping = robot.contact_stiffness * 0.02 / 2  # the ground and the foot relax in 10 ms each
+        expected = [robot.contact_stiffness, damping]
+        np.testing.assert_allclose(-foot.solref / mobility / 0.1, expected, rtol=1e-6)
+        assert damping * model.opt.impratio == pytest.approx(2500.0)
     for _ in range(2000):
         mujoco.mj_step(model, data)
     normal = data.sensordata.reshape(-1, 3)[:, 2]
@@ -210,7 +213,7 @@ def test_a_robot_stands_on_feet_of_their_stiffness_and_creep(robot):
     assert np.abs(normal).sum() == pytest.approx(weight, rel=1e-3)
     assert (normal > 0).all()
     depth = -data.contact.dist
-    assert depth == pytest.approx(normal / 1e4, rel=0.02)
+    assert depth == pytest.approx(normal / robot.contact_stiffness, rel=0.02)
 
 
 @pytest.mark.whole

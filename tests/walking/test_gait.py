@@ -244,11 +244,39 @@ def test_a_gait_that_fails_its_check_is_planned_steadier(monkeypatch):
             gait, check=dataclasses.replace(gait.check, simulation=GaitVariation("", strides))
         )
 
+    def as_planned(*_):
+        return GaitVariation("", [1.0, 1.0])
+
     monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
+    monkeypatch.setattr("walking.gait_planning.simulate_gait", as_planned)
     gait = plan_gait(intervals=8)
     assert gait.passed
     assert gait.check.steadiness == 2 * STEADINESS
     assert "a stride is 90.0% of the planned one" in gait.check.remark
+
+
+def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(monkeypatch):
+    def check_gait(gait, spread):
+        return dataclasses.replace(
+            gait, check=dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
+        )
+
+    def simulate_gait(gait, *_):
+        return GaitVariation("", [0.9, 0.97 if len(gait.time) < 17 else 0.995])
+
+    monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
+    monkeypatch.setattr("walking.gait_planning.simulate_gait", simulate_gait)
+    coarse, gait = plan_gait(intervals=8, check=False), plan_gait(intervals=8)
+    assert gait.intervals == [2 * number for number in coarse.intervals]
+    assert gait.passed  # with its constraints
+    assert gait.check.iterations < coarse.check.iterations  # as it begins from the coarse one
+
+
+def test_a_margin_leaves_room_for_feedback_that_distrusts_the_lag_of_readings():
+    gait = plan_gait(temperature_margin=5.0, check=False, intervals=8)
+    T, V = gait.wire_temperature, gait.measured_temperature
+    assert T.max() <= 95.0 + 1e-4
+    assert (T + (T - V)).max() == pytest.approx(97.0, abs=1e-3)
 
 
 def test_reasons_why_there_is_no_gait_are_told():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from limb_systems import LimbError, Recording, RestMemory, simulate
-from walking import Gait, Robot, RobotParameters, check_gait, plan_gait, walk
+from walking import Gait, GaitVariation, Robot, RobotParameters, check_gait, plan_gait, walk
 from walking.gait_check import (
     fall_of,
     simulate_gait,
@@ -39,6 +39,33 @@ def checked(gait) -> Gait:
 def test_strides_are_as_planned(checked):
     assert np.array(checked.check.simulation.strides) == pytest.approx(1.0, abs=0.05)
     assert checked.passed
+
+
+@pytest.mark.parametrize(
+    ("strides", "announced", "said"),
+    [
+        ([0.97, 0.93, 0.95], 0.94, None),
+        ([1.0, 0.995, 0.995], 1.0, None),
+        ([0.9, 0.8, 0.95], 0.875, "more than 5%"),  # not steadily
+        ([0.4, 0.4, 0.4], 1.0, "a stride is 40.0% of the planned one"),
+    ],
+)
+def test_a_gait_that_walks_steadily_has_the_stride_that_it_makes(
+    gait, monkeypatch, strides, announced, said
+):
+    def simulate_gait(walked, what, robot, cycles, **_):
+        shares = [share * gait.stride / walked.stride for share in strides[-cycles:]]
+        return GaitVariation(what, shares)
+
+    monkeypatch.setattr("walking.gait_check.simulate_gait", simulate_gait)
+    checked = check_gait(gait, spread=False)
+    assert checked.stride == pytest.approx(announced * gait.stride)
+    assert checked.check.made == pytest.approx(announced)
+    if said:
+        assert said in checked.check.failure()
+    else:
+        assert checked.passed
+    assert (checked.duty == gait.duty).all()
 
 
 def test_the_duty_of_the_other_wires_is_no_gait(gait):

@@ -1,9 +1,12 @@
 """Feedback of a robot that walks: corrections from cycle to cycle, and in the loop."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from controllers import supervised
+from limb_systems import HystereticLaw, LimbModel
 from walking import GaitFeedback, RobotParameters, plan_gait, walk
 
 PERIOD = 0.05  # s
@@ -66,3 +69,17 @@ def test_a_supervised_one_has_the_ports_of_a_robot(gait):
     system = supervised(GaitFeedback(gait, 1), gait.parameters)
     names = {system.get_input_port(i).get_name() for i in range(system.num_input_ports())}
     assert names == {"measured_temperature", "bend_angle", "body_pose"}
+
+
+def test_the_duty_that_holds_wires_with_memory_is_finite(gait):
+    """The memory of a wire does not change with its duty within a step."""
+    robot = RobotParameters()
+    for limb in robot.limbs:
+        for wire in limb.parameters.wires:
+            wire.law = HystereticLaw()
+    states = LimbModel.of(robot.together).wires.settled_states(gait.wire_temperature.mean(axis=1))
+    others = np.tile(states[4:, None], len(gait.time))
+    gait = dataclasses.replace(gait, robot=robot, other_wire_state=others)
+    with np.errstate(divide="raise", invalid="raise"):
+        feedback = GaitFeedback(gait, 1)
+    assert np.isfinite(feedback._holding).all()

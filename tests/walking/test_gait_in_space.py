@@ -27,6 +27,7 @@ from walking.robot import set_positions
 from walking.schedules import schedule_of
 from walking.walk_trajectory import walk
 from walking.walker import Walker
+from walking.wayfinder import STALLED, STALLED_CYCLES
 
 THREE = RobotParameters.in_space(3)
 
@@ -218,3 +219,15 @@ def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
         assert np.hypot(place[0] - x, place[1] - y) <= 0.015
         if heading:
             assert np.cos(place[2] - heading[0]) >= np.cos(np.deg2rad(8.0))
+
+
+def test_a_robot_that_does_not_get_on_is_stopped_after_five_cycles(gaits):
+    finder = Wayfinder(gaits, [(0.15, 0.0)])
+    course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
+    course[1], course[4:7] = 0, 0.0  # it does not begin from cold
+    for made in (0.1, 0.1, 0.5, 0.1, 0.1, 0.1, 0.1, 0.1):
+        assert course[STALLED] < STALLED_CYCLES
+        pose = course[4:7] + np.array([made * gaits["ahead"].stride, 0.0, 0.0])
+        course[2] = 0  # whatever it would rather walk by
+        finder._choose(course, pose, 0.0)
+    assert course[STALLED] == STALLED_CYCLES

@@ -98,6 +98,20 @@ def test_the_ground_carries_the_weight(mount):
     np.testing.assert_allclose(recording.body_pose[:, -1], recording.body_pose[:, -11], atol=1e-5)
 
 
+def test_a_robot_sinks_into_its_feet_by_their_stiffness():
+    """Beside a robot on feet that are twice as stiff, whose limbs give way alike."""
+    heights, robot = [], RobotParameters()
+    for stiffness in (200.0, 400.0):
+        robot.feet.radius, robot.feet.stiffness, robot.feet.damping = 0.003, stiffness, 2.0
+        recording = simulate(Robot(robot), COLD, 2.0)
+        heights.append(recording.body_pose[1, -1])
+    on_each = 0.5 * -weight(robot)[1]
+    assert heights[1] - heights[0] == pytest.approx(on_each / 200 - on_each / 400, rel=2e-3)
+    robot.feet.stiffness = 20.0
+    with pytest.raises(LimbError, match=r"presses its feet in by 12\.3 mm, more than the 6 mm"):
+        robot.validate()
+
+
 def test_feet_slide_down_with_the_acceleration_of_coulombs_law():
     robot = RobotParameters()
     robot.ground.slope, robot.ground.friction = 0.3, 0.1

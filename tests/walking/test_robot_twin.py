@@ -122,7 +122,7 @@ def test_a_limb_that_is_taken_off_is_the_one_on_the_robot():
     assert twin.parameters.segments[0].mass == weighed != 0.015
     # It is much stiffer than the nominal limb, and is let go as in a ring-down.
     hand = PiecewisePolynomial.FirstOrderHold([0.0, 0.4, 0.6], [[0.0, 0.8, 0.8]])
-    let_go = simulate(twin.again(hand=hand), [0.0, 0.0], 0.8)
+    let_go = simulate(twin.after_rest(hand=hand), [0.0, 0.0], 0.8)
     assert np.rad2deg(let_go.bend_angle[0, 11]) > 35.0
     assert np.abs(np.rad2deg(let_go.bend_angle[0, -1])) < 30.0
 
@@ -138,11 +138,11 @@ def test_a_replay_has_its_pose_and_it_goes_on_from_there(tmp_path, plan_like):
     assert loaded.robot == recording.robot == twin.robot
     assert loaded.body_pose == pytest.approx(recording.body_pose, abs=1e-9)
     state = copy.deepcopy(twin.specimen.state)
-    on = simulate(twin.again(truth=True), OFF, 0.05)
+    on = simulate(twin.after_rest(truth=True), OFF, 0.05)
     assert on.joint_state[:10, 0] == pytest.approx(state["joints"][:10])
     assert on.wire_temperature[0, 0] == pytest.approx(state["wires"][0])
     assert on.wire_temperature[0, 0] > twin.specimen.ambient + 3.0
-    later = twin.again(0.2).specimen.state
+    later = twin.after_rest(0.2).specimen.state
     assert later["wires"][0] < state["wires"][0]
 
 
@@ -168,7 +168,7 @@ def test_each_limb_has_a_board_of_its_own_on_one_robot():
         assert np.rad2deg(sensor.bend_angle(board.samples[-1].tip_tangent)) == pytest.approx(
             np.rad2deg(bend), abs=0.3
         )
-    rear.emulation.misbehave("open right")
+    rear.emulation.inject_fault("open right")
     run(0.2, [0.0, 0.1])
     assert rear.duty == (0.0, 0.0)
     assert front.reason != rear.reason

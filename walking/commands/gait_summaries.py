@@ -37,6 +37,9 @@ def gait_summary(gait: Gait) -> Summary:
         "gaits of less are faster and tip over sooner",
         *([check.remark.rstrip(".")] if check.remark else []),
     ]
+    announced = ""
+    if check.made != 1.0:
+        announced = f"the stride of the simulation, {check.made:.1%} of the program's"
     failure = None if check.is_missing else check.failure()
     return gait.summary() + Summary.of(
         {
@@ -44,6 +47,7 @@ def gait_summary(gait: Gait) -> Summary:
             "solver": found,
             "steadiness": "; ".join(steadiness) if np.isfinite(check.steadiness) else "",
             "checked by": check.checked_by,
+            "announced": announced,
             "failure": failure or "",
             "spread": "; ".join(spread),
         },

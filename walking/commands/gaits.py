@@ -4,6 +4,7 @@ import argparse
 import dataclasses
 import functools
 import os
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -37,7 +38,7 @@ from soft_limb.runs.rollout import OPEN, record_replay
 from walking.commands.gait_summaries import gait_summary, walk_summary
 from walking.course import check_course
 from walking.gait import Gait
-from walking.gait_check import fall_of
+from walking.gait_check import fall_of, simulate_gait, strides_of
 from walking.gait_feedback import GaitFeedback
 from walking.gait_planning import plan_gait
 from walking.gait_program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
@@ -55,14 +56,21 @@ from walking.schedules import (
     sensible_schedules,
 )
 from walking.strides import StridesFit, fit_strides
+from walking.strides_in_space import fit_strides_in_space
 from walking.views.robot_panels import way_panel
 from walking.walk_trajectory import walk
 from walking.walker import check_walker
-from walking.wayfinder import Wayfinder
+from walking.wayfinder import LEAST_SHARE, STALLED_CYCLES, Wayfinder
 
 STRIDES, BENDS, HEAT = "gait-feedback", "plan-feedback", "heat-feedback"
 OF_ONE_GAIT = ("schedule", "turn", "stride", "speed", "steadiness", "quick", "plot", "report")
 FIRST_STRIDES = 2  # after which the gait is planned again
+WELL_MADE = 0.9  # of a stride in space, from which on the gait is kept
+CAMERA_SLACK = 1.2  # times the tolerance, within which a camera sees a robot that has arrived
+STALLS = (
+    f"stopped, as {STALLED_CYCLES} cycles in a row made less than {LEAST_SHARE:.0%} of what was "
+    "planned; does the robot slip, or is it another than the gait's?"
+)
 STANDING = 10.0  # s, that an emulated robot stands with its wires off while that is done
 _Trial = tuple[Schedule, Gait | None, str]  # with its gait, or why it has none, if it was planned
 
@@ -243,13 +251,16 @@ def _go(options: argparse.Namespace) -> int:
     last = pose[:, np.isfinite(pose).all(axis=0)][:, -1]
     missed = float(np.hypot(*(last[:2] - way[-1])))
     fall = fall_of(recording, ahead)[0]
-    # At the last place the Wayfinder ends the walk.
+    # The Wayfinder ends the walk at the last place, and where the robot does not get on.
     ended = recording.time[-1] < most.duration - PERIOD
-    arrived = ended and not (fall or recording.interrupted)
+    is_there = controller.is_there(last[[0, 1, 5]], len(options.to) - 1, slack=CAMERA_SLACK)
+    arrived = ended and is_there and not (fall or recording.interrupted)
+    stalls = ended and not (arrived or fall or recording.interrupted)
     said = f"{1e3 * missed:.0f} mm from the last place, after {recording.time[-1]:.0f} s"
     told = [
         Entry("arrived", arrived, sentence="yes" if arrived else "no"),
         Entry("missed", missed, "m", said),
+        Entry("stalls", STALLS if stalls else ""),
         Entry("fall", fall),
     ]
     print_summary(options, recording.summary() + Summary(told), outputs)
@@ -276,13 +287,11 @@ def _walk(options: argparse.Namespace) -> int:
             "gait, which checks it by simulation."
         )
     robot = _robot(options, gait)
-    if options.replan and gait.in_space:
-        raise LimbError("--replan fits strides in the plane, but this gait is in space.")
     if options.replan:
         fit = _first_strides(options, gait, robot, parts[0])
         gait, heat, told = _replanned(gait, fit, options)
         if isinstance(robot, RobotTwin):
-            robot = robot.again(STANDING, truth=True)
+            robot = robot.after_rest(STANDING, truth=True)
         else:  # its port was closed, with its wires off, after the first strides
             robot = _robot(options, gait)
         bend = fit.bend
@@ -296,6 +305,16 @@ def _walk(options: argparse.Namespace) -> int:
 
 def _robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
     """The robot that a command names: on a port, the gait's own model, or an emulated one."""
+    limbs = gait.robot.limbs
+    uncalibrated = [limb.name for limb in limbs if not limb.parameters.calibration]
+    if uncalibrated and not options.model:
+        print(
+            f"not calibrated: {', '.join(uncalibrated)}; emulated robots of such limbs made a "
+            "third of their strides in space, and some fell: calibrate them with soft-limb collect "
+            "and soft-limb fit, and plan the gait again",
+            file=sys.stderr,
+            flush=True,
+        )
     if options.port:
         return SerialLimb(options.port, gait.parameters)
     if options.model:
@@ -346,7 +365,11 @@ def _first_strides(
             f"The robot does not make its first strides, which are in {output}: "
             f"{fall or recording.interrupted}."
         )
-    return fit_strides(gait, recording, start, FIRST_STRIDES)
+    if not gait.in_space:
+        return fit_strides(gait, recording, start, FIRST_STRIDES)
+    fit = fit_strides_in_space(gait, recording, start, FIRST_STRIDES)
+    made = strides_of(recording, gait, FIRST_STRIDES, start)[0][-1]
+    return dataclasses.replace(fit, made=float(made))
 
 
 def _replanned(
@@ -357,6 +380,22 @@ def _replanned(
     The gait stays as it was where none walks for what they told.
     """
     began = time.monotonic()
+    if gait.in_space and fit.made >= WELL_MADE:
+        planned, said = gait, f"the gait is kept, of whose stride the robot makes {fit.made:.0%}"
+    else:
+        planned, said = planned_anew(gait, fit)
+    pause = time.monotonic() - began if options.port else STANDING
+    told = {name: estimate.value for name, estimate in fit.estimates.items()}
+    shown = "\n".join(f"{name} {estimate}" for name, estimate in fit.estimates.items())
+    entries = [Entry("strides_fit", told, "", shown), Entry("replanned", said)]
+    return planned, fit.heat_after(pause), Summary(entries)
+
+
+def planned_anew(gait: Gait, fit: StridesFit) -> tuple[Gait, str]:
+    """The gait for the fitted robot if it walks there, and else the gait as it was; and why.
+
+    In space it must be faster there than the gait as it was, in MuJoCo.
+    """
     margin = gait.parameters.temperature_limits.maximum - gait.wire_temperature.max()
     objective: Any = gait.check.objective
     try:
@@ -365,19 +404,22 @@ def _replanned(
             schedule=gait.schedule,
             objective=objective,
             temperature_margin=max(0.0, margin),
-            steadiness=gait.check.steadiness,
+            turn=gait.turn,
+            stride=0.0 if gait.on_the_spot else None,
+            steadiness=None if gait.in_space else gait.check.steadiness,
             sticking_share=gait.check.sticking_share,
+            intervals=sum(gait.intervals),
             near=gait,
             spread=False,
         )
-        said = f"{1e3 * planned.speed:.2f} mm/s, after {1e3 * gait.speed:.2f} mm/s"
     except PlanningError as error:
-        planned, said = gait, f"the gait is kept: {error}"
-    pause = time.monotonic() - began if options.port else STANDING
-    told = {name: estimate.value for name, estimate in fit.estimates.items()}
-    shown = "\n".join(f"{name} {estimate}" for name, estimate in fit.estimates.items())
-    entries = [Entry("strides_fit", told, "", shown), Entry("replanned", said)]
-    return planned, fit.heat_after(pause), Summary(entries)
+        return gait, f"the gait is kept: {error}"
+    if gait.in_space:
+        as_it_was = simulate_gait(gait, "", fit.robot, FIRST_STRIDES)
+        makes = 0.0 if as_it_was.fall else as_it_was.strides[-1] * gait.reach / gait.period
+        if makes >= planned.reach / planned.period:
+            return gait, "the gait is kept, as a new one is no faster on such feet"
+    return planned, f"{1e3 * planned.speed:.2f} mm/s, after {1e3 * gait.speed:.2f} mm/s"
 
 
 MARGIN = Option(
@@ -508,9 +550,10 @@ COMMANDS = {
             Option(
                 "--replan",
                 action="store_true",
-                help="walk two strides, fit friction, stiffness, torques and heat to them, plan "
-                "the gait anew while the robot stands, and go on by it; files *_first.csv and "
-                "*_gait.csv have the strides and the gait",
+                help="walk two strides, fit friction, stiffness, torques and heat to them (in "
+                "space friction and the heights of feet, to the body's pose), plan the gait anew "
+                "while the robot stands, in space if it makes less than 90%% of a stride, and go "
+                "on by it; files *_first.csv and *_gait.csv have the strides and the gait",
             ),
             Option(
                 "--controller",

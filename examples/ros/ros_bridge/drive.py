@@ -16,7 +16,7 @@ import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
-from hardware.board.journal import journaled
+from hardware.board.journal import open_journal
 from hardware.firmware import guard
 from hardware.replaying import START_TOLERANCE
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
@@ -246,7 +246,7 @@ def _loop(
     builder.ExportInput(entry.get_input_port(), "duty")
     builder.Connect(entry.get_output_port(), limb.GetInputPort("duty"))
     made, port = Provenance.now(limb.parameters), entry.get_output_port()
-    with journaled(builder, output, limb, port, 1 / PERIOD, provenance=made, ended_by_hand=True):
+    with open_journal(builder, output, limb, port, 1 / PERIOD, provenance=made, ended_by_hand=True):
         simulator = make_simulator(builder.Build(), limb.accuracy)
         context = simulator.get_mutable_context()
         duty = simulator.get_system().GetInputPort("duty")

@@ -22,22 +22,22 @@ enum { LONGEST_STANDSTILL = 50 }; /* passes of the loop */
 /* Temperatures, °C. */
 #define TEMPERATURE_LIMIT R(110)
 #define OVERSHOOT R(10)
-#define WARMEST R(105)
-#define TAPER R(5)
-#define HIGHEST R(127)
-#define LAST_TAPER R(10)
+#define NO_DUTY_TEMPERATURE R(105)
+#define TAPER_WIDTH R(5)
+#define MAX_WIRE_TEMPERATURE R(127)
+#define LAST_TAPER_WIDTH R(10)
 #define HIGHEST_RISE R(102)
 #define COLDEST_ROOM R(10)
 #define WARM_ROOM R(25)
-#define COLD R(3)
-#define TOLERANCE R(8)
-#define PROOF R(2)
-#define PROVEN R(10)
-#define SHOWN R(6)
+#define COLD_RISE R(3)
+#define AGREEMENT_TOLERANCE R(8)
+#define PROOF_RISE R(2)
+#define PROVEN_MARGIN R(10)
+#define MIN_DETECTABLE_RISE R(6)
 #define LARGEST_JUMP R(10)
-#define SHORTFALL R(3)
-#define EXCESS R(15)
-#define PULL R(60)
+#define MAX_SHORTFALL R(3)
+#define MAX_EXCESS R(15)
+#define MIN_PULL_CHANGE R(60)
 /* The heat of a wire, with rates in 1/s and times in s. */
 #define SILICONE_SHARE R(0.35)
 #define SILICONE_RATE R(0.02)
@@ -46,10 +46,10 @@ enum { LONGEST_STANDSTILL = 50 }; /* passes of the loop */
 #define APPROACH_TIME R(0.5)
 #define LITTLE_DUTY R(0.12)
 /* Factors, and 1/64 degrees. */
-#define LEAD R(2.5)
-#define OUTDONE R(1.5)
+#define LEAD_FACTOR R(2.5)
+#define EXCESS_HEAT_FACTOR R(1.5)
 #define CROSSTALK R(0.25)
-#define MOVED R(3 * 64)
+#define MIN_TIP_MOTION R(3 * 64)
 
 static real least_of(real a, real b)
 {
@@ -77,7 +77,7 @@ struct arm {
 };
 struct command {
     uint16_t session, sequence;
-    uint32_t heard;          /* time of the newest SAMPLE that the host has, ms */
+    uint32_t sample_time;    /* of the newest SAMPLE that the host has, ms */
     uint16_t duty[CHANNELS]; /* 1/10000 */
 };
 struct clear {
@@ -111,7 +111,7 @@ _Static_assert(sizeof(struct info) == 17, "INFO is not packed");
 _Static_assert(sizeof(struct channel_values) <= MAX_PAYLOAD, "CHANNELS is not packed");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "payloads are little endian");
 
-/* That of Ethernet and zlib; its low byte is sent first. */
+/* The CRC of Ethernet and zlib; its low byte is sent first. */
 static uint32_t crc32(const uint8_t *data, int size)
 {
     uint32_t crc = 0xFFFFFFFF;
@@ -123,7 +123,7 @@ static uint32_t crc32(const uint8_t *data, int size)
     return ~crc;
 }
 
-/* Writes a frame to `out`, which has room for MAX_FRAME bytes; how many it has. */
+/* Write a frame to `out`, which has room for MAX_FRAME bytes; return its size. */
 static int make_frame(uint8_t *out, uint8_t type, const void *payload, int size)
 {
     uint8_t body[MAX_BODY] = {VERSION, type};
@@ -144,7 +144,7 @@ static int make_frame(uint8_t *out, uint8_t type, const void *payload, int size)
     return count;
 }
 
-static int payload_size(uint8_t type) /* of frames to the board; -1 if there is none */
+static int payload_size(uint8_t type) /* of frames to the board; -1 if there is no such frame */
 {
     switch (type) {
     case HELLO:
@@ -163,7 +163,7 @@ static int payload_size(uint8_t type) /* of frames to the board; -1 if there is 
     }
 }
 
-/* Takes one byte; the size of the payload if a frame for a board has ended, else -1. */
+/* Parse a byte; return the size of the payload if a frame for a board has ended, else -1. */
 static int take_byte(struct parser *parser, uint8_t byte)
 {
     if (byte == FLAG) {
@@ -195,7 +195,7 @@ static int take_byte(struct parser *parser, uint8_t byte)
 
 /* Sensors. */
 
-/* What the 32 bits of a MAX31855 say. */
+/* Decode the 32 bits of a MAX31855. */
 static struct thermocouple read_max31855(uint32_t word)
 {
     const uint32_t reserved = 1UL << 17 | 1UL << 3, fault = 1UL << 16;
@@ -234,7 +234,7 @@ static void begin_wire(struct wire *wire, real most)
     wire->silicone = SILICONE_SHARE * most;
 }
 
-/* Whether bounds are in their ranges and in order. */
+/* Return whether bounds are in their ranges and in order. */
 static int bounds_acceptable(const struct bounds *b)
 {
     return 5 <= b->a1_slow && b->a1_slow <= 200 && 10 <= b->a1_fast && b->a1_fast <= 500 &&
@@ -243,17 +243,18 @@ static int bounds_acceptable(const struct bounds *b)
            b->a1_slow <= b->a1_fast && b->a2_least <= b->a2_most;
 }
 
-/* Whether heat shows that would be too much for a wire which is not as its bounds say. */
-static int heat_shows(const struct bounds *bounds, uint16_t total)
+/* Return whether readings show too much heat of a wire with wrong bounds. */
+static int can_detect_overheating(const struct bounds *bounds, uint16_t total)
 {
     struct wire w;
     use_bounds(&w, bounds);
     real lasting = HIGHEST_RISE * w.a1_slow * (1 - SILICONE_SHARE) / w.a2_most;
     return total / R(FULL_DUTY) <= LITTLE_DUTY || lasting <= LITTLE_DUTY ||
-           w.a2_least / w.a1_fast * LITTLE_DUTY >= SHOWN;
+           w.a2_least / w.a1_fast * LITTLE_DUTY >= MIN_DETECTABLE_RISE;
 }
 
-/* duty: mean since the last call; seconds: since then; reading: °C above the room. */
+/* Update the bounds of a wire's temperature. duty: mean since the last call; seconds: since then;
+reading: °C above the room. */
 static void give_heat(struct wire *wire, real duty, real seconds, real reading)
 {
     int steps = (int)(seconds / LONGEST_STEP) + 1;
@@ -271,7 +272,7 @@ static void give_heat(struct wire *wire, real duty, real seconds, real reading)
     }
 }
 
-/* The duty, in [0, 1], at which the wire cannot get above `highest`. */
+/* Return the duty, in [0, 1], at which the wire cannot get above `highest`. */
 static real allowed_duty(const struct wire *wire, real highest)
 {
     real loss = wire->a1_slow * (wire->most - wire->silicone);
@@ -289,22 +290,22 @@ enum { OVER_TEMPERATURE = LATCHING, THERMOCOUPLE_OPEN, THERMOCOUPLE_TO_GROUND };
 enum { THERMOCOUPLE_TO_SUPPLY = 19, TEMPERATURE_JUMP, NOT_WARMING, BEND_SILENT, BEND_STUCK };
 enum { TOO_WARM = 24, BELOW_ROOM, AMPLIFIER_FAULT, RESTARTED, CLOCK_STANDS };
 
-/* Counts the heat that the wires were given up to now. */
+/* Count the heat that the wires got up to now. */
 static void account(struct guard *g, uint32_t now)
 {
     for (int i = 0; i < CHANNELS; i++)
-        g->channel[i].given += g->channel[i].duty * (now - g->since);
-    g->since = now;
+        g->channel[i].heat_given += g->channel[i].duty * (now - g->heat_counted_until);
+    g->heat_counted_until = now;
 }
 
-/* Sets the duty to what was asked for, as far as temperatures and power allow it. */
+/* Set the duty to the commanded duty, as far as temperatures and total duty allow it. */
 static void apply_duty(struct guard *g, uint32_t now)
 {
     account(g, now);
     real sum = 0;
     for (int i = 0; i < CHANNELS; i++) {
         struct channel *c = &g->channel[i];
-        c->duty = least_of(c->asked, c->allowed);
+        c->duty = least_of(c->commanded, c->allowed);
         sum += c->duty;
     }
     if (sum > g->total)
@@ -312,17 +313,17 @@ static void apply_duty(struct guard *g, uint32_t now)
             g->channel[i].duty *= g->total / sum;
 }
 
-/* A new challenge: frames that were sent before can neither arm nor command. */
+/* Set a new challenge: older frames can neither arm nor command. */
 static void renew(struct guard *g)
 {
     g->challenge = (uint16_t)(g->challenge * 25173UL + 13849);
 }
 
-/* Switches off. The first latching reason is kept; others are replaced by newer ones. */
+/* Switch off. The first latching reason is kept; newer reasons replace other reasons. */
 static void trip(struct guard *g, uint8_t reason, uint32_t now)
 {
     for (int i = 0; i < CHANNELS; i++)
-        g->channel[i].asked = 0;
+        g->channel[i].commanded = 0;
     apply_duty(g, now);
     if (reason >= LATCHING)
         g->faulty = 1;
@@ -339,12 +340,12 @@ static void begin_guard(struct guard *g, uint32_t now, uint16_t challenge, uint8
     memset(g, 0, sizeof *g);
     g->challenge = challenge;
     g->reason = reason;
-    g->since = g->sampled = now;
+    g->heat_counted_until = g->sample_time = now;
     for (int i = 0; i < CHANNELS; i++) /* nobody knows how warm wires are after a reset */
         begin_wire(&g->channel[i].wire, reason == POWER_UP ? 0 : HIGHEST_RISE);
 }
 
-/* How much warmer right is than left, at least, °C. */
+/* Return the least pull to the right: °C of right wires minus °C of left wires. */
 static real pull_of(const struct guard *g)
 {
     real pull = 0;
@@ -353,7 +354,7 @@ static real pull_of(const struct guard *g)
     return pull;
 }
 
-/* Whether cold wires and both amplifiers have the same temperature, that of a room. */
+/* Return whether cold wires and both amplifiers have the same temperature, of a room. */
 static int sensors_agree(const struct guard *g)
 {
     real low = g->channel[0].junction, high = low, coldest = low;
@@ -362,22 +363,22 @@ static int sensors_agree(const struct guard *g)
         coldest = least_of(coldest, c->junction);
         low = least_of(low, c->junction);
         high = most_of(high, c->junction);
-        if (c->wire.most < COLD) {
+        if (c->wire.most < COLD_RISE) {
             low = least_of(low, c->average);
             high = most_of(high, c->average);
         }
     }
-    return high - low <= TOLERANCE && coldest >= COLDEST_ROOM;
+    return high - low <= AGREEMENT_TOLERANCE && coldest >= COLDEST_ROOM;
 }
 
 enum { TO_THE_RIGHT = 0, TO_THE_LEFT = 16 }; /* pulls of wires */
 
-/* Whether all BOUNDS came that an ARM is for, each for a wire that bends the limb to a side. */
+/* Return whether all BOUNDS came that an ARM is for, each for a wire that bends to a side. */
 static int is_whole(const struct guard *g, const struct arm *arm)
 {
     int whole = arm->channels == CHANNELS;
     for (int i = 0; i < CHANNELS; i++)
-        whole = whole && g->part[i].known && g->part[i].part.challenge == arm->challenge &&
+        whole = whole && g->part[i].received && g->part[i].part.challenge == arm->challenge &&
                 (g->part[i].part.pull == TO_THE_LEFT || g->part[i].part.pull == TO_THE_RIGHT);
     uint8_t parts[CHANNELS * sizeof(struct part)];
     for (int i = 0; i < CHANNELS; i++)
@@ -394,7 +395,7 @@ static void take_arm(struct guard *g, const struct arm *arm, uint32_t now)
     int good = is_whole(g, arm) && 0 < arm->total && arm->total <= CHANNELS * FULL_DUTY;
     for (int i = 0; i < CHANNELS; i++) {
         const struct bounds *bounds = &g->part[i].part.bounds;
-        good = good && bounds_acceptable(bounds) && heat_shows(bounds, arm->total);
+        good = good && bounds_acceptable(bounds) && can_detect_overheating(bounds, arm->total);
     }
     if (!good) {
         g->reason = BAD_BOUNDS;
@@ -408,7 +409,7 @@ static void take_arm(struct guard *g, const struct arm *arm, uint32_t now)
     g->reason = NO_REASON;
     g->session = arm->challenge;
     g->acknowledged = 0;
-    g->heard = g->answered = now;
+    g->command_time = g->answered_time = now;
     g->late = 0;
     g->total = arm->total / R(FULL_DUTY);
     int turned = 0;
@@ -432,18 +433,18 @@ static void take_command(struct guard *g, const struct command *c, uint32_t now)
         trip(g, OUT_OF_RANGE, now);
         return;
     }
-    uint32_t age = now - c->heard; /* one from the future is very old */
+    uint32_t age = now - c->sample_time; /* one from the future is very old */
     if (age >= HEARTBEAT) {
         g->late = 1;
         return;
     }
     g->acknowledged = c->sequence;
-    g->heard = now;
-    if ((int32_t)(c->heard - g->answered) > 0)
-        g->answered = c->heard;
+    g->command_time = now;
+    if ((int32_t)(c->sample_time - g->answered_time) > 0)
+        g->answered_time = c->sample_time;
     g->late = 0;
     for (int i = 0; i < CHANNELS; i++)
-        g->channel[i].asked = c->duty[i] / R(FULL_DUTY);
+        g->channel[i].commanded = c->duty[i] / R(FULL_DUTY);
     apply_duty(g, now);
 }
 
@@ -455,14 +456,15 @@ static void take_clear(struct guard *g, const struct clear *clear)
     }
 }
 
-/* In every pass: a duty ends when it has held for as long as it may. */
+/* End a duty that has held for as long as it may; called in every pass. */
 static void check_time(struct guard *g, uint32_t now)
 {
-    if (g->state == ARMED && (now - g->heard >= HEARTBEAT || now - g->answered >= LONGEST_HOLD))
+    if (g->state == ARMED &&
+        (now - g->command_time >= HEARTBEAT || now - g->answered_time >= LONGEST_HOLD))
         trip(g, g->late ? LATE_COMMANDS : NO_COMMAND, now);
 }
 
-/* Averages over noise, and learns what thermocouples read in the room. */
+/* Average over noise, and estimate the reading of each thermocouple in the room. */
 static void average(struct guard *g, const real *temperatures, const real *junctions, real share)
 {
     for (int i = 0; i < CHANNELS; i++) {
@@ -479,10 +481,10 @@ static void average(struct guard *g, const real *temperatures, const real *junct
     for (int i = 0; i < CHANNELS; i++) {
         struct channel *c = &g->channel[i];
         real offset = c->average - amplifiers;
-        if (offset < -TOLERANCE)
-            trip(g, BELOW_ROOM, g->since);
-        offset = least_of(TOLERANCE, most_of(-TOLERANCE, offset));
-        /* No wire is below the room, so the least difference is that of a cold wire. */
+        if (offset < -AGREEMENT_TOLERANCE)
+            trip(g, BELOW_ROOM, g->heat_counted_until);
+        offset = least_of(AGREEMENT_TOLERANCE, most_of(-AGREEMENT_TOLERANCE, offset));
+        /* No wire is below the room, so a cold wire has the least difference. */
         if (g->samples > SETTLING_SAMPLES)
             offset = least_of(offset, c->offset);
         c->offset = offset;
@@ -490,27 +492,27 @@ static void average(struct guard *g, const real *temperatures, const real *junct
     }
 }
 
-/* Believes a thermocouple that follows heat: its wire is about as warm as it says. */
+/* Mark a thermocouple as proven if it follows heat: it shows about the wire's rise. */
 static void prove(struct channel *c)
 {
-    if (c->wire.least < PROOF / 4 || c->average < c->unheated)
+    if (c->wire.least < PROOF_RISE / 4 || c->average < c->unheated)
         c->unheated = c->average;
-    if (c->wire.least > PROOF / 2 && c->average - c->unheated > PROOF) {
+    if (c->wire.least > PROOF_RISE / 2 && c->average - c->unheated > PROOF_RISE) {
         c->proven = 1; /* the silicone may be warm from before */
-        c->wire.most = least_of(2 * (c->average - c->room) + PROVEN, HIGHEST_RISE);
+        c->wire.most = least_of(2 * (c->average - c->room) + PROVEN_MARGIN, HIGHEST_RISE);
         c->wire.silicone = least_of(c->wire.most, SILICONE_SHARE * HIGHEST_RISE);
     }
 }
 
-/* The duty of a wire whose reading may stand still: without duty it must fall. */
-static real allowed_by_motion(struct guard *g, struct channel *c, real temperature, uint32_t now)
+/* Return the allowed duty of a wire, less and less while its reading stands still. */
+static real duty_of_still_reading(struct guard *g, struct channel *c, real temperature, uint32_t now)
 {
-    if (!g->samples || temperature != c->still || c->wire.least < SHORTFALL) {
+    if (!g->samples || temperature != c->still || c->wire.least < MAX_SHORTFALL) {
         c->still = temperature;
         c->moved = now;
     }
     uint32_t still = now - c->moved;
-    if (still > STILL_LATEST && temperature - c->room > TOLERANCE)
+    if (still > STILL_LATEST && temperature - c->room > AGREEMENT_TOLERANCE)
         trip(g, NOT_WARMING, now);
     return ((real)STILL_END - still) / (STILL_END - STILL_BEGIN);
 }
@@ -548,24 +550,26 @@ static void check_wire(struct guard *g, int i, real temperature, uint8_t faults,
     if (g->samples <= SETTLING_SAMPLES)
         c->wire.most = most_of(c->wire.most, c->average - c->room);
     if (elapsed > 0)
-        give_heat(&c->wire, c->given / elapsed, elapsed / R(1000), temperature - c->room);
+        give_heat(&c->wire, c->heat_given / elapsed, elapsed / R(1000), temperature - c->room);
     if (!c->proven)
         prove(c);
-    if (c->wire.shortfall > SHORTFALL)
+    if (c->wire.shortfall > MAX_SHORTFALL)
         trip(g, NOT_WARMING, now);
-    /* Ahead of its thermocouple, as the wire is. */
-    real ahead = c->average + LEAD * most_of(0, c->average - c->trend);
+    /* Estimate the wire, which is ahead of its thermocouple. */
+    real ahead = c->average + LEAD_FACTOR * most_of(0, c->average - c->trend);
     if (ahead > TEMPERATURE_LIMIT + OVERSHOOT)
         trip(g, OVER_TEMPERATURE, now);
-    if (ahead - c->room > c->wire.most + EXCESS + CROSSTALK * g->channel[1 - i].wire.most)
+    if (ahead - c->room > c->wire.most + MAX_EXCESS + CROSSTALK * g->channel[1 - i].wire.most)
         trip(g, TOO_WARM, now);
-    /* Its supply may give more heat than the most, which a thermocouple that lags shows late. */
-    real outdone = temperature + OUTDONE * c->wire.hidden;
-    real tapered = least_of((WARMEST - ahead) / TAPER, (HIGHEST - outdone) / LAST_TAPER);
+    /* A supply may give more heat than the bound of the most heat, and a thermocouple that lags
+    shows that late. */
+    real with_excess = temperature + EXCESS_HEAT_FACTOR * c->wire.hidden;
+    real tapered = least_of((NO_DUTY_TEMPERATURE - ahead) / TAPER_WIDTH,
+                            (MAX_WIRE_TEMPERATURE - with_excess) / LAST_TAPER_WIDTH);
     real amplifiers = (g->channel[0].junction + g->channel[1].junction) / 2;
     real room = most_of(most_of(c->room, amplifiers), WARM_ROOM); /* if in doubt, it is warm */
-    real allowed = c->proven ? allowed_duty(&c->wire, HIGHEST - room) : LITTLE_DUTY;
-    allowed = least_of(least_of(allowed, tapered), allowed_by_motion(g, c, temperature, now));
+    real allowed = c->proven ? allowed_duty(&c->wire, MAX_WIRE_TEMPERATURE - room) : LITTLE_DUTY;
+    allowed = least_of(least_of(allowed, tapered), duty_of_still_reading(g, c, temperature, now));
     c->allowed = faults ? 0 : most_of(0, allowed);
 }
 
@@ -575,30 +579,30 @@ static void check_bend(struct guard *g, int answers, int16_t bend, real share, u
         trip(g, BEND_SILENT, now);
         return;
     }
-    if (!g->bend_known)
+    if (!g->has_bend)
         g->tip = bend;
-    if (!g->bend_known || bend != g->bend)
-        g->alike = 0;
-    else if (g->alike < STUCK_SAMPLES)
-        g->alike++;
-    if (g->alike >= STUCK_SAMPLES)
+    if (!g->has_bend || bend != g->bend)
+        g->equal_bends = 0;
+    else if (g->equal_bends < STUCK_SAMPLES)
+        g->equal_bends++;
+    if (g->equal_bends >= STUCK_SAMPLES)
         trip(g, BEND_STUCK, now);
-    g->bend_known = 1;
+    g->has_bend = 1;
     g->bend = bend;
     g->tip += share * (bend - g->tip);
     real pull = pull_of(g);
     real turned = g->tip - g->tip_before;
-    if (turned > MOVED || turned < -MOVED) {
+    if (turned > MIN_TIP_MOTION || turned < -MIN_TIP_MOTION) {
         g->tip_before = g->tip;
         g->pull_low = g->pull_high = pull;
     }
     g->pull_low = least_of(g->pull_low, pull);
     g->pull_high = most_of(g->pull_high, pull);
-    if (g->pull_high - g->pull_low > PULL)
+    if (g->pull_high - g->pull_low > MIN_PULL_CHANGE)
         trip(g, BEND_STUCK, now);
 }
 
-/* Checks a sample of all sensors, armed or not. */
+/* Check a sample of all sensors, armed or not. */
 static void take_sample(struct guard *g, uint32_t now, const struct thermocouple *readings,
                         int bend_answers, int16_t bend)
 {
@@ -607,13 +611,13 @@ static void take_sample(struct guard *g, uint32_t now, const struct thermocouple
         temperatures[i] = readings[i].quarters / R(4);
         junctions[i] = readings[i].sixteenths / R(16);
     }
-    uint32_t elapsed = now - g->sampled;
+    uint32_t elapsed = now - g->sample_time;
     real share = least_of(1, elapsed / R(AVERAGING_TIME));
     g->faulty = 0;
     for (int i = 0; i < CHANNELS; i++)
         g->faulty |= readings[i].faults != 0;
     account(g, now);
-    if (g->samples || !g->faulty) { /* it begins with a reading of each wire */
+    if (g->samples || !g->faulty) { /* averages begin with a sample without faults */
         average(g, temperatures, junctions, share);
         g->begun = 1;
     }
@@ -621,19 +625,19 @@ static void take_sample(struct guard *g, uint32_t now, const struct thermocouple
         check_wire(g, i, temperatures[i], readings[i].faults, elapsed, now);
     check_bend(g, bend_answers, bend, share, now);
     for (int i = 0; i < CHANNELS; i++) {
-        g->channel[i].given = 0;
+        g->channel[i].heat_given = 0;
         g->channel[i].temperature = temperatures[i];
     }
-    g->sampled = now;
+    g->sample_time = now;
     if (g->begun && g->samples <= SETTLING_SAMPLES)
         g->samples++;
     apply_duty(g, now);
 }
 
-/* The most that a wire can have by the heat that it was given, °C, in a byte. */
+/* Return the highest temperature that a wire can have by its heat, °C, in a byte. */
 static uint8_t warmest(const struct channel *c)
 {
-    real most = c->proven ? c->room + c->wire.most + R(0.5) : HIGHEST;
+    real most = c->proven ? c->room + c->wire.most + R(0.5) : MAX_WIRE_TEMPERATURE;
     return (uint8_t)least_of(255, most_of(0, most));
 }
 
@@ -694,7 +698,7 @@ static void handle(struct firmware *f, uint8_t type, const uint8_t *payload)
     case BOUNDS:
         if (frame.part.wire < CHANNELS) {
             f->guard.part[frame.part.wire].part = frame.part;
-            f->guard.part[frame.part.wire].known = 1;
+            f->guard.part[frame.part.wire].received = 1;
         }
         break;
     case ARM:
@@ -729,7 +733,7 @@ static void read_sensors(struct firmware *f)
     if (f->sequence % THERMOCOUPLE_TURN == 0) {
         for (int i = 0; i < CHANNELS; i++) {
             struct thermocouple reading = read_max31855(f->board->read_thermocouple(i));
-            if (reading.faults) /* then it is no temperature, and the one before is kept */
+            if (reading.faults) /* the reading before is kept */
                 f->thermocouple[i].faults = reading.faults;
             else
                 f->thermocouple[i] = reading;
@@ -759,7 +763,7 @@ static void apply(struct firmware *f)
     }
 }
 
-/* Why a board that starts is off. */
+/* Return the reason for which a board that starts is off. */
 static uint8_t reason_of_start(const struct board *board)
 {
     if (board->reset_cause == POWER_ON)
@@ -790,7 +794,7 @@ void step_firmware(struct firmware *f)
     else if (f->standing <= LONGEST_STANDSTILL)
         f->standing++;
     f->now = now;
-    if (f->standing > LONGEST_STANDSTILL) /* and a watchdog of the same clock stands, too */
+    if (f->standing > LONGEST_STANDSTILL) /* a watchdog with the same clock stands, too */
         trip(&f->guard, CLOCK_STANDS, now);
     receive(f);
     check_time(&f->guard, now);
@@ -806,6 +810,6 @@ void step_firmware(struct firmware *f)
         f->board->keep_supply();
     if (sampling) {
         send_sample(f);
-        f->board->feed(); /* only here: sensors were read, and the guard has seen it */
+        f->board->feed(); /* only here, after sensors were read and checked */
     }
 }

@@ -1,7 +1,7 @@
-/* The board's program, apart from the board: docs/protocol.md in portable C.
+/* The board's program, for any board: docs/protocol.md in portable C.
 
-It does what protocol.py, readings.py, heat.py, guard.py and firmware.py do, in the same order, and
-a test compares the calls of the two. It needs no heap and nothing of Arduino. */
+It is the program of protocol.py, readings.py, heat.py, guard.py and firmware.py, in the same order,
+and a test compares the calls of both. It needs no heap and nothing of Arduino. */
 
 #ifndef SOFT_LIMB_CORE_H
 #define SOFT_LIMB_CORE_H
@@ -22,13 +22,13 @@ enum { CHANNELS = 2 }; /* wires, each with its thermocouple: left, right */
 /* Causes of a reset. */
 enum { POWER_ON, PIN_RESET, WATCHDOG_RESET, SOFT_RESET, LOCKUP_RESET, UNKNOWN_RESET };
 
-/* What the program needs of a board. Nothing here may wait. */
+/* The functions and values of a board that the program calls and reads. No function may wait. */
 struct board {
     uint32_t (*ticks)(void);                     /* ms; wraps after 49 days */
-    int (*receive)(uint8_t *data, int room);     /* bytes from the host; how many */
+    int (*receive)(uint8_t *data, int room);     /* bytes from the host; returns how many */
     void (*send)(const uint8_t *data, int size); /* a whole frame, which may get lost */
     uint32_t (*read_thermocouple)(int wire);     /* the 32 bits of its MAX31855 */
-    int (*read_bend)(uint8_t *data);             /* 3 bytes of the bend sensor; how many came */
+    int (*read_bend)(uint8_t *data);             /* 3 bytes of the bend sensor; returns how many */
     void (*set_duty)(int wire, real duty);       /* PWM, duty in [0, 1] */
     void (*keep_supply)(void);                   /* holds the relay for some passes of the loop */
     void (*feed)(void);                          /* the watchdog */
@@ -51,7 +51,7 @@ struct bounds {                 /* of a wire */
     uint16_t a2_least, a2_most; /* 1/100 °C/s */
     uint16_t a3_slow;           /* 1/1000 1/s */
 };
-struct part { /* a BOUNDS: of what an ARM needs, that of a wire */
+struct part { /* a BOUNDS: the part of an arming for a wire */
     uint16_t challenge;
     uint8_t wire;
     struct bounds bounds;
@@ -64,7 +64,7 @@ struct thermocouple {
     uint8_t faults;               /* bits 0 to 2 are a MAX31855's; 3: bits that it never sends */
 };
 
-struct wire { /* how warm it is at least and at most, by its duty; °C above the room */
+struct wire { /* lowest and highest temperature by its duty; °C above the room */
     real a1_slow, a1_fast, a2_least, a2_most, a3_slow; /* bounds, 1/s and °C/s */
     real least, least_reading, most, silicone, hidden, shortfall;
 };
@@ -72,30 +72,30 @@ struct wire { /* how warm it is at least and at most, by its duty; °C above the
 struct channel { /* a wire and its thermocouple; °C */
     struct wire wire;
     uint8_t proven; /* whether it has followed some heat */
-    uint8_t hot, bad; /* samples in series that are above the limit, that have no reading */
-    int8_t side;         /* to which the wire bends the limb: 1 right, -1 left, 0 before an ARM */
-    real duty, asked, allowed;
-    real given; /* duty times ms since the last sample */
+    uint8_t hot, bad; /* samples in series above the limit, and without a reading */
+    int8_t side;      /* to which the wire bends the limb: 1 right, -1 left, 0 before an ARM */
+    real duty, commanded, allowed;
+    real heat_given; /* duty times ms since the last sample */
     real temperature, average, trend, junction, unheated, offset, room;
-    real still;     /* a reading that may not change, */
-    uint32_t moved; /* and when it last did, ms */
+    real still;     /* a reading that may stand still, */
+    uint32_t moved; /* and the time of its last change, ms */
 };
 
 struct guard {
     uint8_t state, reason, late, faulty;
-    uint8_t begun, samples;       /* all wires were read; how many samples since, up to 11 */
-    uint8_t bend_known, alike;    /* alike: readings of the bend that were the same */
-    int16_t bend;                 /* 1/64 degrees */
+    uint8_t begun, samples;        /* all wires were read; number of samples since, up to 11 */
+    uint8_t has_bend, equal_bends; /* equal_bends: equal readings in series */
+    int16_t bend;                  /* 1/64 degrees */
     uint16_t challenge, session;
-    uint16_t acknowledged;        /* sequence of the last command */
-    uint32_t heard, answered;     /* when it came, and the time of its sample, ms */
-    uint32_t since, sampled;      /* up to when heat and samples count, ms */
-    real total;                   /* largest sum of both duties */
-    real tip, tip_before;         /* the bend, averaged: now, and when it last moved; */
-    real pull_low, pull_high;     /* since then, °C of right against left */
+    uint16_t acknowledged;                    /* sequence of the last command */
+    uint32_t command_time, answered_time;     /* of it, and of the sample that it answers, ms */
+    uint32_t heat_counted_until, sample_time; /* ms */
+    real total;                               /* largest sum of both duties */
+    real tip, tip_before;     /* the averaged bend: now, and when it last moved; */
+    real pull_low, pull_high; /* since then, °C of right minus left */
     struct channel channel[CHANNELS];
     struct {
-        uint8_t known;
+        uint8_t received;
         struct part part;
     } part[CHANNELS]; /* the last BOUNDS of each wire */
 };
@@ -107,7 +107,7 @@ struct firmware {
     struct thermocouple thermocouple[CHANNELS];
     int16_t bend;
     uint32_t next, now;           /* sample and pass, ms */
-    uint8_t standing, remembered; /* standing: passes in which the clock did not go on */
+    uint8_t standing, remembered; /* standing: passes in which the clock stood still */
     uint16_t sequence;
     real applied[CHANNELS];
 };

@@ -1,6 +1,6 @@
 // A soft limb's firmware for Teensy 4.0 and 4.1, and for Arduino UNO R4 Minima and WiFi.
 //
-// Pins and chips are here, what the board does is in core.c, and the wiring is in README.md two
+// Pins and chips are here, the board's program is in core.c, and the wiring is in README.md two
 // folders up. No board has run this sketch yet: check yours by `soft-limb board-check PORT`, first
 // with the wires' supply off.
 
@@ -9,12 +9,12 @@
 
 #include "core.h"
 
-// ---- What you may change -----------------------------------------------------------------------
+// ---- Settings that you may change ---------------------------------------------------------------
 
 static const uint8_t HEATERS[] = {3, 5};         // gates of left, right: PWM of different timers
 static const uint8_t CHIP_SELECTS[] = {9, 10};   // MAX31855 of left, right; SCK is 13, MISO is 12
 static const uint8_t SUPPLY = 7;                 // charge pump that holds the supply's relay
-static const uint8_t NOISE = A0;                 // leave it open: its noise is the first challenge
+static const uint8_t NOISE_PIN = A0;             // leave it open: its noise is the first challenge
 static const uint8_t BEND_ADDRESS = 0x12;        // of the Bend Labs one-axis sensor, at SDA and SCL
 static const char SERIAL_NUMBER[] = "LIMB0001";  // eight characters, other ones for each board
 #define HOST Serial                              // USB; Serial1 for an adapter at pins 0 and 1
@@ -23,7 +23,7 @@ static const char SERIAL_NUMBER[] = "LIMB0001";  // eight characters, other ones
 
 static const unsigned long BAUD = 115200;
 static const float PWM_FREQUENCY = 1000;  // Hz
-static const unsigned PASS = 500;         // us, between two passes; no clock of `ticks` counts them
+static const unsigned PASS_PAUSE = 500;   // us, between two passes, not counted by `ticks`
 
 #if defined(__IMXRT1062__)  // Teensy 4.0 and 4.1
 
@@ -147,11 +147,11 @@ static void set_duty(int wire, real duty) { pwm[wire].pulse_perc(100 * duty); }
 #error "Write for this chip what the Teensy has above: see README.md, Another chip."
 #endif
 
-// ---- What both have in common ------------------------------------------------------------------
+// ---- The board, for both chips -------------------------------------------------------------------
 
 static_assert(sizeof SERIAL_NUMBER == 9, "SERIAL_NUMBER must have eight characters");
 
-static const uint32_t KEY = 0x5AC30000;  // tells a word that was kept from what a power-up leaves
+static const uint32_t KEY = 0x5AC30000;  // marks a kept word; a power-up leaves another word
 
 static board limb;
 static firmware program;
@@ -240,7 +240,7 @@ static uint16_t first_challenge()
 {
     uint32_t number = word_kept;  // its count differs at each start, unless the power was off
     for (int i = 0; i < 64; i++)
-        number = number * 1664525 + 1013904223 + (uint32_t)analogRead(NOISE) + micros();
+        number = number * 1664525 + 1013904223 + (uint32_t)analogRead(NOISE_PIN) + micros();
     return (uint16_t)(number >> 16);
 }
 
@@ -289,5 +289,5 @@ void setup()
 void loop()
 {
     step_firmware(&program);
-    delayMicroseconds(PASS);
+    delayMicroseconds(PASS_PAUSE);
 }

@@ -1,0 +1,79 @@
+"""Strides of robots of four limbs that are not quite as described, on hard feet and on soft ones.
+
+The gait ahead of `RobotParameters.in_space(4)` is planned for feet of each stiffness. Its second
+stride is then simulated in MuJoCo, with the heat held to the plan, on robots of which k and β of
+each limb differ by up to 10%, rest angles by 0.5°, friction by 30%, and hips by 1 mm in height and
+place.
+
+    python benchmarks/strides_on_soft_feet.py [--draws 10] [--stiffness 20000 1000 200] [--replan]
+"""
+
+import argparse
+import copy
+import dataclasses
+
+import numpy as np
+
+from planners import PlanningError
+from walking import Gait, RobotParameters, plan_gait
+from walking.commands.gaits import WELL_MADE, planned_anew
+from walking.gait_check import scale_limb, simulate_gait, with_friction
+from walking.in_mujoco import simulate_in_mujoco
+from walking.strides_in_space import fit_strides_in_space
+
+MARGIN = 5.0  # °C
+HIPS = 1e-3  # m
+
+
+def drawn(robot: RobotParameters, seed: int) -> RobotParameters:
+    """Return a robot that differs from its description."""
+    uniform = np.random.default_rng(seed).uniform
+    robot = with_friction(copy.deepcopy(robot), uniform(0.7, 1.3))
+    for limb in robot.limbs:
+        scale_limb(limb.parameters, uniform(0.9, 1.1), {"beta": uniform(0.9, 1.1)})
+        limb.position = (limb.position + uniform(-HIPS, HIPS, 3)).tolist()
+        for segment in limb.parameters.segments:
+            segment.rest_angle += np.deg2rad(uniform(-0.5, 0.5))
+            segment.rest_angle_e3 += np.deg2rad(uniform(-0.5, 0.5))
+    return robot
+
+
+def replanned(gait: Gait, robot: RobotParameters) -> str:
+    """Return what the fit to two strides says, and what strides of the new gait are, in words."""
+    recording = simulate_in_mujoco(gait, robot, 2)
+    # The wires have the gait's heat.
+    fit = fit_strides_in_space(gait, recording, 0.0, 2)
+    again, said = planned_anew(gait, fit)
+    made = simulate_gait(again, "", robot, 2)
+    shares = ", ".join(f"{share:.2f}" for share in made.strides)
+    found = ", ".join(f"{name} {value.value:.3g}" for name, value in fit.estimates.items())
+    return f"{found}; {said}; strides {shares} {made.fall}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--draws", type=int, default=10)
+    parser.add_argument("--replan", action="store_true", help="plan anew where a stride is < 0.9")
+    parser.add_argument("--only", type=int, nargs="+", help="draws (default: the first ones)")
+    parser.add_argument("--stiffness", type=float, nargs="+", default=[2e4, 1e3, 200.0])
+    options = parser.parse_args()
+    for stiffness in options.stiffness:
+        robot = RobotParameters.in_space(4)
+        damping = robot.feet.damping / robot.feet.stiffness * stiffness
+        robot.feet = dataclasses.replace(robot.feet, stiffness=stiffness, damping=damping)
+        try:
+            gait = plan_gait(robot, temperature_margin=MARGIN, spread=False, explain=False)
+        except PlanningError as error:
+            print(f"{stiffness:g} N/m: {error}", flush=True)
+            continue
+        print(f"{stiffness:g} N/m: {gait!r}", flush=True)
+        for seed in options.only or range(options.draws):
+            made = simulate_gait(gait, "", drawn(robot, seed), 2)
+            shares = ", ".join(f"{share:.2f}" for share in made.strides)
+            print(f"  draw {seed}: {shares} {made.fall}", flush=True)
+            if options.replan and made.strides[-1:] and made.strides[-1] < WELL_MADE:
+                print(f"    {replanned(gait, drawn(robot, seed))}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
