@@ -14,7 +14,7 @@ import numpy as np
 from calibration.estimate import Estimate, record_of
 from calibration.heat_bounds_fit import fit_heat_bounds
 from calibration.paper_method.mechanics import (
-    MAX_STIFFNESS_SCATTER,
+    MAX_SCATTER,
     DampingFit,
     StiffnessFit,
     fit_damping,
@@ -240,9 +240,7 @@ class Calibration(Summarized):
             # The next recording says it, if it is that.
             hint = "" if self.next_recording == self._further_sag else f": {self._further_sag}"
             sentence = f"k is known to {share:.0%} only{hint}."
-            remarks.append(
-                Remark("scatter" if share > MAX_STIFFNESS_SCATTER else "stiffness", sentence)
-            )
+            remarks.append(Remark("scatter" if share > MAX_SCATTER else "stiffness", sentence))
         if self.prediction:
             remarks += remarks_on_coverage(self.parameters, self.prediction.fit.predicted)
         return sorted([*remarks, *self.left_out], key=lambda remark: -remark.severity)
@@ -301,9 +299,7 @@ def calibrate(
             progress.update(next(steps), remark)
 
         # Leave out unusable recordings and cut the others in pieces.
-        by_kind, heated, limb, described = _usable_recordings(
-            recordings, parameters, by_paper, left_out
-        )
+        by_kind, heated, limb, described = _load_usable(recordings, parameters, by_paper, left_out)
         segment = only_segment(limb)
 
         # Ask if recordings contradict the described sides of the wires.
@@ -418,7 +414,7 @@ def _noting_left_out(left_out: list[Remark]) -> Iterator[None]:
         raise
 
 
-def _usable_recordings(
+def _load_usable(
     source: str | Path | RecordingsByKind,
     parameters: LimbParameters | None,
     by_paper: bool,

@@ -149,7 +149,7 @@ def _warm_starts(
     warm, or none has silicone.
     """
     wires = LimbModel.of(parameters).wires
-    warm_temperatures = first.copy()
+    warmth = first.copy()
     # Estimate T of warm wires from the rate at which V changes.
     warm = first > parameters.ambient_temperature + COLD_SPREAD
     is_early = recording.time <= recording.time[0] + max(LEAD_TIME, 2.5 / recording.sample_rate)
@@ -159,11 +159,9 @@ def _warm_starts(
             rate = parameters.wires[index].law.typical_rates()["reading"]
             readings = recording.measured_temperature[index, is_used]
             if len(readings) > 2:
-                warm_temperatures[index] += (
-                    np.polyfit(recording.time[is_used], readings, 1)[0] / rate
-                )
+                warmth[index] += np.polyfit(recording.time[is_used], readings, 1)[0] / rate
     # Silicone may be cold or as warm as its wire.
-    settled = wires.rested_states(warm_temperatures)
+    settled = wires.rested_states(warmth)
     silicone = np.zeros(len(settled), bool)
     of_laws = slice(wires.num_wires, sum(len(wire.law.states) for wire in parameters.wires))
     silicone[of_laws] = wires.settles[of_laws] & warm.any()

@@ -165,10 +165,8 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
     best = int(np.argmin(((angle_errors / spreads) ** 2).sum(axis=1)))
     places = exchanged[best]
     if (angle_errors[best] - spreads > MAX_ANGLE_ERROR).any():
-        asked_wires = wrong_wires + doubtful_wires
-        places = [
-            by_name[w.name].angle if by_name[w.name] in asked_wires else w.angle for w in wires
-        ]
+        asked = wrong_wires + doubtful_wires
+        places = [by_name[w.name].angle if by_name[w.name] in asked else w.angle for w in wires]
     for wire, place in zip(wires, places, strict=True):
         if segment.axes > 1:
             wire.angle = float(place)

@@ -430,10 +430,8 @@ def collect_from_robot(
                 continue
             limb = limb_for_first_contact(limb)
         if plan.excites and knowledge is None:
-            ring_down_names = [each.name for each in plans if each.kind == "ring_down"]
-            knowledge = Knowledge(
-                limb, [Recording.load(paths[n]) for n in (*ring_down_names, WARM_UP)]
-            )
+            names = [each.name for each in plans if each.kind == "ring_down"]
+            knowledge = Knowledge(limb, [Recording.load(paths[n]) for n in (*names, WARM_UP)])
         # Take a recording that is complete already.
         if path.exists():
             if knowledge:

@@ -3,12 +3,12 @@
 import numpy as np
 
 from calibration.import_logs.evidence import correlation
-from calibration.import_logs.mapping import DATE, FRAMES, TIME_UNITS, UNANSWERED, TimeColumn
+from calibration.import_logs.mapping import DATE, FRAMES, TIME_UNITS, UNKNOWN, TimeColumn
 from calibration.import_logs.table import MIN_ROWS, LogError, LogTable
 from calibration.import_logs.words import TIME, Name, parse_unit
 
-SECONDS_PER_DAY = 86_400.0  # s
-WRAP_PERIODS = (SECONDS_PER_DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
+DAY = 86_400.0  # s
+WRAP_PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
 NAMED_RATES = (0.015, 15_000.0)  # Hz, of logs whose unit of time has a name
 LIKELY_RATES = (0.4, 201.0)  # Hz, by which units without a name are told apart
 DURATIONS = (5.0, 2e5)  # s
@@ -29,7 +29,7 @@ MIN_AGREEMENT_LEAD = 0.05  # by which the best alignment is better than others
 def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
     """Return the column that increases as a clock does; no column if none does.
 
-    The unit is `UNANSWERED` if the numbers contradict the unit in the name.
+    The unit is `UNKNOWN` if the numbers contradict the unit in the name.
     """
     best = TimeColumn()
     best_score = 0.0
@@ -59,7 +59,7 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
         wraps = [
             p for p in WRAP_PERIODS if abs(steps.min() * TIME_UNITS.get(unit, 1.0) + p) < 0.01 * p
         ]
-        score = 2.0 * says_time + (steps > 0).mean() - 1.5 * is_index - (unit == UNANSWERED)
+        score = 2.0 * says_time + (steps > 0).mean() - 1.5 * is_index - (unit == UNKNOWN)
         score += 0.5 * bool(fractions)
         if unit and score > best_score:
             best_score = score
@@ -81,7 +81,7 @@ def _is_fraction(table: LogTable, name: Name, seconds_name: Name) -> bool:
 
 
 def _time_unit(name: Name, present: np.ndarray) -> str:
-    """Return the unit in a name, `UNANSWERED` if impossible; else the first that is possible."""
+    """Return the unit in a name, `UNKNOWN` if impossible; else the first that is possible."""
     steps = np.abs(np.diff(present))
     usual = float(np.median(steps[steps > 0]))
     units = [name.unit] if name.unit in TIME_UNITS else ["s", "ms", "us", "ns", "min", "d"]
@@ -92,7 +92,7 @@ def _time_unit(name: Name, present: np.ndarray) -> str:
         is_long = DURATIONS[0] / tolerance_factor < duration < DURATIONS[1] * tolerance_factor
         if is_long and rates[0] < 1 / (usual * TIME_UNITS[unit]) < rates[1]:
             return unit
-    return UNANSWERED if name.unit in TIME_UNITS else ""
+    return UNKNOWN if name.unit in TIME_UNITS else ""
 
 
 def times_of(
@@ -127,7 +127,7 @@ def times_of(
 
 def row_times(table: LogTable, column: TimeColumn, rate: float = 0.0) -> np.ndarray:
     """Return the times that a column says (K,), s; they go on where it begins anew."""
-    if UNANSWERED in (column.column, column.unit):
+    if UNKNOWN in (column.column, column.unit):
         raise LogError("the column of time or its unit is not known.")
     if not column.column or column.unit == FRAMES:
         if not rate:
@@ -140,12 +140,10 @@ def row_times(table: LogTable, column: TimeColumn, rate: float = 0.0) -> np.ndar
     is_present = ~np.isnan(times)
     steps = np.diff(times[is_present])
     # Times of day are of the year 1900. Where a day was taken for a month, days are 1/2, 2/2.
-    period = (
-        SECONDS_PER_DAY if column.unit == DATE and np.fmax.reduce(times) < 0 else column.wraps_after
-    )
+    period = DAY if column.unit == DATE and np.fmax.reduce(times) < 0 else column.wraps_after
     jumps = -period * (steps < -period / 2) if period else np.zeros(len(steps))
-    months = (steps > 20 * SECONDS_PER_DAY) & (steps % SECONDS_PER_DAY <= 10 * np.median(steps))
-    jumps += np.where(months & (column.unit == DATE), steps - steps % SECONDS_PER_DAY, 0.0)
+    months = (steps > 20 * DAY) & (steps % DAY <= 10 * np.median(steps))
+    jumps += np.where(months & (column.unit == DATE), steps - steps % DAY, 0.0)
     times[is_present] -= np.append(0.0, np.cumsum(jumps))
     return times
 
@@ -238,16 +236,16 @@ def aligned_offset(
     shortest = min(times[-1], other_times[-1])
     step = max(0.05, shortest / 5000)
     log_signal = _at_even_times(times, signal, step)
-    shifted_signal = _at_even_times(other_times, other_signal, step)
+    shifted = _at_even_times(other_times, other_signal, step)
     # Compare at each offset at which enough of both files overlaps.
     min_overlap = round(max(MIN_OVERLAP, 0.5 * shortest) / step)
-    offsets = np.arange(min_overlap - len(shifted_signal), len(log_signal) - min_overlap + 1)
+    offsets = np.arange(min_overlap - len(shifted), len(log_signal) - min_overlap + 1)
     scores = np.zeros(len(offsets))
     for index, offset in enumerate(offsets):
         start = max(0, offset)
-        end = min(len(log_signal), offset + len(shifted_signal))
+        end = min(len(log_signal), offset + len(shifted))
         scores[index] = abs(
-            correlation(log_signal[start:end], shifted_signal[start - offset : end - offset])
+            correlation(log_signal[start:end], shifted[start - offset : end - offset])
         )
     best = int(np.argmax(scores)) if len(scores) else 0
     elsewhere = scores[np.abs(offsets - offsets[best : best + 1]) * step > 2.0]

@@ -7,9 +7,9 @@ from scipy.signal import lfilter
 
 WIRE_MEMORY = 15.0  # s, over which a wire keeps its heat, roughly
 SILICONE_MEMORY = 90.0  # s, over which silicone gives its heat back
-COMPARISON_STEP = 0.5  # s, of the signals that are compared
+MIN_STEP = 0.5  # s, of the signals that are compared
 MAX_STEPS = 20_000
-DECIDING_ERRORS = 3.0  # standard errors that decide
+MIN_VOTE = 3.0  # standard errors that decide
 WARMING_FACTOR = 1.5  # by which a wire warms its thermocouple more than others
 MIN_STEPS = 12  # steps, from which on a regression tells anything
 
@@ -47,9 +47,7 @@ class Steps:
     @classmethod
     def of(cls, times: np.ndarray) -> "Steps":
         """Return steps for rows at some times (K,), s, increasing."""
-        step = max(
-            COMPARISON_STEP, (times[-1] - times[0]) / MAX_STEPS, float(np.median(np.diff(times)))
-        )
+        step = max(MIN_STEP, (times[-1] - times[0]) / MAX_STEPS, float(np.median(np.diff(times))))
         step_of_row = ((times - times[0]) // step).astype(int)
         return cls(step_of_row, step * np.arange(step_of_row[-1] + 1), step)
 
@@ -97,7 +95,7 @@ class Responses:
         """Return the thermocouple that each wire clearly warms (W,); None where none is clear.
 
         A wire warms its thermocouple more than others do, or warms it more than the others, by
-        `WARMING_FACTOR` and by `DECIDING_ERRORS` standard errors. Only thermocouples and wires that
+        `WARMING_FACTOR` and by `MIN_VOTE` standard errors. Only thermocouples and wires that
         are not paired yet are compared.
         """
         paired_sensors: list[int | None] = [None] * self.gains.shape[1]
@@ -116,7 +114,7 @@ class Responses:
         """Return whether a thermocouple is clearly of a wire, among others."""
         gain = self.gains[sensor, wire]
         error = self.errors[sensor, wire]
-        if gain <= DECIDING_ERRORS * error:
+        if gain <= MIN_VOTE * error:
             return False
         leads = []
         for rivals in (
@@ -129,7 +127,7 @@ class Responses:
             if (lead <= 0.0).any():
                 return False
             leads += (
-                [(lead > DECIDING_ERRORS * np.hypot(error, WARMING_FACTOR * errors)).all()]
+                [(lead > MIN_VOTE * np.hypot(error, WARMING_FACTOR * errors)).all()]
                 if rivals
                 else []
             )

@@ -3,12 +3,12 @@
 import dataclasses
 import re
 
-from calibration.import_logs.clock import SECONDS_PER_DAY
+from calibration.import_logs.clock import DAY
 from calibration.import_logs.mapping import (
     BEND_ANGLE,
     CHORD,
     TIP_TANGENT,
-    UNANSWERED,
+    UNKNOWN,
     BendColumns,
     LogMapping,
     TimeColumn,
@@ -45,7 +45,7 @@ def _shape_memory(table: LogTable, limbs: list[int], limb: int) -> Proposal:
     """Return a limb with two shape-memory wires, among others in series."""
     time = TimeColumn("Test time", "s")
     if TIMESTAMP in table.names:
-        time = TimeColumn(TIMESTAMP, "ms", SECONDS_PER_DAY)
+        time = TimeColumn(TIMESTAMP, "ms", DAY)
     columns = Columns(table, None, Dictionary(), time)
     # See which thermocouple each wire of all limbs warms; numbers in names say nothing.
     for column in columns.columns:
@@ -69,7 +69,7 @@ def _shape_memory(table: LogTable, limbs: list[int], limb: int) -> Proposal:
     for index, wire in enumerate(columns.wires):
         usual = f"MCPtemp_{USUAL_SENSORS.get((limb, WIRE_BY_SIDE[wire.name]))}"
         if not columns.duties[index].span:
-            if wire.temperature in ("", UNANSWERED):
+            if wire.temperature in ("", UNKNOWN):
                 wire.temperature = usual if usual in sensors and usual not in taken else ""
             wire.unit = "C"
             fields.remove(f"wires[{index}].temperature")
@@ -119,7 +119,7 @@ def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
         wires = [WireColumns(name, "") for name in WIRE_BY_SIDE]
         # The angle is 0 while the camera does not see the tags.
         bend = BendColumns(angle, measures=BEND_ANGLE, seen=tags[-1] if tags else "")
-        mapping = LogMapping.of(table, TimeColumn(TIMESTAMP, "ms", SECONDS_PER_DAY), wires, bend)
+        mapping = LogMapping.of(table, TimeColumn(TIMESTAMP, "ms", DAY), wires, bend)
         lines = [
             f"limb {angle[-1]} of a logger of pneumatic limbs: nothing in it heats a wire, so that "
             "calibration cannot use it",

@@ -134,16 +134,14 @@ class _Signals:
         self.path = path
         self.remarks: list[str] = []
         if table.odd_rows:
-            self.remarks.append(
-                f"{_count_rows(table.odd_rows)} with another number of cells left out."
-            )
+            self.remarks.append(f"{_n_rows(table.odd_rows)} with another number of cells left out.")
         # Keep rows whose time increases.
         times, kept = times_of(table, mapping.time, mapping.rate)
         if is_coarse(row_times(table, mapping.time, mapping.rate)):
             self.remarks.append("The clock is coarse; its times are spread evenly.")
         if lost := int(len(kept) - kept.sum()):
             why = "whose time is missing, repeated or earlier than before"
-            self.remarks.append(f"{_count_rows(lost)} left out, {why}.")
+            self.remarks.append(f"{_n_rows(lost)} left out, {why}.")
             table = table.rows(kept)
         is_rate_of_rows = not mapping.time.column or mapping.time.unit == FRAMES
         self.rate = (0.0 if is_rate_of_rows else mapping.rate) or usual_rate(times)
@@ -160,11 +158,9 @@ class _Signals:
             if wire.duty:
                 self.duty[index], unknown = _read_duty(table, wire.duty, wire.sign, mapping)
                 if unknown:
-                    self._remark_on(wire.name, f"duty is missing in {_count_rows(unknown)}; held")
+                    self._remark_on(wire.name, f"duty is missing in {_n_rows(unknown)}; held")
             if wire.temperature:
-                self.readings[index] = _read_temperature(
-                    table, wire.temperature, wire.unit, mapping
-                )
+                self.readings[index] = _temperatures(table, wire.temperature, wire.unit, mapping)
             elif wire.duty:
                 self._remark_on(wire.name, "thermocouple is not in this log")
         # Begin where the bend is seen, unless a wire is heated before.
@@ -172,9 +168,7 @@ class _Signals:
         first = int(np.argmax(is_bent))
         first = 0 if self.duty[:, :first].any() else first
         if first:
-            self.remarks.append(
-                f"{_count_rows(first)} without bend or heat left out at the beginning."
-            )
+            self.remarks.append(f"{_n_rows(first)} without bend or heat left out at the beginning.")
         if len(times) - first < 2 or not is_bent.any():
             raise LogError("no row has a bend; correct the mapping's bend.")
         self.times = times[first:]
@@ -195,7 +189,7 @@ class _Signals:
         times = self.times
         is_measured = ~np.isnan(self.readings).all(axis=1)
         if count := int(np.isnan(self.readings[is_measured]).any(axis=0).sum()):
-            text = f"{count} of {_count_rows(len(times))} lack a reading, which stays empty."
+            text = f"{count} of {_n_rows(len(times))} lack a reading, which stays empty."
             self.remarks.append(text)
         cuts = self._cuts()
         parts: list[dict[str, Any]] = []
@@ -203,7 +197,7 @@ class _Signals:
             if end - start < 2 or (
                 len(cuts) > 2 and times[end - 1] - times[start] < MIN_PART_DURATION
             ):
-                where = f"{_count_rows(end - start)} from {times[start]:.0f} s on"
+                where = f"{_n_rows(end - start)} from {times[start]:.0f} s on"
                 self.remarks.append(f"{where} are too few to keep.")
                 continue
             rows = slice(start, end)
@@ -318,13 +312,11 @@ def _interpolate_slow_sensor(times: np.ndarray, values: np.ndarray) -> np.ndarra
     if len(sensor_periods) < 2 or np.median(sensor_periods) < 1.5 * np.median(np.diff(times)):
         return values
     period = np.interp(times, times[is_present][1:], sensor_periods, left=sensor_periods[0])
-    interpolated = np.interp(
-        times, times[is_present], values[is_present], left=np.nan, right=np.nan
-    )
-    return np.where(period <= STALE_PERIODS * np.median(sensor_periods), interpolated, np.nan)
+    filled = np.interp(times, times[is_present], values[is_present], left=np.nan, right=np.nan)
+    return np.where(period <= STALE_PERIODS * np.median(sensor_periods), filled, np.nan)
 
 
-def _count_rows(count: int) -> str:
+def _n_rows(count: int) -> str:
     return f"{count} row{'s' * (count != 1)}"
 
 
@@ -353,7 +345,7 @@ def _read_duty(
     return np.clip(duty, 0.0, 1.0), int(is_missing.sum())
 
 
-def _read_temperature(table: LogTable, column: str, unit: str, mapping: LogMapping) -> np.ndarray:
+def _temperatures(table: LogTable, column: str, unit: str, mapping: LogMapping) -> np.ndarray:
     """Return a thermocouple's readings (K,), °C; nan where it has none that can be."""
     factor, offset = TEMPERATURE_UNITS[unit]
     values = factor * _without_missing(table.numbers(column), mapping.missing) + offset

@@ -29,7 +29,7 @@ BEND_ANGLE = "bend_angle"
 CHORD = "chord"
 TIP_TANGENT = "tip_tangent"
 MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
-UNANSWERED = "?"  # in place of what is not known
+UNKNOWN = "?"  # in place of what is not known
 
 
 @dataclasses.dataclass
@@ -114,9 +114,9 @@ class LogMapping(Strict):
         bend = self.bend
         align = self.join.align if self.join else []
         allowed: list[tuple[str, Any, Iterable]] = [
-            ("time.unit", self.time.unit, [*TIME_UNITS, DATE, FRAMES, UNANSWERED]),
+            ("time.unit", self.time.unit, [*TIME_UNITS, DATE, FRAMES, UNKNOWN]),
             ("time.fraction_unit", self.time.fraction_unit, TIME_UNITS),
-            ("bend.measures", bend.measures, [*MEASURES, UNANSWERED]),
+            ("bend.measures", bend.measures, [*MEASURES, UNKNOWN]),
             ("decimal", self.decimal, (".", ",")),
             ("delimiter", self.delimiter, DELIMITERS),
             ("the number of columns in bend.line", len(bend.line), (0, 4)),
@@ -125,12 +125,12 @@ class LogMapping(Strict):
         ]
         for wire in self.wires:
             allowed.append(
-                (f"unit of the {wire.name} wire", wire.unit, [*TEMPERATURE_UNITS, UNANSWERED])
+                (f"unit of the {wire.name} wire", wire.unit, [*TEMPERATURE_UNITS, UNKNOWN])
             )
             allowed.append((f"sign of the {wire.name} wire", wire.sign, (1, -1)))
         for where, value, allowed_words in allowed:
             if value not in allowed_words:
-                words = ", ".join(str(word) for word in allowed_words if word != UNANSWERED)
+                words = ", ".join(str(word) for word in allowed_words if word != UNKNOWN)
                 text = repr(value) if isinstance(value, str) else f"{value:g}"
                 raise LogError(f"{where} is {text}; it must be one of {words}.")
         # There is one bend, and wires have different names.
@@ -139,7 +139,7 @@ class LogMapping(Strict):
             raise LogError("bend must have either a column, e2 and e3, or a line.")
         if not self.wires:
             raise LogError("wires must have at least one wire.")
-        names = [wire.name for wire in self.wires if wire.name != UNANSWERED]
+        names = [wire.name for wire in self.wires if wire.name != UNKNOWN]
         if twice := next((name for name in names if names.count(name) > 1), ""):
             raise LogError(f"wires has two wires of the name {twice!r}.")
         # No column stands for two signals, but a signed one for the duty of two wires.
@@ -152,7 +152,7 @@ class LogMapping(Strict):
         for signal, column, sign in signals:
             other_signal, sign_of_other = signal_of_column.setdefault(column, (signal, sign))
             if (
-                column not in ("", UNANSWERED)
+                column not in ("", UNKNOWN)
                 and other_signal != signal
                 and not sign * sign_of_other < 0
             ):
@@ -188,18 +188,18 @@ class LogMapping(Strict):
         bend_columns = "bend.line" if self.bend.line else "bend.column"
         has_rows_at_rate = not self.time.column or self.time.unit == FRAMES
         is_open = {
-            "time.column": self.time.column == UNANSWERED,
-            "time.unit": self.time.unit == UNANSWERED,
+            "time.column": self.time.column == UNKNOWN,
+            "time.unit": self.time.unit == UNKNOWN,
             "rate": has_rows_at_rate and not self.rate,
             "full": not self.full and any(wire.duty for wire in self.wires),
-            bend_columns: UNANSWERED in self.bend.columns,
+            bend_columns: UNKNOWN in self.bend.columns,
             "bend.scale": not self.bend.scale,
-            "bend.measures": self.bend.measures == UNANSWERED,
+            "bend.measures": self.bend.measures == UNKNOWN,
         }
         for index, wire in enumerate(self.wires):
             for field in ("name", "duty", "temperature"):
-                is_open[f"wires[{index}].{field}"] = getattr(wire, field) == UNANSWERED
-            is_open[f"wires[{index}].unit"] = bool(wire.temperature) and wire.unit == UNANSWERED
+                is_open[f"wires[{index}].{field}"] = getattr(wire, field) == UNKNOWN
+            is_open[f"wires[{index}].unit"] = bool(wire.temperature) and wire.unit == UNKNOWN
         return [field for field, is_asked in is_open.items() if is_asked]
 
     def with_answers(self, answers: dict[str, str]) -> "LogMapping":

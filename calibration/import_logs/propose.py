@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.import_logs import clock, mapping, words
 from calibration.import_logs.evidence import (
-    DECIDING_ERRORS,
+    MIN_VOTE,
     Responses,
     Steps,
     bend_votes,
@@ -21,7 +21,7 @@ from calibration.import_logs.evidence import (
 )
 from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import (
-    UNANSWERED,
+    UNKNOWN,
     BendColumns,
     LogMapping,
     TimeColumn,
@@ -40,7 +40,7 @@ MAX_NUMBER = 1e9  # that no number but a time's is beyond
 MISSING_CODES = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
 ROOM_RANGES = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
 READING_RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
-MAX_COLD_CELSIUS = 35.0  # below which the readings of a log that starts warm are in °C
+MAX_COLD = 35.0  # below which the readings of a log that starts warm are in °C
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
 LONG_LOG_TIME = 150.0  # s of a log in which wires become cold at some time ...
 MAX_COLD_SPREAD = 25.0  # ... and their coldest readings differ by less, °C
@@ -48,7 +48,7 @@ MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
 MIN_HEAT_CORRELATION = 0.5  # correlation of a column with the heat that it follows
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
-MIN_HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in degrees
+HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in degrees
 FIXED_POINT_SHARE = 0.02  # movement of a point that is fixed, in shares of the tip's
 MIN_HEATED_TIME = 1.0  # s of full duty, with which a wire counts as heated
 MIN_FIRST_TURN = 0.85  # of the turn of a limb's first link, if it were bent evenly
@@ -227,7 +227,7 @@ class Columns:
         best = clock.find_time(self.table, names)
         if best.column:
             self.notes[best.column] = f"time, {best.unit}; it increases as a clock does"
-            if best.unit == UNANSWERED:
+            if best.unit == UNKNOWN:
                 text = f"unit of {best.column}? Its rows are too far apart, or near, for its name"
                 self.ask("time.unit", text, ["s", "ms", "us"])
             return best
@@ -249,7 +249,7 @@ class Columns:
             followed = [
                 c for c in self._unnamed_columns() if c.looks_like_heat and self._is_followed(c)
             ]
-            chosen = self._with_similar_columns(followed, "wires[0].duty", "the duty of a wire")
+            chosen = self._with_similar(followed, "wires[0].duty", "the duty of a wire")
         for column in chosen:
             self.notes[column.text] = "duty, by its name" if named else "duty, which others follow"
         self.duties = sorted(chosen, key=lambda c: words.place_of_label(c.name.label))
@@ -260,18 +260,18 @@ class Columns:
             )
             text += "'' for a wire that was not heated, or join the file of the heaters"
             self.ask("wires[0].duty", text, [c.text for c in self.columns if c.looks_like_heat])
-            self.wires = [WireColumns(name, UNANSWERED) for name in self.described_wires]
+            self.wires = [WireColumns(name, UNKNOWN) for name in self.described_wires]
         elif signed:
             names = [LEFT, RIGHT] if len(self.duties) == 1 and not self.limb else []
             self.duties = [c for c in self.duties for _ in range(2)]
             for index, column in enumerate(self.duties):
-                name = names[index] if names else UNANSWERED
+                name = names[index] if names else UNKNOWN
                 self.wires.append(WireColumns(name, column.text, 1.0 if index % 2 else -1.0))
         else:
             pairs = zip(self._wire_names(), self.duties, strict=True)
             self.wires = [WireColumns(name, c.text) for name, c in pairs]
 
-    def _with_similar_columns(self, chosen: list[Column], field: str, meaning: str) -> list[Column]:
+    def _with_similar(self, chosen: list[Column], field: str, meaning: str) -> list[Column]:
         """Return columns, if all like columns are among them; else ask."""
         stems = {column.name.stem for column in chosen}
         similar = [c for c in self._unnamed_columns() if c.name.stem in stems]
@@ -285,7 +285,7 @@ class Columns:
         """Return whether another column clearly follows the heat of what may be a duty."""
         heat = duty.heat()[None]
         others = [c for c in self.columns if c is not duty and c.span and c.name.role != DUTY]
-        return any(abs(c.votes(heat)[0]) > DECIDING_ERRORS for c in others if not c.looks_like_heat)
+        return any(abs(c.votes(heat)[0]) > MIN_VOTE for c in others if not c.looks_like_heat)
 
     def _wire_names(self) -> list[str]:
         """Return a name for each duty's label, as the limb's description has it."""
@@ -309,7 +309,7 @@ class Columns:
             self.ask(
                 f"wires[{index}].name", f"which wire does {column.text} heat?{hint}", wire_names
             )
-        return [UNANSWERED] * len(labels)
+        return [UNKNOWN] * len(labels)
 
     def full_duty(self) -> float:
         """Return the number of full duty; 0 and a question if nothing tells it."""
@@ -318,7 +318,7 @@ class Columns:
         largest = float(values.max())
         if not largest:
             return 1.0
-        likely_scales = [f"{full:g}" for full in FULL_SCALES if largest <= 1.001 * full][:3]
+        likely = [f"{full:g}" for full in FULL_SCALES if largest <= 1.001 * full][:3]
         # A wire that is at its most while it rests or cools is off there.
         resting = [
             (c.present == c.present.max()).mean() > 0.05 and c.present.min() > 0 for c in duties
@@ -326,7 +326,7 @@ class Columns:
         if any(resting) or any(self._cools(column) for column in duties):
             text = f"{_list(duties)}: the duty looks inverted, for it is at its most, {largest:g}, "
             text += "where wires rest or cool: give full, and inverted: true if wires are off there"
-            self.ask("full", text, likely_scales[:1], contradicts=True)
+            self.ask("full", text, likely[:1], contradicts=True)
             return 0.0
         # Like columns have one unit.
         levels = [np.unique(np.abs(c.present[c.present != 0])) for c in duties if c.span]
@@ -334,9 +334,7 @@ class Columns:
         is_switched = [len(own) == 1 and own[0] == 1.0 for own in levels]
         if max(tops) > MAX_DUTY_RATIO * min(tops) or (any(is_switched) and min(tops) < 1.0):
             text = f"the most in {_list(duties)} is {' and '.join(f'{top:g}' for top in tops)}: "
-            self.ask(
-                "full", f"{text}are they of one unit, and what is full duty?", likely_scales, True
-            )
+            self.ask("full", f"{text}are they of one unit, and what is full duty?", likely, True)
             return 0.0
         # Names may have a range, such as 0..255, or a unit.
         own = {word for c in duties for word in (*c.name.words, c.name.unit)}
@@ -346,25 +344,18 @@ class Columns:
         full = _full_by_numbers(np.unique(values[values > 0]), own)
         if own & {"%", "percent", "pct", "prozent"}:
             full = 100.0 if 1.0 < largest <= 100.1 else 0.0
-            likely_scales = ["100", "1"]
+            likely = ["100", "1"]
         if not full or own & POWER_WORDS:
             self.ask(
-                "full",
-                f"the most in {_list(duties)} is {largest:g}: what is full duty?",
-                likely_scales,
+                "full", f"the most in {_list(duties)} is {largest:g}: what is full duty?", likely
             )
             return 0.0
         return full
 
     def _cools(self, duty: Column) -> bool:
         """Return whether the thermocouple of a duty's own name clearly cools with its heat."""
-        of_same_name = [
-            c for c in self.temperatures if c.name.label and c.name.label == duty.name.label
-        ]
-        return (
-            len(of_same_name) == 1
-            and of_same_name[0].votes(duty.heat()[None])[0] < -DECIDING_ERRORS
-        )
+        named = [c for c in self.temperatures if c.name.label and c.name.label == duty.name.label]
+        return len(named) == 1 and named[0].votes(duty.heat()[None])[0] < -MIN_VOTE
 
     # Thermocouples.
 
@@ -375,13 +366,9 @@ class Columns:
         for column in self._unnamed_columns() if self.duties and not named else []:
             is_warm = -10.0 < column.low < 320.0 and column.present.max() < 620.0
             votes = column.votes(self.heats) if is_warm else np.zeros(1)
-            warmed += (
-                [column] if votes.max() > DECIDING_ERRORS and votes.min() > -DECIDING_ERRORS else []
-            )
+            warmed += [column] if votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE else []
         what = "the temperature of a wire"
-        self.temperatures = named or self._with_similar_columns(
-            warmed, "wires[0].temperature", what
-        )
+        self.temperatures = named or self._with_similar(warmed, "wires[0].temperature", what)
 
     def pair(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
@@ -425,17 +412,15 @@ class Columns:
         has_side = {column.text for column in self.temperatures if column.name.side}
         if len(set(self.duties)) < len(self.duties) and not {
             wire.temperature for wire in self.wires
-        } <= {UNANSWERED, *has_side}:
+        } <= {UNKNOWN, *has_side}:
             for index, wire in enumerate(self.wires):
                 sign_text = "positive" if wire.sign > 0 else "negative"
                 text = f"which wire do {sign_text} numbers of {wire.duty} heat?"
                 self.ask(f"wires[{index}].name", text, self.described_wires)
-                wire.name = UNANSWERED
+                wire.name = UNKNOWN
         asked = {choice for q in self.questions if "temperature" in q.field for choice in q.choices}
         for column in [c for c in unpaired if c.text not in asked]:
-            self.wires.append(
-                WireColumns(UNANSWERED, UNANSWERED, temperature=column.text, unit=UNANSWERED)
-            )
+            self.wires.append(WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN))
             text = f"{column.text} is a temperature of no wire that has a duty: give name and duty "
             text += "of its wire ('' if it was not heated), or leave out this wire"
             self.ask(f"wires[{len(self.wires) - 1}].duty", text, ["''", "none"])
@@ -461,13 +446,13 @@ class Columns:
         self, index: int, choices: list[Column], reason: str, contradicts: bool
     ) -> None:
         wire = self.wires[index]
-        wire.temperature = UNANSWERED
+        wire.temperature = UNKNOWN
         texts = list(dict.fromkeys(column.text for column in choices))
         text = f"which is the thermocouple of the wire that {wire.duty} heats, "
         text += f"{' and '.join(texts)}? {reason}"
         self.ask(f"wires[{index}].temperature", text, texts, contradicts)
         units = {column.name.unit for column in choices}
-        wire.unit = units.pop() if len(units) == 1 and units <= set(READING_RANGES) else UNANSWERED
+        wire.unit = units.pop() if len(units) == 1 and units <= set(READING_RANGES) else UNKNOWN
         self.notes |= dict.fromkeys(texts, "a temperature, see the question")
 
     def find_units(self) -> None:
@@ -484,25 +469,19 @@ class Columns:
             lowest = [c.low for c in similar]
             is_at_rest = max(np.subtract(first, lowest)) < MAX_REST_RISE and np.ptp(first) < 3.0
             rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
-            unit = (
-                "C"
-                if max(lowest) < MAX_COLD_CELSIUS
-                else "K"
-                if min(lowest) > 250.0
-                else UNANSWERED
-            )
-            unit = unit_in_name or ((rooms or [UNANSWERED])[0] if is_at_rest else unit)
+            unit = "C" if max(lowest) < MAX_COLD else "K" if min(lowest) > 250.0 else UNKNOWN
+            unit = unit_in_name or ((rooms or [UNKNOWN])[0] if is_at_rest else unit)
             coldest, warmest, hottest = READING_RANGES.get(unit, (-np.inf, np.inf, np.inf))
             is_possible = coldest < column.low < warmest
             is_possible &= bool(np.quantile(column.present, 0.99) < hottest)
             is_possible &= not (is_at_rest and rooms and unit_in_name and unit_in_name not in rooms)
             # In a long log all wires are in one room at some time.
-            if unit != UNANSWERED and self.times[-1] > LONG_LOG_TIME:
+            if unit != UNKNOWN and self.times[-1] > LONG_LOG_TIME:
                 coldest_readings = [np.quantile(c.present, 0.003) for c in similar if c.span]
                 is_possible &= max(coldest_readings, default=0.0) < ROOM_RANGES[unit][1]
                 is_possible &= np.ptp(coldest_readings or [0.0]) < MAX_COLD_SPREAD
-            wire.unit = unit if is_possible else UNANSWERED
-            if wire.unit == UNANSWERED:
+            wire.unit = unit if is_possible else UNKNOWN
+            if wire.unit == UNKNOWN:
                 text = f"unit of {column.text}: C, F or K? It reads {column.low:.3g} to "
                 text += f"{column.present.max():.3g}"
                 text += ", which does not tell, or contradicts its name or the others"
@@ -528,7 +507,7 @@ class Columns:
             used = {*self.duties, *self.temperatures, *in_points}
             rest = [c for c in self.columns_of_role("") if c.span and c not in used]
             rest = [c for c in rest if not c.looks_like_heat]
-            follows = [c for c in rest if (np.abs(c.votes(self.heats)) > DECIDING_ERRORS).any()]
+            follows = [c for c in rest if (np.abs(c.votes(self.heats)) > MIN_VOTE).any()]
             plain = [c for c in self._unnamed_columns() if c in rest]
             rated = [c for c in plain if c in follows or (len(plain) == 1 and not self.duties)]
             hints = [c for c in follows if c not in plain][:3]
@@ -538,7 +517,7 @@ class Columns:
             for column in hints:
                 text += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
             self.ask("bend.column", text, [c.text for c in hints])
-            return BendColumns(UNANSWERED, scale=0.0 if hints else 1.0)
+            return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(rated, key=lambda c: c.name.rank)
         for column in rated:
@@ -550,7 +529,7 @@ class Columns:
                 )
                 text = f"which is the bend, {_list(rated)}? Each may be.{hint}"
                 self.ask("bend.column", text, texts)
-                return BendColumns(UNANSWERED)
+                return BendColumns(UNKNOWN)
         return self._bend_column(first)
 
     def _points(self) -> list[tuple[Column, Column]]:
@@ -582,9 +561,7 @@ class Columns:
         choices = [f"[{', '.join(c.text for c in (*pair, *tip))}]" for pair in points[:-1]]
         text = "which point is the limb's base, and which its tip? Give x and y of the base, then "
         self.ask("bend.line", text + "x and y of the tip", choices)
-        return BendColumns(
-            line=[UNANSWERED, UNANSWERED, *(c.text for c in tip)], measures=mapping.CHORD
-        )
+        return BendColumns(line=[UNKNOWN, UNKNOWN, *(c.text for c in tip)], measures=mapping.CHORD)
 
     def _bend_in_space(self, columns: list[Column]) -> BendColumns:
         """Return the bends towards E2 and E3, which are called x and y, or 1 and 2."""
@@ -607,15 +584,14 @@ class Columns:
         if self.dictionary.has("tip tangent", name.words):
             measures = mapping.TIP_TANGENT
         elif self.dictionary.has("orientation", name.words):
-            measures = UNANSWERED
+            measures = UNKNOWN
             text = f"{column.text} is an orientation: of the tip's tangent, which is halved?"
             self.ask("bend.measures", text, list(mapping.MEASURES))
         # Numbers that stay small while wires are hot are radians.
         rest = float(np.median(column.present[:10]))
         is_small = float(np.abs(column.present - np.median(column.present)).max()) < MAX_RADIANS
         is_hot = (
-            self.heats.any()
-            and max((c.span for c in self.temperatures), default=0.0) > MIN_HOT_RISE
+            self.heats.any() and max((c.span for c in self.temperatures), default=0.0) > HOT_RISE
         )
         scale = DEGREES_PER_UNIT.get(name.unit, 1.0)
         if name.quantity not in ("", "angle") or column.span * scale > 540.0:
@@ -638,7 +614,7 @@ class Columns:
         """Turn the bend so that it grows where the right wire is heated, if all wires say so."""
         bend = found.bend
         wires = found.wires[: len(self.duties)]
-        if not bend.scale or UNANSWERED in bend.columns or not wires:
+        if not bend.scale or UNKNOWN in bend.columns or not wires:
             return
         heated = []
         most = max(float(np.abs(c.present).max()) for c in self.duties)
@@ -661,7 +637,7 @@ class Columns:
         warmth = np.array([read.get(wire.temperature, heat) for wire, heat in pairs])
         votes = bend_votes(self.steps, self.heats[: len(wires)], warmth, bends, levers)[heated]
         sign = float(np.sign(votes.sum()))
-        if not (sign * votes > DECIDING_ERRORS).all():
+        if not (sign * votes > MIN_VOTE).all():
             text = (
                 f"the sign of {' and '.join(bend.columns)}: names and heat do not tell that each "
             )
@@ -688,7 +664,7 @@ class Columns:
             if column.looks_like_heat or is_duty:
                 is_explained = bool(self.duties) and self._is_explained(column)
                 if not is_explained and (is_duty or self._is_followed(column)):
-                    self.wires.append(WireColumns(UNANSWERED, column.text))
+                    self.wires.append(WireColumns(UNKNOWN, column.text))
                     what = f" is a {name.quantity}, but" if name.quantity else ""
                     text = f"{column.text}{what} may be the heat of a wire: give the wire's name, "
                     field = f"wires[{len(self.wires) - 1}].name"
@@ -697,10 +673,7 @@ class Columns:
             elif bare and name.role in ("", TEMPERATURE):
                 votes = column.votes(self.heats[bare])
                 index = bare[int(votes.argmax())]
-                if (
-                    votes.max() > DECIDING_ERRORS
-                    and correlation(self.heats[index], column.means) > 0.6
-                ):
+                if votes.max() > MIN_VOTE and correlation(self.heats[index], column.means) > 0.6:
                     self._ask_temperature(index, [column], "it warms with it", False)
 
     def _is_explained(self, column: Column) -> bool:

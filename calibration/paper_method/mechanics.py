@@ -46,7 +46,7 @@ FAST_STIFFENING = 0.10
 FAST_STIFFENING_ERROR = 0.06
 RING_DOWN_ERROR = 0.05  # standard error of k by a single ring-down
 WELL_KNOWN_SHARE = 0.05  # share of k, to which gaits and loads need it
-MAX_STIFFNESS_SCATTER = (
+MAX_SCATTER = (
     0.2  # share of k by which trials may leave it unknown: as a mounting 2° off of 10° does
 )
 RIGID_STIFFNESS_RATIO = (
@@ -135,7 +135,7 @@ def sag_payload(described: LimbParameters, min_own_sag: float = MIN_OWN_SAG) -> 
     sensor = segment.bend_sensor
     k = segment.stiffness
     loads = (described.payload, described.payload + segment.mass)
-    limbs = [_mounted_limb(described, [0.0, GRAVITY, 0.0], load) for load in loads]
+    limbs = [_mounted(described, [0.0, GRAVITY, 0.0], load) for load in loads]
     own_sag, loaded_sag = (_compliance(limb, sensor) / k / sensor.gain for limb in limbs)
     if own_sag >= min(min_own_sag * sensor.drift / sensor.gain, LOADED_SAG):
         return 0.0
@@ -192,9 +192,7 @@ def fit_stiffness(
                 f"The sag was recorded with {sensor} and with {bend_sensor_of(recording)}; use "
                 "the same bend sensor each time."
             )
-    limbs = [
-        _mounted_limb(parameters, r.parameters.gravity, r.parameters.payload) for r in recordings
-    ]
+    limbs = [_mounted(parameters, r.parameters.gravity, r.parameters.payload) for r in recordings]
     estimate, rest = _stiffness_of_sags(limbs, sensor, sags, rest_error)
     stiffness = estimate.value
     described = only_segment(parameters).stiffness
@@ -286,7 +284,7 @@ def _stiffness_of_sags(
     return Estimate(k, k * float(np.hypot(np.sqrt(trial_variance), GAIN_ERROR)), "N·m/rad"), angle
 
 
-def _mounted_limb(
+def _mounted(
     parameters: LimbParameters, gravity: Sequence[float], payload: float
 ) -> LimbParameters:
     mounted = copy.deepcopy(parameters)
@@ -309,11 +307,9 @@ def _sag_of(
 
 def _compliance(mounted: LimbParameters, sensor: BendSensor) -> float:
     """Return sag times k of a limb that is almost rigid, as a sensor shows it, N·m."""
-    rigid_stiffness = RIGID_STIFFNESS_RATIO * only_segment(mounted).stiffness
-    stiff_sag, _ = _sag_of(mounted, sensor, rigid_stiffness)
-    return rigid_stiffness * (
-        stiff_sag - float(sensor.apparent_bend_angle(rest_joint_angles(mounted)))
-    )
+    rigid = RIGID_STIFFNESS_RATIO * only_segment(mounted).stiffness
+    stiff_sag, _ = _sag_of(mounted, sensor, rigid)
+    return rigid * (stiff_sag - float(sensor.apparent_bend_angle(rest_joint_angles(mounted))))
 
 
 def _resting_angle(recording: Recording) -> float:
@@ -440,12 +436,9 @@ def fit_damped_sinusoid(
 
     # Amplitudes and offset are linear, so only ratio and frequency are searched.
     def basis(logarithms: np.ndarray) -> np.ndarray:
-        ratio, angular_frequency = np.exp(logarithms)
-        envelope = np.exp(-ratio * angular_frequency * since)
-        waves = [
-            envelope * np.sin(angular_frequency * since),
-            envelope * np.cos(angular_frequency * since),
-        ]
+        ratio, omega = np.exp(logarithms)
+        envelope = np.exp(-ratio * omega * since)
+        waves = [envelope * np.sin(omega * since), envelope * np.cos(omega * since)]
         return np.column_stack([*waves, np.ones_like(since)])
 
     def weights(logarithms: np.ndarray) -> np.ndarray:
@@ -476,8 +469,8 @@ def fit_damped_sinusoid(
     )
     fit = least_squares(residuals, fit.x, x_scale=0.1, bounds=ends)
 
-    ratio, angular_frequency = np.exp(fit.x)
-    decay = ratio * angular_frequency
+    ratio, omega = np.exp(fit.x)
+    decay = ratio * omega
     sine, cosine, offset = weights(fit.x)
     amplitude = np.hypot(sine, cosine)
     rms = np.sqrt(np.mean(fit.fun**2))
@@ -490,7 +483,7 @@ def fit_damped_sinusoid(
     # Standard errors, and the parameters in the usual form.
     # Of the decay's logarithm, which is the sum of both.
     error = np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac).sum()) * rms
-    natural = np.hypot(decay, angular_frequency)
+    natural = np.hypot(decay, omega)
     return DampedSinusoid(
         damping_ratio=float(decay / natural),
         natural_frequency=float(natural),
@@ -616,10 +609,8 @@ def _fit_recording(parameters, recording: Recording):
             initial_state=state,
         )
         assert model.joint_state is not None  # a model's
-        simulated_bends = sensor.apparent_bends(
-            limb.segments[0].chain, model.joint_state[: limb.num_joints]
-        )
-        return fit_damped_sinusoid(model.time, direction @ simulated_bends)
+        bends = sensor.apparent_bends(limb.segments[0].chain, model.joint_state[: limb.num_joints])
+        return fit_damped_sinusoid(model.time, direction @ bends)
 
     # Fit the sinusoid near the model's frequency.
     described = ring_down(only_segment(parameters).damping, released)
@@ -712,7 +703,7 @@ def remarks_on_sensor(
         return []
     alternative = alternatives[type(header_sensor)](**dataclasses.asdict(header_sensor))
     # k, and the frequency with it, if the sensor were the other kind.
-    limbs = [_mounted_limb(limb, r.parameters.gravity, r.parameters.payload) for r in sags]
+    limbs = [_mounted(limb, r.parameters.gravity, r.parameters.payload) for r in sags]
     try:
         k = _stiffness_of_sags(limbs, alternative, stiffness.sags, 0.0)[0].value
     except CalibrationError:

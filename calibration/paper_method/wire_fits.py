@@ -187,12 +187,8 @@ def fit_heat_transfer(
         )
 
     # Fit from the two-stage start, within bounds.
-    first_temperatures = [first_readings(recording)[index]] * 2
-    guess = [
-        *np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST),
-        1 / b,
-        *first_temperatures,
-    ]
+    initial = [first_readings(recording)[index]] * 2
+    guess = [*np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST), 1 / b, *initial]
     guess += [0.05] * fits_delay
     scale = [0.1, 0.1, 0.1, 0.1 / abs(b), 1.0, 1.0] + [0.1] * fits_delay
     bounds = (
@@ -211,11 +207,9 @@ def fit_heat_transfer(
     simulated_wire, simulated_readings, simulated_bend = simulated(fit.x)
     # Standard errors by the jackknife over blocks, and by the error of T0.
     clusters = np.tile(blocks, 2)
-    num_residuals = len(clusters)
+    count = len(clusters)
     prior = fit.jac[-1] if fits_delay else None
-    covariance = clustered_covariance(
-        fit.jac[:num_residuals], fit.fun[:num_residuals], clusters, prior
-    )
+    covariance = clustered_covariance(fit.jac[:count], fit.fun[:count], clusters, prior)
     covariance += _covariance_by_ambient(fit, residuals(fit.x, ambient + 1.0), ambient_error)
     values = _rates(fit.x)
     value_covariance = covariance[:3, :3] * np.outer(values, values)
@@ -426,10 +420,8 @@ def fit_force(
     wire = np.array([heat.wire_temperature[a:b].mean() for a, b in spans])
     angle = np.array([recording.bend_angle[0, a:b].mean() for a, b in spans])
     times = np.array([recording.time[a:b].mean() for a, b in spans])
-    corrected_bend = (
-        bend_sensor_of(recording).corrected(angle) - only_segment(parameters).rest_angle
-    )
-    theta = joint_angles_from_bend_angle(parameters, corrected_bend[np.newaxis])[0]
+    bend = bend_sensor_of(recording).corrected(angle) - only_segment(parameters).rest_angle
+    theta = joint_angles_from_bend_angle(parameters, bend[np.newaxis])[0]
     ratios = stiffness.value * theta / (side * (wire - heat.ambient))
     if not ratios.mean() > 0:
         raise CalibrationError(
@@ -450,7 +442,7 @@ def fit_force(
         error = mean * max(relative, 0.1)
     else:
         # The sensor's drift is much the same in equilibria that follow each other.
-        shares = ratios / corrected_bend / count
+        shares = ratios / bend / count
         drift_correlation = np.exp(-np.abs(times[:, None] - times) / BEND_DRIFT_TIME)
         drift = bend_sensor_of(recording).drift * np.sqrt(shares @ drift_correlation @ shares)
         error = np.hypot(max(standard_error(ratios), drift), relative * mean)

@@ -121,7 +121,7 @@ def plan_miss(
     limb: LimbParameters,
     rollouts: Sequence[Predicted],
     fitted: Sequence[Predicted],
-    part_errors: Sequence[float],
+    errors: Sequence[float],
     mean_error: float,
 ) -> PlanMiss:
     """Return how far plans of a calibrated limb will miss it.
@@ -130,7 +130,7 @@ def plan_miss(
         limb: one with its calibration's covariance; of one segment.
         rollouts: what judged, predicted from its start; see `LawFit.roll_out`.
         fitted: the recordings of the fit, which may be missed by more.
-        part_errors: errors of parts that were left out, rad, by fits without them.
+        errors: errors of parts that were left out, rad, by fits without them.
         mean_error: error of the mean bend in these parts, rad.
     """
     # in space: of both angles
@@ -143,7 +143,7 @@ def plan_miss(
         float(np.mean([predicted.bend_error for predicted in group]))
         for group in (rollouts, fitted)
     )
-    law_error = max(law_error, float(np.mean(part_errors)))
+    law_error = max(law_error, float(np.mean(errors)))
     # Motions that bend the limb by more are missed by more.
     wide_error = max(
         law_error * max(1.0, typical_range / _bend_range(rollouts)),
@@ -154,9 +154,7 @@ def plan_miss(
         wide_error = min(wide_error, typical_range / 2)
     expected = float(np.hypot(wide_error, unknown_error))
     by_mean = mean_error * max(1.0, typical_range / _bend_range(rollouts))
-    return PlanMiss(
-        law_error, expected, _bend_range(rollouts), (min(part_errors), max(part_errors)), by_mean
-    )
+    return PlanMiss(law_error, expected, _bend_range(rollouts), (min(errors), max(errors)), by_mean)
 
 
 def _bend_range(group: Sequence[Predicted]) -> float:
@@ -235,12 +233,10 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
     # Draw limbs that the recordings cannot tell apart, on other days.
     limbs = draw_ensemble(limb, NUM_LIMBS)
     random = np.random.default_rng(0)
-    for drawn_limb in limbs:
-        drift_deviation, room_deviation = random.standard_normal(2)
-        drawn_limb.segments[0].rest_angle += (
-            drawn_limb.segments[0].bend_sensor.drift * drift_deviation
-        )
-        drawn_limb.ambient_temperature += AMBIENT_SPREAD * room_deviation
+    for drawn in limbs:
+        drift, room_deviation = random.standard_normal(2)
+        drawn.segments[0].rest_angle += drawn.segments[0].bend_sensor.drift * drift
+        drawn.ambient_temperature += AMBIENT_SPREAD * room_deviation
     # Compare each of them with the calibrated limb, with another supply.
     supplies = np.exp([0.0, -SUPPLY_SPREAD, SUPPLY_SPREAD]).tolist()
     bends = _simulate_limbs([limb, *limbs], low * shares[:, sides], supplies)[1]
@@ -285,29 +281,21 @@ def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") ->
     elif unidentified := [
         u for u in fit.unidentified if fit.measures_heat or u.field not in READING_FIELDS
     ]:
-        wire_unknowns = [u for u in unidentified if u.wire == unidentified[0].wire]
-        bond = (
-            "with a thermocouple on it, " if len(wire_unknowns) == 1 else ""
-        )  # else it was not heated
+        unknowns = [u for u in unidentified if u.wire == unidentified[0].wire]
+        bond = "with a thermocouple on it, " if len(unknowns) == 1 else ""  # else it was not heated
         return _recording_in_words(
-            fit,
-            bond + HEAT_ALONE,
-            [u for u in wire_unknowns if told_by(fit.law, u.field) == HEAT_ALONE],
+            fit, bond + HEAT_ALONE, [u for u in unknowns if told_by(fit.law, u.field) == HEAT_ALONE]
         )
     else:
         shares = dict(zip([u.name for u in fit.unknowns], fit.unknown_shares, strict=True))
         poorly_known = [u for u in fit.unknowns if shares[u.name] > KNOWN_SHARE]
         for worst_known in sorted(poorly_known, key=lambda u: -shares[u.name]):
             if recording := told_by(fit.law, worst_known.field):
-                wire_unknowns = [u for u in poorly_known if u.wire == worst_known.wire]
-                same_recording = [
-                    u for u in wire_unknowns if told_by(fit.law, u.field) == recording
-                ]
+                unknowns = [u for u in poorly_known if u.wire == worst_known.wire]
+                same_recording = [u for u in unknowns if told_by(fit.law, u.field) == recording]
                 return _recording_in_words(fit, recording, same_recording)
-    missing_kinds = {
-        kind: instruction for kind, instruction in FURTHER_RECORDINGS.items() if kind not in kinds
-    }
-    return missing_kinds.get("motion") or sag or missing_kinds.get("ring_down", "")
+    missing = {kind: text for kind, text in FURTHER_RECORDINGS.items() if kind not in kinds}
+    return missing.get("motion") or sag or missing.get("ring_down", "")
 
 
 def told_by(law: type[WireLaw], field: str) -> str:
@@ -322,7 +310,5 @@ def told_by(law: type[WireLaw], field: str) -> str:
 
 def _recording_in_words(fit: LawFit, recording: str, identified: list[Unknown]) -> str:
     names = [wire.name for wire in fit.segment.wires]
-    instruction = (
-        recording if identified[0].wire is None else recording.format(names[identified[0].wire])
-    )
-    return f"{instruction}, which tells {', '.join(unknown.name for unknown in identified)}"
+    text = recording if identified[0].wire is None else recording.format(names[identified[0].wire])
+    return f"{text}, which tells {', '.join(unknown.name for unknown in identified)}"

@@ -66,11 +66,9 @@ class HeatedRun:
         averaged = np.array([means(*signal) for signal in signal_rows]).T
 
         # Fit the rate at which readings change before the first heat.
-        is_start = before_heat(recording) & (
-            times <= max(3 * START_TIME, 5.0 / recording.sample_rate)
-        )
-        is_start &= is_read[len(bends) :]
-        slope = [_initial_slope(times[s], v[s]) for v, s in zip(temperature, is_start, strict=True)]
+        early = before_heat(recording) & (times <= max(3 * START_TIME, 5.0 / recording.sample_rate))
+        early &= is_read[len(bends) :]
+        slope = [_initial_slope(times[s], v[s]) for v, s in zip(temperature, early, strict=True)]
         return cls(
             source=title_of(recording),
             duty=duty.T,

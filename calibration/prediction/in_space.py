@@ -24,7 +24,7 @@ DEGREE = 8  # of the polynomial, which is within 0.03° of equilibria in all pla
 MAX_HELD_BEND = np.deg2rad(78.0)  # bend that both torques hold, at most; no tip tangent shows 90°
 # of Newton's method, whose step after such a one is 1e-12, and rad
 MAX_NEWTON_STEPS = 12
-NEWTON_TOLERANCE = 1e-6
+STEP_TOLERANCE = 1e-6
 
 
 def _disc() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -164,11 +164,9 @@ class OpenLoopInSpace(OpenLoop):
             residual, slopes = balance.first(angles, balance_inputs)
             step = -np.linalg.solve(slopes, residual[..., None])[..., 0]
             angles = angles + np.clip(step, -0.5, 0.5)
-            if np.abs(step).max() < NEWTON_TOLERANCE:
+            if np.abs(step).max() < STEP_TOLERANCE:
                 break
-        angles = np.where(
-            np.abs(step).max(axis=-1, keepdims=True) < NEWTON_TOLERANCE, angles, np.nan
-        )
+        angles = np.where(np.abs(step).max(axis=-1, keepdims=True) < STEP_TOLERANCE, angles, np.nan)
         read_bends = self._sensor.exact_bends(mechanics.chains[0], np.moveaxis(angles, -1, 0))
         return np.moveaxis(read_bends, 0, -1)
 

@@ -401,7 +401,7 @@ class _FitProblem:
             times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
             correlations = {time: np.exp(-lags / time) for time in times}
             factors: list[np.ndarray] = []
-            factors_by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
+            by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
             for signal, is_present in enumerate(is_read):
                 # Variance of each mean; outliers count for almost nothing.
                 is_reading = int(signal >= self._num_bends)
@@ -411,14 +411,12 @@ class _FitProblem:
                 sample_variance = sample_variance + (100 * sample * outliers[signal]) ** 2
                 if (
                     key := (is_reading, is_present.tobytes(), sample_variance.tobytes())
-                ) not in factors_by_noise:
+                ) not in by_noise:
                     covariance = drift**2 * correlations[drift_time]
                     covariance += form**2 * correlations[form_time]
                     np.einsum("ii->i", covariance)[:] += sample_variance + 1e-12
-                    factors_by_noise[key] = np.linalg.cholesky(
-                        covariance[np.ix_(is_present, is_present)]
-                    )
-                factors.append(factors_by_noise[key])
+                    by_noise[key] = np.linalg.cholesky(covariance[np.ix_(is_present, is_present)])
+                factors.append(by_noise[key])
             self._factors.append(factors)
 
     def reweigh(self, x: np.ndarray) -> float:
@@ -448,7 +446,7 @@ class _FitProblem:
                     products = even_residuals[lag:] * even_residuals[: len(even_residuals) - lag]
                     kind_sums[0, lag] += np.nansum(products)
                     kind_sums[1, lag] += (~np.isnan(products)).sum()
-        largest_change = 1.0
+        change = 1.0
         for kind, (products, counts) in enumerate(sums):
             if not counts[0]:
                 continue
@@ -458,12 +456,10 @@ class _FitProblem:
             scales = (shapes * counts) @ covariances / ((shapes**2) @ counts)
             misfits = ((covariances - scales[:, None] * shapes) ** 2) @ counts
             size = max(float(np.sqrt(covariances[0])), MIN_FORM_SIZES[kind])
-            largest_change = max(
-                largest_change, size / self._forms[kind][0], self._forms[kind][0] / size
-            )
+            change = max(change, size / self._forms[kind][0], self._forms[kind][0] / size)
             self._forms[kind] = (size, FORM_TIMES[int(np.argmin(misfits))])
         self._whiten()
-        return largest_change
+        return change
 
     def fit_at(self, x: np.ndarray) -> LawFit:
         """Return the fit whose parameters and initial_conditions are x."""
@@ -506,12 +502,10 @@ class _FitProblem:
             initial_conditions = x[size:].reshape(len(self._runs), -1)
             initial_conditions[:, 0] = fit.initial_conditions[:, 0]
             states = initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
-            former_states = fit.initial_conditions[:, 1:].reshape(
-                len(self._runs), -1, self._num_wires
-            )
+            former = fit.initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
             for row, state in enumerate(self._law.states):
                 if state in fit.law.states:
-                    states[:, row] = former_states[:, list(fit.law.states).index(state)]
+                    states[:, row] = former[:, list(fit.law.states).index(state)]
             initial_conditions[:, 1:] = states.reshape(len(self._runs), -1)
         return x
 
@@ -583,18 +577,14 @@ class _FitProblem:
             errors = np.moveaxis(signals - run.signals[:, None], 2, 0)
             for factor, is_present, error in zip(factors, is_read, errors, strict=True):
                 if is_present.any():
-                    present_errors = error[is_present]
-                    parts.append(
-                        solve_triangular(factor, present_errors, lower=True, check_finite=False)
-                    )
+                    valid = error[is_present]
+                    parts.append(solve_triangular(factor, valid, lower=True, check_finite=False))
         return np.concatenate(parts)
 
     def _beforehand(self, x: np.ndarray) -> np.ndarray:
         size = len(self._unknowns)
-        deviation = x - self.center
-        return np.concatenate(
-            [self._prior @ deviation[:size], deviation[size:] / self._initial_spread]
-        )
+        offset = x - self.center
+        return np.concatenate([self._prior @ offset[:size], offset[size:] / self._initial_spread])
 
     def best_start(self, expected: Sequence[float]) -> np.ndarray:
         """Return the best of what is known of the unknowns (P), what is expected, and random."""

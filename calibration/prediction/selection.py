@@ -109,31 +109,27 @@ def _block_errors(recordings: Sequence[Predicted]) -> np.ndarray:
     return np.array(blocks)
 
 
-def error_reduction(
-    better_candidate: Candidate, simple_candidate: Candidate
-) -> tuple[float, float]:
+def error_reduction(better: Candidate, simple: Candidate) -> tuple[float, float]:
     """Return the error that another law saves, and its standard error, in their scales.
 
     What judges and what was fitted have the same weight: few motions tell laws apart badly, and
     what a law of few parameters leaves of its own recordings tells as much.
     """
-    differences = [
-        a - b for a, b in zip(simple_candidate.errors, better_candidate.errors, strict=True)
-    ]
+    differences = [a - b for a, b in zip(simple.errors, better.errors, strict=True)]
     spreads = [
         float(np.std(d, ddof=1)) / np.sqrt(len(d)) if len(d) > 1 else 0.0 for d in differences
     ]
     return float(np.mean([d.mean() for d in differences])), float(np.linalg.norm(spreads) / 2)
 
 
-def is_beaten(simple_candidate: Candidate, better_candidate: Candidate) -> bool:
+def is_beaten(simple: Candidate, better: Candidate) -> bool:
     """Return whether another law predicts better by one standard error, and enough to matter.
 
     The one-standard-error rule (Breiman et al., Classification and Regression Trees, 1984). Two
     would be too many: a few motions of a minute tell laws apart by little more than one, and a
     law that is too simple costs more than one that has a parameter too many.
     """
-    difference, error = error_reduction(better_candidate, simple_candidate)
+    difference, error = error_reduction(better, simple)
     return difference > max(error, MIN_ERROR_REDUCTION)
 
 
@@ -225,20 +221,18 @@ class Prediction:
                 "this limb; boards refuse to heat without thermocouples.",
             )
         for index, wire in enumerate(self.fit.segment.wires):
-            unidentified = {
-                unknown.field for unknown in self.fit.unidentified if unknown.wire == index
-            }
-            if not self.fit.measures_heat and unidentified <= {*READING_FIELDS}:
+            fields = {unknown.field for unknown in self.fit.unidentified if unknown.wire == index}
+            if not self.fit.measures_heat and fields <= {*READING_FIELDS}:
                 continue
-            if unidentified == {LAG_FIELD}:
+            if fields == {LAG_FIELD}:
                 yield Remark(
                     "unread",
                     f"The {wire.name} wire has no thermocouple: its {LAG_FIELD} stays as "
                     "described, and "
                     "its heat is told by the bend alone, and by the other wires.",
                 )
-            elif unidentified:
-                new_fields = sorted(unidentified - set(vars(wire.law)))
+            elif fields:
+                new_fields = sorted(fields - set(vars(wire.law)))
                 law = (
                     f", and its {', '.join(new_fields)} as expected of such wires"
                     if new_fields
@@ -372,18 +366,16 @@ class _Folds(NamedTuple):
 def _make_folds(runs: Mapping[str, list[HeatedRun]]) -> tuple[list[HeatedRun], _Folds]:
     """Return all runs, and what judges; recordings judge only wires that others heat."""
     motions = runs.get("motion", [])
-    all_wires = runs.get("both", [])
+    joint = runs.get("both", [])
     heated = [run for kind, group in runs.items() if kind != "motion" for run in group]
     fitted = [*heated, *motions]
     # Motions judge, or else what shows all wires.
     if motions and _heated_wires(motions) <= _heated_wires(heated):
         words = f"{len(motions)} motion{'s' * (len(motions) != 1)}, fitted last"
         return fitted, _Folds([(heated, motions)], False, words)
-    single_wire = [run for run in fitted if run not in all_wires]
-    if all_wires and _heated_wires(all_wires) <= _heated_wires(single_wire):
-        return fitted, _Folds(
-            [(single_wire, all_wires)], False, "what shows all wires heated, fitted last"
-        )
+    single = [run for run in fitted if run not in joint]
+    if joint and _heated_wires(joint) <= _heated_wires(single):
+        return fitted, _Folds([(single, joint)], False, "what shows all wires heated, fitted last")
     # Or else the last recordings, then others in turn.
     if latest := _latest_runs(fitted):
         groups = [latest, *([run] for run in reversed(fitted) if run not in latest)]
@@ -430,21 +422,17 @@ def _best_law_by_folds(
     allowed = max(BASELINE_ALLOWANCE[0] * error, error + BASELINE_ALLOWANCE[1])
     # The best law, or the nearest others, each fitted without each part.
     by_error = sorted(candidates, key=lambda candidate: candidate.bend_error)
-    tried_candidates = [best, *(candidate for candidate in by_error if candidate is not best)][
-        :MAX_TRIED_LAWS
-    ]
+    tried = [best, *(candidate for candidate in by_error if candidate is not best)][:MAX_TRIED_LAWS]
     least_error = np.inf
-    for candidate in tried_candidates:
+    for candidate in tried:
         fit = candidate.fit
         parts = list(candidate.judged)
         law_errors = [candidate.bend_error]
         for number, (rest, judges) in enumerate(folds.parts[1:], 1):
             report(f"{candidate.name}, part {number} left out")
             rubber = rubber_options(fit)
-            fit_to_rest = fit_law(fit.law, rest, fit.segment, fit.ambient, rubber=rubber, start=fit)
-            judged = (
-                fit_to_rest.continued(judges) if folds.continued else fit_to_rest.predict(judges)
-            )
+            refit = fit_law(fit.law, rest, fit.segment, fit.ambient, rubber=rubber, start=fit)
+            judged = refit.continued(judges) if folds.continued else refit.predict(judges)
             law_errors.append(float(np.mean([part.bend_error for part in judged])))
             parts += judged
         if np.mean(law_errors) <= allowed:
@@ -465,10 +453,8 @@ def _latest_runs(runs: Sequence[HeatedRun]) -> list[HeatedRun]:
     for wire in _heated_wires(runs):
         if wire not in _heated_wires(latest):
             latest.append(next(run for run in reversed(runs) if run.duty[:, wire].any()))
-    total_heat, latest_heat = (
-        sum(run.duty.sum(axis=0) for run in group) for group in (runs, latest)
-    )
-    return latest if np.all(latest_heat <= MAX_HEAT_SHARE * total_heat) else []
+    total, latest_heat = (sum(run.duty.sum(axis=0) for run in group) for group in (runs, latest))
+    return latest if np.all(latest_heat <= MAX_HEAT_SHARE * total) else []
 
 
 def _heated_wires(runs: Sequence[HeatedRun]) -> set[int]:

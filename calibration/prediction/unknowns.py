@@ -139,12 +139,10 @@ def unknowns_of(
             below = f"{wire.name}.{above}" if above else ""
             distribution = center, spread, alike, low, high
             result.append(Unknown(name, field.name, index, unit, form, *distribution, below))
-    for name, wire_index, unit, form, center, low, high in _segment_unknowns(segment, rubber):
-        field_name = name.split(".")[-1]
-        _, spread, alike, _ = PRIORS[field_name]
-        result.append(
-            Unknown(name, field_name, wire_index, unit, form, center, spread, alike, low, high)
-        )
+    for name, number, unit, form, center, low, high in _segment_unknowns(segment, rubber):
+        kind = name.split(".")[-1]
+        _, spread, alike, _ = PRIORS[kind]
+        result.append(Unknown(name, kind, number, unit, form, center, spread, alike, low, high))
     return result
 
 

@@ -50,9 +50,7 @@ def _first_second(recording: Recording) -> np.ndarray:
 def first_readings(recording: Recording) -> np.ndarray:
     """Return V at the beginning (W,), °C; nan without a thermocouple."""
     readings = zip(recording.measured_temperature, at_start(recording), strict=True)
-    return np.array(
-        [row[is_start].mean() if is_start.any() else np.nan for row, is_start in readings]
-    )
+    return np.array([row[start].mean() if start.any() else np.nan for row, start in readings])
 
 
 def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
@@ -117,25 +115,21 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
         if described + COLD_SPREAD < lowest < described + MAX_ROOM_ERROR:
             return Estimate(described, (lowest - described) / 2, "°C")
     # Take the median of each thermocouple, of unheated wires if there are any.
-    per_thermocouple = []
+    sensors = []
     for name in dict.fromkeys(name for name, *_ in readings):
-        wire_readings = [
-            (h, r) for n, h, _, r in readings if n == name and abs(r - lowest) < COLD_SPREAD
-        ]
-        unheated = [reading for heated, reading in wire_readings if not heated]
-        if wire_readings:
-            group = unheated or [reading for _, reading in wire_readings]
-            per_thermocouple.append((np.median(group), np.std(group) / np.sqrt(len(group))))
-    medians, errors = np.array(per_thermocouple).T
+        usable = [(h, r) for n, h, _, r in readings if n == name and abs(r - lowest) < COLD_SPREAD]
+        unheated = [reading for heated, reading in usable if not heated]
+        if usable:
+            group = unheated or [reading for _, reading in usable]
+            sensors.append((np.median(group), np.std(group) / np.sqrt(len(group))))
+    medians, errors = np.array(sensors).T
     if medians.mean() > described + MAX_ROOM_ERROR:
         raise CalibrationError(
             f"The lowest readings of all recordings are {medians.mean():.0f} °C, where ambient is "
             f"{described:g} °C: are they in degrees Fahrenheit? If not, record the limb from cold, "
             "or until it is cold."
         )
-    spread = np.hypot(max(np.std(medians), SENSOR_SPREAD), errors.max()) / np.sqrt(
-        len(per_thermocouple)
-    )
+    spread = np.hypot(max(np.std(medians), SENSOR_SPREAD), errors.max()) / np.sqrt(len(sensors))
     return Estimate(float(medians.mean()), float(spread), "°C")
 
 
@@ -146,20 +140,18 @@ def rest_angles(recordings: Sequence[Recording], ambient: float) -> list[Estimat
     end, if all wires are cold then. Its standard error follows from the sensor's drift, or from the
     recordings' scatter. Zero where none shows it.
     """
-    level_recordings = [r for r in recordings if not gravity_bends(r.parameters)]
+    level = [r for r in recordings if not gravity_bends(r.parameters)]
     # Ring-downs rest at their end, heated recordings at their beginning.
     starts = [
         recording.time > recording.time[-1] - END_TIME
         if not recording.duty.any()
         else before_heat(recording).all(axis=0) & _first_second(recording)
-        for recording in level_recordings
+        for recording in level
     ]
-    angles, drifts = _cold_angles(level_recordings, starts, ambient)
+    angles, drifts = _cold_angles(level, starts, ambient)
     # Or else limbs that have cooled at the end.
     if not angles:
-        ending_cold = [
-            r for r in level_recordings if not r.duty[:, r.time > r.time[-1] - COOLING_TIME].any()
-        ]
+        ending_cold = [r for r in level if not r.duty[:, r.time > r.time[-1] - COOLING_TIME].any()]
         ends = [recording.time > recording.time[-1] - END_TIME for recording in ending_cold]
         angles, drifts = _cold_angles(ending_cold, ends, ambient)
     if not angles:

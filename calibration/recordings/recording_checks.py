@@ -79,13 +79,9 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     if expected in FREE_KINDS and recording.duty.any():
         kind = expected
     if expected and kind != expected:
-        expected_content, actual_content = (
-            content_in_words(recording.parameters, k) for k in (expected, kind)
-        )
+        expectation, content = (content_in_words(recording.parameters, k) for k in (expected, kind))
         hint = GRAVITY_HINT * (expected == "sag")
-        raise CalibrationError(
-            f"this should show {expected_content}, but shows {actual_content}{hint}."
-        )
+        raise CalibrationError(f"this should show {expectation}, but shows {content}{hint}.")
     if frozen := frozen_since(recording):
         raise CalibrationError(f"{frozen[1]} while wires are heated; cut the file there.")
     if recording.duty.any():

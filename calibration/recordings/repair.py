@@ -48,14 +48,10 @@ def without_spikes(signal: np.ndarray) -> np.ndarray:
         windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, mode="reflect"), 5)
         medians = np.median(windows, axis=1)
         # One of the neighbours may be a spike as well.
-        neighbour_spread = np.sort(np.abs(windows[:, [0, 1, 3, 4]] - medians[:, None]), axis=1)[
-            :, 2
-        ]
+        nearby = np.sort(np.abs(windows[:, [0, 1, 3, 4]] - medians[:, None]), axis=1)[:, 2]
         deviations = np.abs(values - medians)
         spread = 1.48 * np.median(deviations) + 1e-3 * np.std(medians) + 1e-12
-        spikes = (deviations > SPIKE_DEVIATIONS * spread) & (
-            deviations > SPIKE_RANGE * 2 * neighbour_spread
-        )
+        spikes = (deviations > SPIKE_DEVIATIONS * spread) & (deviations > SPIKE_RANGE * 2 * nearby)
         values = np.where(spikes, medians, values)
     result = signal.copy()
     result[is_read] = values
@@ -78,16 +74,14 @@ def at_sample_times(recording: Recording) -> Recording:
     if recording.applied_duty is None or recording.sample_age is None:
         return recording
     # Times at which samples were taken, in order.
-    sample_times, first = np.unique(
-        np.round(recording.time - recording.sample_age, 6), return_index=True
-    )
-    end = max(sample_times[-1], recording.time[-1]) + 1.0  # the last duty lasts
-    breaks = np.array([sample_times[0] - 1.0, *sample_times, end])
+    times, first = np.unique(np.round(recording.time - recording.sample_age, 6), return_index=True)
+    end = max(times[-1], recording.time[-1]) + 1.0  # the last duty lasts
+    breaks = np.array([times[0] - 1.0, *times, end])
     ends = np.append(recording.time[0] - 1 / recording.sample_rate, recording.time)
     applied = recording.applied_duty[:, [*first, -1]]
 
     def when_taken(row: np.ndarray) -> np.ndarray:
-        return np.where(np.isnan(row), np.nan, fill_gaps(recording.time, row[first], sample_times))
+        return np.where(np.isnan(row), np.nan, fill_gaps(recording.time, row[first], times))
 
     return _with_readings(
         recording,
@@ -110,7 +104,7 @@ def with_lost_rows(recording: Recording) -> Recording:
     next_row = np.append(0, np.repeat(np.arange(1, len(num_lost) + 1), num_lost + 1))
     is_recorded = np.isin(np.arange(len(next_row)), np.append(0, np.cumsum(num_lost + 1)))
     steps = np.append(0.0, np.repeat(np.diff(recording.time) / (num_lost + 1), num_lost + 1))
-    signals = _map_signals(recording, lambda signal: signal[..., next_row])
+    signals = _mapped(recording, lambda signal: signal[..., next_row])
     signals |= {name: np.where(is_recorded, signals[name], np.nan) for name in Recording.MEASURED}
     signals["time"] = recording.time[0] + np.cumsum(steps)
     return dataclasses.replace(recording, **signals)
@@ -128,14 +122,10 @@ def before_missing(recording: Recording) -> Recording:
 
 def select_samples(recording: Recording, chosen: np.ndarray) -> Recording:
     """Return some samples of a recording (K,)."""
-    return dataclasses.replace(
-        recording, **_map_signals(recording, lambda signal: signal[..., chosen])
-    )
+    return dataclasses.replace(recording, **_mapped(recording, lambda signal: signal[..., chosen]))
 
 
-def _map_signals(
-    recording: Recording, change: Callable[[np.ndarray], np.ndarray]
-) -> dict[str, Any]:
+def _mapped(recording: Recording, change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
     """Return all signals that a recording has, changed alike."""
     names = ("time", "duty", *Recording.MEASURED, *Recording.optional())
     signals = {name: getattr(recording, name) for name in names}
@@ -184,14 +174,11 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
     time = recording.time
     # Cut unbroken stretches after pauses, and where they are too long.
     pieces = []
-    for unbroken in _unbroken_stretches(recording):
-        starts = [
-            unbroken.start,
-            *(c for c in _starts_after_pauses(recording) if unbroken.start < c),
-        ]
-        starts = [start for start in starts if start < unbroken.stop]
-        starts = list(_piece_starts(recording, [*starts, unbroken.stop]))
-        for start, stop in zip(starts, [*starts[1:], unbroken.stop], strict=True):
+    for stretch in _unbroken_stretches(recording):
+        starts = [stretch.start, *(c for c in _starts_after_pauses(recording) if stretch.start < c)]
+        starts = [start for start in starts if start < stretch.stop]
+        starts = list(_piece_starts(recording, [*starts, stretch.stop]))
+        for start, stop in zip(starts, [*starts[1:], stretch.stop], strict=True):
             pieces.append(select_samples(recording, np.arange(start, stop)))
     pieces = [piece for piece in pieces if _is_informative(piece)]
     if not pieces:
@@ -204,12 +191,10 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
     remarks = []
     kept = sum(piece.duration + 1.5 / recording.sample_rate for piece in pieces)
     if (left_out := recording.duration - kept) > 1.0:
-        sentence = f"Of {title_of(recording)}, {left_out:.0f} s are left out"
+        text = f"Of {title_of(recording)}, {left_out:.0f} s are left out"
         gaps = " and ".join(f"{time[gap]:.1f} s" for gap in unknown_gaps(recording))
-        sentence += f": what duty there was in the gap at {gaps} is not known" * bool(gaps)
-        remarks.append(
-            Remark("left out", f"{sentence}; pieces begin where wires rest, and have heat.")
-        )
+        text += f": what duty there was in the gap at {gaps} is not known" * bool(gaps)
+        remarks.append(Remark("left out", f"{text}; pieces begin where wires rest, and have heat."))
     if len(pieces) > 1:
         for piece in pieces:
             piece.title = f"{title_of(piece)} from {piece.time[0] - time[0]:.0f} s"
