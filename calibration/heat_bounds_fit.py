@@ -91,10 +91,9 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
         if share < MIN_HEAT_SHARE * largest_share:
             remarks.append(
                 f"the {wire.name} wire shows {share / largest_share:.0%} of the heat of the wire "
-                "that "
-                "shows most. Either its thermocouple shows a share of its rise, or it gets less "
-                "heat than the other: compare their resistances, and bond the thermocouple anew. "
-                "The board heats it as if the thermocouple were wrong."
+                "that shows most. Either its thermocouple shows a share of its rise, or it gets "
+                "less heat than the other: compare their resistances, and bond the thermocouple "
+                "anew. The board heats it as if the thermocouple were wrong."
             )
     # Compare all wires with their description.
     if largest_share < SPREAD["least_heating"]:

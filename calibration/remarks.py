@@ -105,11 +105,11 @@ def remarks_on_estimate(name: str, estimate: Estimate) -> list[Remark]:
     return [Remark("unknown", f"The data do not determine {name}; record more trials of it.")]
 
 
-def remarks_on_start(what: str, value: float, room: float, readings: np.ndarray) -> list[Remark]:
+def remarks_on_start(name: str, value: float, room: float, readings: np.ndarray) -> list[Remark]:
     """Return a remark if a fit has a recording start far below the room, or far above all readings.
 
     Args:
-        what: starts, in words.
+        name: the part that starts at this temperature, in words.
         value: fitted temperature at the start, °C.
         room: T0, °C.
         readings: V in the recording, °C; nan where missing.
@@ -121,7 +121,7 @@ def remarks_on_start(what: str, value: float, room: float, readings: np.ndarray)
     return [
         Remark(
             "start",
-            f"The fit starts {what} at {value:.0f} °C in a room of {room:.0f} °C, which cannot "
+            f"The fit starts {name} at {value:.0f} °C in a room of {room:.0f} °C, which cannot "
             "be; let the limb rest, record some seconds before the first heat, and see that duty "
             "and readings are of the same time.",
         )

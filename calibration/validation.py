@@ -78,7 +78,7 @@ class Validation:
 
 
 def validate(parameters: LimbParameters, recording: Recording) -> Validation:
-    """Simulate the duty of a recording, open loop, and compares.
+    """Simulate the duty of a recording, open loop, and compare both.
 
     The model starts at rest with its wires at the first measured temperatures. Where these are
     warm, the silicone is as warm as fits the first readings best.

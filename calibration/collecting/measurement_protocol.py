@@ -414,8 +414,7 @@ def collect_from_robot(
     remaining_times = [plan.heated_time for plan in plans if not paths[plan.name].exists()]
     tell(
         f"{len(remaining_times)} of {len(plans)} recordings are left, in which wires are heated "
-        "for at most "
-        f"{sum(remaining_times) / 60:.2g} min in all"
+        f"for at most {sum(remaining_times) / 60:.2g} min in all"
     )
     described = copy.deepcopy(parameters)  # which learns its bounds of heat
     knowledge = None

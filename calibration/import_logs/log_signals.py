@@ -352,9 +352,8 @@ def _temperatures(table: LogTable, column: str, unit: str, mapping: LogMapping) 
     is_unreadable = (values < READABLE_RANGE[0]) | (values > READABLE_RANGE[1])
     if is_unreadable.mean() > 0.5:
         raise LogError(
-            f"the column {column!r} is beyond {READABLE_RANGE[0]:g} to {READABLE_RANGE[1]:g} °C "
-            "in most rows; "
-            "correct its unit."
+            f"the column {column!r} is beyond {READABLE_RANGE[0]:g} to {READABLE_RANGE[1]:g} °C in "
+            "most rows; correct its unit."
         )
     values[is_unreadable] = np.nan
     return values

@@ -158,8 +158,7 @@ class LogMapping(Strict):
             ):
                 raise LogError(
                     f"the column {column!r} is given for {other_signal} and for {signal}; give "
-                    "each its "
-                    "own."
+                    "each its own."
                 )
 
     @classmethod

@@ -252,10 +252,8 @@ def _stiffness_of_sags(
         heaviest = np.argmax(np.abs(compliances))
         raise CalibrationError(
             f"The limb sags by {np.rad2deg(sag_means[heaviest] / sensor.gain):.1f}° where gravity "
-            "along "
-            f"E2 is {mounted_limbs[heaviest].gravity[1]:g} m/s²: it bends upwards. Is the bend "
-            "sensor "
-            "reversed, or gravity in the header?"
+            f"along E2 is {mounted_limbs[heaviest].gravity[1]:g} m/s²: it bends upwards. Is the "
+            "bend sensor reversed, or gravity in the header?"
         )
     softness = (counts * compliances) @ sag_means / ((counts * compliances) @ compliances)
     # Trials that are all the same say nothing of the sensor's drift.
@@ -542,8 +540,7 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
         raise CalibrationError(
             f"The limb rings at {measured[worst_index].frequency:.2f} Hz, but its model with this "
             f"stiffness at {simulated[worst_index].frequency:.2f} Hz; look at mass and length in "
-            "the "
-            "description, at the sag, and whether the ring-down's times are right."
+            "the description, at the sag, and whether the ring-down's times are right."
         )
     if abs(np.mean(ratios) - 1) > 0.05:
         sentence = (
@@ -720,9 +717,7 @@ def remarks_on_sensor(
             "sensor",
             f"The limb rings at {measured:.2f} Hz; its sag makes that {simulated:.2f} Hz if the "
             f"bend was read by {type(header_sensor).__name__}, as the header says, and "
-            f"{expected:.2f} Hz "
-            f"if by {type(alternative).__name__}: correct the header's bend_sensor, or else the "
-            "mass "
-            "and the length.",
+            f"{expected:.2f} Hz if by {type(alternative).__name__}: correct the header's "
+            "bend_sensor, or else the mass and the length.",
         )
     ]

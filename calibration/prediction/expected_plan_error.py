@@ -105,7 +105,7 @@ class PlanMiss:
 
     @property
     def remarks(self) -> list[Remark]:
-        """A remark if that is much of the limb's range."""
+        """A remark if the expected error is large for the limb's range."""
         share = self.expected / self.span
         if share <= GOOD_SHARE:
             return []
@@ -181,9 +181,8 @@ def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> li
                 Remark(
                     "range",
                     f"The {wire.name} wire was read at {hottest:.0f} °C at most, and plans may "
-                    f"heat it to {max_temperature:.0f} °C, where nothing is known of it: record "
-                    "it hotter, or "
-                    "lower temperature_limits.maximum.",
+                    f"heat it to {max_temperature:.0f} °C, where nothing is known of it: record it "
+                    "hotter, or lower temperature_limits.maximum.",
                 )
             )
         elif (

@@ -228,8 +228,7 @@ class Prediction:
                 yield Remark(
                     "unread",
                     f"The {wire.name} wire has no thermocouple: its {LAG_FIELD} stays as "
-                    "described, and "
-                    "its heat is told by the bend alone, and by the other wires.",
+                    "described, and its heat is told by the bend alone, and by the other wires.",
                 )
             elif fields:
                 new_fields = sorted(fields - set(vars(wire.law)))

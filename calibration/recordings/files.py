@@ -69,8 +69,7 @@ def usable_recordings(
                 if described and wire_names != names:
                     raise CalibrationError(
                         f"it is of the wires {', '.join(wire_names)}, but the limb is described "
-                        "with "
-                        f"{', '.join(names)}, in this order."
+                        f"with {', '.join(names)}, in this order."
                     )
                 if recording.interrupted:  # its last equilibrium is none
                     reason = recording.interrupted.rstrip(".")

@@ -215,8 +215,7 @@ def _check_zeros(recording: Recording) -> None:
                 raise CalibrationError(
                     f"{name} reads exactly 0 from {time[start]:.2f} s to {time[end - 1]:.2f} s, "
                     f"and {max(neighbours, key=abs):.1f} beside it: if it had no reading, leave "
-                    "its "
-                    "cells empty."
+                    "its cells empty."
                 )
 
 
@@ -280,8 +279,7 @@ def _check_thermocouples(recording: Recording) -> None:
         ):
             raise CalibrationError(
                 f"the {name} thermocouple reads {typical_readings[index]:.0f} °C, far below "
-                "ambient and the "
-                "others; is it connected?"
+                "ambient and the others; is it connected?"
             )
         if (jump := np.median(np.abs(np.diff(measured)))) > MAX_JUMP:
             raise CalibrationError(

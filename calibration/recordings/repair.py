@@ -184,8 +184,7 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
     if not pieces:
         raise CalibrationError(
             f"nothing is left of it to fit: no {MIN_DURATION:.0f} s of it begin where wires rest, "
-            "show "
-            "heat and readings, and have no gap whose duty is not known."
+            "show heat and readings, and have no gap whose duty is not known."
         )
     # Say how much is left out.
     remarks = []
