@@ -25,8 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))  # for reproduce
 
 import numpy as np
 from other_limbs import OTHER, limb_of
-from reproduce_paper.experiment import HANDS, hand_course
-from reproduce_paper.ways import PAUSE
+from reproduce_paper.driving import PAUSE
+from reproduce_paper.experiment import HANDS, taught_motion
 
 from calibration import calibrate, collect_from_twin
 from hardware import replay
@@ -45,7 +45,7 @@ def take(limb: tuple[str, int]) -> list[dict]:
     twin = limb_of(physics, seed)
     kinds = collect_from_twin(twin, seed=seed, sag_trials=0, ring_downs=1, protocol="excitation")
     motions = {"Fig. 5": references.step_and_decaying_sine()}
-    motions |= {name: hand_course(name) for name in HANDS}
+    motions |= {name: taught_motion(name) for name in HANDS}
     rows = []
     for data, recordings in (("all", kinds), ("pulses", {"heated": [kinds["heated"][PULSES]]})):
         row = {"physics": physics, "seed": seed, "data": data}

@@ -40,7 +40,7 @@ from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import LawFit
 from calibration.prediction.selection import LAWS, Prediction, fit_by_prediction
 from calibration.recordings.at_rest import ambient_temperature, rest_angles
-from calibration.recordings.files import left_out_remark, read_folder, usable_recordings
+from calibration.recordings.files import left_out_remark, read_folder, select_usable
 from calibration.recordings.kinds import FREE_KINDS, all_kinds, heated_kinds, only_segment, title_of
 from calibration.recordings.repair import MIN_SAMPLES, before_missing, with_lost_rows
 from calibration.remarks import CalibrationError, Remark, Severity, verdict
@@ -438,7 +438,7 @@ def _load_usable(
         parameters
         or all_recordings[wire_names.index(max(wire_names, key=wire_names.count))].parameters
     )
-    usable_by_kind = usable_recordings(source, described, whole=by_paper)
+    usable_by_kind = select_usable(source, described, whole=by_paper)
     left_out += usable_by_kind.left_out
     # Cut heated recordings in pieces, and restore rows that the logger lost.
     kinds = [*heated_kinds(described), *(() if by_paper else FREE_KINDS)]

@@ -18,16 +18,16 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "examples"))
 
 from reproduce_paper import tables  # noqa: E402
-from reproduce_paper.tables import Followed, Summary  # noqa: E402
+from reproduce_paper.tables import RolloutStatistics, Summary  # noqa: E402
 
 BLOCK = re.compile(r"(<!-- table (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def read_summaries(path: Path) -> list[Summary]:
-    """The summaries of a ``results.json``, whose ways of driving become `Followed` again."""
+    """Return the summaries of a ``results.json``."""
 
     def followed(values: dict) -> object:
-        return Followed(**values) if "true_reference" in values else values
+        return RolloutStatistics(**values) if "true_reference" in values else values
 
     limbs = json.loads(path.read_text(encoding="utf-8"), object_hook=followed)
     fields = [field.name for field in dataclasses.fields(Summary)]

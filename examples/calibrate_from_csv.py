@@ -2,8 +2,8 @@
 
     python examples/calibrate_from_csv.py [LOG.csv ...] [-m MAPPING.yaml] [-l LIMB.yaml] [-o FOLDER]
 
-Logs may be of anything. Those named sag_1, ring_down_1, left_1, right_1, both_1 or motion_1 are of
-what their name says; others are taken for what they show. `soft-limb import` does the same.
+A log named sag_1, ring_down_1, left_1, right_1, both_1 or motion_1 is a recording of that kind; the
+kind of any other log is taken from its data. `soft-limb import` does the same.
 """
 
 import argparse
@@ -22,27 +22,32 @@ from soft_limb.results.summaries import calibration_summary
 
 
 def log_emulated_limb(limb, folder):
-    """What a lab's logger might write, of fewer and shorter equilibria than one should record."""
+    """Write logs as a lab's logger might, of few and short equilibria; return their paths."""
     few = {"num_angles": 2, "longest": 25, "cooling_time": 60, "ring_downs": 1, "protocol": "paper"}
     header = "ms,pwm_l [0-255],pwm_r [0-255],temp_l,temp_r,bend_deg"
     csv = {"delimiter": ",", "comments": "", "header": header}
     folder.mkdir(parents=True, exist_ok=True)
-    for kind, group in calibration.collect_from_twin(LimbTwin(limb), **few).items():
-        for number, r in enumerate(group, 1):
-            readings = *r.measured_temperature, *np.rad2deg(r.bend_angle)
-            columns = 1000 * r.time, *np.round(255 * r.duty), *readings
+    for kind, recordings in calibration.collect_from_twin(LimbTwin(limb), **few).items():
+        for number, recording in enumerate(recordings, 1):
+            columns = [
+                1000 * recording.time,
+                *np.round(255 * recording.duty),
+                *recording.measured_temperature,
+                *np.rad2deg(recording.bend_angle),
+            ]
             np.savetxt(folder / f"{kind}_{number}.csv", np.transpose(columns), "%.6g", **csv)
     return sorted(folder.glob("*.csv"))
 
 
-parser = argparse.ArgumentParser(description="Calibrates a limb from a data logger's files.")
-parser.add_argument("logs", nargs="*", type=Path, help="those of an emulated limb if left out")
-parser.add_argument("-m", "--mapping", type=Path, help="what their columns are (.yaml)")
-parser.add_argument("-l", "--limb", type=Path, help="the limb's description (.yaml)")
+parser = argparse.ArgumentParser(description="Calibrate a limb from a data logger's files.")
+parser.add_argument("logs", nargs="*", type=Path, help="logs; of an emulated limb if left out")
+parser.add_argument("-m", "--mapping", type=Path, help="meaning of the columns (.yaml)")
+parser.add_argument("-l", "--limb", type=Path, help="description of the limb (.yaml)")
 parser.add_argument("-o", "--out", type=Path, default="out", help="folder for the results")
 options = parser.parse_args()
 out = options.out
 try:
+    # Read the logs, and save them as recordings.
     mapping = options.mapping and LogMapping.load(options.mapping)
     limb = LimbParameters.of(options.limb)
     imported = import_logs(options.logs or log_emulated_limb(limb, out / "log"), mapping, limb)
@@ -53,6 +58,7 @@ try:
             raise LimbError(f"{log.error} Correct {out / 'mapping.yaml'} and give it with -m.")
         for name, recording in zip(log.files, log.recordings, strict=True):
             recording.save(out / "recordings" / name)
+    # Calibrate the limb.
     result = calibration.calibrate(out / "recordings", limb)
     result.parameters.save(out / "limb.yaml")
     write_report(result, out / "calibration.html")

@@ -1,9 +1,9 @@
-"""Plan for an emulated limb, then take it through the paper: `make demo`.
+"""Plan for an emulated limb, then repeat the paper's evaluation with it: `make demo`.
 
-Plans ramps for the limb as described. Then records an emulated limb, calibrates its model, plans
-the ramps, the motion of Fig. 5 and two motions that were taught, and drives the limb in open loop,
-by feedback and with learning. Takes two minutes on two cores. The folder has report.html,
-replay.html, pictures, recordings and plans; what an earlier demo left there is replaced.
+The demo plans ramps for the limb as described. Then it records an emulated limb, calibrates its
+model, plans the ramps, the motion of Fig. 5 and two taught motions, and drives the limb in open
+loop, by feedback and with learning. It takes two minutes on two cores. The folder gets report.html,
+replay.html, pictures, recordings and plans; files of an earlier demo are replaced.
 
     python examples/demo.py [FOLDER]
 """

@@ -1,8 +1,8 @@
-"""A limb that draws with its tip as one figure: poses by Drake's renderer, and the tips' paths.
+"""A figure of a limb that draws with its tip: rendered poses, and the paths of the tips.
 
     python examples/figure_in_space.py PLAN.csv RECORDING.csv [-o PICTURE.png]
 
-The files are those of `soft-limb follow circle` of a limb of one segment that bends in space.
+Make the files by `soft-limb follow circle`, with a limb of one segment that bends in space.
 """
 
 import argparse
@@ -27,20 +27,24 @@ SIZE = 1240, 920  # px
 
 def draw_in_space(plan: Trajectory, recording: Recording) -> Figure:
     """Draw some poses of a limb, and the paths of the tips of limb, plan and reference."""
-    parameters, plan = recording.parameters, plan.since_start()
+    parameters = recording.parameters
+    plan = plan.since_start()
     # Put a limb for each pose into one scene.
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     limbs = [add_limb(plant, parameters, name=f"pose_{number}") for number in range(POSES)]
     plant.Finalize()
-    center, radius = [0.5 * parameters.length, 0.0, 0.0], 0.6 * parameters.length
+    center = [0.5 * parameters.length, 0.0, 0.0]
+    radius = 0.6 * parameters.length
     scene = Scene(builder.Build(), plant, scene_graph, center, radius, IN_SPACE, SIZE)
-    # Bend them as the limb was bent, after it had waited and approached.
-    far = np.linalg.norm(plan.reference, axis=0)
-    begin = plan.time[np.argmax(far > 0.9 * far.max())]
+    # Bend them as the limb was bent at times on the circle.
+    bend = np.linalg.norm(plan.reference, axis=0)
+    begin = plan.time[np.argmax(bend > 0.9 * bend.max())]
     times = np.linspace(begin, recording.time[-1], POSES + 1)[:-1]
-    motion, heat = joint_angle_trajectory(recording), recording.wire_temperature
-    heat = recording.measured_temperature if heat is None else heat
+    motion = joint_angle_trajectory(recording)
+    heat = recording.wire_temperature
+    if heat is None:
+        heat = recording.measured_temperature
     for limb, time in zip(limbs, times, strict=True):
         plant.SetPositions(scene.context, limb, motion.value(time)[:, 0])
         scene.color_wires(parameters, recording.interpolated(heat, time), limb)
@@ -62,16 +66,17 @@ def draw_in_space(plan: Trajectory, recording: Recording) -> Figure:
     labels = tips + 110 * outward / np.linalg.norm(outward, axis=0)
     for time, place in zip(times, labels.T, strict=True):
         axis.text(*place, f"{time:.0f} s", ha="center", va="center")
-    # Name the axes, and say what the colours are.
+    # Draw the axes.
     ends = np.diag([1.25 * parameters.length, 0.04, 0.04])
     base = scene.pixels(np.zeros((3, 1)))[:, 0]
     for name, end in zip(("E1", "E2", "E3"), scene.pixels(ends).T, strict=True):
         arrow = {"arrowstyle": "-|>", "color": "0.35", "linewidth": 1.0}
         axis.annotate("", end, base, arrowprops=arrow)
         axis.text(*(base + 1.08 * (end - base)), name, color="0.35", ha="center", va="center")
-    missed = np.rad2deg(reference_distances(plan, [recording]).done)
+    # Add the title, the legend and the scale of the colours.
+    distance_deg = np.rad2deg(reference_distances(plan, [recording]).done)
     axis.set_title(
-        f"mean distance of the bend from the circle, as read: {missed:.1f}°", fontsize=10
+        f"mean distance of the measured bend from the circle: {distance_deg:.1f}°", fontsize=10
     )
     axis.legend(loc="upper right", frameon=False)
     bar = {"label": "wire temperature (°C)", "shrink": 0.5, "pad": 0.0}
@@ -82,7 +87,7 @@ def draw_in_space(plan: Trajectory, recording: Recording) -> Figure:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Draws a figure of a limb in space.")
+    parser = argparse.ArgumentParser(description="Draw a figure of a limb in space.")
     parser.add_argument("plan", type=Trajectory.load)
     parser.add_argument("recording", type=Recording.load)
     parser.add_argument("-o", "--out", type=Path, default="out/space.png")

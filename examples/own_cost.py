@@ -1,8 +1,8 @@
-"""A plan with a cost and a constraint of your own: smooth duty, and a supply with a slow fuse.
+"""A plan with your own cost and your own constraint: smooth duty, and a supply with a slow fuse.
 
     python examples/own_cost.py
 
-The fuse bears, on average over any 3 s, half of the current that one wire takes at full duty.
+The fuse limits the mean current over any 3 s to half of the current of one wire at full duty.
 """
 
 import sys
@@ -16,25 +16,28 @@ from planners import Task, plan, references
 from soft_limb.results.summaries import plan_summary
 
 
-def supplied(program):
+def limit_supply(program):
     duty = program.prog.decision_variables()[program.duty]  # (K, W)
+    # Add a cost on the change of duty between knots.
     for change in np.diff(duty, axis=0):
         program.prog.AddQuadraticCost(50 * change @ change).evaluator().set_description("jumps")
-    for total in np.lib.stride_tricks.sliding_window_view(duty.sum(axis=1), 30):  # 3 s
+    # Limit the mean of both wires' duty over each window of 3 s, or 30 knots.
+    for total in np.lib.stride_tricks.sliding_window_view(duty.sum(axis=1), 30):
         program.prog.AddLinearConstraint(total.mean() <= 0.5).evaluator().set_description("fuse")
 
 
-ways = {"as usual": (Task(), "#999999"), "with a fuse": (Task(customize=supplied), "#e07b1f")}
+tasks = {"as usual": (Task(), "#999999"), "with a fuse": (Task(customize=limit_supply), "#e07b1f")}
 steps = references.from_samples([0, 22, 24, 32, 36, 45], np.deg2rad([0, 0, 25, 25, -15, -15]))
-panels = [Panel("bend angle (°)", []), Panel("duty, left + right", [], from_zero=True)]
+bend_panel = Panel("bend angle (°)", [])
+duty_panel = Panel("duty, left + right", [], from_zero=True)
 try:
-    for name, (task, color) in ways.items():
-        found = plan(LimbParameters(), steps, task=task)
-        bend, total = np.rad2deg(found.bend_angle[0]), found.duty.sum(axis=0)
-        panels[0].curves.append(Curve(name, found.time, bend, color))
-        panels[1].curves.append(Curve(name, found.time, total, color))
-    save_figure(draw(panels), "out/own_cost.png")
-    found.save("out/own_cost.csv")
-    print(plan_summary(found), "written     own_cost.csv and .png in out", sep="\n")
+    for name, (task, color) in tasks.items():
+        trajectory = plan(LimbParameters(), steps, task=task)
+        bend = np.rad2deg(trajectory.bend_angle[0])
+        bend_panel.curves.append(Curve(name, trajectory.time, bend, color))
+        duty_panel.curves.append(Curve(name, trajectory.time, trajectory.duty.sum(axis=0), color))
+    save_figure(draw([bend_panel, duty_panel]), "out/own_cost.png")
+    trajectory.save("out/own_cost.csv")
+    print(plan_summary(trajectory), "written     own_cost.csv and .png in out", sep="\n")
 except LimbError as error:
     sys.exit(f"error: {error}")

@@ -2,8 +2,8 @@
 
     python examples/own_limb.py [LIMB.yaml] [-o FOLDER]
 
-A mistake in the file is answered with a sentence that names the field: misspell
-`stiffness` in a copy of own_limb.yaml, or ask for no links, and see.
+A mistake in the file gives a sentence that names the field: try it with a misspelled
+`stiffness`, or with 0 links, in a copy of own_limb.yaml.
 """
 
 import argparse
@@ -20,6 +20,7 @@ from limb_systems.views.plots import Figure, save_figure
 
 
 def main(options):
+    # Compute the shapes: the sag as a cantilever, and each wire at its limit.
     limb = LimbParameters.load(options.limb)
     sagging, _ = static_equilibrium(dataclasses.replace(limb, gravity=[0.0, -9.81, 0.0]))
     shapes = {"sag as a cantilever": sagging}
@@ -28,6 +29,7 @@ def main(options):
         heated[index] = limb.temperature_limits.maximum
         shapes[f"{name} wire at {heated[index]:g} °C"], _ = static_equilibrium(limb, heated)
 
+    # Print the bends, and draw the chain of links as complex numbers E1 + i E2.
     lengths = np.concatenate([np.full(s.links, s.length / s.links) for s in limb.segments])
     axis = Figure(layout="constrained").subplots()
     for label, angles in shapes.items():
@@ -39,17 +41,18 @@ def main(options):
     axis.legend()
     save_figure(axis.figure, options.out / "own_limb.png")
 
+    # Compute the frequency of the first mode from ω² M v = K v.
     rest, compliance = static_equilibrium(limb)
     plant = make_manipulator(limb)
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, rest)
-    squares = eigvalsh(np.linalg.inv(compliance), plant.CalcMassMatrix(context))  # ω² of K, M
+    squares = eigvalsh(np.linalg.inv(compliance), plant.CalcMassMatrix(context))  # ω²
     print(f"{'first mode':<26}{np.sqrt(squares[0]) / (2 * np.pi):.1f} Hz")
     print(f"{'written':<26}{options.out / 'own_limb.png'}")
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="How a limb from a YAML file bends and swings.")
+    parser = argparse.ArgumentParser(description="Plot how a limb from a YAML file bends.")
     parser.add_argument("limb", nargs="?", default=Path(__file__).with_name("own_limb.yaml"))
     parser.add_argument("-o", "--out", type=Path, default="out", help="folder for the picture")
     try:

@@ -1,9 +1,9 @@
-"""A recording as moments beside each other, or as a GIF, by Drake's renderer, without a screen.
+"""Render a recording of a limb or robot as a row of moments or as a GIF, without a screen.
 
     python examples/render_motion.py [RECORDING.csv] [-o PICTURE.png or .gif] [--pace FACTOR]
 
-It takes recordings of limbs and of robots. Wires have the colour of their temperature. Without a
-recording, the crawler's rear right wire is heated for 8 s.
+The colour of a wire is its temperature. Without a recording, a simulation of the crawler is
+rendered, whose rear right wire is heated for 8 s.
 """
 
 import argparse
@@ -52,7 +52,8 @@ from walking.robot import add_robot, set_positions
 
 FIELD_OF_VIEW = 0.35  # rad, from top to bottom
 FRAMES_PER_SECOND = 10  # of a GIF
-GRID, LABELLED = 0.01, 0.05  # m, from line to line on the ground, and between darker lines
+GRID = 0.01  # m, between lines on the ground
+DARK_GRID = 0.05  # m, between darker lines
 LIGHTS = (  # frames, directions and intensities
     ("camera", [0.2, 0.2, 1.0], 0.9),
     ("world", [-0.3, 0.3, -1.0], 0.4),
@@ -66,10 +67,10 @@ IN_PLANE, IN_SPACE, BESIDE, OBLIQUE = (  # directions from limbs, and from robot
 
 
 class Scene:
-    """A plant in a diagram that is rendered on white.
+    """A plant in a diagram, and a camera that renders it on a white background.
 
-    - ``context``: the plant's own, in which to set positions.
-    - ``pose``: pose of the camera in the world, whose z points ahead and y down.
+    - ``context``: context of the plant, in which to set positions.
+    - ``pose``: pose of the camera in the world; z points ahead and y down.
     - ``camera``: size and field of view.
     """
 
@@ -85,11 +86,12 @@ class Scene:
     ):
         """
         Args:
-            center, radius: a ball that the camera sees whole, m.
+            center, radius: a ball that the picture shows entirely, m.
             to_eye: direction from the center to the camera.
             size: width and height of pictures, px.
         """
-        self._plant, self._scene_graph = plant, scene_graph
+        self._plant = plant
+        self._scene_graph = scene_graph
         # Add the renderer.
         lights = [
             LightParameter(type="directional", frame=frame, direction=way, intensity=intensity)
@@ -122,13 +124,15 @@ class Scene:
             instance: model instance of the limb.
             prefix: beginning of the names of its bodies.
         """
-        inspector, plant = self._scene_graph.model_inspector(), self._plant
+        plant = self._plant
+        inspector = self._scene_graph.model_inspector()
         context = self._scene_graph.GetMyMutableContextFromRoot(self._root)
         colors = iter(wire_color(parameters, temperature))
         pieces_of = LimbModel.of(parameters).mechanics.pieces
         for segment, pieces in zip(parameters.segments, pieces_of, strict=True):
             bodies = [plant.GetBodyByName(f"{prefix}{body}", instance) for body, _ in pieces]
             frames = [plant.GetBodyFrameIdOrThrow(body.index()) for body in bodies]
+            # Replace the colour of each piece of each wire.
             for wire, color in zip(segment.wires, colors, strict=False):
                 properties = PerceptionProperties()
                 properties.AddProperty("phong", "diffuse", Rgba(*color))
@@ -142,7 +146,7 @@ class Scene:
                             )
 
     def picture(self) -> np.ndarray:
-        """Return what the camera sees (height, width, 3), 0 to 255."""
+        """Return the picture of the camera (height, width, 3), 0 to 255."""
         context = self._scene_graph.GetMyContextFromRoot(self._root)
         query = self._scene_graph.get_query_output_port().Eval(context)
         clipping = ClippingRange(0.01, 10.0)  # m
@@ -152,27 +156,30 @@ class Scene:
         return image.data[..., :3].copy()
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Return where points (3, K), m, are in pictures (2, K), px to the right and down."""
-        seen = self.camera.intrinsic_matrix() @ (self.pose.inverse() @ points)
-        return seen[:2] / seen[2]
+        """Project points (3, K), m, to the picture (2, K), px to the right and down."""
+        projected = self.camera.intrinsic_matrix() @ (self.pose.inverse() @ points)
+        return projected[:2] / projected[2]
 
 
 class MotionScene(Scene):
-    """A limb, or a robot on its ground, as it moves in a recording or a gait."""
+    """The scene of a recording or a gait: a limb, or a robot on the ground."""
 
     def __init__(self, motion, size: tuple[int, int]):
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-        self._motion, self._robot = motion, motion.robot
+        self._motion = motion
+        self._robot = motion.robot
         if self._robot is None:
             add_limb(plant, motion.parameters)
-            center, radius = np.zeros(3), 1.1 * motion.parameters.length
+            center = np.zeros(3)
+            radius = 1.1 * motion.parameters.length
             to_eye = IN_PLANE if motion.model.layout.is_planar else IN_SPACE
         else:
             add_robot(plant, self._robot)
-            # Show all of the way.
-            way = self._places()
-            low, high = way.min(axis=1), way.max(axis=1)
+            # Show the robot's whole path and the ground around it.
+            path = self._body_positions()
+            low = path.min(axis=1)
+            high = path.max(axis=1)
             height = max(limb.parameters.length for limb in self._robot.limbs)
             margin = 0.6 * max(self._robot.body.length, self._robot.body.width) + 0.2 * height
             center = [*(low + high)[:2] / 2, 0.45 * height]
@@ -182,8 +189,8 @@ class MotionScene(Scene):
         plant.Finalize()
         super().__init__(builder.Build(), plant, scene_graph, center, radius, to_eye, size)
 
-    def _places(self) -> np.ndarray:
-        """Return the places of the body (3, K), m."""
+    def _body_positions(self) -> np.ndarray:
+        """Return the positions of the body (3, K), m."""
         pose = self._motion.body_pose
         if len(pose) == 6:
             return pose[:3]
@@ -191,15 +198,18 @@ class MotionScene(Scene):
 
     def at(self, time: float) -> np.ndarray:
         """Return the picture (height, width, 3) at a time, s."""
-        motion, plant = self._motion, self._plant
-        joints = len(motion.joint_state) // 2
-        angles = motion.interpolated(motion.joint_state[:joints], time)
+        # Set the limb's pose and colours.
+        motion = self._motion
+        plant = self._plant
+        num_joints = len(motion.joint_state) // 2
+        angles = motion.interpolated(motion.joint_state[:num_joints], time)
         heat = motion.interpolated(motion.wire_temperature, time)
         instance = ModelInstanceIndex(2)
         if self._robot is None:
             plant.SetPositions(self.context, angles)
             self.color_wires(motion.parameters, heat, instance)
             return self.picture()
+        # Set the robot's pose and the colours of each limb.
         pose = motion.interpolated(motion.body_pose, time)
         set_positions(plant, self.context, self._robot, pose, angles)
         for limb, wires in zip(self._robot.limbs, self._robot.wires_of, strict=True):
@@ -208,25 +218,29 @@ class MotionScene(Scene):
 
 
 def add_grid(plant: MultibodyPlant, low: np.ndarray, high: np.ndarray) -> None:
-    """Draw lines on the ground between two corners (x, y), m; each fifth is darker."""
-    low, high = np.floor(low / LABELLED) * LABELLED, np.ceil(high / LABELLED) * LABELLED
-    middle, span = (low + high) / 2, high - low
+    """Draw lines on the ground between two corners (x, y), m; every fifth line is darker."""
+    # Begin and end with dark lines.
+    low = np.floor(low / DARK_GRID) * DARK_GRID
+    high = np.ceil(high / DARK_GRID) * DARK_GRID
+    middle = (low + high) / 2
+    span = high - low
+    # Draw each line as a thin box.
     for axis in range(2):
-        for at in np.arange(low[axis], high[axis] + GRID / 2, GRID):
-            is_dark = abs(at / LABELLED - round(at / LABELLED)) < 1e-6
+        for coordinate in np.arange(low[axis], high[axis] + GRID / 2, GRID):
+            is_dark = abs(coordinate / DARK_GRID - round(coordinate / DARK_GRID)) < 1e-6
             shape = np.array([*span[:2], 1e-4])
             shape[axis] = 0.0008 if is_dark else 0.0005
-            place = np.array([*middle[:2], -1e-4])
-            place[axis] = at
+            position = np.array([*middle[:2], -1e-4])
+            position[axis] = coordinate
             color = (0.62, 0.65, 0.7, 1.0) if is_dark else (0.84, 0.86, 0.89, 1.0)
-            name = f"grid_{axis}_{at:.3f}"
+            name = f"grid_{axis}_{coordinate:.3f}"
             plant.RegisterVisualGeometry(
-                plant.world_body(), RigidTransform(place), Box(*shape), name, color
+                plant.world_body(), RigidTransform(position), Box(*shape), name, color
             )
 
 
 def heat_scale(parameters: LimbParameters) -> ScalarMappable:
-    """Return the colours of wires over their temperature, for a colour bar."""
+    """Return the colour scale of wire temperature, for a colour bar."""
     values = np.linspace(parameters.ambient_temperature, parameters.temperature_limits.maximum, 100)
     return ScalarMappable(
         Normalize(values[0], values[-1]), ListedColormap(wire_color(parameters, values))
@@ -234,7 +248,7 @@ def heat_scale(parameters: LimbParameters) -> ScalarMappable:
 
 
 def draw_moments(motion, times: np.ndarray, columns: int = 3) -> Figure:
-    """Draw a motion at some times, s, beside each other."""
+    """Draw a motion at some times, s, in rows of pictures."""
     scene = MotionScene(motion, (640, 440))
     rows = -(-len(times) // columns)
     figure = Figure(figsize=(8.6, 0.2 + 2.0 * rows), layout="constrained")
@@ -250,7 +264,8 @@ def draw_moments(motion, times: np.ndarray, columns: int = 3) -> Figure:
 
 
 def animate(motion, path: Path, pace: float = 4.0) -> None:
-    """Write a motion as a GIF that loops, so many times as fast as the motion."""
+    """Write a motion as a looping GIF that is faster by the factor ``pace``."""
+    # Lay out the picture, the colour bar and the clock.
     scene = MotionScene(motion, (900, 540))
     figure = Figure(figsize=(4.5, 3.2), dpi=100)
     axis = figure.add_axes((0.0, 0.16, 1.0, 0.84))
@@ -260,15 +275,16 @@ def animate(motion, path: Path, pace: float = 4.0) -> None:
     bar.set_xlabel("wire temperature (°C)", fontsize=8)
     bar.tick_params(labelsize=8)
     clock = figure.text(0.02, 0.1, "", fontsize=9)
-    shown = axis.imshow(scene.at(motion.time[0]), interpolation="antialiased")
+    image = axis.imshow(scene.at(motion.time[0]), interpolation="antialiased")
+    # Render the frames.
     frames = []
     for time in np.arange(motion.time[0], motion.time[-1], pace / FRAMES_PER_SECOND):
-        shown.set_data(scene.at(time))
+        image.set_data(scene.at(time))
         clock.set_text(f"{time - motion.time[0]:.0f} s  ({pace:g} x as fast)")
         picture = io.BytesIO()
         figure.savefig(picture, format="png", dpi=100)
         frames.append(Image.open(picture).convert("RGB"))
-    # With one palette for all frames the colours of the scale stay as they are.
+    # Use one palette for all frames, so that colours do not flicker.
     palette = frames[0].quantize(128, method=Image.Quantize.MAXCOVERAGE)
     frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     loop = io.BytesIO()
@@ -286,7 +302,10 @@ def animate(motion, path: Path, pace: float = 4.0) -> None:
 def main(options) -> None:
     motion = options.recording or simulate(Robot(), [0.0, 0.3, 0.0, 0.0], 8.0)
     if motion.joint_state is None or motion.wire_temperature is None:
-        raise LimbError("This recording has no joint angles, or no wire temperatures, to be shown.")
+        raise LimbError(
+            "This recording has no joint angles or no wire temperatures to render; give a "
+            "recording of an emulated limb or of a simulation."
+        )
     if options.out.suffix == ".gif":
         animate(motion, options.out, options.pace)
     else:
@@ -295,10 +314,10 @@ def main(options) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Renders a recording.")
+    parser = argparse.ArgumentParser(description="Render a recording.")
     parser.add_argument("recording", nargs="?", type=Recording.load)
     parser.add_argument("-o", "--out", type=Path, default="out/motion.png")
-    parser.add_argument("--pace", type=float, default=4.0, help="how many times as fast a GIF is")
+    parser.add_argument("--pace", type=float, default=4.0, help="speed of a GIF over real time")
     try:
         main(parser.parse_args())
     except LimbError as error:

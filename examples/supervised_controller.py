@@ -1,10 +1,10 @@
-"""Your own controller on an emulated limb, behind a supervisor that knows how hot wires get.
+"""Your own controller on an emulated limb, behind a supervisor that limits wire temperature.
 
     python examples/supervised_controller.py [PLAN.csv] [-o FOLDER]
 
-The controller is PI of the bend angle, D = [-u, u] within [0, 1] with u = k_p e + k_i ∫ e dt and
-e = φ_ref - φ, at 20 Hz. It knows no temperature: where the reference is out of reach, it asks for
-ever more duty, and the limb cuts out.
+The controller is a PI controller of the bend angle at 20 Hz: D = [-u, u], clipped to [0, 1], with
+u = k_p e + k_i ∫ e dt and e = φ_ref - φ. It measures no temperature: if the reference is out of
+reach, its duty grows until the limb cuts out.
 """
 
 import argparse
@@ -39,7 +39,7 @@ class BendControl(LeafSystem):
         state.set_value(1, np.clip(asked, 0.0, 1.0))
 
 
-parser = argparse.ArgumentParser(description="Lets a controller drive a limb, then supervised.")
+parser = argparse.ArgumentParser(description="Drive a limb with a controller, then supervise it.")
 parser.add_argument("plan", nargs="?", help="trajectory (.csv); one with two steps if left out")
 parser.add_argument("-o", "--out", default="out", help="folder for the pictures")
 options = parser.parse_args()

@@ -1,4 +1,4 @@
-"""A thousand limbs in MuJoCo at once: how far wires that heat differently spread the bend."""
+"""Simulate a thousand limbs in MuJoCo at once: the spread of the bend if wires heat differently."""
 
 import argparse
 from pathlib import Path

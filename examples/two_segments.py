@@ -2,9 +2,9 @@
 
     python examples/two_segments.py [REFERENCE.csv] [-l LIMB.yaml] [-o FOLDER]
 
-A reference is a CSV of time (s) and a column of bend angles (degrees) for each
-segment. Without one the limb bends to an S and then to a C. The plan's duty is
-simulated on the model; no robot and no emulated limb is in it.
+A reference is a CSV of time (s) and a column of bend angles (degrees) for each segment. Without a
+reference the limb bends to an S and then to a C. The plan's duty is simulated on the model of the
+limb; there is no emulated limb.
 """
 
 import argparse
@@ -34,6 +34,7 @@ S_THEN_C = references.from_samples(
 
 
 def main(options):
+    # Plan, and simulate the duty of the plan.
     trajectory = plan(options.limb, options.reference)
     recording = simulate(Limb(options.limb), trajectory)
     recording.save(options.out / "two_segments.csv")
@@ -48,7 +49,7 @@ def main(options):
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Plans and simulates a limb of several segments.")
+    parser = argparse.ArgumentParser(description="Plan and simulate a limb of several segments.")
     parser.add_argument("reference", nargs="?", type=references.load, default=S_THEN_C)
     limb = LimbParameters(segments=[BASE, TIP])
     parser.add_argument("-l", "--limb", type=LimbParameters.load, default=limb)

@@ -1,9 +1,10 @@
-"""A crawler of two limbs plans its gait, and walks on a ground that is rougher than it knows.
+"""Plan a gait for a crawler of two limbs, and walk on ground with more friction than planned.
 
     python examples/walking_robot.py [ROBOT.yaml] [-n CYCLES] [--friction FACTOR] [-o FOLDER]
 
-From cold wires it walks with the gait's duty, then with feedback, which holds the bends and
-corrects them by each stride, as a camera sees it. It is the model; `soft-limb walk` emulates one.
+The robot starts with cold wires. It walks with the duty of the gait, then with feedback, which
+tracks the bends and corrects them after each measured stride. The robot is simulated with the
+model of the plan; `soft-limb walk` drives an emulated robot.
 """
 
 import argparse
@@ -21,16 +22,18 @@ from walking.walk_trajectory import walk
 
 
 def main(options):
+    # Plan the gait.
     gait = plan_gait(options.robot, spread=False)
     gait.save(options.out / "gait.csv")
     save_figure(plot_motion(gait), options.out / "gait.png")
     print(gait.summary())
+    # Walk on other ground, with and without feedback.
     robot = copy.deepcopy(gait.robot)
     robot.ground.friction *= options.friction
     trajectory = walk(gait, options.cycles)
     start = trajectory.duration - options.cycles * gait.period
-    ways = {"open_loop": None, "feedback": GaitFeedback(gait, options.cycles)}
-    for name, controller in ways.items():
+    controllers = {"open_loop": None, "feedback": GaitFeedback(gait, options.cycles)}
+    for name, controller in controllers.items():
         recording = replay(trajectory, Robot(robot), controller=controller)
         recording.save(options.out / f"walk_{name}.csv")
         strides = 1e3 * gait.stride * strides_of(recording, gait, options.cycles, start)[0]
@@ -41,10 +44,12 @@ def main(options):
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Plans a gait, and walks.")
+    parser = argparse.ArgumentParser(description="Plan a gait, and walk.")
     parser.add_argument("robot", nargs="?", type=RobotParameters.load)
     parser.add_argument("-n", "--cycles", type=int, default=6)
-    parser.add_argument("--friction", type=float, default=1.3, help="factor of the planned one")
+    parser.add_argument(
+        "--friction", type=float, default=1.3, help="factor on the planned friction"
+    )
     parser.add_argument("-o", "--out", type=Path, default="out", help="folder for the results")
     try:
         main(parser.parse_args())

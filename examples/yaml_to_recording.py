@@ -1,4 +1,4 @@
-"""From a limb's description to its recording, in one file that reads from top to bottom.
+"""From a limb's description to its recording, in one file to read from top to bottom.
 
     python examples/yaml_to_recording.py                            # an emulated board and limb
     python examples/yaml_to_recording.py [REFERENCE.csv] [-l LIMB.yaml] [-p PORT] [-o FOLDER]
@@ -46,7 +46,7 @@ temperature_limits: {maximum: 100.0, warm: 45.0, warm_up_time: 20.0}  # °C, °C
 
 
 def heat(parameters: LimbParameters) -> None:
-    """2. The limb as a Drake system: its state is (14), its dynamics (1) to (7)."""
+    """2. Simulate the limb as a Drake system: its state is (14), its dynamics (1) to (7)."""
     builder = DiagramBuilder()
     limb = builder.AddSystem(Limb(parameters))
     hot = [0.0] * (len(parameters.wires) - 1) + [0.2]  # left, right
@@ -62,19 +62,19 @@ def heat(parameters: LimbParameters) -> None:
 
 
 def make_plan(parameters: LimbParameters, drawn: Path | None, path: Path) -> None:
-    """3. The feasible motion nearest to a reference, which need not be feasible: (15) to (20)."""
+    """3. Plan the feasible motion nearest to a reference, feasible or not: (15) to (20)."""
     reference = references.from_samples([0.0, 10.0, 14.0], np.deg2rad([0.0, 35.0, 35.0]))
     if drawn:
         reference = references.load(drawn)
     task = Task(angle_weight=100.0, duty_weight=2.0)  # Q and R of (15)
-    # `plan` starts at rest and cold (16), and refuses a plan that is not what the dynamics (17) do.
+    # The plan starts at rest and cold (16), and is compared with a simulation of (17).
     trajectory = plan(parameters, reference, task=task, knot_rate=10.0)
     print(f"planned     within {trajectory.check.largest_difference_deg:.2f}° of its simulation")
-    trajectory.save(path)  # all that a program at the robot needs
+    trajectory.save(path)  # a program at the robot needs only this file
 
 
 def drive(trajectory: Trajectory, port: str | None, folder: Path) -> None:
-    """4. The plan on a board, in real time, and how near the limb came to it: Table I."""
+    """4. Drive a limb through its board in real time, and print the errors as in Table I."""
     with contextlib.nullcontext(port) if port else emulated_port() as address:
         limb = SerialLimb(address, trajectory.parameters)  # it has the ports of `Limb`
         recording = replay(trajectory, limb, journal=folder / "replay.csv")
@@ -90,7 +90,8 @@ def drive(trajectory: Trajectory, port: str | None, folder: Path) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    limb, path = options.limb, options.out / "plan.csv"
+    path = options.out / "plan.csv"
+    limb = options.limb
     parameters = LimbParameters.load(limb) if limb else LimbParameters.from_yaml(LIMB)
     heat(parameters)
     make_plan(parameters, options.reference, path)
@@ -98,7 +99,7 @@ def main(options: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Describes, plans for and drives a limb.")
+    parser = argparse.ArgumentParser(description="Describe, plan for and drive a limb.")
     parser.add_argument("reference", nargs="?", type=Path, help="CSV of time (s), angle (degrees)")
     parser.add_argument("-l", "--limb", type=Path, help="parameters (.yaml) in place of those here")
     parser.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")

@@ -1,4 +1,4 @@
-"""``python -m soft_limb``: ``soft-limb``."""
+"""Run ``soft-limb`` as ``python -m soft_limb``."""
 
 import sys
 

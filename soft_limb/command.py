@@ -1,4 +1,4 @@
-"""``soft-limb``, the door to all commands."""
+"""The program ``soft-limb``: it finds a command by its name and runs it."""
 
 import argparse
 import datetime
@@ -15,66 +15,72 @@ from typing import Any
 
 from hardware.board.signals import SIGNALS, received_signals, stop
 from limb_systems.errors import LimbError
-from soft_limb.results.folder import find, glance
+from soft_limb.results.folder import find_results, guess_file_kind
 
-NEWEST = 12  # results that are listed without a command
+MAX_LISTED_RESULTS = 12  # results that are listed without a command
 EXIT_STATUS = (
-    "exit status: 0 done, 1 it could not be done, 2 wrong usage, or import or fit asks, "
+    "exit status: 0 done; 1 failed; 2 wrong usage, or import or fit has a question; "
     "130 stopped by Ctrl-C"
 )
 
 # For each command: its module in `soft_limb.commands`, which is imported when the command runs,
-# and what it does.
+# and its one-line help.
 COMMANDS = {
     "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
-    "collect": ("calibration", "record all that calibration needs"),
-    "import": ("logs", "read logs of other programs as recordings"),
-    "fit": ("calibration", "fit a limb to a folder of recordings"),
+    "collect": ("calibration", "record all the data that calibration needs"),
+    "import": ("logs", "convert logs of other programs to recordings"),
+    "fit": ("calibration", "fit the model of a limb to a folder of recordings"),
     "validate": ("calibration", "compare a calibrated limb with a recording, open loop"),
     "replay": ("hardware", "replay a trajectory on a robot or an emulated limb"),
-    "follow": ("hardware", "plan what was taught, and follow it by feedback"),
-    "learn": ("hardware", "repeat a trajectory, and learn from each repetition to follow it"),
-    "teach": ("hardware", "record the bend while the limb is moved by hand"),
+    "follow": ("hardware", "plan a taught motion, and track the plan with feedback"),
+    "learn": ("hardware", "repeat a trajectory, and correct the duty after each repetition"),
+    "teach": ("hardware", "record the bend while you move the limb by hand"),
     "status": ("hardware", "print the state of a board, or list the serial ports"),
     "arm-check": ("hardware", "test sensors and wires one by one"),
-    "board-check": ("hardware", "test that a board refuses what it must and ends duty in time"),
+    "board-check": ("hardware", "test the safety rules of a board"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
     "sweep": ("sweep", "plan and drive many emulated limbs, motions, tasks and controllers"),
-    "show": ("results", "say what files are, and what made them"),
-    "compare": ("results", "say how plans, recordings or limbs differ"),
-    "export": ("results", "write plans and limbs for programs of your own"),
+    "show": ("results", "print the contents and the origin of result files"),
+    "compare": ("results", "print the differences between plans, recordings or limbs"),
+    "export": ("results", "convert plans and limbs for your own programs"),
     "runs": ("results", "write one page about all results in a folder"),
 }
 
 
 @functools.cache
 def all_commands() -> dict[str, tuple[str, str]]:
-    """Return `COMMANDS` with the full names of their modules, and what other packages register.
+    """Return the module and the one-line help of each command, by the command's name.
 
-    These name a dict like it as an entry point of the group ``soft_limb.commands``.
+    Other packages add commands by a dict like this one, as an entry point of the group
+    ``soft_limb.commands``.
     """
-    found = {name: (f"soft_limb.commands.{home}", what) for name, (home, what) in COMMANDS.items()}
+    commands = {
+        name: (f"soft_limb.commands.{module}", summary)
+        for name, (module, summary) in COMMANDS.items()
+    }
     for entry in entry_points(group="soft_limb.commands"):
-        found |= entry.load()
-    return found
+        commands |= entry.load()
+    return commands
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command.
 
     Args:
-        arguments: words after the program's name; those of this process if None.
+        arguments: words after the program's name; ``sys.argv[1:]`` if None.
 
     Returns:
-        Exit status, as of `run_command`.
+        Exit status, see `run_command`.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = _top_level_parser()
+    # Without a command, list the results in this folder.
     if not words:
         if _print_results():
             return 0
         parser.print_help(sys.stderr)
         return 2
+    # Import the module of the command alone: others take long.
     chosen = parser.parse_args(words)
     module, _ = all_commands()[chosen.command]
     command = importlib.import_module(module).COMMANDS[chosen.command]
@@ -82,18 +88,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run_words(command: Any, prog: str, words: Sequence[str], modules: Sequence[str] = ()) -> int:
-    """Runs a command as a user typed it, and returns its exit status, as of `run_command`.
+    """Run a command with the words that a user typed.
 
     Args:
         command: a `soft_limb.commands.options.Command`.
         prog: name of the program, for its help.
         words: the words after the program's name.
-        modules: modules to import first, beside those that the words name.
+        modules: modules to import first, in addition to the words' own.
+
+    Returns:
+        Exit status, see `run_command`.
     """
+    # Parse the options of this command.
     parser = command.parser(prog)
     _add_import_option(parser)
     options = parser.parse_args(words)
     options.modules = [*modules, *options.modules]
+    # Import the user's modules, which define laws, sensors or emulated limbs.
     for module in options.modules:
         from soft_limb.runs.jobs import load_module  # takes long to import
 
@@ -105,42 +116,50 @@ def run_words(command: Any, prog: str, words: Sequence[str], modules: Sequence[s
 
 
 def _print_results() -> bool:
-    """Lists the newest results in this folder; whether there are any."""
-    found = [(kind, file) for file in find(Path()) if (kind := glance(file.path))]
-    if found:
-        print(f"{len(found)} results here, newest first:")
-    for kind, file in found[:NEWEST]:
+    """Print the newest results in this folder; return False if there are none."""
+    results = []
+    for file in find_results(Path()):
+        kind = guess_file_kind(file.path)
+        if kind:
+            results.append((kind, file))
+    if not results:
+        return False
+    print(f"{len(results)} results here, newest first:")
+    for kind, file in results[:MAX_LISTED_RESULTS]:
         changed = datetime.datetime.fromtimestamp(file.changed)
         print(f"  {changed:%Y-%m-%d %H:%M}  {kind:<10}  {file.key}")
-    if found:
-        print("\nsoft-limb runs -o index.html writes a page about them, soft-limb show FILE says")
-        print("what one is, and soft-limb --help lists all commands.")
-    return bool(found)
+    print("\nsoft-limb runs -o index.html   write a page about them")
+    print("soft-limb show FILE            print the contents of one file")
+    print("soft-limb --help               list all commands")
+    return True
 
 
 def _top_level_parser() -> argparse.ArgumentParser:
-    """Return the parser up to the name of a command, whose module need not be imported for it."""
+    """Return the parser of the words up to the command's name; it imports no command."""
+    # List the commands below the options.
     commands = all_commands()
     width = max(map(len, commands))
     parser = argparse.ArgumentParser(
         prog="soft-limb",
-        description="Calibrates, plans for and drives soft limbs that are bent by heat.",
+        description="Calibrate, plan for and drive soft limbs that bend when their wires heat up.",
         epilog="commands:\n"
-        + "".join(f"  {name:<{width}}  {what}\n" for name, (_, what) in commands.items())
-        + f"\nsoft-limb COMMAND --help explains each of them.\n{EXIT_STATUS}",
+        + "".join(f"  {name:<{width}}  {line}\n" for name, (_, line) in commands.items())
+        + f"\nsoft-limb COMMAND --help explains a command.\n{EXIT_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "--version", action=_Version, nargs=0, help="show program's version number and exit"
     )
     _add_import_option(parser)
-    parser.add_argument("command", type=_command_name, metavar="COMMAND", help="one of those below")
-    parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
+    parser.add_argument("command", type=_command_name, metavar="COMMAND", help="see below")
+    parser.add_argument(
+        "arguments", nargs=argparse.REMAINDER, metavar="...", help="options of the command"
+    )
     return parser
 
 
 class _Version(argparse.Action):
-    """Prints the version, which takes long to find."""
+    """The option ``--version``; it looks the version up only when it is given."""
 
     def __call__(self, parser, *_: Any) -> None:
         from importlib.metadata import version
@@ -150,7 +169,7 @@ class _Version(argparse.Action):
 
 
 def _command_name(name: str) -> str:
-    """Return the name of a command, or say which name is near."""
+    """Return the name of a command, or raise ArgumentTypeError with the nearest name."""
     if name in all_commands():
         return name
     from limb_systems.files.schema import nearest  # takes long to import
@@ -167,52 +186,55 @@ def _add_import_option(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="MODULE",
-        help="import a Python module first, of this folder or an installed one, that defines a "
-        "wire law, a bend sensor or an emulated limb of your own; once for each module",
+        help="Python module to import first, from this folder or installed, that defines your own "
+        "wire law, bend sensor or emulated limb; repeat the option for more modules",
     )
 
 
 def run_command(command: Callable[[], int], stopped: str) -> int:
-    """Runs a command to its exit status, with one sentence for an error or a warning.
+    """Run a command, print an error or a warning as one sentence, and return the exit status.
 
-    SIGTERM and SIGHUP end it as Ctrl-C does, so that resources are released
-    and hot wires switched off. SIGINT does so also where a shell ignores it, as
-    in the background; a SIGHUP that `nohup` ignores stays ignored.
+    SIGTERM and SIGHUP end the command as Ctrl-C does, so that resources are released
+    and hot wires are switched off. SIGINT ends it even where the shell ignores SIGINT, as
+    in the background. A SIGHUP that `nohup` ignores stays ignored.
 
     Args:
         command: function that returns its own exit status.
-        stopped: what to say when it was stopped.
+        stopped: sentence to print when a signal has stopped the command.
 
     Returns:
-        Exit status: the command's own, 1 if it could not be done, 128 and the
-        signal's number if it was stopped: 130 by Ctrl-C, 143 by SIGTERM.
+        Exit status: the command's own; 1 if it failed; 128 plus the signal's number if a signal
+        stopped it: 130 by Ctrl-C, 143 by SIGTERM.
     """
+    # Let all signals end the command as Ctrl-C does.
     received_signals.clear()
-    before = {number: signal.getsignal(number) for number in SIGNALS}
+    previous_handlers = {number: signal.getsignal(number) for number in SIGNALS}
     for number in SIGNALS:
-        if number != signal.SIGHUP or before[number] != signal.SIG_IGN:
+        if number != signal.SIGHUP or previous_handlers[number] != signal.SIG_IGN:
             signal.signal(number, stop)
+    # Run it.
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _say_warning
+            warnings.showwarning = _print_warning
             status = command()
         sys.stdout.flush()
     except BrokenPipeError:
-        # The reader has gone, as after `| head`; the rest must not be flushed at exit.
+        # The reader has closed the pipe, as `| head` does; do not flush the rest at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 1
     except KeyboardInterrupt:
         received_signals.append(signal.SIGINT)
     except Exception as error:
-        # What a signal has stopped may fail in consequence.
+        # A command that a signal has stopped may fail in consequence: that is no fault.
         if not received_signals and not isinstance(error, LimbError | OSError | MemoryError):
             raise
         if not received_signals:
             print("\n".join([f"error: {error}", *getattr(error, "__notes__", [])]), file=sys.stderr)
         status = 1
     finally:
-        for number, handler in before.items():
+        for number, handler in previous_handlers.items():
             signal.signal(number, handler)
+    # Tell that a signal stopped it, even if the KeyboardInterrupt was lost on the way.
     if received_signals:
         print(stopped, file=sys.stderr)
         status = 128 + received_signals[0]
@@ -220,5 +242,5 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
     return status
 
 
-def _say_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     print(f"warning: {message}", file=sys.stderr)

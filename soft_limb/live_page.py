@@ -1,8 +1,8 @@
 """The live page: it shows a limb in the browser while it runs, and stops the run on request.
 
-The process that runs the limb has a `LivePage`, which starts this module as another process. That
-process serves a `Page` to each browser by Bokeh's server. Importing this takes as long as importing
-Bokeh.
+The process that runs the limb has a `LivePage`, which starts this module as another process. The
+other process serves a `Page` to each browser by Bokeh's server. Importing this module takes as
+long as importing Bokeh.
 """
 
 import collections
@@ -54,13 +54,13 @@ STARTUP_TIMEOUT = 60.0  # s, for the page's process on a busy computer
 MAX_REASON_LENGTH = 2000  # characters, which a pipe takes without a reader
 STOPPED = "stopped by Ctrl-C, by a signal or on the page"
 NO_REASON = (
-    "the program has gone without saying why: it was stopped while it planned, it was killed, or "
-    "it crashed"
+    "the program ended without a reason: it was stopped while it planned, it was killed, or it "
+    "crashed"
 )
 
 NICENESS = 10  # of the page's process, which gives way to the program that runs the limb
 UPDATE_PERIOD = 0.2  # s, between updates of the page
-MIN_STOP_INTERVAL = 2.0  # s, so that a second click does not interrupt what the first has begun
+MIN_STOP_INTERVAL = 2.0  # s, so that a second click does not interrupt the orderly end
 FAREWELL_TIME = 4.0  # s, for which the page is served after the end
 TOKEN_LIFETIME = 30 * 86400  # s, for which a page may connect again, after a break or a sleep
 MAX_DATAGRAM_SIZE = 65_536  # bytes
@@ -68,14 +68,13 @@ MAX_WEBSOCKET_MESSAGE = 100_000  # bytes, from a browser
 PING_INTERVAL = 10  # s, within which a browser must answer, or its connection is closed
 
 NUM_POINTS = 1500  # of a curve, for a whole run or for `WINDOW`
-WINDOW = 600.0  # s, shown of a run without an end
+WINDOW = 600.0  # s, drawn of a run without an end
 ENDLESS_STRIDE = math.ceil(WINDOW / PERIOD / NUM_POINTS)
 SILENCE_TIMEOUT = 1.0  # s without a reading, after which the page says so
-NEAR_LIMIT = 10.0  # °C below T_max, from which on a wire is said to be near it
+NEAR_LIMIT = 10.0  # °C below T_max; a wire above that is called near T_max
 LIMIT_COLOR = "#c62828"
 T_MAX_COLOR = "#b08900"
-# Of the parts with text. Their alarms are light on dark or dark on light, and in words, for those
-# who do not see the colours.
+# Style of the parts with text. Alarms differ in brightness and in words, not only in colour.
 TEXT_STYLE = """
 :host { color: var(--text); font: 15px/1.4 system-ui, sans-serif; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
@@ -96,10 +95,10 @@ BUTTON_STYLE = ".bk-btn { font-size: 1.3rem; padding: .6rem 1.3rem; background: 
 class LivePage:
     """A page in the browser of this computer that shows a limb while it runs, and can stop it.
 
-    Another process serves it, at a lower priority. Messages that it does not take are lost: the
-    run never waits for it, and does not notice when the page is closed or its process dies.
-    The button sends this process the signal of Ctrl-C, which is heeded from then on, also in the
-    background: it raises KeyboardInterrupt in the main thread.
+    Another process serves the page, at a lower priority. The run never waits for that process:
+    messages that it does not receive are lost, and the run goes on when the page is closed or its
+    process dies. The button sends this process SIGINT, the signal of Ctrl-C, which raises
+    KeyboardInterrupt in the main thread, also in the background.
 
     Use it as a context manager, and give it to what runs the limb::
 
@@ -109,7 +108,7 @@ class LivePage:
 
     When that ends, the page says why and keeps its curves.
 
-    - ``url``: address of the page, on the loopback. Its token is like a password.
+    - ``url``: address of the page, on the loopback; its token is a password.
     """
 
     def __init__(self, *, open_browser: bool = True):
@@ -123,6 +122,7 @@ class LivePage:
         if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
             # A shell ignores it for a script in the background: the button would do nothing.
             signal.signal(signal.SIGINT, signal.default_int_handler)
+        # Start the page's process, connected by a socket.
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         ours.setblocking(False)
         self._socket = ours
@@ -143,6 +143,7 @@ class LivePage:
             env=env | {"OPENBLAS_NUM_THREADS": "1"},
         )
         theirs.close()
+        # Wait until it serves the page.
         try:
             self.url = self._read_url()
         except BaseException:
@@ -169,26 +170,27 @@ class LivePage:
         self._send(None)
 
     def say(self, what: str) -> None:
-        """Say what runs, in words, until something else is said."""
+        """Show a sentence on the present activity, until the next call."""
         self._activity = what
         self._send(None)
 
     def show(self, reading: Reading) -> None:
-        """Show what is known of the limb."""
+        """Show a reading of the limb."""
         self._send(reading)
 
     def rest(self) -> None:
-        """Say that no limb runs any more. The curves stay."""
+        """Show that no limb runs any more; the curves stay."""
         self._send(None)
 
     def end(self, reason: str) -> None:
-        """Say that all has ended, and why; a second call does nothing.
+        """Show that the program ends, and the reason; a second call does nothing.
 
-        The page's process ends soon. A warning says if it had ended before.
+        The page's process ends some seconds later. A warning is given if it had died before.
         """
         if self._ended:
             return
         self._ended = True
+        # Send the reason by the pipe, as a datagram could be lost.
         died = self._process.poll() is not None
         self._socket.close()
         assert self._process.stdin
@@ -199,11 +201,11 @@ class LivePage:
             died = True
         if died:
             warnings.warn(
-                "The live page's process ended before; nothing else depended on it.", stacklevel=2
+                "The live page's process died; the run did not depend on it.", stacklevel=2
             )
 
     def _send(self, reading: Reading | None) -> None:
-        """Send a reading, or lose it if the page's process does not listen; never wait."""
+        """Send a reading without waiting; it is lost if the page's process does not receive it."""
         files = [self._unsent_header.fileno()] if self._unsent_header else []
         message = pickle.dumps(Message(self._activity, reading))
         try:
@@ -222,19 +224,19 @@ class LivePage:
         url = stdout.readline().decode().strip() if ready else ""
         stdout.close()
         if not url:
-            raise LimbError("The live page does not start; try again, or go without it.")
+            raise LimbError("The live page does not start; try again, or leave --live out.")
         return url
 
 
 class Run:
-    """The program that runs a limb, by its messages.
+    """The state of the program that runs a limb, from its messages.
 
-    - ``activity``: what runs, in words.
+    - ``activity``: sentence on the present activity.
     - ``header``: header of the newest recording; None before the first.
     - ``reading``: newest reading of that recording, if there is one.
     - ``is_running``: whether a limb runs.
     - ``readings``: readings of that recording for its curves, thinned.
-    - ``num_readings``: number of those so far, also of those that are forgotten.
+    - ``num_readings``: number of readings for the curves so far, also of dropped readings.
     - ``highest``: highest V of each wire (W) so far, °C.
     - ``last_message``: time of the last message, s of the monotonic clock.
     - ``end_reason``: reason why all ended; empty until then.
@@ -261,11 +263,12 @@ class Run:
         self._num_received = 0
 
     def take(self, data: bytes, files: Iterable[int]) -> None:
-        """Take in a message, and the file with a header if a recording begins."""
+        """Process a message, and the file with a header if a recording begins."""
         for handle in files:
             with os.fdopen(handle, "rb") as file:
                 file.seek(0)
                 self.begin(pickle.load(file))
+        # Note the activity, also if there is no reading.
         message: Message = pickle.loads(data)
         self.last_message = time.monotonic()
         self.activity = message.activity
@@ -274,7 +277,7 @@ class Run:
             return
         self.reading = message.reading
         self.highest = np.fmax(self.highest, message.reading.measured_temperature)
-        # Cooling may last much longer than the run itself.
+        # Keep every n-th reading; cooling may last much longer than the run itself.
         stride = max(self._stride, ENDLESS_STRIDE) if message.reading.cooling else self._stride
         if self._num_received % stride == 0:
             self.readings.append(message.reading)
@@ -282,7 +285,7 @@ class Run:
         self._num_received += 1
 
     def begin(self, header: RunHeader) -> None:
-        """Forget the recording before, and choose how to thin the new one."""
+        """Drop the previous recording, and choose how to thin the new one."""
         self.header = header
         self.reading = None
         self.readings.clear()
@@ -292,12 +295,12 @@ class Run:
         self._stride = math.ceil((header.duration or WINDOW) / PERIOD / NUM_POINTS)
 
     def end(self, reason: str) -> None:
-        """Note the end; without a reason the program was killed."""
+        """Note the end of the program; it was killed if it gave no reason."""
         self.end_reason = reason or NO_REASON
         self.is_running = False
 
     def stop(self) -> None:
-        """Send the program the signal of Ctrl-C, once in two seconds, if it is still there."""
+        """Send the program SIGINT, at most once in two seconds, if it still runs."""
         now = time.monotonic()
         if now - self.last_stop >= MIN_STOP_INTERVAL and os.getppid() == self._program:
             self.last_stop = now
@@ -305,9 +308,9 @@ class Run:
 
 
 class Page:
-    """What one browser shows of a run, as a Bokeh document.
+    """The page of a run in one browser, as a Bokeh document.
 
-    Browsers cannot share a document: Bokeh sends new charts in full to the first of them only.
+    Browsers cannot share a document: Bokeh sends new charts in full only to the first browser.
 
     - ``source``: readings of the curves, angles in degrees, columns numbered by bend or wire.
     """
@@ -315,7 +318,7 @@ class Page:
     def __init__(self, run: Run):
         """
         Args:
-            run: the run that is shown, and that the button stops.
+            run: the run to show, which the button stops.
         """
         self.source = ColumnDataSource()
         self._run = run
@@ -332,7 +335,7 @@ class Page:
         self._button.on_click(run.stop)
 
     def add_to(self, document: Document) -> None:
-        """Put the page into a document, and keep it up to date there."""
+        """Put the page into a document, and update it periodically."""
         for model in (self._state, self._button, self._curves, self._facts):
             document.add_root(model)
         document.title = "Soft limb, live"
@@ -343,7 +346,7 @@ class Page:
         document.add_periodic_callback(self.update, round(1000 * UPDATE_PERIOD))
 
     def update(self) -> None:
-        """Show all that has come since the last update."""
+        """Show the messages since the last update."""
         run = self._run
         header = run.header
         self._update_texts()
@@ -363,7 +366,7 @@ class Page:
             first = len(run.readings) - num_new
             new_readings = itertools.islice(run.readings, first, None)
             self.source.stream(columns(header, new_readings), rollover=2 * NUM_POINTS)
-            # Make room for a limb that is shown beyond its run.
+            # Extend the axis for a limb that is shown after its run.
             last = run.readings[-1].time
             if isinstance(self._x_range, Range1d) and last > self._x_range.end:
                 self._x_range.end = last + 15.0
@@ -373,11 +376,11 @@ class Page:
         self._state.text = state(run)
         self._facts.text = facts(run)
         if run.reading is not None and run.reading.cooling:
-            self._button.label = "End"  # of the cool-down; nothing is left to stop
+            self._button.label = "End"  # of the cool-down: the run itself has ended
         elif math.isfinite(run.last_stop):
             self._button.label = "STOP again"
         self._button.disabled = bool(run.end_reason)
-        # By this the page's script sees that this process lives.
+        # Count for the page's script, which sees by it that this process lives.
         self._num_updates += 1
         self._state.tags = [self._num_updates]
 
@@ -386,7 +389,7 @@ def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[fl
     """Return columns of the curves: angles in degrees, numbered by bend or wire; NaN for a gap."""
     readings = list(readings)
     layout = LimbModel.of(header.parameters).layout
-    found = {"time": [reading.time for reading in readings]}
+    columns_by_name = {"time": [reading.time for reading in readings]}
     for name, size, scale in (
         ("bend_angle", layout.num_bends, 180.0 / np.pi),
         ("reference", layout.num_bends, 180.0 / np.pi),
@@ -396,8 +399,9 @@ def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[fl
     ):
         rows = [getattr(reading, name) for reading in readings]
         for i in range(size):
-            found[f"{name}_{i}"] = [math.nan if row is None else scale * row[i] for row in rows]
-    return found
+            values = [math.nan if row is None else scale * row[i] for row in rows]
+            columns_by_name[f"{name}_{i}"] = values
+    return columns_by_name
 
 
 def new_x_range(header: RunHeader) -> Range1d | DataRange1d:
@@ -417,7 +421,7 @@ def figures(
     if isinstance(x_range, DataRange1d):
         # Limits are drawn far beyond the recording.
         renderers = [renderer for chart in drawn for renderer in chart.renderers]
-        x_range.renderers = [one for one in renderers if one.data_source is source]
+        x_range.renderers = [each for each in renderers if each.data_source is source]
     return drawn
 
 
@@ -427,6 +431,7 @@ def panels(header: RunHeader) -> list[Panel]:
     band = header.band
     limits = header.parameters.temperature_limits
 
+    # Draw the measured curves from columns that grow.
     def growing(name: str, column: str, color: str, **style) -> Curve:
         return Curve(name, np.zeros(0), np.zeros(0), color, column=column, **style)
 
@@ -436,14 +441,15 @@ def panels(header: RunHeader) -> list[Panel]:
             return [growing(f"{wire}V measured", column, color, width=2.0)]
         if signal == "bend_angle":
             reading = growing("measured φ", column, color, width=2.0)
-            wanted = growing("asked for", f"reference_{row}", REFERENCE_COLOR)
-            return [wanted, reading] if plan is None else [reading]
+            reference = growing("asked for", f"reference_{row}", REFERENCE_COLOR)
+            return [reference, reading] if plan is None else [reading]
         wide = {"width": 5.0, "alpha": 0.3, "steps": True}
         return [
             growing(f"{wire}D applied", f"applied_duty_{row}", color, **wide),
             growing(f"{wire}D asked for", column, color, steps=True),
         ]
 
+    # Shade the bands that readings of such limbs stay in.
     bands = {}
     if plan is not None and band is not None:
         width = np.interp(plan.time, band.time, band.bend_reading)
@@ -453,6 +459,7 @@ def panels(header: RunHeader) -> list[Panel]:
             "bend_angle": np.array([plan.bend_angle - width, plan.bend_angle + width]),
             "measured_temperature": np.array([planned, planned + above]),
         }
+    # Draw the limits of temperature as lines.
     ends = np.array([0.0, header.duration or 1e6])
     lines = (
         (f"T_max {limits.maximum:g} °C", limits.maximum, T_MAX_COLOR, "dotted"),
@@ -471,24 +478,30 @@ def panels(header: RunHeader) -> list[Panel]:
 
 
 def state(run: Run) -> str:
-    """Return the line on top, HTML: whether wires may be heated, or how it ended, and what runs."""
+    """Return the line on top, HTML: state of the wires or reason of the end, activity, alarms."""
+    # Choose the first state that applies; the colour is red for failures.
     silence = time.monotonic() - run.last_message
     board = run.reading.board if run.reading is not None else None
+    kind = "off"
     if run.end_reason:
-        kind, what = "off" if run.end_reason == DONE else "bad", f"Ended: {run.end_reason}"
+        kind = "off" if run.end_reason == DONE else "bad"
+        text = f"Ended: {run.end_reason}"
     elif not run.is_running:
-        kind, what = "off", "No limb runs"
+        text = "No limb runs"
     elif silence > SILENCE_TIMEOUT:
-        kind, what = "bad", f"No reading of the limb has come for {silence:.0f} s"
+        kind = "bad"
+        text = f"No reading of the limb for {silence:.0f} s"
     elif run.reading is not None and run.reading.cooling:
-        kind, what = "off", "The run has ended: wires are off and cooling"
+        text = "The run has ended: wires are off and cooling"
     elif board is None:
-        kind, what = "armed", "Running"
+        kind = "armed"
+        text = "Running"
     elif board.armed:
-        kind, what = "armed", "Armed: wires may be heated"
+        kind = "armed"
+        text = "Armed: wires may be heated"
     else:
-        kind, what = "off", f"Wires off: {board.reason}"
-    return part("state", kind, what, run.activity, alarms(run))
+        text = f"Wires off: {board.reason}"
+    return part("state", kind, text, run.activity, alarms(run))
 
 
 def alarms(run: Run) -> list[tuple[str, str]]:
@@ -497,17 +510,16 @@ def alarms(run: Run) -> list[tuple[str, str]]:
         return []
     parameters = run.header.parameters
     limits = parameters.temperature_limits
-    found = []
+    wire_alarms = []
     for name, value in zip(parameters.wire_names, run.reading.measured_temperature, strict=True):
-        if value >= min(limits.measured_maximum, run.header.limit):
-            kind, word = "bad", "too hot"
-        elif value >= limits.maximum - NEAR_LIMIT:
-            kind, word = "near", "above T_max" if value > limits.maximum else "near T_max"
-        else:
+        is_too_hot = value >= min(limits.measured_maximum, run.header.limit)
+        if not is_too_hot and value < limits.maximum - NEAR_LIMIT:
             continue
-        wire = name.replace("_", " ")
-        found.append((kind, f"{wire}: {value:.1f} °C, {word} (T_max {limits.maximum:g} °C)"))
-    return found
+        words = "above T_max" if value > limits.maximum else "near T_max"
+        words = "too hot" if is_too_hot else words
+        text = f"{name.replace('_', ' ')}: {value:.1f} °C, {words} (T_max {limits.maximum:g} °C)"
+        wire_alarms.append(("bad" if is_too_hot else "near", text))
+    return wire_alarms
 
 
 def facts(run: Run) -> str:
@@ -530,7 +542,7 @@ def facts(run: Run) -> str:
         add("highest so far, °C", run.highest, 1)
         add("highest, predicted, °C", header.band.highest_readings if header.band else None, 0)
         add("at most, by its duty, °C", board.warmest if board else None, 0)
-        if run.is_running:  # the last duty is not in force any more
+        if run.is_running:  # else the last duty is no longer applied
             add("duty", reading.duty, 2)
             add("duty applied", reading.applied_duty, 2)
         # A line for each fact about the whole limb.
@@ -575,17 +587,17 @@ def _time_line(run: Run, header: RunHeader, reading: Reading) -> str:
 class Site(BokehTornado):
     """Bokeh's server application behind a check of host, origin and token.
 
-    A request must name this server, and must not come from a page of another site: else another
-    site's name could be made to lead here. It must bring the token, but for Bokeh's scripts. Bokeh
-    checks websockets once more: their origin, and a signature that only pages from here have.
+    A request must name this server as its host, and must not come from a page of another site. It
+    must have the token, except requests for Bokeh's scripts. Bokeh checks websockets in addition:
+    their origin, and a signature that only pages of this server have.
 
-    - ``token``: the word that a request must bring.
+    - ``token``: password that is part of each request's address.
     """
 
     def __init__(self, run: Run, port: int):
         """
         Args:
-            run: what it shows.
+            run: the run to show.
             port: port of the loopback on which it listens.
         """
         self.token = secrets.token_urlsafe()
@@ -595,7 +607,7 @@ class Site(BokehTornado):
             secret_key=secrets.token_bytes(),
             sign_sessions=True,
             session_token_expiration=TOKEN_LIFETIME,
-            include_headers=[],  # a page has no use for those of its request
+            include_headers=[],  # the page needs neither headers nor cookies
             include_cookies=[],
             use_index=False,
             keep_alive_milliseconds=0,  # Tornado's pings close connections that do not answer
@@ -605,10 +617,12 @@ class Site(BokehTornado):
         self.add_transform(_SameSiteOnly)
 
     def find_handler(self, request: HTTPServerRequest, **kwargs: Any) -> HTTPMessageDelegate:
-        """Return the handler of a request that may pass, or one that refuses it."""
+        """Return the handler of a request if it passes the checks, or a handler that refuses it."""
+        # Check the host, and the origin if the browser sends it.
         host = request.host.lower()
         origin = request.headers.get("Origin", f"http://{host}").lower()
         is_same_site = host in self.websocket_origins and origin == f"http://{host}"
+        # Check the token in constant time.
         words = request.query_arguments.get("token", [])
         has_token = any(secrets.compare_digest(word, self.token.encode()) for word in words)
         if is_same_site and (has_token or request.path.startswith("/static/")):
@@ -617,7 +631,7 @@ class Site(BokehTornado):
 
 
 class _SameSiteOnly(OutputTransform):
-    """Tells browsers to keep nothing, and that no page of another site may contain or read it."""
+    """Headers that forbid browsers to store a page, and other sites to embed or read it."""
 
     def transform_first_chunk(
         self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
@@ -634,7 +648,7 @@ def serve(messages: socket.socket, program: int, open_browser: bool) -> None:
     """Serve a page until its run has ended; print its URL first.
 
     Args:
-        messages: socket of the program that runs the limb. Its end, and why, comes by stdin.
+        messages: socket of the program that runs the limb; stdin brings the reason of its end.
         program: number of that program's process.
         open_browser: whether to open the page, where there is a display.
     """
@@ -647,7 +661,7 @@ def serve(messages: socket.socket, program: int, open_browser: bool) -> None:
     http_server = HTTPServer(site)
     http_server.add_sockets(sockets)
     BaseServer(loop, site, http_server).start()
-    # Say where it is.
+    # Print its address, and open a browser.
     url = f"http://{LOOPBACK}:{port}/?token={site.token}"
     print(url, flush=True)
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -655,7 +669,7 @@ def serve(messages: socket.socket, program: int, open_browser: bool) -> None:
     if open_browser and (has_display or sys.platform == "darwin"):
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 
-    # Take in messages until the program ends.
+    # Process messages until the program ends.
     def take_messages(*_event) -> None:
         with contextlib.suppress(BlockingIOError, ConnectionError):
             while True:

@@ -1,4 +1,4 @@
-"""Ctrl-C while a command starts: it ends before `run_command` takes over."""
+"""Handle Ctrl-C while a command starts, before `run_command` takes over."""
 
 import os
 import signal
@@ -7,18 +7,18 @@ from pathlib import Path
 
 
 def let_ctrl_c_end_imports() -> None:
-    """If a command of ours starts, Ctrl-C ends it with a line until `run_command` takes over.
+    """Let Ctrl-C end ``soft-limb`` with one line while it imports libraries.
 
-    What imports half a library would show or swallow KeyboardInterrupt. Programs that
-    only use our packages are left alone.
+    A KeyboardInterrupt in the middle of an import would print a traceback or be swallowed.
+    Programs that only use our packages keep their handler.
     """
     words = sys.orig_argv
     module = words[words.index("-m") + 1 :][:1] if "-m" in words else []
-    ours = module == ["soft_limb"] or Path(sys.argv[0]).stem == "soft-limb"
-    if ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _end)
+    is_soft_limb = module == ["soft_limb"] or Path(sys.argv[0]).stem == "soft-limb"
+    if is_soft_limb and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _exit)
 
 
-def _end(*_: object) -> None:
+def _exit(*_: object) -> None:
     os.write(2, b"stopped before it began; nothing was written\n")
     os._exit(128 + signal.SIGINT)

@@ -40,7 +40,7 @@ def left_out_remark(recording_name: str, reason: object) -> Remark:
     return Remark("left out", f"{recording_name} is left out: {reason}")
 
 
-def usable_recordings(
+def select_usable(
     recordings: Mapping[str, Sequence[Recording]],
     described: LimbParameters | None = None,
     *,
@@ -148,7 +148,7 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
         CalibrationError: as `folder_of_limb`.
     """
     recordings, remarks = read_folder(folder)
-    usable_by_kind = usable_recordings(recordings)
+    usable_by_kind = select_usable(recordings)
     for remark in [*remarks, *usable_by_kind.left_out]:
         warnings.warn(str(remark), stacklevel=2)
     return usable_by_kind.recordings

@@ -1,4 +1,4 @@
-"""What a finger must do to press on an object: the bend and the heat for a force.
+"""Compute the bend and the heat with which a finger presses on an object with a force.
 
 A finger is a planar limb that bends until one of its links touches a ball. At rest, the springs
 and the force F of the contact carry the wires' torque:
@@ -6,9 +6,9 @@ and the force F of the contact carry the wires' torque:
     K θ + ∇V(θ) - f(x) = F ∇g(θ),   g(θ) = 0   (2 at rest, with a contact)
 
 where g is the gap between the limb's axis and the ball, less half the limb's thickness. f depends
-on heat alone, so the plan of a grip is that of the same heat in free air, where the finger would
-bend further: by the bend that F takes back. Hence a reference for `plan` is enough, and the heat,
-its limits and how long they take are those of the plan.
+on heat alone. So a grip is planned as a motion in free air: with the same heat and without F, the
+finger would bend further. This larger bend is the reference for `plan`, and the plan respects the
+limits of the wires as for any motion.
 """
 
 import dataclasses
@@ -30,17 +30,17 @@ from planners import PlanningError
 class Grip:
     """A finger at rest that presses on a ball.
 
-    - ``bend_angle``: φ of the free finger under the same heat, rad, by (11) from the mean of its
-      joints' angles, as (15) weighs them: what to ask of a plan.
-    - ``held_bend_angle``: φ with the ball, rad.
+    - ``bend_angle``: φ of the free finger with the same heat, rad, by (11) from the mean of its
+      joint angles, as in (15): the reference for a plan.
+    - ``gripping_bend_angle``: φ with the ball, rad.
     - ``joint_angles``: θ with the ball (n,), rad.
     - ``force``: F, N, and ``normal``: unit vector from the finger to the ball in (E1, E2).
     - ``wire_temperature``: T of each wire (W,), °C.
-    - ``largest_force``: N, that the finger can hold there without end, its wires at T_max.
+    - ``largest_force``: largest steady force there, N, with the pulling wires near T_max.
     """
 
     bend_angle: float
-    held_bend_angle: float
+    gripping_bend_angle: float
     joint_angles: np.ndarray
     force: float
     normal: np.ndarray
@@ -56,7 +56,7 @@ def grip(
     *,
     margin: float = 5.0,
 ) -> Grip:
-    """The grip of a finger on a ball, whose other wires are at T_warm.
+    """Return the grip of a finger on a ball; the wires on the other side are at T_warm.
 
     Args:
         parameters: description of the finger, a planar limb of one segment, with gravity.
@@ -66,14 +66,14 @@ def grip(
         margin: °C, by which wires stay below T_max.
 
     Raises:
-        PlanningError: if the limb is no such finger, does not reach the ball, touches it with cold
-            wires, or cannot press so hard.
+        PlanningError: if the limb is not a planar limb of one segment, does not reach the ball,
+            touches it at T_warm, or cannot press with this force.
     """
     return _Finger(parameters, np.asarray(center, float), radius, margin).grip(force)
 
 
 def fingers_duty(planned: Trajectory) -> dict[str, Trajectory | PiecewisePolynomial]:
-    """Return the duty of both fingers of the gripper, whose wires change places from side to side.
+    """Return the duty of both fingers of the gripper; the right finger mirrors the left.
 
     Args:
         planned: the plan of the left finger, which bends towards its right wire.
@@ -90,27 +90,36 @@ class _Finger:
     ):
         model = LimbModel.of(parameters)
         if not model.layout.is_planar or len(parameters.segments) > 1:
-            raise PlanningError("Grips are of planar limbs of one segment; this limb is another.")
+            raise PlanningError("Only planar limbs of one segment can grip; give such a limb.")
         if center.shape != (2,) or not center[1] or not radius > 0:
             raise PlanningError(
                 f"The ball is at {center.tolist()} m with a radius of {radius:g} m; give its "
                 "center in (E1, E2), to one side of the straight finger, and a radius above 0."
             )
-        self._parameters, self._center = parameters, center
+        self._parameters = parameters
+        self._center = center
         self._wires = model.wires
-        self._held = model.mean_angle_statics
+        self._statics = model.mean_angle_statics
+        # Find the wires that pull towards the ball, and their range of temperature.
         side = np.sign(center[1])
         self._pulls = np.array([np.sign(wire.e2) == side for wire in parameters.wires])
         limits = parameters.temperature_limits
-        self._warm, self._hottest = limits.warm, limits.maximum - margin
-        n, segment = model.layout.num_joints, parameters.segments[0]
-        q, x, F = ca.SX.sym("q", n), ca.SX.sym("x", self._wires.num_states), ca.SX.sym("F")
-        chain, still = Chain(model.mechanics, q), ca.SX(n, 1)
+        self._warm = limits.warm
+        self._hottest = limits.maximum - margin
+        # Write the gap between the finger and the ball as a function of the joint angles.
+        n = model.layout.num_joints
+        segment = parameters.segments[0]
+        q = ca.SX.sym("q", n)
+        x = ca.SX.sym("x", self._wires.num_states)
+        F = ca.SX.sym("F")
+        chain = Chain(model.mechanics, q)
         last = chain.position(n - 1, model.mechanics.end_offset[-1])
         ends = [*chain.origins, last]
         gap = ca.norm_2(ca.DM(center) - _nearest(ends, ca.DM(center))[:2])
         away = radius + segment.thickness / 2
-        residual = equation_of_motion(model.mechanics, self._wires, q, still, still, x)
+        # Solve the balance of torques with the contact force, and the gap of zero.
+        rest = ca.SX(n, 1)  # no velocity, no acceleration
+        residual = equation_of_motion(model.mechanics, self._wires, q, rest, rest, x)
         balance = ca.vertcat(residual - F * ca.gradient(gap, q), gap - away)
         unknown = ca.vertcat(q, F)
         self._touching = ca.rootfinder(
@@ -120,10 +129,11 @@ class _Finger:
             {"show_eval_warnings": False},
         )
         self._point = ca.Function("point", [q], [_nearest(ends, ca.DM(center))])
-        # From far away, a root may be beyond the ball; the touching finger moves little with T.
-        self._start = np.append(self._held.angles(self._states(self._warm)), 0.0)
+        # Start near the root, as another root may be beyond the ball.
+        self._start = np.append(self._statics.angles(self._states(self._warm)), 0.0)
 
     def grip(self, force: float) -> Grip:
+        # Check that the force is between zero and the force of the hottest wires.
         most = self._force(self._hottest)
         if most <= 0:
             raise PlanningError(
@@ -140,12 +150,13 @@ class _Finger:
                 f"The finger can press on this ball with up to {most:.3g} N, its wires at "
                 f"{self._hottest:g} °C, and not with {force:g} N."
             )
+        # Find the temperature for the force.
         T = brentq(lambda T: self._force(T) - force, self._warm, self._hottest)
         angles, _ = self._pressing(T)
         away = self._center - np.array(self._point(angles)).ravel()[:2]
         return Grip(
-            bend_angle=float(self._held.values(self._states(T))[0]),
-            held_bend_angle=float(bend_angle(self._parameters, angles)[0]),
+            bend_angle=float(self._statics.values(self._states(T))[0]),
+            gripping_bend_angle=float(bend_angle(self._parameters, angles)[0]),
             joint_angles=angles,
             force=force,
             normal=away / np.linalg.norm(away),
@@ -154,20 +165,20 @@ class _Finger:
         )
 
     def _force(self, T: float) -> float:
-        """F, N, with the pulling wires at T; negative where the ball would have to pull."""
+        """Return F, N, with the pulling wires at T; negative if the ball would have to pull."""
         return self._pressing(T)[1]
 
     def _pressing(self, T: float) -> tuple[np.ndarray, float]:
-        """θ (n,) and F at rest, with the pulling wires at T and the ball touched."""
+        """Return θ (n,) and F at rest, with the pulling wires at T and the ball touched."""
         states = self._states(T)
         try:
-            found = self._touching(self._start, states)
+            solution = self._touching(self._start, states)
         except RuntimeError as error:
             raise PlanningError(
-                "No way was found for the finger to touch the ball; is it within reach of one of "
-                "its sides?"
+                "The solver found no pose in which the finger touches the ball; move the ball into "
+                "the reach of one side of the finger."
             ) from error
-        values = np.array(found).ravel()
+        values = np.array(solution).ravel()
         return values[:-1], float(values[-1])
 
     def _states(self, T: float) -> np.ndarray:
@@ -175,7 +186,11 @@ class _Finger:
 
 
 def _nearest(ends: list[ca.SX], point: ca.DM) -> ca.SX:
-    """The point (3,) of links from end to end that is nearest to a point (2,)."""
+    """Return the point (3,) on the links that is nearest to a point (2,).
+
+    Args:
+        ends: the links' ends in order, each (3,).
+    """
     points = []
     for start, end in itertools.pairwise(ends):
         along = end[:2] - start[:2]

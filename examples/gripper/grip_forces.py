@@ -1,7 +1,7 @@
-"""How planned grips come out in a simulation with contact: forces, and when the ball is free.
+"""Compare planned grips with simulations with contact: forces, and times until the ball is free.
 
-The gripper of gripper.py, with other forces, balls, hands and wires. The plan is that of
-a free finger by `grip`; the simulation is Drake's, with hydroelastic contact.
+The gripper of gripper.py is simulated with other forces, balls, hands and wires. `grip` plans for
+a free finger; Drake simulates the hand with hydroelastic contact.
 
     python examples/gripper/grip_forces.py
 """
@@ -19,7 +19,9 @@ from limb_systems import HystereticLaw, LimbParameters, SaturatingLaw
 from planners import Task, plan, references
 
 FOLDER = Path(__file__).parent
-ALONG, OPENS, END = 0.085, 22.0, 26.0  # m, s
+ALONG = 0.085  # m, from the base to the ball along the finger
+OPENS = 22.0  # s
+END = 26.0  # s
 CASES = (  # ball's radius, distance of the finger from its centre, m; force, N; law
     ("light", 0.02, 0.035, 0.05, None),
     ("as the example", 0.02, 0.035, 0.1, None),
@@ -33,7 +35,7 @@ CASES = (  # ball's radius, distance of the finger from its centre, m; force, N;
 
 
 def station(finger: LimbParameters, radius: float, distance: float, folder: Path) -> Station:
-    """Return the example's station with a finger, a ball and a hand of your own."""
+    """Return the example's station with another finger, ball and width of the hand."""
     shutil.copytree(FOLDER, folder, dirs_exist_ok=True)
     finger.save(folder / "finger.yaml")
     for name, changes in {
@@ -49,6 +51,7 @@ def station(finger: LimbParameters, radius: float, distance: float, folder: Path
 
 
 def main() -> None:
+    # Print the header of a table: force, heat and duty of the plan, and the simulation.
     nominal = LimbParameters.load(FOLDER / "finger.yaml")
     row = "{:<18}{:>9}{:>9}{:>9}{:>9}{:>11}{:>11}{:>8}{:>8}"
     print(row.format("grip", "force", "wire", "duty", "at most", "simulated", "", "open", "free"))
@@ -57,26 +60,32 @@ def main() -> None:
         finger = copy.deepcopy(nominal)
         for wire in finger.wires:
             wire.law = law() if law else wire.law
-        held = grip(finger, [ALONG, distance], radius, force)
-        bends = np.array([[0.0, 0.0, held.bend_angle, held.bend_angle, 0.0, 0.0]])
+        # Plan the bend for the force.
+        grip_state = grip(finger, [ALONG, distance], radius, force)
+        closed = grip_state.bend_angle
+        bends = np.array([[0.0, 0.0, closed, closed, 0.0, 0.0]])
         motion = references.from_samples([0.0, 12.0, 14.0, OPENS, OPENS + 1.0, END], bends)
         trajectory = plan(finger, motion, task=Task(duty_weight=0.05))
+        # Simulate both fingers.
         inputs = fingers_duty(trajectory)
         with tempfile.TemporaryDirectory() as folder:
-            made = station(finger, radius, distance, Path(folder))
-            seen = drive(made, {**inputs, "wrist.desired_state": [0.0, 0.0]}, END)
-        forces = np.linalg.norm(seen["left_finger.contact_force"], axis=0)
-        simulated = forces[seen["time"] >= OPENS - 2.0][0]
-        opens = trajectory.time[trajectory.bend_angle[0] > held.held_bend_angle][-1] - OPENS
+            hand = station(finger, radius, distance, Path(folder))
+            signals = drive(hand, {**inputs, "wrist.desired_state": [0.0, 0.0]}, END)
+        # Compare the force, and the time until the ball is free.
+        forces = np.linalg.norm(signals["left_finger.contact_force"], axis=0)
+        simulated = forces[signals["time"] >= OPENS - 2.0][0]
+        is_pressing = trajectory.bend_angle[0] > grip_state.gripping_bend_angle
+        opens = trajectory.time[is_pressing][-1] - OPENS
+        # Print them with the plan's numbers.
         cells = (
             f"{force:.2f}",
-            f"{held.wire_temperature.max():.0f}",
+            f"{grip_state.wire_temperature.max():.0f}",
             f"{trajectory.duty[:, trajectory.time >= OPENS - 2.0][:, 0].max():.2f}",
-            f"{held.largest_force:.2f}",
+            f"{grip_state.largest_force:.2f}",
             f"{simulated:.3f}",
             f"{simulated / force - 1:+.1%}",
             f"{opens:.1f}",
-            f"{seen['time'][np.flatnonzero(forces)[-1]] - OPENS:.1f}",
+            f"{signals['time'][np.flatnonzero(forces)[-1]] - OPENS:.1f}",
         )
         print(row.format(name, *cells), flush=True)
 

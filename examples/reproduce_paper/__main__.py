@@ -1,11 +1,11 @@
 """The paper's evaluation, end to end, on emulated limbs.
 
-Records limbs whose physics is richer than the model, calibrates the model to
-the recordings, plans the motion of Fig. 5 and two that are taught by hand,
-replays each plan five times open loop and with each controller, learns it over
-ten repetitions, disturbs the limbs, and writes Table I, Figs. 4 to 7, where
-the error comes from, and all the data to a folder. Nothing but what is called
-true, and the split of the error, knows what an emulated limb is made of.
+Records emulated limbs with richer physics than the model, calibrates the model
+to the recordings, plans the motion of Fig. 5, ramps and two motions taught by
+hand, replays each plan five times open loop and with each controller, learns it
+over ten repetitions, disturbs the limbs, and writes Table I, Figs. 4 to 7, the
+sources of the error, and all the data to a folder. Only values that are called
+true, and the split of the error, use the hidden state of the emulated limbs.
 
     python examples/reproduce_paper [FOLDER] [--quick] [--limbs N] [--others N]
 
@@ -32,51 +32,55 @@ from reproduce_paper.reproduce import reproduce_in  # noqa: E402
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0],
-        epilog="exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C",
+        epilog="exit status: 0 done; 1 failed; 2 wrong usage; 130 stopped by Ctrl-C",
     )
     parser.add_argument("folder", nargs="?", default="out", type=Path, help="for all results")
-    parser.add_argument("--limbs", type=int, default=10, help="how many (default %(default)s)")
+    parser.add_argument(
+        "--limbs", type=int, default=10, help="number of limbs (default %(default)s)"
+    )
     parser.add_argument(
         "--others",
         type=int,
         default=0,
-        help="how many limbs of another physics besides (default %(default)s)",
+        help="number of additional limbs with other physics (default %(default)s)",
     )
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="one limb, --no-compare, no disturbances, and of closed loop soft-limb follow, and "
-        "learning of the ramps",
+        help="one limb, without comparisons and disturbances; closed loop only as soft-limb "
+        "follow, and learning only of the ramps",
     )
     parser.add_argument(
         "--no-compare",
         action="store_true",
-        help="no plans with the paper's calibration and with other laws; half of the time",
+        help="leave out plans with the paper's calibration and with other laws; takes half of the "
+        "time",
     )
     parser.add_argument(
         "--extra",
         action="append",
         default=[],
         choices=EXTRA_EFFECTS,
-        help="an effect that all limbs have beside those of every limb",
+        help="effect to add to the physics of all limbs; may be repeated",
     )
     parser.add_argument(
         "--cluster",
         metavar="ADDRESS",
-        help="of a Dask scheduler, whose workers have this package; "
-        "processes on this machine if left out",
+        help="address of a Dask scheduler, whose workers have this package; processes on this "
+        "machine if left out",
     )
+    # Run the evaluation until it ends or a signal comes.
     options = parser.parse_args()
     if options.limbs < 1 or options.others < 0:
         parser.error("--limbs must be one or more, and --others zero or more")
-    stopped = f"stopped; limbs that were finished are in {options.folder}"
+    stopped = f"stopped; complete limbs are in {options.folder}"
     return run_command(
         lambda: reproduce_in(options.folder, _jobs(options), options.cluster), stopped
     )
 
 
 def _jobs(options) -> list[Settings]:
-    """What is done with each limb."""
+    """Return the settings of each limb."""
     whole = Settings(
         0,
         tuple(options.extra),

@@ -1,7 +1,7 @@
-"""Where the tracking error comes from, by swapping one thing for another.
+"""Split the tracking error into its sources.
 
-From the plan to what the sensor reads of the limb there are five bend angles,
-each with one thing swapped against the one before:
+Between the plan and the sensor's reading there are five bend angles. Each differs from the
+previous angle in one source of error:
 
 1. φ*, the plan;
 2. the simulated model with the calibrated parameters, which differs by collocation;
@@ -10,8 +10,8 @@ each with one thing swapped against the one before:
 4. the limb, as a sensor without errors sees it, which differs by the model's form;
 5. the limb as its bend sensor reads it.
 
-All of them are compared at the samples that Table I counts, so that the four differences add
-up to the tracking error at each of them.
+All are compared at the samples that Table I counts. At each sample, the four differences add up
+to the tracking error.
 """
 
 from collections.abc import Mapping
@@ -24,9 +24,9 @@ from calibration.prediction.law_fit import fit_law
 from calibration.prediction.selection import rubber_options
 from limb_systems import Limb, simulate
 from limb_systems.tracking import true_bend
-from reproduce_paper.ways import Way
+from reproduce_paper.driving import PlanWithRollouts
 
-# For each of `STEPS` the mean absolute difference that it makes, and its part of the error, °.
+# For each of `STEPS`: its mean absolute difference, and its part of the error, degrees.
 Split = dict[str, tuple[float, float]]
 STEPS = {
     "collocation": "plan against the simulated model",
@@ -36,7 +36,9 @@ STEPS = {
 }
 
 
-def error_split(calibration: Calibration, motions: Mapping[str, Way]) -> dict[str, Split]:
+def error_split(
+    calibration: Calibration, motions: Mapping[str, PlanWithRollouts]
+) -> dict[str, Split]:
     """Split the error of the first open-loop rollout of each motion.
 
     The best parameters belong to the law that was calibrated. They are fitted in hindsight to
@@ -47,10 +49,10 @@ def error_split(calibration: Calibration, motions: Mapping[str, Way]) -> dict[st
         motions: plan and rollouts by motion.
 
     Returns:
-        For each motion its `Split`. A difference counts as positive in a step's part where it has
-        the sign of the error, and as negative where it makes up for others; so the parts add up to
-        the mean tracking error.
+        The `Split` of each motion. In the part of a step, a difference is positive if it has the
+        sign of the error, and negative otherwise. So the parts add up to the mean tracking error.
     """
+    # Fit the best parameters in hindsight, to the true bend.
     assert calibration.prediction is not None
     fit = calibration.prediction.fit
     truths = [true_bend(way.rollouts[0]) for way in motions.values()]
@@ -60,7 +62,9 @@ def error_split(calibration: Calibration, motions: Mapping[str, Way]) -> dict[st
     ).predicted
     result = {}
     for (name, way), truth, hindsight in zip(motions.items(), truths, best, strict=True):
-        (rollout, *_), trajectory = way.rollouts, way.trajectory.since_start()
+        # Simulate the calibrated model, and take all angles at the counted samples.
+        rollout = way.rollouts[0]
+        trajectory = way.trajectory.since_start()
         counted = (rollout.time <= trajectory.duration) & ~rollout.implausible
         times = rollout.time[counted]
         start = trajectory.state[:, 0]
@@ -72,6 +76,7 @@ def error_split(calibration: Calibration, motions: Mapping[str, Way]) -> dict[st
             truth.bend_angle[0, counted],
             rollout.bend_angle[0, counted],
         ]
+        # Split the error between neighbouring angles.
         steps = np.rad2deg(np.diff(angles, axis=0))
         sign = np.sign(steps.sum(axis=0))
         result[name] = {

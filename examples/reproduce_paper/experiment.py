@@ -1,4 +1,4 @@
-"""One limb through the whole paper: recordings, calibration, plans, rollouts."""
+"""Evaluate one limb: record, calibrate, plan and drive it, as in the paper."""
 
 import copy
 import dataclasses
@@ -17,8 +17,7 @@ from hardware import LimbTwin, present_readings, watch
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, Recording, Trajectory, resting_state
 from planners import Task, plan, references
-from reproduce_paper.error_split import Split, error_split
-from reproduce_paper.ways import (
+from reproduce_paper.driving import (
     CLOSED_LOOP,
     DISTURBANCES,
     FEEDBACK,
@@ -27,10 +26,11 @@ from reproduce_paper.ways import (
     OPEN_LOOP,
     PAUSE,
     REGULATOR,
-    Way,
+    PlanWithRollouts,
     roll_out,
     roll_out_disturbed,
 )
+from reproduce_paper.error_split import Split, error_split
 from soft_limb.runs.jobs import run_each
 
 # Table I has the distance of each plan from its reference.
@@ -40,12 +40,13 @@ AS_DESCRIBED = "as described, not calibrated"
 PAPER = "LinearLaw, calibrated as in Sec. V"
 NUM_ANGLES = 6  # equilibria of each calibration recording
 NUM_ROLLOUTS = 5  # of each plan of the calibrated model in open loop
-# Rollouts of a controller differ by the sensors' noise alone. Repetitions are those of learning.
+# Rollouts of one controller differ only by sensor noise. For learning: number of repetitions.
 COUNTS = {OPEN_LOOP: 1, FEEDBACK: 2, REGULATOR: 2, FOLLOW: 1, LEARNING: 10}
 SMOOTHING_TIME = 0.5  # s, of taught bend angles
 
-VALIDATION, RAMPS = "Validation", "Ramps"
-# Files with the two motions of the hand, time in s and bend angle in degrees.
+VALIDATION = "Validation"
+RAMPS = "Ramps"
+# Files of the two taught motions: time in s and bend angle in degrees.
 HANDS = {"T&R 1": "hand_1.csv", "T&R 2": "hand_2.csv"}
 DRAWN = {VALIDATION: references.step_and_decaying_sine, RAMPS: references.ramps}
 MOTIONS = (VALIDATION, *HANDS, RAMPS)
@@ -53,7 +54,7 @@ MOTIONS = (VALIDATION, *HANDS, RAMPS)
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """What the evaluation does with one limb.
+    """Settings of the evaluation of one limb.
 
     - ``seed``, ``extra``, ``physics``: arguments of the emulated limb, see `LimbTwin`.
     - ``compare``: whether the paper's calibration and other laws make plans, too; each of these
@@ -71,7 +72,7 @@ class Settings:
     quick: bool = False
 
     def closed_loop(self, motion: str) -> tuple[str, ...]:
-        """The ways of `CLOSED_LOOP` that drive a motion."""
+        """Return the methods of `CLOSED_LOOP` that drive a motion."""
         if not self.quick:
             return CLOSED_LOOP
         return (FOLLOW, LEARNING) if motion == RAMPS else (FOLLOW,)
@@ -79,15 +80,15 @@ class Settings:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Experiment:
-    """One limb, its calibration, and how it was driven.
+    """One limb, its calibration, and its rollouts.
 
-    - ``specimen``: the emulation's truth, which nothing looks into.
+    - ``specimen``: the emulated limb with its hidden parameters.
     - ``recordings``: recordings for calibration, by kind.
     - ``calibration``: the model, fitted by prediction error.
     - ``taught``: recordings of the hand, with the wires off, by motion.
-    - ``ways``: plan and rollouts of each way to drive the limb, by motion. A rollout ends when a
-      wire is measured at the limit of the board.
-    - ``disturbed``: ways that drove the motion of Fig. 5, by disturbance.
+    - ``ways``: plan and rollouts by motion and method. A rollout ends early when a wire is
+      measured at the limit of the board.
+    - ``disturbed``: plan and rollouts of Fig. 5 by disturbance and method.
     - ``split``: parts of the first rollouts' error, see `error_split`.
     - ``compared``: open loop along the plans of other models, such as `AS_DESCRIBED` or `PAPER`, by
       model and motion.
@@ -97,14 +98,14 @@ class Experiment:
     recordings: dict[str, list[Recording]]
     calibration: Calibration
     taught: dict[str, Recording]
-    ways: dict[str, dict[str, Way]]
-    disturbed: dict[str, dict[str, Way]]
+    ways: dict[str, dict[str, PlanWithRollouts]]
+    disturbed: dict[str, dict[str, PlanWithRollouts]]
     split: dict[str, Split]
-    compared: dict[str, dict[str, Way]]
+    compared: dict[str, dict[str, PlanWithRollouts]]
 
 
-def hand_course(name: str) -> PiecewisePolynomial:
-    """The bend angle over time of a taught motion, rad; the hand rests at both ends."""
+def taught_motion(name: str) -> PiecewisePolynomial:
+    """Return the bend angle of a taught motion over time, rad; it is at rest at both ends."""
     times, angles = np.loadtxt(Path(__file__).with_name(HANDS[name]), delimiter=",").T
     return PiecewisePolynomial.CubicShapePreserving(
         times, np.deg2rad([angles]), zero_end_point_derivatives=True
@@ -116,27 +117,28 @@ def evaluate(
     num_processes: int = 1,
     tell: Callable[[str], object] = lambda step: None,
 ) -> Experiment:
-    """Take a new limb through Secs. V to VII, and on to closed loop.
+    """Evaluate a new limb as in Secs. V to VII, and in closed loop.
 
-    Each way to drive each plan begins where the limb was left by the recordings, the hand
-    and a rest.
+    Each method drives each plan from the same state of the limb, after the recordings, the
+    teaching and a rest.
 
     Args:
-        settings: what is done.
+        settings: settings of the evaluation.
         num_processes: as for `run_each`.
-        tell: function that is called before each step, with its number of five and its name.
-
+        tell: function that is called with the name of each step.
     """
-    tell("1/5 recording the limb as calibration wants it")
+    tell("1/5 recording the limb for calibration")
     specimen, recordings = record(settings)
     tell("2/5 calibrating the model to the recordings, and teaching motions by hand")
     calls: list[Callable[[], Any]] = [
         functools.partial(fit, recordings, settings.compare),
         functools.partial(teach, specimen),
     ]
-    (calibration, models), (rested, taught) = call_all(calls, num_processes)
+    calibrated, teaching = call_all(calls, num_processes)
+    calibration, models = calibrated
+    rested, taught = teaching
     start = present_readings(LimbTwin(specimen=rested))
-    # Motion, loop that the plan is made for, and name of the model, empty for the calibrated one.
+    # List the plans: motion, loop of the plan, and name of the model, empty if calibrated.
     wanted = [(motion, OPEN_LOOP, model) for motion in MOTIONS for model in models]
     wanted += [(motion, FEEDBACK, "") for motion in MOTIONS]
     tell(f"3/5 planning motions: {len(wanted)}")
@@ -144,9 +146,8 @@ def evaluate(
         functools.partial(plan_motion, models[model], motion, taught, loop, start)
         for motion, loop, model in wanted
     ]
-    found = call_all(calls, num_processes)
-    plans = dict(zip(wanted, found, strict=True))
-    # Motion, way and model of each run, the longest first.
+    plans = dict(zip(wanted, call_all(calls, num_processes), strict=True))
+    # List the runs: motion, method and model, the longest first.
     runs = [
         (motion, way, "")
         for way in reversed(CLOSED_LOOP)
@@ -156,6 +157,7 @@ def evaluate(
     runs += [key for key in wanted if key[2]]
     num_runs = len(MOTIONS) + len(runs)
     tell(f"4/5 driving the limb along its plans in several ways: {num_runs}")
+    # Drive the limb: open loop, by each method, and with disturbances.
     opened = {motion: plans[motion, OPEN_LOOP, ""] for motion in MOTIONS}
     calls = [functools.partial(open_loop, rested, calibration, opened)]
     for motion, way, model in runs:
@@ -166,6 +168,7 @@ def evaluate(
     disturbances = DISTURBANCES if settings.disturb else ()
     calls += [functools.partial(roll_out_disturbed, rested, fig5, each) for each in disturbances]
     (firsts, split), *driven = call_all(calls, num_processes)
+    # Sort the rollouts by motion and method.
     ways = {(motion, OPEN_LOOP, ""): way for motion, way in firsts.items()}
     ways |= zip(runs, driven, strict=False)
     return Experiment(
@@ -220,7 +223,7 @@ def teach(specimen: Specimen) -> tuple[Specimen, dict[str, Recording]]:
     """Move a limb by hand, and let it rest; return the limb then, and what it recorded."""
     taught = {}
     for name in HANDS:
-        hand = hand_course(name)
+        hand = taught_motion(name)
         taught[name] = watch(
             LimbTwin(specimen=specimen).after_rest(PAUSE, hand=hand), hand.end_time()
         )
@@ -230,8 +233,8 @@ def teach(specimen: Specimen) -> tuple[Specimen, dict[str, Recording]]:
 
 def open_loop(
     rested: Specimen, calibration: Calibration, plans: dict[str, Trajectory]
-) -> tuple[dict[str, Way], dict[str, Split]]:
-    """Return rollouts of each motion's plan, and how the error of the first one is split."""
+) -> tuple[dict[str, PlanWithRollouts], dict[str, Split]]:
+    """Return rollouts of each motion's plan, and the split of the first rollout's error."""
     ways = {
         motion: roll_out(rested, trajectory, OPEN_LOOP, NUM_ROLLOUTS, MOTIONS.index(motion))
         for motion, trajectory in plans.items()
@@ -246,7 +249,7 @@ def plan_motion(
     loop: str,
     start: np.ndarray,
 ) -> Trajectory:
-    """Plan one of `MOTIONS`, drawn or as it was taught, to be driven in a loop from readings on."""
+    """Plan one of `MOTIONS` for a loop (open or feedback), starting at the readings ``start``."""
     if motion in taught:
         reference = references.from_recording(taught[motion], SMOOTHING_TIME)
     else:

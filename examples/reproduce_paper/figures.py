@@ -1,4 +1,4 @@
-"""The paper's figures of one limb, Figs. 4 to 7, and ways to drive it side by side."""
+"""The paper's Figs. 4 to 7 for one limb, and a comparison of the methods to drive it."""
 
 from collections.abc import Mapping
 
@@ -14,14 +14,14 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.panels import Panel, tracking_panels
 from limb_systems.views.plots import WIDTH, Figure
+from reproduce_paper.driving import FOLLOW, LEARNING, OPEN_LOOP, PlanWithRollouts
 from reproduce_paper.experiment import AS_DESCRIBED, HANDS, RAMPS, VALIDATION, Experiment
-from reproduce_paper.tables import Followed, nearest_distance
-from reproduce_paper.ways import FOLLOW, LEARNING, OPEN_LOOP, Way
+from reproduce_paper.tables import RolloutStatistics, nearest_distance
 from soft_limb.reports.calibration_report import validation_panels
 
 
 def plot_taught(experiment: Experiment) -> Figure:
-    """Fig. 7: the limb while it is taught, and while it repeats, every few seconds."""
+    """Draw Fig. 7: poses of the limb every few seconds, taught and repeated."""
     motions = experiment.taught
     figure = Figure(figsize=(WIDTH, 2.6 * len(motions)), layout="constrained")
     axes = figure.subplots(2 * len(motions), 1)
@@ -38,7 +38,7 @@ def plot_taught(experiment: Experiment) -> Figure:
 
 
 def _plot_poses(axis, recording: Recording, color: str) -> None:
-    """The shape of a limb of one segment by eqn (11), every five seconds, E1 down and E2 right."""
+    """Draw the shape of a limb of one segment by (11) every five seconds, E1 down, E2 right."""
     times = np.arange(5.0, recording.time[-1], 5.0)
     places = 1.1 * np.arange(len(times))  # in lengths of the limb
     for place, time in zip(places, times, strict=True):
@@ -58,47 +58,56 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
     axis.tick_params(length=0)
 
 
-def ways_shown(experiment: Experiment) -> dict[str, Way]:
-    """Return the ways in which the limb was driven along `RAMPS`.
+def plans_to_plot(experiment: Experiment) -> dict[str, PlanWithRollouts]:
+    """Return the rollouts of `RAMPS` to plot, by method.
 
-    The ways are open loop before and after calibration, `follow`, and the repetition of learning
-    that was read nearest to the reference.
+    The methods are open loop before and after calibration, `follow`, and the repetition of
+    learning whose reading was nearest to the reference.
     """
     ways = experiment.ways[RAMPS]
-    shown = {f"{OPEN_LOOP}, not calibrated": experiment.compared[AS_DESCRIBED][RAMPS]}
-    shown |= {name: ways[name] for name in (OPEN_LOOP, FOLLOW)}
-    trajectory, learned = ways[LEARNING].trajectory, ways[LEARNING].rollouts
-    return shown | {f"{LEARNING}, best of {len(learned)} as read": Way(trajectory, learned[-1:])}
+    plotted = {f"{OPEN_LOOP}, not calibrated": experiment.compared[AS_DESCRIBED][RAMPS]}
+    plotted |= {name: ways[name] for name in (OPEN_LOOP, FOLLOW)}
+    trajectory = ways[LEARNING].trajectory
+    learned = ways[LEARNING].rollouts
+    return plotted | {
+        f"{LEARNING}, best of {len(learned)} as read": PlanWithRollouts(trajectory, learned[-1:])
+    }
 
 
-def plot_ways(shown: Mapping[str, Way]) -> Figure:
-    """Ways to drive one motion, side by side: bend as read and true, and V; see `ways_shown`.
+def plot_methods(plotted: Mapping[str, PlanWithRollouts]) -> Figure:
+    """Draw the methods of `plans_to_plot` side by side: bend, as read and true, and V.
 
-    Titles have the mean distance of the true bend from the reference over all rollouts, of which
-    the first one is drawn, and above all is what the limits leave.
+    The title of a method has the mean distance of the true bend from the reference over all
+    rollouts; the first rollout is drawn. The title of the figure has the best possible distance.
     """
     figure = Figure(figsize=(2.0 * WIDTH, 4.6), layout="constrained")
-    axes = figure.subplots(2, len(shown), sharex=True, sharey="row", height_ratios=[1.4, 1.0])
-    for (bend, heat), (name, way) in zip(axes.T, shown.items(), strict=True):
-        rollout, plan = way.rollouts[0], way.trajectory.since_start()
-        angles = rollout.bend_angle[0], true_bend(rollout).bend_angle[0]
-        bend.set_title(f"{name}: {Followed.of(way).true_reference:.2f}°")
-        wanted = np.rad2deg(plan.reference[0])
-        bend.plot(plan.time, wanted, color=REFERENCE_COLOR, lw=1.0, label="reference")
-        bend.plot(rollout.time, np.rad2deg(angles[0]), color=ROLLOUT_COLOR, lw=0.6, label="read")
-        bend.plot(rollout.time, np.rad2deg(angles[1]), color="k", lw=1.0, label="true")
+    axes = figure.subplots(2, len(plotted), sharex=True, sharey="row", height_ratios=[1.4, 1.0])
+    for (bend, heat), (name, way) in zip(axes.T, plotted.items(), strict=True):
+        # Draw the bend: reference, reading, true bend and plan.
+        rollout = way.rollouts[0]
+        plan = way.trajectory.since_start()
+        read = np.rad2deg(rollout.bend_angle[0])
+        true = np.rad2deg(true_bend(rollout).bend_angle[0])
+        bend.set_title(f"{name}: {RolloutStatistics.of(way).true_reference:.2f}°")
+        reference = np.rad2deg(plan.reference[0])
+        bend.plot(plan.time, reference, color=REFERENCE_COLOR, lw=1.0, label="reference")
+        bend.plot(rollout.time, read, color=ROLLOUT_COLOR, lw=0.6, label="read")
+        bend.plot(rollout.time, true, color="k", lw=1.0, label="true")
         bend.plot(plan.time, np.rad2deg(plan.bend_angle[0]), "--", color=PLAN_COLOR, label="plan")
+        # Draw the readings of each wire, and their plan.
         names = rollout.parameters.wire_names
         for wire, color in enumerate(wire_colors(len(names))):
-            reading, planned = rollout.measured_temperature[wire], plan.measured_temperature[wire]
+            reading = rollout.measured_temperature[wire]
+            planned = plan.measured_temperature[wire]
             heat.plot(rollout.time, reading, color=color, lw=1.0, label=f"{names[wire]}, V")
             heat.plot(plan.time, planned, "--", color=color, lw=1.0, label=f"{names[wire]}, plan")
         heat.set_xlabel("time (s)")
         for axis in (bend, heat):
             axis.grid(alpha=0.25)
             axis.spines[["top", "right"]].set_visible(False)
-    left = nearest_distance(shown[OPEN_LOOP].trajectory)
-    best = "" if left is None else f"; the best plan within the limits: {left:.2f}°"
+    # Add titles, labels and legends.
+    nearest = nearest_distance(plotted[OPEN_LOOP].trajectory)
+    best = "" if nearest is None else f"; the best plan within the limits: {nearest:.2f}°"
     figure.suptitle(
         f"Mean distance of the true bend from the reference, on an emulated limb{best}",
         fontsize=10,
@@ -113,9 +122,9 @@ def plot_ways(shown: Mapping[str, Way]) -> Figure:
 def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str]]:
     """Return the paper's figures of one limb by the names of their files, with descriptions.
 
-    A figure is a list of panels, which a page shows as a chart, or a picture if it has no axes
-    to look into.
+    A figure is a list of panels, which a page draws as an interactive chart, or a picture.
     """
+    # Draw Figs. 4 to 6 as panels.
     driven = {motion: ways[OPEN_LOOP] for motion, ways in experiment.ways.items()}
     tracking = {m: tracking_panels(way.trajectory, way.rollouts) for m, way in driven.items()}
     validation = experiment.calibration.validation
@@ -134,13 +143,14 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str
     for letter, name in zip("ab", HANDS, strict=True):
         text = f"Fig. 6, {name}: a motion that was taught, plan and rollouts"
         result[f"fig6{letter}"] = tracking[name], text
+    # Draw Fig. 7 and the comparison of methods as pictures.
     result["fig7"] = (
         plot_taught(experiment),
         "Fig. 7: the limb's shape by its bend sensor, constant curvature (11), as it was taught "
         "and as it repeated it",
     )
     result["ways"] = (
-        plot_ways(ways_shown(experiment)),
+        plot_methods(plans_to_plot(experiment)),
         "Ramps that the limb can follow: open loop before and after calibration, follow, and the "
         "repetition of learning that was read nearest to the reference. Each curve is the first "
         "rollout, and each distance is the mean over all rollouts",

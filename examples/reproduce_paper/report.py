@@ -1,4 +1,4 @@
-"""The page that has all of the evaluation in it."""
+"""Write the page of the evaluation: tables, figures and settings."""
 
 import collections
 from collections.abc import Callable, Mapping, Sequence
@@ -7,14 +7,14 @@ from pathlib import Path
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure
 from reproduce_paper import tables
+from reproduce_paper.driving import OPEN_LOOP, PAUSE
 from reproduce_paper.experiment import Experiment
-from reproduce_paper.ways import OPEN_LOOP, PAUSE
 from soft_limb.reports import page
 
 Table = Callable[[Sequence[tables.Summary]], tables.Rows]
 EMULATED = (
-    "These limbs are emulated. The numbers say how the method fares on an emulation with physics "
-    "that the model leaves out, and nothing of a real limb."
+    "These limbs are emulated, with physics that the model leaves out. The numbers are results of "
+    "the method on this emulation, and say nothing about a real limb."
 )
 
 
@@ -30,11 +30,12 @@ def write_report(
     Args:
         path: the HTML file.
         summaries: one for each limb.
-        experiment: the limb that is shown.
-        pictures: `figures` of it.
-        data: files that the page links to, by what they are.
+        experiment: the limb of the figures.
+        pictures: `figures` of that limb.
+        data: files that the page links to, by their descriptions.
     """
-    limbs = tables.of_family(summaries)
+    # Begin with the tables.
+    limbs = tables.limbs_of_family(summaries)
     title = "The paper reproduced, on emulated limbs"
     parts: list[page.Part] = [
         page.paragraph(
@@ -46,11 +47,13 @@ def write_report(
         page.verdict(EMULATED),
         *_measured(summaries),
     ]
+    # Add the figures.
     for drawn, text in pictures.values():
         heading, _, caption = text.partition(": ")
-        shown = page.chart(drawn, text) if isinstance(drawn, list) else page.picture(drawn, text)
+        chart = page.chart(drawn, text) if isinstance(drawn, list) else page.picture(drawn, text)
         caption = f"{caption[0].upper()}{caption[1:]}."
-        parts.append(page.section(heading, page.paragraph(caption), shown))
+        parts.append(page.section(heading, page.paragraph(caption), chart))
+    # Describe the settings.
     seeds = ", ".join(str(limb.seed) for limb in limbs)
     rollouts = len(next(iter(experiment.ways.values()))[OPEN_LOOP].rollouts)
     done = [
@@ -70,11 +73,12 @@ def write_report(
 
 
 def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
-    """The tables, each with what it says; without those that are empty."""
-    limbs = tables.of_family(summaries)
+    """Return a section for each table that is not empty."""
+    limbs = tables.limbs_of_family(summaries)
     laws = collections.Counter(limb.law for limb in limbs)
     chosen = ", ".join(f"{law} for {count}" for law, count in laws.most_common())
     margin = "± is half of the 95% confidence interval over limbs." if len(limbs) > 1 else ""
+    # Headings, texts, and tables by their captions.
     sections: list[tuple[str, str, dict[str, Table]]] = [
         (
             "Distance from the reference",
@@ -93,7 +97,7 @@ def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
                 "First the mean distance |φ_REF − φ| of the true bend from the reference, in "
                 "degrees, then of the bend as the sensor reads it, and |φ_REF − φ*| of the plan. "
                 "The first row of each motion is the best plan within the limits, by the "
-                "calibrated model. The best of some repetitions of learning is the one that was "
+                "calibrated model. The best repetition of learning is the repetition that was "
                 "read nearest to the reference. From the plan: |φ* − φ| as the sensor reads it, "
                 "and its mean for the true bend; highest reading V and true temperature T of any "
                 "wire, °C; rollouts that were aborted as a wire was measured at the board's limit "
@@ -139,10 +143,11 @@ def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
             },
         ),
     ]
-    shown = []
+    # Leave out tables without rows, such as disturbances of a quick run.
+    filled = []
     for heading, text, captions in sections:
         made = {caption: table(summaries) for caption, table in captions.items()}
         drawn = [page.table(rows[0], rows[1:], what) for what, rows in made.items() if rows[1:]]
         if drawn:
-            shown.append(page.section(heading, page.paragraph(text), *drawn))
-    return shown
+            filled.append(page.section(heading, page.paragraph(text), *drawn))
+    return filled

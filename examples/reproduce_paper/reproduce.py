@@ -1,4 +1,4 @@
-"""The whole evaluation of emulated limbs, with its report, pictures and files."""
+"""Evaluate emulated limbs, and write report, pictures and files."""
 
 import dataclasses
 import json
@@ -12,11 +12,11 @@ from limb_systems import write_meshcat_replay
 from limb_systems.files.output import write_atomically
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure, draw, save_figure
+from reproduce_paper.driving import FOLLOW, LEARNING, OPEN_LOOP
 from reproduce_paper.experiment import RAMPS, Experiment, Settings, evaluate
 from reproduce_paper.figures import figures
 from reproduce_paper.report import EMULATED, write_report
 from reproduce_paper.tables import LUMPED, Summary, distance_table, summarize
-from reproduce_paper.ways import FOLLOW, LEARNING, OPEN_LOOP
 from soft_limb.commands.options import print_table
 from soft_limb.reports.calibration_report import write_report as write_calibration_report
 from soft_limb.results.summaries import calibration_summary
@@ -27,19 +27,21 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
     """Run the evaluation as a command: print its steps and tables, and write all files.
 
     Args:
-        folder: gets ``report.html``, pictures, and what `reproduce` leaves.
-        jobs: what is done with each limb.
+        folder: folder for ``report.html``, pictures, and the files of `reproduce`.
+        jobs: settings of each limb.
         cluster: address of a Dask scheduler; processes on this machine if None.
 
     Returns:
         Exit status 0.
     """
+    # Evaluate the limbs, and write figures and report.
     started = time.perf_counter()
-    summaries, shown = reproduce(jobs, folder, os.cpu_count() or 1, cluster)
+    summaries, experiment = reproduce(jobs, folder, os.cpu_count() or 1, cluster)
     if len(jobs) == 1:
         tell("5/5 drawing figures, and writing the report")
-    _draw(folder, summaries, shown)
-    print(f"\n{calibration_summary(shown.calibration)}\n")
+    _draw(folder, summaries, experiment)
+    # Print the calibration, the distances and the files.
+    print(f"\n{calibration_summary(experiment.calibration)}\n")
     for physics in dict.fromkeys(summary.physics for summary in summaries):
         title = "mean distance of the true bend from the reference"
         print_table(title, distance_table(summaries, physics))
@@ -56,9 +58,8 @@ def reproduce(
     """Evaluate limbs: a single one in several processes, and several limbs one in each process.
 
     Args:
-        jobs: what is done with each limb.
-        folder: gets a folder of files of each limb, and ``results.json`` with the limbs that
-            are finished.
+        jobs: settings of each limb.
+        folder: folder for a folder of each limb, and for ``results.json`` of the complete limbs.
         num_processes, cluster: as for `soft_limb.runs.jobs.run_each`.
 
     Returns:
@@ -68,23 +69,25 @@ def reproduce(
         experiments = iter([evaluate(jobs[0], num_processes, tell)])
     else:
         experiments = run_each(evaluate, jobs, num_processes, cluster=cluster)
-    found: dict[tuple[str, int], Summary] = {}
-    shown = None
+    completed: dict[tuple[str, int], Summary] = {}
+    first = None
     for experiment in experiments:
         summary = summarize(experiment)
         key = (summary.physics, summary.seed)
-        found[key] = summary
+        completed[key] = summary
         if key == (jobs[0].physics, jobs[0].seed):
-            shown = experiment
+            first = experiment
+        # Save its files, and the numbers of all complete limbs.
         _save(experiment, folder / f"{_family(summary)}_{summary.seed}")
-        done = [found[job.physics, job.seed] for job in jobs if (job.physics, job.seed) in found]
+        keys = [(job.physics, job.seed) for job in jobs]
+        done = [completed[key] for key in keys if key in completed]
         data = [dataclasses.asdict(each) for each in done]
         text = json.dumps(data, indent=1, ensure_ascii=False)
         write_atomically(folder / "results.json", text)
         if len(jobs) > 1:
-            print(f"{len(found):>3} of {len(jobs)}: {_line(summary)}", flush=True)
-    assert shown is not None
-    return done, shown
+            print(f"{len(completed):>3} of {len(jobs)}: {_line(summary)}", flush=True)
+    assert first is not None
+    return done, first
 
 
 def tell(step: str) -> None:
@@ -102,7 +105,7 @@ def _family(summary: Summary) -> str:
 
 
 def _line(summary: Summary) -> str:
-    """A limb's mean distances from its plans as read, by each way of driving it."""
+    """Return a line with a limb's mean distances from its plans, as read, by method."""
     parts = []
     for name in dict.fromkeys(name for ways in summary.ways.values() for name in ways):
         errors = [ways[name].read for ways in summary.ways.values() if name in ways]
@@ -114,26 +117,29 @@ def _line(summary: Summary) -> str:
     return f"{_family(summary)} {summary.seed}: {'; '.join(parts)}"
 
 
-def _draw(folder: Path, summaries: Sequence[Summary], shown: Experiment) -> None:
+def _draw(folder: Path, summaries: Sequence[Summary], experiment: Experiment) -> None:
     """Write the pictures and the 3D replay of one limb, and the report of all."""
-    pictures = figures(shown)
+    pictures = figures(experiment)
     for name, (figure, _) in pictures.items():
         save_picture(figure, folder / f"{name}.png")
-    way = shown.ways[RAMPS][FOLLOW]
-    replay, title = folder / "replay.html", "Ramps, on an emulated limb"
+    # Write the 3D replay.
+    way = experiment.ways[RAMPS][FOLLOW]
+    replay = folder / "replay.html"
+    title = "Ramps, on an emulated limb"
     write_meshcat_replay(replay, way.rollouts[0], plan=way.trajectory, title=title)
-    limb = folder / f"limb_{shown.specimen.seed}"
+    # Write the report, with links to all files of the limb.
+    limb = folder / f"limb_{experiment.specimen.seed}"
     data = {
         "3D replay of the ramps": replay,
         "numbers of all limbs": folder / "results.json",
-        "calibration of the limb that is shown": limb / "calibration.html",
+        "calibration of the limb in the figures": limb / "calibration.html",
         "its parameters": limb / "limb.yaml",
         **{name: folder / f"{name}.png" for name in pictures},
     }
     for path in sorted(limb.glob("*/*.csv")):
         if path.parent.name != "recordings":  # the calibration's page has these
             data[f"{path.parent.name}, {path.stem}"] = path
-    write_report(folder / "report.html", summaries, shown, pictures, data)
+    write_report(folder / "report.html", summaries, experiment, pictures, data)
 
 
 def _save(experiment: Experiment, folder: Path) -> None:
@@ -142,13 +148,13 @@ def _save(experiment: Experiment, folder: Path) -> None:
     data = {"calibrated limb": folder / "limb.yaml", **{path.stem: path for path in recordings}}
     write_calibration_report(experiment.calibration, folder / "calibration.html", data)
     for motion, ways in experiment.ways.items():
-        own = folder / motion.replace("&", "_and_").replace(" ", "_").lower()
+        motion_folder = folder / motion.replace("&", "_and_").replace(" ", "_").lower()
         if motion in experiment.taught:
-            experiment.taught[motion].save(own / "taught.csv")
+            experiment.taught[motion].save(motion_folder / "taught.csv")
         for loop, way in ways.items():
             kind = "" if loop == OPEN_LOOP else f"{loop.replace(' ', '_')}_"
-            way.trajectory.save(own / f"{kind}trajectory.csv")
+            way.trajectory.save(motion_folder / f"{kind}trajectory.csv")
             for number, rollout in enumerate(way.rollouts, 1):
-                # In closed loop rollouts are alike, and repetitions are on their way to the last.
+                # In closed loop, the first and the last rollout are enough.
                 if not kind or number in (1, len(way.rollouts)):
-                    rollout.save(own / f"{kind}rollout_{number}.csv")
+                    rollout.save(motion_folder / f"{kind}rollout_{number}.csv")

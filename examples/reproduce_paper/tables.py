@@ -1,7 +1,6 @@
-"""The evaluation in numbers: Table I, and where the error comes from.
+"""The tables of the evaluation: Table I, and the sources of the error.
 
-Each table is a list of rows of text, the header first, over the limbs of some summaries. Angles are
-in degrees and temperatures in °C.
+Each table is a list of rows of text, the header first. Angles are in degrees, temperatures in °C.
 """
 
 import dataclasses
@@ -13,9 +12,9 @@ from scipy.stats import t as student
 from limb_systems import Provenance, Trajectory
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import nearest_bend_angle
+from reproduce_paper.driving import FEEDBACK, FOLLOW, LEARNING, OPEN_LOOP, PlanWithRollouts
 from reproduce_paper.error_split import STEPS, Split
 from reproduce_paper.experiment import AS_DESCRIBED, MOTIONS, RAMPS, VALIDATION, Experiment
-from reproduce_paper.ways import FEEDBACK, FOLLOW, LEARNING, OPEN_LOOP, Way
 
 LUMPED = "lumped"  # the family of limbs that most tables are about
 PREDICTION = "the law that predicts best"
@@ -35,10 +34,10 @@ Rows = list[list[str]]
 
 
 @dataclasses.dataclass(frozen=True)
-class Followed:
-    """How rollouts of a plan went, as far as they came; angles in degrees.
+class RolloutStatistics:
+    """Errors of the rollouts of a plan, until their end or abort; angles in degrees.
 
-    - ``rollouts``, ``aborted``: number of rollouts, and of those that ended at the board's limit.
+    - ``rollouts``, ``aborted``: number of rollouts, and how many the board's limit ended.
     - ``true_reference``, ``reference``: mean |φ_REF - φ| of the true bend, and as it was read.
     - ``planned``: mean |φ_REF - φ*|, the distance of the plan from the reference.
     - ``tracking``: mean, median and 90th percentile of |φ* - φ| as the bend was read.
@@ -59,20 +58,24 @@ class Followed:
     highest_temperature: float
 
     @classmethod
-    def of(cls, way: Way) -> "Followed":
+    def of(cls, way: PlanWithRollouts) -> "RolloutStatistics":
         """Compare the rollouts of a plan with the plan, its reference and the truth."""
-        plan, rollouts = way.trajectory.since_start(), way.rollouts
+        # Compute the distances of readings, true bend and plan from the reference.
+        plan = way.trajectory.since_start()
+        rollouts = way.rollouts
         truths = [true_bend(rollout) for rollout in rollouts]
-        read, true = (reference_distances(plan, runs) for runs in (rollouts, truths))
+        read = reference_distances(plan, rollouts)
+        true = reference_distances(plan, truths)
         distances = np.rad2deg(np.array([true.done, read.done, read.planned], float)).tolist()
         errors = dataclasses.astuple(tracking_errors(plan, rollouts))
-        readings = [
-            np.abs(np.interp(rollout.time, plan.time, planned) - measured).mean()
-            for rollout in rollouts
+        # Compute the errors of V for each rollout and wire.
+        reading_errors = []
+        for rollout in rollouts:
             for planned, measured in zip(
                 plan.measured_temperature, rollout.measured_temperature, strict=True
-            )
-        ]
+            ):
+                interpolated = np.interp(rollout.time, plan.time, planned)
+                reading_errors.append(np.abs(interpolated - measured).mean())
         wires = [rollout.wire_temperature for rollout in rollouts]
         return cls(
             len(rollouts),
@@ -82,14 +85,14 @@ class Followed:
             distances[2],
             tuple(np.rad2deg(errors).tolist()),
             float(np.rad2deg(tracking_errors(plan, truths).mean)),
-            float(np.mean(readings)),
+            float(np.mean(reading_errors)),
             float(max(r.measured_temperature.max() for r in rollouts)),
             float(max(t.max() for t in wires if t is not None)),
         )
 
     @property
     def read(self) -> float:
-        """Mean |φ* - φ| as it was read."""
+        """Mean |φ* - φ| of the bend as it was read."""
         return self.tracking[0]
 
 
@@ -100,23 +103,23 @@ class Summary:
     - ``seed``, ``physics``: number and family of the limb.
     - ``nearest``: mean distance of the best plan within the limits from the reference, of each
       motion; None if it is not known.
-    - ``ways``: how each motion went in each way to drive it; of learning, the best repetitions
-      so far.
-    - ``repetitions``: how the best repetition went, after each, of each motion that was learned.
-    - ``disturbed``: how the motion of Fig. 5 went under each disturbance, in each way.
+    - ``ways``: statistics of each motion and method; for learning, of the best repetitions.
+    - ``repetitions``: statistics of the best repetition so far, after each repetition, of each
+      learned motion.
+    - ``disturbed``: statistics of Fig. 5 under each disturbance, by method.
     - ``split``: parts of the error of each motion's first rollout, see `error_split`.
-    - ``approaches``: how each motion went by each approach to calibration, open loop.
+    - ``approaches``: statistics by approach to calibration and motion, open loop.
     - ``law``: name of the law that the limb was calibrated with.
     - ``provenance``: versions, parameters and seed behind the numbers.
     """
 
     seed: int
     nearest: dict[str, float | None]
-    ways: dict[str, dict[str, Followed]]
-    repetitions: dict[str, list[Followed]]
-    disturbed: dict[str, dict[str, Followed]]
+    ways: dict[str, dict[str, RolloutStatistics]]
+    repetitions: dict[str, list[RolloutStatistics]]
+    disturbed: dict[str, dict[str, RolloutStatistics]]
     split: dict[str, Split]
-    approaches: dict[str, dict[str, Followed]]
+    approaches: dict[str, dict[str, RolloutStatistics]]
     law: str
     provenance: Provenance | None = None
     physics: str = LUMPED
@@ -125,22 +128,29 @@ class Summary:
 def summarize(experiment: Experiment) -> Summary:
     """Return the numbers of an experiment."""
 
-    def numbers(groups: dict[str, dict[str, Way]]) -> dict[str, dict[str, Followed]]:
+    def numbers(
+        groups: dict[str, dict[str, PlanWithRollouts]],
+    ) -> dict[str, dict[str, RolloutStatistics]]:
         return {
-            group: {name: Followed.of(way) for name, way in ways.items()}
+            group: {name: RolloutStatistics.of(way) for name, way in ways.items()}
             for group, ways in groups.items()
         }
 
+    # Compute the statistics of all rollouts, and of each repetition of learning.
     ways = numbers(experiment.ways)
     learned = {m: driven[LEARNING] for m, driven in experiment.ways.items() if LEARNING in driven}
     best = {motion: driven[OPEN_LOOP] for motion, driven in ways.items()}
-    specimen, prediction = experiment.specimen, experiment.calibration.prediction
+    specimen = experiment.specimen
+    prediction = experiment.calibration.prediction
     return Summary(
         specimen.seed,
         {m: nearest_distance(way[OPEN_LOOP].trajectory) for m, way in experiment.ways.items()},
         ways,
         {
-            motion: [Followed.of(Way(way.trajectory, [rollout])) for rollout in way.rollouts]
+            motion: [
+                RolloutStatistics.of(PlanWithRollouts(way.trajectory, [rollout]))
+                for rollout in way.rollouts
+            ]
             for motion, way in learned.items()
         },
         numbers(experiment.disturbed),
@@ -153,12 +163,12 @@ def summarize(experiment: Experiment) -> Summary:
 
 
 def nearest_distance(trajectory: Trajectory) -> float | None:
-    """Mean |φ_REF - φ| of the best plan that the limits leave, degrees; None if there is none."""
+    """Return mean |φ_REF - φ| of the best plan within the limits, degrees; None if unknown."""
     nearest = reference_distances(trajectory, nearest=nearest_bend_angle(trajectory)).nearest
     return None if nearest is None else float(np.rad2deg(nearest))
 
 
-def of_family(summaries: Sequence[Summary], physics: str = LUMPED) -> list[Summary]:
+def limbs_of_family(summaries: Sequence[Summary], physics: str = LUMPED) -> list[Summary]:
     """Return the summaries of the limbs of one physics."""
     return [s for s in summaries if s.physics == physics]
 
@@ -168,10 +178,10 @@ def _nearest(limbs: Sequence[Summary], motion: str) -> list[float]:
 
 
 def distance_table(summaries: Sequence[Summary], physics: str = LUMPED) -> Rows:
-    """Mean distances of the true bend from the reference of each motion, over a family's limbs."""
+    """Return the mean distance of the true bend from the reference, by motion and method."""
     header = ["motion", "best within the limits", "open loop, not calibrated"]
     rows = [[*header, OPEN_LOOP, FOLLOW, LEARNING]]
-    limbs = of_family(summaries, physics)
+    limbs = limbs_of_family(summaries, physics)
     for motion, name in MOTION_NAMES.items():
         ways = [limb.ways[motion] for limb in limbs]
         driven = [
@@ -186,7 +196,7 @@ def distance_table(summaries: Sequence[Summary], physics: str = LUMPED) -> Rows:
 
 
 def table_1(summaries: Sequence[Summary]) -> Rows:
-    """Table I: each way to drive each motion, over the limbs of each family, and the paper's."""
+    """Return Table I: each motion and method, over the limbs of each family, and the paper's."""
     from_plan = "read bend from the plan"
     rows = [
         [
@@ -203,14 +213,15 @@ def table_1(summaries: Sequence[Summary]) -> Rows:
         ]
     ]
     for motion in MOTIONS:
-        of_motion = []
+        # Add the rows of each family of limbs: the best plan, and each method.
+        motion_rows = []
         for physics in dict.fromkeys(summary.physics for summary in summaries):
-            limbs = of_family(summaries, physics)
+            limbs = limbs_of_family(summaries, physics)
             name = f"{'emulated' if physics == LUMPED else physics} limb"
             name = f"{len(limbs)} {name}s" if len(limbs) > 1 else name
             best = f"{name}, best plan within the limits"
-            of_motion.append([best, mean_and_margin(_nearest(limbs, motion))])
-            groups: dict[str, list[Followed]] = {}
+            motion_rows.append([best, mean_and_margin(_nearest(limbs, motion))])
+            groups: dict[str, list[RolloutStatistics]] = {}
             for limb in limbs:
                 ways = {way: made for way, made in limb.ways[motion].items() if way != LEARNING}
                 for count, learned in enumerate(limb.repetitions.get(motion, []), 1):
@@ -218,16 +229,17 @@ def table_1(summaries: Sequence[Summary]) -> Rows:
                         ways[f"{LEARNING}, best of {count} as read"] = learned
                 for way, made in ways.items():
                     groups.setdefault(way, []).append(made)
-            of_motion += [[f"{name}, {way}", *_cells(group)] for way, group in groups.items()]
+            motion_rows += [[f"{name}, {way}", *_cells(group)] for way, group in groups.items()]
+        # Add the paper's row.
         if motion in PAPER_TABLE_1:
             errors = [f"{value:.2f}" for value in PAPER_TABLE_1[motion]]
-            of_motion.append(["the paper's robot", "", "", "", *errors])
-        # The motion's name is in its first row alone.
-        rows += [["" if number else motion, *row] for number, row in enumerate(of_motion)]
+            motion_rows.append(["the paper's robot", "", "", "", *errors])
+        # Put the motion's name into its first row only.
+        rows += [["" if number else motion, *row] for number, row in enumerate(motion_rows)]
     return _filled(rows)
 
 
-def _cells(group: Sequence[Followed]) -> list[str]:
+def _cells(group: Sequence[RolloutStatistics]) -> list[str]:
     return [
         mean_and_margin([made.true_reference for made in group]),
         f"{np.mean([made.reference for made in group]):.2f}",
@@ -238,8 +250,8 @@ def _cells(group: Sequence[Followed]) -> list[str]:
     ]
 
 
-def _hottest(group: Sequence[Followed]) -> list[str]:
-    """Highest V and highest T of all rollouts, °C, and how many were aborted."""
+def _hottest(group: Sequence[RolloutStatistics]) -> list[str]:
+    """Return highest V and highest T of all rollouts, °C, and the number of aborted rollouts."""
     return [
         f"{max(made.highest_reading for made in group):.0f}",
         f"{max(made.highest_temperature for made in group):.0f}",
@@ -247,8 +259,8 @@ def _hottest(group: Sequence[Followed]) -> list[str]:
     ]
 
 
-def _distances(group: Sequence[Followed]) -> tuple[str, str]:
-    """Mean distance of the true bend from the reference; that from the plan, read / true."""
+def _distances(group: Sequence[RolloutStatistics]) -> tuple[str, str]:
+    """Return the mean distance of the true bend from the reference, and read / true errors."""
     away, read, true = np.mean([(m.true_reference, m.read, m.true) for m in group], axis=0)
     return f"{away:.2f}", f"{read:.2f} / {true:.2f}"
 
@@ -259,14 +271,14 @@ def _filled(rows: Rows) -> Rows:
 
 
 def disturbance_table(summaries: Sequence[Summary]) -> Rows:
-    """Feedback and open loop under each disturbance, and the worst of feedback at last."""
+    """Return feedback and open loop by disturbance; the last row is the worst of feedback."""
     columns = "true bend from the reference", "bend from the plan, read / true"
     rows = [
         ["disturbance"]
         + [f"feedback: {name}" for name in (*columns, "highest V", "highest T", "aborted")]
         + [f"open loop: {name}" for name in (*columns, "highest T", "aborted")]
     ]
-    limbs = [limb.disturbed for limb in of_family(summaries) if limb.disturbed]
+    limbs = [limb.disturbed for limb in limbs_of_family(summaries) if limb.disturbed]
     every = []
     for name in limbs[0] if limbs else []:
         closed = [limb[name][FEEDBACK] for limb in limbs]
@@ -280,18 +292,18 @@ def disturbance_table(summaries: Sequence[Summary]) -> Rows:
 
 
 def approach_table(summaries: Sequence[Summary]) -> Rows:
-    """Mean distances of each motion, error of V and aborted rollouts, by calibration."""
-    limbs = of_family(summaries)
+    """Return mean distances by motion, error of V and aborted rollouts, by calibrated model."""
+    limbs = limbs_of_family(summaries)
     rows = [["model", *MOTIONS, "V, °C", "aborted"]]
     for name in dict.fromkeys(name for limb in limbs for name in limb.approaches):
-        those = [limb.approaches[name] for limb in limbs if name in limb.approaches]
-        driven = [made for limb in those for made in limb.values()]
-        count = f" ({len(those)} limb{'s' * (len(those) > 1)})" * (len(those) < len(limbs))
+        compared = [limb.approaches[name] for limb in limbs if name in limb.approaches]
+        driven = [made for limb in compared for made in limb.values()]
+        count = f" ({len(compared)} limb{'s' * (len(compared) > 1)})" * (len(compared) < len(limbs))
         aborted = np.mean([made.aborted / made.rollouts for made in driven])
         rows.append(
             [
                 name + count,
-                *("; ".join(_distances([limb[motion] for limb in those])) for motion in MOTIONS),
+                *("; ".join(_distances([limb[motion] for limb in compared])) for motion in MOTIONS),
                 f"{np.mean([made.reading for made in driven]):.2f}",
                 f"{100 * aborted:.0f}%",
             ]
@@ -300,7 +312,7 @@ def approach_table(summaries: Sequence[Summary]) -> Rows:
 
 
 def law_table(summaries: Sequence[Summary]) -> Rows:
-    """The law of each limb, and in open loop mean true distances from reference and plan."""
+    """Return the law of each limb, and its true open-loop distances from reference and plan."""
     rows = [["limb", "law", *MOTIONS]]
     for limb in summaries:
         kind = "" if limb.physics == LUMPED else f"{limb.physics}, "
@@ -311,17 +323,17 @@ def law_table(summaries: Sequence[Summary]) -> Rows:
 
 
 def step_table(summaries: Sequence[Summary]) -> Rows:
-    """The mean absolute difference that each step of `error_split` makes."""
+    """Return the mean absolute difference of each step of `error_split`."""
     return _split_table(summaries, {step: f"{step}: {what}" for step, what in STEPS.items()}, 0)
 
 
 def part_table(summaries: Sequence[Summary]) -> Rows:
-    """The part that each step of `error_split` has in the whole error."""
+    """Return the part of each step of `error_split` in the whole error."""
     return _split_table(summaries, {step: step for step in STEPS}, 1)
 
 
 def _split_table(summaries: Sequence[Summary], names: dict[str, str], which: int) -> Rows:
-    splits = [limb.split for limb in of_family(summaries)]
+    splits = [limb.split for limb in limbs_of_family(summaries)]
     rows = [["", *MOTIONS]]
     for step, name in names.items():
         columns = [[split[motion][step][which] for split in splits] for motion in MOTIONS]

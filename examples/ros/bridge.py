@@ -21,12 +21,14 @@ from soft_limb.commands.options import Command, Option, shared
 
 
 def _bridge(options: argparse.Namespace) -> int:
+    # Check the files and the names of the topics.
     output = [options.output]
     inputs = [options.limb, options.plan]
     check_outputs(output, inputs=inputs, tables=output, force=options.force)
     for name in (options.duty, options.sensors, options.name):
         if not re.fullmatch(r"(/[A-Za-z]\w*)+", name, re.ASCII):
-            raise LimbError(f"{name} is no name of a topic; an example is /cmd_u_t.")
+            raise LimbError(f"{name} is not the name of a topic; give a name such as /cmd_u_t.")
+    # Load the plan, and make the limb.
     plan = Trajectory.load(options.plan) if options.plan else None
     parameters = LimbParameters.of(options.limb or (plan.parameters if plan else None))
     name = options.name
@@ -36,6 +38,7 @@ def _bridge(options: argparse.Namespace) -> int:
         limb = SerialLimb(options.port, parameters)
     else:
         limb = LimbTwin.of(parameters, options.emulated)
+    # Drive it until a signal comes.
     try:
         if plan:
             check_replayable(plan, limb)
@@ -49,10 +52,10 @@ def _bridge(options: argparse.Namespace) -> int:
 
 COMMAND = Command(
     _bridge,
-    "Puts a limb on ROS 2 topics until Ctrl-C: a robot, or without a port an emulated limb in "
-    "real time. Publishes what is measured and what the limb does at 20 Hz, and takes its "
-    "duty, or starts and stops a plan. A duty that is older than 250 ms is not applied, and "
-    "one that is out of range, or of another writer, neither. Needs no ROS 2 build.",
+    "Connect a limb to ROS 2 topics until Ctrl-C: a robot, or without a port an emulated limb in "
+    "real time. The bridge publishes the readings and the state of the limb at 20 Hz. It applies "
+    "the duty from a topic, or starts and stops a plan. It does not apply a duty that is older "
+    "than 250 ms, out of range, or from another writer. It needs no ROS 2 build.",
     "port emulated limb force",
     [
         Option("--plan", type=Path, help="trajectory that may be started (.csv)"),
@@ -67,13 +70,14 @@ COMMAND = Command(
             "--sensors",
             default=Topics.sensors,
             metavar="TOPIC",
-            help="topic of temperatures in °C and bend in rad, one too (default %(default)s)",
+            help="topic of temperatures in °C and bend in rad, a Float64MultiArray (default "
+            "%(default)s)",
         ),
         Option(
             "--name",
             default="/limb",
-            help="what the topics NAME/state, NAME/plan and NAME/run begin with "
-            "(default %(default)s)",
+            help="first part of the topics NAME/state, NAME/plan and NAME/run (default "
+            "%(default)s)",
         ),
     ],
     examples=["python examples/ros/bridge.py --emulated 3 --plan out/plan.csv"],

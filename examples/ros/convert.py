@@ -1,4 +1,4 @@
-"""Turn recordings and plans into Parquet or MCAP, and logs in Parquet or MCAP into CSV.
+"""Convert recordings and plans to Parquet or MCAP, and logs in Parquet or MCAP to CSV.
 
 python examples/ros/convert.py recording.csv -o recording.parquet  # or .mcap
 python examples/ros/convert.py bag.mcap -o log.csv                 # for soft-limb import log.csv
@@ -33,7 +33,7 @@ UNITS = {"s": "s", "c": "°C", "m": "m", "n": "N", "deg": "°"}  # by the ends o
 def to_pandas(samples) -> pandas.DataFrame:
     """Return the table of a recording, plan or gait: a row per sample, indexed by time in s.
 
-    Columns are those of the CSV file, with angles in degrees. ``attrs`` have the kind, the unit of
+    The columns are as in the CSV file, with angles in degrees. ``attrs`` have the kind, the unit of
     each column, the provenance, and the source of a recording or the check of a plan.
     """
     text = io.StringIO(samples.to_text())
@@ -53,7 +53,7 @@ def to_pandas(samples) -> pandas.DataFrame:
 
 
 def unit_of(column: str) -> str:
-    """Return the unit of a column of the CSV format, which its name ends with."""
+    """Return the unit of a column of the CSV format, by the end of its name."""
     if column.startswith(("duty_", "applied_duty_")):
         return "1"
     if column.endswith("_deg_s"):
@@ -86,12 +86,14 @@ def write_mcap(samples, path: Path) -> None:
 
     The topic is the signal's name, such as ``/duty``. Log times are ns since time zero; each
     message has ``time_s`` as well, which is exact. The schema of a channel describes each column by
-    its unit, and the metadata ``soft_limb`` are those of `write_parquet`.
+    its unit. The metadata ``soft_limb`` are written as by `write_parquet`.
     """
     frame = to_pandas(samples)
-    units, buffer = frame.attrs["units"], io.BytesIO()
+    units = frame.attrs["units"]
+    buffer = io.BytesIO()
     writer = Writer(buffer)
     writer.start(library="soft-limb")
+    # Register a channel with a schema for each signal.
     channels = []
     for signal, names in samples.columns_of(samples.parameters, samples.robot).items():
         present = [name for name in names if name in frame]
@@ -104,6 +106,7 @@ def write_mcap(samples, path: Path) -> None:
         )
         channel = writer.register_channel(f"/{signal}", "json", identity)
         channels.append((channel, present, frame[present].to_numpy().tolist()))
+    # Write a message of each channel for each sample.
     for index, time in enumerate(frame.index.tolist()):
         at = round(time * 1e9)
         for channel, names, rows in channels:
@@ -111,6 +114,7 @@ def write_mcap(samples, path: Path) -> None:
             # JSON has no NaN: a reading that is missing is not in the message.
             message = {"time_s": time, **{n: v for n, v in values if not math.isnan(v)}}
             writer.add_message(channel, at, json.dumps(message).encode(), at, sequence=index)
+    # Write the metadata of the file.
     about = without_nan(about_of(samples, frame))
     texts = {
         name: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
@@ -122,12 +126,12 @@ def write_mcap(samples, path: Path) -> None:
 
 
 def about_of(samples, frame) -> dict:
-    """Return what the metadata of a file say: ``attrs``, and the parameters in YAML."""
+    """Return the metadata of a file: ``attrs``, and the parameters in YAML."""
     return {**frame.attrs, "parameters": (samples.robot or samples.parameters).to_yaml()}
 
 
 def without_nan(value):
-    """Return a value for JSON, which has no NaN: a plan without a check has some."""
+    """Replace NaN in a value by None, as JSON has no NaN; a plan without a check has some."""
     if isinstance(value, dict):
         return {name: without_nan(item) for name, item in value.items()}
     if isinstance(value, list):
@@ -144,11 +148,12 @@ def read_parquet(path: Path) -> pandas.DataFrame:
 def read_mcap(path: Path) -> pandas.DataFrame:
     """Return the numbers in the messages of an MCAP file, a row for each time.
 
-    A cell is empty where no message of that time has the number. Read are objects of JSON, and
-    `FLOATS` of ROS 2, whose numbers are called by the label of their dimension if it has a name for
-    each of them, as the bridge labels them, else by their topic. ``time_s`` is that of the message
-    if all have one, else s since the first message was logged.
+    A cell is empty if no message of that time has the number. Messages may be objects of JSON, or
+    `FLOATS` of ROS 2. The numbers of `FLOATS` get their names from the label of their dimension, as
+    the bridge writes it, or else from their topic. ``time_s`` is the time in the messages if all
+    have one, else s since the first message was logged.
     """
+    # Read all numbers with their log times.
     messages = []
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
@@ -162,10 +167,12 @@ def read_mcap(path: Path) -> pandas.DataFrame:
             messages.append((message.log_time, numbers))
     if not messages:
         raise LimbError(f"{path} has no messages of JSON or of {FLOATS}.")
-    start, rows = messages[0][0], {}
-    timed = all("time_s" in numbers for _, numbers in messages)
+    # Join the numbers of each time to a row.
+    start = messages[0][0]
+    rows = {}
+    have_time = all("time_s" in numbers for _, numbers in messages)
     for logged, numbers in messages:
-        time = numbers["time_s"] if timed else (logged - start) * 1e-9
+        time = numbers["time_s"] if have_time else (logged - start) * 1e-9
         rows.setdefault(time, {"time_s": time}).update(numbers | {"time_s": time})
     return pandas.DataFrame([rows[time] for time in sorted(rows)])
 
@@ -186,15 +193,17 @@ WRITERS = {".parquet": write_parquet, ".mcap": write_mcap}
 
 
 def convert(options: argparse.Namespace) -> int:
-    """Convert each file to the format that the output's name, or ``--format``, says."""
-    one = len(options.files) == 1
-    suffix = (
-        f".{options.format}" if options.format else options.output.suffix if one else ".parquet"
-    )
-    outputs = [
-        options.output if one else options.output / f"{path.stem}{suffix}" for path in options.files
-    ]
+    """Convert each file to the format of ``--format``, or of the output's name."""
+    # Name the outputs, and check all before the first is written.
+    is_single = len(options.files) == 1
+    suffix = options.output.suffix if is_single else ".parquet"
+    if options.format:
+        suffix = f".{options.format}"
+    outputs = [options.output]
+    if not is_single:
+        outputs = [options.output / f"{path.stem}{suffix}" for path in options.files]
     check_outputs(outputs, inputs=options.files, force=options.force)
+    # Convert one file after the other.
     for path, output in zip(options.files, outputs, strict=True):
         if suffix in WRITERS:
             result = read_result(path)
@@ -215,17 +224,18 @@ def convert(options: argparse.Namespace) -> int:
 
 COMMAND = Command(
     convert,
-    "Writes recordings, plans and gaits as Parquet, for tables, or as MCAP, for viewers of robots' "
-    "logs, with units and provenance in their metadata. Turns a log in Parquet or MCAP into a CSV "
-    "that soft-limb import reads.",
+    "Convert recordings, plans and gaits to Parquet, for tables, or to MCAP, for viewers of robot "
+    "logs, with units and provenance in the metadata. Convert a log in Parquet or MCAP to a CSV "
+    "for soft-limb import.",
     "force",
     [
         Option("files", nargs="+", metavar="FILE", type=Path, help=".csv, .parquet or .mcap"),
-        shared("output", help="file to write; of several files the folder"),
+        shared("output", help="file to write; the folder to write to if there are several"),
         Option(
             "--format",
             choices=["parquet", "mcap", "csv"],
-            help="by default what the output's name ends with, and parquet in a folder",
+            help="format to write; if left out, the end of the output's name tells it; parquet for "
+            "several files",
         ),
     ],
     stopped="stopped; no file is half-written",

@@ -1,4 +1,4 @@
-"""Commands that record what calibration needs, fit a limb to it, and validate the limb."""
+"""Commands that record the data for calibration, fit a limb to the data, and validate the limb."""
 
 import argparse
 import contextlib
@@ -17,7 +17,7 @@ from calibration import (
 )
 from calibration.calibrate import METHODS
 from calibration.collecting.measurement_protocol import PROTOCOLS
-from calibration.recordings.files import folder_of_limb, read_folder, usable_recordings
+from calibration.recordings.files import folder_of_limb, read_folder, select_usable
 from calibration.recordings.recording_checks import check_recording, check_without_gaps
 from calibration.wire_directions import WrongDescriptionError
 from hardware import LimbTwin, SerialLimb
@@ -29,7 +29,7 @@ from limb_systems.connected_limbs import ConnectedLimbs, connected, load_describ
 from limb_systems.files.output import OutputError, check_folder, check_outputs, free_path
 from limb_systems.progress import part_of_work
 from limb_systems.summary import Entry, Summary
-from soft_limb.commands.logs import ASKED, fit_line, shell_line
+from soft_limb.commands.logs import EXIT_QUESTIONS, fit_command, shell_command
 from soft_limb.commands.options import (
     Command,
     Option,
@@ -45,10 +45,11 @@ from soft_limb.reports.calibration_report import (
 )
 from soft_limb.results.summaries import calibration_summary, validation_summary
 
-ROBOT = "robot.yaml"  # description of the robot, in the folder with the folders of its limbs
+ROBOT_FILE = "robot.yaml"  # description of the robot, beside the folders of its limbs
 
 
 def _collect(options: argparse.Namespace) -> int:
+    # Load the limb, or the limbs of a robot; a single limb has an empty name.
     check_folder(options.output)
     described = load_described(options.limb)
     robot: ConnectedLimbs | None = None
@@ -57,6 +58,7 @@ def _collect(options: argparse.Namespace) -> int:
         limbs = _limbs_to_record(robot, options)
     else:
         limbs = {"": described}
+    # Keep recordings that exist; an emulated limb would replace them.
     folders = {name: options.output / name for name in limbs}
     if not options.port and not options.force:
         recorded = [folder for folder in folders.values() if any(folder.glob("*.csv"))]
@@ -64,21 +66,22 @@ def _collect(options: argparse.Namespace) -> int:
             raise OutputError(
                 f"{recorded[0]} holds recordings; give another folder, or --force to replace them."
             )
-    for name, limb in limbs.items() if options.port else ():
-        with BoardLink(_port(options, name), limb) as link:  # before it is mounted in vain
-            link.sample()
+    # Check that all boards answer before the operator mounts a limb.
+    if options.port:
+        for name, limb in limbs.items():
+            with BoardLink(_port(options, name), limb) as link:
+                link.sample()
+    # Record one limb after the other.
     written: list[Path] = []
     if robot:
-        robot.save(options.output / ROBOT)
-        written.append(options.output / ROBOT)
+        robot.save(options.output / ROBOT_FILE)
+        written.append(options.output / ROBOT_FILE)
     with live_page(options) as live:
-        written += [
-            path
-            for name, limb in limbs.items()
-            for path in _collect_limb(options, limb, robot, name, live)
-        ]
-    told = _fit_next(options.output, [*folders.values()])
-    print_summary(options, told, None if options.port else written)
+        for name, limb in limbs.items():
+            written += _collect_limb(options, limb, robot, name, live)
+    # Print the command that fits the limbs.
+    summary = _next_step(options.output, [*folders.values()])
+    print_summary(options, summary, None if options.port else written)
     return 0
 
 
@@ -90,57 +93,62 @@ def _collect_limb(
     live: LiveView | None,
 ) -> list[Path]:
     """Record one limb, of a robot if it has a name; return the files of an emulated limb."""
-    about, folder = f"{name}: " if name else "", options.output / name
-    chosen = {
+    prefix = f"{name}: " if name else ""
+    folder = options.output / name
+    settings = {
         "seed": options.seed,
         "num_angles": options.angles,
         "protocol": options.protocol,
-        "tell": lambda what: print(f"{about}{what}", flush=True),
+        "tell": lambda step: print(f"{prefix}{step}", flush=True),
         "live": live,
     }
     with part_of_work(name) if name else contextlib.nullcontext():
+        # Record a robot's limb: the function saves each recording when it is complete.
         if options.port:
             port = _port(options, name)
             collect_from_robot(
                 lambda parameters: SerialLimb(port, parameters),
                 limb,
                 folder,
-                lambda what: _ask(f"{about}{what}", live),
-                **chosen,
+                lambda request: _ask_operator(f"{prefix}{request}", live),
+                **settings,
             )
             return []
+        # Record an emulated limb.
         if robot:
             specimen = connected("specimen")(robot, options.emulated, options.extra).limb(name)
             twin = LimbTwin(specimen=specimen)
         else:
-            of_limb = {"extra": options.extra, "physics": options.physics}
-            twin = LimbTwin(limb, seed=options.emulated, **of_limb)
-        return save_recordings(collect_from_twin(twin, **chosen), folder)
+            physics = {"extra": options.extra, "physics": options.physics}
+            twin = LimbTwin(limb, seed=options.emulated, **physics)
+        return save_recordings(collect_from_twin(twin, **settings), folder)
 
 
 def _port(options: argparse.Namespace, name: str) -> str:
-    """The port of a limb, or of the only one, whose name is empty."""
+    """Return the port of a limb of a robot, or of a single limb, whose name is empty."""
     return options.port[name] if name else options.port
 
 
 def _limbs_to_record(
     robot: ConnectedLimbs, options: argparse.Namespace
 ) -> dict[str, LimbParameters]:
-    """The limbs of a robot that are recorded, one after the other: all, or those with a port.
+    """Return the limbs of a robot to record, by name: all, or the limbs with a port.
 
     Raises:
-        LimbError: if a port is not that of a limb, or the robot's emulation has no such choice.
+        LimbError: if a port is given for no limb of the robot, or robots are not emulated with
+            these physics.
     """
+    # Check that each port belongs to a limb.
     names = [limb.name for limb in robot.limbs]
     if options.port and not isinstance(options.port, dict):
         raise LimbError(
-            f"{options.port} is the port of one board, but the limbs of a robot are recorded each "
-            f"on a board of its own; give --port NAME=PORT for {', '.join(names)}."
+            f"{options.port} is the port of one board, but each limb of a robot is recorded on its "
+            f"own board; give --port NAME=PORT for {', '.join(names)}."
         )
-    if others := set(options.port or ()) - {*names}:
+    if unknown := set(options.port or ()) - {*names}:
         raise LimbError(
-            f"This robot has no limb {', '.join(sorted(others))}, for which a port is given; it "
-            f"has {', '.join(names)}."
+            f"A port is given for {', '.join(sorted(unknown))}, but the limbs of this robot are "
+            f"{', '.join(names)}."
         )
     if options.physics != Specimen.physics:
         raise LimbError(
@@ -150,38 +158,42 @@ def _limbs_to_record(
     return {name: robot.limb_alone(name) for name in names if name in (options.port or names)}
 
 
-def _fit_next(folder: Path, of_limbs: Sequence[Path]) -> Summary:
-    """The command that fits a limb, or the limbs of a robot, to a folder, if it can."""
-    usable_each = [usable_recordings(read_folder(own)[0]).heated for own in of_limbs]
-    name = "limb" if list(of_limbs) == [folder] else "robot_calibrated"
-    line = fit_line(folder, name) if all(usable_each) else ""
+def _next_step(folder: Path, limb_folders: Sequence[Path]) -> Summary:
+    """Return the command that fits the limbs to a folder; empty if a limb has no heated wire."""
+    has_heat = [select_usable(read_folder(limb_folder)[0]).heated for limb_folder in limb_folders]
+    name = "limb" if list(limb_folders) == [folder] else "robot_calibrated"
+    line = fit_command(folder, name) if all(has_heat) else ""
     return Summary.of({"next": line}, {})
 
 
-def _ask(what: str, live: LiveView | None) -> None:
-    """Asks the operator to do something, and waits until it is done."""
+def _ask_operator(request: str, live: LiveView | None) -> None:
+    """Ask the operator to do something, and wait for the Enter key."""
     if live:
-        live.say(f"{what} Press Enter in the terminal when this is done.")
+        live.say(f"{request} Press Enter in the terminal when this is done.")
     try:
-        input(f"{what}\nPress Enter when this is done. ")
+        input(f"{request}\nPress Enter when this is done. ")
     except EOFError:
-        raise LimbError("There is no terminal to press Enter in; run this in one.") from None
+        raise LimbError(
+            "collect asks for the Enter key, but there is no terminal; run it in a terminal."
+        ) from None
 
 
 def _fit(options: argparse.Namespace) -> int:
-    robot = _robot_recorded(options)
+    # Find the folder of each limb; a single limb has an empty name.
+    robot = _recorded_robot(options)
     if robot:
         folders = {limb.name: options.recordings / limb.name for limb in robot.limbs}
         folders = {name: folder for name, folder in folders.items() if folder.is_dir()}
         if not folders:
             names = ", ".join(str(options.recordings / limb.name) for limb in robot.limbs)
             raise LimbError(
-                f"There is no folder with recordings of a limb of this robot, such as {names}; "
-                "make them by soft-limb collect."
+                f"No limb of this robot has a folder with recordings; {names} are missing: "
+                "record the limbs with soft-limb collect."
             )
     else:
         folders = {"": folder_of_limb(options.recordings)}
     recorded = {name: sorted(folder.glob("*.csv")) for name, folder in folders.items()}
+    # Check the outputs before the fit, which takes minutes: each limb has its own report.
     report: Path | None = options.report
     reports = {
         name: report.with_stem(f"{report.stem}_{name}") if name else report
@@ -189,9 +201,11 @@ def _fit(options: argparse.Namespace) -> int:
         if report
     }
     outputs = [options.output, *reports.values()]
-    every = itertools.chain(*recorded.values())
-    check_outputs(outputs, inputs=[options.limb, *every], force=options.force)
-    summaries, limbs = {}, {}
+    recordings = itertools.chain(*recorded.values())
+    check_outputs(outputs, inputs=[options.limb, *recordings], force=options.force)
+    # Fit one limb after the other.
+    summaries = {}
+    limbs = {}
     forbidden: list[str] = []
     for name, folder in folders.items():
         described = None
@@ -205,13 +219,14 @@ def _fit(options: argparse.Namespace) -> int:
                     method=options.method,
                     counted_limit=options.counted_limit,
                     as_described=options.as_described,
-                    announce=lambda said: print(said, file=sys.stderr, flush=True),
+                    announce=lambda line: print(line, file=sys.stderr, flush=True),
                 )
         except WrongDescriptionError as question:
+            # Save the description that the data suggest, and let the user decide.
             corrected = robot.with_limbs({name: question.corrected}) if robot else None
             path = free_path(options.output.with_stem(f"{options.output.stem}_described"))
             (corrected or question.corrected).save(path)
-            line = shell_line("fit", options.recordings, "-o", options.output)
+            line = shell_command("fit", options.recordings, "-o", options.output)
             confirmed = f"{line} --as-described"
             if options.limb:
                 confirmed = f"{line} -l {shlex.quote(str(options.limb))} --as-described"
@@ -222,27 +237,27 @@ def _fit(options: argparse.Namespace) -> int:
                 f"If the description is right, run: {confirmed}",
                 file=sys.stderr,
             )
-            return ASKED
+            return EXIT_QUESTIONS
         if name in reports:
             data = {path.stem: path for path in recorded[name]}
             write_report(calibration, reports[name], {"calibrated limb": options.output, **data})
         if not calibration.may_be_planned_with:
             forbidden.append(name)
-        limbs[name], summaries[name] = calibration.parameters, calibration_summary(calibration)
-    # Written last, so that Ctrl-C before leaves no limb.
+        limbs[name] = calibration.parameters
+        summaries[name] = calibration_summary(calibration)
+    # Write the limb last, so that Ctrl-C before leaves none.
     if robot is None:
         limbs[""].save(options.output)
         print_summary(options, summaries[""], outputs)
         return _exit_status(options.output, forbidden)
     robot.with_limbs(limbs).save(options.output)
-    kept = [limb.name for limb in robot.limbs if limb.name not in limbs]
-    told = [Entry(name, each.to_json(), "", f"{each}\n") for name, each in summaries.items()]
-    told += [Entry("as_described", kept, sentence=", ".join(kept) or None)]
-    told += [
-        Entry("next", sentence=shell_line(*words))
-        for words in robot.commands_after_fit(options.output)
-    ]
-    print_summary(options, Summary(told), outputs)
+    # Print the result of each limb, and the next commands.
+    not_fitted = [limb.name for limb in robot.limbs if limb.name not in limbs]
+    entries = [Entry(name, each.to_json(), "", f"{each}\n") for name, each in summaries.items()]
+    entries.append(Entry("as_described", not_fitted, sentence=", ".join(not_fitted) or None))
+    for words in robot.commands_after_fit(options.output):
+        entries.append(Entry("next", sentence=shell_command(*words)))
+    print_summary(options, Summary(entries), outputs)
     return _exit_status(options.output, forbidden)
 
 
@@ -258,9 +273,9 @@ def _exit_status(output: Path, forbidden: list[str]) -> int:
     return 1 if forbidden else 0
 
 
-def _robot_recorded(options: argparse.Namespace) -> ConnectedLimbs | None:
-    """The robot whose limbs were recorded in the folders of a folder; None if it is of a limb."""
-    path = options.limb or options.recordings / ROBOT
+def _recorded_robot(options: argparse.Namespace) -> ConnectedLimbs | None:
+    """Return the robot that the recordings or ``--limb`` describe; None for a single limb."""
+    path = options.limb or options.recordings / ROBOT_FILE
     if not options.limb and not path.is_file():
         return None
     described = load_described(path)
@@ -268,11 +283,15 @@ def _robot_recorded(options: argparse.Namespace) -> ConnectedLimbs | None:
 
 
 def _validate(options: argparse.Namespace) -> int:
-    outputs, inputs = [options.plot, options.report], [options.limb, options.recording]
+    # Check and load the files.
+    outputs = [options.plot, options.report]
+    inputs = [options.limb, options.recording]
     check_outputs(outputs, inputs=inputs, pictures=[options.plot], force=options.force)
-    limb, recording = LimbParameters.load(options.limb), Recording.load(options.recording)
+    limb = LimbParameters.load(options.limb)
+    recording = Recording.load(options.recording)
     check_recording(recording)
     check_without_gaps(recording)
+    # Simulate the duty, and write the results.
     validation = validate(limb, recording)
     save_panels(validation_panels(validation), options.plot)
     if options.report:
@@ -285,43 +304,43 @@ def _validate(options: argparse.Namespace) -> int:
 COMMANDS = {
     "collect": Command(
         _collect,
-        "Records trials of the sag under gravity, ring-downs from 45°, equilibria held with one "
-        "wire after the other and with all of them, and pulses, ramps, random levels and motions. "
-        "After each of these it says how well it was predicted. A robot is recorded in real time, "
-        "in some 65 minutes, or 30 without equilibria; the program says when to remount or hold "
-        "the limb. Started again, it keeps recordings that are complete. An emulated limb takes a "
-        "minute. A limb that bends in space is mounted turned about its axis by 0°, 90°, 180° and "
-        "270°, in place of sag, equilibria, pulses and ramps. The limbs of a robot are taken off "
-        "and recorded one after the other, each into the folder of its name.",
+        "Record the data that calibration needs: the sag under gravity, ring-downs from 45°, "
+        "equilibria with each wire and with all wires heated, and responses to pulses, ramps, "
+        "random levels and motions. A limb that bends in space is mounted turned about its axis by "
+        "0°, 90°, 180° and 270° in place of sag, equilibria, pulses and ramps.\n"
+        "\n"
+        "On a robot this takes about 65 minutes in real time, or 30 without equilibria; the "
+        "program asks you to remount or hold the limb. After an interruption, run it again: "
+        "complete recordings are kept. An emulated limb takes about a minute. The limbs of a robot "
+        "are dismounted and recorded one after the other, each into a folder of its name.",
         "folder port emulated extra physics live force",
         [
             shared(
                 "limb",
-                help="limb parameters (.yaml), or those of a robot, whose limbs are recorded in "
-                "turn; the nominal limb if left out",
+                help="parameters of a limb or of a robot (.yaml); the nominal limb if left out",
             ),
             Option(
                 "--angles",
                 type=int,
                 default=8,
-                help="equilibria in each recording (default %(default)s)",
+                help="number of equilibria in each recording (default %(default)s)",
             ),
             Option(
                 "--seed",
                 type=int,
                 default=0,
-                help="of random equilibria, pulses and levels (default %(default)s)",
+                help="seed of the random equilibria, pulses and levels (default %(default)s)",
             ),
             Option(
                 "--protocol",
                 choices=PROTOCOLS,
                 default="all",
-                help="paper: sag, ring-downs and equilibria, as in Sec. V; excitation: in place of "
-                "the equilibria pulses, ramps, random levels and motions; all of them (default "
-                "%(default)s)",
+                help="paper: sag, ring-downs and equilibria, as in Sec. V of the paper; "
+                "excitation: pulses, ramps, random levels and motions in place of the equilibria; "
+                "all: both (default %(default)s)",
             ),
         ],
-        stopped="stopped; finished recordings are kept, and wires are off",
+        stopped="stopped; complete recordings are kept, and wires are off",
         examples=[
             "soft-limb collect -o out/recordings/ -l limb.yaml",
             "soft-limb collect -o out/robot/ -l robot.yaml",
@@ -329,44 +348,47 @@ COMMANDS = {
     ),
     "fit": Command(
         _fit,
-        "Fits stiffness, damping and the wires' laws to recordings. What each is for is in its "
-        "header, where collect and import write it; other files go by what they show, and where "
-        "that is heat and their names begin so, are of the kind heated or motion. What cannot be "
-        "used is left out, and a remark says why. The limbs of a robot, each in the folder of its "
-        "name, are fitted one after the other and put back to the robot.",
+        "Fit stiffness, damping and the laws of the wires to recordings. The header of a recording "
+        "names its kind, such as sag; collect and import write it. The kind of any other file is "
+        "taken from its data, or, if wires are heated and the name of the file begins with heated "
+        "or motion, from its name. Recordings that cannot be used are left out, with a remark that "
+        "says why. The limbs of a robot, each in a folder of its name, are fitted one after the "
+        "other, and the robot is saved with all of them.",
         "report json force",
         [
             Option(
                 "recordings",
                 type=Path,
-                help="folder of recordings (.csv), or with a folder of recordings for each limb of "
-                "a robot",
+                help="folder of recordings (.csv); for a robot, a folder with one such folder for "
+                "each limb",
             ),
             shared("output", help="parameters of the limb or robot to write (.yaml)"),
             shared(
                 "limb",
-                help="description of the limb or robot (.yaml), whose geometry and mass are kept; "
-                "that in the recordings if left out, and of a robot also robot.yaml beside them",
+                help="description of the limb or robot (.yaml): its geometry and mass are kept; if "
+                "left out, robot.yaml in the folder, or else the description in the recordings",
             ),
             Option(
                 "--method",
                 choices=METHODS,
                 default="prediction",
-                help="prediction: compares laws of the wires by how they predict recordings that "
-                "were left out; paper: the paper's law by Sec. V (default %(default)s)",
+                help="prediction: fit several laws and choose the law that best predicts "
+                "recordings left out of its fit; paper: the law and the method of Sec. V of the "
+                "paper (default %(default)s)",
             ),
             Option(
                 "--as-described",
                 action="store_true",
-                help="wires and bend sensor are where the description has them, even if the "
-                "recordings do not confirm it",
+                help="trust the places of wires and bend sensor in the description, even if the "
+                "recordings contradict them",
             ),
             Option(
                 "--counted-limit",
                 type=float,
                 metavar="C",
-                help="without thermocouples: the highest wire temperature of plans, °C, as counted "
-                "from the duty by a2 as described; the highest of the recordings if left out",
+                help="for a limb without thermocouples: highest wire temperature of plans, °C, "
+                "computed from the duty with the described a2; the highest temperature in the "
+                "recordings if left out",
             ),
         ],
         stopped="stopped; nothing was written",
@@ -376,7 +398,8 @@ COMMANDS = {
     ),
     "validate": Command(
         _validate,
-        "Simulates the duty of a recording open loop and compares bend angle and temperature.",
+        "Simulate a limb with the duty of a recording, open loop, and compare bend angle and "
+        "temperature with the recording.",
         "plot report json force",
         [
             Option("limb", type=Path, help="limb parameters (.yaml)"),

@@ -1,4 +1,4 @@
-"""Commands of robots and emulated limbs: runs along plans, teaching, and checks of the board."""
+"""Commands that drive a robot or an emulated limb along plans, teach it, and check its board."""
 
 import argparse
 import sys
@@ -42,31 +42,38 @@ from soft_limb.commands.options import (
     Option,
     checked_outputs,
     live_page,
+    print_duration,
     print_summary,
     save_panels,
-    say_duration,
     shared,
 )
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary, troubles
 from soft_limb.runs import repetitions
 from soft_limb.runs.cooling import cool_down
-from soft_limb.runs.plan_run import FOLLOWED, NAMED, reference_from_file, task_named, teach_and_go
-from soft_limb.runs.rollout import NEAREST, Rollout, roll_out
+from soft_limb.runs.plan_run import (
+    FOLLOW_FILES,
+    NAMED_REFERENCES,
+    load_reference,
+    load_task,
+    plan_and_follow,
+)
+from soft_limb.runs.rollout import DEFAULT_FEEDBACK, Rollout, roll_out
 
 if TYPE_CHECKING:  # Bokeh takes long to import
     from soft_limb.live_page import LivePage
 
-SIMULATED = 20.0  # times real time, about, of an emulated limb on an idle computer
-LONGEST_LESSON = 3600.0  # s, that a hand moves a limb
+SIMULATION_SPEED = 20.0  # times real time, for an emulated limb on an idle computer
+MAX_TEACHING_TIME = 3600.0  # s
 
 
 def _serial_ports() -> Summary:
     """Return the serial ports of this computer."""
     texts = {port.device: port.description for port in list_ports.comports()}
     values = [{"port": name, "description": text} for name, text in texts.items()]
-    nothing = {"ports": "no serial ports; is the board plugged in?"}
-    return Summary.of(texts or nothing, {"ports": values})
+    if not texts:
+        texts = {"ports": "no serial ports; is the board plugged in?"}
+    return Summary.of(texts, {"ports": values})
 
 
 def _status(options: argparse.Namespace) -> int:
@@ -80,7 +87,7 @@ def _status(options: argparse.Namespace) -> int:
         info = link.info()
         if options.clear:
             link.clear()
-        print_summary(options, _state(info, link.sample(), limb))
+        print_summary(options, _board_summary(info, link.sample(), limb))
         with live_page(options) as live:
             if live:
                 check_fit(limb, info, options.port)
@@ -88,22 +95,25 @@ def _status(options: argparse.Namespace) -> int:
     return 0
 
 
-def _state(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Summary:
+def _board_summary(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Summary:
+    """Return the state of a board and its newest readings."""
     bends = np.rad2deg(bend_angle_from_tip_tangent(sample.tip_tangent)).tolist()
+    # Number the wires if the board has the wires of another limb.
     names = limb.wire_names
-    if len(names) != info.channels:  # of another limb
+    if len(names) != info.channels:
         names = [f"wire {number + 1}" for number in range(info.channels)]
-    read = [
-        f"{name} {V:.2f} °C" if np.isfinite(V) else f"{name} has no reading"
-        for name, V in zip(names, sample.temperature, strict=True)
-    ]
-    most = [f"{name} at most {T:.0f} °C" for name, T in zip(names, sample.warmest, strict=True)]
+    # Put the readings and the upper bounds of each wire into words.
+    readings = []
+    bounds = []
+    for name, V, bound in zip(names, sample.temperature, sample.warmest, strict=True):
+        readings.append(f"{name} {V:.2f} °C" if np.isfinite(V) else f"{name} has no reading")
+        bounds.append(f"{name} at most {bound:.0f} °C")
     texts = {
         "board": f"{info.serial_number}, firmware {info.firmware_version}",
         "state": "armed" if sample.armed else f"off: {sample.reason_text}",
         "last reset": info.reset_cause,
-        "wires": f"{', '.join(read)}; off at {info.temperature_limit:g} °C",
-        "heat": f"{', '.join(most)}, by their duty",
+        "wires": f"{', '.join(readings)}; off at {info.temperature_limit:g} °C",
+        "heat": f"{', '.join(bounds)}, by their duty",
         "bend angle": ", ".join(f"{bend:.1f}°" for bend in bends),
     }
     values = {
@@ -122,7 +132,7 @@ def _state(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Summary:
 
 
 def _show_board(link: BoardLink, info: BoardInfo, limb: LimbParameters, live: LiveView) -> None:
-    """Shows a board, which is not armed, until a signal comes."""
+    """Show the readings of a board, which is not armed, until a signal ends the command."""
     live.say("State of the board; this program does not arm it")
     live.begin(RunHeader(f"board {info.serial_number}", limb, info.temperature_limit))
     start = time.monotonic()
@@ -140,58 +150,69 @@ def _show_board(link: BoardLink, info: BoardInfo, limb: LimbParameters, live: Li
         time.sleep(PERIOD)
 
 
-def _say(options: argparse.Namespace, outcome: str, what: str) -> None:
-    """Prints what came of a check at once, unless all is printed as JSON in the end."""
+def _print_check(options: argparse.Namespace, outcome: str, sentence: str) -> None:
+    """Print the outcome of a check at once, unless all checks are printed as JSON at the end."""
     if not options.json:
-        print(f"{outcome:<9}{what}", flush=True)
+        print(f"{outcome:<9}{sentence}", flush=True)
 
 
 def _arm_check(options: argparse.Namespace) -> int:
     checks = []
     parameters = LimbParameters.of(options.limb)
 
-    def say(good: bool, what: str) -> None:
-        checks.append({"passed": good, "what": what})
-        _say(options, "ok" if good else "FAILED", what)
+    def add_check(passed: bool, sentence: str) -> None:
+        checks.append({"passed": passed, "what": sentence})
+        _print_check(options, "ok" if passed else "FAILED", sentence)
 
-    voltage, cut_off = _supply(options)
-    passed = check_supply(parameters, voltage, cut_off, say)
+    # Heat no wire before the supply and the thermal cut-off are confirmed.
+    voltage, cut_off = _supply_answers(options)
+    passed = check_supply(parameters, voltage, cut_off, add_check)
     if passed:
         with BoardLink(options.port, parameters) as link:
-            passed = check_wires(link, say, parameters)
+            passed = check_wires(link, add_check, parameters)
     if options.json:
         print_summary(options, Summary.of({}, {"passed": passed, "checks": checks}))
     return 0 if passed else 1
 
 
-def _ask(question: str) -> str:
-    """What a person types at the terminal; nothing at its end, Ctrl-D."""
+def _read_answer(question: str) -> str:
+    """Ask a question at the terminal and return the answer; empty for Enter or Ctrl-D."""
     print(question, end="", flush=True)
     return sys.stdin.readline().strip()
 
 
-def _supply(options: argparse.Namespace) -> tuple[float | None, bool | None]:
-    """Return the supply's voltage, V, and whether there is a cut-off; None where nobody answers."""
-    voltage, cut_off = options.supply, options.cut_off
+def _supply_answers(options: argparse.Namespace) -> tuple[float | None, bool | None]:
+    """Return the supply's voltage, V, and whether there is a cut-off; None if nobody answers."""
+    voltage = options.supply
+    cut_off = options.cut_off
     if sys.stdin.isatty() and not options.json:
         if voltage is None:
-            said = _ask("Measured voltage of the wires' supply, V (Enter: not measured, no heat): ")
+            answer = _read_answer(
+                "Measured voltage of the wires' supply, V (Enter: not measured, no heat): "
+            )
             try:
-                voltage = float(said) if said else None
+                voltage = float(answer) if answer else None
             except ValueError:
-                raise LimbError(f"{said!r} is no voltage; measure it, and say it as 7.0.") from None
+                raise LimbError(
+                    f"{answer!r} is not a voltage; measure it, and enter a number such as 7.0."
+                ) from None
         if cut_off is None:
-            said = _ask("A thermal cut-off on the limb, in series with its wires, y or n? ")
-            cut_off = said.lower() in ("y", "yes")
+            answer = _read_answer("Is a thermal cut-off in series with the wires, y or n? ")
+            cut_off = answer.lower() in ("y", "yes")
     return voltage, cut_off
 
 
 def _board_check(options: argparse.Namespace) -> int:
-    checks, outcomes = [], (board_check.PASSED, board_check.FAILED, board_check.NOT_RUN)
-    words = dict(zip(outcomes, ("ok", "FAILED", "not run"), strict=True))
+    checks = []
+    words = {
+        board_check.PASSED: "ok",
+        board_check.FAILED: "FAILED",
+        board_check.NOT_RUN: "not run",
+    }
 
-    def say(result: board_check.Outcome) -> None:
-        case, section = result.case, f"docs/protocol.md#{result.case.section}"
+    def add_result(result: board_check.Outcome) -> None:
+        case = result.case
+        section = f"docs/protocol.md#{case.section}"
         checks.append(
             {
                 "name": case.name,
@@ -201,15 +222,19 @@ def _board_check(options: argparse.Namespace) -> int:
                 "what": result.details,
             }
         )
-        _say(
+        _print_check(
             options, words[result.outcome], case.name + f": {result.details}" * bool(result.details)
         )
         if result.outcome == board_check.FAILED:
-            _say(options, "", f"rule: {case.rule} {section}")
+            _print_check(options, "", f"rule: {case.rule} {section}")
 
+    # Run all cases, and count the outcomes.
     with SerialPort(options.port) as cable:
-        board_check.check_board(board_check.Host(cable, LimbParameters.of(options.limb)), say)
-    counts = {outcome: sum(check["outcome"] == outcome for check in checks) for outcome in outcomes}
+        host = board_check.Host(cable, LimbParameters.of(options.limb))
+        board_check.check_board(host, add_result)
+    counts = dict.fromkeys(words, 0)
+    for check in checks:
+        counts[check["outcome"]] += 1
     if options.json:
         values = {outcome.replace(" ", "_"): count for outcome, count in counts.items()}
         print_summary(options, Summary.of({}, {**values, "checks": checks}))
@@ -232,18 +257,19 @@ def _replay(options: argparse.Namespace) -> int:
             real_time=bool(options.port),
             live=live,
         )
+        # Write picture and report while the page still shows the run.
         summary = rollout.summary()
         save_panels(tracking_panels(trajectory, [rollout.recording]), options.plot)
         if options.report:
             data = {"plan": options.trajectory, "recording": options.output}
             write_rollout_report(rollout, summary, options.report, data)
         print_summary(options, summary, outputs)
-        _end(live, rollout, options)
-    return 1 if rollout.recording.interrupted else 0  # an emulated limb's that cut out
+        _end_page(live, rollout, options)
+    return 1 if rollout.recording.interrupted else 0  # an emulated limb may cut out
 
 
-def _end(live: "LivePage | None", rollout: Rollout, options: argparse.Namespace) -> None:
-    """Ends a page, if there is one, when the wires have cooled as the command was asked."""
+def _end_page(live: "LivePage | None", rollout: Rollout, options: argparse.Namespace) -> None:
+    """End the live page, if there is one, after the cool-down that the command was given."""
     if live:
         if rollout.limb:
             cool_down(rollout.limb, rollout.recording, live, options.cool_down)
@@ -251,39 +277,46 @@ def _end(live: "LivePage | None", rollout: Rollout, options: argparse.Namespace)
 
 
 def _limb(planned: LimbParameters, options: argparse.Namespace) -> LimbSystem:
-    """The robot on a port, the model of the plan, or an emulated limb."""
+    """Return the robot on a port, the model of the plan, or an emulated limb."""
     if options.port:
         return SerialLimb(options.port, planned)
     return Limb(planned) if options.model else _twin(planned, options)
 
 
 def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
-    """The emulated limb that a plan is for, which must not be another than the one asked for."""
+    """Return the emulated limb to drive along a plan.
+
+    Raises:
+        ReplayError: if the plan was calibrated on another emulated limb than ``--emulated``.
+    """
     board = emulated_limb(planned.board)
     if board and options.emulated not in (None, board.seed):
         raise ReplayError(
             f"This trajectory was planned with the calibration of the emulated limb {board.seed}, "
-            f"not {options.emulated}; calibrate that one, or leave --emulated out."
+            f"not {options.emulated}; calibrate limb {options.emulated}, or leave --emulated out."
         )
     twin = LimbTwin.of(planned, options.emulated or 0)
     if twin.specimen.around_calibrated:
         warnings.warn(
-            "This plan's limb was not calibrated on an emulated one, so that an unrelated emulated "
-            f"limb, seed {twin.specimen.seed}, follows the plan here, and its errors say nothing "
-            "about yours; --model takes the calibrated model as the limb, -p PORT the robot.",
+            "This plan was not made with the calibration of an emulated limb. An unrelated "
+            f"emulated limb, seed {twin.specimen.seed}, follows the plan here, so its errors say "
+            "nothing about your limb. Give --model to drive the plan's model, or -p PORT to drive "
+            "the robot.",
             stacklevel=2,
         )
     return twin
 
 
 def _follow(options: argparse.Namespace) -> int:
-    outputs = [options.output / name for name in FOLLOWED]
+    # Check the files, and load limb and task.
+    outputs = [options.output / name for name in FOLLOW_FILES]
     inputs = [Path(options.reference), options.limb, options.task and Path(options.task)]
     check_outputs(outputs, inputs=inputs, force=options.force)
     limb = LimbParameters.of(options.limb)
-    task = options.task and task_named(options.task, limb)
+    task = options.task and load_task(options.task, limb)
+    # Plan, and drive the limb.
     with live_page(options) as live:
-        rollout, summary = teach_and_go(
+        rollout, summary = plan_and_follow(
             options.reference,
             lambda planned: _limb(planned, options),
             options.output,
@@ -296,69 +329,76 @@ def _follow(options: argparse.Namespace) -> int:
             live=live,
         )
         print_summary(options, summary, outputs)
-        _end(live, rollout, options)
+        _end_page(live, rollout, options)
     return 1 if rollout.recording.interrupted else 0
 
 
 def _learn(options: argparse.Namespace) -> int:
     if options.repetitions < 1:
         raise ReplayError(f"--repetitions is {options.repetitions}; it must be 1 or more.")
-    trajectory, folder = Trajectory.load(options.trajectory), options.output
-    learner = repetitions.learner_in(folder, trajectory, force=options.force)
-    if far := far_from_reference(trajectory):
-        warnings.warn(far, stacklevel=1)
+    # Continue an earlier run in this folder, or begin.
+    trajectory = Trajectory.load(options.trajectory)
+    folder = options.output
+    learner = repetitions.load_or_create_learner(folder, trajectory, force=options.force)
+    if warning := far_from_reference(trajectory):
+        warnings.warn(warning, stacklevel=1)
 
-    def say(number: int, repetition: Repetition) -> None:
+    def print_repetition(number: int, repetition: Repetition) -> None:
         if options.json:
             return
         distance, error = np.rad2deg([repetition.reference_distance, repetition.mean_error])
-        said = [f"as read mean |φ_ref - φ| {distance:.2f}°, |φ* - φ| {error:.2f}°"]
-        said += filter(None, [repetition.interrupted, repetition.remark])
-        print(f"repetition  {number}: {'; '.join(said)}", flush=True)
+        parts = [f"as read mean |φ_ref - φ| {distance:.2f}°, |φ* - φ| {error:.2f}°"]
+        parts += filter(None, [repetition.interrupted, repetition.remark])
+        print(f"repetition  {number}: {'; '.join(parts)}", flush=True)
 
+    # Say how long it takes.
     count = options.repetitions
     each = f"{count} repetition{'s' * (count > 1)} of {trajectory.duration:g} s"
     if options.port:
-        say_duration(f"{each}, and rests of some minutes, until the wires are cool")
+        print_duration(f"{each}, with a rest of some minutes after each, until the wires are cool")
     elif options.live:
-        say_duration(f"{each}, in real time")
+        print_duration(f"{each}, in real time")
     else:
-        about = count * trajectory.duration / SIMULATED
-        say_duration(f"about {max(1.0, about):.0f} s for {each}")
+        about = count * trajectory.duration / SIMULATION_SPEED
+        print_duration(f"about {max(1.0, about):.0f} s for {each}")
+    # Repeat with a limb that has rested before each repetition.
     limbs: Callable[[], LimbSystem]
     try:
         with live_page(options) as live:
             if options.port:
-                limbs = repetitions.rested_robots(options.port, trajectory, live)
+                limbs = repetitions.make_rested_robots(options.port, trajectory, live)
             elif options.model:
-                limbs = lambda: Limb(trajectory.parameters)  # noqa: E731 - before any heat
+                limbs = lambda: Limb(trajectory.parameters)  # noqa: E731 - the model keeps no heat
             else:
                 twin = _twin(trajectory.parameters, options)
-                limbs = repetitions.rested_twins(twin, trajectory, learner)
-            repetitions.repeat(learner, limbs, options.repetitions, folder, tell=say, live=live)
+                limbs = repetitions.make_rested_twins(twin, trajectory, learner)
+            repetitions.repeat(learner, limbs, count, folder, tell=print_repetition, live=live)
     except LimbError:
-        repetitions.draw_repetitions(learner, folder)
+        repetitions.report_repetitions(learner, folder)
         raise
-    drawn = repetitions.draw_repetitions(learner, folder)
-    written = [folder / repetitions.STATE, folder / repetitions.LEARNED, *drawn]
+    # Report all repetitions, including earlier runs.
+    reports = repetitions.report_repetitions(learner, folder)
+    written = [folder / repetitions.STATE_FILE, folder / repetitions.LEARNED_FILE, *reports]
     print_summary(options, repetitions_summary(learner), written)
     return 0
 
 
-def _taught_limb(options: argparse.Namespace) -> tuple[LimbSystem, float]:
-    """The limb that is moved by hand, wires off, and how long it is recorded, s."""
+def _limb_to_teach(options: argparse.Namespace) -> tuple[LimbSystem, float]:
+    """Return the limb to move by hand, wires off, and the longest time to record it, s."""
     limb = LimbParameters.of(options.limb)
+    # A robot is moved by the operator.
     if options.emulated is None:
         if options.hand:
             raise LimbError("--hand moves an emulated limb; give its seed: --emulated SEED.")
         return SerialLimb(options.port, limb, heated=False), options.time
+    # An emulated limb is moved along a reference.
     if options.hand:
-        motion = reference_from_file(options.hand, 0.5)
+        motion = load_reference(options.hand, 0.5)
     elif LimbModel.of(limb).layout.is_planar:
         times = np.linspace(0.0, 60.0, 601)
         motion = from_samples(times, np.deg2rad(15.0) * np.sin(times / 4.0))
     else:
-        motion = NAMED["circle"]()
+        motion = NAMED_REFERENCES["circle"]()
     twin = LimbTwin(limb, seed=options.emulated, hand=motion)
     return twin, min(options.time, motion.end_time())
 
@@ -367,26 +407,28 @@ def _teach(options: argparse.Namespace) -> int:
     output = checked_outputs(options, options.limb)
     if (options.port is None) == (options.emulated is None):
         raise LimbError("Give the PORT of a board, or --emulated SEED for an emulated limb.")
-    if not 0 < options.time <= LONGEST_LESSON:
+    if not 0 < options.time <= MAX_TEACHING_TIME:
         raise LimbError(
-            f"--time is {options.time:g} s; it must be above 0 and at most {LONGEST_LESSON:g} s."
+            f"--time is {options.time:g} s; it must be above 0 and at most {MAX_TEACHING_TIME:g} s."
         )
+    # Record until Ctrl-C or the end of the time.
     with live_page(options) as live:
-        limb, longest = _taught_limb(options)
-        what = "Move the limb by hand; Ctrl-C ends the recording."
+        limb, max_time = _limb_to_teach(options)
+        instruction = "Move the limb by hand; Ctrl-C ends the recording."
         if options.emulated is not None:
-            what = "An emulated hand moves the limb."
-        print(what, flush=True)
+            instruction = "An emulated hand moves the limb."
+        print(instruction, flush=True)
         if live:
-            live.say(what)
-        recording = watch(limb, longest, journal=options.output, live=live)
+            live.say(instruction)
+        recording = watch(limb, max_time, journal=options.output, live=live)
         if live:
             live.end(recording.interrupted or DONE)
+    # Print the range of the motion, and how many samples are missing.
     low, high = np.rad2deg([np.nanmin(recording.bend_angle), np.nanmax(recording.bend_angle)])
-    said = {"taught": f"{recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°"}
-    if count := int(np.isnan(recording.bend_angle).any(axis=0).sum()):
-        said["missing"] = f"{count} of {len(recording.time)} samples, which did not come"
-    print_summary(options, Summary.of(said, {}) + troubles(recording), output)
+    texts = {"taught": f"{recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°"}
+    if num_missing := int(np.isnan(recording.bend_angle).any(axis=0).sum()):
+        texts["missing"] = f"{num_missing} of {len(recording.time)} samples were not received"
+    print_summary(options, Summary.of(texts, {}) + troubles(recording), output)
     return 0
 
 
@@ -396,7 +438,9 @@ def _emulate(options: argparse.Namespace) -> int:
     limbs = []
     if options.robot:
         if options.limb or options.physics != "lumped":
-            raise LimbError("--limb and --physics are for a limb; leave ROBOT out.")
+            raise LimbError(
+                "--limb and --physics describe one limb; leave them out, or leave ROBOT out."
+            )
         robot = ConnectedLimbs.registered().of(options.robot)
         twin = connected("emulation")(robot, seed=options.emulated, extra=options.extra)
         limbs = [] if options.one_board else [limb.name for limb in robot.limbs]
@@ -410,53 +454,57 @@ def _emulate(options: argparse.Namespace) -> int:
 COMMANDS = {
     "status": Command(
         _status,
-        "Prints the state of a board, or without PORT the serial ports of this computer.",
-        "limb json live",
+        "Print the state of a board, or without PORT the serial ports of this computer.",
+        "limb json",
         [
             shared("board", nargs="?"),
-            Option("--clear", action="store_true", help="clear a fault that is latched"),
+            shared("live", help="plot the readings on a web page of this computer, until Ctrl-C"),
+            Option("--clear", action="store_true", help="clear a latched fault of the board"),
         ],
         examples=["soft-limb status", "soft-limb status /dev/ttyACM0"],
     ),
     "arm-check": Command(
         _arm_check,
-        "Tests whether the sensors work, and whether each wire warms its own thermocouple and "
-        "bends the limb to its own side, and whether both thermocouples show the like. Takes two "
-        "minutes, and heats each wire until the limb has bent by 6 to 8°. Before that it asks at a "
-        "terminal for what no board can see: the supply's voltage, and a thermal cut-off. Where "
-        "nobody answers, it opens no port and heats nothing.",
+        "Test that the sensors work, that each wire warms its own thermocouple and bends the limb "
+        "to its own side, and that both thermocouples agree. This takes two minutes and heats each "
+        "wire until the limb has bent by 6 to 8°.\n"
+        "\n"
+        "First the command asks at the terminal for two facts that no board can measure: the "
+        "voltage of the supply, and whether there is a thermal cut-off. Without an answer it opens "
+        "no port and heats nothing.",
         "board limb json",
         [
             Option(
                 "--supply",
                 type=float,
                 metavar="VOLTS",
-                help="measured voltage of the wires' supply, which must be the limb's "
-                "supply_voltage if its file has one; without it nothing is heated",
+                help="measured voltage of the wires' supply; it must match supply_voltage in the "
+                "limb's file, if that is set; without a voltage no wire is heated",
             ),
             Option(
                 "--cut-off",
                 action=argparse.BooleanOptionalAction,
-                help="whether a thermal cut-off is on the limb, in series with its wires; without "
-                "one nothing is heated",
+                help="confirm that a thermal cut-off is on the limb, in series with its wires; "
+                "without a cut-off no wire is heated",
             ),
         ],
         examples=["soft-limb arm-check /dev/ttyACM0 -l limb.yaml --supply 7.0 --cut-off"],
     ),
     "board-check": Command(
         _board_check,
-        "Tests a board, also one with firmware of your own: it answers, its sensors read what is "
-        "plausible, it refuses what it must, and duty ends when this computer falls silent. Takes "
-        "15 s at a duty of 4%; start it with a cold limb. Exit status 0 if all passed.",
+        "Test a board, also with your own firmware: that it answers, that its readings are "
+        "plausible, that it refuses unsafe commands, and that it switches the wires off when this "
+        "computer falls silent. This takes 15 s at a duty of 4%; the limb must be cold at the "
+        "start. The exit status is 0 if no test failed.",
         "board limb json",
         examples=["soft-limb board-check /dev/ttyACM0"],
     ),
     "replay": Command(
         _replay,
-        "Drives a limb along a trajectory, open loop or by a controller: a robot in real time, or "
-        "without a port an emulated limb or the plan's model in simulated time. Every sample is "
-        "written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the plan has "
-        "ended. Of a robot, the report tells how many commands left more than 5 ms late.",
+        "Drive a limb along a trajectory, open loop or with a controller: a robot in real time, or "
+        "without a port an emulated limb or the plan's model in simulated time. Each sample is "
+        "written when it arrives, to NAME.unfinished.csv, which becomes NAME.csv at the end of the "
+        "plan. For a robot, the summary counts the commands that were sent more than 5 ms late.",
         "trajectory output driven controller plot report live cool json force",
         examples=[
             "soft-limb replay out/plan.csv -o out/recording.csv --plot out/tracking.png",
@@ -465,25 +513,25 @@ COMMANDS = {
     ),
     "follow": Command(
         _follow,
-        "Teach and go: plans what was taught from where the limb is read to be, with margins for "
-        "feedback, and drives it as near to that as it can, or by another controller along the "
-        "plan; a robot in real time. The folder has plan.csv, recording.csv, tracking.png and "
-        "report.html.",
+        "Teach and go: plan a taught motion from the present state of the limb, with margins for "
+        "feedback, and drive the limb with a controller; a robot in real time. The default "
+        "controller aims at the taught motion itself, the others at the plan. Writes plan.csv, "
+        "recording.csv, tracking.png and report.html to the folder.",
         "reference folder limb driven smooth knot-rate live cool json force",
         [
-            shared("controller", default=NEAREST),
+            shared("controller", default=DEFAULT_FEEDBACK),
             shared("task", help=f"{TASK_HELP}; closed-loop if left out"),
         ],
         examples=["soft-limb follow mine.csv -o out/followed/"],
     ),
     "learn": Command(
         _learn,
-        "Replays a trajectory again and again, a robot in real time, each time when its wires are "
-        "cool. Corrects the duty after each repetition, so that the limb comes nearer to the "
-        "reference, and goes back where it was farther away. Ends early when another repetition "
-        "does not pay. The folder has a recording of each repetition, a picture, a report, the "
-        "best duty as a trajectory, learned.csv, and what was learned: started again, it goes on "
-        "from there.",
+        "Replay a trajectory repeatedly, a robot in real time, and let the wires cool in between. "
+        "After each repetition the duty is corrected to bring the limb nearer to the reference; a "
+        "correction that made it worse is undone. Learning ends early when further repetitions do "
+        "not pay. Writes to the folder a recording of each repetition, a picture, a report, the "
+        "best duty as a trajectory (learned.csv), and the state of learning: run the command again "
+        "to continue.",
         "trajectory folder driven live json force",
         [
             Option(
@@ -491,31 +539,35 @@ COMMANDS = {
                 "--repetitions",
                 type=int,
                 default=10,
-                help="in all, those before included (default %(default)s)",
+                help="repetitions in total, including earlier runs (default %(default)s)",
             ),
         ],
         examples=["soft-limb learn out/plan.csv -n 10 -o out/learned/"],
     ),
     "teach": Command(
         _teach,
-        "Records while the limb is moved by hand. The recording is a reference: soft-limb plan "
-        "RECORDING -o plan.csv plans it.",
+        "Record the bend angle while you move the limb by hand, wires off. The recording is a "
+        "reference for soft-limb plan RECORDING -o plan.csv.",
         "output limb live force",
         [
             shared("board", nargs="?"),
             Option(
-                "-t", "--time", type=float, default=60.0, help="to record, s (default %(default)g)"
+                "-t",
+                "--time",
+                type=float,
+                default=60.0,
+                help="longest time to record, s (default %(default)g)",
             ),
             shared(
                 "emulated",
                 default=None,
-                help="in place of a port: seed of an emulated limb, which an emulated hand moves",
+                help="seed of an emulated limb, moved by an emulated hand, in place of a port",
             ),
             Option(
                 "--hand",
                 metavar="REFERENCE",
-                help="what the emulated hand moves it through, as soft-limb plan takes it; a "
-                "motion of 60 s within 15° if left out",
+                help="motion of the emulated hand, as for soft-limb plan; a motion of 60 s within "
+                "±15° if left out",
             ),
         ],
         examples=[
@@ -525,10 +577,10 @@ COMMANDS = {
     ),
     "emulate": Command(
         _emulate,
-        "Runs the board's firmware on an emulated board with an emulated limb, in real time, and "
-        "prints the port to connect to, and the next command. Of a robot, each limb has a board of "
-        "its own; NAME=PORT is printed for each. Reads orders for faults from standard input, one "
-        f"in each line: {ORDERS}. Orders for the board of one limb begin with its name.",
+        "Run the board's firmware on an emulated board with an emulated limb, in real time. Prints "
+        "the port to connect to, and the next command. Each limb of a robot has its own board, "
+        "printed as NAME=PORT. Orders that cause faults are read from standard input, one on each "
+        f"line: {ORDERS}. An order that begins with the name of a limb is for its board alone.",
         "emulated extra physics limb force",
         [
             Option(
@@ -537,12 +589,22 @@ COMMANDS = {
                 type=Path,
                 help="robot parameters (.yaml), to emulate a robot in place of a limb",
             ),
-            Option("--one-board", action="store_true", help="with all limbs of the robot"),
             Option(
-                "--do", action="append", default=[], metavar="ORDER", help="an order to start with"
+                "--one-board",
+                action="store_true",
+                help="emulate one board that drives all limbs of the robot",
             ),
             Option(
-                "--log", type=Path, help="file for changes of duty and orders, a line of JSON each"
+                "--do",
+                action="append",
+                default=[],
+                metavar="ORDER",
+                help="order to carry out at the start; may be repeated",
+            ),
+            Option(
+                "--log",
+                type=Path,
+                help="file to write: each change of duty and each order as a line of JSON",
             ),
         ],
         examples=["soft-limb emulate --emulated 3 -l limb.yaml"],

@@ -1,4 +1,4 @@
-"""The command that reads logs of other programs."""
+"""The command that converts logs of other programs to recordings."""
 
 import argparse
 import shlex
@@ -10,7 +10,7 @@ from calibration.import_logs.importing import ImportedLog, import_logs
 from calibration.import_logs.mapping import LogMapping
 from calibration.import_logs.table import LogError
 from calibration.import_logs.words import Dictionary
-from calibration.recordings.files import UsableRecordings, left_out_remark, usable_recordings
+from calibration.recordings.files import UsableRecordings, left_out_remark, select_usable
 from calibration.recordings.kinds import kind_of
 from calibration.remarks import Remark
 from limb_systems import LimbError, LimbParameters, Recording
@@ -18,84 +18,100 @@ from limb_systems.files.output import check_folder, check_outputs, free_path
 from limb_systems.summary import Entry, Summary
 from soft_limb.commands.options import Command, Option, print_summary, shared
 
-ASKED = 2  # exit status: a log leaves something open, which the mapping has to say
+EXIT_QUESTIONS = 2  # exit status if the user has to answer a question
 
 
-def shell_line(*words: str | Path) -> str:
-    """A command of ``soft-limb`` as a shell takes it."""
+def shell_command(*words: str | Path) -> str:
+    """Return a line for the shell that runs ``soft-limb`` with some words."""
     return shlex.join(["soft-limb", *map(str, words)])
 
 
-def usable_of(recordings: Iterable[Recording]) -> UsableRecordings:
-    """What a limb can be fitted to of recordings with their kinds in their headers."""
+def usable_recordings(recordings: Iterable[Recording]) -> UsableRecordings:
+    """Sort recordings by the kinds in their headers, and leave out those that no fit can use."""
     by_kind: dict[str, list[Recording]] = {}
     for recording in recordings:
         by_kind.setdefault(recording.kind, []).append(recording)
-    return usable_recordings(by_kind)
+    return select_usable(by_kind)
 
 
-def fit_line(folder: Path, name: str = "limb") -> str:
-    """The command that fits a limb to a folder of recordings, and writes a new file."""
-    return shell_line("fit", folder, "-o", free_path(Path(f"{name}.yaml")))
+def fit_command(folder: Path, name: str = "limb") -> str:
+    """Return the command that fits a limb to a folder of recordings and writes a new file."""
+    return shell_command("fit", folder, "-o", free_path(Path(f"{name}.yaml")))
 
 
 def _import(options: argparse.Namespace) -> int:
+    # Read the logs.
     check_folder(options.output)
     parameters = LimbParameters.load(options.limb) if options.limb else None
     given = LogMapping.load(options.mapping) if options.mapping else None
     dictionary = Dictionary.load(options.words) if options.words else None
     unread: list[str] = []
     logs = import_logs(options.logs, given, parameters, unread, dictionary)
+    # Ask what the logs leave open, if somebody is at a terminal.
     if sys.stdin.isatty() and not options.json:
-        _answer(logs, parameters)
+        _ask_questions(logs, parameters)
+    # Check all files before the first is written.
     mappings = [options.output / log.limb.name / f"{log.stem}.mapping.yaml" for log in logs]
-    files = [options.output / file for log in logs for file in log.files]
-    every = [recording for log in logs for recording in log.recordings]
-    recordings = dict(zip(files, every, strict=True))
+    recordings: dict[Path, Recording] = {}
+    for log in logs:
+        for file, recording in zip(log.files, log.recordings, strict=True):
+            recordings[options.output / file] = recording
+    files = list(recordings)
     written = files if given else [*mappings, *files]
     inputs = [*options.logs, options.mapping, options.words]
     check_outputs(written, inputs=inputs, force=options.force)
     for log in logs:
-        log.remarks.extend(map(str, _of_kind(log, options.kind)))
-    told, heated = [], set()
+        log.remarks.extend(map(str, _set_kinds(log, options.kind)))
+    # Write each mapping, and print the summary of each log.
+    summaries = []
+    heated_folders = set()
     for log, mapping in zip(logs, mappings, strict=True):
         if not given:
-            about = [f"How soft-limb reads {log.path.name}.", *log.limb.notes, *_asked(log)]
+            about = [
+                f"How soft-limb reads {log.path.name}.",
+                *log.limb.notes,
+                *_question_lines(log),
+            ]
             log.limb.mapping.save(mapping, about)
-        own = usable_of(recording for recording in log.recordings if recording.kind)
-        log.remarks.extend(f"soft-limb fit: {remark}" for remark in own.left_out)
-        heated |= {mapping.parent} if own.heated else set()
+        used = usable_recordings(recording for recording in log.recordings if recording.kind)
+        log.remarks.extend(f"soft-limb fit: {remark}" for remark in used.left_out)
+        if used.heated:
+            heated_folders.add(mapping.parent)
         summary = _summary(log, mapping)
-        told.append(summary.to_json())
+        summaries.append(summary.to_json())
         if not options.json:
             print(f"{summary}\n")
+    # Write the recordings.
     for path, recording in recordings.items():
         recording.save(path)
+    # Print the next commands, unless a log has an error or an open question.
     failed = [log for log in logs if log.error or log.asks]
-    text = "" if failed else "\n".join(_next(options.output, recordings, heated))
-    print_summary(options, Summary.of({"next": text}, {"logs": told}), written)
+    text = "" if failed else "\n".join(_next_commands(options.output, recordings, heated_folders))
+    print_summary(options, Summary.of({"next": text}, {"logs": summaries}), written)
     for error in unread:
-        print(f"error: {error} It is left out.", file=sys.stderr)
-    return ASKED if any(log.asks for log in failed) else int(bool(failed or unread))
+        print(f"error: {error} The file is left out.", file=sys.stderr)
+    return EXIT_QUESTIONS if any(log.asks for log in failed) else int(bool(failed or unread))
 
 
-def _answer(logs: Iterable[ImportedLog], parameters: LimbParameters | None) -> None:
-    """Ask a person at the terminal what logs do not tell; Enter leaves a question open.
+def _ask_questions(logs: Iterable[ImportedLog], parameters: LimbParameters | None) -> None:
+    """Ask a person at the terminal what the logs leave open; Enter skips a question.
 
-    Answers to the questions of one log hold for all logs that have the same columns.
+    The answers for one log hold for all logs with the same columns.
     """
     given: dict[tuple, dict[str, str]] = {}
     for log in logs:
+        # Ask what no earlier log with these columns has answered.
         answers = given.setdefault((log.limb.name, *log.limb.columns), {})
         questions = {question.field: question.lines for question in log.limb.questions}
         fields = [*questions, *(f for f in log.limb.mapping.open_fields if f not in questions)]
         for field in [field for field in fields if field not in answers]:
             print(f"{log.path}", *questions.get(field, ["? not known"]), sep="\n")
             print(f"{field} (Enter: leave it open): ", end="", flush=True)
-            if said := sys.stdin.readline().strip():
-                answers[field] = said
+            if answer := sys.stdin.readline().strip():
+                answers[field] = answer
         if not answers or not set(questions) <= set(answers):
             continue
+        # Read the log again if all is answered.
         try:
             log.limb.mapping = log.limb.mapping.with_answers(answers)
             log.limb.questions = []
@@ -104,19 +120,20 @@ def _answer(logs: Iterable[ImportedLog], parameters: LimbParameters | None) -> N
             log.error = str(problem)
 
 
-def _asked(log: ImportedLog) -> list[str]:
-    """The questions of a log, with lines of the mapping ready to be edited."""
+def _question_lines(log: ImportedLog) -> list[str]:
+    """Return the questions of a log, each with lines of the mapping to edit."""
     return [line for question in log.limb.questions for line in question.lines]
 
 
-def _of_kind(log: ImportedLog, kind: str | None) -> Iterator[Remark]:
-    """Gives recordings of a log their kinds, and yields remarks on those that have none.
+def _set_kinds(log: ImportedLog, kind: str | None) -> Iterator[Remark]:
+    """Set the kinds of a log's recordings, and yield a remark on each recording without a kind.
 
     Raises:
-        LimbError: if the kind that is given is none.
+        LimbError: if ``kind`` is not a kind of recordings.
     """
     for path, recording in zip(log.files, log.recordings, strict=True):
-        recording.title, recording.kind = path.name, kind or ""
+        recording.title = path.name
+        recording.kind = kind or ""
         try:
             recording.kind = kind_of(recording, log.stem)
         except LimbError as error:
@@ -125,33 +142,33 @@ def _of_kind(log: ImportedLog, kind: str | None) -> Iterator[Remark]:
             yield left_out_remark(recording.title, error)
 
 
-def _next(
-    folder: Path, recordings: Mapping[Path, Recording], heated: Collection[Path]
+def _next_commands(
+    folder: Path, recordings: Mapping[Path, Recording], heated_folders: Collection[Path]
 ) -> Iterator[str]:
-    """A command for each limb that was read, if there is one that takes its recordings."""
-    for limb in sorted({path.parent for path in recordings}):
-        own = {path: r for path, r in recordings.items() if path.parent == limb}
-        if limb in heated:
-            yield fit_line(limb, "limb" if limb == folder else limb.name)
-        elif not any(recording.duty.any() for recording in own.values()):
-            plan = shell_line("plan", next(iter(own)), "-o", free_path(Path("plan.csv")))
-            yield f"{plan}  # nothing is heated, so that it can be a reference"
+    """Yield the next command for each limb: fit its recordings, or plan an unheated motion."""
+    for limb_folder in sorted({path.parent for path in recordings}):
+        paths = [path for path in recordings if path.parent == limb_folder]
+        if limb_folder in heated_folders:
+            yield fit_command(limb_folder, "limb" if limb_folder == folder else limb_folder.name)
+        elif not any(recordings[path].duty.any() for path in paths):
+            plan = shell_command("plan", paths[0], "-o", free_path(Path("plan.csv")))
+            yield f"{plan}  # no wire is heated: this motion can be a reference"
 
 
 def _summary(log: ImportedLog, mapping: Path) -> Summary:
-    """What is in a log, and what was lost."""
-    found = [recording.summary().line() for recording in log.recordings]
-    doubt = log.error or ("It leaves something open." if log.asks else "")
-    error = f"{doubt} Correct {mapping} and give it with --mapping." if doubt else ""
-    asked = _asked(log)
+    """Return the columns, questions, losses and recordings of a log."""
+    recordings = [recording.summary().line() for recording in log.recordings]
+    reason = log.error or ("This log leaves questions open." if log.asks else "")
+    error = f"{reason} Correct {mapping} and give it with --mapping." if reason else ""
+    questions = _question_lines(log)
     notes = log.limb.notes
     return Summary(
         [
             Entry("log", " ".join(filter(None, [str(log.path), log.limb.name]))),
             Entry("columns", notes, "", "\n".join(notes)),
-            Entry("open", asked, "", "\n".join(asked)),
+            Entry("open", questions, "", "\n".join(questions)),
             Entry("lost", log.remarks, "", "\n".join(log.remarks)),
-            Entry("recordings", found, "", "\n".join(found)),
+            Entry("recordings", recordings, "", "\n".join(recordings)),
             Entry("error", error),
         ]
     )
@@ -160,27 +177,31 @@ def _summary(log: ImportedLog, mapping: Path) -> Summary:
 COMMANDS = {
     "import": Command(
         _import,
-        "Reads logs of other programs as recordings, which calibration takes. Names say what a "
-        "column is; numbers confirm it. What names do not tell, or what numbers contradict, it "
-        "asks, at a terminal or with exit status 2. It writes what it took each column for as a "
-        "mapping (NAME.mapping.yaml), with the questions as comments; correct it and give it back. "
-        "Limbs that share a log get a folder each.",
+        "Convert logs of other programs to recordings, for calibration. The name of a column says "
+        "what it is, and its numbers must agree. If the name is not understood, or the numbers "
+        "contradict it, the command asks: at the terminal, or else with exit status 2. It writes "
+        "the meaning of each column to a mapping, NAME.mapping.yaml, with open questions as "
+        "comments; edit it, and run the command again with --mapping. A log of several limbs gives "
+        "a folder for each limb.",
         "folder json force",
         [
-            Option("logs", nargs="+", metavar="LOG", type=Path, help="logs, tables of text"),
-            shared("limb", help="the limb's description (.yaml); the nominal limb if left out"),
+            Option("logs", nargs="+", metavar="LOG", type=Path, help="log files (tables as text)"),
+            shared("limb", help="description of the limb (.yaml); the nominal limb if left out"),
             Option(
                 "--kind",
-                help="what the logs are for calibration: sag, ring_down, the name of the one wire "
-                "that is heated, both, heated, or motion, which judges laws; if left out, what "
-                "they show, and heated or motion if their names begin so",
+                help="kind of the recordings for calibration: sag; ring_down; the name of the only "
+                "heated wire; both; heated; or motion, to compare laws with; if left out, taken "
+                "from the data, or from file names that begin with heated or motion",
             ),
-            Option("--mapping", type=Path, help="how to read the logs (.yaml)"),
+            Option("--mapping", type=Path, help="meaning of the columns (.yaml)"),
             Option(
-                "--words", type=Path, help="your words in columns' names (.yaml: duty: [brenner])"
+                "--words",
+                type=Path,
+                help="your own words for signals in the names of columns (.yaml), such as "
+                "duty: [brenner]",
             ),
         ],
-        stopped="stopped; recordings that are there are whole",
+        stopped="stopped; recordings that were written are complete",
         examples=["soft-limb import lab/*.csv -o out/recordings/"],
     ),
 }

@@ -1,4 +1,4 @@
-"""Commands: the options that they share, each declared once, and how they end."""
+"""The class of commands, the options that commands share, and helpers to print results."""
 
 import argparse
 import contextlib
@@ -16,26 +16,29 @@ from limb_systems.files.output import check_outputs
 from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import Panel
 from soft_limb.command import EXIT_STATUS
-from soft_limb.runs import CONTROLLERS, OPEN
+from soft_limb.runs import CONTROLLERS, OPEN_LOOP
 
 if TYPE_CHECKING:
     from soft_limb.live_page import LivePage
 
 
 class Option:
-    """An argument of a command, by the arguments of `argparse.ArgumentParser.add_argument`."""
+    """An argument of a command: the arguments of `argparse.ArgumentParser.add_argument`."""
 
     def __init__(self, *names: str, **settings: Any):
-        self.names, self.settings = names, settings
+        self.names = names
+        self.settings = settings
 
 
 class _Help(argparse.HelpFormatter):
-    """Fills paragraphs, and leaves lines that are indented as they are."""
+    """A formatter that wraps paragraphs and keeps indented lines as they are."""
 
     def _fill_text(self, text, width, indent):
-        fill = super()._fill_text
-        lines = text.split("\n")
-        return "\n".join(x if x[:1] in ("", " ") else fill(x, width, indent) for x in lines)
+        lines = []
+        for line in text.split("\n"):
+            is_fixed = line[:1] in ("", " ")
+            lines.append(line if is_fixed else super()._fill_text(line, width, indent))
+        return "\n".join(lines)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,11 +46,11 @@ class Command:
     """A command of ``soft-limb``.
 
     - ``run``: function that takes the parsed options and returns the exit status.
-    - ``description``: what ``--help`` says.
+    - ``description``: text that ``--help`` prints.
     - ``shared``: keys of its options in `SHARED`, with spaces between them.
-    - ``own``: further ones, each an `Option`, or a list of which one may be given.
-    - ``stopped``: sentence for a command that a signal has ended.
-    - ``examples``: lines that a shell runs, by the names that README gives to files.
+    - ``own``: further options; a list of options is a choice of at most one.
+    - ``stopped``: sentence to print when a signal has ended the command.
+    - ``examples``: lines for a shell, with the file names of the README.
     """
 
     run: Callable[[argparse.Namespace], int]
@@ -58,7 +61,7 @@ class Command:
     examples: Sequence[str] = ()
 
     def parser(self, prog: str) -> argparse.ArgumentParser:
-        """The parser of its arguments."""
+        """Return the parser of its arguments."""
         lines = ["for example:", *(f"  {line}" for line in self.examples), "", EXIT_STATUS]
         parser = argparse.ArgumentParser(
             prog=prog,
@@ -66,45 +69,51 @@ class Command:
             epilog="\n".join(lines),
             formatter_class=_Help,
         )
+        # Add the shared options, then the command's own.
         for entry in (*(SHARED[key] for key in self.shared.split()), *self.own):
-            group = parser.add_mutually_exclusive_group() if isinstance(entry, list) else parser
-            for option in entry if isinstance(entry, list) else [entry]:
-                group.add_argument(*option.names, **option.settings)
+            if isinstance(entry, list):
+                group = parser.add_mutually_exclusive_group()
+                for option in entry:
+                    group.add_argument(*option.names, **option.settings)
+            else:
+                parser.add_argument(*entry.names, **entry.settings)
+        # Explain an option of earlier versions.
         parser.add_argument("--board", type=_refuse_text_board, help=argparse.SUPPRESS)
         return parser
 
 
 def _refuse_text_board(path: str) -> NoReturn:
-    """Raise ArgumentTypeError: ``--board FILE`` described boards that are no longer driven."""
+    """Raise ArgumentTypeError: ``--board FILE`` described boards that are no longer supported."""
     raise argparse.ArgumentTypeError(
-        f"{path} describes a board that speaks lines of text, and such boards are no longer "
-        "driven: put the firmware on yours as docs/firmware_in_c.md says, and leave --board out"
+        f"{path} describes a board with a text protocol, which is no longer supported: put the "
+        "firmware on yours as docs/firmware_in_c.md says, and leave --board out"
     )
 
 
 def shared(key: str, **settings: Any) -> Option:
-    """A shared option with some settings of its own."""
+    """Return a shared option with some settings replaced."""
     option = SHARED[key]
     assert isinstance(option, Option)
     return Option(*option.names, **option.settings | settings)
 
 
-LONGEST_COOLING = 3600.0  # s
+MAX_COOLING_TIME = 3600.0  # s
 PORT_HELP = "a serial port or any URL that pyserial accepts"
 TASK_HELP = (
-    "weights and limits: a file (.yaml), 'paper' for the paper's, or 'closed-loop' for plans that "
-    "feedback follows"
+    "weights and limits of the plan: a file (.yaml), 'paper' for the values in the paper, or "
+    "'closed-loop' to leave margins for feedback"
 )
 
 
 class _AddPort(argparse.Action):
-    """A port, or with NAME= before it that of one limb, which joins those of the others."""
+    """The option ``--port``: one PORT, or NAME=PORT once for each limb of a robot."""
 
     def __call__(self, parser, namespace, value, option_string=None):
-        """Sets the option, to text or to the ports by their names."""
+        """Set the option to a port, or to a dict of ports by the limbs' names."""
         if named := re.fullmatch(r"(\w+)=(.+)", value):
-            before = getattr(namespace, self.dest)
-            value = (before if isinstance(before, dict) else {}) | {named[1]: named[2]}
+            previous = getattr(namespace, self.dest)
+            ports = previous if isinstance(previous, dict) else {}
+            value = ports | {named[1]: named[2]}
         setattr(namespace, self.dest, value)
 
 
@@ -112,14 +121,14 @@ SHARED: dict[str, Option | list[Option]] = {
     "trajectory": Option("trajectory", type=Path, help="trajectory file (.csv)"),
     "reference": Option(
         "reference",
-        help="'fig5' for the paper's two steps and decaying sinusoid; 'circle' or 'eight' for a "
-        "limb that bends in space; or a recording (teach and repeat); or a CSV of time in s and "
-        "bend angles in degrees, as spreadsheets write it",
+        help="motion to follow: a CSV of time in s and bend angles in degrees, as spreadsheets "
+        "write it; or a recording (teach and repeat); or 'ramps', or 'fig5' for the two steps and "
+        "the decaying sinusoid of the paper; or 'circle' or 'eight' for a limb that bends in space",
     ),
     "limb": Option(
         "-l", "--limb", type=Path, help="limb parameters (.yaml); the nominal limb if left out"
     ),
-    "task": Option("--task", help=f"{TASK_HELP}; the defaults of planners.Task if left out"),
+    "task": Option("--task", help=f"{TASK_HELP}; defaults of planners.Task if left out"),
     "knot-rate": Option(
         "--knot-rate", type=float, default=10.0, help="knots per second (default %(default)g)"
     ),
@@ -127,20 +136,20 @@ SHARED: dict[str, Option | list[Option]] = {
         "--smooth",
         type=float,
         default=0.5,
-        help="window for smoothing a recording's bend angle, s (default %(default)g)",
+        help="window over which the bend angle of a recording is smoothed, s (default %(default)g)",
     ),
     "output": Option("-o", "--output", required=True, type=Path, help="recording to write (.csv)"),
     "plot": Option("--plot", type=Path, help="picture to write (.png, .pdf, .svg)"),
-    "report": Option("--report", type=Path, help="page to write, with charts to look into (.html)"),
+    "report": Option("--report", type=Path, help="page to write, with interactive charts (.html)"),
     "force": Option("--force", action="store_true", help="replace files that exist"),
-    "json": Option("--json", action="store_true", help="print JSON"),
-    "board": Option("port", help=f"of the board, {PORT_HELP}"),
+    "json": Option("--json", action="store_true", help="print the result as JSON"),
+    "board": Option("port", metavar="PORT", help=f"port of the board: {PORT_HELP}"),
     "port": Option(
         "-p",
         "--port",
         action=_AddPort,
-        help=f"of the robot, {PORT_HELP}, or NAME=PORT for each limb that has a board of its own; "
-        "an emulated limb if left out",
+        help=f"port of the robot: {PORT_HELP}; or NAME=PORT once for each limb that has its own "
+        "board; an emulated limb if left out",
     ),
     "emulated": Option(
         "--emulated",
@@ -154,57 +163,58 @@ SHARED: dict[str, Option | list[Option]] = {
         action="append",
         default=[],
         choices=EXTRA_EFFECTS,
-        help="an effect that the emulated limb has beside those of every limb",
+        help="effect to add to the physics of the emulated limb; may be repeated",
     ),
     "physics": Option(
         "--physics",
         default=Specimen.physics,
-        help="physics of the emulated limb (default %(default)s); --import names the module of "
-        "any other",
+        help="physics of the emulated limb (default %(default)s); import the module of any other "
+        "by --import",
     ),
     "controller": Option(
         "--controller",
         choices=CONTROLLERS,
-        default=OPEN,
-        help="what drives it: open-loop, the plan's duty; plan-feedback, feedback about the plan; "
-        "plan-regulator, a time-varying linear-quadratic regulator about the plan; "
-        "receding-horizon, plans of the coming seconds towards the reference "
-        "(default %(default)s)",
+        default=OPEN_LOOP,
+        help="controller of the limb: open-loop applies the duty of the plan; plan-feedback "
+        "corrects deviations from the plan; plan-regulator is a time-varying linear-quadratic "
+        "regulator about the plan; receding-horizon plans the next seconds again and again, "
+        "towards the reference (default %(default)s)",
     ),
     "live": Option(
         "--live",
         action="store_true",
-        help="show the limb on a page of this computer while it runs, in curves, with a button "
-        "that stops it; an emulated limb runs in real time",
+        help="plot the run live on a web page of this computer, with a button that stops it; an "
+        "emulated limb then runs in real time",
     ),
     "cool": Option(
         "--cool-down",
         type=float,
         default=0.0,
         metavar="SECONDS",
-        help="when the run's files are written, show how its wires cool, until they are as cool as "
-        "before, or for so long; Ctrl-C ends that alone (default %(default)g)",
+        help="with --live: after the run, when its files are written, keep plotting while the "
+        "wires cool, until they are as cool as before the run, but at most this long; Ctrl-C ends "
+        "only the plotting (default %(default)g)",
     ),
 }
 SHARED["folder"] = shared("output", help="folder to write to")
-SHARED["driven"] = [  # the limb that a plan drives
+SHARED["driven"] = [  # a limb to drive along a plan; at most one of the options
     shared("port"),
     shared(
         "emulated",
         default=None,
-        help="seed of the emulated limb; if left out, the limb that the plan was calibrated on, or "
-        "else 0",
+        help="seed of the emulated limb; if left out, the emulated limb that the plan's model was "
+        "calibrated on, or else 0",
     ),
     Option(
         "--model",
         action="store_true",
-        help="no other limb than the plan's own model: what it would do if it were exact",
+        help="drive the model of the plan in place of a limb, as if the model were exact",
     ),
 ]
 
 
 def count(text: str) -> int:
-    """Return a count from 1 to 9999; the type of an option."""
+    """Return a count from 1 to 9999, for the type of an option."""
     if not re.fullmatch(r"[1-9]\d{0,3}", text):
         raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 to 9999")
     return int(text)
@@ -212,15 +222,15 @@ def count(text: str) -> int:
 
 @contextlib.contextmanager
 def live_page(options: argparse.Namespace) -> Iterator["LivePage | None"]:
-    """The page that a command was asked for, if any, until it ends; it says where the page is.
+    """Open the live page if ``--live`` is given, print its address, and yield it or None.
 
     Raises:
-        LimbError: if the page does not start, or there is none to show a cool-down on, or the
-            cool-down is out of range.
+        LimbError: if the page does not start, if ``--cool-down`` is given without ``--live``, or
+            if the cool-down is out of range.
     """
     cool_down = vars(options).get("cool_down", 0.0)
-    if not 0 <= cool_down <= LONGEST_COOLING:
-        raise LimbError(f"--cool-down is {cool_down:g} s; it must be 0 to {LONGEST_COOLING:g} s.")
+    if not 0 <= cool_down <= MAX_COOLING_TIME:
+        raise LimbError(f"--cool-down is {cool_down:g} s; it must be 0 to {MAX_COOLING_TIME:g} s.")
     if not options.live:
         if cool_down:
             raise LimbError("--cool-down is for the live page; add --live.")
@@ -238,11 +248,11 @@ def live_page(options: argparse.Namespace) -> Iterator["LivePage | None"]:
 def checked_outputs(
     options: argparse.Namespace, *inputs: Path | str | None, goes_on: bool = False
 ) -> list[Path | None]:
-    """Return the files that a command is to write: its table, pictures and report.
+    """Return the files that a command will write: its table, pictures and report.
 
     Args:
-        inputs: files that the command reads, also as texts that may be something else.
-        goes_on: whether the command goes on with a table that exists.
+        inputs: files that the command reads; a text that names no file is allowed.
+        goes_on: whether the command appends to a table that exists.
 
     Raises:
         OutputError: if a file must not or cannot be written.
@@ -263,7 +273,7 @@ def checked_outputs(
 def save_panels(panels: Sequence[Panel], path: Path | None) -> None:
     """Draw panels and save the picture, if a command was asked for one."""
     if path:
-        # Matplotlib takes as long to import as all the rest.
+        # Importing Matplotlib takes as long as importing everything else.
         from limb_systems.views.plots import draw, save_figure
 
         save_figure(draw(panels), path)
@@ -272,27 +282,27 @@ def save_panels(panels: Sequence[Panel], path: Path | None) -> None:
 def print_summary(
     options: argparse.Namespace, summary: Summary, written: Sequence[Path | None] | None = None
 ) -> None:
-    """Tells what a command has found and written, in JSON if the command was asked for it.
+    """Print the results of a command and the files that it wrote, as JSON with ``--json``.
 
     Args:
-        written: files that were written; None among them was not asked for.
+        written: files that were written; entries that are None are left out.
     """
     if written is not None:
         paths = [str(path) for path in written if path]
         summary += Summary([Entry("written", paths)])
     if vars(options).get("json"):
         print(json.dumps(summary.to_json(), ensure_ascii=False), flush=True)
-    elif told := str(summary):
-        print(told, flush=True)
+    elif text := str(summary):
+        print(text, flush=True)
 
 
-def say_duration(about: str) -> None:
-    """Tells at a command's start about how long it takes, beside what it prints as its result."""
+def print_duration(about: str) -> None:
+    """Print about how long a command will take, to stderr, away from its results."""
     print(f"takes {about}", file=sys.stderr, flush=True)
 
 
 def print_table(title: str, rows: Sequence[Sequence[str]]) -> None:
-    """Prints columns that are as wide as they must be."""
+    """Print a title and a table with columns as wide as their cells."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     print(f"{title}:")
     for row in rows:

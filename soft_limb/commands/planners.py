@@ -1,4 +1,4 @@
-"""The command that plans."""
+"""The command ``soft-limb plan``."""
 
 import argparse
 from pathlib import Path
@@ -16,20 +16,21 @@ from soft_limb.commands.options import (
 )
 from soft_limb.reports.plan_report import write_plan_report
 from soft_limb.results.summaries import plan_summary
-from soft_limb.runs.plan_run import plan_from_files, task_named
+from soft_limb.runs.plan_run import load_task, plan_from_files
 
 
 def _temperatures(text: str) -> list[float]:
-    """Temperatures, °C, between commas."""
+    """Return temperatures, °C, from a text with commas, for the type of an option."""
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not temperatures in °C, such as 31.5 or 31.5,30.2"
+            f"{text!r} is not a list of temperatures in °C, such as 31.5 or 31.5,30.2"
         ) from None
 
 
 def _plan(options: argparse.Namespace) -> int:
+    # Plan.
     outputs = checked_outputs(options, options.reference, options.limb, options.task)
     limb = LimbParameters.of(options.limb)
     trajectory = plan_from_files(
@@ -38,19 +39,21 @@ def _plan(options: argparse.Namespace) -> int:
         options.smooth,
         options.tip,
         options.start,
-        task=options.task and task_named(options.task, limb),
+        task=options.task and load_task(options.task, limb),
         knot_rate=options.knot_rate,
         max_knots=options.max_knots,
         tolerance_deg=options.tolerance,
     )
+    # Write the trajectory and its pictures.
     trajectory.save(options.output)
     save_panels(tracking_panels(trajectory), options.plot)
     if options.diagnostics:
-        # Matplotlib takes as long to import as all the rest.
+        # Importing Matplotlib takes as long as importing everything else.
         from limb_systems.views.plots import save_figure
         from planners.diagnostics import plot_diagnostics
 
         save_figure(plot_diagnostics(trajectory), options.diagnostics)
+    # Write the report, with links to the files behind it.
     summary = plan_summary(trajectory)
     if options.report:
         data = {"trajectory": options.output}
@@ -66,8 +69,8 @@ def _plan(options: argparse.Namespace) -> int:
 COMMANDS = {
     "plan": Command(
         _plan,
-        "Plans the feasible trajectory of a limb that is nearest to a reference bend angle, checks "
-        "it by simulation, and writes it to a file that robots replay.",
+        "Plan the feasible trajectory of a limb that is nearest to a reference bend angle. The "
+        "plan is checked by simulation and saved for soft-limb replay.",
         "reference limb plot report smooth knot-rate json force",
         [
             shared("output", help="trajectory file to write (.csv)"),
@@ -84,32 +87,34 @@ COMMANDS = {
             Option(
                 "--tip",
                 action="store_true",
-                help="the reference is a path of the tip: a CSV of time in s and the tip's place "
-                "beside the axis in mm, along E2, and E3 if the limb bends in space",
+                help="the reference is a path of the tip: a CSV of time in s and the distance of "
+                "the tip from the straight limb in mm, along E2, and E3 if the limb bends in space",
             ),
             Option(
                 "--start",
                 type=_temperatures,
                 metavar="V[,V]",
-                help="what the wires of a resting limb are read at where the plan begins, °C: one "
-                "number, or one for each wire; ambient temperature if left out",
+                help="wire readings at the start of the plan, when the limb is at rest, °C: one "
+                "number, or one for each wire; the ambient temperature if left out",
             ),
             Option(
                 "--diagnostics",
                 type=Path,
-                help="picture of constraint violations and the Jacobian's sparsity to write",
+                help="picture to write, with constraint violations and the sparsity of the "
+                "Jacobian",
             ),
             Option(
                 "--max-knots",
                 type=int,
                 default=MAX_KNOTS,
-                help="refuse to plan with more knots than this (default %(default)s)",
+                help="most knots of a plan; a reference that needs more is refused (default "
+                "%(default)s)",
             ),
             Option(
                 "--tolerance",
                 type=float,
-                help="largest difference of the plan from its simulation, degrees (default 0.1, "
-                "and 1 for a limb that bends in space)",
+                help="largest difference allowed between the plan and its simulation, degrees "
+                "(default 0.1; 1 for a limb that bends in space)",
             ),
         ],
         stopped="stopped; nothing was written",

@@ -1,4 +1,4 @@
-"""Commands that say what files are and how they differ, and that write them for other tools."""
+"""Commands that print and compare result files, and that convert them for other tools."""
 
 import argparse
 import functools
@@ -37,7 +37,7 @@ def _write_mjcf(limb: LimbParameters, path: Path, callback: Path | None) -> None
 
 
 MJCF = "mjcf"
-_FORMATS: dict[str, tuple[str, str, Callable]] = {  # suffix, what is written so, and how
+_FORMATS: dict[str, tuple[str, str, Callable]] = {  # suffix, kind of the result, writer
     "csv": (".csv", TRAJECTORY, write_rows),
     "c-header": (".h", TRAJECTORY, write_c_header),
     "sdf": (".sdf", LIMB, functools.partial(_write_model, limb_sdf)),
@@ -56,8 +56,8 @@ def _recover(options: argparse.Namespace) -> int:
     if not len(recording.time):
         raise LimbError(f"{path} has no samples; there is nothing to recover.")
     recording.save(options.recover)
-    said = f"{len(recording.time)} samples, {recording.time[-1]:.2f} s"
-    summary = Summary.of({"recovered": said}, {}) + troubles(recording)
+    text = f"{len(recording.time)} samples, {recording.time[-1]:.2f} s"
+    summary = Summary.of({"recovered": text}, {}) + troubles(recording)
     print_summary(options, summary, [options.recover])
     return 0
 
@@ -65,7 +65,9 @@ def _recover(options: argparse.Namespace) -> int:
 def _show(options: argparse.Namespace) -> int:
     if options.recover:
         return _recover(options)
-    results, errors = [], []
+    # Read all files; an error in one does not hide the others.
+    results = []
+    errors = []
     for path in options.files:
         try:
             results.append(read_result(path))
@@ -96,32 +98,40 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
-    one = len(options.files) == 1
+    # Choose the format: by --format, or by the name of the output.
+    is_single = len(options.files) == 1
     by_suffix = {suffix: name for name, (suffix, *_) in _FORMATS.items()}
-    name = options.format or (by_suffix.get(options.output.suffix) if one else "csv")
+    name = options.format or (by_suffix.get(options.output.suffix) if is_single else "csv")
     if name is None:
         raise OutputError(
-            f"{options.output} is of no known format; its name must end with "
-            f"{' or '.join(by_suffix)}, or --format tell which."
+            f"The name of {options.output} does not tell its format; let it end with "
+            f"{' or '.join(by_suffix)}, or give --format."
         )
     suffix, kind, write = _FORMATS[name]
-    outputs = [
-        options.output if one else options.output / f"{path.stem}{suffix}" for path in options.files
-    ]
-    if options.callback and (name != MJCF or not one):
-        raise OutputError("--callback is the wires' C code for one limb, beside its .xml.")
-    beside = [options.callback] if options.callback else []
-    check_outputs(outputs + beside, inputs=options.files, force=options.force)
+    # Check all outputs before the first is written.
+    outputs = [options.output]
+    if not is_single:
+        outputs = [options.output / f"{path.stem}{suffix}" for path in options.files]
+    if options.callback and (name != MJCF or not is_single):
+        raise OutputError(
+            "--callback writes the C code of the wires of one limb; give one limb, and an output "
+            "that ends with .xml."
+        )
+    callbacks = [options.callback] if options.callback else []
+    check_outputs(outputs + callbacks, inputs=options.files, force=options.force)
+    # Read and convert.
     results = [read_result(path) for path in options.files]
     for result in results:
         if result.kind != kind:
-            raise LimbError(f"{result.path} is a {result.kind}; only a {kind} becomes {name}.")
-    how: tuple[Any, ...] = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
+            raise LimbError(
+                f"{result.path} is a {result.kind}; only a {kind} can be exported as {name}."
+            )
+    settings: tuple[Any, ...] = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
     if name == MJCF:
-        how = (options.callback,)
+        settings = (options.callback,)
     for result, path in zip(results, outputs, strict=True):
-        write(result.value, path, *how)
-    print_summary(options, Summary([]), outputs + beside)
+        write(result.value, path, *settings)
+    print_summary(options, Summary([]), outputs + callbacks)
     return 0
 
 
@@ -136,18 +146,18 @@ STOPPED = "stopped; no file is half-written"
 COMMANDS = {
     "show": Command(
         _show,
-        "Says what each file is, what is in it, and what made it: a recording, a trajectory, a "
-        "gait, a limb, a robot or a task (.yaml), a reference (.csv of s and degrees), "
-        "learning.txt, or a report (.html).",
+        "Print the kind of each file, its contents, and what made it. A file may be a recording, "
+        "a trajectory or a gait (.csv), a limb, a robot or a task (.yaml), a reference (.csv of s "
+        "and degrees), learning.txt, or a report (.html).",
         "json force",
         [
-            Option("files", nargs="+", metavar="FILE", type=Path, help="any of these"),
+            Option("files", nargs="+", metavar="FILE", type=Path, help="result files"),
             Option(
                 "--recover",
                 type=Path,
                 metavar="WHOLE",
-                help="file to write (.csv) from the recording of a program that was killed "
-                "(.unfinished.csv)",
+                help="recording to write (.csv) from FILE, the unfinished recording of a program "
+                "that was killed (.unfinished.csv)",
             ),
         ],
         stopped=STOPPED,
@@ -155,14 +165,16 @@ COMMANDS = {
     ),
     "compare": Command(
         _compare,
-        "Compares results of one kind with the first of them: what made them, their parameters, "
-        "and the signals of plans and recordings over their common time. A plan can be compared "
-        "with its recordings.",
+        "Compare results with the first of them: their origin, their parameters, and the signals "
+        "of plans and recordings over the time that they have in common. The results are all limbs "
+        "(.yaml), or all plans and recordings (.csv), such as a plan and its recordings.",
         "json force",
         [
             Option("runs", nargs="+", metavar="RUN", type=Path, help="two or more results"),
             shared(
-                "output", required=False, help="page to write, with all runs in one chart (.html)"
+                "output",
+                required=False,
+                help="page to write, all results in one chart (.html)",
             ),
         ],
         stopped=STOPPED,
@@ -170,11 +182,18 @@ COMMANDS = {
     ),
     "runs": Command(
         _runs,
-        "Writes one page about the plans, recordings, limbs and what was learned in a folder and "
-        "below, newest first: small pictures, what belongs together, and links to reports.",
+        "Write one page about the plans, recordings, limbs and learning in a folder and its "
+        "subfolders, newest first, with small pictures, with links between plans, their limbs and "
+        "their recordings, and with links to reports.",
         "force",
         [
-            Option("folder", nargs="?", type=Path, default=Path(), help="this one if left out"),
+            Option(
+                "folder",
+                nargs="?",
+                type=Path,
+                default=Path(),
+                help="folder to search; this folder if left out",
+            ),
             shared("output", help="page to write (.html)"),
         ],
         stopped=STOPPED,
@@ -182,10 +201,10 @@ COMMANDS = {
     ),
     "export": Command(
         _export,
-        "Writes the duty of trajectories as CSV or as a C header, for a program of your own that "
-        "holds each row for a period: a row is the plan's mean duty over the period. Writes limbs "
-        "as SDFormat, with their springs, as URDF, without, or as MJCF for MuJoCo, with springs "
-        "and heat.",
+        "Convert trajectories and limbs for other programs. The duty of a trajectory is written as "
+        "CSV or as a C header, for your own program that holds each row for one period: a row is "
+        "the mean duty of the plan over the period. A limb is written as SDFormat, with its "
+        "springs; as URDF, without springs; or as MJCF for MuJoCo, with springs and heat.",
         "force",
         [
             Option(
@@ -195,12 +214,12 @@ COMMANDS = {
                 type=Path,
                 help="trajectories (.csv) or limbs (.yaml)",
             ),
-            shared("output", help="file to write; of several files the folder"),
+            shared("output", help="file to write; the folder to write to if there are several"),
             Option(
                 "--format",
                 choices=list(_FORMATS),
-                help="by default what the output's name ends with: .csv, .h, .sdf, .urdf or "
-                ".xml; csv in a folder",
+                help="format to write; if left out, the end of the output's name tells it: .csv, "
+                ".h, .sdf, .urdf or .xml; csv for several files",
             ),
             Option(
                 "--rate",
@@ -212,15 +231,15 @@ COMMANDS = {
                 "--callback",
                 metavar="FILE.c",
                 type=Path,
-                help="of a limb as .xml: write C code for MuJoCo, too, for wires of laws that MJCF "
-                "cannot express",
+                help="for one limb as .xml: C code to write for MuJoCo, for laws of wires that "
+                "MJCF cannot express",
             ),
             Option(
                 "--duty-max",
                 type=int,
                 default=1,
-                help="number that stands for full duty, such as 255; 1 for duty itself "
-                "(default %(default)s)",
+                help="number to write for a duty of 1, such as 255 for a timer of 8 bits (default "
+                "%(default)s)",
             ),
         ],
         stopped=STOPPED,

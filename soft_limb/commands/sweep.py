@@ -1,4 +1,4 @@
-"""The command that needs no robot: many combinations of limbs, motions and tasks."""
+"""The command ``soft-limb sweep``: many combinations of limbs, motions, tasks and controllers."""
 
 import argparse
 import os
@@ -14,32 +14,34 @@ from soft_limb.commands.options import (
     Option,
     checked_outputs,
     count,
+    print_duration,
     print_summary,
     print_table,
-    say_duration,
     shared,
 )
-from soft_limb.runs import CONTROLLERS, OPEN
-from soft_limb.runs.plan_run import task_named
-from soft_limb.runs.sweep_cases import cases, means, sweep
+from soft_limb.runs import CONTROLLERS, OPEN_LOOP
+from soft_limb.runs.plan_run import load_task
+from soft_limb.runs.sweep_cases import make_cases, mean_table, sweep
 
 
 def _sweep(options: argparse.Namespace) -> int:
+    # List all combinations.
     tasks = options.task or []
     checked_outputs(options, options.limb, *options.references, *tasks, goes_on=True)
-    wanted = cases(
+    wanted = make_cases(
         LimbParameters.of(options.limb),
         options.references,
         smoothing_time=options.smooth,
         vary=options.vary,
-        tasks={name: task_named(name) for name in tasks},
-        controllers=options.controller or [OPEN],
+        tasks={name: load_task(name) for name in tasks},
+        controllers=options.controller or [OPEN_LOOP],
         physics=options.physics or ["lumped"],
         seeds=options.seeds,
     )
     if options.force:
         options.output.unlink(missing_ok=True)
-    say_duration(f"some seconds for each run, of {len(wanted)} in {options.jobs} at a time")
+    # Run those that the table does not have.
+    print_duration(f"some seconds for each of {len(wanted)} runs, {options.jobs} at a time")
     with Progress("sweep", len(wanted), "runs") as progress:
         rows = sweep(
             wanted,
@@ -49,22 +51,25 @@ def _sweep(options: argparse.Namespace) -> int:
             cluster=options.cluster,
         )
     if not options.json:
-        title = "means over limbs of mean distances of the true bend, highest V and T"
-        print_table(title, list(means(rows)))
+        title = "means over limbs: mean distances of the true bend, highest V and T"
+        print_table(title, list(mean_table(rows)))
     print_summary(options, Summary.of({}, {"runs": rows}), [options.output])
     return 0
 
 
 def _seeds(text: str) -> list[int]:
-    """Seeds such as 0-9 or 0,3,7-9."""
+    """Return the seeds of a text such as 0-9 or 0,3,7-9, for the type of an option."""
     if not re.fullmatch(r"\d+(-\d+)?(,\d+(-\d+)?)*", text):
-        raise argparse.ArgumentTypeError(f"{text!r} is not seeds, such as 0-9 or 0,3,7-9")
-    ends = [[int(end) for end in part.split("-")] for part in text.split(",")]
-    return list(dict.fromkeys(seed for end in ends for seed in range(end[0], end[-1] + 1)))
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of seeds, such as 0-9 or 0,3,7-9")
+    seeds: list[int] = []
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        seeds += range(int(first), int(last or first) + 1)
+    return list(dict.fromkeys(seeds))
 
 
 def _field(text: str) -> tuple[str, list[float]]:
-    """A field and its values, such as segments.0.stiffness=0.08:0.16:5 or =0.1,0.12."""
+    """Return a field and its values, from a text such as segments.0.stiffness=0.08:0.16:5."""
     field, _, values = text.partition("=")
     try:
         if ":" in values:
@@ -76,8 +81,8 @@ def _field(text: str) -> tuple[str, list[float]]:
             raise ValueError
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not a field and its values, such as segments.0.stiffness=0.08:0.16:5, "
-            "from, to and how many, or segments.0.stiffness=0.1,0.12"
+            f"{text!r} is not FIELD=VALUES, such as segments.0.stiffness=0.08:0.16:5 (first, last "
+            "and number of values) or segments.0.stiffness=0.1,0.12"
         ) from None
     return field, numbers
 
@@ -85,10 +90,10 @@ def _field(text: str) -> tuple[str, list[float]]:
 COMMANDS = {
     "sweep": Command(
         _sweep,
-        "Plans every combination of motions, limbs, tasks and controllers, and drives emulated "
-        "limbs along the plans. The table has a row for each run: mean distances of the true bend "
-        "from the reference and from the plan, of the plan from the reference, the highest "
-        "temperatures, and what went wrong. Started again, it goes on from there.",
+        "Plan every combination of motions, limbs, tasks and controllers, and drive emulated limbs "
+        "along the plans. The table has a row for each run: the mean distances of the true bend "
+        "from the reference and from the plan, the mean distance of the plan from the reference, "
+        "the highest temperatures, and any error. After an interruption, run it again to continue.",
         "limb smooth json",
         [
             Option(
@@ -96,14 +101,14 @@ COMMANDS = {
                 nargs="*",
                 default=["fig5"],
                 metavar="REFERENCE",
-                help="motions, each as for soft-limb plan (default fig5)",
+                help="motions to plan, each as for soft-limb plan (default fig5)",
             ),
-            shared("output", help="table to write (.csv), or to go on with"),
+            shared("output", help="table to write (.csv), or to continue"),
             Option(
                 "--seeds",
                 type=_seeds,
-                help="those of the emulated limbs, such as 0-9 or 0,3,7-9; if left out, the limb "
-                "that --limb was calibrated on, or else 0",
+                help="seeds of the emulated limbs, such as 0-9 or 0,3,7-9; if left out, the "
+                "emulated limb that --limb was calibrated on, or else 0",
             ),
             Option(
                 "--vary",
@@ -111,42 +116,44 @@ COMMANDS = {
                 type=_field,
                 default=[],
                 metavar="FIELD=VALUES",
-                help="a field of the limb's file and its values: FROM:TO:COUNT, or several with "
-                "commas between them, such as segments.0.stiffness=0.08:0.16:5",
+                help="field of the limb's file, and values as FIRST:LAST:COUNT or V,V,..., such as "
+                "segments.0.stiffness=0.08:0.16:5; may be repeated",
             ),
             Option(
                 "--task",
                 action="append",
-                help="task: a file (.yaml), 'paper' or 'closed-loop'; if left out the default one, "
-                "and with a controller closed-loop",
+                help="weights and limits: a file (.yaml), 'paper' or 'closed-loop'; may be "
+                "repeated; if left out, the default task, or closed-loop with a controller",
             ),
             Option(
                 "--controller",
                 action="append",
                 choices=CONTROLLERS,
-                help=f"what drives them, as for soft-limb replay (default {OPEN})",
+                help="controller of the limbs, as for soft-limb replay; may be repeated (default "
+                f"{OPEN_LOOP})",
             ),
             Option(
                 "--physics",
                 action="append",
-                help="family of emulated limbs (default lumped); --import names the module of any "
-                "other",
+                help="physics of the emulated limbs (default lumped); import the module of any "
+                "other by --import; may be repeated",
             ),
             Option(
                 "-j",
                 "--jobs",
                 type=count,
                 default=os.cpu_count() or 1,
-                help="processes (default %(default)s)",
+                help="number of processes (default %(default)s)",
             ),
             Option(
                 "--cluster",
                 metavar="ADDRESS",
-                help="of a Dask scheduler, whose workers run it in place of these processes",
+                help="address of a Dask scheduler; its workers make the runs in place of processes "
+                "of this computer",
             ),
-            Option("--force", action="store_true", help="begin the table anew"),
+            Option("--force", action="store_true", help="replace the table if it exists"),
         ],
-        stopped="stopped; the table has the runs that were finished",
+        stopped="stopped; the table has the complete runs",
         examples=["soft-limb sweep mine.csv -l limb.yaml --seeds 0-9 -o out/sweep.csv"],
     ),
 }

@@ -1,1 +1,1 @@
-"""Reports: plans, calibrations and runs, as text and as pages."""
+"""Reports on plans, calibrations and runs, as HTML pages."""

@@ -1,5 +1,6 @@
-"""A calibration, or its validation, as one HTML page, with every fit over its data."""
+"""Reports on a calibration and on its validation, with every fit plotted over its data."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -21,9 +22,9 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.panels import SIGNALS, Curve, Panel
 from soft_limb.reports import page
-from soft_limb.results.summaries import ranked, validation_summary
+from soft_limb.results.summaries import ranked_remarks, validation_summary
 
-_MEANING = {
+_PARAMETER_MEANINGS = {
     "ambient_temperature": "T0",
     "stiffness": "k, Sec. V-A",
     "damping": "σ, Sec. V-B",
@@ -62,54 +63,60 @@ _MEANING = {
 }
 
 
-Samples = tuple[str, np.ndarray, np.ndarray, np.ndarray]  # name, times, φ (F, K) in rad, V (W, K)
+# Name, times (K,) in s, φ (F, K) in rad, and V (W, K) in °C.
+Samples = tuple[str, np.ndarray, np.ndarray, np.ndarray]
 
 
 def write_report(
     calibration: Calibration, path: str | Path, data: Mapping[str, str | Path] | None = None
 ) -> None:
-    """Write one HTML page: verdict, what to do next, result, and every fit over its data.
+    """Write one HTML page: verdict, next steps, parameters, and every fit over its data.
 
     Args:
         path: path of the page.
-        data: files that the page links to, by what they are.
+        data: files that the page links to, by their descriptions.
     """
-    sources = sorted({source for group in calibration.sources.values() for source in group})
+    # Begin with the verdict and the next steps.
     parts: list[page.Part] = [page.verdict(calibration.verdict)]
-    to_do, kept = ranked(calibration), calibration.as_described
+    next_steps = ranked_remarks(calibration)
     if calibration.next_recording:
-        to_do.append(f"next recording: {calibration.next_recording}")
-    if to_do:
-        parts.append(page.section("What to do next", page.items(to_do)))
+        next_steps.append(f"next recording: {calibration.next_recording}")
+    if next_steps:
+        parts.append(page.section("Next steps", page.items(next_steps)))
+    # Add the validation.
     if validation := calibration.validation:
         judged = calibration.prediction.parts if calibration.prediction else []
-        what = "The duty of a recording that was not used in any fit, simulated open loop"
+        text = "The duty of a recording that was not used in any fit, simulated open loop"
         if len(judged) > 1:
-            what = (
-                f"The duties of {len(judged)} recordings, none of which was used in the fit that "
-                "predicts it, simulated open loop and shown one after the other"
+            text = (
+                f"The duties of {len(judged)} recordings, simulated open loop and drawn one after "
+                "the other; each was left out of the fit that predicts it"
             )
-        said = f"{what}. {validation_summary(validation).line()}."
-        shown = validation_panels(validation)
-        parts.append(_section("Validation, Sec. V-D and Fig. 4", said, shown))
+        text += f". {validation_summary(validation).line()}."
+        title = "Validation, Sec. V-D and Fig. 4"
+        parts.append(_section(title, text, validation_panels(validation)))
+    # Add the parameters, and the names of those that were not fitted.
+    sources = sorted(set(itertools.chain(*calibration.sources.values())))
     parameters = [
         page.paragraph(f"From recordings of: {', '.join(sources)}."),
         parameter_table(calibration),
-        *([page.paragraph(f"As described: {', '.join(kept)}.")] if kept else []),
     ]
+    if not_fitted := calibration.as_described:
+        parameters.append(page.paragraph(f"As described: {', '.join(not_fitted)}."))
     parts.append(page.section("Parameters", *parameters))
+    # Add every fit.
     if calibration.prediction:
         parts += _prediction(calibration.prediction, calibration.parameters.wire_names)
     if stiffness := calibration.stiffness:
-        said = f"The correction factor of (9) is {stiffness.factor_in_words}."
-        parts.append(_section("Spring constant, Sec. V-A", said, stiffness_panels(stiffness)))
+        text = f"The correction factor of (9) is {stiffness.factor_in_words}."
+        parts.append(_section("Spring constant, Sec. V-A", text, stiffness_panels(stiffness)))
     if damping := calibration.damping:
-        said, title = _compare_decay(damping), "Damping, Sec. V-B and Algorithm 1"
-        parts.append(_section(title, said, damping_panels(damping)))
+        title = "Damping, Sec. V-B and Algorithm 1"
+        parts.append(_section(title, _compare_decay(damping), damping_panels(damping)))
     colors = wire_colors(len(calibration.heat))
     for heat, force, color in zip(calibration.heat, calibration.force, colors, strict=True):
-        said, title = _heat_in_words(heat), f"The {heat.wire} wire, Sec. V-C"
-        parts.append(_section(title, said, wire_panels(heat, force, color)))
+        title = f"The {heat.wire} wire, Sec. V-C"
+        parts.append(_section(title, _heat_in_words(heat), wire_panels(heat, force, color)))
     record = calibration.parameters.calibration
     made = record.provenance if record else None
     page.write_page(path, "Calibration of a limb", parts, made, data)
@@ -118,7 +125,7 @@ def write_report(
 def write_validation_report(
     validation: Validation, path: str | Path, data: Mapping[str, str | Path]
 ) -> None:
-    """Write one HTML page on how a calibrated limb predicts a recording; see `write_report`."""
+    """Write one HTML page that compares a simulation with a recording; see `write_report`."""
     parts: list[page.Part] = [
         page.verdict(validation.verdict),
         page.paragraph(f"{validation_summary(validation).line()}."),
@@ -129,49 +136,54 @@ def write_validation_report(
 
 
 def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part]:
-    rows = [
-        [
-            f"{candidate.name}{' *' if candidate is prediction.best else ''}",
-            f"{np.rad2deg(candidate.bend_error):.2f}",
-            f"{candidate.temperature_error:.1f}" if prediction.fit.measures_heat else "",
-        ]
-        for candidate in prediction.candidates
-    ]
+    """Return a table of the compared laws, and a section for each recording as fitted."""
+    # List the errors of each law.
+    rows = []
+    for candidate in prediction.candidates:
+        mark = " *" if candidate is prediction.best else ""
+        bend = f"{np.rad2deg(candidate.bend_error):.2f}"
+        heat = f"{candidate.temperature_error:.1f}" if prediction.fit.measures_heat else ""
+        rows.append([f"{candidate.name}{mark}", bend, heat])
     table = page.table(
         ["law", "bend, °", "V, °C"],
         rows,
         f"Mean errors of open-loop predictions, judged by {prediction.judges}. {prediction.choice}",
     )
+    # Draw each recording with the prediction of the chosen law.
     parts: list[page.Part] = [page.section("Laws of the wires", table)]
     for number, predicted in enumerate(prediction.fit.predicted, 1):
         title = f"Recording {number} of {len(prediction.fit.predicted)} as fitted"
-        said = f"{predicted.run.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°"
+        bend = f"{np.rad2deg(predicted.bend_error):.2f}°"
+        text = f"{predicted.run.source}: mean error of the bend {bend}"
         if predicted.run.is_read:
-            said += f", V within {predicted.temperature_error:.1f} °C"
-        said += " on average."
-        parts.append(_section(title, said, predicted_panels(predicted, wire_names)))
+            text += f", of V {predicted.temperature_error:.1f} °C"
+        parts.append(_section(title, f"{text}.", predicted_panels(predicted, wire_names)))
     return parts
 
 
 def parameter_table(calibration: Calibration) -> Markup:
-    """The calibrated quantities with their standard errors, as part of a page."""
+    """Return a table of the calibrated parameters with their standard errors."""
     rows = [
-        [name, str(estimate), _MEANING.get(name.split(".")[-1], "")]
+        [name, str(estimate), _PARAMETER_MEANINGS.get(name.split(".")[-1], "")]
         for name, estimate in calibration.estimates.items()
     ]
     return page.table(["parameter", "value ± standard error", "meaning"], rows)
 
 
 def _compare_decay(fit: DampingFit) -> str:
-    limb, model = fit.measured[0], fit.simulated[0]
+    """Return frequency and damping ratio of limb and model, in words."""
+    limb = fit.measured[0]
+    model = fit.simulated[0]
     return (
-        "Damped sinusoids fitted to the limb and to its model, whose damping constant makes both "
-        f"decay alike: the limb at {limb.frequency:.2f} Hz with ζ = {limb.damping_ratio:.3f}, the "
-        f"model at {model.frequency:.2f} Hz with ζ = {model.damping_ratio:.3f}."
+        "Damped sinusoids fitted to the limb and to its model. The damping constant gives the "
+        f"model the decay of the limb: the limb at {limb.frequency:.2f} Hz with "
+        f"ζ = {limb.damping_ratio:.3f}, the model at {model.frequency:.2f} Hz with "
+        f"ζ = {model.damping_ratio:.3f}."
     )
 
 
 def _heat_in_words(fit: HeatFit) -> str:
+    """Return the parameters of heat transfer and their errors, in words."""
     delay = f", delay {fit.delay}" if fit.delay else ""
     return (
         f"a1 = {fit.a1}, a2 = {fit.a2}, a3 = {fit.a3}{delay}; V within "
@@ -180,60 +192,68 @@ def _heat_in_words(fit: HeatFit) -> str:
     )
 
 
-def _section(title: str, text: str, shown: list[Panel]) -> page.Section:
-    return page.section(title, page.paragraph(text), page.chart(shown, title))
+def _section(title: str, text: str, panels: list[Panel]) -> page.Section:
+    return page.section(title, page.paragraph(text), page.chart(panels, title))
 
 
 def validation_panels(validation: Validation) -> list[Panel]:
-    """Fig. 4: the calibrated model against the limb, for the same duty."""
-    recording, simulation = validation.recording, validation.simulation
+    """Return Fig. 4: the calibrated model and the limb, for the same duty."""
+    # Draw the readings of limb and model.
+    recording = validation.recording
     names = recording.parameters.wire_names
-    runs = [
-        (name, run.time, run.bend_angle, run.measured_temperature)
-        for name, run in (("limb", recording), ("model", simulation))
-    ]
-    wanted = None if recording.reference is None else np.rad2deg(recording.reference)
-    colors = wire_colors(len(names))
-    duties = [
-        Curve(name, recording.time, duty, color, width=1.0)
-        for name, duty, color in zip(names, recording.duty, colors, strict=True)
-    ]
-    return [*_against_model(runs, names, wanted), SIGNALS["duty"].panel(duties)]
+    runs = []
+    for name, run in (("limb", recording), ("model", validation.simulation)):
+        runs.append((name, run.time, run.bend_angle, run.measured_temperature))
+    reference = None if recording.reference is None else np.rad2deg(recording.reference)
+    panels = _model_panels(runs, names, reference)
+    # Draw the duty below.
+    duties = []
+    for name, duty, color in zip(names, recording.duty, wire_colors(len(names)), strict=True):
+        duties.append(Curve(name, recording.time, duty, color, width=1.0))
+    return [*panels, SIGNALS["duty"].panel(duties)]
 
 
 def predicted_panels(predicted: Predicted, wire_names: Sequence[str]) -> list[Panel]:
-    """A recording and its open-loop simulation by the fitted law."""
+    """Return panels of a recording and its open-loop simulation by the fitted law."""
     run = predicted.run
     runs = [
         ("limb", run.times, run.bend.T, run.temperature.T),
         ("law", run.times, predicted.bend.T, predicted.temperature.T),
     ]
-    return _against_model(runs, wire_names)
+    return _model_panels(runs, wire_names)
 
 
-def _against_model(
-    runs: list[Samples], wire_names: Sequence[str], wanted: np.ndarray | None = None
+def _model_panels(
+    runs: list[Samples], wire_names: Sequence[str], reference: np.ndarray | None = None
 ) -> list[Panel]:
-    """Bends and readings of a limb, and dashed of its model; with set points (F, K), degrees."""
-    panels, readings, colors = [], [], wire_colors(len(wire_names))
+    """Return panels of bends and readings: the limb solid, and its model dashed.
+
+    Args:
+        runs: samples of the limb and of its model.
+        reference: set points of the bends (F, K), degrees; None if there are none.
+    """
     styles = ((ROLLOUT_COLOR, "solid", 1.0), (PLAN_COLOR, "dashed", 1.75))
+    # Draw a panel for each bend.
+    panels = []
     for bend, suffix in enumerate(["_e2", "_e3"] if len(runs[0][2]) == 2 else [""]):
-        curves = [
-            Curve(run, time, np.rad2deg(angles[bend]), *style)
-            for (run, time, angles, _), style in zip(runs, styles, strict=True)
-        ]
-        if wanted is not None:
-            point = Curve("set point", runs[0][1], wanted[bend], REFERENCE_COLOR, width=1.0)
-            curves.insert(0, point)
+        curves = []
+        if reference is not None:
+            times = runs[0][1]
+            curves.append(Curve("set point", times, reference[bend], REFERENCE_COLOR, width=1.0))
+        for (run, time, angles, _), style in zip(runs, styles, strict=True):
+            curves.append(Curve(run, time, np.rad2deg(angles[bend]), *style))
         panels.append(SIGNALS["bend_angle"].panel(curves, suffix))
-    for (run, time, _, heats), (_, dash, width) in zip(runs, styles, strict=True):
-        for wire, color, heat in zip(wire_names, colors, heats, strict=True):
-            readings.append(Curve(f"{wire}, V {run}", time, heat, color, dash, width))
+    # Draw the readings of all wires in one panel.
+    readings = []
+    colors = wire_colors(len(wire_names))
+    for (run, time, _, wire_readings), (_, dash, width) in zip(runs, styles, strict=True):
+        for wire, color, reading in zip(wire_names, colors, wire_readings, strict=True):
+            readings.append(Curve(f"{wire}, V {run}", time, reading, color, dash, width))
     return [*panels, SIGNALS["measured_temperature"].panel(readings)]
 
 
 def stiffness_panels(fit: StiffnessFit) -> list[Panel]:
-    """The sag of each trial, and that of the fitted limb."""
+    """Return a panel of the sag in each trial, of the limb and of the fitted model."""
     sags = np.rad2deg(np.abs(fit.sags))
     trials = np.arange(1, len(sags) + 1)
     model = np.rad2deg(np.abs(fit.simulated_sags))
@@ -246,24 +266,27 @@ def stiffness_panels(fit: StiffnessFit) -> list[Panel]:
 
 
 def damping_panels(fit: DampingFit) -> list[Panel]:
-    """The first ring-down's sinusoid, and the model's decay with its phase and offset."""
-    measured, simulated = fit.measured[0], fit.simulated[0]
-    span = measured.start + np.linspace(0, min(2.0, fit.time[-1] - measured.start), 400)
-    # The model's fit has another release: it is drawn with the limb's phase and offset.
-    model = np.exp(-simulated.damping_ratio * simulated.natural_frequency * (span - span[0]))
+    """Return a panel of the first ring-down, its fitted sinusoid, and the model's decay."""
+    measured = fit.measured[0]
+    simulated = fit.simulated[0]
+    times = measured.start + np.linspace(0, min(2.0, fit.time[-1] - measured.start), 400)
+    # The model is released otherwise: draw its decay with the amplitude and offset of the limb.
+    model = np.exp(-simulated.damping_ratio * simulated.natural_frequency * (times - times[0]))
     decay = np.rad2deg(measured.offset + measured.amplitude * model)
-    shown = (fit.time >= measured.start - 1.5) & (fit.time <= span[-1])
+    drawn = (fit.time >= measured.start - 1.5) & (fit.time <= times[-1])
     curves = [
-        Curve("limb", fit.time[shown], np.rad2deg(fit.bend_angle[shown]), ROLLOUT_COLOR),
-        Curve("its sinusoid", span, np.rad2deg(measured(span)), NEUTRAL_COLOR),
-        Curve(f"model's decay, σ = {fit.damping}", span, decay, PLAN_COLOR, "dashed"),
+        Curve("limb", fit.time[drawn], np.rad2deg(fit.bend_angle[drawn]), ROLLOUT_COLOR),
+        Curve("its sinusoid", times, np.rad2deg(measured(times)), NEUTRAL_COLOR),
+        Curve(f"model's decay, σ = {fit.damping}", times, decay, PLAN_COLOR, "dashed"),
     ]
     return [SIGNALS["bend_angle"].panel(curves, height=230)]
 
 
 def wire_panels(heat: HeatFit, force: ForceFit, color: str) -> list[Panel]:
-    """Heat transfer over time, and bend against wire temperature."""
-    angles, fitted = np.rad2deg(heat.recorded_angle), np.rad2deg(heat.bend_angle)
+    """Return panels of heat transfer over time, and of bend against wire temperature."""
+    # Draw the fit of (6) and (7): readings, wire temperature and bend over time.
+    angles = np.rad2deg(heat.recorded_angle)
+    fitted = np.rad2deg(heat.bend_angle)
     readings = [
         Curve("limb, V", heat.time, heat.recorded_temperature, color),
         Curve("fit, V", heat.time, heat.measured_temperature, PLAN_COLOR, "dashed"),
@@ -273,17 +296,18 @@ def wire_panels(heat: HeatFit, force: ForceFit, color: str) -> list[Panel]:
         Curve("limb", heat.time, angles, ROLLOUT_COLOR),
         Curve("φ = (T − T0) / b", heat.time, fitted, PLAN_COLOR, "dashed"),
     ]
-    span = np.array([heat.ambient, heat.wire_temperature.max()])
+    # Draw the fit of (4): a line through the equilibria.
+    temperatures = np.array([heat.ambient, heat.wire_temperature.max()])
     slope = np.mean(force.bend_angle / (force.wire_temperature - heat.ambient) / force.ratios)
-    line = np.rad2deg(slope * force.beta.value * (span - heat.ambient))
+    line = np.rad2deg(slope * force.beta.value * (temperatures - heat.ambient))
     equilibria = np.rad2deg(force.bend_angle)
-    over_heat = [
+    over_temperature = [
         Curve("recording", heat.wire_temperature, angles, REFERENCE_COLOR, width=1.0),
         Curve("equilibria", force.wire_temperature, equilibria, color, width=2.0, marks=True),
-        Curve(f"β = {force.beta}", span, line, PLAN_COLOR, "dashed"),
+        Curve(f"β = {force.beta}", temperatures, line, PLAN_COLOR, "dashed"),
     ]
     return [
         SIGNALS["measured_temperature"].panel(readings),
         SIGNALS["bend_angle"].panel(bend, height=230),
-        SIGNALS["bend_angle"].panel(over_heat, x_label="simulated wire temperature T (°C)"),
+        SIGNALS["bend_angle"].panel(over_temperature, x_label="simulated wire temperature T (°C)"),
     ]

@@ -1,7 +1,6 @@
-"""Panels as charts that one can look into, by Bokeh: zoom, values under the pointer, legends
-that hide curves.
+"""Draw panels as interactive charts by Bokeh, with zoom, values under the pointer, and legends.
 
-Importing this takes as long as Bokeh does; what makes no page does without.
+Importing this module takes as long as importing Bokeh.
 """
 
 import functools
@@ -27,8 +26,8 @@ from limb_systems.views.colors import NEUTRAL_COLOR
 from limb_systems.views.panels import Curve, Panel
 
 MAX_POINTS = 2000  # of a curve; more than a screen has columns
-LEFT_OF_AXIS = 62  # px, for the same numbers of digits in panels that stand on each other
-# Where a phone has no room for an entry, it goes to the next line; colours are those of the page.
+LEFT_OF_AXIS = 62  # px, the same in all panels, so that their axes are aligned
+# Entries that have no room on a phone go to the next line; the page defines the colours.
 _LEGEND_STYLE = """
 :host { width: 100%; }
 .bk-grid { display: flex; flex-wrap: wrap; width: auto; column-gap: 14px; }
@@ -39,7 +38,8 @@ _LEGEND_STYLE = """
 
 
 def chart(panels: Sequence[Panel]) -> Model:
-    """Panels one below the other, with one toolbar."""
+    """Return panels one below the other, with one toolbar."""
+    # Share the axis and the crosshair between panels over the same quantity.
     plots: list[figure] = []
     first: dict[str, figure] = {}
     crosses: dict[str, CrosshairTool] = {}
@@ -51,6 +51,7 @@ def chart(panels: Sequence[Panel]) -> Model:
         if below is not None and below.x_label == panel.x_label:
             plot.xaxis.axis_label = None
         plots.append(plot)
+    # Put them into one column.
     layout = gridplot(
         [[plot] for plot in plots],
         sizing_mode="stretch_width",
@@ -65,13 +66,13 @@ def chart(panels: Sequence[Panel]) -> Model:
 def draw(
     panel: Panel, stream: ColumnDataSource | None = None, x_range: Range | None = None
 ) -> figure:
-    """A panel.
+    """Return the plot of a panel.
 
     Args:
-        stream: source of the curves that have a column. The panel has no tools then: what moves
-            is not looked into.
-        x_range: range of the horizontal axis; the curves' if None.
+        stream: source of the curves that have a column and grow; the plot has no tools then.
+        x_range: range of the horizontal axis; the range of the curves if None.
     """
+    # Make the axes.
     plot = figure(
         height=panel.height,
         sizing_mode="stretch_width",
@@ -80,7 +81,7 @@ def draw(
         x_axis_label=panel.x_label,
         y_axis_label=panel.label,
         match_aspect=panel.equal,
-        # Nothing is active at first: a finger scrolls the page, and not the plot.
+        # No tool is active at first: a finger scrolls the page, not the plot.
         tools="xpan,box_zoom,xwheel_zoom,reset,save" if stream is None else "",
         toolbar_location="above" if stream is None else None,
         active_drag=None,
@@ -92,22 +93,28 @@ def draw(
         outline_line_color=None,
         output_backend="canvas",
     )
+    # Draw the curves; curves with equal names share an entry of the legend.
     curves = [*panel.curves, *panel.limits]
     named: dict[str, Curve] = {}
     drawn: dict[str, list[GlyphRenderer]] = {}
     for curve in curves:
         named.setdefault(curve.name, curve)
-        drawn.setdefault(curve.name, []).extend(_draw(plot, curve, stream))
+        drawn.setdefault(curve.name, []).extend(_draw_curve(plot, curve, stream))
     named.pop("", None)
+    # Show values under the pointer: of all curves at one x, or of one point.
     if stream is None:
         plot.add_tools(
             HoverTool(
                 renderers=[drawn[name][-1] for name in named],
-                tooltips=[("", "$name"), (_name(panel.label), f"@y{{0.00}}{_unit(panel.label)}")],
+                tooltips=[
+                    ("", "$name"),
+                    (_label_name(panel.label), f"@y{{0.00}}{_label_unit(panel.label)}"),
+                ],
             )
             if not named or any(curve.marks or not _increasing(curve.x) for curve in curves)
             else _hover_at_x(plot, list(named.values()), panel)
         )
+    # Add the legend.
     plot.add_layout(
         Legend(
             items=[LegendItem(label={"value": name}, renderers=drawn[name]) for name in named],
@@ -124,6 +131,7 @@ def draw(
         ),
         "above",
     )
+    # Set the axes' labels, ranges and ticks.
     for axis in plot.axis:
         axis.axis_label_text_font_style = "normal"
         axis.minor_tick_line_color = None
@@ -138,23 +146,25 @@ def draw(
     return plot
 
 
-def _draw(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> list[GlyphRenderer]:
-    """The band of a curve, if it has one, and the curve."""
+def _draw_curve(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> list[GlyphRenderer]:
+    """Draw a curve, and its band if it has one; return the renderers."""
     style = {"color": curve.color, "alpha": curve.alpha, "name": curve.name}
     line = {"line_width": curve.width, "line_dash": curve.dash}
     draw_line = functools.partial(plot.step, mode="after") if curve.steps else plot.line
     if curve.column:
         return [draw_line("time", curve.column, source=stream, **line, **style)]
+    # Choose the points of curve and band.
     columns = {"x": curve.x, "y": curve.y}
     if isinstance(curve.band, tuple):
         columns["low"], columns["high"] = curve.band
     elif curve.band is not None:
         columns["low"], columns["high"] = curve.y - curve.band, curve.y + curve.band
-    kept = _kept(np.asarray(curve.y))
-    # Seven digits are more than any sensor has, in half the bytes.
+    kept = _drawn_indices(np.asarray(curve.y))
+    # Single precision is enough for any sensor, and halves the size of the page.
     style["source"] = ColumnDataSource(
         {name: np.asarray(column, np.float32)[kept] for name, column in columns.items()}
     )
+    # Draw the band below the curve.
     drawn = []
     if curve.band is not None and curve.marks:
         drawn.append(plot.segment("x", "low", "x", "high", line_width=1.5, **style))
@@ -172,44 +182,46 @@ def _increasing(x: np.ndarray) -> bool:
 
 
 def _hover_at_x(plot: figure, curves: Sequence[Curve], panel: Panel) -> HoverTool:
-    """Show the values of all curves at the pointer's x."""
+    """Return a tool that shows the values of all curves at the pointer's x."""
+    # Interpolate all curves at the points of the longest.
     longest = max((curve.x for curve in curves), key=len)
-    x = np.asarray(longest)[_kept(np.asarray(longest))]
+    x = np.asarray(longest)[_drawn_indices(np.asarray(longest))]
     columns = {"x": x, "y": np.interp(x, curves[0].x, curves[0].y)}
     for number, curve in enumerate(curves):
         columns[f"y{number}"] = np.interp(x, curve.x, curve.y, left=np.nan, right=np.nan)
     source = ColumnDataSource({name: np.float32(column) for name, column in columns.items()})
+    # Attach the tool to an invisible line through these points.
     return HoverTool(
         renderers=[plot.line("x", "y", source=source, line_alpha=0.0)],
         mode="vline",
         line_policy="nearest",
         attachment="horizontal",
         tooltips=[
-            (_name(panel.x_label), f"@x{{0.00}}{_unit(panel.x_label)}"),
+            (_label_name(panel.x_label), f"@x{{0.00}}{_label_unit(panel.x_label)}"),
             *(
-                (curve.name, f"@y{number}{{0.00}}{_unit(panel.label)}")
+                (curve.name, f"@y{number}{{0.00}}{_label_unit(panel.label)}")
                 for number, curve in enumerate(curves)
             ),
         ],
     )
 
 
-def _kept(y: np.ndarray) -> np.ndarray:
-    """Indices of the samples that are drawn: all, or of many the extremes of short stretches."""
+def _drawn_indices(y: np.ndarray) -> np.ndarray:
+    """Return the indices of the samples to draw: all, or the extremes of short stretches."""
     if len(y) <= MAX_POINTS:
         return np.arange(len(y))
-    stretches = np.array_split(np.arange(len(y)), MAX_POINTS // 2)
-    return np.unique(
-        [[stretch[np.argmin(y[stretch])], stretch[np.argmax(y[stretch])]] for stretch in stretches]
-    )
+    indices = []
+    for stretch in np.array_split(np.arange(len(y)), MAX_POINTS // 2):
+        indices += [stretch[np.argmin(y[stretch])], stretch[np.argmax(y[stretch])]]
+    return np.unique(indices)
 
 
-def _name(label: str) -> str:
-    """An axis' label without its unit."""
+def _label_name(label: str) -> str:
+    """Return an axis label without its unit."""
     return label.partition(" (")[0]
 
 
-def _unit(label: str) -> str:
-    """The unit in the brackets of an axis' label, with a space before it if it takes one."""
+def _label_unit(label: str) -> str:
+    """Return the unit in the brackets of an axis label, after a space if it takes a space."""
     unit = label.rpartition("(")[2].removesuffix(")") if label.endswith(")") else ""
     return unit if unit in ("", "°") else f" {unit}"

@@ -1,6 +1,6 @@
-"""Reports as one HTML file without further files, for desktops, phones and paper.
+"""Make reports: one HTML file without further files, for desktops, phones and paper.
 
-Functions make parts of a page from plain text; their HTML is in ``templates/parts.html``.
+Functions make parts of a page from plain text. The HTML is in ``templates/parts.html``.
 """
 
 import base64
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
-part = functools.partial(templates.part, folder=TEMPLATES)  # by a macro of parts.html
+part = functools.partial(templates.part, folder=TEMPLATES)  # calls a macro of parts.html
 template = functools.partial(templates.template, folder=TEMPLATES)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Section:
-    """A heading, plain text, and the parts below it."""
+    """A section of a page: a heading in plain text, and parts."""
 
     heading: str
     parts: Sequence[Markup]
@@ -50,33 +50,38 @@ def write_page(
     provenance: Provenance | None = None,
     data: Mapping[str, str | Path] | None = None,
 ) -> None:
-    """Write a page, whole or not at all, with links to its data.
+    """Write a page with links to its data. An error leaves no incomplete file.
 
     Args:
         path: the HTML file.
-        title, parts, provenance: as of `make_page`.
-        data: files that the page links to, by what they hold, plain text.
+        title, parts, provenance: as for `make_page`.
+        data: files that the page links to, by their descriptions in plain text.
     """
     if data:
         folder = Path(path).parent
-        links = {what: Path(os.path.relpath(at, folder)).as_posix() for what, at in data.items()}
+        links = {}
+        for description, file in data.items():
+            links[description] = Path(os.path.relpath(file, folder)).as_posix()
         parts = [*parts, section("Data", part("links", links))]
     write_atomically(path, make_page(title, parts, provenance))
 
 
 def make_page(title: str, parts: Sequence[Part], provenance: Provenance | None = None) -> str:
-    """Return a page, HTML. A page of many sections begins with a list of them.
+    """Return a page, HTML. A page of many sections begins with a table of contents.
 
     Args:
         title: plain text, also used as the heading.
         parts: parts and sections, in their order.
-        provenance: origin of the results, for the last section and, for programs, in a script
-            of JSON with the id "provenance"; None if it is not known.
+        provenance: origin of the results, for the last section, and for programs as JSON in a
+            script with the id "provenance"; None if it is not known.
     """
     if provenance:
-        parts = [*parts, section("How it was made", facts(provenance.summary()))]
-    body = [text for one in parts for text in getattr(one, "parts", [one])]
-    has_charts = any(text.startswith('<figure class="chart"') for text in body)
+        parts = [*parts, section("Origin", facts(provenance.summary()))]
+    # Include the scripts of charts only in pages that have charts.
+    texts: list[Markup] = []
+    for item in parts:
+        texts += item.parts if isinstance(item, Section) else [item]
+    has_charts = any(text.startswith('<figure class="chart"') for text in texts)
     return template("report.html").render(
         title=title,
         parts=parts,
@@ -89,24 +94,24 @@ def bokeh_scripts() -> str:
     """Return the scripts that draw charts, HTML; a page with them needs no other file."""
     from bokeh.resources import Resources
 
-    # The same for all charts; widgets, tables and formulas would make it thrice as large.
+    # Leave out Bokeh's widgets, tables and formulas, which would make the page thrice as large.
     return Resources(mode="inline", components=["bokeh"], log_level="warn").render_js()
 
 
 def section(heading: str, *parts: Markup) -> Section:
-    """A heading, plain text, and what stands below it."""
+    """Return a section with a heading in plain text."""
     return Section(heading, parts)
 
 
-paragraph = functools.partial(part, "paragraph")  # a text
-verdict = functools.partial(part, "verdict")  # a text: what came of it, with which a report begins
-items = functools.partial(part, "items")  # texts, as a list
-preformatted = functools.partial(part, "preformatted")  # a text whose lines and spaces count
-frame = functools.partial(part, "frame")  # a page's HTML, a description, and a height in rem
+paragraph = functools.partial(part, "paragraph")  # of a text
+verdict = functools.partial(part, "verdict")  # of a text: the result, at the top of a report
+items = functools.partial(part, "items")  # a list of texts
+preformatted = functools.partial(part, "preformatted")  # of a text with its lines and spaces
+frame = functools.partial(part, "frame")  # of another page's HTML, a description, a height in rem
 
 
 def limb(parameters: LimbParameters) -> Markup:
-    """A limb as in its file, without the numbers of its covariance, which nobody reads."""
+    """Return the text of a limb's file, without the numbers of the covariance."""
     text = re.sub(
         r"^  covariance:\n(?:  (?:-|  ).*\n)+",
         "  covariance: ...  # in the limb's file\n",
@@ -117,59 +122,60 @@ def limb(parameters: LimbParameters) -> Markup:
 
 
 def facts(summary: Summary) -> Markup:
-    """A table of the statements about a result."""
+    """Return a table of the entries of a summary: names and texts."""
     return table(["", ""], list(summary.texts().items()))
 
 
 def chart(panels: Sequence[Panel], description: str) -> Markup:
-    """Panels as a chart to look into; the same panels give the same text.
+    """Return panels as an interactive chart; equal panels give equal bytes.
 
     Args:
-        description: text for readers who cannot see it.
+        description: text for readers who cannot see the chart.
     """
-    # Bokeh takes as long to import as all the rest.
+    # Importing Bokeh takes as long as importing everything else.
     from bokeh.embed import json_item
 
     from soft_limb.reports import charts
 
     numbers: dict[str, str] = {}
 
-    def renumber(part: dict[str, Any]) -> dict[str, Any]:
-        """Bokeh counts what it has made since it was imported; here what is in this chart."""
-        if "id" in part:
-            part["id"] = numbers.setdefault(part["id"], f"p{len(numbers)}")
-        return part
+    def renumber(model: dict[str, Any]) -> dict[str, Any]:
+        """Number a model within this chart: Bokeh numbers all models since its import."""
+        if "id" in model:
+            model["id"] = numbers.setdefault(model["id"], f"p{len(numbers)}")
+        return model
 
     item = json.loads(json.dumps(json_item(charts.chart(panels))), object_hook=renumber)
-    item["root_id"], item["target_id"] = numbers[item["root_id"]], None
+    item["root_id"] = numbers[item["root_id"]]
+    item["target_id"] = None
     return part("chart", item, description)
 
 
 def picture(figure: "Figure", description: str) -> Markup:
-    """A figure of Matplotlib's, sharp at any size.
+    """Return a figure of Matplotlib as a picture that is sharp at any size.
 
     Args:
-        description: text for readers who cannot see it.
+        description: text for readers who cannot see the picture.
     """
     import matplotlib
 
     buffer = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": "limb"}):  # the same picture, the same bytes
+    with matplotlib.rc_context({"svg.hashsalt": "limb"}):  # equal figures give equal bytes
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     return part("picture", base64.b64encode(buffer.getvalue()).decode(), description)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> Markup:
-    """A table of plain text; columns of numbers are set as such, also if some are missing.
+    """Return a table of plain text. Columns of numbers are aligned to the right.
 
     Args:
-        header: a text for each column; no line of them if all are empty.
+        header: a text for each column; the table has no header if all are empty.
         rows: each with a text for each column.
         caption: text below the table.
     """
-    columns = [[row[i] for row in rows if row[i]] for i in range(len(header))]
-    numeric = [
-        bool(cells) and all(cell.lstrip("-+±−")[:1].isdigit() for cell in cells)
-        for cells in columns
-    ]
+    # A column is numeric if all cells that are not empty begin with a digit after the sign.
+    numeric = []
+    for i in range(len(header)):
+        cells = [row[i] for row in rows if row[i]]
+        numeric.append(bool(cells) and all(c.lstrip("-+±−")[:1].isdigit() for c in cells))
     return part("table", header, rows, numeric, caption)

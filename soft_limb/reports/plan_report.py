@@ -1,4 +1,4 @@
-"""A plan, how a limb followed it, and how it learned to, each as one HTML page."""
+"""Reports on a plan, on a rollout of a plan, and on learning, each as one HTML page."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,19 +15,19 @@ from soft_limb.runs.rollout import Rollout
 
 
 def plan_verdict(trajectory: Trajectory, summary: Summary) -> str:
-    """How far a plan is from its reference, whether it was checked, and why it is far."""
+    """Return the distance of a plan from its reference, the result of its check, and warnings."""
     check = trajectory.check
-    said = [f"The reference is {summary.texts()['reference']}."]
+    sentences = [f"The reference is {summary.texts()['reference']}."]
     if failure := check.failure():
-        said.append(f"Not to be used: {failure}")
+        sentences.append(f"Not to be used: {failure}")
     else:
-        said.append(
+        sentences.append(
             "Checked: simulated again, the limb stays within "
             f"{check.largest_difference_deg:.4f}° of the plan."
         )
-    if far := far_from_reference(trajectory):
-        said.append(far)
-    return " ".join(said)
+    if warning := far_from_reference(trajectory):
+        sentences.append(warning)
+    return " ".join(sentences)
 
 
 def write_plan_report(
@@ -36,44 +36,46 @@ def write_plan_report(
     path: str | Path,
     data: Mapping[str, str | Path],
 ) -> None:
-    """Write one HTML page: verdict, chart, how the plan was found, its limits, and the limb.
+    """Write one HTML page: verdict, chart, solution, limits, and the limb.
 
     Args:
-        trajectory: the plan; times are since its start.
-        summary: its `plan_summary`, which the command prints, too.
+        trajectory: the plan; the page counts time from its start.
+        summary: its `plan_summary`.
         path: path of the page.
-        data: files that the page links to, by what they are.
+        data: files that the page links to, by their descriptions.
     """
     trajectory = trajectory.since_start()
+    # Put the limits of the program into words.
     limits = trajectory.parameters.temperature_limits
     bounds = (
-        f"Duty is from 0 to 1 (18). No wire is planned above T_max = {limits.maximum:g} °C (19), "
-        f"and none below T_warm = {limits.warm:g} °C from {limits.warm_up_time:g} s on (20)."
+        f"Limits: duty between 0 and 1 (18); wire temperature at most T_max = {limits.maximum:g} "
+        f"°C (19), and at least T_warm = {limits.warm:g} °C from {limits.warm_up_time:g} s on (20)."
     )
     parts: list[page.Part] = [
         page.verdict(plan_verdict(trajectory, summary)),
         page.chart(tracking_panels(trajectory), "Bend angle, temperatures and duty of the plan"),
-        page.section("How it was found", page.facts(summary), page.paragraph(bounds)),
+        page.section("Solution", page.facts(summary), page.paragraph(bounds)),
         page.section("Limb", page.limb(trajectory.parameters)),
     ]
     page.write_page(path, "Plan of a limb's motion", parts, trajectory.provenance, data)
 
 
 def rollout_verdict(rollout: Rollout, summary: Summary) -> str:
-    """What ended a run, how near the limb came to its reference, and what is to be doubted."""
-    recording, near = rollout.recording, summary.texts()["reference"]
-    said = []
+    """Return an interruption, the distances from the reference, and doubts about readings."""
+    recording = rollout.recording
+    sentences = []
     if recording.interrupted:
-        said.append(
+        sentences.append(
             f"Interrupted at {recording.time[-1]:.1f} s of {rollout.trajectory.duration:.1f} s: "
             f"{recording.interrupted.rstrip('.')}."
         )
-    said.append(f"{near[0].upper()}{near[1:]}.")
-    if far := far_from_reference(rollout.trajectory):
-        said.append(far)
+    distances = summary.texts()["reference"]
+    sentences.append(f"{distances[0].upper()}{distances[1:]}.")
+    if warning := far_from_reference(rollout.trajectory):
+        sentences.append(warning)
     if recording.doubt:
-        said.append(f"Doubtful: {recording.doubt}; they do not count.")
-    return " ".join(said)
+        sentences.append(f"Doubtful: {recording.doubt}; they do not count.")
+    return " ".join(sentences)
 
 
 def write_rollout_report(
@@ -82,9 +84,9 @@ def write_rollout_report(
     """Write one HTML page: verdict, chart of plan and recording, facts and links to the data.
 
     Args:
-        summary: statements that the command prints, such as `Rollout.summary`.
+        summary: the `Rollout.summary`, or a summary with more entries.
         path: path of the page.
-        data: files that the page links to, by what they are.
+        data: files that the page links to, by their descriptions.
     """
     panels = tracking_panels(rollout.trajectory, [rollout.recording])
     parts: list[page.Part] = [
@@ -92,52 +94,53 @@ def write_rollout_report(
         page.chart(panels, "Bend angle, temperatures and duty of the plan and the recording"),
         page.section("Facts", page.facts(summary)),
     ]
-    page.write_page(path, "A plan, followed", parts, rollout.recording.provenance, data)
+    page.write_page(path, "Rollout of a plan", parts, rollout.recording.provenance, data)
 
 
 def learning_verdict(learner: Learner) -> str:
-    """How far the distance from the reference fell, and why learning ended."""
+    """Return the distances of the first and the last repetition, and why learning ended."""
     distances = np.rad2deg([repetition.reference_distance for repetition in learner.repetitions])
-    said = [f"Mean distance from the reference: {distances[0]:.2f}° in the first repetition"]
+    first = f"Mean distance from the reference: {distances[0]:.2f}° in the first repetition"
     if len(distances) > 1:
-        said[0] += f", {distances[-1]:.2f}° in the last of {len(distances)}"
-    said[0] += "."
-    if far := far_from_reference(learner.trajectory):
-        said.append(far)
+        first += f", {distances[-1]:.2f}° in the last of {len(distances)}"
+    sentences = [f"{first}."]
+    if warning := far_from_reference(learner.trajectory):
+        sentences.append(warning)
     if learner.finished:
-        said.append(f"Learning is finished: {learner.finished.rstrip('.')}.")
-    return " ".join(said)
+        sentences.append(f"Learning is finished: {learner.finished.rstrip('.')}.")
+    return " ".join(sentences)
 
 
 def write_learning_report(
     learner: Learner, recordings: Mapping[int, Path], state: Path, picture: Path, path: Path
 ) -> None:
-    """Save a picture of all repetitions and a page on them.
+    """Save a picture and a page of all repetitions.
 
     Args:
-        recordings: the files of repetitions by their numbers, one or more.
+        recordings: one or more files of repetitions, by the numbers of the repetitions.
         state: file of the learner.
-        picture: path of the picture.
-        path: path of the page.
+        picture: path of the picture to write.
+        path: path of the page to write.
     """
-    # Matplotlib takes as long to import as all the rest.
+    # Importing Matplotlib takes as long as importing everything else.
     from limb_systems.views.plots import draw, save_figure
 
+    # Draw the errors of all repetitions, and the first and the last recording.
     numbers = sorted(recordings)
-    first, last = (Recording.load(recordings[number]) for number in (numbers[0], numbers[-1]))
+    first = Recording.load(recordings[numbers[0]])
+    last = Recording.load(recordings[numbers[-1]])
     distances = [repetition.reference_distance for repetition in learner.repetitions]
     errors = [repetition.mean_error for repetition in learner.repetitions]
     panels = repetition_panels(learner.trajectory, distances, errors, first, last)
     save_figure(draw(panels), picture)
-    rows = [
-        [
-            str(number),
-            f"{np.rad2deg(repetition.reference_distance):.2f}",
-            f"{np.rad2deg(repetition.mean_error):.2f}",
-            "; ".join(filter(None, [repetition.interrupted, repetition.remark])),
-        ]
-        for number, repetition in enumerate(learner.repetitions, 1)
-    ]
+    # List them in a table.
+    rows = []
+    for number, repetition in enumerate(learner.repetitions, 1):
+        distance = f"{np.rad2deg(repetition.reference_distance):.2f}"
+        error = f"{np.rad2deg(repetition.mean_error):.2f}"
+        remark = "; ".join(filter(None, [repetition.interrupted, repetition.remark]))
+        rows.append([str(number), distance, error, remark])
+    # Write the page.
     learned = page.chart(
         panels,
         "Mean distances of each repetition; bend angle in the first, in the last and in the plan",
@@ -146,7 +149,7 @@ def write_learning_report(
         tracking_panels(learner.trajectory, [last]),
         "Bend angle, temperatures and duty of the plan and the last repetition",
     )
-    data = {"what was learned": state}
+    data = {"state of learning": state}
     data |= {f"repetition {number}": recordings[number] for number in numbers}
     header = ["repetition", "mean |φ_REF − φ|, °", "mean |φ* − φ|, °", "remark"]
     parts: list[page.Part] = [
@@ -155,4 +158,4 @@ def write_learning_report(
         page.section(f"Repetition {numbers[-1]}", tracked),
         page.section("Repetitions", page.table(header, rows)),
     ]
-    page.write_page(path, "A plan, learned", parts, last.provenance, data)
+    page.write_page(path, "Learning to follow a plan", parts, last.provenance, data)

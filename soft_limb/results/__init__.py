@@ -1,1 +1,1 @@
-"""What results are, what made them, and how they differ: ``show`` and ``compare``."""
+"""Results: find, read, summarize and compare the files that soft-limb writes."""

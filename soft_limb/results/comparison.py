@@ -1,4 +1,4 @@
-"""The differences between results: what made them, their parameters, their signals; as a page."""
+"""The differences between results, in origin, parameters and signals, ready to print or draw."""
 
 import dataclasses
 import itertools
@@ -23,14 +23,14 @@ from soft_limb.reports import page
 from soft_limb.results.read_result import LIMB, RECORDING, TRAJECTORY, ResultFile
 from soft_limb.results.summaries import distances_summary
 
-NONE = "-"  # for a value that one of the runs does not have
-LONGEST = 60  # characters of a value in a table
+NO_VALUE = "-"  # in place of a value that a run does not have
+MAX_TEXT_LENGTH = 60  # characters of a value in a table
 _COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
 _STYLES = tuple(  # of wires
     (dash, width) for width in (1.5, 3.0) for dash in ("solid", "dashed", "dotted", "dashdot")
 )
-_RUNS = (RECORDING, TRAJECTORY)
-_OF_FITS = ("names", "values", "standard_errors", "covariance", "provenance")  # see the laws
+_RUN_KINDS = (RECORDING, TRAJECTORY)
+_FIT_FIELDS = ("names", "values", "standard_errors", "covariance", "provenance")  # also in laws
 
 
 class ComparisonError(LimbError):
@@ -39,7 +39,7 @@ class ComparisonError(LimbError):
 
 @dataclasses.dataclass(frozen=True)
 class Change:
-    """A value that is not the same in all runs.
+    """A value that differs between runs.
 
     - ``name``, ``unit``: name and unit of the value.
     - ``values``: number or text of each run; None where a run has no such value.
@@ -51,20 +51,20 @@ class Change:
 
     @property
     def relative(self) -> list[float | None]:
-        """The difference of each run from the first, over the first; None if it has none."""
+        """The relative difference of each run from the first; None if it is not defined."""
         first, *others = self.values
-        # A seed is a name rather than a size.
-        known = self.name.split(".")[-1] != "seed" and _is_size(first) and first != 0
-
-        def difference(value: Any) -> float | None:
-            return float((value - first) / abs(first)) if known and _is_size(value) else None
-
-        return [None, *map(difference, others)]
+        # A seed is a name, not a size.
+        has_relative = self.name.split(".")[-1] != "seed" and _is_number(first) and first != 0
+        relative: list[float | None] = [None]
+        for value in others:
+            is_defined = has_relative and _is_number(value)
+            relative.append(float((value - first) / abs(first)) if is_defined else None)
+        return relative
 
 
 @dataclasses.dataclass(frozen=True)
 class Difference:
-    """How far a signal of a run is from the first run's, or from its plan's.
+    """The difference between a signal of a run and the signal of the first run, or of its plan.
 
     - ``run``: number of the run, from 0 on.
     - ``signal``, ``unit``: name and unit, such as "bend_angle" in degrees.
@@ -81,7 +81,7 @@ class Difference:
 
 @dataclasses.dataclass(frozen=True)
 class Curves:
-    """The signals of a run over time, by their names, in degrees and °C.
+    """The signals of a run over time, by name, in degrees and °C.
 
     - ``time``, ``signals``: times since the start of the plan (K,), s, and values (rows, K).
     - ``common``, ``differences``: times (M,), s, and differences from the first run (rows, M);
@@ -96,14 +96,14 @@ class Curves:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
-    """How results of one kind differ.
+    """The differences between results of one kind, ready to print or draw.
 
-    - ``results``: R of them; the first is what the others are compared with.
-    - ``changes``: values that are not the same in all of them.
+    - ``results``: the results (R); the others are compared with the first.
+    - ``changes``: values that differ between the results.
     - ``differences``: differences of the signals of the other runs from the first.
-    - ``distances``: mean distances from the reference by the number of the run, of each
-      recording, if there is one plan.
-    - ``tracking``: |φ* - φ| of each recording, if there is one plan.
+    - ``distances``: mean distances of each recording from the reference, by the number of the
+      run; empty unless there is exactly one plan.
+    - ``tracking``: |φ* - φ| of each recording; empty unless there is exactly one plan.
     - ``curves``: signals of each run.
     """
 
@@ -115,7 +115,7 @@ class Comparison:
     curves: list[Curves]
 
     def to_json(self) -> dict[str, Any]:
-        """All but the curves, for JSON."""
+        """Return all but the curves, for JSON."""
         return {
             "runs": [str(result.path) for result in self.results],
             "kinds": [result.kind for result in self.results],
@@ -130,26 +130,25 @@ class Comparison:
 
     @property
     def names(self) -> list[str]:
-        """Names of the runs: the ends of their paths by which they can be told apart."""
+        """Names of the runs: the shortest ends of their paths that differ between the runs."""
         parts = [result.path.parts or (".",) for result in self.results]
-        paths = len(set(parts))
+        num_paths = len(set(parts))
         for length in range(1, max(map(len, parts)) + 1):
             names = ["/".join(part[-length:]).replace("//", "/") for part in parts]
-            if len(set(names)) == paths:
+            if len(set(names)) == num_paths:
                 break
         return names
 
     def tables(self) -> dict[str, list[list[str]]]:
-        """How far runs are apart: tables with a head by their titles, as far as there are any."""
+        """Return the tables of distances and differences by title, each with a header."""
         tables = {}
+        # Distances of each recording from the reference.
         if self.distances:
-            tables["mean distance from the plan's reference"] = [
-                ["run", "measured", "planned", "best possible within the limits"],
-                *(
-                    [self.names[run], *map(_degrees, dataclasses.astuple(distances))]
-                    for run, distances in self.distances.items()
-                ),
-            ]
+            rows = [["run", "measured", "planned", "best possible within the limits"]]
+            for run, distances in self.distances.items():
+                rows.append([self.names[run], *map(_degrees, dataclasses.astuple(distances))])
+            tables["mean distance from the plan's reference"] = rows
+        # Statistics of the differences in each signal.
         for title, differences, symbol in (
             ("tracking errors of the plan's recordings", self.tracking, "|{0}* - {0}|"),
             ("absolute differences from the first", self.differences, "|Δ{}|"),
@@ -160,23 +159,22 @@ class Comparison:
                 unit = item.unit if item.unit in ("", "°") else f" {item.unit}"
                 numbers = (item.mean, item.median, item.percentile_90)
                 cells = [f"{number:.{digits}f}{unit}" for number in numbers]
-                what = symbol.format(SIGNALS[item.signal].symbol)
-                rows.append([self.names[item.run], what, *cells])
+                signal = symbol.format(SIGNALS[item.signal].symbol)
+                rows.append([self.names[item.run], signal, *cells])
             if differences:
                 tables[title] = rows
         return tables
 
     def changes_table(self) -> list[list[str]]:
-        """A head, and a row for each change: name, unit, the values of all runs.
+        """Return a header, and a row for each change: name, unit, and the values of all runs.
 
-        Values of other runs than the first have the relative difference from it in brackets.
+        A relative difference from the first run follows the value in brackets.
         """
         rows = [["", "unit", *self.names]]
         for change in self.changes:
-            cells = [
-                f"{text} ({100 * relative:+.3g}%)" if relative else text
-                for text, relative in zip(_texts(change.values), change.relative, strict=True)
-            ]
+            cells = []
+            for text, relative in zip(_texts(change.values), change.relative, strict=True):
+                cells.append(f"{text} ({100 * relative:+.3g}%)" if relative else text)
             rows.append([change.name, change.unit, *cells])
         return rows
 
@@ -185,8 +183,8 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
     """Compare plans and recordings, or calibrated limbs.
 
     Args:
-        results: two or more of one kind; plans and recordings may be compared with each
-            other, and a plan is then what recordings are tracked against.
+        results: two or more limbs, or two or more plans and recordings. Recordings are compared
+            with the plan as their set point, if there is exactly one plan.
 
     Raises:
         ComparisonError: with one sentence, if they are of different kinds or shapes.
@@ -194,31 +192,32 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
     if len(results) < 2:
         raise ComparisonError("There is one result; a comparison needs two or more.")
     first = results[0]
-    for other in results:
-        if other.kind not in (*_RUNS, LIMB):
+    for result in results:
+        if result.kind not in (*_RUN_KINDS, LIMB):
             raise ComparisonError(
-                f"{other.path} is a {other.kind}; plans, recordings and limbs are compared."
+                f"{result.path} is a {result.kind}; compare plans, recordings or limbs."
             )
-        if (other.kind == LIMB) != (first.kind == LIMB):
+        if (result.kind == LIMB) != (first.kind == LIMB):
             raise ComparisonError(
-                f"{first.path} is a {first.kind} and {other.path} is a {other.kind}; compare "
+                f"{first.path} is a {first.kind} and {result.path} is a {result.kind}; compare "
                 "results of one kind."
             )
-    changes = [
-        change
-        for change in _changed([_about(result) for result in results])
-        # What plans alone have says nothing of a plan beside its recordings.
-        if len({str(value) for value in change.values if value is not None}) > 1
-    ]
+    # Compare origin and key figures. A value that one result alone has is not a change.
+    changes = []
+    for change in _changed([_origin_values(result) for result in results]):
+        if len({str(value) for value in change.values if value is not None}) > 1:
+            changes.append(change)
+    # Compare the parameters of the limbs or robots.
     limbs = [r.value if r.kind == LIMB else r.value.robot or r.value.parameters for r in results]
     changes += _changed([flattened(limb) for limb in limbs])
     if first.kind == LIMB:
         return Comparison(results, changes, [], {}, [], [])
+    # Compare the signals of plans and recordings.
     _check_shapes(results)
     curves = _curves([result.value for result in results])
     differences = []
-    for run, of_run in enumerate(curves[1:], 1):
-        for name, values in of_run.differences.items():
+    for run, run_curves in enumerate(curves[1:], 1):
+        for name, values in run_curves.differences.items():
             size = np.abs(values)
             numbers = [size.mean(), np.median(size), np.percentile(size, 90)]
             differences.append(Difference(run, name, SIGNALS[name].unit, *map(float, numbers)))
@@ -226,10 +225,10 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
 
 
 def flattened(parameters: LimbParameters | ConnectedLimbs) -> dict[str, tuple[Any, str]]:
-    """All numbers and texts of a limb or robot with units, by names such as "right.law.a1".
+    """Return all numbers and texts of a limb or robot with units, by names like "right.law.a1".
 
-    Wires go by their names, and segments by their numbers if there are several. Of a
-    calibration it has how well it predicts, and not the fitted values, which the laws have.
+    Wires go by their names, and segments by their numbers if there are several. A calibration
+    contributes its prediction errors; its fitted values are those in the laws.
     """
     return {
         re.sub(r"\b(limbs|parameters|segments|wires)\.", "", name): entry
@@ -238,75 +237,82 @@ def flattened(parameters: LimbParameters | ConnectedLimbs) -> dict[str, tuple[An
 
 
 def _leaves(value: Any, unit: str, path: str = "") -> dict[str, tuple[Any, str]]:
+    """Return the numbers and texts in a value with their units, by their paths in it."""
     leaves: dict[str, tuple[Any, str]] = {}
+    # Fields of a dataclass, without fitted values and without rare fields at their default.
     if dataclasses.is_dataclass(value):
         if path.endswith((".law", ".bend_sensor", "board")):
             leaves[path] = (type(value).__name__, "")
         for field in dataclasses.fields(value):
-            is_fit = isinstance(value, CalibrationRecord) and field.name in _OF_FITS
+            is_fit = isinstance(value, CalibrationRecord) and field.name in _FIT_FIELDS
             rare = field.metadata.get("rare") and getattr(value, field.name) == field.default
             if is_fit or rare:
                 continue
             inner = f"{path}.{field.name}" if path else field.name
             leaves |= _leaves(getattr(value, field.name), field.metadata.get("unit", unit), inner)
+    # Items of a list, by name or number.
     elif isinstance(value, list):
-        several = len(value) > 1
         for number, item in enumerate(value, 1):
-            name = getattr(item, "name", "") or (str(number) if several else "")
+            name = getattr(item, "name", "") or (str(number) if len(value) > 1 else "")
             leaves |= _leaves(item, unit, f"{path}.{name}" if name else path)
     elif value not in (None, ""):
         leaves[path] = (value, unit)
     return leaves
 
 
-def _about(result: ResultFile) -> dict[str, tuple[Any, str]]:
-    """Values of a result's summary and provenance with their units, and its kind."""
+def _origin_values(result: ResultFile) -> dict[str, tuple[Any, str]]:
+    """Return the kind, and the values of summary and provenance with their units, by name."""
     summary = result.summary
     if result.provenance:
         summary += result.provenance.summary()
-    known = {entry.name: (entry.value, entry.unit) for entry in summary.entries + summary.details}
-    return {"kind": (result.kind, "")} | {
-        name: entry for name, entry in known.items() if entry[0] not in (None, "")
-    }
+    values = {"kind": (result.kind, "")}
+    for entry in summary.entries + summary.details:
+        if entry.value not in (None, ""):
+            values[entry.name] = (entry.value, entry.unit)
+    return values
 
 
 def _changed(runs: Sequence[dict[str, tuple[Any, str]]]) -> list[Change]:
-    """The values that are not the same in all runs."""
+    """Return the values that differ between runs."""
     changes = []
     for name in dict.fromkeys(itertools.chain.from_iterable(runs)):
         values = [run[name][0] if name in run else None for run in runs]
         first = values[0]
-        # NaN is like NaN.
+        # Two NaN count as equal.
         if any(value != first and (value == value or first == first) for value in values):
-            changes.append(Change(name, next(run[name][1] for run in runs if name in run), values))
+            unit = next(run[name][1] for run in runs if name in run)
+            changes.append(Change(name, unit, values))
     return changes
 
 
-def _is_size(value: Any) -> bool:
+def _is_number(value: Any) -> bool:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return is_number and bool(np.isfinite(value))
 
 
 def _check_shapes(results: Sequence[ResultFile]) -> None:
-    limbs = [result.value.parameters for result in results]
-    layouts = [LimbModel.of(one).layout for one in limbs]
-    shapes = [(len(each.bends_of), each.num_wires, each.num_bends) for each in layouts]
-    for result, shape in zip(results, shapes, strict=True):
-        if shape != shapes[0]:
+    """Raise ComparisonError if limbs differ in segments, wires or bends, or a run is empty."""
+    shapes = []
+    for result in results:
+        layout = LimbModel.of(result.value.parameters).layout
+        shapes.append((len(layout.bends_of), layout.num_wires, layout.num_bends))
+    texts = ["{} segments, {} wires and {} bends".format(*shape) for shape in shapes]
+    for result, text in zip(results, texts, strict=True):
+        if text != texts[0]:
             raise ComparisonError(
-                f"{results[0].path} is of {shapes[0][0]} segments and {shapes[0][1]} wires, but "
-                f"{result.path} of {shape[0]} and {shape[1]}, with {shapes[0][2]} and {shape[2]} "
-                "bends; compare runs of limbs alike."
+                f"The limb of {results[0].path} has {texts[0]}, but the limb of {result.path} has "
+                f"{text}; compare runs of limbs with the same segments and wires."
             )
         if len(result.value.time) < 2:
             raise ComparisonError(f"{result.path} has fewer than two samples to compare.")
 
 
 def _curves(runs: Sequence[Recording | Trajectory]) -> list[Curves]:
-    """Signals of all runs, and at the samples of each their differences from the first."""
+    """Return the signals of all runs, and their differences from the first at their samples."""
     runs = [run.since_start() if isinstance(run, Trajectory) else run for run in runs]
     curves: list[Curves] = []
     for number, run in enumerate(runs):
+        # Find the samples in the time of the first run.
         time, signals = _signals(run)
         common = (time >= runs[0].time[0]) & (time <= runs[0].time[-1]) & (number > 0)
         if number and not common.any():
@@ -314,60 +320,62 @@ def _curves(runs: Sequence[Recording | Trajectory]) -> list[Curves]:
                 f"Run {number + 1} lasts from {time[0]:g} s to {time[-1]:g} s, and the first from "
                 f"{runs[0].time[0]:g} s to {runs[0].time[-1]:g} s: they have no time in common."
             )
-        first = _at(runs[0], time[common])
+        # Round, so that rounding errors do not look like differences in a chart.
+        first = _interpolated_signals(runs[0], time[common])
         differences = {
-            # Without what is but rounding, which would look like a difference in a chart.
-            name: np.round(values[:, common] - first[name], 9)
-            for name, values in signals.items()
+            name: np.round(values[:, common] - first[name], 9) for name, values in signals.items()
         }
         curves.append(Curves(time, signals, time[common], differences))
     return curves
 
 
 def _signals(run: Recording | Trajectory) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times of the samples that are usable, and the signals at them, in degrees and °C."""
-    good = run.usable if isinstance(run, Recording) else np.ones(len(run.time), bool)
+    """Return the times of the usable samples, and the signals there, in degrees and °C."""
+    usable = run.usable if isinstance(run, Recording) else np.ones(len(run.time), bool)
     signals = {
-        "bend_angle": np.rad2deg(run.bend_angle[:, good]),
-        "measured_temperature": run.measured_temperature[:, good],
-        "duty": run.duty[:, good],
+        "bend_angle": np.rad2deg(run.bend_angle[:, usable]),
+        "measured_temperature": run.measured_temperature[:, usable],
+        "duty": run.duty[:, usable],
     }
-    return run.time[good], signals
+    return run.time[usable], signals
 
 
-def _at(run: Recording | Trajectory, times: np.ndarray) -> dict[str, np.ndarray]:
-    """The signals of a run at other times."""
+def _interpolated_signals(run: Recording | Trajectory, times: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the signals of a run at given times, in degrees and °C."""
     time, signals = _signals(run)
-    found = {
-        name: np.array([np.interp(times, time, row) for row in values])
-        for name, values in signals.items()
-    }
+    interpolated = {}
+    for name, values in signals.items():
+        interpolated[name] = np.array([np.interp(times, time, row) for row in values])
     if isinstance(run, Trajectory) and len(times):
-        found["bend_angle"] = np.rad2deg(run.bend_angle_at(times))  # cubic between knots
-    return found
+        # A plan is cubic between knots.
+        interpolated["bend_angle"] = np.rad2deg(run.bend_angle_at(times))
+    return interpolated
 
 
 def _tracking(
     results: Sequence[ResultFile],
 ) -> tuple[dict[int, ReferenceDistances], list[Difference]]:
-    """How near each recording is to the reference and to the plan, if there is one plan."""
+    """Return the distances of each recording from the reference and from the plan.
+
+    Both are empty unless there is exactly one plan.
+    """
     plans = [result.value for result in results if result.kind == TRAJECTORY]
     recordings = {n: result.value for n, result in enumerate(results) if result.kind == RECORDING}
     distances: dict[int, ReferenceDistances] = {}
-    tracked: list[Difference] = []
+    tracking: list[Difference] = []
     if len(plans) != 1 or not recordings:
-        return distances, tracked
-    (plan,) = plans
+        return distances, tracking
+    plan = plans[0]
     nearest = nearest_bend_angle(plan)
     for number, recording in recordings.items():
         errors = dataclasses.astuple(tracking_errors(plan, [recording]))
-        tracked.append(Difference(number, "bend_angle", "°", *np.rad2deg(errors).tolist()))
+        tracking.append(Difference(number, "bend_angle", "°", *np.rad2deg(errors).tolist()))
         distances[number] = reference_distances(plan, [recording], nearest)
-    return distances, tracked
+    return distances, tracking
 
 
 def _texts(values: Sequence[Any]) -> list[str]:
-    """Values in words, numbers with three digits or with as many as it takes to tell them apart."""
+    """Return values as texts, numbers with three digits, or more if different values need more."""
     for digits in (3, 6, 9, 17):
         texts = [_text(value, digits) for value in values]
         if len(set(texts)) == len(set(map(str, values))):
@@ -377,70 +385,79 @@ def _texts(values: Sequence[Any]) -> list[str]:
 
 def _text(value: Any, digits: int) -> str:
     if value is None:
-        return NONE
+        return NO_VALUE
     if isinstance(value, float):
         return f"{value:.{digits}g}"
     if isinstance(value, list):
         text = ", ".join(_text(item, digits) for item in value)
     else:
         text = " ".join(str(value).split())
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    return text if len(text) <= MAX_TEXT_LENGTH else f"{text[: MAX_TEXT_LENGTH - 3]}..."
 
 
 def _degrees(angle: float | None) -> str:
-    return NONE if angle is None else f"{np.rad2deg(angle):.2f}°"
+    return NO_VALUE if angle is None else f"{np.rad2deg(angle):.2f}°"
 
 
 def comparison_page(comparison: Comparison) -> str:
     """Return the comparison as a page, HTML, with all runs in one chart."""
-    names, runs = comparison.names, []
+    # List the runs with their origin.
+    names = comparison.names
+    runs = []
     for name, result in zip(names, comparison.results, strict=True):
         made = result.provenance
         by = f"soft-limb {made.version} {made.commit}".strip() if made else "not known"
         runs.append([name, result.kind, by, made.time if made else ""])
     parts: list[page.Part] = [page.section("Runs", page.table(["", "kind", "made by", "at"], runs))]
+    # Add the differences of their signals.
     if comparison.curves:
         tables = [
-            page.table(head, rows, f"{title[0].upper()}{title[1:]}.")
-            for title, (head, *rows) in comparison.tables().items()
+            page.table(header, rows, f"{title[0].upper()}{title[1:]}.")
+            for title, (header, *rows) in comparison.tables().items()
         ]
-        said = f"Below each signal is its difference (Δ) from that of {names[0]}."
-        chart = page.chart(_panels(comparison), f"All runs, and what differs from {names[0]}")
-        parts.append(page.section("How far apart they are", *tables))
-        parts.append(page.section("All runs", page.paragraph(said), chart))
-    head, *rows = comparison.changes_table()
-    caption = f"In brackets the difference from {names[0]}, over its size."
-    changed = page.table(head, rows, caption) if rows else page.paragraph("Nothing changed.")
-    parts.append(page.section("What changed", changed))
+        text = f"Below each signal is its difference Δ from {names[0]}."
+        chart = page.chart(_panels(comparison), f"All runs, and their differences from {names[0]}")
+        parts.append(page.section("Distances and differences", *tables))
+        parts.append(page.section("All runs", page.paragraph(text), chart))
+    # Add the changes of single values.
+    header, *rows = comparison.changes_table()
+    caption = f"In brackets: the relative difference from {names[0]}."
+    changed = page.table(header, rows, caption) if rows else page.paragraph("Nothing changed.")
+    parts.append(page.section("Changes", changed))
     others = names[1] if len(names) == 2 else f"{len(names) - 1} others"
     return page.make_page(f"{names[0]} compared with {others}", parts, Provenance.now())
 
 
 def _panels(comparison: Comparison) -> list[Panel]:
-    results, names = comparison.results, comparison.names
+    """Return a panel for each bend and each segment's wires, each above a panel of differences."""
+    results = comparison.results
+    names = comparison.names
     parameters = results[0].value.parameters
-    panels = []
     layout = LimbModel.of(parameters).layout
-    drawn: list[tuple[str, list[int], str]] = []  # in each panel: a signal's rows, and where
+    # List the panels: name of the signal, its rows, suffix of the title.
+    drawn: list[tuple[str, list[int], str]] = []
     for bends, wires, suffix in zip(
         layout.bends_of, layout.wires_of, parameters.segment_suffixes, strict=True
     ):
         for bend in range(bends.start, bends.stop):
             drawn.append(("bend_angle", [bend], parameters.bend_suffixes[bend]))
-        wired = list(range(wires.start, wires.stop))
-        drawn += [("measured_temperature", wired, suffix), ("duty", wired, suffix)]
+        wire_rows = list(range(wires.start, wires.stop))
+        drawn += [("measured_temperature", wire_rows, suffix), ("duty", wire_rows, suffix)]
+    # Draw the runs in their colours and the wires in their styles.
+    panels = []
     for signal, rows, suffix in drawn:
-        bends_alone = signal == "bend_angle"
-        values, differences = _references(results, rows[0]) if bends_alone else [], []
+        is_bend = signal == "bend_angle"
+        values = _references(results, rows[0]) if is_bend else []
+        differences = []
         for number, curves in enumerate(comparison.curves):
             color = _COLORS[number % len(_COLORS)]
             for row, style in zip(rows, itertools.cycle(_STYLES), strict=False):
-                wire = "" if bends_alone else parameters.wire_names[row]
+                wire = "" if is_bend else parameters.wire_names[row]
                 name = ", ".join(filter(None, [names[number], wire]))
                 values.append(Curve(name, curves.time, curves.signals[signal][row], color, *style))
                 if number:
-                    apart = curves.common, curves.differences[signal][row]
-                    differences.append(Curve(name, *apart, color, *style))
+                    difference = curves.differences[signal][row]
+                    differences.append(Curve(name, curves.common, difference, color, *style))
         kind = SIGNALS[signal]
         panels.append(kind.panel(values, suffix, y_range=None))
         unit = f" ({kind.unit})" * bool(kind.unit)
@@ -449,7 +466,7 @@ def _panels(comparison: Comparison) -> list[Panel]:
 
 
 def _references(results: Sequence[ResultFile], bend: int) -> list[Curve]:
-    """What the plans are for; one that several share is drawn once."""
+    """Return the references of the plans; equal references are drawn once."""
     drawn: list[Curve] = []
     for result in results:
         if result.kind == TRAJECTORY:

@@ -1,4 +1,4 @@
-"""The files of a folder that may be results, by their names and first bytes; quick to import."""
+"""Find the files of a folder that may be results, by names and first bytes; quick to import."""
 
 import collections
 import dataclasses
@@ -9,9 +9,9 @@ from pathlib import Path
 from limb_systems.connected_limbs import FIELDS
 from limb_systems.files.input import first_line
 
-TABLES = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
-SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")
-MOST_NAMES = 50_000
+TABLE_KINDS = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
+RESULT_SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")
+MAX_ENTRIES = 50_000
 _HEAD = 4096  # bytes
 _TAIL = 16384  # bytes of a page, whose provenance is at its end
 # Fields at the top level of a limb.
@@ -20,8 +20,8 @@ _LIMB |= {"supply_voltage", "temperature_limits", "total_duty"}
 
 
 @dataclasses.dataclass(frozen=True)
-class FoundFile:
-    """A file of a folder.
+class ListedFile:
+    """A file of a folder that may be a result.
 
     - ``key``: its path from the folder, with "/".
     - ``path``: the file.
@@ -35,52 +35,56 @@ class FoundFile:
     size: int
 
 
-def find(folder: Path) -> list[FoundFile]:
-    """Files in a folder and below that may be results, newest first.
+def find_results(folder: Path) -> list[ListedFile]:
+    """Return the files in a folder and below that may be results, newest first.
 
-    Hidden folders, installed packages, and links that lead out of the folder are left out, and in
-    a tree of more than `MOST_NAMES` what is farthest down.
+    Hidden folders, installed packages, and links that lead out of the folder are left out. The
+    search ends after `MAX_ENTRIES` files and folders, and the deepest are left out then.
 
     Raises:
         OSError: if the folder cannot be read.
     """
-    root, found, looked = folder.resolve(), [], 0
+    root = folder.resolve()
+    files = []
+    num_entries = 0
+    # Search level by level.
     folders = collections.deque([folder])
-    while folders and looked < MOST_NAMES:
-        place = folders.popleft()
+    while folders and num_entries < MAX_ENTRIES:
+        current = folders.popleft()
         try:
-            entries = list(os.scandir(place))
+            entries = list(os.scandir(current))
         except OSError:
-            if place is folder:
+            if current is folder:
                 raise
             continue
-        looked += len(entries)
+        num_entries += len(entries)
         for entry in entries:
-            if not _is_theirs(entry.name):
+            if not _is_visible(entry.name):
                 continue
-            path = place / entry.name
+            path = current / entry.name
             try:
                 if entry.is_dir(follow_symlinks=False):
                     folders.append(path)
-                elif entry.is_file() and entry.name.endswith(SUFFIXES):
+                elif entry.is_file() and entry.name.endswith(RESULT_SUFFIXES):
                     if entry.is_symlink() and not path.resolve().is_relative_to(root):
                         continue
-                    status, key = entry.stat(), path.relative_to(folder).as_posix()
-                    found.append(FoundFile(key, path, status.st_mtime, status.st_size))
-            except OSError:  # it has gone
+                    status = entry.stat()
+                    key = path.relative_to(folder).as_posix()
+                    files.append(ListedFile(key, path, status.st_mtime, status.st_size))
+            except OSError:  # the file was deleted meanwhile
                 continue
-    return sorted(found, key=lambda file: (-file.changed, file.key))
+    return sorted(files, key=lambda file: (-file.changed, file.key))
 
 
-def _is_theirs(name: str) -> bool:
-    """Whether a file or folder is one that people look at."""
+def _is_visible(name: str) -> bool:
+    """Return False for hidden files and folders, and for folders of installed packages."""
     return name[0] not in "._" and name.isprintable() and name not in ("node_modules", "venv")
 
 
-def glance(path: Path) -> str:
-    """The kind that a file seems to be, as of `ResultFile`; empty for none, and for a task.
+def guess_file_kind(path: Path) -> str:
+    """Return the kind of a file by its first and last bytes; see `ResultFile` for the kinds.
 
-    A reference is none: any table may be one.
+    The result is empty for other files, for tasks, and for references, as any table may be one.
     """
     try:
         with open(path, "rb") as file:
@@ -95,19 +99,21 @@ def glance(path: Path) -> str:
 
 
 def kind_of_head(path: Path, head: str) -> str:
-    """The kind of a table, or of the limb or robot that a YAML file describes; else empty."""
-    ours = first_line(head)
-    if ours and ours.kind in TABLES:
-        return ours.kind
-    given = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
-    return "robot" if given & FIELDS else "limb" if given & _LIMB else ""
+    """Return the kind of a table, or "limb" or "robot" for a YAML file, or an empty text."""
+    title = first_line(head)
+    if title and title.kind in TABLE_KINDS:
+        return title.kind
+    fields = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
+    if fields & FIELDS:
+        return "robot"
+    return "limb" if fields & _LIMB else ""
 
 
 def fields_of(text: str) -> set[str]:
-    """The fields at the top level of a YAML file."""
+    """Return the names of the fields at the top level of a YAML text."""
     return set(re.findall(r"^\{?(\w+):", text, re.MULTILINE))
 
 
 def is_html(head: str) -> bool:
-    """Whether a file that begins so is a page."""
+    """Return True if a file that begins with this text is an HTML page."""
     return head.lstrip().lower().startswith("<!doctype html>")

@@ -1,4 +1,4 @@
-"""All results in a folder, and what belongs together, as one page without a server."""
+"""One page about all results in a folder, with links between related results; no server."""
 
 import contextlib
 import dataclasses
@@ -18,14 +18,9 @@ from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Samples
-from limb_systems.views.colors import (
-    PLAN_COLOR,
-    REFERENCE_COLOR,
-    ROLLOUT_COLOR,
-    wire_colors,
-)
+from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 from soft_limb.reports import page
-from soft_limb.results.folder import find, glance
+from soft_limb.results.folder import find_results, guess_file_kind
 from soft_limb.results.read_result import (
     GAIT,
     LEARNING,
@@ -40,8 +35,9 @@ from soft_limb.results.read_result import (
 )
 
 PICTURE_POINTS = 150  # of a curve in a small picture
-WIDTH, HEIGHT = 240.0, 56.0  # of a panel of a small picture
-# Of kinds of files, those from which they are made.
+WIDTH = 240.0  # of a panel of a small picture
+HEIGHT = 56.0
+# Kinds of files that a file of a kind is made from.
 _MADE_FROM = {
     RECORDING: (TRAJECTORY, LIMB, ROBOT, GAIT),
     TRAJECTORY: (RECORDING, LIMB, TRAJECTORY, ROBOT, GAIT),
@@ -50,7 +46,7 @@ _MADE_FROM = {
     LIMB: (RECORDING, LIMB),
 }
 _OUTPUT_OPTIONS = ("-o", "--output", "--plot", "--report", "--diagnostics")
-# Facts that only somebody who looks at one file needs.
+# Facts that the page leaves out; soft-limb show prints them.
 _DETAILS = {"rate", "samples", "limb", "solver", "limits", "title", "recordings", "made by"}
 
 
@@ -64,20 +60,23 @@ def overview_page(folder: Path, output: Path) -> str:
     Raises:
         LimbError: if the folder cannot be listed.
     """
+    # Find which file was made from which.
     files, troubles = _read_files(folder, output.resolve())
     origins = find_origins(files)
     results = defaultdict(list)
     for file in files:
         for origin in origins[file]:
             results[origin].append(file)
-    # A report has the provenance of its result.
+    # Find the reports of each result: they have the same provenance.
     reports = [file for file in files if file.kind == REPORT]
-    pages = {
-        file: [report for report in reports if report.provenance == file.provenance]
-        for file in files
-        if file.kind in _MADE_FROM
-    }
-    linked = {report for of_file in pages.values() for report in of_file}
+    pages = defaultdict(list)
+    unlinked = []
+    for report in reports:
+        made = [f for f in files if f.kind in _MADE_FROM and f.provenance == report.provenance]
+        for file in made:
+            pages[file].append(report)
+        if not made:
+            unlinked.append(report)
 
     def href(file: ResultFile) -> str:
         relative = os.path.relpath(file.path.resolve(), output.resolve().parent)
@@ -87,7 +86,7 @@ def overview_page(folder: Path, output: Path) -> str:
         folder=folder.resolve().name or str(folder.resolve()),
         provenance=dataclasses.asdict(Provenance.now()),
         files=[file for file in files if file.kind not in (REPORT, REFERENCE)],
-        others=[report for report in reports if report not in linked],
+        others=unlinked,
         troubles=troubles,
         origins=origins,
         results=results,
@@ -102,15 +101,17 @@ def overview_page(folder: Path, output: Path) -> str:
 
 
 def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]]:
-    """Return the files of a folder that can be read, newest first, and why others cannot be."""
+    """Return the results in a folder, newest first, and a sentence for each unreadable file."""
     try:
-        found = find(folder)
+        paths = [file.path for file in find_results(folder) if file.path.resolve() != output]
     except OSError as error:
         raise LimbError(f"Cannot list {folder}: {error.strerror}.") from error
-    files, troubles = [], []
-    for path in [file.path for file in found if file.path.resolve() != output]:
-        if path.suffix == ".txt" and not glance(path):
-            continue  # a text of somebody else
+    # Read all files; an unreadable file gives a sentence on the page.
+    files = []
+    troubles = []
+    for path in paths:
+        if path.suffix == ".txt" and not guess_file_kind(path):
+            continue  # a text that soft-limb did not write
         try:
             file = read_result(path, quick=True)
         except LimbError as error:
@@ -124,7 +125,7 @@ def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]
 
 
 def _time_of(file: ResultFile) -> float:
-    """Return when a file was made, or last changed if it does not say, s since 1970."""
+    """Return the time in a file's provenance, or else of its last change, s since 1970."""
     if file.provenance:
         with contextlib.suppress(ValueError):
             return datetime.datetime.fromisoformat(file.provenance.time).timestamp()
@@ -147,19 +148,20 @@ def find_origins(files: Sequence[ResultFile]) -> dict[ResultFile, list[ResultFil
     limbs = {file.value.digest: file for file in files if file.kind in (LIMB, ROBOT)}
     origins = {}
     for file in files:
+        # Take older files that the command names, and the plan that the same command made.
         names = _input_names(file.provenance)
-        found = [
-            other
-            for other in files
-            if other is not file
-            and other.kind in _MADE_FROM.get(file.kind, ())
-            and times[other] <= times[file]
-            and ({other.path.name, other.path.parent.name} & names or _is_plan_of(other, file))
-        ]
+        inputs = []
+        for origin in files:
+            is_older = origin is not file and times[origin] <= times[file]
+            if is_older and origin.kind in _MADE_FROM.get(file.kind, ()):
+                is_named = bool({origin.path.name, origin.path.parent.name} & names)
+                if is_named or _is_plan_of(origin, file):
+                    inputs.append(origin)
+        # Take the limb or robot that the file is about.
         described = getattr(file.value, "robot", None) or getattr(file.value, "parameters", None)
         if described and described.digest in limbs:
-            found.append(limbs[described.digest])
-        origins[file] = list(dict.fromkeys(found))
+            inputs.append(limbs[described.digest])
+        origins[file] = list(dict.fromkeys(inputs))
     return origins
 
 
@@ -167,48 +169,46 @@ def _input_names(made: Provenance | None) -> set[str]:
     """Return the names of files and folders that a command may have read."""
     try:
         words = shlex.split(made.command) if made else []
-    except ValueError:  # it was too long, and cut
+    except ValueError:  # the command was too long, and is cut off
         return set()
     inputs = [w for option, w in itertools.pairwise(words) if option not in _OUTPUT_OPTIONS]
     return {PurePath(word).name for word in inputs} - {""}
 
 
 def _is_plan_of(plan: ResultFile, file: ResultFile) -> bool:
-    """Return whether one command made a plan and, in the same folder, the recording."""
-    return (
-        (plan.kind, file.kind) == (TRAJECTORY, RECORDING)
-        and plan.path.parent == file.path.parent
-        and plan.provenance is not None
-        and file.provenance is not None
-        and plan.provenance.command == file.provenance.command
-    )
+    """Return True if one command wrote a plan and, to the same folder, its recording."""
+    if (plan.kind, file.kind) != (TRAJECTORY, RECORDING) or plan.path.parent != file.path.parent:
+        return False
+    if plan.provenance is None or file.provenance is None:
+        return False
+    return plan.provenance.command == file.provenance.command
 
 
 def small_picture(run: object) -> Markup:
-    """Return the bends and temperatures of a recording, plan or gait in small, SVG."""
+    """Return a small picture of the bends and temperatures of a recording, plan or gait, SVG."""
     if not isinstance(run, Samples):
         return Markup()
-    # Choose the samples.
+    # Choose evenly spaced samples.
     usable = np.flatnonzero(run.usable if isinstance(run, Recording) else np.ones(len(run.time)))
     if len(usable) < 2:
         return Markup()
     evenly = np.linspace(0, len(usable) - 1, PICTURE_POINTS).astype(int)
-    kept = usable[np.unique(evenly)]
+    drawn = usable[np.unique(evenly)]
     # Choose the lines: the bends, their reference and the wires.
     bends = np.rad2deg(run.bend_angle)
-    asked = getattr(run, "reference", None)
-    reference = bends[:0] if asked is None else np.rad2deg(asked)
+    reference = getattr(run, "reference", None)
+    references = bends[:0] if reference is None else np.rad2deg(reference)
     wires = run.measured_temperature
     color = ROLLOUT_COLOR if isinstance(run, Recording) else PLAN_COLOR
-    bend_colors = [color] * len(bends) + [REFERENCE_COLOR] * len(reference)
+    bend_colors = [color] * len(bends) + [REFERENCE_COLOR] * len(references)
     # Scale them to the panels.
-    times = run.time[kept] - run.time[kept[0]]
+    times = run.time[drawn] - run.time[drawn[0]]
     panels = []
     for name, unit, signal, rows, colors in (
-        ("bend angle", "°", bends, np.vstack([bends, reference]), bend_colors),
+        ("bend angle", "°", bends, np.vstack([bends, references]), bend_colors),
         ("temperature", " °C", wires, wires, wire_colors(len(wires))),
     ):
-        values = rows[:, kept]
+        values = rows[:, drawn]
         x = np.broadcast_to(WIDTH * times / times[-1], values.shape)
         y = HEIGHT * (values.max() - values) / max(np.ptp(values), 1e-9)
         texts = [" ".join(f"{a:.1f},{b:.1f}" for a, b in line) for line in np.dstack([x, y])]

@@ -1,4 +1,4 @@
-"""Read any file of soft-limb, and say what it is."""
+"""Read any file that soft-limb writes, and tell its kind."""
 
 import dataclasses
 import functools
@@ -29,11 +29,11 @@ from soft_limb.results.summaries import plan_summary, repetitions_summary
 RECORDING, TRAJECTORY, LEARNING = "recording", "trajectory", "learning"
 GAIT, LIMB, ROBOT, TASK, REPORT = "gait", "limb", "robot", "task", "report"
 REFERENCE = "reference"
-ENTRY_POINTS = "soft_limb.results"  # each a dict of readers by kind, such as `_READERS`
+ENTRY_POINTS = "soft_limb.results"  # group of entry points: dicts of readers like `_READERS`
 
 
 class ResultError(LimbError):
-    """A file is none of soft-limb's, or damaged."""
+    """A file is damaged, or not a file of soft-limb."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,10 +43,10 @@ class ResultFile:
     - ``path``: path of the file.
     - ``kind``: "recording", "trajectory", "gait", "learning", "limb", "robot", "task", "report" or
       "reference".
-    - ``summary``: what the file holds, without its provenance.
-    - ``provenance``: what made it; None if it does not say.
-    - ``value``: a `Recording`, a `Trajectory`, `LimbParameters`, or what another package
-      reads; None for other kinds.
+    - ``summary``: key figures of the contents, without the provenance.
+    - ``provenance``: program and time that made the file; None if it is not in the file.
+    - ``value``: a `Recording`, a `Trajectory`, `LimbParameters`, or an object of another
+      package's reader; None for other kinds.
     """
 
     path: Path
@@ -56,18 +56,17 @@ class ResultFile:
     value: Any = None
 
     def about(self) -> Summary:
-        """What the file is, what it holds and what made it."""
+        """Return kind, path, key figures and provenance."""
         about = Summary([Entry(self.kind, str(self.path))]) + self.summary
         if self.provenance:
             return about + self.provenance.summary()
-        # A person wrote limbs, robots, tasks and references.
-        unknown = (
-            [] if self.kind in (LIMB, ROBOT, TASK, REFERENCE) else [Entry("made by", "not known")]
-        )
-        return about + Summary(unknown)
+        # Limbs, robots, tasks and references are written by people.
+        if self.kind in (LIMB, ROBOT, TASK, REFERENCE):
+            return about
+        return about + Summary([Entry("made by", "not known")])
 
     def to_json(self) -> dict[str, Any]:
-        """File, kind, summary and provenance, for JSON."""
+        """Return path, kind, key figures and provenance, for JSON."""
         return {
             "file": str(self.path),
             "kind": self.kind,
@@ -77,19 +76,24 @@ class ResultFile:
 
 
 def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
-    """Read a file, whatever it is.
+    """Read a file of any kind.
 
     Args:
-        quick: whether its summary is to be without what takes a second, as of `plan_summary`.
+        quick: whether to leave out of the summary what takes a second, see `plan_summary`.
 
     Raises:
         LimbError: with one sentence, if it is not a file of soft-limb or is damaged.
     """
     path = Path(path)
     text = read_bytes(path, "result", LARGEST_TABLE, ResultError).decode("utf-8", "replace")
-    text, others = text.removeprefix("\ufeff"), {".csv": REFERENCE, ".yaml": TASK, ".yml": TASK}
-    kind = REPORT if is_html(text[:1000]) else kind_of_head(path, text) or others.get(path.suffix)
-    if kind is None:
+    text = text.removeprefix("\ufeff")
+    # Tell its kind by its contents, or else by its suffix.
+    by_suffix = {".csv": REFERENCE, ".yaml": TASK, ".yml": TASK}
+    if is_html(text[:1000]):
+        kind = REPORT
+    else:
+        kind = kind_of_head(path, text) or by_suffix.get(path.suffix, "")
+    if not kind:
         raise ResultError(
             f"{path} is no recording, trajectory, gait, limb, robot, task, reference, state of "
             "learning or report of soft-limb."
@@ -103,7 +107,7 @@ Read = tuple[Any, Provenance | None, Summary]
 
 @functools.cache
 def _readers() -> dict[str, Callable[[Path, str, bool], Read]]:
-    """Return the readers of each kind, with those that packages register as entry points."""
+    """Return the reader of each kind, including the readers of other packages."""
     readers = dict(_READERS)
     for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
         readers |= entry.load()
@@ -124,7 +128,6 @@ def _trajectory(path: Path, _text: str, quick: bool) -> Read:
 
 
 def _learning(path: Path, _text: str, quick: bool) -> Read:
-
     learner = Learner.load(path)
     plan = learner.trajectory
     more = Summary([Entry("plan", plan.summary().line()), identity_entry(plan.parameters)])
@@ -132,48 +135,52 @@ def _learning(path: Path, _text: str, quick: bool) -> Read:
 
 
 def identity_entry(parameters: LimbParameters | ConnectedLimbs) -> Entry:
-    """Return which limb or robot a file is about."""
+    """Return the entry that identifies the limb or robot of a file."""
     if isinstance(parameters, ConnectedLimbs):
         limbs = ", ".join(limb.name for limb in parameters.limbs)
         return Entry("identity", f"robot with limbs {limbs}, digest {parameters.digest}")
     board = parameters.board
-    named = f"emulated, seed {board.seed}" if isinstance(board, EmulatedLimb) else board.identity
+    name = f"emulated, seed {board.seed}" if isinstance(board, EmulatedLimb) else board.identity
     calibrated = "calibrated" if parameters.calibration else "not calibrated"
-    return Entry(
-        "identity", ", ".join(filter(None, [named, calibrated, f"digest {parameters.digest}"]))
-    )
+    parts = [name, calibrated, f"digest {parameters.digest}"]
+    return Entry("identity", ", ".join(filter(None, parts)))
 
 
 def _task(path: Path, text: str, _quick: bool) -> Read:
     fields = [field.name for field in dataclasses.fields(Task)]
     if not fields_of(text) & set(fields):
         raise ResultError(f"{path} has no field of a limb, a robot or a task at its top level.")
-    task, default = Task.load(path), Task()
-    changed = [
-        Entry(name.replace("_", " "), str(getattr(task, name)))
-        for name in fields
-        if getattr(task, name) != getattr(default, name)
-    ]
+    # List the fields that differ from their defaults.
+    task = Task.load(path)
+    default = Task()
+    changed = []
+    for name in fields:
+        value = getattr(task, name)
+        if value != getattr(default, name):
+            changed.append(Entry(name.replace("_", " "), str(value)))
     return None, None, Summary(changed or [Entry("fields", "all have their defaults")])
 
 
 def _limb(path: Path, _text: str, _quick: bool) -> Read:
+    # List segments and wires.
     limb = LimbParameters.load(path)
-    record, made = limb.calibration, None
     wires = zip(limb.wire_names, limb.wires, strict=True)
     entries = [
         Entry("segments", f"{len(limb.segments)}, {sum(s.links for s in limb.segments)} links"),
         Entry("wires", ", ".join(f"{name} {type(wire.law).__name__}" for name, wire in wires)),
         identity_entry(limb),
     ]
+    # Add the calibration, if there is one.
+    record = limb.calibration
+    made = None
     if record:
         made = record.provenance
         kinds = [line.partition(":")[0] for line in record.recordings]
         entries.append(Entry("recordings", ", ".join(kinds) or "none"))
         entries.append(Entry("validation", record.validation or "none"))
         if made and made.parameters != limb.digest:
-            said = f"since it was calibrated: its digest was {made.parameters} then"
-            entries.append(Entry("changed", said))
+            text = f"since it was calibrated: its digest was {made.parameters} then"
+            entries.append(Entry("changed", text))
     return limb, made, Summary(entries)
 
 
@@ -182,12 +189,14 @@ def _reference(path: Path, _text: str, _quick: bool) -> Read:
         course = references.load(path)
     except LimbError as error:
         raise ResultError(
-            f"{path} is nothing that soft-limb writes, and no reference, time in s and bend angles "
-            f"in degrees, either ({str(error).removeprefix(f'{path}: ').rstrip('.')})."
+            f"{path} is no file that soft-limb writes, and no reference (time in s, bend angles in "
+            f"degrees): {str(error).removeprefix(f'{path}: ')}"
         ) from error
+    # List its duration and its range.
     times = np.array(course.get_segment_times())
     bends = np.rad2deg(course.vector_values(times))
-    low, high = bends.min(), bends.max()
+    low = bends.min()
+    high = bends.max()
     entries = [
         Entry("duration", float(times[-1]), "s"),
         Entry("points", len(times)),

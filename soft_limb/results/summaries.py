@@ -1,4 +1,4 @@
-"""Plans, calibrations and what was learned, each told once, for terminals, JSON and pages."""
+"""Summaries of plans, learning, calibrations and validations, for terminals, JSON and pages."""
 
 from typing import TYPE_CHECKING
 
@@ -15,46 +15,50 @@ if TYPE_CHECKING:
 
 
 def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
-    """Return how a plan was found and checked, how far it is from its reference, and its limits.
+    """Return the check of a plan, its distance from the reference, and its limits.
 
     Args:
-        quick: whether to leave out what the limits leave, which takes a second.
+        quick: whether to leave out the best plan within the limits, which takes a second.
     """
     from planners.nearest import nearest_plan  # takes long to import
     from planners.plan_check import far_from_reference
 
-    found = None if quick else nearest_plan(trajectory)
-    distances = reference_distances(trajectory, nearest=None if found is None else found[0])
-    nearest, said = _degrees(distances.nearest), ""
+    # Compute the distance of the best plan that the limits allow.
+    best = None if quick else nearest_plan(trajectory)
+    distances = reference_distances(trajectory, nearest=None if best is None else best[0])
+    nearest = _degrees(distances.nearest)
+    text = ""
     if nearest is not None:
         if constraints := trajectory.check.added_constraints:
-            said = f"; without {', '.join(constraints)}, the limits would leave {nearest:.2f}°"
-            nearest = None  # what all of them leave is not known
+            text = f"; without {', '.join(constraints)}, the limits would leave {nearest:.2f}°"
+            nearest = None  # the distance with the user's constraints is not known
         else:
-            said = f"; the limits leave {nearest:.2f}°"
-        said += " on average"
-    more = [
+            text = f"; the limits leave {nearest:.2f}°"
+        text += " on average"
+    details = [
         Entry("nearest_distance_deg", nearest, "", None),
         Entry("far_from_reference", far_from_reference(trajectory), "", None),
     ]
-    return plan_statements(trajectory, said) + Summary([], more)
+    return plan_statements(trajectory, text) + Summary([], details)
 
 
 def distances_summary(distances: ReferenceDistances) -> Summary:
-    """Mean distances from the reference: of the limb, of its plan and of the best plan."""
-    done = _degrees(distances.done)
-    of_plan = _beside("" if done is None else f"{done:.2f}°", distances)
-    return Summary([*of_plan, Entry("reference_distance_deg", done, "°", None)])
+    """Return the mean distances of limb, plan and best plan from the reference."""
+    measured = _degrees(distances.done)
+    entries = _distance_entries("" if measured is None else f"{measured:.2f}°", distances)
+    return Summary([*entries, Entry("reference_distance_deg", measured, "°", None)])
 
 
-def _beside(done: str, distances: ReferenceDistances) -> list[Entry]:
-    """What was done, in words, beside the distances of the plan and of the best plan."""
-    planned, nearest = _degrees(distances.planned), _degrees(distances.nearest)
-    said = f"mean distance: measured {done}, " if done else "mean distance: "
-    said += f"planned {planned:.2f}°"
-    said += "" if nearest is None else f", best possible within the limits {nearest:.2f}°"
+def _distance_entries(measured: str, distances: ReferenceDistances) -> list[Entry]:
+    """Return the distances of a limb (as text, or empty), its plan and the best plan."""
+    planned = _degrees(distances.planned)
+    nearest = _degrees(distances.nearest)
+    text = f"mean distance: measured {measured}, " if measured else "mean distance: "
+    text += f"planned {planned:.2f}°"
+    if nearest is not None:
+        text += f", best possible within the limits {nearest:.2f}°"
     return [
-        Entry("reference", sentence=said),
+        Entry("reference", sentence=text),
         Entry("planned_distance_deg", planned, "°", None),
         Entry("nearest_distance_deg", nearest, "°", None),
     ]
@@ -65,11 +69,12 @@ def _degrees(distance: float | None) -> float | None:
 
 
 def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
-    """How near each repetition came to the reference and to the plan, and why learning ended.
+    """Return the distance of each repetition from reference and plan, and why learning ended.
 
     Args:
         quick: as for `plan_summary`.
     """
+    # List the numbers of each repetition.
     values = [
         {
             "reference_distance_deg": float(np.rad2deg(repetition.reference_distance)),
@@ -79,47 +84,55 @@ def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
         }
         for repetition in learner.repetitions
     ]
-    done, errors = (
-        ", ".join(f"{value[name]:.2f}°" for value in values)
-        for name in ("reference_distance_deg", "mean_deg")
-    )
-    undone = sum(repetition.failed for repetition in learner.repetitions)
-    said = f"mean |φ* - φ| {errors}{f'; undone: {undone}' * bool(undone)}" if values else "none"
-    plan = learner.trajectory
+    # Put them into words.
+    measured = ", ".join(f"{value['reference_distance_deg']:.2f}°" for value in values)
+    text = "none"
+    if values:
+        errors = [f"{value['mean_deg']:.2f}°" for value in values]
+        text = f"mean |φ* - φ| {', '.join(errors)}"
+        num_undone = sum(repetition.failed for repetition in learner.repetitions)
+        if num_undone:
+            text += f"; undone: {num_undone}"
+    # Compare with the best plan.
     from planners import nearest_bend_angle  # takes long to import
 
+    plan = learner.trajectory
     distances = reference_distances(plan, nearest=None if quick else nearest_bend_angle(plan))
     return Summary(
         [
-            *_beside(done, distances),
+            *_distance_entries(measured, distances),
             Entry("repetitions", values, sentence=None),
-            Entry("errors", sentence=said),
+            Entry("errors", sentence=text),
             Entry("finished", learner.finished),
         ]
     )
 
 
 def calibration_summary(calibration: "Calibration") -> Summary:
-    """Whether to plan with a calibration, what to do next, and what was calibrated."""
-    estimates, stiffness = calibration.estimates, calibration.stiffness
+    """Return the verdict on a calibration, the next steps, and the calibrated parameters."""
+    estimates = calibration.estimates
+    stiffness = calibration.stiffness
     values = {
         name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
         for name, e in estimates.items()
     }
     remarks = [remark.sentence for remark in calibration.remarks]
+    # Begin with the verdict and the next steps, then the estimates.
     entries = [
         Entry("verdict", calibration.verdict),
-        Entry("remarks", remarks, sentence="\n".join(ranked(calibration)) or None),
+        Entry("remarks", remarks, sentence="\n".join(ranked_remarks(calibration)) or None),
         Entry("next", calibration.next_recording, sentence=calibration.next_recording or None),
         Entry("estimates", values, sentence=None),
         *(Entry(name, sentence=str(estimate)) for name, estimate in estimates.items()),
-        _laws(calibration.prediction),
+        _law_entry(calibration.prediction),
     ]
-    kept = calibration.as_described
-    entries.append(Entry("as_described", kept, sentence=", ".join(kept) or None))
+    # Add what was not calibrated, and the factor of (9).
+    not_fitted = calibration.as_described
+    entries.append(Entry("as_described", not_fitted, sentence=", ".join(not_fitted) or None))
     factor = stiffness.correction_factor if stiffness else None
-    said = stiffness.factor_in_words if stiffness else None
-    entries.append(Entry("correction_factor", factor, sentence=said))
+    text = stiffness.factor_in_words if stiffness else None
+    entries.append(Entry("correction_factor", factor, sentence=text))
+    # Add the errors to expect.
     if miss := calibration.plan_miss:
         range_deg = np.rad2deg([miss.low, miss.expected, miss.high]).tolist()
         values = dict(zip(("low_deg", "expected_deg", "high_deg"), range_deg, strict=True))
@@ -132,19 +145,22 @@ def calibration_summary(calibration: "Calibration") -> Summary:
     return Summary([*entries, validated])
 
 
-def ranked(calibration: "Calibration") -> list[str]:
-    """The remarks on a calibration, each after its severity."""
+def ranked_remarks(calibration: "Calibration") -> list[str]:
+    """Return the remarks on a calibration as texts, each after its severity."""
     return [f"{remark.severity.name.lower()}: {remark}" for remark in calibration.remarks]
 
 
-def _laws(prediction: "Prediction | None") -> Entry:
-    """The laws that were compared, and how well each predicts what it was not fitted to."""
+def _law_entry(prediction: "Prediction | None") -> Entry:
+    """Return the compared laws, each with its errors on recordings left out of its fit."""
     if prediction is None:
         return Entry("laws")
-    values, lines = [], [f"judged by {prediction.judges}"]
+    values = []
+    lines = [f"judged by {prediction.judges}"]
     measured = prediction.fit.measures_heat
+    # Put the errors of each law into a line, with a star for the chosen law.
     for candidate in prediction.candidates:
-        bend, used = float(np.rad2deg(candidate.bend_error)), candidate is prediction.best
+        bend = float(np.rad2deg(candidate.bend_error))
+        used = candidate is prediction.best
         lines.append(
             f"{'*' if used else ' '} {candidate.name:<28} bend {bend:5.2f}°"
             f"{f', V {candidate.temperature_error:4.1f} °C' * measured} on average"
@@ -162,31 +178,30 @@ def _laws(prediction: "Prediction | None") -> Entry:
 
 
 def validation_summary(validation: "Validation") -> Summary:
-    """The errors of a validation."""
-    degrees = [validation.mean, validation.median, validation.percentile_90]
-    mean, median, most = np.rad2deg(degrees).tolist()
-    interrupted = validation.recording.interrupted.rstrip(".")
+    """Return the errors of a validation."""
+    errors = [validation.mean, validation.median, validation.percentile_90]
+    mean, median, percentile_90 = np.rad2deg(errors).tolist()
+    bend = f"mean {mean:.2f}°, median {median:.2f}°, 90th percentile {percentile_90:.2f}°"
+    # A limb without thermocouples has no error of V.
     heat: float | None = validation.temperature_mean
-    said = f"|V - V_sim|: mean {heat:.1f} °C"
+    heat_text = f"|V - V_sim|: mean {heat:.1f} °C"
     if np.isnan(validation.temperature_mean):
         heat = None
-        said = "not measured"
+        heat_text = "not measured"
+    interrupted = validation.recording.interrupted.rstrip(".")
+    if interrupted:
+        heat_text += f"; until it was interrupted: {interrupted}"
     return Summary.of(
-        {
-            "bend angle": f"|φ - φ_sim|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile "
-            f"{most:.2f}°",
-            "temperature": said
-            + (f"; until it was interrupted: {interrupted}" if interrupted else ""),
-        },
+        {"bend angle": f"|φ - φ_sim|: {bend}", "temperature": heat_text},
         {
             "bend_angle_mean_deg": mean,
             "bend_angle_median_deg": median,
-            "bend_angle_percentile_90_deg": most,
+            "bend_angle_percentile_90_deg": percentile_90,
             "temperature_mean_c": heat,
         },
     )
 
 
 def troubles(recording: Recording) -> Summary:
-    """Return why a recording was interrupted, and why it is to be doubted."""
+    """Return the reasons why a recording was interrupted, and why it is doubtful."""
     return Summary([Entry("interrupted", recording.interrupted), Entry("doubt", recording.doubt)])

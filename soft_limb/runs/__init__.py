@@ -1,8 +1,8 @@
 """Runs of limbs: a plan replayed, a motion taught and followed, repetitions."""
 
-OPEN = "open-loop"
-CONTROLLERS = {  # their classes in `controllers`, which take long to import, by their names here
-    OPEN: "",
+OPEN_LOOP = "open-loop"
+CONTROLLERS = {  # names at the command line: classes in `controllers`, which take long to import
+    OPEN_LOOP: "",
     "plan-feedback": "PlanFeedback",
     "plan-regulator": "PlanRegulator",
     "receding-horizon": "RecedingHorizon",

@@ -1,4 +1,4 @@
-"""A limb that is shown after its run, while its wires cool."""
+"""Show a limb on the live page after its run, while its wires cool."""
 
 import dataclasses
 import signal
@@ -11,32 +11,33 @@ from hardware.live_feed import LiveView, Reading, RunHeader
 from hardware.replaying import watch
 from limb_systems import LimbError, LimbSystem, Recording
 
-COOL = 3.0  # °C, by which a wire may be warmer than at the start
+COOL_TOLERANCE = 3.0  # °C; a wire that is warmer than at the start by less is cool
 
 
 def cool_down(limb: LimbSystem, recording: Recording, live: LiveView, longest: float) -> None:
-    """Shows the limb of a recording, wires off, until they are read as cool as at its start.
+    """Show a limb after its run, wires off, until its wires are as cool as before the run.
 
-    All that the run gives is there by then: Ctrl-C, or the button of the page, ends this and
-    nothing else, and what fails is a warning.
+    The results of the run are written before. So Ctrl-C, or the button of the page, ends only
+    the cool-down, and a failure of the limb is a warning.
 
     Args:
-        limb: limb that was recorded; a model, which keeps no heat, is not shown.
-        recording: what is on the page.
+        limb: limb that was recorded; a model keeps no heat and is not shown.
+        recording: recording of the run on the page.
         live: the page.
         longest: longest time, s; 0 for none.
     """
-    start = recording.measured_temperature[:, recording.usable][:, :1].ravel() + COOL
-    if longest <= 0 or not start.size or not isinstance(limb, SerialLimb | LimbTwin):
+    limit = recording.measured_temperature[:, recording.usable][:, :1].ravel() + COOL_TOLERANCE
+    if longest <= 0 or not limit.size or not isinstance(limb, SerialLimb | LimbTwin):
         return
+    # Watch the limb with its wires off.
     try:
         after = (
             SerialLimb(limb.port, limb.parameters, heated=False)
             if isinstance(limb, SerialLimb)
             else limb.after_rest()
         )
-        view = _Beyond(live, float(recording.time[-1]))
-        watch(after, longest, until=lambda measured: bool((measured <= start).all()), live=view)
+        view = _CoolingView(live, float(recording.time[-1]))
+        watch(after, longest, until=lambda measured: bool((measured <= limit).all()), live=view)
     except LimbError as error:
         warnings.warn(f"The wires are not shown while they cool: {error}", stacklevel=2)
     except KeyboardInterrupt:
@@ -45,15 +46,17 @@ def cool_down(limb: LimbSystem, recording: Recording, live: LiveView, longest: f
         received_signals.clear()
 
 
-class _Beyond:
-    """A `LiveView` that goes on with the curves of a run."""
+class _CoolingView:
+    """A `LiveView` that continues the curves of a run."""
 
     def __init__(self, live: LiveView, start: float):
-        self._live, self._start = live, start
-        self.say, self.rest = live.say, live.rest
+        self._live = live
+        self._start = start
+        self.say = live.say
+        self.rest = live.rest
 
     def begin(self, header: RunHeader) -> None:
-        """Nothing: the page has begun."""
+        """Do nothing: the page keeps the curves of the run."""
 
     def show(self, reading: Reading) -> None:
         time = self._start + reading.time

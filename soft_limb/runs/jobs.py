@@ -1,4 +1,4 @@
-"""Calls of one function in processes of this machine, or on a Dask cluster, by joblib."""
+"""Call a function many times in processes of this machine, or on a Dask cluster, by joblib."""
 
 import contextlib
 import functools
@@ -23,16 +23,16 @@ def run_each(
     cluster: str | None = None,
     in_order: bool = False,
 ) -> Iterator[Any]:
-    """Call a function with each of some arguments, and yield the results as they come.
+    """Call a function once for each argument, and yield the results as they come.
 
-    Its processes load the modules that `load_module` has loaded here. A worker of a cluster finds
-    such a module if it is installed there, or in the folder in which it is here.
+    The processes import the modules that `load_module` has imported here. A worker of a cluster
+    finds such a module if it is installed there, or is in the same folder as here.
 
     Args:
-        function: is pickled by name, as are the classes of arguments and results.
+        function: function at the top level of a module, as it is pickled by name.
         arguments: one for each call.
         num_processes: processes on this machine; 1 makes the calls in this process.
-        cluster: address of a Dask scheduler, whose workers make the calls instead.
+        cluster: address of a Dask scheduler; its workers make the calls instead.
         in_order: whether results come in the order of the arguments.
 
     Raises:
@@ -40,11 +40,11 @@ def run_each(
         LimbError: if Dask is not installed, its scheduler does not answer, or a worker cannot load
             a module.
     """
-    returned = "generator" if in_order else "generator_unordered"
+    return_as = "generator" if in_order else "generator_unordered"
     with _backend(num_processes, cluster) as backend:
         with joblib.parallel_config(**backend):
-            # Small batches, as each call takes seconds; no files in place of large arrays.
-            parallel = joblib.Parallel(return_as=returned, batch_size=1, max_nbytes=None)
+            # Each call takes seconds: send them one by one, and arrays not by files.
+            parallel = joblib.Parallel(return_as=return_as, batch_size=1, max_nbytes=None)
         results = parallel(joblib.delayed(function)(argument) for argument in arguments)
         with contextlib.closing(results):
             yield from results
@@ -52,12 +52,18 @@ def run_each(
 
 @contextlib.contextmanager
 def _backend(num_processes: int, cluster: str | None) -> Iterator[dict[str, Any]]:
-    """Yield the options of joblib's backend."""
+    """Yield the options of joblib's backend: processes of this machine, or a cluster."""
+    # New processes import the modules of all emulated limbs, and the user's modules.
     if cluster is None:
-        folders = {specimen.__module__: "" for specimen in SPECIMENS.values()} | _folders
-        begin = {"initializer": _begin, "initargs": (folders,)} if num_processes > 1 else {}
+        folders = {specimen.__module__: "" for specimen in SPECIMENS.values()} | _module_folders
+        begin = (
+            {"initializer": _initialize_process, "initargs": (folders,)}
+            if num_processes > 1
+            else {}
+        )
         yield {"n_jobs": num_processes, "backend": "loky", **begin}
         return
+    # Connect to the cluster.
     try:
         from distributed import Client
     except ImportError:
@@ -70,37 +76,39 @@ def _backend(num_processes: int, cluster: str | None) -> Iterator[dict[str, Any]
         raise LimbError(f"There is no Dask scheduler at {cluster}: {error}") from error
     with client:
         try:
-            # Also for workers that join later.
-            client.register_worker_callbacks(functools.partial(_load, dict(_folders)))
+            # Let all workers import the user's modules, also workers that join later.
+            client.register_worker_callbacks(
+                functools.partial(_import_modules, dict(_module_folders))
+            )
         except ImportError as error:
             raise LimbError(f"A worker of the cluster cannot load a module: {error}") from error
         yield {"n_jobs": -1, "backend": "dask", "client": client}
 
 
 def load_module(name: str, folder: str | Path) -> None:
-    """Import a module that defines a wire law, a bend sensor or an emulated limb of one's own.
+    """Import a user's module that defines a wire law, a bend sensor or an emulated limb.
 
-    Processes of `run_each` import it, too.
+    The processes of `run_each` import it, too.
 
     Args:
-        name: its name, with dots.
-        folder: folder where it is found if it is not installed.
+        name: name of the module, with dots.
+        folder: folder of the module if it is not installed.
     """
-    _load({name: str(Path(folder).resolve())})
+    _import_modules({name: str(Path(folder).resolve())})
 
 
-_folders: dict[str, str] = {}  # of the modules that `load_module` has loaded, by their names
+_module_folders: dict[str, str] = {}  # by the names of the modules that `load_module` has imported
 
 
-def _load(folders: dict[str, str]) -> None:
+def _import_modules(folders: dict[str, str]) -> None:
     for name, folder in folders.items():
         if folder and folder not in sys.path:
-            sys.path.append(folder)  # last, so that its modules take no other's place
+            sys.path.append(folder)  # last, so that it hides no other module
         importlib.import_module(name)
-        _folders[name] = folder
+        _module_folders[name] = folder
 
 
-def _begin(folders: dict[str, str]) -> None:
-    """Load modules in a new process, and keep its progress off the terminal of the others."""
-    _load(folders)
+def _initialize_process(folders: dict[str, str]) -> None:
+    """Import modules in a new process, and send its progress messages to /dev/null."""
+    _import_modules(folders)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)

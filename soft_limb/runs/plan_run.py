@@ -1,4 +1,4 @@
-"""Plans whose inputs are files, and limbs that are driven along them at once."""
+"""Plan from files, as commands do, and drive a limb along the plan at once."""
 
 import copy
 from collections.abc import Callable
@@ -18,11 +18,11 @@ from limb_systems.limb_system import check_limb
 from limb_systems.summary import Summary
 from planners import Task, plan, references
 from soft_limb.reports.plan_report import write_rollout_report
-from soft_limb.results.folder import glance
-from soft_limb.runs.rollout import NEAREST, Rollout, roll_out
+from soft_limb.results.folder import guess_file_kind
+from soft_limb.runs.rollout import DEFAULT_FEEDBACK, Rollout, roll_out
 
-FOLLOWED = ("plan.csv", "recording.csv", "tracking.png", "report.html")  # of `teach_and_go`
-NAMED = {
+FOLLOW_FILES = ("plan.csv", "recording.csv", "tracking.png", "report.html")  # of `plan_and_follow`
+NAMED_REFERENCES = {
     "ramps": references.ramps,
     "fig5": references.step_and_decaying_sine,
     "circle": lambda: references.circle(np.deg2rad(15.0), 50.0),
@@ -38,37 +38,37 @@ def plan_from_files(
     start: ArrayLike | None = None,
     **settings: Any,
 ) -> Trajectory:
-    """Plans for a command, which a signal then ends at once.
+    """Plan for a command; a signal ends the process at once while it plans.
 
     Args:
-        reference: a name of `NAMED`, or the path of a recording or of a CSV of time and degrees.
+        reference: a name of `NAMED_REFERENCES`, or the path of a recording or of a CSV (s, °).
         limb: parameters, or their path; None for the nominal limb.
         smoothing_time: window over which a recording's bend angle is smoothed, s.
         tip: whether the reference is a path of the tip, a CSV of time and mm.
-        start: readings V of the resting limb that begins, °C, as for `resting_state`; ambient
+        start: readings V of the resting limb at the start, °C, as for `resting_state`; ambient
             temperature if None.
         settings: further arguments of `planners.plan`.
 
     Raises:
-        PlanningError: if there is no plan, as of `planners.plan`.
+        PlanningError: if there is no plan, see `planners.plan`.
         LimbError: if a file cannot be read.
     """
     parameters = LimbParameters.of(limb)
     if tip:
-        course = references.load_tip_path(reference, parameters)
+        motion = references.load_tip_path(reference, parameters)
     else:
-        course = reference_from_file(reference, smoothing_time)
+        motion = load_reference(reference, smoothing_time)
     if start is not None:
         settings["initial_state"] = resting_state(parameters, start)
     with default_signal_handlers():
-        return plan(parameters, course, **settings)
+        return plan(parameters, motion, **settings)
 
 
-def task_named(name: str, limb: LimbParameters | None = None) -> Task:
-    """The task that a command calls "paper", "closed-loop" or by its file.
+def load_task(name: str, limb: LimbParameters | None = None) -> Task:
+    """Return the task "paper", the task "closed-loop", or a task from a file.
 
     Args:
-        limb: the limb to plan for, by which `Task.closed_loop` chooses weights and margins.
+        limb: the limb to plan for; `Task.closed_loop` chooses weights and margins by it.
 
     Raises:
         LimbError: if the file cannot be read.
@@ -78,16 +78,16 @@ def task_named(name: str, limb: LimbParameters | None = None) -> Task:
     return Task.paper() if name == "paper" else Task.load(name)
 
 
-def reference_from_file(name: str, smoothing_time: float) -> trajectories.Trajectory:
-    """A reference by what a command calls it; see `plan_from_files`."""
-    if name in NAMED:
-        return NAMED[name]()
-    if glance(Path(name)) == "recording":
+def load_reference(name: str, smoothing_time: float) -> trajectories.Trajectory:
+    """Return a named reference, or a reference from a file; see `plan_from_files`."""
+    if name in NAMED_REFERENCES:
+        return NAMED_REFERENCES[name]()
+    if guess_file_kind(Path(name)) == "recording":
         return references.from_recording(Recording.load(name), smoothing_time)
     return references.load(name)
 
 
-def teach_and_go(
+def plan_and_follow(
     reference: str,
     make_limb: Callable[[LimbParameters], LimbSystem],
     folder: str | Path,
@@ -96,34 +96,36 @@ def teach_and_go(
     task: Task | None = None,
     knot_rate: float = 10.0,
     smoothing_time: float = 0.5,
-    controller: str = NEAREST,
+    controller: str = DEFAULT_FEEDBACK,
     real_time: bool = False,
     live: LiveView | None = None,
 ) -> tuple[Rollout, Summary]:
-    """Plan for feedback from where a limb is, and drive it along the plan.
+    """Plan for feedback from the present state of a limb, and drive it along the plan.
 
-    The folder gets the files `FOLLOWED`.
-    If the limb fails, the plan is there, and of a robot an unfinished recording.
+    The folder gets the files `FOLLOW_FILES`. If the limb fails, the folder has the plan, and the
+    unfinished recording of a robot.
 
     Args:
         reference, limb, smoothing_time: as for `plan_from_files`.
-        make_limb: function that gives the limb for the parameters of the plan; it is called
-            before the plan as well, to read the limb.
-        task, knot_rate: as for `planners.plan`; no task stands for `Task.closed_loop`.
+        make_limb: function that returns the limb for the parameters of the plan; it is called
+            before planning as well, to read the limb.
+        task, knot_rate: as for `planners.plan`; the default task is `Task.closed_loop`.
         controller, real_time, live: as for `roll_out`.
 
     Raises:
         PlanningError: if there is no plan.
-        ReplayError, HardwareError, OutputError: as `hardware.replaying.replay` does.
+        ReplayError, HardwareError, OutputError: see `hardware.replaying.replay`.
         LimbError: if a file cannot be read.
     """
-    plan_file, recording_file, picture, report = (Path(folder) / name for name in FOLLOWED)
+    plan_file, recording_file, picture, report = (Path(folder) / name for name in FOLLOW_FILES)
     say = live.say if live else lambda _: None
+    # Read the temperatures at which the plan will start.
     say(f"Planning {reference}")
     parameters = LimbParameters.of(limb)
-    rested = check_limb(make_limb(copy.deepcopy(parameters)))
-    with closing(rested):
-        start = present_readings(rested)
+    resting_limb = check_limb(make_limb(copy.deepcopy(parameters)))
+    with closing(resting_limb):
+        start = present_readings(resting_limb)
+    # Plan from there.
     trajectory = plan_from_files(
         reference,
         parameters,
@@ -133,6 +135,7 @@ def teach_and_go(
         knot_rate=knot_rate,
     )
     trajectory.save(plan_file)
+    # Drive the limb along the plan.
     say(f"Following {reference}, controller {controller}")
     rollout = roll_out(
         trajectory,
@@ -142,7 +145,7 @@ def teach_and_go(
         real_time=real_time,
         live=live,
     )
-    # Matplotlib takes as long to import as all the rest.
+    # Write picture and report. Importing Matplotlib takes as long as importing everything else.
     from limb_systems.views.plots import plot_tracking, save_figure
 
     save_figure(plot_tracking(trajectory, [rollout.recording]), picture)

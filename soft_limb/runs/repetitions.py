@@ -1,4 +1,4 @@
-"""Repeats a plan on a limb that learns to follow it."""
+"""Repeat a plan on a limb, and learn from each repetition to follow it."""
 
 import re
 import time
@@ -20,14 +20,14 @@ from limb_systems.files.output import OutputError, check_folder
 from limb_systems.files.table_writer import unfinished_files
 from limb_systems.progress import Progress
 from soft_limb.reports.plan_report import write_learning_report
-from soft_limb.runs.cooling import COOL
+from soft_limb.runs.cooling import COOL_TOLERANCE
 from soft_limb.runs.rollout import record_replay
 
-STATE, LEARNED = "learning.txt", "learned.csv"
-PICTURE, REPORT = "learning.png", "learning.html"
-PAUSE = 300.0  # s, without heat, between two repetitions on an emulated limb
-LONGEST_REST = 1200.0  # s
-LOOK_PERIOD = 1.0  # s
+STATE_FILE, LEARNED_FILE = "learning.txt", "learned.csv"
+PICTURE_FILE, REPORT_FILE = "learning.png", "learning.html"
+REST_TIME = 300.0  # s without heat between two repetitions on an emulated limb
+MAX_REST_TIME = 1200.0  # s
+READ_PERIOD = 1.0  # s
 _NAME = re.compile(r"repetition_[0-9]+\.csv")
 
 
@@ -40,31 +40,32 @@ def repeat(
     tell: Callable[[int, Repetition], object] = lambda number, repetition: None,
     live: LiveView | None = None,
 ) -> None:
-    """Repeats a plan until a number of repetitions is reached, or another does not pay.
+    """Repeat a plan until a number of repetitions is reached, or further repetitions do not pay.
 
-    The folder has ``learning.txt``, which `Learner.load` reads, ``learned.csv``, a trajectory with
-    the best repetition's duty, and a recording of each repetition, ``repetition_1.csv`` and so on.
-    Nothing is lost whenever this ends: a recording that is complete is learned from the next time.
-    If a robot fails, its repetition is kept as an unfinished recording and counts as interrupted.
+    The folder gets ``learning.txt``, which `Learner.load` reads; ``learned.csv``, a trajectory
+    with the best repetition's duty; and a recording of each repetition, ``repetition_1.csv`` etc.
+    An interruption loses nothing: a complete recording is learned from the next time. If a robot
+    fails, its repetition is kept as an unfinished recording and counts as interrupted.
 
     Args:
-        learner: learner of the plan, also with repetitions before.
-        limb_of_repetition: function that gives a limb that is ready for the next repetition.
-        repetitions: number of repetitions in all, those before included.
-        tell: function that is told of each repetition, with its number from 1 on.
+        learner: learner of the plan, which may have earlier repetitions.
+        limb_of_repetition: function that returns a limb that is ready for the next repetition.
+        repetitions: number of repetitions in total, including earlier ones.
+        tell: function that is called with each repetition and its number, from 1 on.
         live: page on which the limb is shown, as for `replay`.
 
     Raises:
         ReplayError: if the plan must not be replayed on the limb.
-        HardwareError: if the robot fails; the repetition was learned from, as far as it came.
+        HardwareError: if the robot fails; the incomplete repetition is learned from.
         OutputError: if a file cannot be written.
     """
     folder = Path(folder)
-    learner.save(folder / STATE)
+    learner.save(folder / STATE_FILE)
     while len(learner.repetitions) < repetitions and not learner.finished:
         number = len(learner.repetitions) + 1
-        path = recording_of(folder, number)
+        path = recording_path(folder, number)
         failure = None
+        # Take a recording that an earlier run completed, or else record a repetition.
         if path.exists():
             recording = Recording.load(path)
         else:
@@ -80,17 +81,19 @@ def repeat(
                 new = unfinished_files(path) - before
                 if not new:
                     raise
-                failure, recording = error, Recording.load(new.pop(), unfinished=True)
+                failure = error
+                recording = Recording.load(new.pop(), unfinished=True)
+        # Learn from it, and save the state before the next one begins.
         repetition = learner.update(recording)
-        learner.save(folder / STATE)
-        learner.learned_trajectory().save(folder / LEARNED)
+        learner.save(folder / STATE_FILE)
+        learner.learned_trajectory().save(folder / LEARNED_FILE)
         tell(number, repetition)
         if failure:
             raise failure
 
 
-def recording_of(folder: Path, number: int) -> Path:
-    """The file of a repetition's recording."""
+def recording_path(folder: Path, number: int) -> Path:
+    """Return the path of a repetition's recording."""
     return folder / f"repetition_{number}.csv"
 
 
@@ -99,126 +102,134 @@ def _errors_so_far(learner: Learner) -> str:
     return f"; mean |φ* - φ| so far {', '.join(errors)}" if errors else ""
 
 
-def rested_twins(
+def make_rested_twins(
     twin: LimbTwin, trajectory: Trajectory, learner: Learner
 ) -> Callable[[], LimbSystem]:
-    """An emulated limb for `repeat`, `PAUSE` after each repetition.
+    """Return a function for `repeat` that returns an emulated limb after a rest of `REST_TIME`.
 
-    The time of repetitions before, in a program that ended, passes first: its
-    sensors do not have the same noise again.
+    If there are repetitions of earlier programs, their time passes first, so that the noise of
+    the sensors is not the same again.
     """
-    pause = len(learner.repetitions) * (trajectory.duration + PAUSE)
+    pause = len(learner.repetitions) * (trajectory.duration + REST_TIME)
 
-    def rested() -> LimbSystem:
+    def rested_twin() -> LimbSystem:
         nonlocal pause
-        limb, pause = twin.after_rest(pause), PAUSE
+        limb = twin.after_rest(pause)
+        pause = REST_TIME
         return limb
 
-    return rested
+    return rested_twin
 
 
-def rested_robots(
+def make_rested_robots(
     port: Ports,
     trajectory: Trajectory,
     live: LiveView | None = None,
 ) -> Callable[[], LimbSystem]:
-    """The robot on a port for `repeat`, when its wires have cooled; a page says so.
+    """Return a function for `repeat` that waits for cool wires and returns the robot on a port.
 
     Args:
         port, trajectory, live: as for `repeat` and `SerialLimb`.
     """
     tell = live.say if live else lambda _: None
 
-    def rested() -> LimbSystem:
+    def rested_robot() -> LimbSystem:
         with open_link(port, trajectory.parameters) as link:
-            wait_until_cool(lambda: present_temperature(link), trajectory, tell=tell)
+            wait_for_cool_wires(lambda: present_temperature(link), trajectory, tell=tell)
         return SerialLimb(port, trajectory.parameters)
 
-    return rested
+    return rested_robot
 
 
-def wait_until_cool(
+def wait_for_cool_wires(
     read: Callable[[], np.ndarray],
     trajectory: Trajectory,
     *,
-    longest: float = LONGEST_REST,
-    period: float = LOOK_PERIOD,
-    tell: Callable[[str], object] = lambda what: None,
+    longest: float = MAX_REST_TIME,
+    period: float = READ_PERIOD,
+    tell: Callable[[str], object] = lambda text: None,
 ) -> None:
-    """Waits until no wire is read more than 3 °C warmer than where a plan starts.
+    """Wait until no wire is read more than `COOL_TOLERANCE` above the start of a plan.
 
     Args:
-        read: function that gives V of the wires (W,), °C.
-        longest: time to wait, s.
-        period: time between two looks, s.
-        tell: function that is told at each look what is waited for.
+        read: function that returns V of the wires (W,), °C.
+        longest: longest time to wait, s.
+        period: time between two readings, s.
+        tell: function that is called with a text on the warmest wire at each reading.
 
     Raises:
-        ReplayError: if a wire is too warm after that.
+        ReplayError: if a wire is too warm after the longest time.
     """
-    start, names = trajectory.measured_temperature[:, 0], trajectory.parameters.wire_names
+    start = trajectory.measured_temperature[:, 0]
+    names = trajectory.parameters.wire_names
     begin = time.monotonic()
     with Progress("resting until the wires are cool", longest, "s") as progress:
         while True:
-            above = read() - start
-            warmest = int(np.argmax(above))
-            if above[warmest] <= COOL:
+            # Find the wire that is farthest above its start.
+            excess = read() - start
+            warmest = int(np.argmax(excess))
+            if excess[warmest] <= COOL_TOLERANCE:
                 return
+            # Give up, or wait.
             waited = time.monotonic() - begin
-            now = start[warmest] + above[warmest]
+            reading = start[warmest] + excess[warmest]
             if waited > longest:
                 raise ReplayError(
                     f"After {waited:.0f} s of rest the {names[warmest]} wire is still at "
-                    f"{now:.1f} °C, but the trajectory starts at {start[warmest]:.1f} °C; cool the "
-                    "limb, or plan from where it is."
+                    f"{reading:.1f} °C, but the trajectory starts at {start[warmest]:.1f} °C; cool "
+                    "the limb, or plan from its present temperature."
                 )
-            remark = f"{names[warmest]} {now:.1f} °C"
+            remark = f"{names[warmest]} {reading:.1f} °C"
             progress.update(waited, remark)
             tell(f"Resting until the wires are cool: {remark}")
             time.sleep(period)
 
 
-def learner_in(folder: Path, trajectory: Trajectory, *, force: bool = False) -> Learner:
-    """The learner of a plan in a folder, or a new one.
+def load_or_create_learner(folder: Path, trajectory: Trajectory, *, force: bool = False) -> Learner:
+    """Return the learner of a plan that a folder has, or a new learner.
 
     Args:
-        force: whether to start anew where there are repetitions.
+        force: whether to start anew if there are repetitions.
 
     Raises:
         OutputError: if the folder cannot be written to, or has repetitions of another plan.
-        FileFormatError: if what is there is damaged.
+        FileFormatError: if the state in the folder is damaged.
     """
+    # Continue with the learner in the folder.
     check_folder(folder)
-    state = folder / STATE
+    state = folder / STATE_FILE
     if state.exists() and not force:
         learner = Learner.load(state)
         if not learner.trajectory.is_same_plan(trajectory):
             raise OutputError(
-                f"{state} is of another plan; give another folder, or --force to start anew."
+                f"{state} belongs to another plan; give another folder, or --force to start anew."
             )
         return learner
+    # Begin anew, and replace recordings only by --force.
     made = [path for path in folder.glob("repetition_*.csv") if _NAME.fullmatch(path.name)]
     if made and not force:
         raise OutputError(
-            f"{folder} holds repetitions without {STATE}; give another folder, or --force to "
+            f"{folder} holds repetitions without {STATE_FILE}; give another folder, or --force to "
             "replace them."
         )
     learner = Learner(trajectory)
     if force:
-        learner.save(state)  # before, so that they are never taken for this learner's
+        learner.save(state)  # first, so that no old recording is ever taken for a new one
         for path in made:
             path.unlink()
     return learner
 
 
-def draw_repetitions(learner: Learner, folder: Path) -> list[Path]:
-    """Writes picture and report of all repetitions, if there are recordings; their paths."""
+def report_repetitions(learner: Learner, folder: Path) -> list[Path]:
+    """Write picture and report of all repetitions, if there are recordings; return the paths."""
     complete = {
         number: path
         for number in range(1, len(learner.repetitions) + 1)
-        if (path := recording_of(folder, number)).exists()
+        if (path := recording_path(folder, number)).exists()
     }
     if not complete:
         return []
-    write_learning_report(learner, complete, folder / STATE, folder / PICTURE, folder / REPORT)
-    return [folder / PICTURE, folder / REPORT]
+    write_learning_report(
+        learner, complete, folder / STATE_FILE, folder / PICTURE_FILE, folder / REPORT_FILE
+    )
+    return [folder / PICTURE_FILE, folder / REPORT_FILE]

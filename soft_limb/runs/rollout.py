@@ -1,4 +1,4 @@
-"""Rollouts: a limb is driven along a plan by what the command line names, and how that went."""
+"""Rollouts: drive a limb along a plan with a controller, and summarize the result."""
 
 import dataclasses
 import functools
@@ -23,22 +23,23 @@ from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from planners import nearest_bend_angle
 from soft_limb.results.summaries import distances_summary, troubles
-from soft_limb.runs import CONTROLLERS, OPEN
+from soft_limb.runs import CONTROLLERS, OPEN_LOOP
 
-# The controller that has come nearest to references, on limbs of several physics.
-NEAREST = "receding-horizon"
-UNEXPLAINED_TIME = 5.0  # s, that a bend may be read otherwise than explained before a user is told
+# The controller with the smallest distance from references, on limbs of several physics.
+DEFAULT_FEEDBACK = "receding-horizon"
+UNEXPLAINED_TIME = 5.0  # s of disagreement between bend and heat, after which the user is warned
 
 
 @dataclasses.dataclass(frozen=True)
 class Rollout:
-    """How a limb was driven along a plan.
+    """The result of driving a limb along a plan.
 
     - ``controller``: key of the controller in `CONTROLLERS`.
-    - ``trajectory``, ``recording``: the plan and what came of it.
+    - ``trajectory``, ``recording``: the plan and its recording.
     - ``late``: time by which each command was late, s; None in simulated time.
     - ``lost_samples``: number of samples that the cable lost; None in simulated time.
-    - ``replans``: how many plans were begun, late and failed; None if none were to be made.
+    - ``replans``: numbers of plans that were begun, late and failed (3,); None for controllers
+      that do not plan.
     - ``limb``: the limb that was driven; a robot's port is closed.
     """
 
@@ -52,31 +53,32 @@ class Rollout:
 
     @functools.cached_property
     def distances(self) -> ReferenceDistances:
-        """How near limb, plan and the best plan within the limits are to the reference."""
+        """The mean distances of limb, plan and best plan within the limits from the reference."""
         nearest = nearest_bend_angle(self.trajectory)
         recordings = [self.recording] if self.has_bend else []
         return reference_distances(self.trajectory, recordings, nearest)
 
     @property
     def has_bend(self) -> bool:
-        """Whether a bend was measured, which not all boards do."""
+        """True if a bend was measured; some boards have no bend sensor."""
         return bool(np.isfinite(self.recording.bend_angle).any())
 
     def summary(self) -> Summary:
-        """How near the limb came to the reference and to the plan, and what went wrong."""
+        """Return the distances from reference and plan, temperatures, timing and problems."""
+        # Find the highest plausible reading of each wire.
         recording = self.recording
-        read = recording.measured_temperature[:, ~recording.implausible]
-        hottest = [max(row[np.isfinite(row)].tolist(), default=None) for row in read]
-        heat = ", ".join(
-            f"{name} {value:.0f} °C"
-            for name, value in zip(recording.parameters.wire_names, hottest, strict=True)
-            if value is not None
-        )
+        readings = recording.measured_temperature[:, ~recording.implausible]
+        hottest = [max(row[np.isfinite(row)].tolist(), default=None) for row in readings]
+        texts = []
+        for name, value in zip(recording.parameters.wire_names, hottest, strict=True):
+            if value is not None:
+                texts.append(f"{name} {value:.0f} °C")
+        heat = f"read at most: {', '.join(texts)}" if texts else "not measured"
         return distances_summary(self.distances) + Summary(
             [
                 self._tracking(),
                 Entry("highest_readings_c", hottest, sentence=None),
-                Entry("heat", sentence=f"read at most: {heat}" if heat else "not measured"),
+                Entry("heat", sentence=heat),
                 self._timing(),
                 Entry("source", recording.source),
                 Entry("controller", self.controller, sentence=None),
@@ -87,63 +89,70 @@ class Rollout:
         )
 
     def _tracking(self) -> Entry:
+        """Return mean, median and 90th percentile of the tracking error."""
         if not self.has_bend:
             return Entry("tracking", sentence="not known, as no bend was measured")
         errors = tracking_errors(self.trajectory, [self.recording])
-        mean, median, most = np.rad2deg([errors.mean, errors.median, errors.percentile_90]).tolist()
+        degrees = np.rad2deg([errors.mean, errors.median, errors.percentile_90])
+        mean, median, percentile_90 = degrees.tolist()
+        text = f"mean {mean:.2f}°, median {median:.2f}°, 90th percentile {percentile_90:.2f}°"
         return Entry(
             "tracking",
-            {"mean_deg": mean, "median_deg": median, "percentile_90_deg": most},
+            {"mean_deg": mean, "median_deg": median, "percentile_90_deg": percentile_90},
             "°",
-            f"|φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile {most:.2f}°",
+            f"|φ* - φ|: {text}",
         )
 
     def _unexplained(self) -> Entry:
-        """Whether wires, heat and bend disagreed for longer than the calibration's errors last."""
+        """Return the longest disagreement of bend and heat; a sentence if it is no model error."""
         if not self.has_bend:
             return Entry("unexplained")
-        seconds, most = Estimator(self.trajectory.parameters).unexplained(self.recording)
-        values = {"longest_s": seconds, "most_deg": float(np.rad2deg(most))}
-        said = (
+        seconds, angle = Estimator(self.trajectory.parameters).unexplained(self.recording)
+        values = {"longest_s": seconds, "most_deg": float(np.rad2deg(angle))}
+        text = (
             f"for {seconds:.0f} s the bend was read up to {values['most_deg']:.1f}° from where "
             "heat and rest angle explain it; look whether the bend sensor has drifted or the limb "
             "is loaded, and else calibrate it again"
         )
-        return Entry("unexplained", values, sentence=said if seconds > UNEXPLAINED_TIME else None)
+        return Entry("unexplained", values, sentence=text if seconds > UNEXPLAINED_TIME else None)
 
     def _timing(self) -> Entry:
+        """Return the delays of commands, lost samples, and the time of reduced duty."""
         if self.late is None:
             return Entry("timing")
-        median, most = 1000 * np.percentile(self.late, [50, 99])
-        missed, reduced = int(np.sum(self.late > COMMAND_DEADLINE)), reduced_time(self.recording)
-        said = (
-            f"commands were late by {median:.1f} ms (median), {most:.1f} ms (99%); {missed} "
-            f"({missed / len(self.late):.1%}) by more than {1000 * COMMAND_DEADLINE:g} ms; "
+        # Count late commands, and the time for which the board reduced the duty.
+        median, percentile_99 = 1000 * np.percentile(self.late, [50, 99])
+        num_missed = int(np.sum(self.late > COMMAND_DEADLINE))
+        missed_share = num_missed / len(self.late)
+        reduced = reduced_time(self.recording)
+        # Put them into words.
+        text = (
+            f"commands were late by {median:.1f} ms (median), {percentile_99:.1f} ms (99%); "
+            f"{num_missed} ({missed_share:.1%}) by more than {1000 * COMMAND_DEADLINE:g} ms; "
             f"{self.lost_samples} samples were lost"
         )
         if reduced:
-            said += (
-                f"; the duty was reduced for {reduced:.1f} s, as a wire got hot, all asked for "
-                "too much or the board was just started"
+            text += (
+                f"; the board reduced the duty for {reduced:.1f} s: a wire got hot, the total duty "
+                "was too high, or the board had just started"
             )
         values = {
             "late_median_ms": float(median),
-            "late_percentile_99_ms": float(most),
-            "missed_deadline": missed,
-            "missed_deadline_share": missed / len(self.late),
+            "late_percentile_99_ms": float(percentile_99),
+            "missed_deadline": num_missed,
+            "missed_deadline_share": missed_share,
             "lost_samples": self.lost_samples,
             "reduced_s": reduced,
         }
-        return Entry("timing", values, sentence=said)
+        return Entry("timing", values, sentence=text)
 
     def _replans(self) -> Entry:
+        """Return the numbers of plans that a receding horizon began, completed late and failed."""
         if self.replans is None:
             return Entry("replans")
-        counts = dict(
-            zip(("begun", "late", "failed"), self.replans.astype(int).tolist(), strict=True)
-        )
-        said = ", ".join(f"{count} {what}" for what, count in counts.items())
-        return Entry("replans", counts, sentence=said)
+        begun, late, failed = self.replans.astype(int).tolist()
+        counts = {"begun": begun, "late": late, "failed": failed}
+        return Entry("replans", counts, sentence=f"{begun} begun, {late} late, {failed} failed")
 
 
 def roll_out(
@@ -151,26 +160,28 @@ def roll_out(
     make_limb: Callable[[], LimbSystem],
     output: Path,
     *,
-    controller: str = OPEN,
+    controller: str = OPEN_LOOP,
     real_time: bool = False,
     live: LiveView | None = None,
 ) -> Rollout:
-    """Drives a limb along a plan and writes the recording.
+    """Drive a limb along a plan and write the recording.
 
     Args:
-        make_limb: function that gives the limb once its controller is there.
-        output: file of the recording; that of a limb in real time is written while it runs.
+        make_limb: function that returns the limb; it is called after the controller is made.
+        output: file of the recording, which is written while the limb runs.
         controller: key in `CONTROLLERS`.
         real_time: whether the limb is a robot.
         live: page on which the limb is shown, as for `replay`.
 
     Raises:
-        ReplayError, HardwareError, OutputError, LimbError: as `replay` does.
+        ReplayError, HardwareError, OutputError, LimbError: see `replay`.
     """
-    driver = controller_of(controller, trajectory, real_time=real_time)
+    # Make the controller before the limb: the board waits for no computation.
+    driver = make_controller(controller, trajectory, real_time=real_time)
     limb = make_limb()
     if kind := CONTROLLERS[controller]:
         limb.source += f", driven by {kind}"
+    # Drive it.
     recording = record_replay(trajectory, limb, output, controller=driver, live=live)
     robot = limb if isinstance(limb, SerialLimb) else None
     return Rollout(
@@ -192,24 +203,24 @@ def record_replay(
     controller: System | None = None,
     live: LiveView | None = None,
 ) -> Recording:
-    """Replay a plan into a file, to which each sample goes on the way, see `TableWriter`.
+    """Replay a plan, and write each sample to a file when it arrives, see `TableWriter`.
 
     Raises:
-        OutputError: as for `replay`; what was recorded until then is in an unfinished file.
+        OutputError: see `replay`; the samples until then are in an unfinished file.
     """
     is_slow = check_limb(limb).real_time or live is not None
     recording = replay(trajectory, limb, controller=controller, journal=output, live=live)
     if not is_slow:
         try:
-            recording.save(output)  # again, with what an emulation knows besides
+            recording.save(output)  # again, with the true state of an emulation
         except OutputError as error:
-            error.add_note(f"What was measured is in {output}, without what only emulations show.")
+            error.add_note(f"{output} has what was measured, without the emulation's true state.")
             raise
     return recording
 
 
-def controller_of(name: str, trajectory: Trajectory, *, real_time: bool = False) -> System | None:
-    """A controller by its key in `CONTROLLERS`; None for open loop."""
+def make_controller(name: str, trajectory: Trajectory, *, real_time: bool = False) -> System | None:
+    """Return a controller by its key in `CONTROLLERS`; None for open loop."""
     kind = CONTROLLERS[name]
     if kind == "RecedingHorizon":
         return _CountingHorizon(trajectory, real_time)
@@ -217,17 +228,18 @@ def controller_of(name: str, trajectory: Trajectory, *, real_time: bool = False)
 
 
 def reduced_time(recording: Recording) -> float:
-    """Time for which the board applied less than a duty that was commanded before and after, s."""
-    assert recording.applied_duty is not None  # a robot's
+    """Return the time for which the board applied less than the commanded duty, s."""
+    assert recording.applied_duty is not None  # every robot measures it
+    # A sample may belong to the command before or after: take the smaller of the two.
     commanded = np.minimum(recording.duty[:, :-2], recording.duty[:, 1:-1])
     reduced = (recording.applied_duty[:, 2:] < commanded - 2e-3).any(axis=0)
     return float(np.sum(reduced) / recording.sample_rate)
 
 
 class _CountingHorizon(RecedingHorizon):
-    """A `RecedingHorizon` that remembers what it counted, after a simulation and its Context.
+    """A `RecedingHorizon` that keeps its counts after the simulation and its Context are gone.
 
-    - ``counts``: what its output ``replans`` was last (3,).
+    - ``counts``: last value of the output ``replans`` (3,).
     """
 
     __slots__ = ()  # see limb_systems.drake_python

@@ -1,5 +1,6 @@
-"""Sweeps: every combination of limbs, motions, tasks and controllers, planned and driven."""
+"""Sweeps: plan and drive every combination of limbs, motions, tasks and controllers."""
 
+import collections
 import copy
 import csv
 import dataclasses
@@ -25,11 +26,11 @@ from limb_systems.files.schema import shown
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import Task, plan
 from soft_limb.runs.jobs import run_each
-from soft_limb.runs.plan_run import reference_from_file
-from soft_limb.runs.rollout import OPEN, controller_of
+from soft_limb.runs.plan_run import load_reference
+from soft_limb.runs.rollout import OPEN_LOOP, make_controller
 
-# Of a run, beside what names it; angles in degrees, mean distances of the true bend.
-RESULTS = (
+# Columns of the results of a run; angles are mean distances of the true bend, in degrees.
+RESULT_COLUMNS = (
     "reference_deg",
     "planned_deg",
     "plan_deg",
@@ -48,11 +49,11 @@ class Case:
     - ``smoothing_time``: window over which a recording's bend angle is smoothed, s.
     - ``limb``: parameters that the plan is made for.
     - ``fields``: varied fields of the limb, with their values.
-    - ``task``, ``weights``: name of the task, and the task; None for the default one.
+    - ``task``, ``weights``: name of the task, and the task; None for the default task.
+    - ``problem``: hash of limb, reference and task.
     - ``controller``: key in `CONTROLLERS`.
-    - ``problem``: digits that differ for any other limb, reference or task.
-    - ``physics``, ``seed``: emulated limb that is driven; the limb that ``limb`` was calibrated on
-      if the seed is None.
+    - ``physics``, ``seed``: emulated limb to drive; the limb that ``limb`` was calibrated on if
+      the seed is None.
     """
 
     motion: str
@@ -68,7 +69,7 @@ class Case:
 
     @property
     def name(self) -> dict[str, str]:
-        """The row's cells that tell it from others."""
+        """The cells that identify the row of this case in the table."""
         return {
             "problem": self.problem,
             **{field: f"{value:.12g}" for field, value in self.fields},
@@ -80,128 +81,133 @@ class Case:
         }
 
 
-def cases(
+def make_cases(
     limb: LimbParameters,
     motions: Sequence[str],
     *,
     smoothing_time: float = 0.5,
     vary: Sequence[tuple[str, Sequence[float]]] = (),
     tasks: dict[str, Task] | None = None,
-    controllers: Sequence[str] = (OPEN,),
+    controllers: Sequence[str] = (OPEN_LOOP,),
     physics: Sequence[str] = ("lumped",),
     seeds: Sequence[int] | None = None,
 ) -> list[Case]:
-    """Return all combinations; those with the same plan are beside each other.
+    """Return all combinations; the cases of one plan follow each other.
 
     Args:
-        limb: the description, around which limbs are drawn by their seeds, or the calibrated limb.
+        limb: a description, around which the seeds draw emulated limbs, or a calibrated limb.
         motions, smoothing_time: see `Case`.
         vary: fields of the limb, such as ``segments.0.stiffness``, and their values.
-        tasks: tasks by name; if None the default, and with a controller `Task.closed_loop`.
+        tasks: tasks by name; if None the default task, or `Task.closed_loop` with a controller.
         controllers: keys in `CONTROLLERS`.
         physics: keys in `hardware.emulation.twin.SPECIMENS`.
-        seeds: limbs' seeds; if None the limb that this one was calibrated on, or seed 0.
+        seeds: seeds of emulated limbs; if None the limb that ``limb`` was calibrated on, or 0.
 
     Raises:
         LimbError: if there is no such field or physics, a value is not possible, or there are
-            seeds but the limb was calibrated on an emulated one.
+            seeds but the limb was calibrated on an emulated limb.
     """
+    # Choose the emulated limbs.
     calibrated = emulated_limb(limb.board)
     if calibrated and seeds is not None:
         raise LimbError(
-            f"This limb was calibrated on the emulated limb {calibrated.seed}, which it drives; "
-            "leave --seeds out, or give the description that limbs are drawn around."
+            f"This limb was calibrated on the emulated limb {calibrated.seed}, which the sweep "
+            "drives; leave --seeds out, or give a description to draw limbs around."
         )
-    drawn: list[tuple[str, int | None]] = [(calibrated.physics, None)] if calibrated else []
-    drawn = drawn or [(p, seed) for p in physics for seed in (seeds if seeds is not None else [0])]
-    for name, _ in drawn:
-        specimen_class(name)
-    found = []
+    specimens: list[tuple[str, int | None]] = [(calibrated.physics, None)] if calibrated else []
+    if not specimens:
+        specimens += itertools.product(physics, [0] if seeds is None else seeds)
+    for name, _ in specimens:
+        specimen_class(name)  # raises LimbError if there are no such physics
+    # Combine them with limbs, motions, controllers and tasks.
+    cases = []
+    names = [name for name, _ in vary]
     for values in itertools.product(*(values for _, values in vary)):
-        fields = tuple(zip((field for field, _ in vary), values, strict=True))
+        fields = tuple(zip(names, values, strict=True))
         varied = _with_fields(limb, fields)
         for motion, controller in itertools.product(motions, controllers):
             default = (
-                {"default": None} if controller == OPEN else {"closed loop": Task.closed_loop()}
+                {"default": None}
+                if controller == OPEN_LOOP
+                else {"closed loop": Task.closed_loop()}
             )
             for task, weights in (tasks or default).items():
-                problem = _digest(varied, reference_from_file(motion, smoothing_time), weights)
-                case = functools.partial(
-                    Case, motion, smoothing_time, varied, fields, task, weights, problem, controller
-                )
-                found += [case(*which) for which in drawn]
-    return found
+                problem = _digest(varied, load_reference(motion, smoothing_time), weights)
+                plan_fields = (motion, smoothing_time, varied, fields, task, weights, problem)
+                cases += [Case(*plan_fields, controller, *specimen) for specimen in specimens]
+    return cases
 
 
-def _digest(limb: LimbParameters, course: trajectories.Trajectory, weights: Task | None) -> str:
-    """Return digits that differ for any other limb, reference or task."""
-    times = np.linspace(course.start_time(), course.end_time(), 1001)
-    whole = limb.digest, times.tolist(), course.vector_values(times).tolist(), weights
-    return hashlib.sha256(repr(whole).encode()).hexdigest()[:12]
+def _digest(limb: LimbParameters, motion: trajectories.Trajectory, weights: Task | None) -> str:
+    """Return a hash of limb, reference and task."""
+    times = np.linspace(motion.start_time(), motion.end_time(), 1001)
+    inputs = limb.digest, times.tolist(), motion.vector_values(times).tolist(), weights
+    return hashlib.sha256(repr(inputs).encode()).hexdigest()[:12]
 
 
 def _with_fields(described: LimbParameters, fields: Sequence[tuple[str, float]]) -> LimbParameters:
-    """A limb with other values of some fields."""
+    """Return a limb with new values in some fields, such as ``segments.0.stiffness``."""
     limb: Any = copy.deepcopy(described)
     for path, value in fields:
-        *way, last = path.split(".")
+        *parents, last = path.split(".")
         try:
-            owner = functools.reduce(_part, way, limb)
-            whole = isinstance(_part(owner, last), int) and float(value).is_integer()
-            setattr(owner, last, int(value) if whole else float(value))
+            owner = functools.reduce(_get_part, parents, limb)
+            is_count = isinstance(_get_part(owner, last), int) and float(value).is_integer()
+            setattr(owner, last, int(value) if is_count else float(value))
         except (AttributeError, IndexError, TypeError, ValueError):
             raise LimbError(
-                f"{shown(path)} is no number in the description of this limb; fields of its parts "
-                "are written as segments.0.stiffness or segments.0.wires.1.law.a2."
+                f"{shown(path)} is no number in the description of this limb; name a field as in "
+                "segments.0.stiffness or segments.0.wires.1.law.a2."
             ) from None
     limb.validate()
     return limb
 
 
-def _part(owner: Any, name: str) -> Any:
+def _get_part(owner: Any, name: str) -> Any:
+    """Return an item of a list or an attribute; raise TypeError if it is no number or part."""
     part = owner[int(name)] if isinstance(owner, list) else getattr(owner, name)
     if part is None or isinstance(part, str | bool) or callable(part):
         raise TypeError
     return part
 
 
-# The last plan of this process, as cases of one plan come one after the other.
-_last: dict[str, tuple[Trajectory, float]] = {}
+# The last plan of this process; the cases of one plan come one after the other.
+_last_plan: dict[str, tuple[Trajectory, float]] = {}
 
 
-def _planned(case: Case) -> tuple[Trajectory, float]:
-    """Return a plan, and how long it took, s."""
-    if case.problem not in _last:
+def _plan_case(case: Case) -> tuple[Trajectory, float]:
+    """Return the plan of a case, and the time that planning took, s."""
+    if case.problem not in _last_plan:
         start = time.perf_counter()
-        reference = reference_from_file(case.motion, case.smoothing_time)
+        reference = load_reference(case.motion, case.smoothing_time)
         trajectory = plan(case.limb, reference, task=case.weights)
-        _last.clear()
-        _last[case.problem] = trajectory, time.perf_counter() - start
-    return _last[case.problem]
+        _last_plan.clear()
+        _last_plan[case.problem] = trajectory, time.perf_counter() - start
+    return _last_plan[case.problem]
 
 
-def run(case: Case) -> dict[str, str]:
+def run_case(case: Case) -> dict[str, str]:
     """Plan a case, drive the emulated limb along the plan, and return the row."""
-    row = dict.fromkeys(RESULTS, "")
+    row = dict.fromkeys(RESULT_COLUMNS, "")
     try:
-        trajectory, seconds = _planned(case)
+        # Plan, and drive the emulated limb.
+        trajectory, seconds = _plan_case(case)
         row["planning_s"] = f"{seconds:.3g}"
         if case.seed is None:
             twin = LimbTwin.of(case.limb)
         else:
             twin = LimbTwin(case.limb, seed=case.seed, physics=case.physics)
-        controller = controller_of(case.controller, trajectory)
+        controller = make_controller(case.controller, trajectory)
         recording = replay(trajectory, twin.after_rest(truth=True), controller=controller)
+        # Compare the true bend with reference and plan.
         truth = true_bend(recording)
-        from_reference = reference_distances(trajectory, [truth])
-        assert from_reference.done is not None  # of a recording
-        angles = {
-            "reference_deg": from_reference.done,
-            "planned_deg": from_reference.planned,
-            "plan_deg": tracking_errors(trajectory, [truth]).mean,
-        }
-        row |= {name: f"{np.rad2deg(angle):.4f}" for name, angle in angles.items()}
-        assert recording.wire_temperature is not None
+        distances = reference_distances(trajectory, [truth])
+        error = tracking_errors(trajectory, [truth]).mean
+        assert distances.done is not None  # there is a recording
+        assert recording.wire_temperature is not None  # the emulation knows it
+        row["reference_deg"] = f"{np.rad2deg(distances.done):.4f}"
+        row["planned_deg"] = f"{np.rad2deg(distances.planned):.4f}"
+        row["plan_deg"] = f"{np.rad2deg(error):.4f}"
         row["highest_reading_c"] = f"{recording.measured_temperature.max():.2f}"
         row["highest_wire_c"] = f"{recording.wire_temperature.max():.2f}"
         row["trouble"] = recording.interrupted or ""
@@ -218,42 +224,45 @@ def sweep(
     num_processes: int = 1,
     cluster: str | None = None,
 ) -> list[dict[str, str]]:
-    """Runs the cases that a file does not have yet, and writes each row when it is there.
+    """Run the cases that a file does not have yet, and append each row when it is complete.
 
     Args:
-        wanted: with the same fields.
-        file: table (.csv), which goes on where it ended; rows of other cases stay in it.
-        tell: is called with how many of the rows there are.
+        wanted: cases that vary the same fields.
+        file: table (.csv) to continue; rows of other cases stay in it.
+        tell: function that is called with the number of complete cases.
         num_processes, cluster: as for `run_each`.
 
     Returns:
         The rows of the cases, in their order.
 
     Raises:
-        LimbError: if the file is not that of a sweep of these fields.
+        LimbError: if the file is not the table of a sweep of these fields.
     """
     names = [case.name for case in wanted]
-    columns = [*names[0], *RESULTS]
+    columns = [*names[0], *RESULT_COLUMNS]
 
     def key(row: dict[str, str]) -> tuple[str, ...]:
         return tuple(row[column] for column in names[0])
 
-    rows = _rows(file, columns)
+    # Drop a row that an interruption has cut off.
+    rows = _complete_rows(file, columns)
     write_atomically(file, _table([columns, *(list(row.values()) for row in rows)]))
-    found = {key(row): row for row in rows}
-    missing = [case for case, name in zip(wanted, names, strict=True) if key(name) not in found]
-    done = len(wanted) - len(missing)
-    tell(done)
-    for row in run_each(run, missing, num_processes, cluster=cluster):
-        found[key(row)] = row
+    # Run the cases that have no row.
+    row_of = {key(row): row for row in rows}
+    missing = [case for case in wanted if key(case.name) not in row_of]
+    num_done = len(wanted) - len(missing)
+    tell(num_done)
+    for row in run_each(run_case, missing, num_processes, cluster=cluster):
+        row_of[key(row)] = row
         with file.open("a", newline="", encoding="utf-8") as table:
             table.write(_table([list(row.values())]))
-        tell(done := done + 1)
-    return [found[key(name)] for name in names]
+        num_done += 1
+        tell(num_done)
+    return [row_of[key(name)] for name in names]
 
 
-def _rows(file: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """Return the whole rows of a file; none if there is no file."""
+def _complete_rows(file: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """Return the complete rows of a table; none if there is no file."""
     if not file.exists():
         return []
     with file.open(newline="", encoding="utf-8") as table:
@@ -263,7 +272,7 @@ def _rows(file: Path, columns: Sequence[str]) -> list[dict[str, str]]:
                 f"{file} is not the table of a sweep of these fields; give another name, or "
                 "--force to replace it."
             )
-        return [row for row in reader if None not in row.values()]  # a row may be half-written
+        return [row for row in reader if None not in row.values()]
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:
@@ -272,18 +281,20 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
     return text.getvalue()
 
 
-def means(rows: Sequence[dict[str, str]]) -> Iterator[list[str]]:
-    """A header, and a row for the limbs of each combination: means of angles, highest V and T."""
-    sorts = [name for name in rows[0] if name not in ("problem", "seed", *RESULTS)]
-    yield [*sorts, "runs", "from reference", "plan from it", "from plan", "V", "T", "troubles"]
-    groups: dict[tuple[str, ...], list[dict[str, str]]] = {}
+def mean_table(rows: Sequence[dict[str, str]]) -> Iterator[list[str]]:
+    """Yield a header, and a row for each combination: mean angles, highest V and T over limbs."""
+    groupers = [name for name in rows[0] if name not in ("problem", "seed", *RESULT_COLUMNS)]
+    yield [*groupers, "runs", "from reference", "plan from it", "from plan", "V", "T", "troubles"]
+    # Group the rows by all but the limb.
+    groups = collections.defaultdict(list)
     for row in rows:
-        groups.setdefault(tuple(row[name] for name in sorts), []).append(row)
+        groups[tuple(row[name] for name in groupers)].append(row)
+    # Average the runs that were driven; others have an error.
     for group, runs in groups.items():
         driven = [row for row in runs if row["reference_deg"]]
-        columns = np.array([[float(row[name]) for name in RESULTS[:5]] for row in driven])
+        numbers = np.array([[float(row[name]) for name in RESULT_COLUMNS[:5]] for row in driven])
         cells = [""] * 5
         if driven:
-            cells = [f"{mean:.2f}°" for mean in columns[:, :3].mean(axis=0)]
-            cells += [f"{highest:.0f} °C" for highest in columns[:, 3:].max(axis=0)]
+            cells = [f"{mean:.2f}°" for mean in numbers[:, :3].mean(axis=0)]
+            cells += [f"{highest:.0f} °C" for highest in numbers[:, 3:].max(axis=0)]
         yield [*group, str(len(runs)), *cells, str(sum(bool(row["trouble"]) for row in runs))]

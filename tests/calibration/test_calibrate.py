@@ -278,11 +278,11 @@ def test_remarks_are_ranked(emulated_folder, capsys, tmp_path):
     fit = ["fit", str(emulated_folder), "-o", str(limb), "--report", str(report)]
     assert main([*fit, "--method", "paper"]) == 0
     said, page = capsys.readouterr().out, html.unescape(report.read_text(encoding="utf-8"))
-    ranked = re.findall("^(?:remarks)? +((?:stop|care|note): .*)$", said, re.MULTILINE)
-    ranks = [["stop", "care", "note"].index(remark.split(":")[0]) for remark in ranked]
+    ranked_remarks = re.findall("^(?:remarks)? +((?:stop|care|note): .*)$", said, re.MULTILINE)
+    ranks = [["stop", "care", "note"].index(remark.split(":")[0]) for remark in ranked_remarks]
     assert ranks == sorted(ranks)
     assert {1, 2} <= set(ranks)
-    places = [page.index(line) for line in ranked]
+    places = [page.index(line) for line in ranked_remarks]
     assert places == sorted(places)
     assert page.count('<figure class="chart"') == 5  # validation, stiffness, damping, each wire
     found, both = LimbParameters.load(limb), emulated_folder / "both.csv"

@@ -26,7 +26,7 @@ from calibration import (
     validate,
 )
 from calibration.prediction.heated_run import HeatedRun
-from calibration.recordings.files import read_folder, usable_recordings
+from calibration.recordings.files import read_folder, select_usable
 from calibration.recordings.recording_checks import frozen_since
 from calibration.recordings.repair import select_samples
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
@@ -329,6 +329,6 @@ def test_a_sensor_that_freezes_on_the_way_is_cut_there(emulated_folder):
         frozen = dataclasses.replace(motion, **{name: readings})
         with pytest.raises(CalibrationError, match="repeats one reading from 25"):
             check_recording(frozen)
-        found = usable_recordings({"motion": [frozen]})
+        found = select_usable({"motion": [frozen]})
         assert found.heated["motion"][0].time[-1] < 25.0
         assert "repeats one reading" in str(found.left_out[0])

@@ -456,7 +456,7 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
     monkeypatch.setattr("soft_limb.commands.calibration.BoardLink", mock.MagicMock())
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert main(arguments) == 1
-    assert "error: There is no terminal to press Enter in" in capsys.readouterr().err
+    assert "but there is no terminal; run it in a terminal" in capsys.readouterr().err
 
 
 def test_command_collects_three_wires_from_a_robot_as_four_kinds(short_excitations, tmp_path):

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from ros_bridge import node
 from ros_bridge.drive import ARMED, RUNNING, Driver
-from ros_bridge.messages import Heard, Listener, Topics, Written
+from ros_bridge.messages import Listener, ReceivedCommands, ReceivedMessage, Topics
 
 from limb_systems import LimbParameters
 from planners import plan, references
@@ -72,7 +72,7 @@ def peer(bridge, domain):
     return peer
 
 
-def test_names_are_those_that_ros_2_makes(peer):
+def test_names_are_mangled_as_in_ros_2(peer):
     def found(kind):
         reader = BuiltinDataReader(peer.participant, kind)
         return {
@@ -110,7 +110,7 @@ def test_publishes_what_is_measured_in_si(peer):
 
 
 def test_duty_ends_with_its_publisher(peer, domain):
-    """Which is killed: nothing says goodbye."""
+    """The publisher is killed, and sends no last message."""
     command = [sys.executable, ros_peer.__file__, str(domain)]
     publisher = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
@@ -164,16 +164,16 @@ class Network:
         self.now = 100.0
 
     def write(self, *duty, writer=1, **options):
-        self.listener.hear([Written("/cmd_u_t", writer, duty, **options)], self.now)
+        self.listener.receive([ReceivedMessage("/cmd_u_t", writer, duty, **options)], self.now)
 
     def wait(self, seconds):
         for _ in range(round(seconds / 0.01)):
             self.now += 0.01
-            self.listener.hear([], self.now)
+            self.listener.receive([], self.now)
 
     def duty(self, measured=25.0):
         self.wait(0.05)
-        return self.driver.duty(self.listener.heard, np.full(2, measured), self.now).tolist()
+        return self.driver.duty(self.listener.received, np.full(2, measured), self.now).tolist()
 
 
 def test_the_first_writer_has_the_topic():
@@ -223,16 +223,16 @@ def test_no_duty_is_applied_when_it_is_older_than_250_ms_or_on_hot_wires():
     assert network.duty() == [0.0, 0.2]
 
 
-def test_a_plan_starts_when_it_may(fig5_plan):
+def test_a_plan_starts_from_cold_wires_without_another_writer(fig5_plan):
     network = Network(plan=fig5_plan)
 
     def ask(run):
-        network.listener.hear([Written("/limb/run", 1, run)], network.now)
+        network.listener.receive([ReceivedMessage("/limb/run", 1, run)], network.now)
 
     network.write(0.0, 0.2)
     ask(True)
     network.duty()
-    assert "somebody commands" in network.driver.why
+    assert "another program commands" in network.driver.why
     network.wait(3.0)
     ask(True)
     network.duty(measured=60.0)
@@ -304,6 +304,6 @@ def test_rclpy_is_used_where_it_is(monkeypatch):
     publishers["/cmd_u_t"] = 2
     waiting.append(lambda: callbacks["/cmd_u_t"](duty))
     listener = Listener(Topics(), 2, 1.5)
-    listener.hear(ours.take(), 1.0)
-    assert "several publishers" in listener.heard.refused
-    assert listener.heard.duty is Heard().duty is None
+    listener.receive(ours.take(), 1.0)
+    assert "several publishers" in listener.received.refused
+    assert listener.received.duty is ReceivedCommands().duty is None

@@ -40,7 +40,7 @@ def path(recording, tmp_path):
 
 @pytest.fixture
 def table(path):
-    """What pandas makes of the CSV."""
+    """Return the CSV as pandas reads it."""
     return pandas.read_csv(path, comment="#", index_col="time_s")
 
 
@@ -137,7 +137,7 @@ def test_a_log_becomes_a_csv_that_import_reads(tmp_path, kind):
     np.testing.assert_allclose(read.duty[0][1:], duty[:-1], atol=1e-9)  # since the row before
 
 
-def test_what_cannot_be_converted_is_refused(path, tmp_path, capsys):
+def test_other_files_are_not_converted(path, tmp_path, capsys):
     (tmp_path / "empty.mcap").write_bytes(b"")
     for words, said in (
         ([path, "-o", tmp_path / "x.csv"], "cannot become"),

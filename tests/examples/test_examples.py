@@ -37,7 +37,7 @@ PNG = b"\x89PNG"
 
 
 def run(arguments, folder):
-    """What a script says, started in a folder; in this process, which has imported Drake."""
+    """Run a script in a folder and return its output; in this process, which has Drake."""
     said, words = io.StringIO(), list(map(str, arguments))
     with (
         contextlib.chdir(folder),

@@ -61,6 +61,6 @@ def test_both_sides_are_alike():
         (LimbParameters.in_space(), [0.085, 0.035], 0.1, "planar limbs of one segment"),
     ],
 )
-def test_a_grip_that_cannot_be_had_is_refused(limb, center, force, said):
+def test_impossible_grips_are_refused(limb, center, force, said):
     with pytest.raises(LimbError, match=said):
         grip(limb, center, RADIUS, force)

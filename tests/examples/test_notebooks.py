@@ -49,7 +49,7 @@ def code_cells(notebook):
 
 
 def said(notebook):
-    """What it printed."""
+    """Return the text that a notebook printed."""
     outputs = [output for cell in code_cells(notebook) for output in cell.outputs]
     return "".join(output.text for output in outputs if output.output_type == "stream")
 
@@ -125,7 +125,7 @@ CHECKS = [
 ]
 
 
-def test_notebooks_are_stored_without_what_running_them_leaves():
+def test_notebooks_are_stored_without_outputs():
     for path in NOTEBOOKS:
         notebook = nbformat.read(path, as_version=4)
         nbformat.validate(notebook)

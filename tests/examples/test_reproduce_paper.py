@@ -21,7 +21,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from reproduce_paper import error_split, tables
 from reproduce_paper import experiment as experiments
-from reproduce_paper.ways import LEARNING, BendPath, Way
+from reproduce_paper.driving import LEARNING, BendPath, PlanWithRollouts
 from scipy.interpolate import CubicSpline
 
 from calibration import calibrate, collect_from_twin
@@ -63,7 +63,7 @@ def demo(tmp_path_factory):
             PAUSE=20.0,
         ),
         mock.patch("calibration.prediction.law_fit.MAX_ITERATIONS", 4),
-        mock.patch("reproduce_paper.ways.PAUSE", 20.0),
+        mock.patch("reproduce_paper.driving.PAUSE", 20.0),
         mock.patch.object(sys, "argv", ["demo.py", str(folder)]),
         contextlib.redirect_stdout(said),
         contextlib.redirect_stderr(complained),
@@ -75,7 +75,7 @@ def demo(tmp_path_factory):
 
 
 @pytest.mark.whole
-def test_demo_leaves_what_it_promises(demo, look_at):
+def test_demo_writes_all_files(demo, look_at):
     folder, said, complained = demo
     assert all(
         re.match("simulating|calibrating|planning", line) for line in complained.splitlines()
@@ -96,7 +96,7 @@ def test_demo_leaves_what_it_promises(demo, look_at):
 
 
 @pytest.mark.whole
-def test_table_1_is_that_of_the_files(demo):
+def test_table_1_agrees_with_the_files(demo):
     folder, said, _ = demo
     (summary,) = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     assert summary["seed"] == 0
@@ -169,7 +169,7 @@ def test_bend_is_read_late_absent_or_held():
     np.testing.assert_allclose(seen(delay=0.1), np.maximum(1.0, 0.9 + time), atol=1e-9)
     absent = seen(start=1.0, absence=0.5)
     assert np.flatnonzero(np.isnan(absent)).tolist() == list(range(20, 30))
-    held = seen(start=1.0, absence=0.5, held=True)
+    held = seen(start=1.0, absence=0.5, hold_last=True)
     np.testing.assert_allclose(held[20:30], 1.95)  # the last reading before
     np.testing.assert_allclose(np.delete(held, np.s_[20:30]), np.delete(1 + time, np.s_[20:30]))
 
@@ -194,14 +194,18 @@ def driven():
     fitted = np.array([unknown.center for unknown in unknowns])
     covariance = np.eye(len(unknowns))
     segment, nobody = calibrated.segments[0], np.empty((0, 3))
-    fit = LawFit(LinearLaw, segment, unknowns, fitted, covariance, 25.0, nobody, [])
+    fit = LawFit(
+        LinearLaw, segment, unknowns, fitted, covariance, 25.0, nobody, [], np.full(2, 100.0)
+    )
     calibration = SimpleNamespace(
         parameters=calibrated,
         prediction=SimpleNamespace(fit=fit, best=SimpleNamespace(name="LinearLaw")),
     )
 
     def experiment(rollouts):
-        ways = {name: Way(trajectory, recordings) for name, recordings in rollouts.items()}
+        ways = {
+            name: PlanWithRollouts(trajectory, recordings) for name, recordings in rollouts.items()
+        }
         split = error_split.error_split(calibration, ways)
         driven = {name: {"open loop": way} for name, way in ways.items()}
         return experiments.Experiment(
@@ -273,7 +277,7 @@ def test_hands_move_through_their_points_as_the_paper_says():
     for name, file in experiments.HANDS.items():
         times, degrees = np.loadtxt(Path(experiments.__file__).with_name(file), delimiter=",").T
         assert (times[0], times[-1]) == (0.0, 60.0)
-        course = experiments.hand_course(name)
+        course = experiments.taught_motion(name)
         assert np.rad2deg(course.vector_values(times)[0]) == pytest.approx(degrees)
         rates = course.MakeDerivative().vector_values(fine)[0]
         np.testing.assert_allclose(rates[[0, -1]], 0.0, atol=1e-12)

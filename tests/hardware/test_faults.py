@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 from ros_bridge.drive import drive
-from ros_bridge.messages import Heard
+from ros_bridge.messages import ReceivedCommands
 
 from hardware import BoardLink, HardwareError, SerialLimb, replay
 from hardware.firmware import guard, heat
@@ -89,10 +89,10 @@ def test_a_bridge_that_is_told_to_stop(virtual_time, emulator, monkeypatch):
         """In place of the process on the network: somebody commands all the time."""
 
         def __init__(self, *_):
-            self.tell, self.close = told.append, lambda: None
+            self.publish, self.close = told.append, lambda: None
 
-        def hear(self):
-            return Heard(duty=[0.0, 0.2], born=virtual_time.monotonic())
+        def receive(self):
+            return ReceivedCommands(duty=[0.0, 0.2], born=virtual_time.monotonic())
 
     monkeypatch.setattr("ros_bridge.drive.NodeProcess", Node)
 

@@ -167,7 +167,7 @@ def test_a_page_that_freezes_and_dies_changes_nothing(virtual_time, emulator, be
         virtual_time.when(is_hot, lambda: os.kill(live._process.pid, signal.SIGSTOP), after=0.3)
         virtual_time.when(is_hot, kill, after=0.6)
         recording = replay(beginning, limb, journal=tmp_path / "journal.csv", live=live)
-        with pytest.warns(UserWarning, match="page's process ended before"):
+        with pytest.warns(UserWarning, match="page's process died"):
             live.end("done")
     assert len(recording.time) == len(Recording.load(tmp_path / "journal.csv").time) == 21
     assert limb.link.lost_samples == 0

@@ -23,7 +23,7 @@ from limb_systems import (
 )
 from planners import plan, references
 from soft_limb.command import main
-from soft_limb.runs.rollout import controller_of
+from soft_limb.runs.rollout import make_controller
 from walking import BodyParameters, RobotLimb, RobotParameters
 
 from .conftest import SimulatedBoard, VirtualBoard, start_heating, wait_for
@@ -103,7 +103,7 @@ def test_a_bad_reading_is_recorded_as_none_and_ends_no_run(
     recording = replay(
         short_plan,
         limb,
-        controller=controller_of(controller, short_plan),
+        controller=make_controller(controller, short_plan),
         journal=tmp_path / "journal.csv",
     )
     assert recording.interrupted == ""

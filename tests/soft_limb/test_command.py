@@ -1,4 +1,4 @@
-"""Commands end with a sentence and the exit status that their help promises."""
+"""Commands end with one sentence and the exit status that their help documents."""
 
 import gc
 import importlib
@@ -23,7 +23,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @pytest.fixture(autouse=True)
 def handlers():
-    """Puts the signals' handlers back."""
+    """Restore the handlers of the signals."""
     kept = {number: signal.getsignal(number) for number in SIGNALS}
     yield
     for number, handler in kept.items():
@@ -46,7 +46,7 @@ def test_an_error_and_a_warning_are_a_sentence_each(capsys):
     assert capsys.readouterr().err == "warning: these are radians\n"
 
 
-def test_every_command_explains_itself_with_examples_that_it_takes(capsys):
+def test_help_of_every_command_has_valid_examples(capsys):
     for name, (home, _) in all_commands().items():
         with pytest.raises(SystemExit) as ended:
             main([name, "--help"])
@@ -101,14 +101,14 @@ def test_a_signal_whose_exception_is_lost_still_ends_it(then, capfd):
 
 
 def run_script(text):
-    """Exit status, output and errors of a script in a process of its own."""
+    """Return exit status, output and errors of a script in its own process."""
     done = subprocess.run(
         [sys.executable, "-c", text], cwd=ROOT, capture_output=True, text=True, check=False
     )
     return done.returncode, done.stdout, done.stderr
 
 
-def test_what_cannot_heed_signals_is_ended_at_once():
+def test_signals_end_code_that_cannot_handle_them():
     script = """
 import os, signal
 from hardware.board.signals import default_signal_handlers
@@ -162,9 +162,7 @@ def test_a_reader_that_went_away_gets_no_traceback():
     assert process.wait() == 1
 
 
-def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(
-    tmp_path, monkeypatch, capsys
-):
+def test_version_is_printed_and_unknown_commands_are_refused(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)  # where there are no results
     with pytest.raises(SystemExit):
         main(["--version"])
@@ -182,11 +180,11 @@ def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(
     assert "nowhere.csv" in capsys.readouterr().err
 
 
-def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path, monkeypatch, capsys):
-    """From a module in the folder of the command, as a lab has it; no file of YAML imports one."""
+def test_a_users_law_is_imported_for_a_command(tmp_path, monkeypatch, capsys):
+    """The module is in the folder of the command; a YAML file imports no module."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr("soft_limb.runs.jobs._folders", {})
+    monkeypatch.setattr("soft_limb.runs.jobs._module_folders", {})
     law = "import dataclasses, limb_systems\n@dataclasses.dataclass\n"
     law += "class MyOwnLaw(limb_systems.LinearLaw): pass\n"
     (tmp_path / "my_law_of_a_test.py").write_text(law)
@@ -222,7 +220,7 @@ def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path, monkeypatch, caps
         ("plan path.csv --tip -o out.csv", "two coordinates of the tip, .* write axes: 2 into"),
     ],
 )
-def test_input_that_makes_no_sense_is_one_sentence(line, said, tmp_path, monkeypatch, capsys):
+def test_invalid_input_gives_one_sentence(line, said, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty.csv").touch()
     (tmp_path / "mine.csv").write_text("0,0\n3,5\n")

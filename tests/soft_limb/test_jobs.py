@@ -1,4 +1,4 @@
-"""Many calls at once, on this machine and on others."""
+"""Calls in several processes, on this machine and on a cluster."""
 
 import os
 import sys
@@ -23,23 +23,23 @@ def _driven(plan):
 
 
 def _process(name):
-    """What a process is, and whether it knows a module."""
+    """Return number and stderr of this process, and whether it has imported a module."""
     return os.getpid(), os.readlink("/proc/self/fd/2"), name in sys.modules
 
 
 @pytest.fixture
-def module_of_ones_own(tmp_path, monkeypatch):
-    """The name of a module that this process has loaded from a folder."""
+def user_module(tmp_path, monkeypatch):
+    """Return the name of a module that this process has imported from a folder."""
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr("soft_limb.runs.jobs._folders", {})
-    (tmp_path / "limb_of_ones_own.py").touch()
-    load_module("limb_of_ones_own", tmp_path)
-    yield "limb_of_ones_own"
-    del sys.modules["limb_of_ones_own"]
+    monkeypatch.setattr("soft_limb.runs.jobs._module_folders", {})
+    (tmp_path / "user_limb.py").touch()
+    load_module("user_limb", tmp_path)
+    yield "user_limb"
+    del sys.modules["user_limb"]
 
 
-def test_processes_load_what_import_names_and_keep_off_the_terminal(module_of_ones_own):
-    for pid, errors, knows in run_each(_process, [module_of_ones_own] * 4, 2):
+def test_processes_import_user_modules_and_print_nothing(user_module):
+    for pid, errors, knows in run_each(_process, [user_module] * 4, 2):
         assert pid != os.getpid()
         assert errors == os.devnull
         assert knows
@@ -49,7 +49,7 @@ def test_processes_load_what_import_names_and_keep_off_the_terminal(module_of_on
 
 
 @pytest.mark.whole
-def test_runs_on_a_cluster_are_those_of_this_process(fig5_plan, module_of_ones_own):
+def test_runs_on_a_cluster_equal_runs_in_this_process(fig5_plan, user_module):
     distributed = pytest.importorskip(
         "distributed", reason="Dask is not installed: pip install -e '.[cluster]'"
     )
@@ -58,7 +58,7 @@ def test_runs_on_a_cluster_are_those_of_this_process(fig5_plan, module_of_ones_o
     ) as cluster:
         at = {"num_processes": 1, "cluster": cluster.scheduler_address}
         (there,) = run_each(_driven, [fig5_plan], **at)
-        ((_, _, knows),) = run_each(_process, [module_of_ones_own], **at)
+        ((_, _, knows),) = run_each(_process, [user_module], **at)
     assert knows
     np.testing.assert_array_equal(there.bend_angle, _driven(fig5_plan).bend_angle)
 

@@ -1,4 +1,4 @@
-"""The page of a folder: what it lists, and what belongs together."""
+"""The page of a folder: its list of results, and the links between them."""
 
 import dataclasses
 import os
@@ -22,7 +22,7 @@ def made(minute: int, command: str):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """A plan of a limb, recordings of it and of another plan, pages, and what is no result."""
+    """Return a folder with a limb, plans, recordings, pages, and files that are no results."""
     folder = tmp_path_factory.mktemp("labs") / "lab"
     (folder / "day 1").mkdir(parents=True)
     limb = LimbParameters(total_duty=1.25)
@@ -49,12 +49,12 @@ def folder(tmp_path_factory) -> Path:
 
 
 def linked(card: str, label: str) -> list[str]:
-    """The files to which a card says that its file belongs."""
+    """Return the files that a card links to under a label."""
     said = re.search(rf'<p class="soft">{label}\n(.*?)</p>', card, re.DOTALL)
     return re.findall(r">([^<]+)</a>", said[1]) if said else []
 
 
-def test_soft_limb_alone_lists_what_is_there_and_runs_writes_a_page(folder, monkeypatch, capsys):
+def test_results_are_listed_and_runs_writes_a_page(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     assert main([]) == 0
     said = capsys.readouterr().out

@@ -44,7 +44,7 @@ def test_plans_and_writes_a_trajectory_pictures_and_a_report(quick, tmp_path, ca
     look_at(report)
 
 
-def test_json_says_what_is_in_the_file(quick, tmp_path, capsys):
+def test_json_agrees_with_the_file(quick, tmp_path, capsys):
     """Here of a recording as the reference."""
     simulate(Limb(), [0.0, 0.05], 4.0).save(tmp_path / "taught.csv")
     output = tmp_path / "plan.csv"

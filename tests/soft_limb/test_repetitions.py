@@ -12,7 +12,7 @@ from limb_systems import Limb, LimbParameters, Recording, Trajectory
 from limb_systems.progress import Progress
 from planners import plan, references
 from soft_limb.command import main
-from soft_limb.runs.repetitions import PAUSE, repeat, rested_twins, wait_until_cool
+from soft_limb.runs.repetitions import REST_TIME, make_rested_twins, repeat, wait_for_cool_wires
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,9 @@ def plan_file(short_plan, tmp_path):
 
 
 def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("soft_limb.runs.repetitions.PAUSE", 1.0)  # of what takes longest to emulate
+    monkeypatch.setattr(
+        "soft_limb.runs.repetitions.REST_TIME", 1.0
+    )  # of what takes longest to emulate
     folder = tmp_path / "learned"
     assert main(["learn", plan_file, "-n", "2", "-o", str(folder)]) == 0
     said = capsys.readouterr()
@@ -103,16 +105,18 @@ def test_emulated_limbs_rest_between_repetitions(short_plan):
             rests.append(pause)
 
     learner = Learner(short_plan)
-    rested = rested_twins(Twin(), short_plan, learner)
+    rested = make_rested_twins(Twin(), short_plan, learner)
     rested()
     rested()
-    assert rests == [0.0, PAUSE]
+    assert rests == [0.0, REST_TIME]
 
 
 def test_robots_rest_until_their_wires_are_cool(short_plan):
     start = short_plan.measured_temperature[:, 0]
     readings = iter(np.add(start, [[1.0, 20.0], [0.0, 5.0], [-8.0, 2.9], [0.0, 0.0]]))
-    wait_until_cool(lambda: next(readings), short_plan, period=0.0)
+    wait_for_cool_wires(lambda: next(readings), short_plan, period=0.0)
     np.testing.assert_array_equal(next(readings), start)  # it did not look again
     with pytest.raises(ReplayError, match=r"the right wire is still at 45\.0 °C, but .* 25\.0 °C"):
-        wait_until_cool(lambda: np.add(start, [0.0, 20.0]), short_plan, longest=0.0, period=1e-3)
+        wait_for_cool_wires(
+            lambda: np.add(start, [0.0, 20.0]), short_plan, longest=0.0, period=1e-3
+        )

@@ -1,4 +1,4 @@
-"""Reports: what is in them is text, and what went wrong is said first."""
+"""Reports escape all texts, and begin with an interruption."""
 
 import dataclasses
 import html
@@ -49,7 +49,7 @@ def rollout(plan_like) -> Rollout:
 
 
 @pytest.mark.filterwarnings("ignore:Left out of the tracking errors")
-def test_a_report_begins_with_what_went_wrong(rollout, tmp_path, look_at):
+def test_a_report_begins_with_the_interruption(rollout, tmp_path, look_at):
     folder = tmp_path / "of <runs> & more"
     folder.mkdir()
     report = folder / "report.html"

@@ -1,4 +1,4 @@
-"""What ``show`` says of files, and what ``compare`` finds between them."""
+"""``soft-limb show`` prints result files, and ``soft-limb compare`` their differences."""
 
 import dataclasses
 import json
@@ -98,7 +98,7 @@ def shown(arguments, capsys) -> dict:
     return {file["file"]: file for file in json.loads(capsys.readouterr().out)["files"]}
 
 
-def test_show_says_what_each_file_is_and_what_made_it(folder, capsys):
+def test_show_prints_kind_contents_and_origin(folder, capsys):
     wanted = {
         "recording.csv": ("recording", "source", "emulated limb, seed 7"),
         "plan.csv": ("trajectory", "largest_difference_deg", 0.04),
@@ -128,7 +128,7 @@ def test_show_says_what_each_file_is_and_what_made_it(folder, capsys):
     assert re.search(r"^limb seed   7$", said, re.MULTILINE)
 
 
-def test_kinds_are_told_by_the_fields_that_there_are():
+def test_kinds_of_limb_and_robot_cover_all_fields():
     limb, robot = (
         {f.name for f in dataclasses.fields(c)} for c in (LimbParameters, RobotParameters)
     )
@@ -185,7 +185,7 @@ def test_compare_tells_a_shift_of_one_degree(folder, capsys):
     assert facts["differences"][0]["percentile_90"] == pytest.approx(1.0, abs=1e-9)
 
 
-def test_compare_tells_numbers_apart_with_no_more_digits_than_that_takes(folder):
+def test_compare_prints_the_digits_in_which_numbers_differ(folder):
     several = [
         Change("a", "s", [14.500000000000002, 20.0]),
         Change("b", "", [[14.500000000000002, 1.0], [14.6, 1.0]]),
@@ -211,10 +211,10 @@ def test_show_reads_a_reference(tmp_path, capsys):
     for line in ("duration    4 s", "points      3", "motion      bend -10.0° to 20.0°"):
         assert line in said.out
     assert said.err.startswith("error: ")
-    assert "list.csv is nothing that soft-limb writes, and no reference" in said.err
+    assert "list.csv is no file that soft-limb writes, and no reference" in said.err
 
 
-def test_the_page_has_all_runs_and_what_made_it(folder, capsys):
+def test_the_page_has_all_runs_and_their_origin(folder, capsys):
     make_recording(1.0).save("shifted.csv")
     order = ["compare", "plan.csv", "recording.csv", "shifted.csv", "-o", "compare.html"]
     assert main(order) == 0

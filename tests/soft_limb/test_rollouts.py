@@ -63,7 +63,7 @@ def test_an_emulated_replay_on_a_full_disk_keeps_what_was_measured(
     monkeypatch.setattr(Recording, "save", save)
     assert main(words) == 1
     said = capsys.readouterr().err
-    assert f"error: Cannot write {output}: No space left on device.\nWhat was measured is" in said
+    assert f"error: Cannot write {output}: No space left on device.\n{output} has what" in said
     np.testing.assert_array_equal(Recording.load(output).bend_angle, whole.bend_angle)
 
 
@@ -82,7 +82,7 @@ def test_deadlines_that_were_missed_are_counted(short_plan, tmp_path):
     assert "replans     8 begun, 2 late, 1 failed" in str(summary)
 
 
-def test_a_bend_that_heat_does_not_explain_is_told(short_plan):
+def test_a_bend_that_heat_does_not_explain_gives_a_warning(short_plan):
     """The sensor of a limb that rests drifts by 15° within 12 s."""
     recording = simulate(LimbTwin(), [0.0, 0.0], 12.0)
     drifted = recording.bend_angle + np.deg2rad(1.25) * recording.time
@@ -93,7 +93,7 @@ def test_a_bend_that_heat_does_not_explain_is_told(short_plan):
         assert (summary.to_json()["unexplained"]["longest_s"] > 5.0) == told
 
 
-def test_what_was_taught_is_followed(tmp_path, capsys):
+def test_follow_plans_and_tracks_a_taught_motion(tmp_path, capsys):
     """A motion that the limb cannot do in full: the report tells plan and reference apart."""
     (tmp_path / "taught.csv").write_text("0,0\n0.5,25\n4,25\n")
     folder = tmp_path / "followed"

@@ -1,4 +1,4 @@
-"""Sweeps: all combinations in one table, which goes on where it ended."""
+"""Sweeps: all combinations in one table, which a second run continues."""
 
 import csv
 
@@ -27,7 +27,7 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
-def test_a_row_is_what_plan_and_replay_make(sweep, tmp_path, capsys):
+def test_a_row_agrees_with_plan_and_replay(sweep, tmp_path, capsys):
     words = ("--vary", "segments.0.stiffness=0.11,0.12", "--seeds")
     assert sweep("--vary", "segments.0.stiffness=0.11", "--seeds", "3") == 0
     (only,) = rows(tmp_path)

@@ -86,7 +86,7 @@ def test_a_robot_is_not_recorded_on_one_port(tmp_path, capsys):
     words = ["collect", "-l", str(tmp_path / "robot.yaml"), "-o", str(tmp_path / "rec")]
     for port, sentence in (
         ("loop://", "give --port NAME=PORT for rear, front"),
-        ("left=loop://", "This robot has no limb left"),
+        ("left=loop://", "A port is given for left, but the limbs of this robot are rear, front"),
     ):
         assert main([*words, "-p", port]) == 1
         assert sentence in capsys.readouterr().err

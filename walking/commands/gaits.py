@@ -27,14 +27,14 @@ from soft_limb.commands.options import (
     Option,
     checked_outputs,
     count,
+    print_duration,
     print_summary,
     print_table,
     save_panels,
-    say_duration,
     shared,
 )
 from soft_limb.runs.jobs import run_each
-from soft_limb.runs.rollout import OPEN, record_replay
+from soft_limb.runs.rollout import OPEN_LOOP, record_replay
 from walking.commands.gait_summaries import gait_summary, walk_summary
 from walking.course import check_course
 from walking.gait import Gait
@@ -109,7 +109,7 @@ def _gait(options: argparse.Namespace) -> int:
         check_schedule(schedule, robot)
     schedules = schedules or sensible_schedules(robot)
     request.validate(robot, schedules[0])
-    say_duration(
+    print_duration(
         f"some seconds for each of {len(schedules)} schedules, and five to twenty to check one",
     )
     gait, refused = _best_gait(
@@ -557,9 +557,9 @@ COMMANDS = {
             ),
             Option(
                 "--controller",
-                choices=[STRIDES, BENDS, HEAT, OPEN],
+                choices=[STRIDES, BENDS, HEAT, OPEN_LOOP],
                 help=f"{STRIDES}: hold the bends, and correct their amplitude and duration by each "
-                f"stride; {BENDS}: hold the bends; {HEAT}: hold the temperatures; {OPEN}: the "
+                f"stride; {BENDS}: hold the bends; {HEAT}: hold the temperatures; {OPEN_LOOP}: the "
                 f"gait's duty (default in space {HEAT}; in a plane {STRIDES}, or {BENDS} on a "
                 "port, where no camera sees the body)",
             ),

@@ -1,6 +1,6 @@
-"""Messages of ROS 2 over DDS, by CycloneDDS alone.
+"""Exchange messages with ROS 2 over DDS, by CycloneDDS alone.
 
-Names of topics and types are mangled as ROS 2 does it: ``/cmd_u_t`` is ``rt/cmd_u_t``.
+Names of topics and types are mangled as in ROS 2: ``/cmd_u_t`` is ``rt/cmd_u_t``.
 """
 
 import collections
@@ -19,21 +19,21 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from ros_bridge.messages import LARGEST, Message, Topics, Written
+from ros_bridge.messages import MAX_MESSAGE_SIZE, Message, ReceivedMessage, Topics
 
-# Messages of all writers that wait to be read, so that no other writer's displace those of who
-# commands; of each writer only the newest is looked into.
-WAITING = 5000
+# Messages that wait to be read: so many that floods of other writers displace no command. Only the
+# newest message of each writer is decoded.
+QUEUE_LENGTH = 5000
 
 
 class Undecoded(bytes):
-    """A message as it came."""
+    """The bytes of a message."""
 
     sample_info: Any
 
 
 class _Message(IdlStruct):
-    """A message that is decoded only when it is looked into."""
+    """A message whose bytes are kept and decoded later."""
 
     @classmethod
     def deserialize(cls, data: bytes, *_: Any, **__: Any) -> Any:
@@ -55,7 +55,7 @@ class DdsNode:
     """A `Node` of the DDS domain ROS_DOMAIN_ID; 0 if that is not set.
 
     Its writers are reliable, so that any reader matches; its readers need reliable writers,
-    as those of ROS 2 are by default. Raises DDSException if there is no network, for example.
+    which is the default of ROS 2. Raises DDSException if there is no network, for example.
     """
 
     def __init__(self, topics: Topics):
@@ -63,7 +63,7 @@ class DdsNode:
         reliable = Policy.Reliability.Reliable(duration(milliseconds=100))
         kept, waiting = (
             Qos(reliable, Policy.History.KeepLast(n), Policy.WriterDataLifecycle(autodispose=False))
-            for n in (10, WAITING)
+            for n in (10, QUEUE_LENGTH)
         )
         written = {topics.sensors: Float64MultiArray, topics.plan: Float64MultiArray}
         written[topics.state] = String
@@ -77,29 +77,31 @@ class DdsNode:
         }
 
     def publish(self, topic: str, message: Message) -> None:
-        """Writes a message."""
+        """Write a message."""
         if isinstance(message, dict):
-            label, size = ",".join(message), len(message)
+            size = len(message)
+            label = ",".join(message)
             layout = Layout([Dimension(label, size, size)], 0)
             self._writers[topic].write(Float64MultiArray(layout, list(message.values())))
         else:
             self._writers[topic].write(String(message))
 
-    def take(self) -> list[Written]:
-        """The newest message of each writer since the last call."""
+    def take(self) -> list[ReceivedMessage]:
+        """Return the newest message of each writer since the last call."""
         return [written for name in self._readers for written in self._take(name)]
 
-    def _take(self, name: str) -> list[Written]:
+    def _take(self, name: str) -> list[ReceivedMessage]:
+        # Find the newest message of each writer, and count its messages.
         reader = self._readers[name]
         newest: dict[int, Any] = {}
         counts: collections.Counter[int] = collections.Counter()
-        for sample in reader.take(WAITING):
-            if isinstance(sample, Undecoded):  # not that a writer has gone
+        for sample in reader.take(QUEUE_LENGTH):
+            if isinstance(sample, Undecoded):  # else it tells that a writer has gone
                 writer = sample.sample_info.publication_handle
                 newest[writer] = sample
                 counts[writer] += 1
         return [
-            Written(
+            ReceivedMessage(
                 name,
                 writer,
                 _value(reader.topic.data_type.__idl__.deserialize, sample),
@@ -111,7 +113,7 @@ class DdsNode:
 
 
 def _value(decode: Callable[[bytes], Any], data: Undecoded) -> Any:
-    if len(data) > LARGEST:
+    if len(data) > MAX_MESSAGE_SIZE:
         return f"it has {len(data)} bytes"
     try:
         return decode(data).data

@@ -1,4 +1,4 @@
-"""Drives a limb by what comes on ROS 2 topics, and publishes what it does."""
+"""Drive a limb with the duty or the plan that ROS 2 topics command, and publish its state."""
 
 import contextlib
 import itertools
@@ -22,18 +22,18 @@ from hardware.replaying import START_TOLERANCE
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
 from limb_systems.limb_system import check_limb
 from limb_systems.simulation import PERIOD, failure_told, make_simulator
-from ros_bridge.messages import LATEST, SILENCE, Heard, Message, Topics
+from ros_bridge.messages import MAX_DUTY_AGE, START_SILENCE, Message, ReceivedCommands, Topics
 
-READY_TIME = 60.0  # s, in which the other process starts, on a computer that is busy
-DEAF = 20  # ticks without an answer of the other process
-FAREWELL = 3.0  # s, in which it ends
-# Of a duty when a command leaves: the next one leaves a period later.
-OLDEST = LATEST - PERIOD
+STARTUP_TIME = 60.0  # s, for the other process on a busy computer
+MAX_UNANSWERED = 20  # ticks without an answer of the other process
+EXIT_TIME = 3.0  # s, for the other process to end
+# s, when the command is sent: the duty is applied for one more period.
+MAX_COMMAND_AGE = MAX_DUTY_AGE - PERIOD
 ARMED, RUNNING, FAULT, IDLE = "armed", "running", "fault", "idle"
 
 
 class NodeProcess:
-    """The process that speaks to ROS 2, as the loop sees it, which never waits for it."""
+    """The connection to the process that speaks to ROS 2; the loop never waits for it."""
 
     def __init__(self, topics: Topics, parameters: LimbParameters):
         """
@@ -44,6 +44,7 @@ class NodeProcess:
         Raises:
             LimbError: if there is nothing to speak to ROS 2 with, or no network.
         """
+        # Start the process.
         self._pipe, theirs = Pipe()
         self._process = subprocess.Popen(
             [sys.executable, "-m", "ros_bridge.node", str(theirs.fileno())],
@@ -57,47 +58,50 @@ class NodeProcess:
             },
         )
         theirs.close()
-        self._heard, self._unanswered = Heard(), 0
+        self._received = ReceivedCommands()
+        self._unanswered = 0
+        # Wait until it is ready.
         try:
-            with _living():
+            with raising_if_dead():
                 self._pipe.send((topics, len(parameters.wires), parameters.total_duty))
-                trouble = self._pipe.recv() if self._pipe.poll(READY_TIME) else "it does not start"
-            if trouble:
+                error = self._pipe.recv() if self._pipe.poll(STARTUP_TIME) else "it does not start"
+            if error:
                 raise LimbError(
-                    f"There is no way to ROS 2: {trouble}. Without ROS 2 on this computer, the "
+                    f"The bridge cannot reach ROS 2: {error}. Without ROS 2 on this computer, the "
                     "bridge needs CycloneDDS: pip install cyclonedds."
                 )
         except BaseException:
             self.close()
             raise
 
-    def tell(self, messages: dict[str, Message]) -> None:
-        """Publishes messages on topics; LimbError if the process has died."""
+    def publish(self, messages: dict[str, Message]) -> None:
+        """Publish messages on topics; raise LimbError if the process has died."""
         self._unanswered += 1
-        with _living():
+        with raising_if_dead():
             self._pipe.send(list(messages.items()))
 
-    def hear(self) -> Heard:
-        """What was heard so far; LimbError if the process has died or is silent for a second."""
-        with _living():
+    def receive(self) -> ReceivedCommands:
+        """Return the received commands; raise LimbError if the process is dead or silent."""
+        with raising_if_dead():
             while self._pipe.poll():
-                self._heard, self._unanswered = self._pipe.recv(), 0
-        if self._unanswered > DEAF:
+                self._received = self._pipe.recv()
+                self._unanswered = 0
+        if self._unanswered > MAX_UNANSWERED:
             raise LimbError("The process that speaks to ROS 2 does not answer.")
-        return self._heard
+        return self._received
 
     def close(self) -> None:
-        """Ends the process, once it has published what it was told."""
+        """End the process after it has published all messages."""
         self._pipe.close()
         try:
-            self._process.wait(FAREWELL)
+            self._process.wait(EXIT_TIME)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
 
 
 @contextlib.contextmanager
-def _living() -> Iterator[None]:
+def raising_if_dead() -> Iterator[None]:
     try:
         yield
     except (EOFError, OSError) as error:
@@ -105,10 +109,10 @@ def _living() -> Iterator[None]:
 
 
 class Driver:
-    """Chooses the duty at each tick: that of a plan that runs, or a fresh one from the topic.
+    """Choose the duty at each tick: from the running plan, or a new duty from the topic.
 
     - ``state``: `ARMED` or `RUNNING`.
-    - ``why``: why the duty is zero, or what else is to be said; empty if there is nothing.
+    - ``why``: reason why the duty is zero, or a remark; may be empty.
     - ``applied``: the duty (W,).
     - ``age``: age of the newest duty, s; infinite if there was none.
     - ``plan_time``: time since the start of the plan, s; None if none runs.
@@ -120,37 +124,44 @@ class Driver:
             parameters: description of the limb.
             plan: trajectory that may be started.
         """
-        self.state, self.why, self.age = ARMED, "", np.inf
+        self.state = ARMED
+        self.why = ""
+        self.age = np.inf
         self.applied = np.zeros(len(parameters.wires))
         self.plan_time: float | None = None
-        self._parameters, self._plan = parameters, plan.since_start() if plan else None
-        self._start, self._requests = 0.0, 0
+        self._parameters = parameters
+        self._plan = plan.since_start() if plan else None
+        self._start = 0.0
+        self._requests = 0
         self._refused_start = ""
 
-    def duty(self, heard: Heard, measured: np.ndarray, now: float) -> np.ndarray:
-        """The duty (W,) to apply from now on for a period.
+    def duty(self, received: ReceivedCommands, measured: np.ndarray, now: float) -> np.ndarray:
+        """Return the duty (W,) to apply for the next period.
 
         Args:
-            heard: what was heard so far.
+            received: the commands that were received so far.
             measured: V (W,), °C.
             now: time, s of the monotonic clock.
         """
-        self.age = now - heard.born
-        if heard.requests != self._requests:
-            self._requests = heard.requests
-            self._heed(heard, measured, now)
-        duty, why = self._choose(heard, measured, now)
+        # Start or stop the plan if that was requested.
+        self.age = now - received.born
+        if received.requests != self._requests:
+            self._requests = received.requests
+            self._start_or_stop(received, measured, now)
+        # Choose the duty; it is zero if there is none.
+        duty, why = self._choose(received, measured, now)
         self.state = ARMED if duty is None else RUNNING
         self.why = "; ".join(filter(None, [self._refused_start, why]))
         self.applied = np.zeros(len(measured)) if duty is None else duty
         return self.applied
 
     def plan_message(self) -> dict[str, float] | None:
-        """What the plan that runs says of now; None if none runs."""
+        """Return reference, plan and duty at the present time; None if no plan runs."""
         if self.plan_time is None:
             return None
         assert self._plan
-        plan, time = self._plan, self.plan_time
+        plan = self._plan
+        time = self.plan_time
         return {
             "time_s": time,
             **_named("reference_{}_rad", plan.interpolated(plan.reference, time)),
@@ -158,21 +169,21 @@ class Driver:
             **_named("duty_{}", plan.interpolated(plan.duty, time), self._parameters.wire_names),
         }
 
-    def _heed(self, heard: Heard, measured: np.ndarray, now: float) -> None:
-        """Starts or stops the plan."""
+    def _start_or_stop(self, received: ReceivedCommands, measured: np.ndarray, now: float) -> None:
+        """Start or stop the plan, or note why it is not started."""
         self._refused_start = ""
-        if not heard.run:
+        if not received.run:
             self.plan_time = None
         elif self.plan_time is None:
-            self._refused_start = self._why_not_start(heard, measured)
+            self._refused_start = self._start_refusal(received, measured)
             if not self._refused_start:
                 self.plan_time, self._start = 0.0, now
 
-    def _why_not_start(self, heard: Heard, measured: np.ndarray) -> str:
+    def _start_refusal(self, received: ReceivedCommands, measured: np.ndarray) -> str:
         if self._plan is None:
-            return "the plan was not started: this bridge was given none"
-        if heard.duty is not None and self.age <= LATEST:
-            return "the plan was not started: somebody commands the duty"
+            return "the plan was not started: the bridge was started without --plan"
+        if received.duty is not None and self.age <= MAX_DUTY_AGE:
+            return "the plan was not started: another program commands the duty"
         away = np.abs(measured - self._plan.measured_temperature[:, 0]).max()
         if not away <= START_TOLERANCE:
             return (
@@ -181,23 +192,25 @@ class Driver:
         return ""
 
     def _choose(
-        self, heard: Heard, measured: np.ndarray, now: float
+        self, received: ReceivedCommands, measured: np.ndarray, now: float
     ) -> tuple[np.ndarray | None, str]:
+        # Take the duty of the running plan until its end.
         if self.plan_time is not None:
             assert self._plan
             self.plan_time = now - self._start
             if self.plan_time < self._plan.duration:
                 return self._plan.interpolated(self._plan.duty, self.plan_time), ""
             self.plan_time = None
-        if self.age > OLDEST:
+        # Take the newest duty of the topic if it is new and no wire is too hot.
+        if self.age > MAX_COMMAND_AGE:
             return None, "" if np.isinf(self.age) else "the newest duty is too old"
-        if heard.duty is None:
-            return None, f"the duty was refused: {heard.refused}"
+        if received.duty is None:
+            return None, f"the duty was refused: {received.refused}"
         limit = self._parameters.temperature_limits.maximum
         if not (highest := measured.max()) < limit:
             return None, f"a wire is at {highest:.1f} °C; temperature_limits.maximum is {limit:g}"
-        is_alone = now - heard.other > SILENCE
-        return np.array(heard.duty), "" if is_alone else "another writer of the duty is ignored"
+        is_alone = now - received.other > START_SILENCE
+        return np.array(received.duty), "" if is_alone else "another writer of the duty is ignored"
 
 
 def drive(
@@ -207,22 +220,24 @@ def drive(
     topics: Topics | None = None,
     output: Path | None = None,
 ) -> None:
-    """Drives a limb at 20 Hz, in real time, by what comes on ROS 2 topics, until a signal comes.
+    """Drive a limb at 20 Hz in real time as ROS 2 topics command, until a signal comes.
 
     Args:
         limb: a `SerialLimb`, which is closed at the end, or any other `LimbSystem`.
-        plan: trajectory that may be started, which was checked for this limb.
+        plan: trajectory that may be started; it must have been checked for this limb.
         topics: names of the topics.
         output: file of the recording; there is none if None.
 
     Raises:
         HardwareError: if the robot fails on the way.
-        LimbError: if an emulated limb cuts out, or there is no way to ROS 2, or no longer.
+        LimbError: if an emulated limb cuts out, or the connection to ROS 2 fails.
         OutputError: if the file cannot be written.
     """
     robot: Any = check_limb(limb)
     close = robot.close if limb.real_time else lambda: None
-    topics, end = topics or Topics(), (IDLE, "the bridge has ended")
+    topics = topics or Topics()
+    end = IDLE, "the bridge has ended"
+    # Close the limb and end the process on any way out.
     with contextlib.ExitStack() as stack:
         stack.callback(close)
         node = stack.enter_context(contextlib.closing(NodeProcess(topics, limb.parameters)))
@@ -232,20 +247,24 @@ def drive(
             end = FAULT, str(error)
             raise
         finally:
+            # Switch the wires off first, then publish the end.
             close()
             with contextlib.suppress(LimbError):
-                node.tell({topics.state: json.dumps({"state": end[0], "why": end[1]})})
+                node.publish({topics.state: json.dumps({"state": end[0], "why": end[1]})})
 
 
 def _loop(
     limb: LimbSystem, node: NodeProcess, driver: Driver, topics: Topics, output: Path | None
 ) -> None:
+    # Build a diagram of the limb, with its duty as input.
     builder = DiagramBuilder()
     builder.AddSystem(limb)
     entry = builder.AddSystem(PassThrough(len(limb.parameters.wires)))
     builder.ExportInput(entry.get_input_port(), "duty")
     builder.Connect(entry.get_output_port(), limb.GetInputPort("duty"))
-    made, port = Provenance.now(limb.parameters), entry.get_output_port()
+    made = Provenance.now(limb.parameters)
+    port = entry.get_output_port()
+    # Simulate in real time, and set the duty at each tick.
     with open_journal(builder, output, limb, port, 1 / PERIOD, provenance=made, ended_by_hand=True):
         simulator = make_simulator(builder.Build(), limb.accuracy)
         context = simulator.get_mutable_context()
@@ -255,11 +274,12 @@ def _loop(
         start = time.monotonic()
         for due in (PERIOD * tick for tick in itertools.count()):
             time.sleep(max(0.0, start + due - time.monotonic()))
-            heard, measured = node.hear(), _read(limb, context, "measured_temperature")
-            duty.FixValue(context, driver.duty(heard, measured, time.monotonic()))
+            received = node.receive()
+            measured = _read(limb, context, "measured_temperature")
+            duty.FixValue(context, driver.duty(received, measured, time.monotonic()))
             with failure_told(simulator, np.inf):
-                simulator.AdvanceTo(due + PERIOD / 2)  # so that what is due now is done
-            node.tell(_messages(limb, context, topics, driver, heard))
+                simulator.AdvanceTo(due + PERIOD / 2)  # beyond the tick, whose events then run
+            node.publish(_messages(limb, context, topics, driver, received))
             if limb.HasOutputPort("cut_out") and _read(limb, context, "cut_out")[0]:
                 raise LimbError(
                     f"A wire of the {limb.source} was measured at {guard.TEMPERATURE_LIMIT:g} °C "
@@ -272,10 +292,12 @@ def _read(limb: LimbSystem, context: Context, name: str) -> np.ndarray:
 
 
 def _messages(
-    limb: LimbSystem, context: Context, topics: Topics, driver: Driver, heard: Heard
+    limb: LimbSystem, context: Context, topics: Topics, driver: Driver, received: ReceivedCommands
 ) -> dict[str, Message]:
-    """What is published at a tick."""
-    measured, bend = (_read(limb, context, name) for name in ("measured_temperature", "bend_angle"))
+    """Return the messages to publish at a tick, by topic."""
+    measured = _read(limb, context, "measured_temperature")
+    bend = _read(limb, context, "bend_angle")
+    # Publish the duty that the board applies, if it tells.
     is_known = limb.HasOutputPort("applied_duty")
     applied = _read(limb, context, "applied_duty") if is_known else driver.applied
     state = {
@@ -283,10 +305,11 @@ def _messages(
         "why": driver.why,
         "duty": applied.tolist(),
         "age": driver.age if np.isfinite(driver.age) else None,
-        "delay": heard.delay,
-        "commands": heard.commands,
+        "delay": received.delay,
+        "commands": received.commands,
         "plan_time": driver.plan_time,
     }
+    # Add the readings, and the plan if it runs.
     wires = _named("{}_c", measured, limb.parameters.wire_names)
     planned = driver.plan_message()
     return {
@@ -297,6 +320,6 @@ def _messages(
 
 
 def _named(form: str, values: np.ndarray, names: Iterable[str | int] | None = None) -> dict:
-    """Numbers by names; those of segments are numbers from zero."""
-    found = itertools.count() if names is None else names
-    return {form.format(name): float(value) for name, value in zip(found, values, strict=False)}
+    """Return numbers by name; without names they are numbered from zero."""
+    labels = itertools.count() if names is None else names
+    return {form.format(name): float(value) for name, value in zip(labels, values, strict=False)}

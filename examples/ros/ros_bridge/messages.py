@@ -1,4 +1,4 @@
-"""What is written on topics, what is heard there, and who may command."""
+"""Messages on the topics, and the rules that decide which writer commands the duty."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -6,12 +6,12 @@ from typing import Protocol
 
 import numpy as np
 
-# A String, or a Float64MultiArray of numbers by their names, with which its dimension is labelled.
+# Text of a String, or numbers by name of a Float64MultiArray, whose label has the names.
 Message = str | dict[str, float]
-LATEST = 0.25  # s, age from which a duty is not applied, and silence after which a topic is free
-LARGEST = 4096  # bytes, of a message that is looked into
-LONGEST_TURN = 0.02  # s, between two looks at what was written, on a computer that is not busy
-SILENCE = 2.0  # s, without any word on starting, after which a start counts
+MAX_DUTY_AGE = 0.25  # s; also the silence after which another writer may command
+MAX_MESSAGE_SIZE = 4096  # bytes; larger messages are not decoded
+MAX_TURN_TIME = 0.02  # s, longest time between two readings on an idle computer
+START_SILENCE = 2.0  # s without a start message, after which a start message counts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,14 +33,14 @@ class Topics:
 
 
 @dataclasses.dataclass(frozen=True)
-class Written:
+class ReceivedMessage:
     """The newest message of a writer.
 
     - ``topic``: name of its topic.
     - ``writer``: number of the writer; 0 if it is not known.
-    - ``value``: its duty or truth value; a sentence on what is wrong with it.
+    - ``value``: duty or truth value; or a sentence that says why it is invalid.
     - ``delay``: time from writing to reading by the clocks of both computers, s; 0 if not known.
-    - ``count``: how many the writer wrote since the last one.
+    - ``count``: number of messages of the writer since the last call.
     """
 
     topic: str
@@ -51,26 +51,26 @@ class Written:
 
 
 class Node(Protocol):
-    """Writes and reads messages, and never waits."""
+    """A writer and reader of messages that never waits."""
 
     def publish(self, topic: str, message: Message) -> None:
-        """Writes a message."""
+        """Write a message."""
 
-    def take(self) -> list[Written]:
-        """The newest message of each writer since the last call."""
+    def take(self) -> list[ReceivedMessage]:
+        """Return the newest message of each writer since the last call."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Heard:
-    """What was heard so far.
+class ReceivedCommands:
+    """The commands that were received so far.
 
-    - ``duty``: the newest duty of who has the topic; None if there is none, or it was refused.
-    - ``born``: when it was written, or read if it was refused, s of the monotonic clock.
-    - ``refused``: why the newest duty was refused; empty if it was not.
+    - ``duty``: newest duty of the commanding writer; None if there is none, or it was refused.
+    - ``born``: time when it was written, or read if refused, s of the monotonic clock.
+    - ``refused``: reason why the newest duty was refused; empty if it was not.
     - ``delay``: time from writing to reading of the newest duty, s.
-    - ``commands``: number of duties that were heard and not refused.
-    - ``other``: when another writer was ignored last, s of the monotonic clock.
-    - ``run``, ``requests``: newest start (true) or stop of the plan, and how many there were.
+    - ``commands``: number of duties that were received and not refused.
+    - ``other``: time when another writer was ignored last, s of the monotonic clock.
+    - ``run``, ``requests``: newest start (true) or stop of the plan, and number of both.
     """
 
     duty: tuple[float, ...] | None = None
@@ -84,11 +84,11 @@ class Heard:
 
 
 class Listener:
-    """Who may command, and with what.
+    """The state of the received commands, and the writer that may command the duty.
 
-    The first writer of a valid duty has the topic until nobody has written a valid one for
-    250 ms. Others are ignored, however many and whatever they write: who takes the topic over
-    must have waited for the silence in which the duty is zero.
+    The first writer of a valid duty commands until no valid duty of it has come for 250 ms. All
+    other writers are ignored meanwhile. So another writer takes over only after a silence, in
+    which the duty is zero.
     """
 
     def __init__(self, topics: Topics, num_wires: int, total_duty: float):
@@ -98,27 +98,33 @@ class Listener:
             num_wires: W.
             total_duty: largest sum of a duty.
         """
-        self.heard = Heard()
-        self._topics, self._num_wires, self._total = topics, num_wires, total_duty
+        self.received = ReceivedCommands()
+        self._topics = topics
+        self._num_wires = num_wires
+        self._total = total_duty
         self._holder: int | None = None
-        self._silence, self._now, self._last_run = np.inf, -np.inf, -np.inf
+        self._silence = np.inf
+        self._now = -np.inf
+        self._last_run = -np.inf
 
-    def hear(self, messages: Sequence[Written], now: float) -> None:
-        """Takes in the messages of a turn, if there are any, s of the monotonic clock."""
-        # While this process did not run, nobody was silent.
-        self._silence += min(now - self._now, LONGEST_TURN)
+    def receive(self, messages: Sequence[ReceivedMessage], now: float) -> None:
+        """Process the messages of a turn at the time ``now``, s of the monotonic clock."""
+        # Time in which this process did not run does not count as silence.
+        self._silence += min(now - self._now, MAX_TURN_TIME)
         self._now = now
         for written in messages:
             if written.topic == self._topics.duty:
-                self._hear_duty(written, now)
+                self._receive_duty(written, now)
             elif isinstance(written.value, bool):
-                # Who repeats a start is not asking for another one after the plan's end.
-                if not written.value or now - self._last_run > SILENCE:
-                    self._note(run=written.value, requests=self.heard.requests + 1)
+                # A writer that repeats a start does not ask for a second run.
+                if not written.value or now - self._last_run > START_SILENCE:
+                    self._note(run=written.value, requests=self.received.requests + 1)
                 self._last_run = now
 
-    def _hear_duty(self, written: Written, now: float) -> None:
-        why, is_free = self._refusal(written), self._silence > LATEST
+    def _receive_duty(self, written: ReceivedMessage, now: float) -> None:
+        # Ignore other writers while one commands.
+        why = self._refusal(written)
+        is_free = self._silence > MAX_DUTY_AGE
         if not is_free and written.writer != self._holder:
             self._note(other=now)
         if not why:
@@ -130,11 +136,11 @@ class Listener:
                 born=now if why else now - max(0.0, written.delay),
                 refused=why,
                 delay=written.delay,
-                commands=self.heard.commands + (0 if why else written.count),
+                commands=self.received.commands + (0 if why else written.count),
             )
 
-    def _refusal(self, written: Written) -> str:
-        """Why a duty must not be applied; empty if it may."""
+    def _refusal(self, written: ReceivedMessage) -> str:
+        """Return the reason why a duty must not be applied; empty if it may be applied."""
         if isinstance(written.value, str):
             return written.value
         duty = np.array(written.value, float)
@@ -144,9 +150,9 @@ class Listener:
             return f"it is {duty.tolist()}, not within 0 and 1"
         if duty.sum() > self._total + 1e-3:
             return f"its sum is {duty.sum():.3g}, but total_duty is {self._total:g}"
-        if written.delay > LATEST:
+        if written.delay > MAX_DUTY_AGE:
             return f"it was written {written.delay:.2f} s ago, if both computers' clocks agree"
         return ""
 
     def _note(self, **changes: object) -> None:
-        self.heard = dataclasses.replace(self.heard, **changes)  # type: ignore[arg-type]
+        self.received = dataclasses.replace(self.received, **changes)  # type: ignore[arg-type]

@@ -1,7 +1,7 @@
-"""The process that speaks to ROS 2: ``python -m ros_bridge.node``, by `NodeProcess` alone.
+"""The process that exchanges messages with ROS 2; `NodeProcess` starts it.
 
-It keeps the threads of DDS, and what a flood of messages costs, away from the loop that commands
-the board.
+A separate process keeps the threads of DDS, and a flood of messages, away from the loop that
+commands the board.
 """
 
 import contextlib
@@ -11,11 +11,11 @@ from multiprocessing.connection import Connection
 
 from ros_bridge.messages import Listener, Node, Topics
 
-TURN = 0.005  # s, after which it reads again
+TURN_TIME = 0.005  # s between two readings
 
 
 def make_node(topics: Topics) -> Node:
-    """A node by `rclpy` if it can be imported, as where ROS 2 is set up, else by CycloneDDS.
+    """Return a node by `rclpy` if it can be imported, else by CycloneDDS.
 
     Raises:
         ImportError: if there is neither.
@@ -31,7 +31,7 @@ def make_node(topics: Topics) -> Node:
 
 
 def serve(pipe: Connection) -> None:
-    """Publishes what comes, and answers with what was heard, until the other end is closed."""
+    """Publish messages from a pipe and answer with the received commands, until it is closed."""
     topics, num_wires, total_duty = pipe.recv()
     try:
         node = make_node(topics)
@@ -41,13 +41,14 @@ def serve(pipe: Connection) -> None:
     listener = Listener(topics, num_wires, total_duty)
     pipe.send("")
     while True:
-        before, is_asked = listener.heard, pipe.poll(TURN)
+        previous = listener.received
+        is_asked = pipe.poll(TURN_TIME)
         if is_asked:
             for topic, message in pipe.recv():
                 node.publish(topic, message)
-        listener.hear(node.take(), time.monotonic())
-        if is_asked or listener.heard is not before:
-            pipe.send(listener.heard)
+        listener.receive(node.take(), time.monotonic())
+        if is_asked or listener.received is not previous:
+            pipe.send(listener.received)
 
 
 if __name__ == "__main__":

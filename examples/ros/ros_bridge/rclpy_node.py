@@ -1,4 +1,4 @@
-"""Messages of ROS 2 by its own client library, `rclpy`."""
+"""Exchange messages with ROS 2 by its client library, `rclpy`."""
 
 import functools
 import time
@@ -13,7 +13,7 @@ from std_msgs.msg import (
     String,
 )
 
-from ros_bridge.messages import Message, Topics, Written
+from ros_bridge.messages import Message, ReceivedMessage, Topics
 
 
 class RosNode:
@@ -21,20 +21,22 @@ class RosNode:
 
     def __init__(self, topics: Topics):
         rclpy.init()
-        self._node, self._duty = rclpy.create_node("soft_limb"), topics.duty
+        self._node = rclpy.create_node("soft_limb")
+        self._duty = topics.duty
         written = {topics.sensors: Float64MultiArray, topics.plan: Float64MultiArray}
         written[topics.state] = String
         self._publishers = {
             name: self._node.create_publisher(kind, name, 10) for name, kind in written.items()
         }
-        self._written: dict[str, Written] = {}
+        self._written: dict[str, ReceivedMessage] = {}
         for name, kind in {topics.duty: Float64MultiArray, topics.run: Bool}.items():
             self._node.create_subscription(kind, name, functools.partial(self._keep, name), 1)
 
     def publish(self, topic: str, message: Message) -> None:
-        """Writes a message."""
+        """Write a message."""
         if isinstance(message, dict):
-            label, size = ",".join(message), len(message)
+            size = len(message)
+            label = ",".join(message)
             dimension = MultiArrayDimension(label=label, size=size, stride=size)
             layout = MultiArrayLayout(dim=[dimension], data_offset=0)
             self._publishers[topic].publish(
@@ -43,20 +45,21 @@ class RosNode:
         else:
             self._publishers[topic].publish(String(data=message))
 
-    def take(self) -> list[Written]:
-        """The newest message of each topic since the last call."""
+    def take(self) -> list[ReceivedMessage]:
+        """Return the newest message of each topic since the last call."""
         self._written.clear()
         for _ in range(2 * len(self._publishers)):  # each does at most one thing that waits
             rclpy.spin_once(self._node, timeout_sec=0)
         return list(self._written.values())
 
     def _keep(self, name: str, message: Any, info: dict[str, int] | None = None) -> None:
-        """Takes in a message; older versions of `rclpy` do not say when it was written."""
-        value, delay = message.data, 0.0
+        """Keep a message; older versions of `rclpy` do not tell when it was written."""
+        value = message.data
+        delay = 0.0
         if name == self._duty:
             value = list(value)
             if self._node.count_publishers(name) > 1:
                 value = "several publishers are on its topic"
         if info:
             delay = (time.time_ns() - info["source_timestamp"]) * 1e-9
-        self._written[name] = Written(name, 0, value, delay)
+        self._written[name] = ReceivedMessage(name, 0, value, delay)

@@ -1,4 +1,4 @@
-"""Ways to drive a limb along a plan: open loop, in closed loop, learning, and with disturbances."""
+"""Drive a limb along a plan: open loop, in closed loop, with learning, and with disturbances."""
 
 import copy
 import dataclasses
@@ -31,7 +31,7 @@ CONTROLLERS = {  # by `FOLLOW` a limb is driven as `soft-limb follow` does
 CLOSED_LOOP = (*CONTROLLERS, LEARNING)
 PAUSE = 300.0  # s without heat, in which a limb rests
 
-# Of the limb, as of `Specimen.disturbed`.
+# Disturbances of the limb, see `Specimen.disturbed`.
 LIMB_DISTURBANCES: dict[str, dict[str, float]] = {
     "none": {},
     "room +5 °C": {"ambient": 5.0},
@@ -45,19 +45,22 @@ LIMB_DISTURBANCES: dict[str, dict[str, float]] = {
     "supply -10%": {"supply": 0.9},
     "twice the bend sensor's noise": {"noise": 2.0},
 }
-# Of the reading of the bend, as of `BendPath`; an absence is in mid motion.
+# Disturbances of the bend reading, see `BendPath`; an absence is in mid motion.
 SENSOR_DISTURBANCES: dict[str, dict[str, Any]] = {
     "bend read 0.1 s later": {"delay": 0.1},
     "no bend for 2 s": {"absence": 2.0},
-    "bend held for 2 s": {"absence": 2.0, "held": True},
+    "bend held for 2 s": {"absence": 2.0, "hold_last": True},
 }
 WRONG_CALIBRATION = "gains of the nominal limb"
 DISTURBANCES = (*LIMB_DISTURBANCES, *SENSOR_DISTURBANCES, WRONG_CALIBRATION)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Way:
-    """A plan, and rollouts of it, whose recordings have the truth; by learning, in their order."""
+class PlanWithRollouts:
+    """A plan and its rollouts, whose recordings have the limb's true state.
+
+    Rollouts of learning are in the order of the repetitions.
+    """
 
     trajectory: Trajectory
     rollouts: Sequence[Recording]
@@ -65,64 +68,75 @@ class Way:
 
 def roll_out(
     specimen: Specimen, trajectory: Trajectory, way: str, count: int, motion: int = 0
-) -> Way:
-    """Rollouts of a plan on a limb, which has rested, each with noise of its own.
+) -> PlanWithRollouts:
+    """Drive a rested limb along a plan several times, each time with new sensor noise.
 
-    The first one leaves the limb a little warm and not quite where it was, by some tenths of
-    a degree, and further ones by some hundredths. So the limb rests after the first one, and
-    the others begin there; repetitions of learning, whose duty changes, each begin where
-    the one before has left it. Noise depends on the number of the motion, too, but not on
-    the way. Of learning, each rollout is the best repetition so far, as the learner takes it.
+    The first rollout changes the limb's rest angle by some tenths of a degree, further rollouts
+    by some hundredths. So the limb rests after the first rollout, and all others begin from that
+    state. With learning the duty changes, and each repetition begins from the state that the
+    previous repetition has left. The noise depends on the number of the motion, but not on the
+    method. With learning, each rollout is the best repetition so far, as the learner selects it.
+
+    Args:
+        way: `OPEN_LOOP`, a key of `CONTROLLERS`, or `LEARNING`.
+        count: number of rollouts.
+        motion: number of the motion.
     """
     rollouts: list[Recording] = []
     repetitions: list[Recording] = []
     learner = Learner(trajectory) if way == LEARNING else None
     for number in range(count):
+        # Choose the controller, and drive the limb.
         if learner:
             controller = learner.source()
         else:
             controller = CONTROLLERS[way](trajectory) if way in CONTROLLERS else None
         limb = specimen.with_noise(motion, number)
         driven = _run(limb, trajectory, controller)
+        # Learn from the readings alone.
         if learner:
             repetitions.append(driven)
-            learner.update(_read(driven))
+            learner.update(_without_truth(driven))
             driven = repetitions[learner.best or 0]
         rollouts.append(driven)
         if number == count - 1:
             break
+        # Let the limb rest.
         if learner or number == 0:
             LimbTwin(specimen=limb).after_rest(PAUSE)
             specimen = limb
-    return Way(trajectory, rollouts)
+    return PlanWithRollouts(trajectory, rollouts)
 
 
 def roll_out_disturbed(
     specimen: Specimen, plans: dict[str, Trajectory], disturbance: str
-) -> dict[str, Way]:
-    """A rollout of feedback with a disturbance, and one in open loop if it is of the limb.
+) -> dict[str, PlanWithRollouts]:
+    """Drive a limb with a disturbance: with feedback, and if the limb is disturbed in open loop.
 
     Args:
-        plans: the motion's plan for `OPEN_LOOP` and that for `FEEDBACK`.
+        plans: the plan of the motion for `OPEN_LOOP` and the plan for `FEEDBACK`.
         disturbance: one of `DISTURBANCES`.
     """
     limb = specimen.with_noise(0, 0).disturbed(**LIMB_DISTURBANCES.get(disturbance, {}))
-    trajectory, ways = plans[FEEDBACK], {}
+    trajectory = plans[FEEDBACK]
+    driven: dict[str, tuple[Trajectory, System | None]] = {}
     controller: System
     if disturbance in SENSOR_DISTURBANCES:
-        feedback, changes = PlanFeedback(trajectory), SENSOR_DISTURBANCES[disturbance]
+        # Disturb the reading between limb and controller.
+        feedback = PlanFeedback(trajectory)
+        changes = SENSOR_DISTURBANCES[disturbance]
         size = feedback.GetInputPort("bend_angle").size()
         path = BendPath(size, start=trajectory.duration / 2, **changes)
         controller = behind(path, feedback)
     elif disturbance in LIMB_DISTURBANCES:
         controller = PlanFeedback(trajectory)
-        ways[OPEN_LOOP] = plans[OPEN_LOOP], None
+        driven[OPEN_LOOP] = plans[OPEN_LOOP], None
     else:
         controller = PlanFeedback(trajectory, parameters=LimbParameters())
-    ways[FEEDBACK] = trajectory, controller
+    driven[FEEDBACK] = trajectory, controller
     return {
-        way: Way(plan, [_run(copy.deepcopy(limb), plan, system)])
-        for way, (plan, system) in ways.items()
+        way: PlanWithRollouts(plan, [_run(copy.deepcopy(limb), plan, system)])
+        for way, (plan, system) in driven.items()
     }
 
 
@@ -130,13 +144,13 @@ def _run(limb: Specimen, trajectory: Trajectory, controller) -> Recording:
     return replay(trajectory, LimbTwin(specimen=limb, truth=True), controller=controller)
 
 
-def _read(recording: Recording) -> Recording:
-    """A recording without the truth, as one of a robot is."""
+def _without_truth(recording: Recording) -> Recording:
+    """Return a recording without the true state, like the recording of a robot."""
     return dataclasses.replace(recording, joint_state=None, wire_temperature=None)
 
 
 class BendPath(LeafSystem):
-    """The way of the bend's reading to a controller, which takes time or is interrupted.
+    """A system between bend sensor and controller that delays or interrupts the reading.
 
     - input 0 ``bend_angle``: φ (S), rad
     - output 0 ``bend_angle``: φ (S), rad, some periods later; while it is absent NaN, or the
@@ -154,18 +168,23 @@ class BendPath(LeafSystem):
         delay: float = 0.0,
         start: float = 0.0,
         absence: float = 0.0,
-        held: bool = False,
+        hold_last: bool = False,
     ):
         """
         Args:
             size: S.
             delay: s, in multiples of `PERIOD`.
-            start, absence: from when and for how long it is absent, s.
-            held: whether the last reading is shown then.
+            start, absence: start and duration of the absence, s.
+            hold_last: whether the output is the last reading in the absence; NaN if not.
         """
         super().__init__()
-        self._start, self._end, self._held = start, start + absence, held
-        self._num_late, self._size = round(delay / PERIOD), size
+        # Keep the settings; the delay is a number of periods.
+        self._start = start
+        self._end = start + absence
+        self._hold_last = hold_last
+        self._num_late = round(delay / PERIOD)
+        self._size = size
+        # Declare ports and state: the delayed readings and the last present reading.
         self.DeclareVectorInputPort("bend_angle", size)
         self.DeclareDiscreteState((self._num_late + 1) * size)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._fill))
@@ -186,13 +205,13 @@ class BendPath(LeafSystem):
         discrete_state.set_value(np.concatenate([*on_the_way[1:], last]))
 
     def _readings(self, context) -> tuple[np.ndarray, np.ndarray]:
-        """Those on their way and now (L + 1, S), and the last one (S,)."""
+        """Return the delayed readings and the newest (L + 1, S), and the last present one (S,)."""
         kept = context.get_discrete_state_vector().value().reshape(-1, self._size)
         return np.vstack([kept[:-1], self.get_input_port().Eval(context)]), kept[-1]
 
     def _calc(self, context, output):
         on_the_way, last = self._readings(context)
-        shown = on_the_way[0]
+        reading = on_the_way[0]
         if self._is_absent(context):
-            shown = last if self._held else np.full(self._size, np.nan)
-        output.SetFromVector(shown)
+            reading = last if self._hold_last else np.full(self._size, np.nan)
+        output.SetFromVector(reading)
