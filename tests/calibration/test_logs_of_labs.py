@@ -67,9 +67,9 @@ def test_a_long_log_is_cut_where_it_rests(log, monkeypatch):
     dose = sum(HeatedRun.of(piece).duty.sum(axis=0) * 0.5 for piece in pieces)
     np.testing.assert_allclose(dose, log.duty.sum(axis=1) * 0.2, atol=0.02)
 
-    monkeypatch.setattr("calibration.recordings.repair.PAUSE", 1000.0)
+    monkeypatch.setattr("calibration.recordings.repair.PAUSE_TIME", 1000.0)
     assert len(in_pieces(log)[0]) == 1
-    monkeypatch.setattr("calibration.recordings.repair.LONGEST", 270.0)
+    monkeypatch.setattr("calibration.recordings.repair.MAX_PIECE_DURATION", 270.0)
     pieces = in_pieces(log)[0]
     assert [piece.time[0] for piece in pieces] == pytest.approx([0.0, 283.0, 556.0], abs=15.0)
     for piece in pieces:
