@@ -127,18 +127,20 @@ def cooling(simulate: bool) -> None:
     for share in (1.0, 0.5, 0.25):
         for heating in dict.fromkeys((1.0, share)):
             robot = crawler()
-            for wire in robot.together.wires:
+            for wire in robot.as_single_limb.wires:
                 wire.law.a1, wire.law.a2 = share * wire.law.a1, heating * wire.law.a2
             gait = row(f"a1 x {share}, a2 x {heating}", robot, simulate)
             if gait:
-                print(f"    period x |a1| = {-gait.period * robot.together.wires[0].law.a1:.5f}")
+                print(
+                    f"    period x |a1| = {-gait.period * robot.as_single_limb.wires[0].law.a1:.5f}"
+                )
 
 
 def laws(simulate: bool) -> None:
     for law in (LinearLaw, TwoMassLaw, ThresholdLaw, HystereticLaw):
         for margin in (0.0, 15.0):
             robot = crawler()
-            for wire in robot.together.wires:
+            for wire in robot.as_single_limb.wires:
                 wire.law = law()
             row(f"{law.__name__}, margin {margin:g}", robot, simulate, temperature_margin=margin)
 

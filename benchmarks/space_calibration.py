@@ -25,7 +25,7 @@ from calibration.prediction.heated_run import HeatedRun
 from calibration.wire_directions import WrongDescriptionError
 from hardware import LimbTwin, replay
 from limb_systems import Limb, LimbError, LimbParameters, Recording, simulate
-from limb_systems.bend_sensor import rolled
+from limb_systems.bend_sensor import roll_bends
 from limb_systems.tracking import true_bend
 from planners import plan, references
 
@@ -87,7 +87,7 @@ def errors(seed: int, wires: int) -> list[float]:
     paths = [
         references.circle(np.deg2rad(20.0), 60.0),
         references.eight(np.deg2rad(20.0), np.deg2rad(12.0), 80.0),
-        references.from_samples(taught.time[::10], rolled(taught.bend_angle, -roll)[:, ::10]),
+        references.from_samples(taught.time[::10], roll_bends(taught.bend_angle, -roll)[:, ::10]),
     ]
     turned = [a.angle - b.angle for a, b in zip(limb.wires, true.wires, strict=True)]
     return [
@@ -129,7 +129,7 @@ def recordings_of_bursts(physics: str, wires: int, seed: int) -> Iterator[Record
         yield dataclasses.replace(
             run,
             measured_temperature=np.full_like(run.measured_temperature, np.nan),
-            bend_angle=rolled(run.bend_angle, turn),
+            bend_angle=roll_bends(run.bend_angle, turn),
         )
 
 

@@ -49,7 +49,7 @@ def figures(course: Trajectory, limb: LimbParameters, read: Recording) -> list[f
     duty = PiecewisePolynomial.ZeroOrderHold(read.time, read.duty)
     truth = simulate(Limb(limb), duty, read.time[-1], initial_state=course.state[:, 0])
     missed = [tracking_errors(course, [one]).mean for one in (truth, read)]
-    distances = np.rad2deg([reference_distances(course, [truth]).done, *missed])
+    distances = np.rad2deg([reference_distances(course, [truth]).measured, *missed])
     return [*distances, read.measured_temperature.max(), truth.wire_temperature.max()]
 
 

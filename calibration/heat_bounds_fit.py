@@ -17,7 +17,7 @@ from hardware.board.heat_rates import (
 )
 from hardware.firmware import heat
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
-from limb_systems.heat_bounds import ANY_WIRE, SPREAD, HeatBounds
+from limb_systems.heat_bounds import ANY_WIRE_BOUNDS, RATE_FACTORS, HeatBounds
 
 BOUNDS_MARGIN = 0.1  # share by which bounds are widened: other motions show somewhat more
 READING_NOISE = 1.0  # °C that readings may be below their bounds
@@ -58,7 +58,7 @@ def check_first_contact(recording: Recording, described: LimbParameters, path: P
         CalibrationError: if one did not.
     """
     for wire in _wires([recording], described):
-        min_heating = min(wire.kind.least_heating, ANY_WIRE.least_heating)
+        min_heating = min(wire.kind.least_heating, ANY_WIRE_BOUNDS.least_heating)
         if wire.rates and wire.rates.heating < min_heating:
             raise CalibrationError(
                 f"The {wire.name} wire was heated, but its thermocouple shows "
@@ -76,7 +76,7 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
     """
     heated_wires = [(wire, wire.rates) for wire in _wires(recordings, described) if wire.rates]
     shares = [
-        rates.heating / wire.kind.most_heating * SPREAD["most_heating"]
+        rates.heating / wire.kind.most_heating * RATE_FACTORS["most_heating"]
         for wire, rates in heated_wires
     ]
     # Compare the wires with each other.
@@ -96,7 +96,7 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
                 "anew. The board heats it as if the thermocouple were wrong."
             )
     # Compare all wires with their description.
-    if largest_share < SPREAD["least_heating"]:
+    if largest_share < RATE_FACTORS["least_heating"]:
         remarks.append(
             f"the wires show {largest_share:.0%} of the heat that their description says, at "
             "most. Either all thermocouples show a share of their rise, or the limb is unlike its "

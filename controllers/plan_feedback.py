@@ -4,60 +4,56 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from controllers.estimator import StateEstimate
-from controllers.plan_controller import (
-    PlanController,
-    SampledPlan,
-    planned_gains,
-)
+from controllers.plan_controller import PlanController, SampledPlan, gains_along_plan
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbModel, LimbParameters, Trajectory
 from limb_systems.simulation import PERIOD
 
-PROPORTIONAL = 2.5  # 1/s
-FORESEEN = 10  # ticks of the plan's coming duty, after which the bend is to be that of the plan
-COMMON_MODE = 5.0  # 1/s
-# °C, that a wire of a limb that is calibrated, or is not, may be warmer than planned within these s
-WARMER, WARMER_UNCALIBRATED, AHEAD = 6.0, 20.0, 2.0
+PROPORTIONAL_GAIN = 2.5  # 1/s
+PREVIEW_TICKS = 10  # of the plan's coming duty, after which the bend is compared with the plan
+COMMON_MODE_GAIN = 5.0  # 1/s
+PREVIEW_TIME = 2.0  # s of the plan, whose highest temperature limits a wire
+MAX_EXCESS = 6.0  # °C beyond it, for a calibrated limb
+MAX_EXCESS_UNCALIBRATED = 20.0  # °C, for a limb that is not calibrated
 # °C below T_max, from where on a limb that is not calibrated is not heated beyond its plan's
 # highest: its wires may be as much warmer than estimated.
 UNCALIBRATED_MARGIN = 10.0
-LUKEWARM = 10.0  # °C above T_warm, that it may have in any case
-# Deviations that cost alike; (15) has no weight on temperature, but feedback runs out of heat.
-BEND = np.deg2rad(0.5)  # rad
-DUTY = 0.2
-TEMPERATURE = 10.0  # °C
+WARM_MARGIN = 10.0  # °C above T_warm, up to which heat is not limited
+# Deviations of equal cost; (15) has no weight on temperature, but feedback runs out of heat.
+BEND_DEVIATION = np.deg2rad(0.5)  # rad
+DUTY_DEVIATION = 0.2
+TEMPERATURE_DEVIATION = 10.0  # °C
 
 
 class PlanFeedback(PlanController):
     """Proportional feedback of the estimated bend about a plan, with an estimated disturbance.
 
-    The `Estimator` says how the wires bend the limb, φ(x), and by how much it is bent
-    otherwise, p, which takes the place of an integral and cannot wind up. The model under the
-    coming 0.5 s of the plan's duty leads from x to x⁺. What is wanted of the wires in addition
-    to the plan's duty is the bend rate
+    The `Estimator` estimates the bend φ(x) that the wires make, and the rest of the bend, p, which
+    takes the place of an integral and cannot wind up. The model under the
+    coming 0.5 s of the plan's duty leads from x to x⁺. The wires are to make, in addition
+    to the plan's duty, the bend rate
 
         w = k_p (clip(φ⁺, φ*⁺, φ_ref⁺) - φ⁺),  φ⁺ = φ(x⁺) + p
 
-    with φ⁺ clipped to what lies between plan and reference: a limb that is nearer to the reference
-    than planned is left there. The wires share w: D = D* + λ g, with g the bend rate that full duty
+    with φ⁺ clipped to the range between plan and reference: a limb that is nearer to the reference
+    than planned stays there. The wires share w: D = D* + λ g, with g the bend rate that full duty
     makes there. A wire that the plan heats for the next reversal bends nothing at first, within the
-    play of its hysteresis. What the limb misses now takes no duty from it if the reversal makes up
-    for it.
+    play of its hysteresis. An error that the reversal removes takes no duty from it.
 
-    As the antagonists can always push, what runs out is heat. Where the wires of a segment are
+    As the antagonists can always push, heat is the scarce resource. Where a segment's wires are
     warmer than in the plan on average, the plan's duty is reduced, so that they cool:
 
         D* - k_c max(0, mean T - mean T*) / a2
 
-    The bend rate that the plan's duty makes is wanted all the same, of the wires together.
+    The wires together still make the bend rate of the plan's duty.
 
-    No duty is beyond what `TemperatureLimiter` allows, and no wire is heated to more than
-    6 °C beyond the most that it has in the next 2 s of the plan, and what holds p (20 °C if
-    the limb is not calibrated, but then at most to 10 °C below T_max, or to the highest of the
-    plan): a bend that needs more is left, as heat would stay for long after it. Up to 10 °C above
-    T_warm there is no such limit, as wires cool from there soon.
+    No duty exceeds the caps of `TemperatureLimiter`, and no wire is heated to more than
+    6 °C beyond its highest temperature in the next 2 s of the plan and the heat that holds p (20 °C
+    if the limb is not calibrated, but then at most to 10 °C below T_max, or to the highest of the
+    plan). A bend that needs more heat is given up, as the heat would stay for long after it. Up to
+    10 °C above T_warm there is no such limit, as wires cool from there soon.
 
-    Ports and state are those of `PlanController`.
+    Ports and state are as in `PlanController`.
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -69,68 +65,76 @@ class PlanFeedback(PlanController):
         trajectory: Trajectory,
         *,
         parameters: LimbParameters | None = None,
-        proportional: float = PROPORTIONAL,
+        proportional: float = PROPORTIONAL_GAIN,
         known_start: bool = False,
     ):
         """
         Args:
             trajectory: the plan.
-            parameters: description of the limb, of which gains and estimates are made; the
-                plan's if None.
+            parameters: description of the limb, for gains and estimates; the plan's if None.
             proportional: k_p, 1/s.
             known_start: whether the limb begins with the plan's heat and bend, as one that is warm
-                or carries a load; else at rest, as its first readings show.
+                or carries a load; else at rest, according to its first readings.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
-        self._plan, self._proportional = SampledPlan(trajectory, parameters), proportional
+        self._plan = SampledPlan(trajectory, parameters)
+        self._proportional = proportional
         start = (self._plan.heat[0], trajectory.bend_angle[:, 0]) if known_start else None
         super().__init__(parameters, self._plan.duty[0], start)
         model = self._estimator.model
-        self._planned_gains = planned_gains(model, self._plan)
+        self._planned_gains = gains_along_plan(model, self._plan)
         self._to_mean = np.zeros((model.num_wires, model.num_wires))
         for wires in LimbModel.of(parameters).layout.wires_of:
             self._to_mean[wires, wires] = 1.0 / (wires.stop - wires.start)
+        # The mean of each segment's wires, and the highest temperature of the coming seconds.
         planned = self._plan.temperature
         self._planned_mean = self._mean(planned)
-        ahead = round(AHEAD / PERIOD)
+        ahead = round(PREVIEW_TIME / PERIOD)
         later = np.pad(planned, ((0, ahead), (0, 0)), mode="edge")
         self._highest = sliding_window_view(later, ahead + 1, axis=0).max(axis=-1)
-        self._warmer = WARMER if parameters.calibration else WARMER_UNCALIBRATED
+        self._max_excess = MAX_EXCESS if parameters.calibration else MAX_EXCESS_UNCALIBRATED
 
-    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
-        k, model = self._plan.index(time), self._estimator.model
-        bends, reference, duties = self._planned(time + PERIOD * np.arange(FORESEEN), state)
+    def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
+        k = self._plan.index(time)
+        model = self._estimator.model
+        # Predict the bend under the coming duty of the plan.
+        times = time + PERIOD * np.arange(PREVIEW_TICKS)
+        bends, reference, duties = self._planned(times, state)
         heat = model.rollout(estimate.heat, duties)[-1]
-        foreseen = model.bend_angle(heat) + estimate.offset
-        missed = np.clip(foreseen, *np.sort([bends[-1], reference[-1]], axis=0)) - foreseen
+        predicted = model.bend_angle(heat) + estimate.offset
+        nearest = np.clip(predicted, *np.sort([bends[-1], reference[-1]], axis=0))
+        error = nearest - predicted
+        # Let wires cool where they are warmer than planned on average.
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
-        base = duties[0] - COMMON_MODE * np.maximum(warmer, 0.0) / model.heating_rates
+        base = duties[0] - COMMON_MODE_GAIN * np.maximum(warmer, 0.0) / model.heating_rates
         base = np.clip(base, 0.0, caps)
-        return base, self._proportional * missed + self._gains_at(time) @ (duties[0] - base)
+        return base, self._proportional * error + self._gains_at(time) @ (duties[0] - base)
 
     def _gains_at(self, time: float) -> np.ndarray:
         return self._planned_gains[self._plan.index(time)]
 
     def _planned(self, times: np.ndarray, state) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """φ* and φ_ref (K, F), rad, and D* (K, W) of the periods at times, s.
+        """Return φ* and φ_ref (K, F), rad, and D* (K, W) of the periods at times (K,), s.
 
         Args:
-            state: as of `_wanted`.
+            state: as for `_desired_duty`.
         """
-        plan, periods = self._plan, [self._plan.index(time) for time in times]
+        plan = self._plan
+        periods = [self._plan.index(time) for time in times]
         return plan.bend_angle[periods], plan.reference[periods], plan.duty[periods]
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
-        held = self._estimator.model.temperature_to_hold(estimate.offset)
-        limits, planned = self._parameters.temperature_limits, self._highest[self._plan.index(time)]
-        warmer = np.maximum(planned + self._warmer + held, limits.warm + LUKEWARM)
+        to_hold = self._estimator.model.temperature_to_hold(estimate.offset)
+        limits = self._parameters.temperature_limits
+        highest = self._highest[self._plan.index(time)] + self._max_excess + to_hold
+        limit = np.maximum(highest, limits.warm + WARM_MARGIN)
         if not self._parameters.calibration:
-            most = np.maximum(limits.maximum - self._uncalibrated_margin, self._highest.max(axis=0))
-            warmer = np.minimum(warmer, most)
-        return warmer
+            margin = limits.maximum - self._uncalibrated_margin
+            limit = np.minimum(limit, np.maximum(margin, self._highest.max(axis=0)))
+        return limit
 
     def _mean(self, temperature: np.ndarray) -> np.ndarray:
-        """The mean over the wires of each wire's segment (..., W) of T (..., W), °C."""
+        """Return the mean of T (..., W), °C, over the segment of each wire (..., W)."""
         return temperature @ self._to_mean
 
 
@@ -142,10 +146,10 @@ class PlanRegulator(PlanController):
         (δφ / 0.5°)² + Σ (δT / 10 °C)² + Σ (δD / 0.2)²
 
     for deviations from the plan that the `Estimator` sees, and a bend p from outside that
-    stays: D = D* - K(t) [x - x*, p]. What a wire cannot do of it the others of its segment
-    do, as far as they can. No duty is beyond what `TemperatureLimiter` allows.
+    stays: D = D* - K(t) [x - x*, p]. Where the duty of a wire is at a bound, the other wires of its
+    segment take over, as far as they can. No duty exceeds the caps of `TemperatureLimiter`.
 
-    Ports and state are those of `PlanController`.
+    Ports and state are as in `PlanController`.
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -154,40 +158,49 @@ class PlanRegulator(PlanController):
         """
         Args:
             trajectory: the plan.
-            parameters: description of the limb, of which gains and estimates are made; the
-                plan's if None.
+            parameters: description of the limb, for gains and estimates; the plan's if None.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
         self._plan = SampledPlan(trajectory, parameters)
         super().__init__(parameters, self._plan.duty[0])
         self._regulator = regulator_gains(self._estimator.model, self._plan)
-        # How other parameters than the plan's bend otherwise under the plan's duty.
+        # Other parameters than the plan's bend otherwise under the plan's duty.
         first = trajectory.bend_angle[:, :1].T
         planned = np.vstack([first, self._plan.bend_angle[:-1]])
-        self._unlike_plan = self._estimator.model.bend_angle(self._plan.heat) - planned
+        self._plan_difference = self._estimator.model.bend_angle(self._plan.heat) - planned
 
-    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
-        k, N = self._plan.index(time), estimate.heat.size - len(caps)
-        offset = estimate.offset + self._unlike_plan[k]
+    def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
+        k = self._plan.index(time)
+        N = estimate.heat.size - len(caps)
+        offset = estimate.offset + self._plan_difference[k]
         deviation = np.append((estimate.heat - self._plan.heat[k])[:N], offset)
-        wanted = self._plan.duty[k] - self._regulator[k] @ deviation
-        return wanted, self._gains @ (wanted - np.clip(wanted, 0.0, caps))
+        duty = self._plan.duty[k] - self._regulator[k] @ deviation
+        return duty, self._gains @ (duty - np.clip(duty, 0.0, caps))
 
 
 def regulator_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
-    """K (periods, W, N + F) of `PlanRegulator`, by the Riccati recursion from the plan's end.
+    """Return K (periods, W, N + F) of `PlanRegulator`, by the Riccati recursion from the end.
 
     The bend at the beginning of a period counts at its end, and so not in the last one.
     """
-    W, F, N = model.num_wires, model.num_bends, model.size - model.num_wires
+    W, F = model.num_wires, model.num_bends
+    N = model.size - W
     _, by_heat, by_duty = model.linearized_step(plan.heat, plan.duty)
     slopes = model.bend_slopes(plan.heat)[1]
-    A, B, P = np.eye(N + F), np.zeros((N + F, W)), np.zeros((N + F, N + F))
-    cost, gains = np.diag(np.append(np.full(W, TEMPERATURE**-2), np.zeros(N + F - W))), []
+    # The state is [x, p], and p stays.
+    A = np.eye(N + F)
+    B = np.zeros((N + F, W))
+    P = np.zeros((N + F, N + F))
+    state_cost = np.zeros((N + F, N + F))
+    state_cost[:W, :W] = TEMPERATURE_DEVIATION**-2 * np.eye(W)
+    duty_cost = DUTY_DEVIATION**-2 * np.eye(W)
+    gains: list[np.ndarray] = []
+    # From the end of the plan to its beginning.
     for k in reversed(range(len(by_heat))):
-        A[:N, :N], B[:N] = by_heat[k, :N, :N], by_duty[k, :N]
-        gains.append(np.linalg.solve(DUTY**-2 * np.eye(W) + B.T @ P @ B, B.T @ P @ A))
+        A[:N, :N] = by_heat[k, :N, :N]
+        B[:N] = by_duty[k, :N]
+        gains.append(np.linalg.solve(duty_cost + B.T @ P @ B, B.T @ P @ A))
         C = np.hstack([slopes[k, :, :N], np.eye(F)])
-        bend_cost = C.T @ C * BEND**-2 if len(gains) > 1 else 0.0
-        P = cost + bend_cost + A.T @ P @ (A - B @ gains[-1])
+        bend_cost = C.T @ C * BEND_DEVIATION**-2 if len(gains) > 1 else 0.0
+        P = state_cost + bend_cost + A.T @ P @ (A - B @ gains[-1])
     return np.array(gains[::-1])

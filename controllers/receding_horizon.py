@@ -1,8 +1,8 @@
-"""Replans towards the reference, while a limb moves, and follows the newest plan.
+"""Receding horizon: plans towards the reference while a limb moves, and feedback about them.
 
-In real time, horizons are planned in a process of their own: a solver holds Python's lock
-while it works, and with a thread commands were late by 10 to 20 ms. Questions and answers go
-through a socket, as the modules of a script need not be imported again for that.
+In real time, another process plans the horizons: a solver holds Python's lock
+while it works, and with a thread commands were late by 10 to 20 ms. Requests and plans go
+through a socket, so that the modules of a script need not be imported again.
 """
 
 import dataclasses
@@ -17,34 +17,34 @@ from typing import Any
 
 import numpy as np
 
-from controllers.estimator import StateEstimate, packed, unpacked
+from controllers.estimator import StateEstimate, pack, unpack
 from controllers.horizon import HorizonPlan, HorizonPlanner, horizon_task
 from controllers.plan_controller import PlanController
 from limb_systems import LimbError, Trajectory
 from limb_systems.simulation import PERIOD
 from planners import Task
 
-TICKS = 5  # from one plan to the next
-PROPORTIONAL = 0.3  # 1/s; little, as the next plan is soon there, and knows the wires
-PRIORITY = 5  # by which the process gives way to who commands
-PROGRAM = "from controllers.receding_horizon import answer_questions; answer_questions()"
+REPLAN_TICKS = 5  # from one plan to the next
+PROPORTIONAL_GAIN = 0.3  # 1/s; small, as the next plan follows soon
+NICENESS = 5  # of the planning process, which gives way to the commanding process
+PROCESS_CODE = "from controllers.receding_horizon import serve_plans; serve_plans()"
 
 
 class RecedingHorizon(PlanController):
     """Feedback that plans the coming seconds again and again, towards a plan's reference.
 
-    At 4 Hz `HorizonPlanner` plans from the estimate of the next tick, from which on the
-    new plan is in force. Between plans, the estimated bend φ is held to that of the
-    newest by a bend rate of k_p (φ* - φ), to which the wires contribute as in `PlanFeedback`.
+    At 4 Hz `HorizonPlanner` plans from the estimate of the next tick, at which the
+    new plan comes into force. Between plans, the estimated bend φ follows the bend φ* of the
+    newest plan by a bend rate of k_p (φ* - φ), to which the wires contribute as in `PlanFeedback`.
 
-    In simulated time, a plan is made within its tick. In real time it is made in a
-    process of its own and the command never waits for it: the plan before stays in
-    force until it is there. It is late if that is not so when the next one is due,
-    which is then left out. If planning fails, the plan before stays in force, too.
+    In simulated time, a plan is made within its tick. In real time another process makes it, and
+    the command never waits for it: the previous plan stays in force until the new plan is
+    ready. A plan that is not ready when the next plan is due is late, and the next plan is left
+    out. The previous plan also stays in force if planning fails.
 
-    Ports and state are those of `PlanController`, and
+    Ports and state are as in `PlanController`, and
 
-    - output 1 ``replans``: how many plans were begun, were late and failed (3)
+    - output 1 ``replans``: numbers of plans that were begun, were late and failed (3)
     - state, discrete, at 20 Hz: 2: the replans; 3: the plan in force
     """
 
@@ -55,52 +55,54 @@ class RecedingHorizon(PlanController):
     ):
         """
         Args:
-            trajectory: a plan, whose reference it follows, and whose duty is in force
-                until the first plan of its own.
+            trajectory: a plan; its reference is followed, and its duty is in force until the
+                first horizon is planned.
             task: weights and margins, as for `HorizonPlanner`.
-            real_time: whether plans are made in a process of their own.
+            real_time: whether another process makes the plans.
         """
         plan = trajectory.since_start()
         self._planner = HorizonPlanner.of(plan, task)
         self._process = PlannerProcess(plan, task) if real_time else None
-        first = self._planner.beginning_of(plan)
+        first = self._planner.first_horizon(plan)
         super().__init__(trajectory.parameters, first.duty[0])
-        self._like = first
+        self._template = first
         margin = (task or horizon_task()).temperature_margin
         self._highest = np.array(trajectory.parameters.temperature_limits.maximum - margin)
         replans = self.DeclareDiscreteState(3)
-        self.DeclareDiscreteState(packed(first))
+        self.DeclareDiscreteState(pack(first))
         self.DeclareStateOutputPort("replans", replans)
 
-    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
-        counts, plan = state.value(2).copy(), unpacked(state.value(3), self._like)
-        if self._process and (made := self._process.plan_if_made()):
-            plan = _if_good(made, plan, counts)
+    def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
+        counts = state.value(2).copy()
+        plan = unpack(state.value(3), self._template)
+        if self._process and (made := self._process.poll_plan()):
+            plan = _newer_plan(made, plan, counts)
             state.set_value(2, counts)
-            state.set_value(3, packed(plan))
+            state.set_value(3, pack(plan))
         missed = plan.bend_angle_at(time) - self._estimator.bend_angle(estimate)
-        return plan.duty_at(time), PROPORTIONAL * missed
+        return plan.duty_at(time), PROPORTIONAL_GAIN * missed
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
         return self._highest
 
-    def _end_update(self, context, ahead: StateEstimate, state) -> None:
-        time = self._time_in_plan(context)
-        if round(time / PERIOD) % TICKS:
+    def _after_update(self, context, ahead: StateEstimate, state) -> None:
+        time = self._plan_time(context)
+        if round(time / PERIOD) % REPLAN_TICKS:
             return
-        counts, plan = state.value(2).copy(), unpacked(state.value(3), self._like)
-        question = time + PERIOD, ahead.heat, ahead.lasting, plan, ahead.residual
+        counts = state.value(2).copy()
+        plan = unpack(state.value(3), self._template)
+        request = time + PERIOD, ahead.heat, ahead.lasting, plan, ahead.residual
         is_late = self._process is not None and self._process.is_planning
         counts[1 if is_late else 0] += 1
         if self._process is None:
-            state.set_value(3, packed(_if_good(self._planner.plan(*question), plan, counts)))
+            state.set_value(3, pack(_newer_plan(self._planner.plan(*request), plan, counts)))
         elif not is_late:
-            self._process.begin(*question)
+            self._process.begin(*request)
         state.set_value(2, counts)
 
 
-def _if_good(made: HorizonPlan, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
-    """Return a new plan, or the plan before if the new one failed; count failures."""
+def _newer_plan(made: HorizonPlan, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
+    """Return the new plan, or the previous plan if the new plan failed; count failures."""
     counts[2] += not made.success
     return made if made.success else plan
 
@@ -108,7 +110,7 @@ def _if_good(made: HorizonPlan, plan: HorizonPlan, counts: np.ndarray) -> Horizo
 class PlannerProcess:
     """A `HorizonPlanner` in another process, which ends with this object or program.
 
-    - ``is_planning``: whether a plan was asked for that is not there yet.
+    - ``is_planning``: whether a plan was requested that is not ready yet.
 
     Args:
         trajectory: a plan that starts at time 0.
@@ -119,37 +121,39 @@ class PlannerProcess:
     """
 
     def __init__(self, trajectory: Trajectory, task: Task | None = None):
+        # Start the process with one end of a socket.
         ours, theirs = socket.socketpair()
         process = self._process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, str(theirs.fileno())],
+            [sys.executable, "-c", PROCESS_CODE, str(theirs.fileno())],
             pass_fds=[theirs.fileno()],
             stdin=subprocess.DEVNULL,
-            stdout=sys.__stderr__,  # what a solver may print is no result of ours
+            stdout=sys.__stderr__,  # a solver may print
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # its matrices are small
         )
         theirs.close()
         self._connection = Connection(ours.detach())
         weakref.finalize(self, _end, process, self._connection)
+        # Send the plan, and wait until the planner is built.
         if task:
             task = dataclasses.replace(task, customize=None)  # of no use to a horizon
         self.begin(trajectory, task)
         self._connection.poll(None)
-        self.plan_if_made()
+        self.poll_plan()
 
-    def begin(self, *question: Any) -> None:
-        """Ask for a plan by the arguments of `HorizonPlanner.plan`, once the last is made.
+    def begin(self, *request: Any) -> None:
+        """Request a plan by the arguments of `HorizonPlanner.plan`, once the last plan is made.
 
         Raises:
             LimbError: if the process has ended.
         """
         self.is_planning = True
         try:
-            self._connection.send(question)
+            self._connection.send(request)
         except OSError as error:
-            raise LimbError(ENDED) from error
+            raise LimbError(PROCESS_ENDED) from error
 
-    def plan_if_made(self) -> HorizonPlan | None:
-        """Return the plan that was asked for; None if it is not made yet. Does not wait.
+    def poll_plan(self) -> HorizonPlan | None:
+        """Return the requested plan, without waiting; None if it is not ready yet.
 
         Raises:
             LimbError: if the process has ended.
@@ -160,10 +164,10 @@ class PlannerProcess:
             self.is_planning = False
             return self._connection.recv()
         except (EOFError, OSError) as error:
-            raise LimbError(ENDED) from error
+            raise LimbError(PROCESS_ENDED) from error
 
 
-ENDED = (
+PROCESS_ENDED = (
     "The process that plans the coming seconds has ended, perhaps because memory ran out; end "
     "other programs and start again."
 )
@@ -176,10 +180,10 @@ def _end(process: subprocess.Popen, connection: Connection) -> None:
     process.wait()
 
 
-def answer_questions() -> None:
-    """Answer questions in the process until there are no more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both, and the other decides
-    os.nice(PRIORITY)
+def serve_plans() -> None:
+    """Make the requested plans, in the planning process, until the connection closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both; the commanding one decides
+    os.nice(NICENESS)
     connection = Connection(int(sys.argv[1]))
     planner = HorizonPlanner.of(*connection.recv())
     answer = None

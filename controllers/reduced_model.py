@@ -1,8 +1,8 @@
-"""The limb without its swinging: heat in the wires, and the bend that they hold.
+"""The limb without its vibration: heat in the wires, and the bend that they hold.
 
-The chain swings at some hertz and is damped within a second, the wires heat and
-cool within ten. Controllers at 20 Hz therefore see a limb that is always where
-its wires' torque and its rubber hold it, θ = K⁻¹ f(x) by (2) and (4).
+The chain swings at some hertz and is damped within a second, while the wires heat and
+cool within ten seconds. Controllers at 20 Hz therefore assume a limb that is always in the
+equilibrium of its wires' torque and its rubber, θ = K⁻¹ f(x) by (2) and (4).
 """
 
 import functools
@@ -28,7 +28,7 @@ class ReducedModel:
     - ``num_wires``, ``num_bends``, ``size``: W, F and H.
     - ``cold``: heat of wires that were never heated (H,).
     - ``scales``: typical changes of the heat (H,).
-    - ``held``: the `HeldAngles` of the limb.
+    - ``statics``: the `StaticEquilibria` of the limb.
     - ``symbolic_step``: `step` as a CasADi function.
     - ``bend_by_torque``: each bend by a torque on each of the joints that make it (F,), rad/(N·m).
 
@@ -41,37 +41,41 @@ class ReducedModel:
         self.limb = model = LimbModel.of(parameters)
         self.period = period
         layout = model.layout
-        self.held = model.mean_angle_statics if layout.is_planar else model.statics
-        wires = self._wires = self.held.wires
+        self.statics = model.mean_angle_statics if layout.is_planar else model.statics
+        wires = self._wires = self.statics.wires
         W = self.num_wires = wires.num_wires
         self.num_bends = layout.num_bends
         self.size = wires.num_states + W
         self.cold = np.concatenate([wires.cold_states, wires.cold_states[:W]])
         self.scales = wires.heat_scales
-        _, to_bend = self.held.bends_of_angles.first(self.held.rest_angles)
+        # Each bend by a torque on its joints.
+        _, to_bend = self.statics.bends_of_angles.first(self.statics.rest_angles)
         in_bend = model.mechanics.shape > 0
-        self.bend_by_torque = np.diag(to_bend @ self.held.compliance @ in_bend).copy()
-        heat, duty = ca.SX.sym("y", self.size), ca.SX.sym("D", W)
+        self.bend_by_torque = np.diag(to_bend @ self.statics.compliance @ in_bend).copy()
+        # The step as a function.
+        heat = ca.SX.sym("y", self.size)
+        duty = ca.SX.sym("D", W)
         after = self._state_step(heat, duty)
         self.symbolic_step = ca.Function("step", [heat, duty], [after])
         self._step = SmoothFunction(after, ca.vertcat(heat, duty))
 
     def _state_step(self, heat: ca.SX, duty: ca.SX) -> ca.SX:
-        """The heat (H,) a period later, by the midpoint method."""
+        """Return the heat (H,) a period later, by the midpoint method."""
 
         def rates(heat: ca.SX) -> ca.SX:
             return self._wires.symbolic_heat(heat[:N], heat[N:], duty)
 
         N = self._wires.num_states
         after = heat + self.period * rates(heat + 0.5 * self.period * rates(heat))
-        return ca.vertcat(self._wires.within(after[:N]), after[N:])
+        return ca.vertcat(self._wires.clamp_states(after[:N]), after[N:])
 
     @functools.cached_property
     def heating_rates(self) -> np.ndarray:
-        """a2 (W,), °C/s: by how much faster cold wires heat at full duty than at none."""
+        """The heating rates a2 (W,), °C/s, of cold wires by full duty."""
         W = self.num_wires
-        full, none = (self.step(self.cold, np.full(W, duty))[:W] for duty in (1.0, 0.0))
-        return (full - none) / self.period
+        heated = self.step(self.cold, np.ones(W))[:W]
+        cooled = self.step(self.cold, np.zeros(W))[:W]
+        return (heated - cooled) / self.period
 
     @functools.cached_property
     def bend_by_temperature(self) -> np.ndarray:
@@ -80,49 +84,49 @@ class ReducedModel:
 
     @functools.cached_property
     def mean_gains(self) -> np.ndarray:
-        """g (F, W), rad/s: the bend rate by full duty, on average from T_warm to T_max."""
+        """The gains g (F, W), rad/s: bend rates by full duty, on average from T_warm to T_max."""
         return self.bend_by_temperature * self.heating_rates
 
     def temperature_to_hold(self, offset: np.ndarray) -> np.ndarray:
-        """Return how much warmer wires (W,), °C, must be to hold a bend from outside (F,), rad."""
+        """Return the rise of the wires (W,), °C, that holds a bend from outside (F,), rad."""
         return nnls(self.bend_by_temperature, -offset)[0]
 
     def temperatures(self, heat: np.ndarray) -> np.ndarray:
-        """T (..., W), °C."""
+        """Return T (..., W), °C."""
         return heat[..., : self.num_wires]
 
     def readings(self, heat: np.ndarray) -> np.ndarray:
-        """V (..., W), °C."""
+        """Return V (..., W), °C."""
         return heat[..., -self.num_wires :]
 
     def heated(self, temperature: np.ndarray) -> np.ndarray:
-        """The heat (H,) of cold wires that were heated to T (W,), °C, until they settled."""
+        """Return the heat (H,) of wires that were heated from cold to T (W,), °C, and settled."""
         return np.concatenate([self._wires.settled_states(temperature), temperature])
 
     def rested(self, temperature: np.ndarray) -> np.ndarray:
-        """The heat (H,) of wires without duty that are read at V (W,), °C, as their silicone is."""
+        """Return the heat (H,) of wires without duty, as warm as their silicone, at V (W,), °C."""
         return np.concatenate([self._wires.rested_states(temperature), temperature])
 
     def step(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """The heat (..., H) a period later, under duty (..., W), by the midpoint method."""
+        """Return the heat (..., H) a period later under duty (..., W), by the midpoint method."""
         return self._step.values(np.concatenate([heat, duty], axis=-1))
 
     def joint_angles(self, heat: np.ndarray) -> np.ndarray:
-        """θ (..., n) that the wires hold, rad."""
-        return self.held.angles(heat[..., : -self.num_wires])
+        """Return θ (..., n), rad, that the wires hold."""
+        return self.statics.angles(heat[..., : -self.num_wires])
 
     def bend_angle(self, heat: np.ndarray) -> np.ndarray:
-        """φ (..., F) that the wires hold, rad.
+        """Return φ (..., F), rad, that the wires hold.
 
-        It is the mean of the joints by (11) in a plane, and the chord's in space. What
-        a sensor reads otherwise, of a sagging limb, is for the observer a bend from outside.
+        It is the mean of the joints by (11) in a plane, and the chord's bend in space. The observer
+        takes the rest of a reading, such as a sagging limb's, for a bend from outside.
         """
-        return self.held.values(heat[..., : -self.num_wires])
+        return self.statics.values(heat[..., : -self.num_wires])
 
     def linearized_step(
         self, heat: np.ndarray, duty: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """`step` of heat (..., H) and duty (..., W), and its derivatives.
+        """Return `step` of heat (..., H) and duty (..., W), and its derivatives.
 
         Returns:
             The heat a period later (..., H), its derivatives by the heat
@@ -132,14 +136,14 @@ class ReducedModel:
         return after, slopes[..., : self.size], slopes[..., self.size :]
 
     def bend_slopes(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`bend_angle` (..., F), rad, and its derivatives by the heat (..., F, H)."""
-        bend, by_state = self.held.first(heat[..., : -self.num_wires])
+        """Return `bend_angle` (..., F), rad, and its derivatives by the heat (..., F, H)."""
+        bend, by_state = self.statics.first(heat[..., : -self.num_wires])
         slopes = np.zeros((*bend.shape, self.size))
         slopes[..., : -self.num_wires] = by_state
         return bend, slopes
 
     def rollout(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """The heat (K + 1, ..., H) from a start (..., H) on, under duty (K, ..., W) of steps."""
+        """Return the heat (K + 1, ..., H) from a start (..., H) under duty (K, ..., W)."""
         heats = [heat]
         for level in duty:
             heats.append(self.step(heats[-1], level))

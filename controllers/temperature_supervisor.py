@@ -1,22 +1,23 @@
-"""Keeps wires from getting too hot, whatever a controller asks for."""
+"""The temperature supervisor: it keeps wires from overheating, whatever a controller commands."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, LeafSystem, System
 
-from controllers.estimator import Estimator, StateEstimate, packed
+from controllers.estimator import Estimator, StateEstimate, pack
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters
 from limb_systems.drake_python import weak_method
-from limb_systems.limb_system import behind
+from limb_systems.limb_system import wrap_controller
 from limb_systems.plan_band import temperature_margin
 from limb_systems.simulation import PERIOD
 
-HOLD = 0.5  # s, for which a duty must be harmless
+HOLD_TIME = 0.5  # s, for which a duty must be harmless
 DEVIATIONS = 2.0  # of the estimated temperature, by which predictions stay below the limit
-# By which share a thermocouple may lag more than its law says: lags of 0.8 to 2.5 s are usual.
-LAG_ERROR, UNCALIBRATED_LAG_ERROR = 0.1, 1.0
-BELOW_BOARD = 5.0  # °C, that feedback stays below what the board cuts out at
+# Errors of a thermocouple's lag, relative to its law; lags of 0.8 to 2.5 s are usual.
+LAG_ERROR = 0.1
+UNCALIBRATED_LAG_ERROR = 1.0
+BOARD_MARGIN = 5.0  # °C, between feedback and the reading at which the board cuts out
 
 
 def lag_error(parameters: LimbParameters) -> float:
@@ -25,12 +26,15 @@ def lag_error(parameters: LimbParameters) -> float:
 
 
 class TemperatureLimiter:
-    """The most duty that a wire may have.
+    """The upper limit of a wire's duty.
 
-    Under it the wire is predicted to be at the limit in half a second, two standard deviations
-    of its estimate included, what it may be warmer if its thermocouple lags more than
-    the law says (a tenth of T - V, or as much again if the limb is not calibrated), and what
-    it reads too hot that the estimate does not believe yet.
+    Under this duty the wire is predicted to be at its temperature limit in half a second, with
+    margins for
+
+    - two standard deviations of its estimate;
+    - a thermocouple that lags more than its law (a tenth of T - V, or all of it if the limb is not
+      calibrated);
+    - the excess of a reading that the estimate does not believe yet.
 
     - ``limit``: °C.
 
@@ -47,7 +51,7 @@ class TemperatureLimiter:
         limits = parameters.temperature_limits
         if limit is None:
             highest = limits.maximum - temperature_margin(parameters)
-            limit = min(highest, limits.measured_maximum - BELOW_BOARD)
+            limit = min(highest, limits.measured_maximum - BOARD_MARGIN)
         if not limit < limits.measured_maximum:
             raise LimbError(
                 f"The limit of a wire's temperature is {limit!r} °C; it must be below "
@@ -55,7 +59,7 @@ class TemperatureLimiter:
             )
         self.limit = limit
         self._lag_error = lag_error(parameters)
-        self._model = ReducedModel(parameters, HOLD)
+        self._model = ReducedModel(parameters, HOLD_TIME)
 
     def caps(self, estimate: StateEstimate, limit: ArrayLike | None = None) -> np.ndarray:
         """Return the most duty of each wire (W,), in [0, 1].
@@ -66,21 +70,23 @@ class TemperatureLimiter:
         """
         W = self._model.num_wires
         after, _, by_duty = self._model.linearized_step(estimate.heat, np.zeros(W))
-        T, V = estimate.heat[:W], self._model.readings(estimate.heat)
+        T = estimate.heat[:W]
+        V = self._model.readings(estimate.heat)
         deviation = np.sqrt(np.diag(estimate.covariance)[:W])
         error = DEVIATIONS * deviation + self._lag_error * np.maximum(T - V, 0.0)
         highest = self.limit if limit is None else np.minimum(self.limit, limit)
-        room = highest - error - estimate.hotter - after[:W] - HOLD * estimate.heating_rate
+        room = highest - error - estimate.reading_excess - after[:W]
+        room = room - HOLD_TIME * estimate.heating_rate
         return np.clip(room / np.diag(by_duty[:W]), 0.0, 1.0)
 
 
 class TemperatureSupervisor(LeafSystem):
-    """Between any controller and a limb of W wires: reduces duty before a wire is too hot.
+    """A system after a controller that reduces duty before one of a limb's W wires overheats.
 
-    What comes out is the duty nearest to the one that was asked for with which each
-    wire stays below the limit of `TemperatureLimiter`; duty that is no number is zero.
+    The output is the duty nearest to the commanded duty with which each wire stays below the limit
+    of `TemperatureLimiter`; duty that is no number is zero.
 
-    - input 0 ``duty``: D (W), as asked for
+    - input 0 ``duty``: D (W), as commanded
     - input 1 ``measured_temperature``: V (W), °C; NaN where there is no reading
     - output 0 ``duty``: D (W), in [0, 1]
     - state, discrete, at 20 Hz: 0: the most duty (W); 1: the `StateEstimate`, NaN before the
@@ -102,6 +108,7 @@ class TemperatureSupervisor(LeafSystem):
         parameters = LimbParameters.of(parameters)
         self._estimator = Estimator(parameters)
         self._limiter = TemperatureLimiter(parameters, limit)
+        # Ports, and the caps that follow from the readings.
         W = len(parameters.wires)
         duty = self.DeclareVectorInputPort("duty", W)
         self.DeclareVectorInputPort("measured_temperature", W)
@@ -119,16 +126,16 @@ class TemperatureSupervisor(LeafSystem):
         readings = self.GetInputPort("measured_temperature").Eval(context)
         no_bend = np.full(self._estimator.model.num_bends, np.nan)
         estimate = self._estimator.read(state.value(1), readings, no_bend)
-        estimate = self._estimator.predicted(estimate, self._allowed(context, state.value(0)))
+        estimate = self._estimator.predict(estimate, self._limited_duty(context, state.value(0)))
         state.set_value(0, self._limiter.caps(estimate))
-        state.set_value(1, packed(estimate))
+        state.set_value(1, pack(estimate))
 
     def _calc_duty(self, context, output) -> None:
-        output.SetFromVector(self._allowed(context, context.get_discrete_state(0).value()))
+        output.SetFromVector(self._limited_duty(context, context.get_discrete_state(0).value()))
 
-    def _allowed(self, context, caps: np.ndarray) -> np.ndarray:
-        asked = self.GetInputPort("duty").Eval(context)
-        return np.clip(np.nan_to_num(asked, nan=0.0), 0.0, caps)
+    def _limited_duty(self, context, caps: np.ndarray) -> np.ndarray:
+        commanded = self.GetInputPort("duty").Eval(context)
+        return np.clip(np.nan_to_num(commanded, nan=0.0), 0.0, caps)
 
 
 def supervised(
@@ -152,11 +159,12 @@ def supervised(
         raise LimbError(
             f"{type(controller).__name__} has no output port duty, and cannot be supervised."
         )
-    asked, wires = controller.GetOutputPort("duty"), len(parameters.wires)
-    if asked.size() != wires:
+    num_duties = controller.GetOutputPort("duty").size()
+    num_wires = len(parameters.wires)
+    if num_duties != num_wires:
         raise LimbError(
-            f"{type(controller).__name__} has a duty for {asked.size()} wires, but the limb has "
-            f"{wires}."
+            f"{type(controller).__name__} has a duty for {num_duties} wires, but the limb has "
+            f"{num_wires}."
         )
     supervisor = TemperatureSupervisor(parameters, limit=limit)
-    return behind(supervisor, controller)
+    return wrap_controller(supervisor, controller)

@@ -49,7 +49,7 @@ def main(options):
         twin = LimbTwin(options.limb, seed=1, truth=True)
         recording = true_bend(replay(trajectory, twin, controller=controller))
         recording.save(options.out / f"drawing_{name}.csv")
-        distance_deg = np.rad2deg(reference_distances(trajectory, [recording]).done)
+        distance_deg = np.rad2deg(reference_distances(trajectory, [recording]).measured)
         print(f"{name:<12}mean distance of the bend from the reference: {distance_deg:.2f}°")
         write_meshcat_replay(options.out / f"drawing_{name}.html", recording, plan=trajectory)
         save_figure(plot_tracking(trajectory, [recording]), options.out / f"drawing_{name}.png")

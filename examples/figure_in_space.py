@@ -74,7 +74,7 @@ def draw_in_space(plan: Trajectory, recording: Recording) -> Figure:
         axis.annotate("", end, base, arrowprops=arrow)
         axis.text(*(base + 1.08 * (end - base)), name, color="0.35", ha="center", va="center")
     # Add the title, the legend and the scale of the colours.
-    distance_deg = np.rad2deg(reference_distances(plan, [recording]).done)
+    distance_deg = np.rad2deg(reference_distances(plan, [recording]).measured)
     axis.set_title(
         f"mean distance of the measured bend from the circle: {distance_deg:.1f}°", fontsize=10
     )

@@ -79,7 +79,7 @@ def drive(trajectory: Trajectory, port: str | None, folder: Path) -> None:
         limb = SerialLimb(address, trajectory.parameters)  # it has the ports of `Limb`
         recording = replay(trajectory, limb, journal=folder / "replay.csv")
     source = recording.source if port else f"{recording.source}, emulated"
-    distance = reference_distances(trajectory, [recording]).done
+    distance = reference_distances(trajectory, [recording]).measured
     error = tracking_errors(trajectory, [recording]).mean
     print(f"recorded    {source}: {len(recording.time)} samples, {limb.link.lost_samples} lost")
     print(f"commands    99% within {1000 * np.percentile(limb.timing_errors, 99):.1f} ms")

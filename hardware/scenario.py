@@ -12,15 +12,15 @@ from pydrake.systems.analysis import SimulatorConfig
 from hardware.drivers import LimbDriver, ZeroForceDriver
 from limb_systems import LimbError
 from limb_systems.contact import NEAR_RIGID_THRESHOLD, TIME_STEP
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.input import read_text
 from limb_systems.files.schema import (
     SchemaError,
     Strict,
     Tagged,
+    did_you_mean,
     dump_typed,
     load_typed,
-    nearest,
     quantity,
     validate,
 )
@@ -295,14 +295,14 @@ class Scenario(Directives):
         text = read_text(path, "scenario", StationError)
         if not text.strip():
             raise StationError(f"{path} is empty; a scenario has directives and model_drivers.")
-        with raised_as(StationError, f"{path}: "):
+        with reraise_as(StationError, f"{path}: "):
             scenario = load_typed(cls, text)
             scenario.validate()
         return scenario
 
     def validate(self) -> None:
         """Raise StationError for the first field that is wrong, or has no effect."""
-        with raised_as(StationError):
+        with reraise_as(StationError):
             validate(self)
             for index, directive in enumerate(self.directives):
                 names = list(_without_none(vars(directive)))
@@ -311,9 +311,9 @@ class Scenario(Directives):
                         f"directives[{index}] has {', '.join(names) or 'nothing'}; each element "
                         "adds one thing."
                     )
-        with raised_as(StationError, "plant_config."):
+        with reraise_as(StationError, "plant_config."):
             self.plant_config.check()
-        with raised_as(StationError, "simulator_config."):
+        with reraise_as(StationError, "simulator_config."):
             self.simulator_config.check(self.plant_config.time_step)
 
 
@@ -325,7 +325,8 @@ def _check_choice(
         _refuse(name, f"{value} is not for stations: {reason}")
     if value not in choices:
         raise SchemaError(
-            f"{name} is {value!r}{nearest(value, choices)}; it must be one of {', '.join(choices)}."
+            f"{name} is {value!r}{did_you_mean(value, choices)}; it must be one of "
+            f"{', '.join(choices)}."
         )
 
 

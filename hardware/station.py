@@ -29,14 +29,14 @@ from hardware.replaying import check_replayable
 from hardware.scenario import Scenario, StationError
 from limb_systems import Trajectory, WireColors
 from limb_systems.contact import ContactForces
-from limb_systems.files.schema import shown
+from limb_systems.files.schema import short_repr
 from limb_systems.simulation import (
     advance,
     build,
     check_duty,
     check_positive,
-    end_of_samples,
     jump_times,
+    last_sample_time,
     make_simulator,
 )
 
@@ -214,7 +214,7 @@ def drive(
             port = station.get_output_port(index)
             sinks[port.get_name()] = LogVectorOutput(port, builder, 1 / sample_rate)
         simulator = _simulator(station, build(builder))
-        end = end_of_samples(duration, sample_rate)
+        end = last_sample_time(duration, sample_rate)
         advance(simulator, end, real_time=station.real_time, jumps=np.unique(jumps))
         logs = {name: sink.FindLog(simulator.get_context()) for name, sink in sinks.items()}
     times = next(iter(logs.values())).sample_times().copy()
@@ -266,8 +266,8 @@ def _as_trajectory(name: str, value: Any, duration: float) -> trajectories.Traje
         values = np.empty(0)
     if values.ndim != 1 or not values.size or not np.isfinite(values).all():
         raise StationError(
-            f"The input {name} is {shown(value)}; it must be a plan, a trajectory or a list of "
-            "finite numbers."
+            f"The input {name} is {short_repr(value)}; it must be a plan, a trajectory or a list "
+            "of finite numbers."
         )
     samples = np.column_stack([values, values])
     return trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], samples)

@@ -1,4 +1,4 @@
-"""What the bend in a recording means: sensors between a segment's shape and its bend angle.
+"""Bend sensors: the relation of a segment's shape to its recorded bend angle.
 
 A limb has a shape, and a recording of a segment has one number for it. For
 constant curvature (8) all sensors agree on that number, the bend angle φ. They
@@ -17,12 +17,12 @@ from limb_systems.segment_chain import SegmentChain
 
 
 def bend_angle_from_tip_tangent(tip_tangent: ArrayLike) -> np.ndarray:
-    """φ = α/2 for the sensor's tip tangent angle α, constant curvature (8)."""
+    """Return φ = α/2 for the sensor's tip tangent angle α, constant curvature (8)."""
     return np.asarray(tip_tangent, float) / 2
 
 
 def chord_angle(joint_angles: ArrayLike) -> np.ndarray:
-    """Angle of the chord from the base of a segment to its tip, φ = atan2(t·E2, t·E1).
+    """Return the angle of the chord from the base of a segment to its tip, φ = atan2(t·E2, t·E1).
 
     Args:
         joint_angles: θ of the segment, (n,) or (n, K); numbers, AutoDiffXd or
@@ -31,19 +31,24 @@ def chord_angle(joint_angles: ArrayLike) -> np.ndarray:
     Returns:
         rad, in (-π, π], () or (K,).
     """
-    return _planar(joint_angles).bend_angle(joint_angles)[0]
+    return _planar_chain(joint_angles).bend_angle(joint_angles)[0]
 
 
-def rolled(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
-    """Bends (axes, ...) towards E2 and E3 as bends towards axes that are turned about E1, rad."""
+def roll_bends(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
+    """Return bends (axes, ...) towards E2 and E3 as bends towards axes that are turned about E1.
+
+    Args:
+        roll: angle by which the axes are turned, rad.
+    """
     if len(bends) == 1:
         return bends
-    cosine, sine = np.cos(roll), np.sin(roll)
+    cosine = np.cos(roll)
+    sine = np.sin(roll)
     return np.array([cosine * bends[0] + sine * bends[1], cosine * bends[1] - sine * bends[0]])
 
 
-def _planar(joint_angles: ArrayLike) -> SegmentChain:
-    """The paper's chain with so many joints."""
+def _planar_chain(joint_angles: ArrayLike) -> SegmentChain:
+    """Return the paper's planar chain with as many joints as there are angles."""
     return SegmentChain([["e2"]] * len(np.asarray(joint_angles)))
 
 
@@ -51,15 +56,15 @@ def _planar(joint_angles: ArrayLike) -> SegmentChain:
 class BendSensor(Tagged, abc.ABC):
     """The bend sensor of a segment; subclasses are dataclasses.
 
-    - ``gain``: slope of what it shows, 1 if it is exact.
-    - ``offset``: reading where it should be zero, rad.
-    - ``offset_e3``: the same of the bend towards E3, rad, where there are two axes.
-    - ``roll``: angle about E1 from E2 to the axis that the sensor takes for it, rad.
+    - ``gain``: slope of the recorded bend over the true bend, 1 if it is exact.
+    - ``offset``: recorded bend of a straight segment, rad.
+    - ``offset_e3``: recorded bend towards E3 of a straight segment with two axes, rad.
+    - ``roll``: angle about E1 from E2 to the first axis of the sensor, rad.
     - ``noise``: standard deviation of a sample, rad.
     - ``drift``: standard deviation of a slow drift, rad.
 
-    The paper saw about 2° of error of its sensor in use (Sec. VII); how much of
-    it is noise and how much drift is ours.
+    The paper saw about 2° of error of its sensor in use (Sec. VII); its division into noise and
+    drift is ours.
     """
 
     gain: float = quantity(1.0, "", 0.1, 10.0)
@@ -71,15 +76,15 @@ class BendSensor(Tagged, abc.ABC):
 
     @abc.abstractmethod
     def bend_angle(self, reading: ArrayLike) -> np.ndarray:
-        """The bend angle that is recorded, rad, of any shape, from the raw reading, rad."""
+        """Return the bend angle that is recorded, rad, of any shape, from the raw reading, rad."""
 
     @abc.abstractmethod
     def reading(self, bend_angle: ArrayLike) -> np.ndarray:
-        """The raw reading, rad, of any shape, that is recorded as a bend angle, rad."""
+        """Return the raw reading, rad, of any shape, that is recorded as a bend angle, rad."""
 
     @abc.abstractmethod
     def exact_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
-        """What would be recorded of a segment without gain, offset, noise and drift.
+        """Return the recorded bends of a segment without gain, offset, noise and drift.
 
         Args:
             chain: the segment's kinematics.
@@ -90,11 +95,11 @@ class BendSensor(Tagged, abc.ABC):
         """
 
     def exact_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """`exact_bends` of the paper's planar segment, () or (K,), rad."""
-        return self.exact_bends(_planar(joint_angles), joint_angles)[0]
+        """Return `exact_bends` of the paper's planar segment, () or (K,), rad."""
+        return self.exact_bends(_planar_chain(joint_angles), joint_angles)[0]
 
     def apparent_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """What would be recorded of these joint angles, with gain and offset.
+        """Return the recorded bend angle of the paper's planar segment, with gain and offset.
 
         Args:
             joint_angles: θ of the segment, (n,) or (n, K); numbers or AutoDiffXd.
@@ -105,57 +110,57 @@ class BendSensor(Tagged, abc.ABC):
         return self.gain * self.exact_bend_angle(joint_angles) + self.offset
 
     def apparent_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
-        """What would be recorded, as `exact_bends`, with gain, offsets and roll."""
-        bends = rolled(self.exact_bends(chain, joint_angles), self.roll)
+        """Return the recorded bends as `exact_bends`, with gain, offsets and roll."""
+        bends = roll_bends(self.exact_bends(chain, joint_angles), self.roll)
         offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
         return np.array([self.gain * bend + offset for bend, offset in offsets])
 
     def corrected(self, bend_angle: ArrayLike) -> np.ndarray:
-        """A recorded bend angle, rad, of any shape, without gain and offset."""
+        """Remove gain and offset from a recorded bend angle, rad, of any shape."""
         return (np.asarray(bend_angle, float) - self.offset) / self.gain
 
     def corrected_bends(self, bends: np.ndarray) -> np.ndarray:
-        """Recorded bends of a segment (axes, ...), rad, without gain and offsets; rolled still."""
+        """Remove gain and offsets from recorded bends (axes, ...), rad; the roll remains."""
         offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
         return np.array([(bend - offset) / self.gain for bend, offset in offsets])
 
     def unrolled_bends(self, bends: np.ndarray) -> np.ndarray:
-        """`corrected_bends` about the axes of the limb: without the sensor's roll, too."""
-        return rolled(self.corrected_bends(bends), -self.roll)
+        """Remove gain, offsets and roll from the bends of a segment (axes, ...), rad."""
+        return roll_bends(self.corrected_bends(bends), -self.roll)
 
 
 @dataclasses.dataclass
 class TipTangentSensor(BendSensor):
-    """The paper's: it reads the tip tangent angle α, and α/2 is recorded (8).
+    """The paper's sensor: it reads the tip tangent angle α, and α/2 is recorded (8).
 
-    `SegmentChain.tip_bend` says what that is of a chain of links: φ for equal joint angles.
+    `SegmentChain.tip_bend` defines α/2 of a chain of links: φ for equal joint angles.
     """
 
     def bend_angle(self, reading: ArrayLike) -> np.ndarray:
-        """α/2."""
+        """Return α/2."""
         return bend_angle_from_tip_tangent(reading)
 
     def reading(self, bend_angle: ArrayLike) -> np.ndarray:
-        """α = 2 φ."""
+        """Return α = 2 φ."""
         return 2 * np.asarray(bend_angle, float)
 
     def exact_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
-        """α/2 of the chain."""
+        """Return α/2 of the chain."""
         return chain.tip_bend(joint_angles)
 
 
 @dataclasses.dataclass
 class ChordSensor(BendSensor):
-    """Sensor that sees base and tip, such as a camera, and reads the chord's angle φ itself."""
+    """A sensor that sees base and tip, such as a camera, and reads the angle φ of the chord."""
 
     def bend_angle(self, reading: ArrayLike) -> np.ndarray:
-        """The reading itself."""
+        """Return the reading, which is φ."""
         return np.asarray(reading, float)
 
     def reading(self, bend_angle: ArrayLike) -> np.ndarray:
-        """φ itself."""
+        """Return φ, which is the reading."""
         return np.asarray(bend_angle, float)
 
     def exact_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
-        """φ of the chain's chord."""
+        """Return φ of the chain's chord."""
         return chain.bend_angle(joint_angles)

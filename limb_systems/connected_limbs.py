@@ -1,4 +1,4 @@
-"""Limbs that are connected, such as those of a robot, for code that handles single limbs."""
+"""Limbs that are connected, such as a robot's limbs, for code that handles single limbs."""
 
 import importlib.metadata
 import re
@@ -11,36 +11,37 @@ from limb_systems.files.input import read_text
 from limb_systems.limb_parameters import LimbParameters
 
 ENTRY_POINTS = "soft_limb.connected_limbs"
-# Fields at the top level that a description of connected limbs has, and that of a limb has not.
-FIELDS = {"body", "limbs", "feet", "ground"}
+# Fields at the top level of a description that only connected limbs have.
+CONNECTED_FIELDS = {"body", "limbs", "feet", "ground"}
 
 
 def connected(name: str) -> Any:
-    """Return what an installed package has for connected limbs, by the name of its entry point.
+    """Return the object that an installed package registers for connected limbs.
 
-    The group ``soft_limb.connected_limbs`` has these, which are imported when they are needed:
+    The group of entry points ``soft_limb.connected_limbs`` has these names. An object is imported
+    when it is needed:
 
     - ``description``: the subclass of `ConnectedLimbs` that files are read into.
     - ``view``: its `limb_systems.views.limb_view.LimbView`, made from a description and a root.
-    - ``panels``: function of a description and a motion that returns the panels of what no single
-      limb has.
+    - ``panels``: function of a description and a motion that returns the panels of signals that
+      no single limb has.
     - ``emulation``: its emulation, made like `hardware.LimbTwin`.
-    - ``specimen``: its `hardware.emulation.specimen.Specimen`, whose ``limb(name)`` is that of a
-      limb which is taken off.
+    - ``specimen``: its `hardware.emulation.specimen.Specimen`; its method ``limb(name)`` returns
+      the specimen of one limb that is taken off.
 
     Raises:
-        ParameterError: if no package has it.
+        ParameterError: if no package registers the name.
     """
     for entry in importlib.metadata.entry_points(group=ENTRY_POINTS, name=name):
         return entry.load()
     raise ParameterError(
-        f"These limbs are connected, but no installed package has the {name} of such; install "
-        "soft-limb again."
+        f"These limbs are connected, but no installed package has the {name} of connected limbs; "
+        "install soft-limb again."
     )
 
 
 class NamedLimb(Protocol):
-    """A limb among others: its name, and its parameters as those of a limb alone."""
+    """A limb of several: its name, and its parameters as a limb by itself."""
 
     name: str
     parameters: LimbParameters
@@ -49,8 +50,8 @@ class NamedLimb(Protocol):
 class ConnectedLimbs(Described):
     """The description of limbs that are connected, as code for single limbs uses it.
 
-    All that is about wires, joints and bends takes `together`, a single limb that has the segments
-    of all; see `connected` for what an installed package adds to it.
+    Code about wires, joints and bends uses `as_single_limb`, a single limb that has the segments of
+    all limbs. See `connected` for the parts that an installed package adds.
 
     - ``limbs``: the limbs with their names; wires, bends and joints are in their order.
     """
@@ -59,34 +60,38 @@ class ConnectedLimbs(Described):
 
     @classmethod
     def registered(cls) -> type["ConnectedLimbs"]:
-        """Return the class of the installed package; errors as of `connected`."""
+        """Return the class that the installed package registers; errors as in `connected`."""
         return connected("description")
 
     @property
     def is_limb(self) -> bool:
-        """Whether this is one limb that is held, and `together` describes all of it."""
+        """True if there is one clamped limb, which `as_single_limb` describes completely."""
         raise NotImplementedError
 
     @property
-    def together(self) -> LimbParameters:
-        """All limbs as a single one: their segments in order, with the limbs' names."""
+    def as_single_limb(self) -> LimbParameters:
+        """All limbs as a single limb: their segments in order, with the limbs' names."""
         raise NotImplementedError
 
     @property
     def wires_of(self) -> list[slice]:
-        """Places of each limb's wires among those of all."""
+        """The slice of each limb's wires in the wires of `as_single_limb`."""
         raise NotImplementedError
 
     def limb(self, name: str) -> LimbParameters:
-        """Return the parameters of a limb as part of the whole; ParameterError for no such name."""
+        """Return the parameters of a limb as part of the whole.
+
+        Raises:
+            ParameterError: if there is no limb of this name.
+        """
         raise NotImplementedError
 
     def limb_alone(self, name: str) -> LimbParameters:
-        """Return the parameters of a limb that is taken off; ParameterError for no such name."""
+        """Return the parameters of a limb that is taken off; errors as in `limb`."""
         raise NotImplementedError
 
     def with_limbs(self, limbs: Mapping[str, LimbParameters]) -> Self:
-        """Return the same with limbs that were calibrated alone, by name."""
+        """Return a copy whose limbs are replaced by limbs that were calibrated alone, by name."""
         raise NotImplementedError
 
     def signal_columns(self) -> dict[str, list[str]]:
@@ -98,16 +103,16 @@ class ConnectedLimbs(Described):
         raise NotImplementedError
 
     def surroundings(self) -> str:
-        """Return what it stands on, in words."""
+        """Return a text that names the ground."""
         raise NotImplementedError
 
     def commands_after_fit(self, path: Path) -> list[list[str]]:
-        """Return the words of commands that go on with its description in a file."""
+        """Return the next commands, as lists of words, after its description is in a file."""
         raise NotImplementedError
 
 
-def load_described(path: str | Path | None) -> LimbParameters | ConnectedLimbs:
-    """Return what a YAML file describes: a limb, or limbs that are connected.
+def load_description(path: str | Path | None) -> LimbParameters | ConnectedLimbs:
+    """Load a YAML file that describes a limb or connected limbs.
 
     Args:
         path: the file; the nominal limb if None.
@@ -124,5 +129,5 @@ def load_described(path: str | Path | None) -> LimbParameters | ConnectedLimbs:
 
 
 def describes_connected(text: str) -> bool:
-    """Return whether the YAML text of a description is that of limbs that are connected."""
-    return bool(FIELDS & set(re.findall(r"^\{?(\w+):", text, re.MULTILINE)))
+    """Return whether the YAML text of a description describes connected limbs."""
+    return bool(CONNECTED_FIELDS & set(re.findall(r"^\{?(\w+):", text, re.MULTILINE)))

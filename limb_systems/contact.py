@@ -19,9 +19,9 @@ NEAR_RIGID_THRESHOLD = 0.0
 
 
 class ContactForces(LeafSystem):
-    """Forces on groups of bodies from whatever touches them, points and surfaces.
+    """Contact forces on groups of bodies, from points and surfaces.
 
-    Contact between bodies of one group adds up to nothing.
+    Contact between bodies of one group adds up to zero.
 
     - input 0 ``contact_results``: abstract, of the plant
     - output 0 ``contact_force``: N, of each group, along the axes of the world
@@ -39,18 +39,21 @@ class ContactForces(LeafSystem):
         Args:
             plant: finalized, registered with a SceneGraph.
             groups: bodies whose forces are added up.
-            axes: axes of the world along which forces are shown: 0 for x and so on.
+            axes: axes of the world along which forces are output: 0 for x, 1 for y, 2 for z.
         """
         super().__init__()
-        self._axes, self._num_groups = list(axes), len(groups)
-        self._group_of = {body: group for group, bodies in enumerate(groups) for body in bodies}
-        # By number: the ids themselves would keep the plant alive.
-        self._body_of = {
-            geometry.get_value(): body
-            for body in self._group_of
-            for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body))
-        }
+        self._axes = list(axes)
+        self._num_groups = len(groups)
+        self._group_of_body: dict[BodyIndex, int] = {}
+        # Key by the ids' numbers: the ids themselves would keep the plant alive.
+        self._body_of_geometry: dict[int, BodyIndex] = {}
+        for group, bodies in enumerate(groups):
+            for body in bodies:
+                self._group_of_body[body] = group
+                for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body)):
+                    self._body_of_geometry[geometry.get_value()] = body
         self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
+        # Declare the ports.
         size = self._num_groups * len(self._axes)
         self.DeclareVectorOutputPort("contact_force", size, weak_method(self._calc))
 
@@ -58,19 +61,21 @@ class ContactForces(LeafSystem):
         results = self.get_input_port().Eval(context)
         forces = np.zeros((self._num_groups, 3))
 
-        def add(on, force, on_other):
-            for body, sign in ((on, 1.0), (on_other, -1.0)):
-                if body in self._group_of:
-                    forces[self._group_of[body]] += sign * force
+        def add_force(body, force, opposite_body):
+            """Add a force on a body, and its reaction on the opposite body."""
+            for contact_body, sign in ((body, 1.0), (opposite_body, -1.0)):
+                if contact_body in self._group_of_body:
+                    forces[self._group_of_body[contact_body]] += sign * force
 
+        # Add the forces at points.
         for index in range(results.num_point_pair_contacts()):
             point = results.point_pair_contact_info(index)
-            add(point.bodyB_index(), point.contact_force(), point.bodyA_index())
+            add_force(point.bodyB_index(), point.contact_force(), point.bodyA_index())
+        # Add the forces on hydroelastic surfaces.
         for index in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(index)
             surface = info.contact_surface()
-            on, on_other = (
-                self._body_of.get(of.get_value()) for of in (surface.id_M(), surface.id_N())
-            )
-            add(on, info.F_Ac_W().translational(), on_other)
+            body_m = self._body_of_geometry.get(surface.id_M().get_value())
+            body_n = self._body_of_geometry.get(surface.id_N().get_value())
+            add_force(body_m, info.F_Ac_W().translational(), body_n)
         output.SetFromVector(forces[:, self._axes].ravel())

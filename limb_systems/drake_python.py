@@ -1,4 +1,4 @@
-"""What a Drake system that is written in Python needs: to be freed, and ports of its state.
+"""Tools for Drake systems that are written in Python: callbacks without leaks, and state ports.
 
 If a system that is subclassed in Python is never freed, each plan leaks
 megabytes. Two things keep such a system alive:
@@ -18,14 +18,17 @@ from pydrake.systems.framework import DiscreteStateIndex, LeafSystem
 
 
 def weak_method(method: Callable) -> Callable:
-    """A bound method as a callback that does not keep its object alive."""
-    owner, function = weakref.ref(method.__self__), method.__func__  # type: ignore[attr-defined]
+    """Return a bound method as a callback that does not keep its object alive."""
+    owner = weakref.ref(method.__self__)  # type: ignore[attr-defined]
+    function = method.__func__  # type: ignore[attr-defined]
     # Drake calls back only while the system is alive.
     return lambda *arguments: function(owner(), *arguments)
 
 
-def declare_part(system: LeafSystem, name: str, state: DiscreteStateIndex, part: slice) -> None:
-    """Declares an output port that shows a part of a discrete state."""
+def declare_state_output(
+    system: LeafSystem, name: str, state: DiscreteStateIndex, part: slice
+) -> None:
+    """Declare an output port for a part of a discrete state."""
     system.DeclareVectorOutputPort(
         name,
         part.stop - part.start,

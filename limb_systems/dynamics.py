@@ -17,7 +17,7 @@ def equation_of_motion(
     accelerations: ca.SX,
     states: ca.SX,
 ) -> ca.SX:
-    """The residual of (2) on each joint (n,), N·m, which is zero in every motion.
+    """Return the residual of (2) on each joint (n,), N·m, which is zero in every motion.
 
         M(θ) θ̈ + C(θ, θ̇) θ̇ + ∇V(θ) + σ θ̇ + K (θ - θ_0) - f(x, θ)
 
@@ -31,6 +31,7 @@ def equation_of_motion(
         states: x (N,) of the wires.
     """
     gravity = ca.DM(mechanics.gravity)
+    # Add up the terms of (2).
     inertia = Chain(mechanics, angles).inverse_dynamics(rates, accelerations, gravity)
     springs = ca.DM(mechanics.stiffness) * (angles - ca.DM(mechanics.rest_angles))
     damping = ca.DM(mechanics.damping) * rates
@@ -59,30 +60,36 @@ class Dynamics:
     def __init__(self, mechanics: LimbMechanics, wires: Wires):
         self.mechanics = mechanics
         self.wires = wires
-        self.num_joints = n = mechanics.layout.num_joints
+        n = mechanics.layout.num_joints
+        self.num_joints = n
         self.num_states = wires.num_states
-        q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
+        # State the residual in symbols.
+        q = ca.SX.sym("q", n)
+        v = ca.SX.sym("v", n)
+        a = ca.SX.sym("a", n)
         x = ca.SX.sym("x", wires.num_states)
         residual = equation_of_motion(mechanics, wires, q, v, a, x)
         self.residual = ca.Function("residual", [q, v, x, a], [residual])
         self.by_state = SmoothFunction(residual, ca.vertcat(q, v, x), a)
         self.by_motion = SmoothFunction(residual, ca.vertcat(q, v, a), x)
+        # Without motion it is the balance of forces.
         no_motion = ca.SX(n, 1)
         at_rest = self.residual(q, no_motion, x, no_motion)
         self.at_rest = SmoothFunction(at_rest, ca.vertcat(q, x))
-        still = ca.substitute(residual, a, ca.SX.zeros(n))
+        # It is linear in the accelerations: separate the load and the mass matrix.
+        load = ca.substitute(residual, a, ca.SX.zeros(n))
         mass = ca.vec(ca.jacobian(residual, a))
-        self._mass_and_load = SmoothFunction(ca.vertcat(still, mass), ca.vertcat(q, v, x))
-        straight = self.mass_and_load(np.zeros(2 * n + wires.num_states))[0]
-        self.acceleration_to_angle = straight / mechanics.stiffness[:, None]
+        self._mass_and_load = SmoothFunction(ca.vertcat(load, mass), ca.vertcat(q, v, x))
+        straight_mass, _ = self.mass_and_load(np.zeros(2 * n + wires.num_states))
+        self.acceleration_to_angle = straight_mass / mechanics.stiffness[:, None]
 
     def mass_and_load(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """M (..., n, n), kg·m², and the residual without acceleration (..., n), N·m."""
+        """Return M (..., n, n), kg·m², and the residual without acceleration (..., n), N·m."""
         values = self._mass_and_load.values(points)
         load, mass = np.split(values, [self.num_joints], axis=-1)
         return mass.reshape(*load.shape, self.num_joints), load
 
     def accelerations(self, points: np.ndarray) -> np.ndarray:
-        """θ̈ (..., n), rad/s²."""
+        """Return θ̈ (..., n), rad/s²."""
         mass, load = self.mass_and_load(points)
         return -np.linalg.solve(mass, load[..., None])[..., 0]

@@ -1,16 +1,16 @@
-"""The base of every error that a user of the package can cause, and where an error is from."""
+"""The base of every error that a user of the package can cause."""
 
 import contextlib
 from collections.abc import Iterator
 
 
 class LimbError(Exception):
-    """One sentence that says what is wrong, where, and what to do."""
+    """An error whose message is one sentence: what is wrong, where, and what to do."""
 
 
 @contextlib.contextmanager
-def raised_as(error_type: type[LimbError], place: str = "") -> Iterator[None]:
-    """A context whose errors are raised as errors of one type.
+def reraise_as(error_type: type[LimbError], place: str = "") -> Iterator[None]:
+    """A context that raises every LimbError as an error of one type.
 
     Args:
         error_type: the type.

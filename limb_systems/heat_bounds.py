@@ -6,22 +6,22 @@ from limb_systems.errors import LimbError
 from limb_systems.files.schema import Strict, quantity
 from limb_systems.wire_laws.wire_law import WireLaw
 
-# How far wires of one kind differ from their description and from the linear law: ranges of
-# published recordings and of the properties of shape-memory alloy, as docs/protocol.md lists them.
-SPREAD = {
+# Ratios of the rates of real wires to the rates of their law: ranges of published recordings and
+# of the properties of shape-memory alloy, as docs/protocol.md lists them.
+RATE_FACTORS = {
     "slowest_cooling": 0.6,
     "fastest_cooling": 1.36,
     "least_heating": 0.85,
     "most_heating": 1.15,
     "slowest_reading": 0.5,
 }
-# Pairs of a lower and an upper bound.
-BOUNDED = (("slowest_cooling", "fastest_cooling"), ("least_heating", "most_heating"))
+# Pairs of the fields that are a lower and an upper bound of one rate.
+BOUND_PAIRS = (("slowest_cooling", "fastest_cooling"), ("least_heating", "most_heating"))
 
 
 @dataclasses.dataclass
 class HeatBounds(Strict):
-    """Within what bounds a wire heats, cools and is read.
+    """The bounds within which a wire heats, cools and is read.
 
     - ``slowest_cooling``, ``fastest_cooling``: bounds of -a1 (6), 1/s.
     - ``least_heating``, ``most_heating``: bounds of a2 (6), °C/s.
@@ -36,37 +36,38 @@ class HeatBounds(Strict):
 
     @classmethod
     def around(cls, law: WireLaw) -> "HeatBounds":
-        """Bounds that hold for any wire of the kind that a law describes.
+        """Return bounds that hold for any wire of the kind that a law describes.
 
         Raises:
-            LimbError: if one is beyond what a board accepts, or if the law does not
-                say its `WireLaw.typical_rates`.
+            LimbError: if a bound is beyond the range that a board accepts, or if the law has no
+                `WireLaw.typical_rates`.
         """
         rates = law.typical_rates()
-        values = {
-            name: share * rates[name if name in rates else name.split("_")[1]]
-            for name, share in SPREAD.items()
-        }
+        bounds: dict[str, float] = {}
         for field in dataclasses.fields(cls):
+            # Multiply the rate of this bound, or the rate "heating" or "reading" of both bounds.
+            rate = rates[field.name if field.name in rates else field.name.split("_")[1]]
+            bound = RATE_FACTORS[field.name] * rate
             low, high = field.metadata["range"]
-            if not low <= values[field.name] <= high:
+            if not low <= bound <= high:
                 raise LimbError(
-                    f"This wire's {field.name} would be {values[field.name]:.3g} "
-                    f"{field.metadata['unit']} by its law, but a board accepts {low:g} to "
-                    f"{high:g}; give the wire heat_bounds."
+                    f"This wire's {field.name} would be {bound:.3g} {field.metadata['unit']} by "
+                    f"its law, but a board accepts {low:g} to {high:g}; give the wire heat_bounds."
                 )
-        return cls(**values)
+            bounds[field.name] = bound
+        return cls(**bounds)
 
-    def around_any(self) -> "HeatBounds":
+    def widened_to_any_wire(self) -> "HeatBounds":
         """Return these bounds, widened until they hold for all wires of published recordings."""
-        upper = [high for _, high in BOUNDED]
-        widened = {
-            name: (max if name in upper else min)(value, getattr(ANY_WIRE, name))
-            for name, value in dataclasses.asdict(self).items()
-        }
+        # Move each bound outwards.
+        upper_names = [high for _, high in BOUND_PAIRS]
+        widened: dict[str, float] = {}
+        for name, bound in dataclasses.asdict(self).items():
+            widest = max if name in upper_names else min
+            widened[name] = widest(bound, getattr(ANY_WIRE_BOUNDS, name))
         return HeatBounds(**widened)
 
 
-# -a1 from 0.03 to 0.09 1/s, a2 from 10 to 65 °C/s, a lag of up to 9 s. Any wider, and a board that
-# was just switched on would not allow the heat by which thermocouples prove what they are worth.
-ANY_WIRE = HeatBounds(0.03, 0.13, 8.0, 65.0, 0.1)
+# -a1 from 0.03 to 0.09 1/s, a2 from 10 to 65 °C/s, a lag of up to 9 s. With wider bounds a board
+# that was just switched on would not allow the heat by which it tests the thermocouples.
+ANY_WIRE_BOUNDS = HeatBounds(0.03, 0.13, 8.0, 65.0, 0.1)

@@ -8,30 +8,31 @@ from numpy.typing import ArrayLike
 
 from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters
-from limb_systems.smooth_function import stated_once
-from limb_systems.symbolic_chain import places_of_links
+from limb_systems.smooth_function import build_once
+from limb_systems.symbolic_chain import link_position_function
 
 
 def link_positions(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) -> np.ndarray:
-    """Return where the links begin, and where the last link ends, in the base's frame, m.
+    """Return the positions of the links' ends in the base's frame, m.
 
     Args:
         joint_angles: θ, (joints,) or (joints, K).
 
     Returns:
-        Positions of the base, of the links' ends in their order, and so of the tip, (P, 3) or
+        Positions of the base and of the end of each link; the last one is the tip. (P, 3) or
         (P, 3, K). A segment with centred joints has one more end: the end of its fixed part.
     """
     model = LimbModel.of(parameters)
+    # The positions depend on these properties only.
     shape = [(s.joints, s.centred_joints, s.length) for s in model.parameters.segments]
-    places = stated_once(("places", repr(shape)), lambda: places_of_links(model.mechanics))
+    places = build_once(("places", repr(shape)), lambda: link_position_function(model.mechanics))
     angles = np.asarray(joint_angles, float)
     (flat,) = places(angles)
     return flat.reshape(-1, 3, *angles.shape[1:])
 
 
 def tip_position(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) -> np.ndarray:
-    """Position of the limb's tip, m: in (E1, E2), or in (E1, E2, E3) if the limb bends in space.
+    """Return the tip's position, m: in (E1, E2), or in (E1, E2, E3) if the limb bends in space.
 
     Args:
         joint_angles: θ, (joints,) or (joints, K).
@@ -45,7 +46,7 @@ def tip_position(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike
 
 
 def bend_angle(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) -> np.ndarray:
-    """Bend angles φ of each segment in the frame of its own base, towards E2, then E3.
+    """Return the bend angles φ of each segment in the frame of its own base, towards E2, then E3.
 
     Args:
         joint_angles: θ, (joints,) or (joints, K).
@@ -60,7 +61,7 @@ def bend_angle(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) 
 def joint_angles_from_bend_angle(
     parameters: LimbParameters | LimbModel, bend_angle: ArrayLike
 ) -> np.ndarray:
-    """θ_i = 2 φ / (n + 1) for every joint that makes a bend, eqn (11); 2 φ / n if they are centred.
+    """Return θ_i = 2 φ / (n + 1) for every joint of a bend, eqn (11); 2 φ / n for centred joints.
 
     The links of a segment are equally long, so this is exact for equal joint
     angles in a plane: the chord of n unit vectors at θ, 2θ, ... nθ points to (n+1)/2 θ.
@@ -75,5 +76,5 @@ def joint_angles_from_bend_angle(
 
 
 def rest_joint_angles(parameters: LimbParameters | LimbModel) -> np.ndarray:
-    """θ (joints,), rad, at which the rubber rests with wires that were never heated, by (11)."""
+    """Return θ (joints,), rad, of the rubber at rest with wires that were never heated, by (11)."""
     return LimbModel.of(parameters).mechanics.rest_angles

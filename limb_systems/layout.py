@@ -28,8 +28,9 @@ class Layout:
 
     def __init__(self, parameters: LimbParameters):
         segments = parameters.segments
-        self.chains = chains = [segment.chain for segment in segments]
-        self.joints_of = slices([len(chain.kinds) for chain in chains])
+        self.chains = [segment.chain for segment in segments]
+        # Number the joints, wires and bends through all segments.
+        self.joints_of = slices([len(chain.kinds) for chain in self.chains])
         self.wires_of = slices([len(segment.wires) for segment in segments])
         self.bends_of = slices([segment.axes for segment in segments])
         self.num_joints = self.joints_of[-1].stop
@@ -40,10 +41,12 @@ class Layout:
         self.bend_joints: list[np.ndarray] = []
         links: list[int] = []
         num_links = 0
-        for segment, chain, joints in zip(segments, chains, self.joints_of, strict=True):
+        for segment, chain, joints in zip(segments, self.chains, self.joints_of, strict=True):
+            # Find the joints of each bend.
             for kind in ["e2", "e3"][: segment.axes]:
                 in_segment = np.flatnonzero(np.array(chain.kinds) == kind)
                 self.bend_joints.append(joints.start + in_segment)
+            # Find the link of each joint.
             for first, last in zip(chain.first_joints, chain.last_joints, strict=True):
                 links += [num_links] * int(last - first + 1)
                 num_links += 1
@@ -51,7 +54,7 @@ class Layout:
 
     @property
     def is_planar(self) -> bool:
-        """Whether all segments bend in the plane of E1 and E2."""
+        """True if all segments bend in the plane of E1 and E2."""
         return all(chain.is_planar for chain in self.chains)
 
     def distances(self, bends: ArrayLike) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The limb of Fig. 3 as one Drake diagram, and in anybody's plant; its manipulator, (1)-(2)."""
+"""The limb of Fig. 3 as one Drake diagram or as part of any plant, and its manipulator, (1)-(2)."""
 
 import re
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from pydrake.systems.primitives import PassThrough
 from limb_systems.kinematics import rest_joint_angles
 from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters, ParameterError
-from limb_systems.wire_blocks import add_wires
+from limb_systems.wire_blocks import add_wire_blocks
 from limb_systems.wire_laws.linear import LinearLaw
 from urdf import limb_sdf
 
 # kg, far below the rounding error of a limb's mass. Drake 1.58 divides by the mass of each body
 # when it evaluates a plant in symbols.
 NEGLIGIBLE_MASS = 1e-20
-OWN_BODY = re.compile(r"base|payload|(link|cross|root)_[0-9]+")  # names of a limb's bodies
+LIMB_BODY_NAME = re.compile(r"base|payload|(link|cross|root)_[0-9]+")
 
 
 class Limb(Diagram):
@@ -83,8 +83,9 @@ class Limb(Diagram):
         self.parameters = parameters = LimbParameters.of(parameters)
         self.source = "model"
         builder = DiagramBuilder()
+        # Connect the manipulator to the wires' blocks.
         manipulator = builder.AddNamedSystem("manipulator", make_manipulator(parameters))
-        ports, duty = add_wires(builder, parameters, manipulator.get_state_output_port())
+        ports, duty = add_wire_blocks(builder, parameters, manipulator.get_state_output_port())
         builder.Connect(ports["torque"], manipulator.get_applied_generalized_force_input_port())
         builder.ExportInput(duty, "duty")
         builder.BuildInto(self)
@@ -92,14 +93,14 @@ class Limb(Diagram):
 
 
 class LimbActuation(Diagram):
-    """The wires of a limb that is in anybody's plant: heat (6), lag (7) and torque (4).
+    """The wires of a limb that is part of any plant: heat (6), lag (7) and torque (4).
 
     These are the blocks of `Limb` about its manipulator. For F bends, n joints and W wires with N
     states:
 
     - input 0 ``duty``: D (W), in [0, 1]
     - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s, the plant's state of the limb's instance
-    - outputs 0 to 4: those of `Limb`
+    - outputs 0 to 4: the outputs of `Limb`
     - output 5 ``torque``: torque of wires and rubber on each joint (n), N·m
     - state, continuous: x (N), V (W); by default of cold wires
     """
@@ -119,7 +120,7 @@ class LimbActuation(Diagram):
         self.parameters = parameters = LimbParameters.of(parameters)
         builder = DiagramBuilder()
         state = builder.AddNamedSystem("state", PassThrough(2 * parameters.num_joints))
-        ports, duty = add_wires(builder, parameters, state.get_output_port())
+        ports, duty = add_wire_blocks(builder, parameters, state.get_output_port())
         builder.ExportInput(duty, "duty")
         builder.ExportInput(state.get_input_port(), "joint_state")
         builder.ExportOutput(ports["torque"], "torque")
@@ -135,21 +136,21 @@ def add_limb(
     parent_frame: Frame | None = None,
     X_PF: RigidTransform | None = None,
 ) -> ModelInstanceIndex:
-    """Adds a limb to a plant, as many times as you like, and welds its base.
+    """Add a limb to a plant and weld its base; a plant may have several limbs.
 
     The plant is not finalized, so that you can add to it. In the limb's instance, the frames
     ``base`` and ``tip`` have E1 along x, E2 along y and E3 along z of the first and the last link.
     Joints are named ``joint_1`` ... from the base to the tip. They have springs, which are at rest
     by default, and actuators, through which torque enters: see `add_limb_actuation`. Gravity is
-    the plant's; the parameters' should be the same in the frame ``base``, since plans and
-    calibrations heed only that.
+    the plant's. Give the parameters the same gravity in the frame ``base``: plans and calibrations
+    use only the gravity of the parameters.
 
     Args:
         plant: not finalized; registered with a SceneGraph if the limb is to be shown or to collide.
         parameters: description of the limb, or its YAML file; the nominal limb if None.
         name: name of the model instance.
-        parent_frame: what the base is welded to; the world if None.
-        X_PF: pose of the base in the parent frame; where that is if None.
+        parent_frame: frame that the base is welded to; the world if None.
+        X_PF: pose of the base in the parent frame; the identity if None.
 
     Raises:
         ParameterError: if a parameter is out of its range.
@@ -158,9 +159,11 @@ def add_limb(
     text = limb_sdf(
         parameters.segments, name, payload=parameters.payload, negligible_mass=NEGLIGIBLE_MASS
     )
+    # Add the bodies with springs and actuators, and weld the base.
     (limb,) = Parser(plant).AddModelsFromString(text, "sdf")
     base = plant.GetFrameByName("base", limb)
     plant.WeldFrames(parent_frame or plant.world_frame(), base, X_PF or RigidTransform())
+    # Start at rest.
     for joint, angle in zip(_joints(plant, limb), rest_joint_angles(parameters), strict=True):
         joint.set_default_angle(angle)
     return limb
@@ -169,12 +172,12 @@ def add_limb(
 def add_springs(
     plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
 ) -> None:
-    """Adds what URDF cannot say to a limb that was parsed from its URDF: springs, and actuators.
+    """Add springs and actuators, which URDF does not have, to a limb that was parsed from URDF.
 
     Args:
         plant: not finalized, with the limb.
         limb: model instance of the limb.
-        parameters: description of the limb that the URDF is of.
+        parameters: description from which the URDF was written.
 
     Raises:
         ParameterError: if the limb has another number of joints than its description.
@@ -191,7 +194,7 @@ def add_limb_actuation(
     limb: ModelInstanceIndex,
     parameters: LimbParameters | str | Path | None = None,
 ) -> LimbActuation:
-    """Adds the wires of a limb to a diagram, and connects them to its joints in the plant.
+    """Add the wires of a limb to a diagram, and connect them to its joints in the plant.
 
     Args:
         builder: builder of the diagram that has the plant.
@@ -204,13 +207,15 @@ def add_limb_actuation(
         The wires, named after the limb, whose ``duty`` is not connected.
 
     Raises:
-        ParameterError: if the limb in the plant is not that of the description, or too stiff for
+        ParameterError: if the limb in the plant differs from its description, or is too stiff for
             the steps of a discrete plant.
     """
     actuation = LimbActuation(parameters, name=f"{plant.GetModelInstanceName(limb)}_actuation")
+    # Check the limb in the plant against its description.
     joints = _check_model(plant, limb, actuation.parameters)
     if plant.time_step():
-        check_step(plant, joints, actuation.parameters)
+        check_time_step(plant, joints, actuation.parameters)
+    # Connect the wires to the joints.
     builder.AddSystem(actuation)
     builder.Connect(plant.get_state_output_port(limb), actuation.GetInputPort("joint_state"))
     builder.Connect(actuation.GetOutputPort("torque"), plant.get_actuation_input_port(limb))
@@ -220,16 +225,16 @@ def add_limb_actuation(
 def add_joint_springs(
     plant: MultibodyPlant, joints: Sequence[RevoluteJoint], parameters: LimbParameters
 ) -> None:
-    """Adds the spring of each joint (n) to a plant, and puts the joints to rest by default."""
+    """Add the spring of each joint (n) to a plant; by default the joints are at rest."""
     mechanics = LimbModel.of(parameters).mechanics
     springs = zip(joints, mechanics.rest_angles, mechanics.stiffness, strict=True)
-    for joint, rest_angle, k in springs:
+    for joint, rest_angle, stiffness in springs:
         joint.set_default_angle(rest_angle)
-        plant.AddForceElement(RevoluteSpring(joint, rest_angle, k))
+        plant.AddForceElement(RevoluteSpring(joint, rest_angle, stiffness))
 
 
 def _joints(plant: MultibodyPlant, limb: ModelInstanceIndex) -> list[RevoluteJoint]:
-    """The joints of a limb that turn (n), from the base to the tip."""
+    """Return the revolute joints of a limb (n), from the base to the tip."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(limb)]
     return [joint for joint in joints if isinstance(joint, RevoluteJoint)]
 
@@ -237,12 +242,17 @@ def _joints(plant: MultibodyPlant, limb: ModelInstanceIndex) -> list[RevoluteJoi
 def _checked_joints(
     plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
 ) -> list[RevoluteJoint]:
+    """Return the revolute joints of a limb.
+
+    Raises:
+        ParameterError: if the limb has another number of joints than its description.
+    """
     joints = _joints(plant, limb)
     if len(joints) != parameters.num_joints:
         raise ParameterError(
             f"The limb {plant.GetModelInstanceName(limb)!r} has {len(joints)} joints in the plant "
-            f"and {parameters.num_joints} in its description; give the description that the model "
-            "was written of."
+            f"and {parameters.num_joints} in its description; give the description from which the "
+            "model was written."
         )
     return joints
 
@@ -250,23 +260,24 @@ def _checked_joints(
 def _check_model(
     plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
 ) -> list[RevoluteJoint]:
-    """The joints of a limb; raises ParameterError if it is not as described."""
+    """Return the joints of a limb; raise ParameterError if the limb is not as described."""
     name = plant.GetModelInstanceName(limb)
+    # The instance has the bodies and joints of a limb, and no others.
     bodies = [plant.get_body(index) for index in plant.GetBodyIndices(limb)]
-    others = [body.name() for body in bodies if not OWN_BODY.fullmatch(body.name())]
-    if others:
+    foreign = [body.name() for body in bodies if not LIMB_BODY_NAME.fullmatch(body.name())]
+    if foreign:
         raise ParameterError(
-            f"The model instance of the limb {name!r} has other bodies, too: {', '.join(others)}; "
-            "give them a model instance of their own, by plant.AddModelInstance."
+            f"The model instance of the limb {name!r} has other bodies, too: "
+            f"{', '.join(foreign)}; give them a model instance of their own, by "
+            "plant.AddModelInstance."
         )
     joints = _checked_joints(plant, limb, parameters)
-    mechanics = LimbModel.of(parameters).mechanics
+    # Each joint has a spring and an actuator, and the base is welded.
     indices = map(ForceElementIndex, range(plant.num_force_elements()))
     elements = map(plant.get_force_element, indices)
     springs = {e.joint().index(): e for e in elements if isinstance(e, RevoluteSpring)}
-    if plant.num_actuated_dofs(limb) != len(joints) or not all(
-        joint.index() in springs for joint in joints
-    ):
+    has_springs = all(joint.index() in springs for joint in joints)
+    if plant.num_actuated_dofs(limb) != len(joints) or not has_springs:
         raise ParameterError(
             f"The limb {name!r} has no springs or no actuators, as URDF has none; call add_springs "
             "before the plant is finalized, or parse its SDFormat."
@@ -276,43 +287,47 @@ def _check_model(
             f"The base of the limb {name!r} is free; weld the frame base to what holds it, such as "
             "the world, before the plant is finalized."
         )
-    stiffness = [springs[joint.index()].default_stiffness() for joint in joints]
+    # Mass and stiffness are as described.
+    mechanics = LimbModel.of(parameters).mechanics
     mass = sum(body.default_mass() for body in bodies)
-    names = [f"stiffness of {joint.name()}" for joint in joints]
-    for what, unit, found, described in (
-        ("mass", "kg", mass, mechanics.body_masses.sum()),
-        *zip(names, ["N·m/rad"] * len(names), stiffness, mechanics.stiffness, strict=True),
-    ):
-        if not np.isclose(found, described, rtol=1e-6):
+    checks = [("mass", "kg", mass, mechanics.body_masses.sum())]
+    for joint, described in zip(joints, mechanics.stiffness, strict=True):
+        stiffness = springs[joint.index()].default_stiffness()
+        checks.append((f"stiffness of {joint.name()}", "N·m/rad", stiffness, described))
+    for property_name, unit, in_plant, described in checks:
+        if not np.isclose(in_plant, described, rtol=1e-6):
             raise ParameterError(
-                f"The {what} of the limb {name!r} is {found:.6g} {unit} in the plant and "
-                f"{described:.6g} {unit} in its description; write its model anew by "
+                f"The {property_name} of the limb {name!r} is {in_plant:.6g} {unit} in the plant "
+                f"and {described:.6g} {unit} in its description; write its model again by "
                 "urdf.limb_sdf of this description."
             )
     return joints
 
 
-def check_step(
+def check_time_step(
     plant: MultibodyPlant, joints: Sequence[RevoluteJoint], parameters: LimbParameters
 ) -> None:
-    """Raises ParameterError if the springs, whose forces are those before each step, blow up.
+    """Raise ParameterError if explicit spring forces are unstable at the plant's time step.
 
-    With damping by the forces after it, a mode is stable where 4 m + 2 h σ > h² k.
+    Drake takes the springs' forces at the beginning of a step and the damping at its end. A mode
+    of mass m, stiffness k and damping σ is then stable at steps h if 4 m + 2 h σ > h² k.
 
     Args:
         plant: finalized and discrete.
         joints: the joints (n) that the parameters describe.
         parameters: description of the limb.
     """
+    import scipy.linalg  # takes long to import
+
     step = plant.time_step()
     mechanics = LimbModel.of(parameters).mechanics
     excess = np.zeros(plant.num_velocities())
-    of_joints = step * (step * mechanics.stiffness - 2 * mechanics.damping)
-    excess[[joint.velocity_start() for joint in joints]] = of_joints
+    velocities = [joint.velocity_start() for joint in joints]
+    excess[velocities] = step * (step * mechanics.stiffness - 2 * mechanics.damping)
     mass = 4 * plant.CalcMassMatrix(plant.CreateDefaultContext())
-    import scipy.linalg  # takes long to import
-
-    if (highest := scipy.linalg.eigh(np.diag(excess), mass, eigvals_only=True)[-1]) >= 1.0:
+    # The largest ratio of h² k - 2 h σ to 4 m of all modes.
+    highest = scipy.linalg.eigh(np.diag(excess), mass, eigvals_only=True)[-1]
+    if highest >= 1.0:
         raise ParameterError(
             f"The limbs are too stiff for their mass and damping to be simulated in steps of "
             f"{1e3 * step:g} ms: their fastest mode is {highest:.2f} times as stiff as it may be; "
@@ -322,10 +337,10 @@ def check_step(
 
 
 def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:
-    """The finalized continuous-time plant of eqns (1)-(2).
+    """Return the finalized continuous-time plant of eqns (1)-(2).
 
     State [θ (n), θ̇ (n)] in rad and rad/s; input ``applied_generalized_force``
-    (n) in N·m. Gravity is that of the parameters.
+    (n) in N·m. The plant has the gravity of the parameters.
     """
     plant = MultibodyPlant(time_step=0.0)
     add_limb(plant, parameters)
@@ -335,7 +350,7 @@ def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:
 
 
 def to_paper_state(parameters: LimbParameters, state: ArrayLike) -> np.ndarray:
-    """The paper's x = [θ, V, θ̇, V̇], eqn (14), from a state of `Limb`.
+    """Return the paper's x = [θ, V, θ̇, V̇], eqn (14), from a state of `Limb`.
 
     Args:
         parameters: description of a limb whose wires have the paper's law.
@@ -350,11 +365,11 @@ def to_paper_state(parameters: LimbParameters, state: ArrayLike) -> np.ndarray:
 
 
 def from_paper_state(parameters: LimbParameters, paper_state: ArrayLike) -> np.ndarray:
-    """The inverse of `to_paper_state`: T = V - V̇/a3, eqn (7) rearranged."""
-    n, num_wires = parameters.num_joints, len(parameters.wires)
-    angles, measured, rates, measured_rate = np.split(
-        np.asarray(paper_state, float), np.cumsum([n, num_wires, n])
-    )
+    """Invert `to_paper_state`: T = V - V̇/a3, eqn (7) rearranged."""
+    num_joints = parameters.num_joints
+    ends = np.cumsum([num_joints, len(parameters.wires), num_joints])
+    parts = np.split(np.asarray(paper_state, float), ends)
+    angles, measured, rates, measured_rate = parts
     wire = measured - measured_rate / _a3(parameters, measured)
     return np.concatenate([angles, rates, wire, measured])
 
@@ -362,7 +377,10 @@ def from_paper_state(parameters: LimbParameters, paper_state: ArrayLike) -> np.n
 def split_state(
     parameters: LimbParameters | LimbModel, state: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """θ (n), θ̇ (n), x (N) and V (W) of a state of `Limb`, each (.., K); x begins with T (W)."""
+    """Return θ (n), θ̇ (n), x (N) and V (W) of a state of `Limb`, each (.., K).
+
+    The states x of the wires begin with T (W).
+    """
     layout = LimbModel.of(parameters).layout
     n = layout.num_joints
     ends = [n, 2 * n, -layout.num_wires]
@@ -370,8 +388,9 @@ def split_state(
     return angles, rates, wire, measured
 
 
-def _a3(parameters: LimbParameters, like: np.ndarray) -> np.ndarray:
+def _a3(parameters: LimbParameters, readings: np.ndarray) -> np.ndarray:
+    """Return a3 of the wires (W, ...), 1/s, with as many axes as readings (W, ...)."""
     laws = [wire.law for wire in parameters.wires if isinstance(wire.law, LinearLaw)]
     if len(laws) < len(parameters.wires):
         raise ParameterError("Only wires with the paper's LinearLaw have the paper's state (14).")
-    return np.array([law.a3 for law in laws]).reshape(-1, *[1] * (like.ndim - 1))
+    return np.array([law.a3 for law in laws]).reshape(-1, *[1] * (readings.ndim - 1))

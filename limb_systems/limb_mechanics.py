@@ -56,6 +56,7 @@ class LimbMechanics:
     def _set_joints(self, segments: list[SegmentParameters]) -> None:
         """Set the springs, the levers and the shape of the joints."""
         layout = self.layout
+        # Set the springs and dampers of each segment's joints.
         self.axes = np.concatenate([chain.axes for chain in self.chains])
         self.stiffness = np.zeros(layout.num_joints)
         self.damping = np.zeros(layout.num_joints)
@@ -68,6 +69,7 @@ class LimbMechanics:
             self.damping[joints] = ratios * segment.damping
             self.rest_angles[joints] = [rest_angle_of[kind] for kind in chain.kinds]
 
+        # Set the levers of the wires and the shape of each bend.
         self.levers = np.zeros((layout.num_joints, layout.num_wires))
         self.shape = np.zeros((layout.num_joints, layout.num_bends))
         for bend, joints_of_bend in enumerate(layout.bend_joints):
@@ -106,10 +108,12 @@ class LimbMechanics:
             sizes += [(of_piece, segment.thickness, segment.width) for _, of_piece in pieces]
             end = chain.lengths[-1] * length
             self.end_offset[number, 0] = end
+        # Add the payload, a point.
         if payload:
             sizes.append((0.0, 0.0, 0.0))
             bodies.append((self.layout.num_joints - 1, payload, end))
 
+        # Collect the bodies in arrays; homogeneous boxes have moments m (y² + z²) / 12.
         body_joints, masses, centres = zip(*bodies, strict=True)
         self.body_joints = np.array(body_joints)
         self.body_masses = np.array(masses)
@@ -119,13 +123,13 @@ class LimbMechanics:
         self.body_moments = self.body_masses[:, None] * across / 12
 
     def bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """φ (F, ...) of joint angles θ (n, ...), rad, as `limb_systems.bend_angle`."""
+        """Return φ (F, ...) of joint angles θ (n, ...), rad, as `limb_systems.bend_angle`."""
         angles = np.asarray(joint_angles)
         bends = [chain.bend_angle(angles[joints]) for chain, joints in self.chains_with_joints]
         return np.concatenate(bends)
 
     def recorded_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """The bends (F, ...) that sensors without errors record of θ (n, ...), rad.
+        """Return the bends (F, ...) that sensors without errors record of θ (n, ...), rad.
 
         Such sensors have no gain, offset, noise and drift.
         """

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from limb_systems.dynamics import Dynamics
-from limb_systems.held_angles import HeldAngles
 from limb_systems.layout import Layout
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
-from limb_systems.smooth_function import stated_once
+from limb_systems.smooth_function import build_once
+from limb_systems.static_equilibria import StaticEquilibria
 from limb_systems.wires import Wires
 
 T = TypeVar("T")
@@ -74,22 +74,25 @@ class LimbModel:
         return self.once("dynamics", lambda: Dynamics(self.mechanics, self.wires))
 
     @functools.cached_property
-    def statics(self) -> HeldAngles:
-        """The angles and bends that the wires hold at rest; the bends are those of the chords."""
-        return self.once("statics", lambda: HeldAngles(self.dynamics))
+    def statics(self) -> StaticEquilibria:
+        """The angles and bends in static equilibrium; the bends are angles of chords."""
+        return self.once("statics", lambda: StaticEquilibria(self.dynamics))
 
     @functools.cached_property
-    def mean_angle_statics(self) -> HeldAngles:
-        """As ``statics``, with bends by (11) from the mean of the joints' angles."""
-        return self.once("mean angles", lambda: HeldAngles(self.dynamics, of_equal_angles=True))
+    def mean_angle_statics(self) -> StaticEquilibria:
+        """``statics`` with bends by (11) from the mean of the joints' angles."""
+        return self.once(
+            "mean angles", lambda: StaticEquilibria(self.dynamics, of_equal_angles=True)
+        )
 
     def once(self, name: str, build: Callable[[], T]) -> T:
-        """Return what a function builds for this limb, or built before for an equal one.
+        """Return a part of the model; equal limbs share it, so that it is built once.
 
         Args:
-            name: name of what is built.
+            name: name of the part.
+            build: function that builds it.
         """
         # The calibration's record changes no equation; laws of a lab's own may have equal texts.
         plain = dataclasses.replace(self.parameters, calibration=None)
         laws = [type(wire.law) for wire in plain.wires]
-        return stated_once((name, repr(plain), *laws), build)
+        return build_once((name, repr(plain), *laws), build)

@@ -12,20 +12,22 @@ import math
 import numpy as np
 
 from limb_systems.bend_sensor import BendSensor, TipTangentSensor
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.described import Described, ParameterError, check_density, check_name
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.schema import Strict, Tagged, quantity, rare, validate
-from limb_systems.heat_bounds import BOUNDED, HeatBounds
+from limb_systems.heat_bounds import BOUND_PAIRS, HeatBounds
 from limb_systems.segment_chain import SegmentChain
 from limb_systems.wire_laws import coupled, threshold, two_mass  # noqa: F401 - files name laws
 from limb_systems.wire_laws.linear import LinearLaw
 from limb_systems.wire_laws.wire_law import WireLaw
 
 FORMAT = 2  # of the YAML file
-MOST_SEGMENTS, MOST_JOINTS = 50, 500
-LEAST_SIDEWAYS = 0.01  # share of its torque by which a wire bends the limb in its plane, at least
-ODDLY_HEAVY = 4.0  # density over that of water; filled silicone has 2
+MAX_SEGMENTS, MAX_JOINTS = 50, 500
+MIN_IN_PLANE_SHARE = (
+    0.01  # share of its torque by which a wire bends the limb in its plane, at least
+)
+MAX_USUAL_DENSITY = 4.0  # relative to water; filled silicone has 2
 
 
 @dataclasses.dataclass
@@ -38,7 +40,7 @@ class WireParameters(Strict):
       towards +E2 with all of its law's torque, one at 45° with 1/√2 of it, and,
       if the segment has two axes, as much towards +E3.
     - ``law``: heat, torque and reading of the wire; `LinearLaw` is the paper's.
-    - ``heat_bounds``: within which a board expects it to heat and cool; None
+    - ``heat_bounds``: bounds within which a board expects the wire to heat and cool; None
       until it is calibrated, which means bounds around its law.
     """
 
@@ -50,26 +52,28 @@ class WireParameters(Strict):
 
     @classmethod
     def at(cls, name: str, degrees: float, radius: float = 0.0034) -> "WireParameters":
-        """A wire at an angle from +E2 towards +E3, and at a distance from the axis, m."""
+        """Return a wire at an angle from +E2 towards +E3, and at a distance from the axis, m."""
         angle = np.deg2rad(degrees)
-        # No zeros with a sign, which files would show.
-        e2, e3 = (float(radius * share.round(15)) + 0.0 for share in (np.cos(angle), np.sin(angle)))
+        # Rounding and adding zero avoid -0.0 and 1e-18, which files would show.
+        e2 = float(radius * np.cos(angle).round(15)) + 0.0
+        e3 = float(radius * np.sin(angle).round(15)) + 0.0
         return cls(name, e2=e2, e3=e3)
 
     @property
     def lever(self) -> np.ndarray:
-        """Direction of the torque: shares (2,) that bend towards +E2 and +E3."""
+        """The direction of the torque: shares (2,) that bend towards +E2 and +E3."""
         return np.array([self.e2, self.e3]) / np.hypot(self.e2, self.e3)
 
     @property
     def angle(self) -> float:
-        """Angle of the wire from +E2 towards +E3, rad; setting it keeps the distance."""
+        """The angle of the wire from +E2 towards +E3, rad; setting it keeps the distance."""
         return float(np.arctan2(self.e3, self.e2))
 
     @angle.setter
     def angle(self, value: float) -> None:
         radius = np.hypot(self.e2, self.e3)
-        self.e2, self.e3 = float(radius * np.cos(value)), float(radius * np.sin(value))
+        self.e2 = float(radius * np.cos(value))
+        self.e3 = float(radius * np.sin(value))
 
 
 @dataclasses.dataclass
@@ -88,7 +92,7 @@ class RestMemory(Strict):
 
 
 def wires_around(count: int, radius: float = 0.0034) -> list[WireParameters]:
-    """Wires ``wire_1``, ... at equal angles around the axis, the first at +E2."""
+    """Return wires ``wire_1``, ... at equal angles around the axis, the first at +E2."""
     return [
         WireParameters.at(f"wire_{number + 1}", 360.0 * number / count, radius)
         for number in range(count)
@@ -125,10 +129,11 @@ class SegmentParameters(Strict):
     - ``centred_joints``: whether joints are in the middle of the pieces that the length is cut
       into, where a chain comes nearer to a beam, instead of at their bases.
     - ``stiffness_ratio``: stiffness against bends towards E3, as a share of k.
-    - ``torsional_ratio``: stiffness against twist, as a share of k; that of a round
-      section of rubber is GJ/EI = 2/3.
+    - ``torsional_ratio``: stiffness against twist, as a share of k; a round section of rubber
+      has GJ/EI = 2/3.
     - ``rest_angle_e3``: bend angle towards +E3 at rest with cold wires, rad.
-    - ``name``: name in files and messages; its number, if the limb has several, if it is empty.
+    - ``name``: name in files and messages. If it is empty, segments of a limb with several
+      segments are named by their numbers.
     """
 
     links: int = quantity(5, "links", 1, 100)
@@ -153,32 +158,36 @@ class SegmentParameters(Strict):
 
     @property
     def joints(self) -> list[list[str]]:
-        """Joints of each link, base first: "e2" and "e3" bend towards +E2 and +E3, "twist" twists.
+        """The kinds of each link's joints, base first: "e2", "e3" and "twist".
 
-        Each link begins with the joint that the link before ends with, twists included: errors of
-        the order in which joints turn then nearly cancel.
+        "e2" and "e3" bend towards +E2 and +E3. Each link begins with the kind that ends the link
+        before, twists included: errors of the order in which joints turn then nearly cancel.
         """
         joints = ["e2", "e3"][: self.axes] + ["twist"] * self.twists
         return [joints if link % 2 == 0 else joints[::-1] for link in range(self.links)]
 
     @property
     def chain(self) -> SegmentChain:
-        """Kinematics of the segment."""
+        """The kinematics of the segment."""
         return SegmentChain(self.joints, self.centred_joints)
 
     @property
     def joint_ratios(self) -> dict[str, float]:
-        """Stiffness and damping of each kind of joint, as shares of k and σ."""
+        """The stiffness and damping of each kind of joint, as shares of k and σ."""
         return {"e2": 1.0, "e3": self.stiffness_ratio, "twist": self.torsional_ratio}
 
     @property
     def joint_rest_angles(self) -> dict[str, float]:
-        """Angle of each kind of joint at rest with wires that were never heated, rad, by (11)."""
-        by_bend = self.chain.equal_angle
-        return {"e2": by_bend * self.rest_angle, "e3": by_bend * self.rest_angle_e3, "twist": 0.0}
+        """The angle of each kind of joint at rest with wires that were never heated, rad, (11)."""
+        angle_by_bend = self.chain.equal_angle
+        return {
+            "e2": angle_by_bend * self.rest_angle,
+            "e3": angle_by_bend * self.rest_angle_e3,
+            "twist": 0.0,
+        }
 
     def wire(self, name: str) -> WireParameters:
-        """The wire of that name.
+        """Return the wire of a name.
 
         Raises:
             ParameterError: if there is none.
@@ -210,17 +219,17 @@ class TemperatureLimits(Strict):
 
 
 class BoardIdentity(Tagged):
-    """Identity of the limb that the parameters belong to: `NoBoard`, or one of its subclasses."""
+    """The identity of the limb that the parameters belong to: `NoBoard`, or another subclass."""
 
     @property
     def identity(self) -> str:
-        """Text that differs between any two boards; empty if there is none."""
+        """A text that differs between any two boards; empty if there is none."""
         return ""
 
 
 @dataclasses.dataclass
 class NoBoard(BoardIdentity):
-    """No particular limb, but a kind of them."""
+    """No particular limb, but a kind of limbs."""
 
 
 @dataclasses.dataclass
@@ -243,11 +252,11 @@ class EmulatedLimb(BoardIdentity):
     - ``description``: YAML text of the `LimbParameters` that it was drawn
       around; empty for the nominal limb.
     - ``absent``: effects that were taken out of it.
-    - ``extra``: effects that it has beside those of every emulated limb.
+    - ``extra``: effects that only this emulated limb has.
     - ``disturbances``: later changes, each a name and a number.
     - ``physics``: name of its physics, "lumped" or the name that a module of yours defines.
     - ``limb``: name of the limb, if it is one of an emulated robot; empty for a limb alone and for
-      a whole robot. The other fields are then those of the robot, and ``description`` is the YAML
+      a whole robot. The other fields then describe the robot, and ``description`` is the YAML
       text of its `RobotParameters`.
     """
 
@@ -261,16 +270,20 @@ class EmulatedLimb(BoardIdentity):
 
     @property
     def identity(self) -> str:
-        """All fields, since each of them makes another limb."""
+        """A text of all fields, since each of them makes another limb."""
         fields = [self.seed, self.description, self.absent, self.extra]
-        fields += [self.disturbances] if self.disturbances else []
-        fields += [self.physics] if self.physics != "lumped" else []
-        fields += [self.limb] if self.limb else []
+        # Fields that were added later count only if they are set, so that old identities stay.
+        if self.disturbances:
+            fields.append(self.disturbances)
+        if self.physics != "lumped":
+            fields.append(self.physics)
+        if self.limb:
+            fields.append(self.limb)
         return repr(tuple(fields))
 
     @property
     def serial_number(self) -> str:
-        """Serial number of the emulated board that the limb is on: eight letters and digits."""
+        """The serial number of the emulated board of the limb: eight letters and digits."""
         if self == EmulatedLimb(self.seed) and self.seed < 10_000:
             return f"twin{self.seed:04d}"
         return f"t{hashlib.sha256(self.identity.encode()).hexdigest()[:7]}"
@@ -278,23 +291,23 @@ class EmulatedLimb(BoardIdentity):
 
 @dataclasses.dataclass
 class CalibrationRecord(Strict):
-    """How well the calibrated parameters are known, and from what.
+    """The accuracy of calibrated parameters, and the recordings that they were fitted to.
 
     - ``names``: names of the P parameters, such as "right.a1".
     - ``values``, ``standard_errors``: estimates and their errors (P), in their units.
-    - ``covariance``: (P, P), in the products of their units; its diagonal is
-      that of the squared standard errors. Off it are a1, a2, a3 of each wire
-      among themselves, and what the β of all wires share with k, of which each
-      is a multiple; the rest was not estimated and is zero.
-    - ``recordings``: a line on each kind of recording, how many and of what.
-    - ``validation``: a line on how well a recording was predicted that was not
+    - ``covariance``: (P, P), in the products of their units. The diagonal has the squared
+      standard errors. Off the diagonal are the covariances of a1, a2 and a3 of each wire, and
+      of the β of all wires with k, of which each β is a multiple; all others were not
+      estimated and are zero.
+    - ``recordings``: a line on each kind of recording: their number and their limb.
+    - ``validation``: a line on the prediction error of a recording that was not
       used in any fit; empty if there was none.
     - ``bend_error``, ``temperature_error``: mean errors of open-loop predictions
       of such recordings, of the bend, rad, and of the readings, °C; 0 if unknown.
-    - ``heat_measured``: whether thermocouples were read; if not, temperatures are counted from the
-      duty by a2 as described, and `TemperatureLimits.maximum` is a limit of counted heat.
-    - ``provenance``: stamp of what made it; None if unknown. Records are equal whenever
-      they were made.
+    - ``heat_measured``: whether thermocouples were read. If not, temperatures are estimated from
+      the duty by a2 as described, and `TemperatureLimits.maximum` limits the estimate.
+    - ``provenance``: stamp of the program and command that made it; None if unknown.
+      Comparisons of records leave it out.
     """
 
     names: list[str]
@@ -323,8 +336,8 @@ class LimbParameters(Described):
       default, is the paper's mounting, with the bending axis vertical and
       stiff against gravity; (0, -9.81, 0) is the cantilever of Sec. V-A.
     - ``temperature_limits``: eqns (19)-(20).
-    - ``total_duty``: the largest sum of the duties of all wires at a time, for
-      which supply and limb are made.
+    - ``total_duty``: the largest sum of the duties of all wires at one time that supply and limb
+      are made for.
     - ``payload``: mass of a point at the tip, kg.
     - ``supply_voltage``: voltage of the wires' supply, as it was measured when the limb was
       calibrated, V; 0 if nobody measured it.
@@ -352,21 +365,21 @@ class LimbParameters(Described):
 
     @classmethod
     def in_space(cls, wires: int = 3, links: int = 5) -> "LimbParameters":
-        """The nominal limb with a square section that bends about two axes, and wires around it."""
+        """Return the nominal limb with a square section, two axes, and wires around the axis."""
         segment = SegmentParameters(links, axes=2, width=0.0125, thickness=0.0125)
-        segment.mass, segment.wires = 0.02, wires_around(wires)
+        segment.mass = 0.02
+        segment.wires = wires_around(wires)
         return cls(segments=[segment])
 
-    def oddities(self, where: str = "") -> list[str]:
-        """Return sentences on what is odd about the segments, as `Described.oddities`."""
-        return [
-            oddity
-            for index, segment in enumerate(self.segments)
-            for oddity in _oddities(segment, f"{where}segments[{index}]")
-        ]
+    def plausibility_warnings(self, where: str = "") -> list[str]:
+        """Return warnings about the segments; see `Described.plausibility_warnings`."""
+        warnings: list[str] = []
+        for index, segment in enumerate(self.segments):
+            warnings += _plausibility_warnings(segment, f"{where}segments[{index}]")
+        return warnings
 
     def without_provenance(self) -> "LimbParameters":
-        """Return these parameters without what made them."""
+        """Return these parameters without the provenance of their calibration."""
         if self.calibration is None:
             return self
         record = dataclasses.replace(self.calibration, provenance=None)
@@ -374,22 +387,25 @@ class LimbParameters(Described):
 
     def validate(self) -> None:
         """Raise ParameterError for the first field that is out of its range."""
+        # Check lists whose lengths are limited.
         if not isinstance(self.segments, list) or not self.segments:
             raise ParameterError("segments is empty; a limb has at least one segment.")
-        if len(self.segments) > MOST_SEGMENTS:
+        if len(self.segments) > MAX_SEGMENTS:
             raise ParameterError(
-                f"segments has {len(self.segments)} elements; a limb has at most {MOST_SEGMENTS}."
+                f"segments has {len(self.segments)} elements; a limb has at most {MAX_SEGMENTS}."
             )
         if not isinstance(self.gravity, list) or len(self.gravity) != 3:
             raise ParameterError(
                 f"gravity is {self.gravity!r}; it must be a list of three numbers from -100 to "
                 "100 m/s², along E1, E2 and E3."
             )
-        with raised_as(ParameterError):
+        # Check each field against its range.
+        with reraise_as(ParameterError):
             validate(self)
-        if self.num_joints > MOST_JOINTS:
+        # Check fields against each other.
+        if self.num_joints > MAX_JOINTS:
             raise ParameterError(
-                f"the limb has {self.num_joints} joints in all; at most {MOST_JOINTS} can be "
+                f"the limb has {self.num_joints} joints in all; at most {MAX_JOINTS} can be "
                 "computed with, so describe its segments with fewer links."
             )
         for index, segment in enumerate(self.segments):
@@ -400,6 +416,7 @@ class LimbParameters(Described):
                     f"segments[{index}].twists is true, but the segment bends in a plane, where "
                     "nothing twists it; set its axes to 2, or leave twists out."
                 )
+        # Check that the limits are in order.
         limits = self.temperature_limits
         if limits.maximum <= self.ambient_temperature:
             raise ParameterError(
@@ -414,47 +431,48 @@ class LimbParameters(Described):
 
     @property
     def length(self) -> float:
-        """Length of all segments, m."""
+        """The length of all segments, m."""
         return sum(segment.length for segment in self.segments)
 
     @property
     def num_joints(self) -> int:
-        """Number of joints of all segments."""
+        """The number of joints of all segments."""
         return sum(segment.links * len(segment.joints[0]) for segment in self.segments)
 
     @property
     def wires(self) -> list[WireParameters]:
-        """All wires, those of the first segment first."""
+        """All wires, base first."""
         return [wire for segment in self.segments for wire in segment.wires]
 
     @property
     def wire_names(self) -> list[str]:
-        """Names of all wires; with the segment's name before, or its number after if several."""
-        return [
-            f"{segment.name}_{wire.name}"
-            if segment.name
-            else f"{wire.name}_{number}"
-            if len(self.segments) > 1
-            else wire.name
-            for number, segment in enumerate(self.segments, 1)
-            for wire in segment.wires
-        ]
+        """The names of all wires, unique in the limb.
+
+        The name of the segment is before the wire's name. Wires of segments without a name have the
+        segment's number after their names, if there are several segments.
+        """
+        names: list[str] = []
+        for number, segment in enumerate(self.segments, 1):
+            prefix = f"{segment.name}_" if segment.name else ""
+            suffix = f"_{number}" if len(self.segments) > 1 and not segment.name else ""
+            names += [f"{prefix}{wire.name}{suffix}" for wire in segment.wires]
+        return names
 
     @property
     def segment_suffixes(self) -> list[str]:
-        """Suffix of each segment in names of signals, such as ``_2`` or ``_rear``.
+        """The suffix of each segment in names of signals, such as ``_2`` or ``_rear``.
 
         It is empty for a limb of one segment without a name.
         """
-        several = len(self.segments) > 1
-        return [
-            f"_{segment.name or number}" if segment.name or several else ""
-            for number, segment in enumerate(self.segments, 1)
-        ]
+        suffixes: list[str] = []
+        for number, segment in enumerate(self.segments, 1):
+            has_suffix = segment.name or len(self.segments) > 1
+            suffixes.append(f"_{segment.name or number}" if has_suffix else "")
+        return suffixes
 
     @property
     def bend_suffixes(self) -> list[str]:
-        """Suffix of each bend, such as ``_2_e3``; without an axis if its segment has only one."""
+        """The suffix of each bend, such as ``_2_e3``; a segment with one bend has no axis in it."""
         suffixes: list[str] = []
         for segment, suffix in zip(self.segments, self.segment_suffixes, strict=True):
             axes = [""] if segment.axes == 1 else ["_e2", "_e3"]
@@ -468,14 +486,14 @@ class LimbParameters(Described):
 
     @property
     def heat_bounds(self) -> list[HeatBounds]:
-        """Heat bounds of all wires (W): as calibrated, or else around their laws.
+        """The heat bounds of all wires (W): calibrated bounds, or else bounds around their laws.
 
-        A law that was fitted without bounds is about plans, not about heat, so
-        that its wire has the bounds of the nominal one.
+        A law that was fitted without bounds serves plans and does not bound the heat, so
+        that its wire has the bounds of the nominal wire.
 
         Raises:
-            LimbError: if a law does not say its `WireLaw.typical_rates`, or is
-                beyond what a board accepts.
+            LimbError: if a law has no `WireLaw.typical_rates`, or its rates are
+                beyond the range that a board accepts.
         """
         return [
             wire.heat_bounds or HeatBounds.around(LinearLaw() if self.calibration else wire.law)
@@ -483,66 +501,75 @@ class LimbParameters(Described):
         ]
 
 
-def _oddities(segment: SegmentParameters, where: str) -> list[str]:
-    """Sentences on a segment, for `LimbParameters.oddities`."""
-    odd = []
-    times_water = segment.mass / (1000.0 * math.prod(_sizes(segment).values()))
-    if not 1 / ODDLY_HEAVY < times_water < ODDLY_HEAVY:
-        odd.append(
-            f"{where}.mass is {segment.mass:g} kg, {times_water:.2g} times the water that its "
+def _plausibility_warnings(segment: SegmentParameters, where: str) -> list[str]:
+    """Return warnings about a segment, for `LimbParameters.plausibility_warnings`."""
+    warnings = []
+    # Compare the density with rubber.
+    density = segment.mass / (1000.0 * math.prod(_sizes(segment).values()))  # relative to water
+    if not 1 / MAX_USUAL_DENSITY < density < MAX_USUAL_DENSITY:
+        warnings.append(
+            f"{where}.mass is {segment.mass:g} kg, {density:.2g} times the water that its "
             "length, width and thickness hold; are all of them right?"
         )
+    # Find wires that run outside the segment.
     for index, wire in enumerate(segment.wires):
         extents = ("e2", wire.e2, segment.thickness), ("e3", wire.e3, segment.width)
         for name, value, extent in extents:
             if abs(value) > extent / 2:
-                odd.append(
+                warnings.append(
                     f"{where}.wires[{index}].{name} is {value:g} m, outside the segment, which is "
                     f"{extent:g} m across."
                 )
+    # Find directions in which no wire pulls.
     if segment.axes == 2:
         angles = np.sort([wire.angle for wire in segment.wires])
         gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
         if gaps.max() > np.pi - 1e-9:
             middle = np.rad2deg(angles[gaps.argmax()] + gaps.max() / 2)
-            odd.append(
+            warnings.append(
                 f"the wires of {where} do not surround its axis, so that none can bend it towards "
                 f"{180 - (180 - middle) % 360:.0f}° from +E2; is a sign missing?"
             )
-        return odd
+        return warnings
     sides = {wire.e2 > 0 for wire in segment.wires if wire.e2}
     if len(segment.wires) > 1 and len(sides) == 1:
-        odd.append(
+        warnings.append(
             f"all wires of {where} run on the same side (e2 {'>' if sides.pop() else '<'} 0), so "
             "that none can bend it back; is a sign missing?"
         )
-    return odd
+    return warnings
 
 
 def _sizes(segment: SegmentParameters) -> dict[str, float]:
+    """Return the length, width and thickness of a segment by their names, m."""
     return {name: getattr(segment, name) for name in ("length", "width", "thickness")}
 
 
 def _validate_wires(segment: SegmentParameters, where: str) -> None:
+    """Raise ParameterError for the first wire whose name, bounds or place is invalid."""
     wires = segment.wires
     if not wires:
         raise ParameterError(f"{where} is empty; a segment has at least one wire.")
     names = [wire.name for wire in wires]
     for index, wire in enumerate(wires):
+        # Check the name and the heat bounds.
         check_name(names, index, f"{where}[{index}]", "wire of the segment")
-        bounds = wire.heat_bounds
-        for low, high in BOUNDED if bounds else ():
-            if getattr(bounds, low) > getattr(bounds, high):
+        for low_name, high_name in BOUND_PAIRS if wire.heat_bounds else ():
+            low = getattr(wire.heat_bounds, low_name)
+            high = getattr(wire.heat_bounds, high_name)
+            if low > high:
                 raise ParameterError(
-                    f"{where}[{index}].heat_bounds.{low} is {getattr(bounds, low):g}; it must not "
-                    f"be above {high}, which is {getattr(bounds, high):g}."
+                    f"{where}[{index}].heat_bounds.{low_name} is {low:g}; it must not "
+                    f"be above {high_name}, which is {high:g}."
                 )
+        # Check that the wire can bend the segment.
         if segment.axes == 2 and wire.e2 == wire.e3 == 0:
             raise ParameterError(
                 f"{where}[{index}] is at e2 = e3 = 0 m, on the axis, where it cannot bend the "
                 "limb; give the place at which it runs beside the axis, or leave the wire out."
             )
-        if segment.axes == 1 and abs(wire.e2) <= LEAST_SIDEWAYS * np.hypot(wire.e2, wire.e3):
+        smallest_e2 = MIN_IN_PLANE_SHARE * np.hypot(wire.e2, wire.e3)
+        if segment.axes == 1 and abs(wire.e2) <= smallest_e2:
             raise ParameterError(
                 f"{where}[{index}] is at e2 = {wire.e2:g} m and e3 = {wire.e3:g} m, where it "
                 "cannot bend the limb sideways; give the e2 at which it runs beside the axis, or "

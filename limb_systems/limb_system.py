@@ -1,4 +1,4 @@
-"""Systems by the names of their ports: what stands in for a limb, and controllers behind a part."""
+"""Systems that are used by the names of their ports: limbs, their stand-ins, and controllers."""
 
 from typing import Protocol, runtime_checkable
 
@@ -41,44 +41,43 @@ class LimbSystem(Protocol):
 
     # The methods of Drake systems that are used here.
     def HasOutputPort(self, port_name: str) -> bool:
-        """Whether there is an output port of a name."""
+        """Return whether there is an output port of a name."""
 
     def GetInputPort(self, port_name: str) -> InputPort:
-        """The input port of a name."""
+        """Return the input port of a name."""
 
     def GetOutputPort(self, port_name: str) -> OutputPort:
-        """The output port of a name."""
+        """Return the output port of a name."""
 
     def GetMyContextFromRoot(self, root_context: Context) -> Context:
-        """The system's own part of the Context of a diagram."""
+        """Return the system's own part of the Context of a diagram."""
 
     def GetMyMutableContextFromRoot(self, root_context: Context) -> Context:
-        """The same Context, mutable."""
+        """Return the same Context, mutable."""
 
 
 def check_limb(system: System) -> LimbSystem:
-    """Checks that a system can stand in for a limb, and sets attributes that it leaves out.
+    """Check that a system can stand in for a limb, and set attributes that it leaves out.
 
     Raises:
-        LimbError: one sentence that names every missing port and attribute, or
-            says why no recording of it could be written.
+        LimbError: if ports or attributes are missing, or if the parameters or the source are
+            invalid; one sentence names them.
     """
-    missing = [
-        f"the {kind} port {name}"
-        for kind, has, names in (
-            ("input", system.HasInputPort, ["duty"]),
-            ("output", system.HasOutputPort, ["measured_temperature", "bend_angle"]),
-        )
-        for name in names
-        if not has(name)
-    ]
-    missing += [
-        f"the attribute {name}" for name in ("parameters", "source") if not hasattr(system, name)
-    ]
+    # Collect the missing ports and attributes.
+    missing = []
+    if not system.HasInputPort("duty"):
+        missing.append("the input port duty")
+    for name in ("measured_temperature", "bend_angle"):
+        if not system.HasOutputPort(name):
+            missing.append(f"the output port {name}")
+    for name in ("parameters", "source"):
+        if not hasattr(system, name):
+            missing.append(f"the attribute {name}")
     if missing:
         raise LimbError(
             f"{type(system).__name__} cannot stand in for a limb: it lacks {', '.join(missing)}."
         )
+    # Check the attributes, and set the optional ones.
     check_text(system.source, "source")
     system.parameters.validate()
     for name, value in (("real_time", False), ("accuracy", ACCURACY)):
@@ -87,20 +86,22 @@ def check_limb(system: System) -> LimbSystem:
     return system
 
 
-def behind(part: System, controller: System) -> Diagram:
+def wrap_controller(part: System, controller: System) -> Diagram:
     """Return a controller with another system between it and a limb, with a controller's ports.
 
     Output ports of each system are connected to the input ports of the other that have the same
-    name. All other inputs are inputs of the diagram. Its output ``duty`` is that of the part, or
+    name. All other inputs are inputs of the diagram. Its output ``duty`` is the part's, or
     the controller's if the part has none.
 
     Args:
         part: such as a supervisor of duty, or sensors with a fault; it becomes part of the diagram.
         controller: with the output ``duty``; it becomes part of the diagram.
     """
-    builder, exported = DiagramBuilder(), set()
-    for system in (part, controller):
-        builder.AddSystem(system)
+    builder = DiagramBuilder()
+    builder.AddSystem(part)
+    builder.AddSystem(controller)
+    # Connect the inputs of each system to the other system, or export them.
+    exported: set[str] = set()
     for sink, source in ((part, controller), (controller, part)):
         for index in range(sink.num_input_ports()):
             port = sink.get_input_port(index)

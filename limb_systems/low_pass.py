@@ -1,4 +1,4 @@
-"""The low-pass filter of the first order, as heat follows duty and a reading follows heat."""
+"""The first-order low-pass filter: heat follows duty and a reading follows heat by it."""
 
 import numpy as np
 from numpy.typing import ArrayLike

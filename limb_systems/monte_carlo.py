@@ -1,8 +1,8 @@
 """Many limbs at once: draws from the covariance of a calibration, and their open-loop simulation.
 
-Heat and torque are those of the wires' laws. The limb follows its wires without
+Heat and torque follow the laws of the wires. The limb follows its wires without
 delay: it rings at some hertz, and they heat within seconds. On a segment
-without gravity all joints turn alike, and each bend sensor then reads φ.
+without gravity all joints have the same angle, and each bend sensor reads φ.
 """
 
 import copy
@@ -20,15 +20,15 @@ from limb_systems.limb_parameters import (
     SegmentParameters,
 )
 from limb_systems.rubber import ramp
-from limb_systems.smooth_function import Compiled, stated_once
+from limb_systems.smooth_function import Compiled, build_once
 from limb_systems.wire_laws.wire_law import WireLaw, runge_kutta
 
-STEPS = 1, 2, 4  # in each step, until none diverges
-DIVERGED = 1e4  # °C, beyond which a simulation has diverged
+NUM_SUBSTEPS = (1, 2, 4)  # tried in this order until no simulation diverges
+DIVERGED_TEMPERATURE = 1e4  # °C, beyond which a simulation has diverged
 
 
-def draw_ensemble(parameters: LimbParameters, count: int) -> list[LimbParameters]:
-    """Limbs with parameters around the calibrated ones, as likely as their covariance says.
+def draw_limbs(parameters: LimbParameters, count: int) -> list[LimbParameters]:
+    """Draw limbs from the covariance of a calibration.
 
     Quantities that cannot change their sign are drawn in their logarithms. The limbs are the same
     in each call.
@@ -38,39 +38,41 @@ def draw_ensemble(parameters: LimbParameters, count: int) -> list[LimbParameters
         count: number of limbs.
 
     Raises:
-        ParameterError: if the limb is not calibrated, or the record names what it has not.
+        ParameterError: if the limb is not calibrated, or if the record names a parameter that the
+            limb does not have.
     """
     record = parameters.calibration
     if record is None:
-        raise ParameterError(
-            "This limb is not calibrated, so that nothing says how well known it is."
-        )
-    owners = [owner_of(parameters, name) for name in record.names]
-    values, covariance = np.array(record.values), np.array(record.covariance)
-    ranges = np.array([_range(owner, name) for owner, name in owners])
-    signed = (ranges[:, 0] > 0) | (ranges[:, 1] < 0)
-    scale = np.where(signed, values, 1.0)
-    roots, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+        raise ParameterError("This limb is not calibrated, so that its uncertainty is unknown.")
+    values = np.array(record.values)
+    covariance = np.array(record.covariance)
+    ranges = np.array([_range(*parameter_owner(parameters, name)) for name in record.names])
+    # Draw steps from the covariance; in logarithms where the range excludes zero.
+    has_fixed_sign = (ranges[:, 0] > 0) | (ranges[:, 1] < 0)
+    scale = np.where(has_fixed_sign, values, 1.0)
+    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
     generator = np.random.default_rng(0)
     normal = generator.standard_normal((count, len(values)))
-    steps = (normal * np.sqrt(np.maximum(roots, 0.0))) @ axes.T
-    drawn = np.where(signed, values * np.exp(np.clip(steps, -3.0, 3.0)), values + steps)
-    result = []
-    plain = dataclasses.replace(parameters, calibration=None)  # whose record takes long to copy
-    for numbers in np.clip(drawn, ranges[:, 0], ranges[:, 1]):
+    steps = (normal * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
+    drawn = np.where(has_fixed_sign, values * np.exp(np.clip(steps, -3.0, 3.0)), values + steps)
+    drawn = np.clip(drawn, ranges[:, 0], ranges[:, 1])
+    # Set the drawn values in copies of the limb, without the record, which takes long to copy.
+    limbs = []
+    plain = dataclasses.replace(parameters, calibration=None)
+    for drawn_values in drawn:
         limb = copy.deepcopy(plain)
         limb.calibration = record
-        for name, number in zip(record.names, numbers, strict=True):
-            owner, field = owner_of(limb, name)
-            setattr(owner, field, float(number))
-        result.append(limb)
-    return result
+        for name, value in zip(record.names, drawn_values, strict=True):
+            owner, field = parameter_owner(limb, name)
+            setattr(owner, field, float(value))
+        limbs.append(limb)
+    return limbs
 
 
-def stacked(
+def stack_limbs(
     limbs: Sequence[LimbParameters],
 ) -> tuple[WireLaw, np.ndarray, dict[str, np.ndarray]]:
-    """B limbs of one segment with laws of one class, as `OpenLoop` takes them.
+    """Stack the parameters of B limbs of one segment into arrays for `OpenLoop`.
 
     Returns:
         The law with fields (B, 1, W), T0 (B,), °C, and the rubber.
@@ -79,30 +81,35 @@ def stacked(
         ParameterError: if laws are of several classes.
     """
     segments = [limb.segments[0] for limb in limbs]
-    kinds = {type(wire.law) for segment in segments for wire in segment.wires}
-    if len(kinds) > 1:
-        names = " and ".join(sorted(kind.__name__ for kind in kinds))
+    # Stack the fields of the laws, all of one class.
+    law_types = {type(wire.law) for segment in segments for wire in segment.wires}
+    if len(law_types) > 1:
+        names = " and ".join(sorted(law_type.__name__ for law_type in law_types))
         raise ParameterError(f"The wires have laws of several classes, {names}; use one for all.")
-    (kind,) = kinds
-    fields = {
-        field.name: np.array(
-            [[[getattr(wire.law, field.name) for wire in segment.wires]] for segment in segments]
-        )
-        for field in dataclasses.fields(kind)  # type: ignore[arg-type]
-    }
+    (law_type,) = law_types
+    fields: dict[str, np.ndarray] = {}
+    for field in dataclasses.fields(law_type):  # type: ignore[arg-type]
+        values = [[getattr(wire.law, field.name) for wire in segment.wires] for segment in segments]
+        fields[field.name] = np.array(values)[:, np.newaxis]
+    # Stack the properties of the rubber.
     properties = ["stiffness", "rest_angle"]
-    properties += ["stiffening"] if any(segment.stiffening for segment in segments) else []
-    rubber = {name: np.array([getattr(s, name) for s in segments]) for name in properties}
+    if any(segment.stiffening for segment in segments):
+        properties.append("stiffening")
+    rubber: dict[str, np.ndarray] = {}
+    for name in properties:
+        rubber[name] = np.array([getattr(segment, name) for segment in segments])
     memories = [segment.rest_memory for segment in segments if segment.rest_memory]
     if memories:
         rubber["shift"] = np.array([memory.shift for memory in memories])
         rubber["rate"] = np.array([memory.rate for memory in memories])
     ambient = np.array([limb.ambient_temperature for limb in limbs])
-    return with_fields(kind, fields), ambient, rubber
+    return with_fields(law_type, fields), ambient, rubber
 
 
-def owner_of(parameters: LimbParameters, name: str) -> tuple[Any, str]:
-    """The object whose field an estimate is of, such as a wire's law, and the field's name.
+def parameter_owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
+    """Return the object whose field is an estimated parameter, and the field's name.
+
+    The object is the limb, its segment, a wire, the wire's law, the sensor or the rest memory.
 
     Args:
         name: name of the estimate in a `CalibrationRecord`.
@@ -110,17 +117,20 @@ def owner_of(parameters: LimbParameters, name: str) -> tuple[Any, str]:
     Raises:
         ParameterError: if the limb has no such field.
     """
+    # Find the objects that the part of the name before the field stands for.
     segment = parameters.segments[0]
-    before, _, field = name.rpartition(".")
+    owner_name, _, field = name.rpartition(".")
     owners: Sequence[Any] = (parameters, segment)
-    if before == "rest_memory":
+    if owner_name == "rest_memory":
         owners = [segment.rest_memory or RestMemory()]
-    elif before == "bend_sensor":
+    elif owner_name == "bend_sensor":
         owners = [segment.bend_sensor]
-    elif before:
-        owners = [
-            owner for wire in segment.wires if wire.name == before for owner in (wire.law, wire)
-        ]
+    elif owner_name:
+        owners = []
+        for wire in segment.wires:
+            if wire.name == owner_name:
+                owners = [wire.law, wire]
+    # Return the first object that has the field.
     for owner in owners:
         if hasattr(owner, field):
             return owner, field
@@ -130,15 +140,17 @@ def owner_of(parameters: LimbParameters, name: str) -> tuple[Any, str]:
 
 
 def _range(owner: Any, name: str) -> tuple[float, float]:
-    fields = {field.name: field for field in dataclasses.fields(owner)}
-    return fields[name].metadata["range"] if name in fields else (-np.inf, np.inf)
+    """Return the accepted range of a field; unbounded if it is no field."""
+    for field in dataclasses.fields(owner):
+        if field.name == name:
+            return field.metadata["range"]
+    return -np.inf, np.inf
 
 
 class OpenLoop:
-    """R runs of one segment of W wires, over K steps.
+    """Simulation of R runs of one segment of W wires, over K steps, for B parameter sets at once.
 
-    Arrays begin with B, the number of sets of parameters that are simulated at
-    once, where they differ between these.
+    Arrays begin with B where they differ between parameter sets.
 
     Args:
         duty: its mean over each step (K, R, W), in [0, 1].
@@ -154,12 +166,14 @@ class OpenLoop:
         segment: SegmentParameters,
         lengths: Sequence[int] | None = None,
     ):
-        self.step, self._chain = step, segment.chain
-        ends = np.full(duty.shape[1], len(duty)) if lengths is None else np.asarray(lengths)
-        # The longest first, so that those that go on are the first ones.
+        num_steps, num_runs = duty.shape[:2]
+        self.step = step
+        self._chain = segment.chain
+        ends = np.full(num_runs, num_steps) if lengths is None else np.asarray(lengths)
+        # Sort the runs, longest first, so that the unfinished runs are always the first ones.
         self._order = np.argsort(-ends, kind="stable")
         self._duty = np.ascontiguousarray(duty[:, self._order])
-        self._going_on = (ends > np.arange(len(duty))[:, None]).sum(axis=1).tolist()
+        self._num_unfinished = (ends > np.arange(num_steps)[:, None]).sum(axis=1).tolist()
         self._directions = np.array([wire.lever[0] for wire in segment.wires])
         self._sides = np.sign(self._directions)
 
@@ -170,7 +184,7 @@ class OpenLoop:
         initial: Sequence[np.ndarray],
         rubber: Mapping[str, np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """T, V and φ at the ends of the steps, by the classical Runge-Kutta method.
+        """Return T, V and φ at the ends of the steps, by the classical Runge-Kutta method.
 
         Args:
             law: with fields of shape (B, 1, W).
@@ -184,188 +198,232 @@ class OpenLoop:
             T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad.
         """
         start = np.array(initial)
-        room = _full(ambient[..., None], start.shape[1:])
-        # Sets that differ in other wires alone heat a wire alike, and it is simulated once.
-        distinct, which = _distinct(law, room, start)
-        own, own_room = _with_arrays(law, lambda f: _of_sets(f, distinct)), _of_sets(room, distinct)
-        heat = self._heat(
-            own, own_room[:, self._order], _of_sets(start, distinct)[..., self._order, :]
-        )[..., np.argsort(self._order), :]
+        T0 = _broadcast_copy(ambient[..., None], start.shape[1:])
+        # Parameter sets that differ only in other wires heat a wire in the same way: simulate once.
+        distinct, set_indices = _distinct_sets(law, T0, start)
+        distinct_law = _map_fields(law, lambda field: _select_sets(field, distinct))
+        distinct_T0 = _select_sets(T0, distinct)
+        distinct_start = _select_sets(start, distinct)
+        # Simulate the heat, with the runs sorted by their lengths.
+        sorted_start = distinct_start[..., self._order, :]
+        sorted_heat = self._heat(distinct_law, distinct_T0[:, self._order], sorted_start)
+        heat = sorted_heat[..., np.argsort(self._order), :]
+        # Find the torques on straight links.
         states = list(np.moveaxis(heat[:, :-1], 1, 0))
-        torques = _of_sets(np.asarray(own.torque(states, own_room, 0.0)), which)
-        bent = None
-        if np.isnan(own.torque([state[0] for state in states], own_room, np.nan)).any():
+        straight_torques = distinct_law.torque(states, distinct_T0, 0.0)
+        torques = _select_sets(np.asarray(straight_torques), set_indices)
 
-            def bent(number: int, theta: np.ndarray) -> np.ndarray:
-                course = _of_sets(heat[number, :-1], which)
-                return np.asarray(
-                    law.torque(list(course), room, theta[..., None] * self._directions)
-                )
+        def torques_at_angle(step_index: int, theta: np.ndarray) -> np.ndarray:
+            wire_states = list(_select_sets(heat[step_index, :-1], set_indices))
+            return np.asarray(law.torque(wire_states, T0, theta[..., None] * self._directions))
 
-        bends = self._bends(torques, rubber, bent)
-        return _of_sets(heat[:, 0], which), _of_sets(heat[:, -1], which), bends
+        # A torque that is nan at an unknown angle depends on the angle.
+        first_states = [state[0] for state in states]
+        needs_angle = np.isnan(distinct_law.torque(first_states, distinct_T0, np.nan)).any()
+        bends = self._bends(torques, rubber, torques_at_angle if needs_angle else None)
+        temperature = _select_sets(heat[:, 0], set_indices)
+        reading = _select_sets(heat[:, -1], set_indices)
+        return temperature, reading, bends
 
-    def _heat(self, law: WireLaw, room: np.ndarray, heat: np.ndarray) -> np.ndarray:
-        """States of the wires and V (K + 1, X + 1, B, R, W) from the start, runs in their order.
+    def _heat(self, law: WireLaw, T0: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Return the states of the wires and V (K + 1, X + 1, B, R, W), with the runs sorted.
 
         A law whose heat, stress and transformation act on each other may be too fast for the step.
-        If a set diverges by it, all are simulated again in shorter steps, alike, as they are
-        compared with each other.
+        If one parameter set diverges, all are simulated again in the same shorter steps, because
+        they are compared with each other.
         """
-        for per_step in STEPS:
+        for num_substeps in NUM_SUBSTEPS:
             with np.errstate(over="ignore", invalid="ignore"):
-                course = self._heat_in_steps(law, room, heat, per_step)
-            if (np.abs(course) < DIVERGED).all():
+                heat = self._heat_in_substeps(law, T0, start, num_substeps)
+            if (np.abs(heat) < DIVERGED_TEMPERATURE).all():
                 break
-        return course
+        return heat
 
-    def _heat_in_steps(
-        self, law: WireLaw, room: np.ndarray, heat: np.ndarray, per_step: int
+    def _heat_in_substeps(
+        self, law: WireLaw, T0: np.ndarray, start: np.ndarray, num_substeps: int
     ) -> np.ndarray:
-        """The same, by so many shorter steps in each step."""
-        course = np.empty((len(self._duty) + 1, *heat.shape))
-        course[0] = heat
-        remembered = {
-            row: law.memory[state]
-            for row, state in enumerate(law.states)
-            if np.isfinite(law.memory.get(state, np.inf)).any()
-        }
-        _keep_within(remembered, course[0])
-        fields = {n: value for n, value in vars(law).items() if isinstance(value, np.ndarray)}
-        compiled = _compiled_step(law, list(fields), self.step / per_step)
-        going_on = None
-        for number, levels in enumerate(self._duty):
-            if going_on != self._going_on[number]:
-                going_on = self._going_on[number]
-                heat = course[number, ..., :going_on, :].copy()
-                shape, after, duty = heat.shape[1:], np.empty_like(heat), np.empty(heat.shape[1:])
-                own = [_full(field, shape) for field in (room[:, :going_on], *fields.values())]
-                arrays = (heat, duty[None], np.array(own), after)
+        """Return the heat as `_heat`, with each step divided into substeps."""
+        course = np.empty((len(self._duty) + 1, *start.shape))
+        course[0] = start
+        # Collect the ranges of states that are memories.
+        memory_ranges = {}
+        for row, state in enumerate(law.states):
+            if np.isfinite(law.memory.get(state, np.inf)).any():
+                memory_ranges[row] = law.memory[state]
+        _clamp_memory(memory_ranges, course[0])
+        # Compile a substep with T0 and the law's fields as inputs.
+        fields = {name: value for name, value in vars(law).items() if isinstance(value, np.ndarray)}
+        compiled = _compiled_step(law, list(fields), self.step / num_substeps)
+        num_unfinished = None
+        for step_index, levels in enumerate(self._duty):
+            # Drop the runs that have ended, and bind the substep to arrays of the other runs.
+            if num_unfinished != self._num_unfinished[step_index]:
+                num_unfinished = self._num_unfinished[step_index]
+                heat = course[step_index, ..., :num_unfinished, :].copy()
+                shape = heat.shape[1:]
+                next_heat = np.empty_like(heat)
+                duty = np.empty(shape)
+                inputs = (T0[:, :num_unfinished], *fields.values())
+                constants = np.array([_broadcast_copy(field, shape) for field in inputs])
+                arrays = (heat, duty[None], constants, next_heat)
                 advance = compiled.bound(*(array.reshape(len(array), -1) for array in arrays))
-            duty[...] = levels[:going_on]
-            for _ in range(per_step):
+            # Integrate the remaining runs; the states of ended runs stay.
+            duty[...] = levels[:num_unfinished]
+            for _ in range(num_substeps):
                 advance()
-                heat[...] = after
-                _keep_within(remembered, heat)
-            course[number + 1, ..., :going_on, :] = heat
-            course[number + 1, ..., going_on:, :] = course[number, ..., going_on:, :]
+                heat[...] = next_heat
+                _clamp_memory(memory_ranges, heat)
+            course[step_index + 1] = course[step_index]
+            course[step_index + 1, ..., :num_unfinished, :] = heat
         return course
 
     def _bends(
         self,
-        torques: np.ndarray,
+        straight_torques: np.ndarray,
         rubber: Mapping[str, np.ndarray],
-        bent: Callable[[int, np.ndarray], np.ndarray] | None,
+        torques_at_angle: Callable[[int, np.ndarray], np.ndarray] | None,
     ) -> np.ndarray:
-        """φ (K + 1, B, R), rad.
+        """Return φ (K + 1, B, R), rad.
 
         Args:
-            torques: of the wires on straight links (K + 1, B, R, W), N·m.
+            straight_torques: of the wires on straight links (K + 1, B, R, W), N·m.
             rubber: as for `simulate`.
-            bent: torques (B, R, W) on links at angles θ (B, R), rad, of a number of steps; None
-                if they do not depend on θ.
+            torques_at_angle: function of the step's index and of the links' angles θ (B, R), rad,
+                that gives the torques (B, R, W); None if torques do not depend on θ.
         """
-        to_bend = self._chain.bend_by_equal_angle  # (11)
-        stiffness, rest = rubber["stiffness"][:, None], rubber["rest_angle"][:, None]
-        torques = torques * self._directions
-        if bent is None and not rubber.keys() & {"stiffening", "shift"}:
-            return rest + to_bend * (torques.sum(axis=-1) / stiffness)
+        bend_by_angle = self._chain.bend_by_equal_angle  # (11)
+        stiffness = rubber["stiffness"][:, None]
+        rest = rubber["rest_angle"][:, None]
+        torques = straight_torques * self._directions
+        if torques_at_angle is None and not rubber.keys() & {"stiffening", "shift"}:
+            return rest + bend_by_angle * (torques.sum(axis=-1) / stiffness)
         bends = np.empty(torques.shape[:-1])
         angle = np.zeros(bends.shape[1:])  # of each joint, from rest
-        alone = np.zeros(torques.shape[1:])  # bend angle that each wire would hold alone
+        bend_alone = np.zeros(torques.shape[1:])  # bend angle that each wire would hold alone
         shift = np.zeros(bends.shape[1:])  # of the rest angle by its memory
-        for number, held in enumerate(torques):
-            if bent is not None:
-                held = bent(number, angle + rest / to_bend) * self._directions
-            before, alone = alone, to_bend / stiffness[..., None] * np.abs(held)
-            if "shift" in rubber and number:
-                progress = self.step * ramp((alone - before) / self.step)
-                towards = rubber["shift"][:, None] * (progress * self._sides).sum(axis=-1)
-                pace = rubber["rate"][:, None]
-                shift = (shift + pace * towards) / (1 + pace * progress.sum(axis=-1))
-            pull = held.sum(axis=-1) / stiffness + shift / to_bend
-            angle = self._at_rest(pull, angle, rubber)
-            bends[number] = rest + to_bend * angle
+        for step_index, torque in enumerate(torques):
+            if torques_at_angle is not None:
+                at_angle = torques_at_angle(step_index, angle + rest / bend_by_angle)
+                torque = at_angle * self._directions
+            # Move the rest angle towards the side of the wires that heat.
+            previous_bend_alone = bend_alone
+            bend_alone = bend_by_angle / stiffness[..., None] * np.abs(torque)
+            if "shift" in rubber and step_index:
+                progress = self.step * ramp((bend_alone - previous_bend_alone) / self.step)
+                target = rubber["shift"][:, None] * (progress * self._sides).sum(axis=-1)
+                rate = rubber["rate"][:, None]
+                shift = (shift + rate * target) / (1 + rate * progress.sum(axis=-1))
+            # Find the equilibrium.
+            linear_angle = torque.sum(axis=-1) / stiffness + shift / bend_by_angle
+            angle = self._stiffened_angle(linear_angle, angle, rubber)
+            bends[step_index] = rest + bend_by_angle * angle
         return bends
 
-    def _at_rest(
-        self, pull: np.ndarray, angle: np.ndarray, rubber: Mapping[str, np.ndarray]
+    def _stiffened_angle(
+        self, linear_angle: np.ndarray, start: np.ndarray, rubber: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Joint angle that a torque over k holds, from the angle before, by Newton's method."""
+        """Return the joint angle at rest, rad, by Newton's method.
+
+        Args:
+            linear_angle: angle without stiffening: torque over k, rad.
+            start: angle to start from, rad.
+            rubber: as for `simulate`.
+        """
         if "stiffening" not in rubber:
-            return pull
-        at_45 = np.pi / 4 / self._chain.bend_by_equal_angle
-        cubic = rubber["stiffening"][:, None] / at_45**2
+            return linear_angle
+        angle = start
+        angle_at_45_deg = np.pi / 4 / self._chain.bend_by_equal_angle
+        cubic = rubber["stiffening"][:, None] / angle_at_45_deg**2
         for _ in range(2):
-            excess = angle + cubic * angle**3 - pull
+            excess = angle + cubic * angle**3 - linear_angle
             angle = angle - excess / (1 + 3 * cubic * angle**2)
         return angle
 
 
 def _compiled_step(law: WireLaw, names: list[str], step: float) -> Compiled:
-    """A step of the classical Runge-Kutta method: heat [x, V] after it, of any number of wires.
+    """Return a step of the classical Runge-Kutta method: heat [x, V] after it, of one wire.
 
     The inputs are the heat before it, the duty, and T0 with the named fields of the law.
     """
 
-    def state() -> Compiled:
+    def build() -> Compiled:
         heat = ca.SX.sym("x", len(law.states) + 1)
-        duty, room, fields = ca.SX.sym("D"), ca.SX.sym("T0"), ca.SX.sym("p", len(names))
-        of_fields = dict(zip(names, ca.vertsplit(fields), strict=True))
-        own = with_fields(type(law), {**vars(law), **of_fields})
+        duty = ca.SX.sym("D")
+        T0 = ca.SX.sym("T0")
+        fields = ca.SX.sym("p", len(names))
+        named_fields = dict(zip(names, ca.vertsplit(fields), strict=True))
+        symbolic_law = with_fields(type(law), {**vars(law), **named_fields})
 
         def rates(heat: ca.SX, duty: ca.SX) -> ca.SX:
-            *x, reading = ca.vertsplit(heat)
-            return ca.vertcat(*own.rates(x, duty, room), own.reading_rate(reading, x))
+            *states, reading = ca.vertsplit(heat)
+            state_rates = symbolic_law.rates(states, duty, T0)
+            return ca.vertcat(*state_rates, symbolic_law.reading_rate(reading, states))
 
         after = runge_kutta(rates, heat, (duty, duty, duty), step)
-        return Compiled([heat, duty, ca.vertcat(room, fields)], [ca.densify(after)])
+        return Compiled([heat, duty, ca.vertcat(T0, fields)], [ca.densify(after)])
 
+    # Limbs with laws of one class share the compiled step.
     constants = {name: value for name, value in vars(law).items() if name not in names}
-    key = "runge_kutta", type(law), step, tuple(names), repr(constants)
-    return stated_once(key, state)
+    key = ("runge_kutta", type(law), step, tuple(names), repr(constants))
+    return build_once(key, build)
 
 
-def with_fields(law: type[WireLaw], fields: Mapping[str, Any]) -> WireLaw:
-    """A law of a class with arrays or symbols for fields, for calculations alone."""
-    together = law()
+def with_fields(law_type: type[WireLaw], fields: Mapping[str, Any]) -> WireLaw:
+    """Return a law of a class whose fields are arrays or symbols, for calculations only."""
+    law = law_type()
     for name, values in fields.items():
-        setattr(together, name, values)
-    return together
+        setattr(law, name, values)
+    return law
 
 
-def _distinct(law: WireLaw, room: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sets (C, W) that differ in what heats each wire, and which of them each set is (B, W)."""
+def _distinct_sets(
+    law: WireLaw, T0: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parameter sets that differ in the heat of each wire.
+
+    Returns:
+        Indices of C distinct sets for each wire (C, W), and the position of each set among them
+        (B, W).
+    """
     fields = [value for value in vars(law).values() if isinstance(value, np.ndarray)]
-    num_sets = len(room)
-    found = []
-    for wire in range(room.shape[-1]):
-        parts = [*fields, room, *start]
+    num_sets = len(T0)
+    num_wires = T0.shape[-1]
+    first_sets = []
+    positions = []
+    for wire in range(num_wires):
+        parts = [*fields, T0, *start]
         rows = np.hstack([part[..., wire].reshape(num_sets, -1) for part in parts])
-        found.append(np.unique(rows, axis=0, return_index=True, return_inverse=True)[1:])
-    distinct = np.zeros((max(len(first) for first, _ in found), len(found)), int)
-    for wire, (first, _) in enumerate(found):
+        _, first, position = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        first_sets.append(first)
+        positions.append(position.reshape(-1))
+    # Wires with fewer distinct sets repeat set 0.
+    distinct = np.zeros((max(map(len, first_sets)), num_wires), int)
+    for wire, first in enumerate(first_sets):
         distinct[: len(first), wire] = first
-    return distinct, np.stack([which.reshape(-1) for _, which in found], axis=-1)
+    return distinct, np.stack(positions, axis=-1)
 
 
-def _of_sets(array: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """An array (..., B, R, W) of other sets (C, W) of each wire, as (..., C, R, W)."""
-    return np.stack(
-        [array[..., wire].take(sets, axis=-2) for wire, sets in enumerate(which.T)], axis=-1
-    )
+def _select_sets(array: np.ndarray, indices: np.ndarray) -> np.ndarray:
+    """Select sets (C, W) of each wire from an array (..., B, R, W), as (..., C, R, W)."""
+    selected = [array[..., wire].take(sets, axis=-2) for wire, sets in enumerate(indices.T)]
+    return np.stack(selected, axis=-1)
 
 
-def _with_arrays(law: WireLaw, change: Callable[[np.ndarray], np.ndarray]) -> WireLaw:
-    arrays = {n: change(value) for n, value in vars(law).items() if isinstance(value, np.ndarray)}
-    return with_fields(type(law), {**vars(law), **arrays})
+def _map_fields(law: WireLaw, change: Callable[[np.ndarray], np.ndarray]) -> WireLaw:
+    """Return a law whose fields that are arrays are changed by a function."""
+    fields = dict(vars(law))
+    for name, value in fields.items():
+        if isinstance(value, np.ndarray):
+            fields[name] = change(value)
+    return with_fields(type(law), fields)
 
 
-def _full(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _broadcast_copy(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return an array that is broadcast to a shape and copied."""
     return np.ascontiguousarray(np.broadcast_to(array, shape))
 
 
-def _keep_within(remembered: Mapping[int, tuple[float, float]], heat: np.ndarray) -> None:
-    """Keeps what the law remembers in its range: starts and long steps may be beyond."""
-    for row, bounds in remembered.items():
+def _clamp_memory(memory_ranges: Mapping[int, tuple[float, float]], heat: np.ndarray) -> None:
+    """Clamp states that are memories to their ranges: starts and long steps may leave them."""
+    for row, bounds in memory_ranges.items():
         np.clip(heat[row], *bounds, out=heat[row])

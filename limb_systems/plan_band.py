@@ -1,4 +1,4 @@
-"""How far a limb may be from a plan: the limbs that its calibration cannot tell apart."""
+"""The band about a plan: the deviations of the limbs that a calibration cannot distinguish."""
 
 import dataclasses
 
@@ -7,23 +7,23 @@ import numpy as np
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.limb import split_state
 from limb_systems.limb_parameters import LimbParameters
-from limb_systems.monte_carlo import OpenLoop, draw_ensemble, stacked
+from limb_systems.monte_carlo import OpenLoop, draw_limbs, stack_limbs
 
-MEMBERS = 64
-STEP = 0.25  # s, of simulation
+NUM_LIMBS = 64
+SIMULATION_STEP = 0.25  # s
 BEND_QUANTILE = 1.96  # standard deviations, of 95% of the limbs
 READING_QUANTILE = 2.6  # of 995 of 1000 limbs, on one side, for each of two wires
-DEVIATIONS = 2.0  # of predicted temperatures, by which calibrated limbs stay below T_max
-# A thermocouple sits between its wire and colder silicone, and may show this share too little of
-# the wire's excess over the room. No reading tells how much it is.
-UNSHOWN = 0.12
-LARGEST_MARGIN = 15.0  # °C, as of plans of limbs that are not calibrated
+TEMPERATURE_QUANTILE = 2.0  # standard deviations by which calibrated limbs stay below T_max
+# A thermocouple sits between its wire and colder silicone. Its reading may miss this share of the
+# wire's excess over the room; no reading identifies the share.
+UNREAD_SHARE = 0.12
+MAX_MARGIN = 15.0  # °C, the margin of plans for limbs that are not calibrated
 MEAN_TO_DEVIATION = 1.25  # of the mean of |x| to the standard deviation of x, if x is normal
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Band:
-    """Where a limb of one segment may be that is driven with a plan's duty, open loop.
+    """The band in which limbs of one segment stay that are driven with a plan's duty, open loop.
 
     - ``time``: time since the start of the plan (M,), s.
     - ``bend_angle``: half-width of the band about φ* in which the true bend of 95% of all
@@ -44,71 +44,69 @@ class Band:
 
 
 def temperature_margin(parameters: LimbParameters) -> float:
-    """How far below T_max the model's wires stay, °C, so that those of the limb stay below it, too.
+    """Return the margin below T_max, °C, with which plans keep a real limb's wires below T_max.
 
-    It is twice the standard deviation of predicted temperatures, and what thermocouples do not
-    show; zero if the limb is not calibrated, as nothing is known then.
+    It is twice the standard deviation of predicted temperatures, and the share of the heat that
+    thermocouples do not read. It is zero if the limb is not calibrated, as nothing is known then.
     """
     record = parameters.calibration
     if record is None:
         return 0.0
-    unshown = parameters.temperature_limits.maximum - parameters.ambient_temperature
-    unshown *= UNSHOWN / (1.0 + UNSHOWN)
-    margin = DEVIATIONS * MEAN_TO_DEVIATION * record.temperature_error + unshown
-    return min(margin, LARGEST_MARGIN)
+    largest_rise = parameters.temperature_limits.maximum - parameters.ambient_temperature
+    unread = largest_rise * (UNREAD_SHARE / (1.0 + UNREAD_SHARE))
+    deviation = MEAN_TO_DEVIATION * record.temperature_error
+    return min(TEMPERATURE_QUANTILE * deviation + unread, MAX_MARGIN)
 
 
 def band(trajectory: Trajectory) -> Band | None:
-    """The band about a plan, from the covariance of its limb's calibration.
+    """Return the band about a plan, from the covariance of its limb's calibration.
 
-    What the form of the law leaves is in it as well: the errors with which the
+    The band includes the error of the law's form: the errors with which the
     calibration predicted motions that it was not fitted to.
 
     Returns:
         None if the limb is not calibrated by prediction, or has several bends.
     """
-    parameters, plan = trajectory.parameters, trajectory.since_start()
+    parameters = trajectory.parameters
+    plan = trajectory.since_start()
     record = parameters.calibration
     if record is None or not record.bend_error or plan.model.layout.num_bends > 1:
         return None
-    num_steps = max(1, int(np.ceil(plan.duration / STEP)))
+    # Simulate the plan's limb, and limbs that are drawn around it.
+    num_steps = max(1, int(np.ceil(plan.duration / SIMULATION_STEP)))
     ends = np.linspace(0.0, plan.duration, num_steps + 1)
     duty = plan.duty_trajectory().vector_values((ends[:-1] + ends[1:]) / 2).T
-    limbs = [parameters, *draw_ensemble(parameters, MEMBERS)]
-    law, ambient, rubber = stacked(limbs)
-    states, readings = split_state(parameters, plan.state[:, 0])[2:]
+    limbs = [parameters, *draw_limbs(parameters, NUM_LIMBS)]
+    law, ambient, rubber = stack_limbs(limbs)
     num_wires = len(parameters.wires)
-    of_laws = len(law.states) * num_wires
-    initial = [*states[:of_laws].reshape(-1, num_wires), readings]
+    _, _, states, readings = split_state(parameters, plan.state[:, 0])
+    law_states = states[: len(law.states) * num_wires].reshape(-1, num_wires)
+    initial = []
+    for values in (*law_states, readings):
+        initial.append(np.broadcast_to(values, (len(limbs), 1, num_wires)))
     open_loop = OpenLoop(duty[:, np.newaxis], ends[1], parameters.segments[0])
-    temperature, reading, bend = open_loop.simulate(
-        law,
-        ambient[:, np.newaxis],
-        [np.broadcast_to(value, (len(limbs), 1, num_wires)) for value in initial],
-        rubber,
-    )
-    temperature, reading, bend = temperature[:, :, 0], reading[:, :, 0], bend[:, :, 0]
-    bend_form = MEAN_TO_DEVIATION * record.bend_error
-    bend_deviation = np.hypot(bend[:, 1:].std(axis=1), bend_form)
+    results = open_loop.simulate(law, ambient[:, np.newaxis], initial, rubber)
+    temperature, reading, bend = (result[:, :, 0] for result in results)
+
+    # Find the spread of the bends, with the error of the law's form.
+    form_bend_deviation = MEAN_TO_DEVIATION * record.bend_error
+    bend_deviation = np.hypot(bend[:, 1:].std(axis=1), form_bend_deviation)
     sensor = parameters.segments[0].bend_sensor
-    heat_form = MEAN_TO_DEVIATION * record.temperature_error
+    deviations = np.broadcast_arrays(bend_deviation, sensor.noise, sensor.drift)
+    form_heat_deviation = MEAN_TO_DEVIATION * record.temperature_error
 
-    def above(signals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far limbs are above the first (.., W) on average, and their standard deviation."""
+    def upper_quantile(signals: np.ndarray) -> np.ndarray:
+        """Return the quantile of the drawn limbs above the first limb, °C, of (.., limbs, W)."""
         mean = signals[..., 1:, :].mean(axis=-2) - signals[..., 0, :]
-        return np.maximum(0.0, mean), np.hypot(signals[..., 1:, :].std(axis=-2), heat_form)
-
-    def quantile(signals: np.ndarray) -> np.ndarray:
-        mean, spread = above(signals)
-        return mean + READING_QUANTILE * spread
+        deviation = np.hypot(signals[..., 1:, :].std(axis=-2), form_heat_deviation)
+        return np.maximum(0.0, mean) + READING_QUANTILE * deviation
 
     highest = reading.max(axis=0)
     return Band(
         time=ends,
         bend_angle=BEND_QUANTILE * bend_deviation,
-        bend_reading=BEND_QUANTILE
-        * np.linalg.norm(np.broadcast_arrays(bend_deviation, sensor.noise, sensor.drift), axis=0),
-        wire_temperature=quantile(temperature).T,
-        measured_temperature=quantile(reading).T,
-        highest_readings=highest[0] + quantile(highest),
+        bend_reading=BEND_QUANTILE * np.linalg.norm(deviations, axis=0),
+        wire_temperature=upper_quantile(temperature).T,
+        measured_temperature=upper_quantile(reading).T,
+        highest_readings=highest[0] + upper_quantile(highest),
     )

@@ -29,7 +29,7 @@ class NonlinearRubber:
     Its forces and rates are expressions of symbols.
 
     - ``state_names``: such as ``rest_shift_2``, R.
-    - ``remembers``: whether any segment does.
+    - ``remembers``: whether the rest angle of any segment has a memory.
     - ``bend_by_torque``: bend angle that a torque of each wire alone holds (W,), rad/(N·m).
 
     Args:
@@ -48,54 +48,65 @@ class NonlinearRubber:
         self._cubic = np.zeros(num_joints)
         self._force_by_shift = np.zeros((num_joints, num_shifts))
         self.bend_by_torque = np.zeros(num_wires)
-        self._pace, self._towards = np.zeros((2, num_shifts, num_wires))
-        for bend, (joints, suffix) in enumerate(
-            zip(layout.bend_joints, parameters.bend_suffixes, strict=True)
-        ):
+        self._rate = np.zeros((num_shifts, num_wires))  # λ
+        self._rate_times_target = np.zeros((num_shifts, num_wires))  # ± λ Δ
+        bends = zip(layout.bend_joints, parameters.bend_suffixes, strict=True)
+        for bend, (joints, suffix) in enumerate(bends):
+            # Set the stiffening of the joints of this bend.
             number = layout.bend_segment[bend]
-            segment, wires = parameters.segments[number], layout.wires_of[number]
-            equal = mechanics.chains[number].equal_angle
-            at_45 = equal * (np.pi / 4)
-            self._cubic[joints] = segment.stiffness * segment.stiffening / at_45**2
-            memory, row = segment.rest_memory, len(self.state_names)
+            segment = parameters.segments[number]
+            wires = layout.wires_of[number]
+            equal_angle = mechanics.chains[number].equal_angle
+            angle_at_45_deg = equal_angle * (np.pi / 4)
+            self._cubic[joints] = segment.stiffness * segment.stiffening / angle_at_45_deg**2
+            # Set the memory of this bend.
+            memory = segment.rest_memory
             if memory is None:
                 continue
+            row = len(self.state_names)
             self.state_names.append(f"rest_shift{suffix}")
             lever = mechanics.levers[joints[0], wires]
-            torque_by_bend = mechanics.stiffness[joints] * equal
+            torque_by_bend = mechanics.stiffness[joints] * equal_angle
             self._force_by_shift[joints, row] = torque_by_bend
-            self.bend_by_torque[wires] = np.hypot(
-                self.bend_by_torque[wires], lever / torque_by_bend[0]
-            )
-            self._pace[row, wires] = memory.rate
+            bend_by_torque = lever / torque_by_bend[0]
+            self.bend_by_torque[wires] = np.hypot(self.bend_by_torque[wires], bend_by_torque)
+            self._rate[row, wires] = memory.rate
             # A wire of a planar segment leads to ±Δ, however its lever is inclined.
-            share = np.sign(lever) if segment.axes == 1 else lever
-            self._towards[row, wires] = memory.rate * memory.shift * share
-        bends = np.flatnonzero(mechanics.shape.any(axis=1))
+            direction = np.sign(lever) if segment.axes == 1 else lever
+            self._rate_times_target[row, wires] = memory.rate * memory.shift * direction
+        # Find the pairs of bending joints that turn the same link.
+        bending = np.flatnonzero(mechanics.shape.any(axis=1))
         self._same_link = np.zeros((num_joints, num_joints))
-        links = layout.link_of_joint[bends]
-        self._same_link[np.ix_(bends, bends)] = links[:, None] == links
+        links = layout.link_of_joint[bending]
+        self._same_link[np.ix_(bending, bending)] = links[:, None] == links
 
     def forces(self, shifts: ca.SX, angles: ca.SX) -> ca.SX:
-        """Generalized force (n,), N·m, of r (R,) and θ (n,), rad."""
-        bent = angles - ca.DM(self._rest)
-        squared = ca.DM(self._same_link) @ bent**2
-        force = -ca.DM(self._cubic) * bent * squared
+        """Return the generalized force (n,), N·m, of r (R,) and θ (n,), rad."""
+        deviation = angles - ca.DM(self._rest)
+        squared = ca.DM(self._same_link) @ deviation**2
+        force = -ca.DM(self._cubic) * deviation * squared
         return force + ca.DM(self._force_by_shift) @ shifts if self.remembers else force
 
     def rates(self, shifts: ca.SX, torque_rates: ca.SX) -> ca.SX:
-        """r' (R,), rad/s, of r (R,) and the rates of all wires' torques (W,), N·m/s."""
-        progress = ramp(ca.DM(self.bend_by_torque) * torque_rates)
-        return ca.DM(self._towards) @ progress - shifts * (ca.DM(self._pace) @ progress)
+        """Return r' (R,), rad/s, of r (R,) and the rates of all wires' torques (W,), N·m/s."""
+        heating = ramp(ca.DM(self.bend_by_torque) * torque_rates)
+        return ca.DM(self._rate_times_target) @ heating - shifts * (ca.DM(self._rate) @ heating)
 
     def settled(self, torques: np.ndarray) -> np.ndarray:
-        """r (R,) after wires heated from cold, all at once and in proportion, to torques (W,)."""
+        """Return r (R,) of wires that heated from cold, all at once, to their torques (W,).
+
+        Their torques grew in proportion. r' = λ g' (Δ - r) then has the solution
+        Δ (1 - exp(-λ g)) of a single wire.
+        """
+        # Integrate r' along the bends that grow in proportion.
         bends = np.maximum(self.bend_by_torque * torques, 0.0)
-        paths = self._pace @ bends
-        gone = np.divide(-np.expm1(-paths), paths, out=np.zeros_like(paths), where=paths > 0)
-        return gone * (self._towards @ bends)
+        exponents = self._rate @ bends
+        shares = np.divide(
+            -np.expm1(-exponents), exponents, out=np.zeros_like(exponents), where=exponents > 0
+        )
+        return shares * (self._rate_times_target @ bends)
 
 
 def ramp(bend_rate: Any) -> Any:
-    """p of a rate, rad/s: about the rate itself if it is positive, about 0 if it is negative."""
+    """Return p of a rate, rad/s: near the rate if it is positive, near 0 if it is negative."""
     return bend_rate * 0.5 * (1.0 + np.tanh(bend_rate / (2.0 * RAMP_RATE)))

@@ -1,28 +1,28 @@
-"""Packages of others that hide ours are named before they are imported."""
+"""Warnings about modules of other programs that hide the packages of soft-limb."""
 
 import importlib.util
 import warnings
 from pathlib import Path
 
 NEEDED = ("urdf",)  # by limb_systems itself
-OTHERS = ("planners", "controllers", "hardware", "calibration", "walking", "soft_limb")
+OTHER_PACKAGES = ("planners", "controllers", "hardware", "calibration", "walking", "soft_limb")
 
 
 def check_shadows() -> None:
-    """Warns of modules that Python finds in place of ours, such as those beside a script.
+    """Warn of modules that Python finds instead of our packages, such as files beside a script.
 
     Raises:
         ImportError: if `limb_systems` itself needs the hidden package.
     """
-    ours = Path(__file__).resolve().parents[1]
-    for name in NEEDED + OTHERS:
-        found = importlib.util.find_spec(name)
-        if found is None or found.origin is None:
+    package_root = Path(__file__).resolve().parents[1]
+    for name in NEEDED + OTHER_PACKAGES:
+        spec = importlib.util.find_spec(name)
+        if spec is None or spec.origin is None:
             continue
-        if Path(found.origin).resolve().parents[1] == ours:
+        if Path(spec.origin).resolve().parents[1] == package_root:
             continue
         sentence = (
-            f"The module {name} at {found.origin} hides soft-limb's package of that name; rename "
+            f"The module {name} at {spec.origin} hides soft-limb's package of that name; rename "
             "it or run elsewhere."
         )
         if name in NEEDED:

@@ -1,4 +1,4 @@
-"""Simulates a limb, or any system with its ports, with a given duty."""
+"""Simulation of a limb, or of any system with its ports, under a given duty."""
 
 import contextlib
 import copy
@@ -23,8 +23,8 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
-from limb_systems.files.schema import shown
-from limb_systems.files.signal_table import TIMES, without_rounding
+from limb_systems.files.schema import short_repr
+from limb_systems.files.signal_table import TIMES, clip_rounding
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.kinematics import bend_angle
 from limb_systems.limb_system import ACCURACY, LimbSystem, check_limb
@@ -35,22 +35,22 @@ class SimulationError(LimbError):
     """An argument of a simulation is invalid, or the integrator failed."""
 
 
-# The chain has eigenvalues to -15 000 1/s beside the wires' -0.07 1/s. Of
-# Drake's implicit schemes this one needs the fewest evaluations here: a third
-# of those of implicit_euler at accuracy 1e-3.
+# The chain has eigenvalues to -15 000 1/s, the wires -0.07 1/s. Of Drake's
+# implicit schemes this one needs the fewest evaluations here: a third of
+# implicit_euler's evaluations at accuracy 1e-3.
 INTEGRATION_SCHEME = "radau3"
 MAX_STEP_SIZE = 0.1  # s
 # With nonlinear torque, Newton's method leaves errors that do not decrease with the step, and the
-# error control would hold on to the smallest steps for ever; with steps of this size such limbs
-# are simulated more accurately than with smaller ones. From three times as large ones on, where a
-# stiff limb is released from a right angle, the method finds no solution.
+# error control would stay at the smallest steps. With steps of this size such limbs are simulated
+# more accurately than with smaller steps. With three times as large steps, Newton's method finds
+# no solution where a stiff limb is released from a right angle.
 MIN_STEP_SIZE = 5e-4  # s
 SWING_ACCURACY = 1e-3  # of an amplitude: after 30 periods the energy is right within 0.3%
-BESIDE_JUMP = 1e-9  # s, before and after a jump of the duty, where steps end and begin
-SMALLEST_JUMP = 1e-6  # of duty
-SHORTEST_PULSE = 1e-3  # s, of duty that is worth its simulation
+JUMP_MARGIN = 1e-9  # s, before and after a jump of the duty, where steps end and begin
+MIN_DUTY_JUMP = 1e-6  # of duty
+MIN_PULSE_DURATION = 1e-3  # s, of duty that is worth its simulation
 PERIOD = 0.05  # s, of samples and commands of a robot, and so of what observes and controls one
-ENDED = SimulatorStatus.ReturnReason.kReachedTerminationCondition  # by a system of the diagram
+TERMINATED = SimulatorStatus.ReturnReason.kReachedTerminationCondition  # by a system of the diagram
 
 
 def simulate(
@@ -62,20 +62,20 @@ def simulate(
     accuracy: float | None = None,
     initial_state: ArrayLike | None = None,
 ) -> Recording:
-    """Simulates a limb or a robot with Drake's Simulator and records its outputs.
+    """Simulate a limb or a robot with Drake's Simulator and record its outputs.
 
     Args:
         system: a `Limb`, a `Robot`, or any other `LimbSystem`. It becomes part of a
             diagram and cannot be simulated again.
         duty: a planned trajectory, a Drake trajectory of W rows, or constant
             duty (W,). A trajectory starts at its own start time.
-        duration: s; for a trajectory by default all of it.
+        duration: s; by default the duration of the trajectory.
         sample_rate: rate of the recording, Hz.
         accuracy: accuracy of the implicit integrator, an absolute error of each state in
             a step: °C, rad and rad/s; the system's own if None. Swings that are not much
-            larger are damped; `swing_accuracy` is what keeps them.
+            larger are damped; use `swing_accuracy` to keep them.
         initial_state: all continuous states of the system, of a `Robot` its state; by default
-            those of its default context: for a `Limb` at rest and at ambient.
+            the state of its default context: for a `Limb` at rest and at ambient.
 
     Returns:
         A recording from time 0 to the duration, both included if the sample
@@ -86,6 +86,7 @@ def simulate(
         SimulationError: if an argument is invalid or the integrator fails.
         LimbError: if the system is not a `LimbSystem`.
     """
+    # Check the arguments.
     check_limb(system)
     check_positive("sample_rate", sample_rate)
     if accuracy is not None:
@@ -94,6 +95,7 @@ def simulate(
     num_samples = sample_count(duration, sample_rate)
     check_duty(applied, np.minimum(np.arange(num_samples) / sample_rate, duration))
     warn_of_fast_duty(applied, system)
+    # Drive the system with the duty.
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(applied))
     builder.AddSystem(system)
@@ -113,7 +115,7 @@ def simulate(
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class RecordOptions:
-    """How `record` runs a diagram, and what it records beside the limb.
+    """The options of `record`: how it runs a diagram, and further signals that it records.
 
     - ``reference``: port of the desired bend angle (S), rad, to be recorded.
     - ``until``: function of the diagram's context; the recording ends when it is true.
@@ -143,17 +145,17 @@ def record(
     duration: float,
     options: RecordOptions | None = None,
 ) -> Recording:
-    """Runs a diagram with a limb in it and records the limb.
+    """Run a diagram with a limb in it and record the limb.
 
-    This is `simulate` for duty from any output port, for example that of a
+    This is `simulate` for duty from any output port, for example the port of a
     controller. A system with ``real_time``, such as a robot, runs in real time.
 
     Args:
-        builder: builder of a diagram that contains the system and what drives it.
+        builder: builder of a diagram that contains the system and the source of its duty.
         system: a `Limb`, or any other `LimbSystem`.
         duty: the port that drives the limb; it is connected here.
         duration: at most, s.
-        options: how it is run; the defaults if None.
+        options: the options of the run; the defaults if None.
 
     Raises:
         SimulationError: if the integrator fails.
@@ -162,32 +164,40 @@ def record(
     check_limb(system)
     check_positive("duration", duration, " s")
     options = options or RecordOptions()
-    sample_rate, reference = options.sample_rate, options.reference
-    # Before it has to keep time.
+    sample_rate = options.sample_rate
+    # Stamp the recording before the run has to keep time.
     provenance = options.provenance or Provenance.now(system.parameters)
+
+    # Log the ports at the sample rate. A model's bend angle is calculated from its joint state for
+    # all samples at once, so that the C++ loop does not call Python at each of them.
     builder.Connect(duty, system.GetInputPort("duty"))
-    # A Limb's bend angle follows from its joint state for all samples at once, so that the C++
-    # loop does not call Python at each of them.
-    calculated = ["bend_angle"] if is_model(system) else []
-    names = [n for n in (*Recording.MEASURED, *Recording.optional()) if n not in calculated]
-    ports = {name: system.GetOutputPort(name) for name in names if system.HasOutputPort(name)}
-    ports |= {"duty": duty} | ({"reference": reference} if reference else {})
+    ports: dict[str, OutputPort] = {}
+    for name in (*Recording.MEASURED, *Recording.optional()):
+        is_calculated = name == "bend_angle" and is_model(system)
+        if system.HasOutputPort(name) and not is_calculated:
+            ports[name] = system.GetOutputPort(name)
+    ports["duty"] = duty
+    if options.reference:
+        ports["reference"] = options.reference
     sinks = {name: LogVectorOutput(port, builder, 1 / sample_rate) for name, port in ports.items()}
+
+    # Run the diagram.
     diagram = build(builder)
-    simulator = make_simulator(
-        diagram, system.accuracy if options.accuracy is None else options.accuracy
-    )
+    accuracy = system.accuracy if options.accuracy is None else options.accuracy
+    simulator = make_simulator(diagram, accuracy)
     context = simulator.get_mutable_context()
     if options.initial_state is not None:
         _set_state(system, system.GetMyMutableContextFromRoot(context), options.initial_state)
-    end = end_of_samples(duration, sample_rate)
+    end = last_sample_time(duration, sample_rate)
     real_time = options.real_time or system.real_time
     advance(simulator, end, options.until, options.remark, real_time, options.jumps)
 
-    # Copies, as the logs are Drake's.
+    # Copy the logs, which are Drake's, into a recording.
     signals = {name: sink.FindLog(context).data().copy() for name, sink in sinks.items()}
-    signals |= {name: signals[name][0] for name in TIMES if name in signals}
-    signals["duty"] = without_rounding(signals["duty"])
+    for name in TIMES:
+        if name in signals:
+            signals[name] = signals[name][0]
+    signals["duty"] = clip_rounding(signals["duty"])
     if is_model(system):
         angles = signals["joint_state"][: system.parameters.num_joints]
         signals["bend_angle"] = bend_angle(system.parameters, angles)
@@ -209,7 +219,7 @@ def is_model(system: LimbSystem) -> bool:
 
 
 def build(builder: DiagramBuilder) -> Diagram:
-    """The diagram of a builder.
+    """Build the diagram of a builder.
 
     Raises:
         SimulationError: if a system in it is part of another diagram.
@@ -224,19 +234,24 @@ def build(builder: DiagramBuilder) -> Diagram:
         ) from error
 
 
-def config_of_steps() -> SimulatorConfig:
-    """Configuration for mechanics in steps, whose length is the plant's.
+def discrete_simulator_config() -> SimulatorConfig:
+    """Return the configuration for mechanics in discrete steps of the plant's length.
 
-    Heat is by Euler's method in them, which for the wires is as good as any.
+    Heat is integrated by Euler's method at the same steps, which suffices for the wires.
     """
     return SimulatorConfig(integration_scheme="explicit_euler", max_step_size=MAX_STEP_SIZE)
 
 
 def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulator:
-    """Drake's Simulator with the integrator that a limb needs; `config_of_steps` if it is None."""
+    """Return Drake's Simulator with the integrator that a limb needs.
+
+    Args:
+        accuracy: accuracy of the integrator; None for mechanics in discrete steps.
+    """
     simulator = Simulator(system)
+    # Mechanics in discrete steps needs no error control.
     if accuracy is None:
-        ApplySimulatorConfig(config_of_steps(), simulator)
+        ApplySimulatorConfig(discrete_simulator_config(), simulator)
         return simulator
     ApplySimulatorConfig(
         SimulatorConfig(
@@ -247,6 +262,7 @@ def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulat
         ),
         simulator,
     )
+    # Take the smallest step instead of failing where error control asks for smaller steps.
     integrator = simulator.get_mutable_integrator()
     integrator.set_requested_minimum_step_size(MIN_STEP_SIZE)
     integrator.set_throw_on_minimum_step_size_violation(False)
@@ -256,14 +272,16 @@ def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulat
 def _duty_over_time(
     duty: Any, duration: float | None, num_wires: int
 ) -> tuple[trajectories.Trajectory, float]:
-    """Duty over time from 0, a row for each wire, and how long to simulate it, s."""
+    """Return the duty over time from 0, a row for each wire, and the duration to simulate, s."""
     if isinstance(duty, Trajectory):
         duty = duty.since_start().duty_trajectory()
     if isinstance(duty, trajectories.Trajectory):
         with contextlib.suppress(RuntimeError):  # if it is empty
             if (duty.rows(), duty.cols()) == (num_wires, 1):
                 return _from_zero(duty, duration)
+        description = "another trajectory"
     else:
+        # Hold constant duty over the duration.
         try:
             values = np.asarray(duty, float)
         except (TypeError, ValueError):
@@ -272,17 +290,20 @@ def _duty_over_time(
             if duration is None:
                 raise SimulationError("duration is missing; constant duty needs one.")
             check_positive("duration", duration, " s")
-            held = np.column_stack([values, values])
-            return trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], held), duration
-    given = "another trajectory" if isinstance(duty, trajectories.Trajectory) else shown(duty)
+            samples = np.column_stack([values, values])
+            hold = trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], samples)
+            return hold, duration
+        description = short_repr(duty)
     raise SimulationError(
-        f"duty is {given}; it must be a number or a trajectory's row for each of {num_wires} wires."
+        f"duty is {description}; it must be a number or a trajectory's row for each of "
+        f"{num_wires} wires."
     )
 
 
 def _from_zero(
     duty: trajectories.Trajectory, duration: float | None
 ) -> tuple[trajectories.Trajectory, float]:
+    """Return a trajectory of duty shifted to start at 0 s, and the duration, s."""
     if duration is None:
         duration = duty.end_time() - duty.start_time()
     check_positive("duration", duration, " s")
@@ -293,13 +314,14 @@ def _from_zero(
             f"duty starts at {duty.start_time():g} s; unless it is a piecewise polynomial, "
             "it must start at 0 s."
         )
+    # Shift a copy.
     duty = copy.deepcopy(duty)
     duty.shiftRight(-duty.start_time())
     return duty, duration
 
 
 def check_duty(duty: trajectories.Trajectory, times: np.ndarray) -> None:
-    """Raises SimulationError if duty leaves [0, 1] at the samples or any break."""
+    """Raise SimulationError if duty leaves [0, 1] at the samples or any break."""
     if isinstance(duty, trajectories.PiecewiseTrajectory):
         breaks = np.array(duty.get_segment_times())
         times = np.concatenate([times, breaks, (breaks[1:] + breaks[:-1]) / 2])
@@ -320,10 +342,10 @@ def sample_count(duration: float, rate: float) -> int:
     return int(np.floor(duration * rate + 1e-6)) + 1
 
 
-def end_of_samples(duration: float, rate: float) -> float:
-    """Return when the last of `sample_count` samples is taken, and the duration is over, s.
+def last_sample_time(duration: float, rate: float) -> float:
+    """Return the time of the last of `sample_count` samples, at least the duration, s.
 
-    Drake's clock ticks at multiples of the period, which round their own way.
+    Drake's clock ticks at rounded multiples of the period.
     """
     return max(duration, (sample_count(duration, rate) - 1) * (1 / rate))
 
@@ -335,47 +357,53 @@ def jump_times(duty: trajectories.Trajectory) -> np.ndarray:
     breaks = np.array(duty.get_segment_times())[1:-1]
     if not len(breaks):
         return breaks
-    before = duty.vector_values(breaks - BESIDE_JUMP)
-    after = duty.vector_values(breaks + BESIDE_JUMP)
-    return breaks[np.abs(after - before).max(axis=0) > SMALLEST_JUMP]
+    # Compare the duty on both sides of each break.
+    before = duty.vector_values(breaks - JUMP_MARGIN)
+    after = duty.vector_values(breaks + JUMP_MARGIN)
+    return breaks[np.abs(after - before).max(axis=0) > MIN_DUTY_JUMP]
 
 
 def warn_of_fast_duty(duty: trajectories.Trajectory, system: LimbSystem) -> None:
-    """Warn if duty jumps faster than a system makes sense of it."""
+    """Warn if duty jumps faster than a system can follow."""
     jumps = jump_times(duty)
     if len(jumps) < 2:
         return
     shortest = np.diff(jumps).min()
+    # Choose the shortest pulse that the system can follow.
     if is_model(system):
-        fastest, why = SHORTEST_PULSE, "its wires feel the mean alone, and all of it takes long"
+        fastest = MIN_PULSE_DURATION
+        reason = "its wires respond to the mean only, and simulating each pulse takes long"
     else:
-        fastest, why = PERIOD, f"{type(system).__name__} takes duty at 20 Hz, or about so often"
+        fastest = PERIOD
+        reason = f"{type(system).__name__} takes duty at about 20 Hz"
     if shortest < 0.99 * fastest:
         warnings.warn(
-            f"The duty jumps after {1e3 * shortest:.3g} ms already: {why}. Give its mean over the "
-            "periods of the pulses.",
+            f"The duty jumps after {1e3 * shortest:.3g} ms already: {reason}. Give its mean over "
+            "the periods of the pulses.",
             stacklevel=3,
         )
 
 
 def check_positive(name: str, value: Any, unit: str = "") -> None:
-    """Raises SimulationError if a value is not a positive number."""
+    """Raise SimulationError if a value is not a positive number."""
     if not isinstance(value, (int, float)) or not (np.isfinite(value) and value > 0):
         raise SimulationError(f"{name} is {value!r}{unit}; it must be a positive number.")
 
 
 def _set_state(system, context, state) -> None:
-    state, size = np.asarray(state, float), context.num_continuous_states()
-    steps = is_model(system) and context.num_discrete_state_groups()
-    of_steps = context.get_discrete_state_vector().size() if steps else 0
-    if state.shape != (of_steps + size,) or not np.isfinite(state).all():
+    """Set the state of a system, discrete states before continuous ones, after a check."""
+    state = np.asarray(state, float)
+    is_discrete = is_model(system) and context.num_discrete_state_groups()
+    num_discrete = context.get_discrete_state_vector().size() if is_discrete else 0
+    size = num_discrete + context.num_continuous_states()
+    if state.shape != (size,) or not np.isfinite(state).all():
         raise SimulationError(
-            f"initial_state must be {of_steps + size} finite numbers, but it has "
+            f"initial_state must be {size} finite numbers, but it has "
             f"the shape {state.shape} or contains values that are not finite."
         )
-    if steps:
-        context.SetDiscreteState(state[:of_steps])
-    context.SetContinuousState(state[of_steps:])
+    if is_discrete:
+        context.SetDiscreteState(state[:num_discrete])
+    context.SetContinuousState(state[num_discrete:])
 
 
 def advance(
@@ -386,38 +414,39 @@ def advance(
     real_time: bool = False,
     jumps: ArrayLike = (),
 ) -> None:
-    """Simulates from time 0 to the end, s, bit by bit to show progress; arguments as of `record`.
+    """Simulate from time 0 to the end, s, in parts; other arguments as in `RecordOptions`.
 
-    Steps of the integrator end just before each jump of the duty, and begin anew just after it:
+    Steps of the integrator end just before each jump of the duty, and begin again just after it:
     error control would step over pulses that are shorter than its steps.
 
     Raises:
         SimulationError: if the integrator fails.
     """
     context = simulator.get_context()
-    with failure_told(simulator, end):
+    with raising_simulation_error(simulator, end):
         simulator.Initialize()
+        # In real time each part begins when its events are due, and ends halfway to the next.
+        # Waiting here and not in the Simulator lets other threads and signals come through.
+        part = PERIOD if real_time else 1.0
+        ahead = PERIOD / 2 if real_time else 0.0
+        stops = np.arange(0.0, end - 1e-9, part)
+        if not real_time:
+            near_jumps = np.add.outer(jumps, [-JUMP_MARGIN, JUMP_MARGIN]).ravel()
+            stops = np.union1d(stops, near_jumps[(near_jumps > 0.0) & (near_jumps < end)])
         start = time.monotonic()
         with Progress("recording" if real_time else "simulating", end, "s") as progress:
-            # In real time each step begins when its events are due, and ends halfway to the next.
-            # Waiting here and not in the Simulator lets other threads and signals come through.
-            step, ahead = (PERIOD, PERIOD / 2) if real_time else (1.0, 0.0)
-            stops = np.arange(0.0, end - 1e-9, step)
-            if not real_time:
-                beside = np.add.outer(jumps, [-BESIDE_JUMP, BESIDE_JUMP]).ravel()
-                stops = np.union1d(stops, beside[(beside > 0.0) & (beside < end)])
             for due in np.append(stops, end):
                 if real_time:
                     time.sleep(max(0.0, start + due - time.monotonic()))
                 status = simulator.AdvanceTo(min(due + ahead, end))
                 progress.update(due, remark(context) if remark else "")
-                if status.reason() == ENDED or (until and until(context)):
+                if status.reason() == TERMINATED or (until and until(context)):
                     break
 
 
 @contextlib.contextmanager
-def failure_told(simulator: Simulator, end: float) -> Iterator[None]:
-    """Raises SimulationError, with the time, if a simulation to the end, s, fails inside."""
+def raising_simulation_error(simulator: Simulator, end: float) -> Iterator[None]:
+    """A context that raises SimulationError, with the time, if a simulation to an end, s, fails."""
     try:
         yield
     except RuntimeError as error:

@@ -25,10 +25,12 @@ _FUNCTIONS |= {
 
 
 def _copy(value: np.ndarray, out: np.ndarray) -> None:
+    """Copy a value into an array, as numpy's functions write their results."""
     out[...] = value
 
 
 def _where(condition: np.ndarray, value: np.ndarray, out: np.ndarray) -> None:
+    """Write the value where the condition holds, else zero."""
     out[...] = np.where(condition, value, 0.0)
 
 
@@ -57,16 +59,19 @@ _OPERATIONS: dict[str, tuple[str, Callable[..., Any]]] = {
     "NOT": ("not {0}", np.logical_not),
     "IF_ELSE_ZERO": ("{1} if {0} else 0.0", _where),
 }
-_BY_CODE = {getattr(ca, f"OP_{name}"): operation for name, operation in _OPERATIONS.items()}
-_OF_NUMBERS: dict[str, Any] = {
+_OPERATION_BY_CODE = {
+    getattr(ca, f"OP_{name}"): operation for name, operation in _OPERATIONS.items()
+}
+_SCALAR_FUNCTIONS: dict[str, Any] = {
     **{name: getattr(math, name) for name in [*_FUNCTIONS, "atan2"]},
     "sign": lambda value: math.copysign(1.0, value) if value else 0.0,
     **{"inf": math.inf, "nan": math.nan},
 }
 
-# CasADi evaluates expressions of so many instructions itself where points are few, because numpy
-# takes longer for each instruction, and Python to compile them.
-LONG, FEW = 12000, 100
+# CasADi itself evaluates expressions of more instructions at fewer points: numpy takes longer for
+# each instruction, and Python takes long to compile them.
+LONG_EXPRESSION = 12000  # instructions
+FEW_POINTS = 100
 CHUNK = 1024  # points that numpy evaluates at once, so that they stay in the processor's cache
 
 
@@ -80,9 +85,9 @@ class Compiled:
 
     def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]):
         dense = [output.nz[:] for output in ca.cse(list(outputs))]
-        self._function = function = ca.Function("function", list(inputs), dense)
+        self._function = ca.Function("function", list(inputs), dense)
         self._sizes = [output.numel() for output in dense]
-        self._is_long = function.n_instructions() > LONG
+        self._is_long = self._function.n_instructions() > LONG_EXPRESSION
 
     def __call__(self, *inputs: np.ndarray) -> list[np.ndarray]:
         """Evaluate the expressions at any number of points.
@@ -97,19 +102,23 @@ class Compiled:
         Raises:
             LimbError: if an expression has an operation that is not smooth.
         """
-        shape, dtype = inputs[0].shape[1:], np.result_type(*inputs)
+        shape = inputs[0].shape[1:]
+        dtype = np.result_type(*inputs)
+        # Evaluate a single point in Python.
         if not shape and not self._is_long and dtype.kind == "f":
             lists = [[0.0] * size for size in self._sizes]
             try:
-                self._of_numbers(*(values.tolist() for values in inputs), *lists)
+                self._scalar_code(*(values.tolist() for values in inputs), *lists)
                 return [np.array(values) for values in lists]
             except (ArithmeticError, ValueError):
                 pass  # inf and nan, as for arrays
+        # Evaluate few points of a long expression in CasADi.
         flat = [values.reshape(len(values), -1) for values in inputs]
         num_points = flat[0].shape[1]
-        if self._is_long and 0 < num_points < FEW and dtype.kind == "f":
-            found = self._function.call(flat)
-            return [values.full().reshape(-1, *shape) for values in found]
+        if self._is_long and 0 < num_points < FEW_POINTS and dtype.kind == "f":
+            outputs = self._function.call(flat)
+            return [values.full().reshape(-1, *shape) for values in outputs]
+        # Evaluate all others in numpy, in chunks.
         results = [np.empty((size, num_points), dtype) for size in self._sizes]
         with np.errstate(all="ignore"):
             for start in range(0, num_points, CHUNK):
@@ -123,16 +132,13 @@ class Compiled:
         """Return a function that evaluates the expressions from some arrays into others.
 
         Args:
-            arrays: the values of the inputs, then those of the outputs, each (size, points).
+            arrays: the values of the inputs, then of the outputs, each (size, points).
         """
-        rows, steps = self._rows(arrays), self._instructions[2]
-        calls = [
-            (
-                operation,
-                (rows[first], rows[to]) if second < 0 else (rows[first], rows[second], rows[to]),
-            )
-            for operation, first, second, to in steps
-        ]
+        rows = self._rows(arrays)
+        calls: list[tuple[Callable[..., Any], tuple]] = []
+        for operation, first, second, target in self._array_code[2]:
+            operands = (rows[first],) if second < 0 else (rows[first], rows[second])
+            calls.append((operation, (*operands, rows[target])))
 
         def evaluate() -> None:
             for operation, operands in calls:
@@ -143,75 +149,81 @@ class Compiled:
     def _fill(self, arrays: Sequence[np.ndarray]) -> None:
         """Evaluate the expressions once, as `bound` does."""
         rows = self._rows(arrays)
-        for operation, first, second, to in self._instructions[2]:
+        for operation, first, second, target in self._array_code[2]:
             if second < 0:
-                operation(rows[first], rows[to])
+                operation(rows[first], rows[target])
             else:
-                operation(rows[first], rows[second], rows[to])
+                operation(rows[first], rows[second], rows[target])
 
     def _rows(self, arrays: Sequence[np.ndarray]) -> list:
-        """What the instructions take by number: registers, constants, inputs and outputs."""
-        num_registers, constants, _ = self._instructions
+        """Return the operands of the instructions: registers, constants, inputs and outputs."""
+        num_registers, constants, _ = self._array_code
         rows = [*np.empty((num_registers, arrays[0].shape[1]), arrays[-1].dtype), *constants]
         for values in arrays:
             rows.extend(values)
         return rows
 
     @functools.cached_property
-    def _instructions(self) -> tuple[int, list[float], list[tuple]]:
-        """Number of registers, constants, and steps (operation, first, second or -1, to).
+    def _array_code(self) -> tuple[int, list[float], list[tuple]]:
+        """The number of registers, constants, and steps (operation, first, second or -1, target).
 
-        Operands are numbers of rows: the registers', then the constants, and those of inputs and
-        outputs.
+        Operands are numbers of rows: rows of registers, then of constants, inputs and outputs.
         """
-        instructions = list(_instructions(self._function))
+        # Number the rows.
+        function = self._function
+        instructions = list(_instruction_list(function))
         constants = [value for code, value, _ in instructions if code == ca.OP_CONST]
-        num_registers = self._function.sz_w()
-        sizes = [self._function.numel_in(k) for k in range(self._function.n_in())] + self._sizes
+        num_registers = function.sz_w()
+        num_inputs = function.n_in()
+        sizes = [function.numel_in(k) for k in range(num_inputs)] + self._sizes
         starts = num_registers + len(constants) + np.cumsum([0, *sizes])
-        inputs, outputs = np.split(starts[:-1], [self._function.n_in()])
+        input_starts, output_starts = np.split(starts[:-1], [num_inputs])
         # A register stands for the row of an input or a constant until something is written to it.
-        row_of = list(range(num_registers))
-        steps: list[tuple] = []
+        row_of_register = list(range(num_registers))
         next_constant = num_registers
-        for code, operands, to in instructions:
+        steps: list[tuple] = []
+        for code, operands, target in instructions:
             if code == ca.OP_CONST:
-                row_of[to[0]] = next_constant
+                row_of_register[target[0]] = next_constant
                 next_constant += 1
             elif code == ca.OP_INPUT:
-                row_of[to[0]] = int(inputs[operands[0]]) + operands[1]
+                row_of_register[target[0]] = int(input_starts[operands[0]]) + operands[1]
             elif code == ca.OP_OUTPUT:
-                row = int(outputs[to[0]]) + to[1]
-                steps.append((_copy, row_of[operands[0]], -1, row))
+                row = int(output_starts[target[0]]) + target[1]
+                steps.append((_copy, row_of_register[operands[0]], -1, row))
             else:
-                first, second = (*(row_of[place] for place in operands), -1)[:2]
-                steps.append((_operation(code)[1], first, second, to[0]))
-                row_of[to[0]] = to[0]
+                rows = [row_of_register[register] for register in operands]
+                second = rows[1] if len(rows) > 1 else -1
+                steps.append((_operation(code)[1], rows[0], second, target[0]))
+                row_of_register[target[0]] = target[0]
         return num_registers, constants, steps
 
     @functools.cached_property
-    def _of_numbers(self) -> Callable[..., None]:
-        """The code of a function that fills lists o0, ... from lists of numbers i0, ..."""
-        function, scope = self._function, dict(_OF_NUMBERS)
+    def _scalar_code(self) -> Callable[..., None]:
+        """The Python function that fills lists o0, ... from lists of numbers i0, ..."""
+        function = self._function
+        # Write one line of Python for each instruction; w0, ... are the registers.
         arguments = [f"i{number}" for number in range(function.n_in())]
         arguments += [f"o{number}" for number in range(function.n_out())]
         lines = [f"def function({', '.join(arguments)}):"]
-        for code, operands, to in _instructions(function):
+        for code, operands, target in _instruction_list(function):
             if code == ca.OP_OUTPUT:
-                lines.append(f" o{to[0]}[{to[1]}] = w{operands[0]}")
+                lines.append(f" o{target[0]}[{target[1]}] = w{operands[0]}")
             elif code == ca.OP_INPUT:
-                lines.append(f" w{to[0]} = i{operands[0]}[{operands[1]}]")
+                lines.append(f" w{target[0]} = i{operands[0]}[{operands[1]}]")
             elif code == ca.OP_CONST:
-                lines.append(f" w{to[0]} = {operands!r}")
+                lines.append(f" w{target[0]} = {operands!r}")
             else:
-                names = [f"w{place}" for place in operands]
-                lines.append(f" w{to[0]} = {_operation(code)[0].format(*names)}")
+                names = [f"w{register}" for register in operands]
+                lines.append(f" w{target[0]} = {_operation(code)[0].format(*names)}")
+        # Compile them with the functions that they call.
+        scope = dict(_SCALAR_FUNCTIONS)
         exec("\n".join([*lines, " return"]), scope)
         return scope["function"]
 
 
-def _instructions(function: ca.Function) -> Iterator[tuple]:
-    """The code, the operands, or the constant, and the places of the result of each instruction."""
+def _instruction_list(function: ca.Function) -> Iterator[tuple]:
+    """Yield the code, the operands or the constant, and the targets of each instruction."""
     for number in range(function.n_instructions()):
         code = function.instruction_id(number)
         operands = (
@@ -223,9 +235,9 @@ def _instructions(function: ca.Function) -> Iterator[tuple]:
 
 
 def _operation(code: int) -> tuple[str, Callable[..., Any]]:
-    """The Python code and numpy's function of one of CasADi's operations."""
-    if code in _BY_CODE:
-        return _BY_CODE[code]
+    """Return the Python code and numpy's function of one of CasADi's operations."""
+    if code in _OPERATION_BY_CODE:
+        return _OPERATION_BY_CODE[code]
     names = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
     raise LimbError(
         f"A law of a wire uses {names[code].removeprefix('OP_').lower()}, which is not smooth; "
@@ -233,28 +245,28 @@ def _operation(code: int) -> tuple[str, Callable[..., Any]]:
     )
 
 
-_MOST_STATED = 48
-_STATED: dict[Hashable, Any] = {}
+_MAX_CACHED = 48
+_CACHE: dict[Hashable, Any] = {}
 T = TypeVar("T")
 
 
-def stated_once(key: Hashable, state: Callable[[], T]) -> T:
-    """Return what a function states in symbols, or what it returned for the same key before.
+def build_once(key: Hashable, build: Callable[[], T]) -> T:
+    """Return what a function builds, or built before for the same key.
 
     Many objects describe the same limb, and differentiating and compiling takes longer than most of
-    what they do. The last few results are kept.
+    their work. The last few results are kept.
     """
-    if key not in _STATED:
-        if len(_STATED) == _MOST_STATED:
-            del _STATED[next(iter(_STATED))]
-        _STATED[key] = state()
-    return _STATED[key]
+    if key not in _CACHE:
+        if len(_CACHE) == _MAX_CACHED:
+            del _CACHE[next(iter(_CACHE))]
+        _CACHE[key] = build()
+    return _CACHE[key]
 
 
 class SmoothFunction:
     """A function of points (..., P) with values (..., Q), and its exact derivatives.
 
-    What is not needed is neither differentiated nor compiled.
+    Derivatives are formed and compiled when they are first needed.
 
     - ``num_values``, ``num_variables``: Q and P.
     - ``slope_places``: indices of value and variable of each derivative that may not be zero
@@ -269,9 +281,11 @@ class SmoothFunction:
     """
 
     def __init__(self, values: ca.SX, point: ca.SX, parameters: ca.SX | None = None):
-        self._values, self._point = values, point
-        self._others = [] if parameters is None else [parameters]
-        self.num_values, self.num_variables = values.numel(), point.numel()
+        self._values = values
+        self._point = point
+        self._parameters = [] if parameters is None else [parameters]
+        self.num_values = values.numel()
+        self.num_variables = point.numel()
 
     @functools.cached_property
     def slope_places(self) -> np.ndarray:
@@ -282,22 +296,22 @@ class SmoothFunction:
         return _places(self._hessian)
 
     def values(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
-        """The values (..., Q)."""
-        (values,) = self._compiled_values(*_inside(points, *parameters))
-        return _outside(values)
+        """Return the values (..., Q)."""
+        (values,) = self._compiled_values(*_points_last(points, *parameters))
+        return _points_first(values)
 
     def first(self, points: np.ndarray, *parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The values (..., Q), and their derivatives by the points (..., Q, P)."""
-        values, slopes = self._compiled_first(*_inside(points, *parameters))
+        """Return the values (..., Q), and their derivatives by the points (..., Q, P)."""
+        values, slopes = self._compiled_first(*_points_last(points, *parameters))
         result = np.zeros((*points.shape[:-1], self.num_values, self.num_variables), slopes.dtype)
         rows, columns = self.slope_places
-        result[..., rows, columns] = _outside(slopes)
-        return _outside(values), result
+        result[..., rows, columns] = _points_first(slopes)
+        return _points_first(values), result
 
     def second(
         self, points: np.ndarray, weights: np.ndarray, *parameters: np.ndarray
     ) -> np.ndarray:
-        """Second derivatives (..., P, P) of weights · values, for weights (..., Q)."""
+        """Return second derivatives (..., P, P) of weights · values, for weights (..., Q)."""
         curved = self.curvatures(points, weights, *parameters)
         result = np.zeros((*points.shape, self.num_variables))
         rows, columns = self.curvature_places
@@ -306,15 +320,15 @@ class SmoothFunction:
         return result
 
     def slopes(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
-        """Derivatives by the points at the ``slope_places`` (..., Z)."""
-        return _outside(self._compiled_first(*_inside(points, *parameters))[1])
+        """Return derivatives by the points at the ``slope_places`` (..., Z)."""
+        return _points_first(self._compiled_first(*_points_last(points, *parameters))[1])
 
     def curvatures(
         self, points: np.ndarray, weights: np.ndarray, *parameters: np.ndarray
     ) -> np.ndarray:
-        """Second derivatives of weights · values at the ``curvature_places`` (..., Z)."""
-        (curved,) = self._compiled_second(*_inside(points, weights, *parameters))
-        return _outside(curved)
+        """Return second derivatives of weights · values at the ``curvature_places`` (..., Z)."""
+        (curved,) = self._compiled_second(*_points_last(points, weights, *parameters))
+        return _points_first(curved)
 
     @functools.cached_property
     def _jacobian(self) -> ca.SX:
@@ -331,23 +345,24 @@ class SmoothFunction:
 
     @functools.cached_property
     def _compiled_values(self) -> Compiled:
-        return Compiled([self._point, *self._others], [ca.densify(self._values)])
+        return Compiled([self._point, *self._parameters], [ca.densify(self._values)])
 
     @functools.cached_property
     def _compiled_first(self) -> Compiled:
         outputs = [ca.densify(self._values), self._jacobian]
-        return Compiled([self._point, *self._others], outputs)
+        return Compiled([self._point, *self._parameters], outputs)
 
     @functools.cached_property
     def _compiled_second(self) -> Compiled:
-        return Compiled([self._point, self._weights, *self._others], [self._hessian])
+        return Compiled([self._point, self._weights, *self._parameters], [self._hessian])
 
 
-def _inside(*arrays: np.ndarray) -> Sequence[np.ndarray]:
-    """Arrays (..., size) as (size, ...) with equal points, in memory in this order."""
+def _points_last(*arrays: np.ndarray) -> Sequence[np.ndarray]:
+    """Return arrays (..., size) as (size, ...) with equal points, in memory in this order."""
     shape = arrays[0].shape[:-1]
     if not shape and all(array.ndim == 1 for array in arrays):
         return arrays
+    # Broadcast the points, and move the last axis to the front.
     if any(array.shape[:-1] != shape for array in arrays):
         shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
         arrays = tuple(np.broadcast_to(array, (*shape, array.shape[-1])) for array in arrays)
@@ -355,11 +370,11 @@ def _inside(*arrays: np.ndarray) -> Sequence[np.ndarray]:
     return [np.ascontiguousarray(array.transpose(to_front)) for array in arrays]
 
 
-def _outside(values: np.ndarray) -> np.ndarray:
-    """An array (size, ...) as (..., size)."""
+def _points_first(values: np.ndarray) -> np.ndarray:
+    """Return an array (size, ...) as (..., size)."""
     return values.transpose(*range(1, values.ndim), 0)
 
 
 def _places(expression: ca.SX) -> np.ndarray:
-    """Rows and columns of the nonzeros (2, Z)."""
+    """Return rows and columns of the nonzeros (2, Z)."""
     return np.array(expression.sparsity().get_triplet(), int)

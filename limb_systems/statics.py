@@ -13,7 +13,7 @@ from limb_systems.limb_parameters import LimbParameters
 def static_equilibrium(
     parameters: LimbParameters | LimbModel, wire_temperature: ArrayLike | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Joint angles at rest, and their compliance to generalized forces.
+    """Return the joint angles at rest, and their compliance to generalized forces.
 
     Args:
         wire_temperature: T (W,), °C, held until the limb has settled; ambient if None.
@@ -37,7 +37,7 @@ def static_equilibrium(
 
 
 def resting_state(parameters: LimbParameters | LimbModel, readings: ArrayLike) -> np.ndarray:
-    """The state [θ, θ̇, x, V] of a `Limb` at rest, some minutes after its last heat.
+    """Return the state [θ, θ̇, x, V] of a `Limb` at rest, some minutes after its last heat.
 
     Its silicone is as warm as its wires: it cools so slowly that they follow it.
 
@@ -57,6 +57,7 @@ def resting_state(parameters: LimbParameters | LimbModel, readings: ArrayLike) -
             f"The readings at the start are {V.tolist()}; give °C, one number or one for each of "
             f"{count} wires."
         )
+    # Wires without a thermocouple are at ambient temperature.
     V = np.broadcast_to(np.where(np.isnan(V), ambient, V), count)
     return model.statics.resting_state(V)
 
@@ -64,20 +65,29 @@ def resting_state(parameters: LimbParameters | LimbModel, readings: ArrayLike) -
 def mean_bend_by_temperature(
     parameters: LimbParameters | LimbModel, bend: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Each bend by each wire's T (F, W), rad/°C, on average from T_warm to T_max.
+    """Return the mean slope of each bend by each wire's T (F, W), rad/°C, from T_warm to T_max.
 
-    It is zero for the wires of other segments, by whose bend gravity bends a segment, too.
+    One wire warms at a time, the others stay at T_warm. The slope is zero for the wires of other
+    segments, although their bends change the load by gravity.
 
     Args:
-        bend: bend angles (F,), rad, that wires at T (W,), °C, hold; those that do not
-            get warmer are at T_warm.
+        bend: function of T (W,), °C, that gives the bend angles at rest (F,), rad.
     """
     model = LimbModel.of(parameters)
     layout = model.layout
     limits = model.parameters.temperature_limits
-    wires = np.eye(layout.num_wires)
+    num_wires = layout.num_wires
     rise = limits.maximum - limits.warm
-    warm = bend(np.full(len(wires), limits.warm))
-    slopes = np.transpose([(bend(limits.warm + rise * hot) - warm) / rise for hot in wires])
-    own = [wires[layout.wires_of[segment]].sum(axis=0) for segment in layout.bend_segment]
-    return slopes * own
+    warm_bend = bend(np.full(num_wires, limits.warm))
+    # Warm one wire at a time.
+    slopes = np.zeros((layout.num_bends, num_wires))
+    for wire in range(num_wires):
+        temperature = np.full(num_wires, limits.warm)
+        temperature[wire] += rise
+        slopes[:, wire] = (bend(temperature) - warm_bend) / rise
+    # Keep the slopes by the wires of the bend's own segment.
+    for bend_index, segment in enumerate(layout.bend_segment):
+        wires = layout.wires_of[segment]
+        slopes[bend_index, : wires.start] = 0.0
+        slopes[bend_index, wires.stop :] = 0.0
+    return slopes

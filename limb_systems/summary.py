@@ -1,4 +1,4 @@
-"""What a result says of itself, once for terminals, JSON, pages, notebooks and `compare`."""
+"""The summary of a result, once for terminals, JSON, pages, notebooks and `compare`."""
 
 import dataclasses
 import html
@@ -24,11 +24,12 @@ class Entry(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The statement for people, without its name; empty if they are not told."""
+        """The statement for people, without its name; empty if it is only for JSON."""
         if self.sentence or self.sentence is None:
             return self.sentence or ""
         if self.value in (None, "", []):
             return ""
+        # Print value and unit.
         values = self.value if isinstance(self.value, list) else [self.value]
         texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
         return ", ".join(texts) + {"": "", "°": "°"}.get(self.unit, f" {self.unit}")
@@ -36,10 +37,10 @@ class Entry(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """The statements about a result, in the order in which they are told.
+    """The statements about a result, in the order in which they are printed.
 
     - ``entries``: `Entry` for each.
-    - ``details``: further ones, which a ``repr`` leaves out.
+    - ``details``: further entries, which a ``repr`` leaves out.
     """
 
     entries: list[Entry]
@@ -47,37 +48,38 @@ class Summary:
 
     @classmethod
     def of(cls, texts: dict[str, str], values: dict[str, Any]) -> "Summary":
-        """A summary whose texts for people and values for JSON have different names."""
-        told = [Entry(name, sentence=text) for name, text in texts.items() if text]
-        return cls(told, [Entry(name, value, "", None) for name, value in values.items()])
+        """Return a summary whose texts for people and values for JSON have different names."""
+        entries = [Entry(name, sentence=text) for name, text in texts.items() if text]
+        details = [Entry(name, value, "", None) for name, value in values.items()]
+        return cls(entries, details)
 
     def __add__(self, other: "Summary") -> "Summary":
         return Summary(self.entries + other.entries, self.details + other.details)
 
     def texts(self) -> dict[str, str]:
-        """What people are told, each under its name."""
+        """Return the texts for people by their names."""
         entries = self.entries + self.details
         return {entry.name: text for entry in entries if (text := entry.text)}
 
     def line(self) -> str:
-        """The statements in one line, without names and details."""
+        """Return the statements in one line, without names and details."""
         return ", ".join(filter(None, (entry.text for entry in self.entries)))
 
     def __str__(self) -> str:
-        """A line for each statement, its name in a column of 12 characters or more."""
+        """Return a line for each statement, its name in a column of 12 characters or more."""
         texts = self.texts()
         width = max([12, *(len(name) + 1 for name in texts)])
         margin = "\n" + " " * width  # of further lines of a text
-        told = (name.ljust(width) + text.replace("\n", margin) for name, text in texts.items())
-        return "\n".join(told)
+        lines = [name.ljust(width) + text.replace("\n", margin) for name, text in texts.items()]
+        return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
-        """The values by their names."""
+        """Return the values by their names."""
         entries = self.entries + self.details
         return {e.name: e.value for e in entries if e.value is not None or not e.sentence}
 
     def to_html(self, caption: str) -> str:
-        """A small table for notebooks."""
+        """Return a small table for notebooks."""
         rows = "".join(
             f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
             f"<td style='text-align:left'>{html.escape(text)}</td></tr>"
@@ -90,7 +92,7 @@ class Summarized:
     """A result with a summary, which is its ``repr`` and its table in notebooks."""
 
     def summary(self) -> Summary:
-        """What the result says of itself."""
+        """Return the summary of the result."""
         raise NotImplementedError
 
     def __repr__(self) -> str:

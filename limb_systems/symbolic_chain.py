@@ -4,14 +4,14 @@ Angles are in rad. E1 is the axis of the straight limb, E2 and E3 are lateral. V
 frame (E1, E2, E3) of the limb's base, to which the frames of all joints are parallel when all
 angles are zero. A bend angle is the angle of the chord from a segment's base to its tip, in the
 frame of its base: φ = atan2(t·E2, t·E1) in a plane, and in space the two angles of
-`limb_systems.segment_chain.angles_of`.
+`limb_systems.segment_chain.log_map_angles`.
 """
 
 import casadi as ca
 import numpy as np
 
 from limb_systems.limb_mechanics import LimbMechanics
-from limb_systems.segment_chain import angles_of, chord, placed
+from limb_systems.segment_chain import chord, joint_poses, log_map_angles
 from limb_systems.smooth_function import Compiled, SmoothFunction
 
 
@@ -28,16 +28,18 @@ class Chain:
     def __init__(self, mechanics: LimbMechanics, angles: ca.SX):
         self._mechanics = mechanics
         self._angles = angles
-        self._axes, self.origins, self.frames = placed(mechanics.axes, mechanics.offsets, angles)
+        self._axes, self.origins, self.frames = joint_poses(
+            mechanics.axes, mechanics.offsets, angles
+        )
 
     def position(self, joint: int, point: np.ndarray) -> ca.SX:
-        """The place of a point (3,), m, that is fixed to the frame of a joint there."""
+        """Return the position (3,), m, of a point (3,), m, in the frame of a joint."""
         return self.origins[joint] + self.frames[joint] @ ca.DM(point)
 
     def bends(self) -> ca.SX:
-        """Bends of the segments (F,), rad: the log map of the chord's direction.
+        """Return the bends of the segments (F,), rad: the log map of the chord's direction.
 
-        The chord is that from a segment's base to its end, in the frame of its base. In a plane
+        The chord is from a segment's base to its end, in the frame of its base. In a plane
         its log map is the chord's angle, atan2(t·E2, t·E1).
         """
         mechanics = self._mechanics
@@ -50,12 +52,12 @@ class Chain:
             axes = mechanics.axes[joints]
             offsets = mechanics.offsets[joints]
             direction = chord(axes, offsets, self._angles[joints], end, base)
-            bends.append(angles_of(direction, planar=of_segment.stop - of_segment.start == 1))
+            bends.append(log_map_angles(direction, planar=of_segment.stop - of_segment.start == 1))
             base = end  # in the frame of the last joint, from which the next segment starts
         return ca.vertcat(*bends)
 
     def inverse_dynamics(self, rates: ca.SX, accelerations: ca.SX, gravity: ca.SX | ca.DM) -> ca.SX:
-        """Torques on the joints (n,), N·m: the inertia and gravity side of eqn (2).
+        """Return the torques on the joints (n,), N·m: the inertia and gravity side of eqn (2).
 
         By the recursive Newton-Euler method: velocities and accelerations from the base outward,
         then forces inward. Gravity is an upward acceleration of the base.
@@ -67,16 +69,18 @@ class Chain:
         mechanics = self._mechanics
         num_joints = len(self.origins)
         # From the base outward, find the motion of each joint and the forces on its bodies.
-        spin = turning = before = ca.SX(3, 1)  # ω, ω̇, and the origin of the joint before
+        spin = turning = previous_origin = ca.SX(3, 1)  # ω, ω̇, and the origin of the joint before
         moved = -gravity
-        forces, moments = [], []  # of the bodies on each joint, about its origin
+        # Of the bodies on each joint, about its origin.
+        forces = []
+        moments = []
         for joint, (axis, origin, frame) in enumerate(
             zip(self._axes, self.origins, self.frames, strict=True)
         ):
-            moved += _acceleration(turning, spin, origin - before)
+            moved += _acceleration(turning, spin, origin - previous_origin)
             turning += axis * accelerations[joint] + ca.cross(spin, axis * rates[joint])
             spin += axis * rates[joint]
-            before = origin
+            previous_origin = origin
             force = ca.SX(3, 1)
             moment = ca.SX(3, 1)
             for body in np.flatnonzero(mechanics.body_joints == joint).tolist():
@@ -101,16 +105,16 @@ class Chain:
         return ca.vertcat(*reversed(torques))
 
 
-def tip_of_angles(mechanics: LimbMechanics) -> SmoothFunction:
-    """Return the tip's place in the base's frame (3,), m, as a function of θ (n,), rad."""
+def tip_position_function(mechanics: LimbMechanics) -> SmoothFunction:
+    """Return the tip's position in the base's frame (3,), m, as a function of θ (n,), rad."""
     num_joints = mechanics.layout.num_joints
     angles = ca.SX.sym("q", num_joints)
     tip = Chain(mechanics, angles).position(num_joints - 1, mechanics.end_offset[-1])
     return SmoothFunction(tip, angles)
 
 
-def places_of_links(mechanics: LimbMechanics) -> Compiled:
-    """Return the positions of `limb_systems.kinematics.link_positions` (3P,) by θ (n,)."""
+def link_position_function(mechanics: LimbMechanics) -> Compiled:
+    """Return `limb_systems.kinematics.link_positions` (3P,) as a function of θ (n,)."""
     angles = ca.SX.sym("q", mechanics.layout.num_joints)
     chain = Chain(mechanics, angles)
     places = [ca.SX(3, 1)]
@@ -125,5 +129,5 @@ def places_of_links(mechanics: LimbMechanics) -> Compiled:
 
 
 def _acceleration(turning: ca.SX, spin: ca.SX, arm: ca.SX) -> ca.SX:
-    """Acceleration (3,) of the end of an arm (3,) that turns with ω̇ and ω."""
+    """Return the acceleration (3,) of the end of an arm (3,) that turns with ω̇ and ω."""
     return ca.cross(turning, arm) + ca.cross(spin, ca.cross(spin, arm))

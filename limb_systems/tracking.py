@@ -1,7 +1,8 @@
-"""How near a limb came to its reference and to its plan: the numbers of Table I.
+"""Tracking errors: distances of a limb from its plan and from its reference, as in Table I.
 
-A distance between bends is ``|φ - φ'|`` of a segment. If it bends about two axes, it is that of
-both angles together, √((φ2 - φ2')² + (φ3 - φ3')²), which does not depend on where +E2 is.
+The distance between bends of a segment is ``|φ - φ'|``. If the segment bends about two axes, it is
+the distance of both angles, √((φ2 - φ2')² + (φ3 - φ3')²), which does not depend on the direction
+of +E2.
 """
 
 import dataclasses
@@ -30,40 +31,39 @@ class TrackingErrors:
 class ReferenceDistances:
     """Mean distances of bend angles from the reference over the same samples, rad.
 
-    - ``done``: |φ_ref - φ| of what was recorded; None without recordings.
+    - ``measured``: |φ_ref - φ| of the recordings; None without recordings.
     - ``planned``: |φ_ref - φ*| of the plan.
-    - ``nearest``: distance that the limb's limits leave, of the best plan within them; None if
-      it is not known.
+    - ``nearest``: distance of the best plan within the limb's limits; None if unknown.
     """
 
-    done: float | None
+    measured: float | None
     planned: float
     nearest: float | None
 
 
 def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> TrackingErrors:
-    """How well rollouts followed their plan: |φ* - φ|, as in Table I.
+    """Return statistics of the tracking error |φ* - φ| of rollouts, as in Table I.
 
     Args:
         trajectory: the plan φ*.
-        recordings: recordings of one or more rollouts. Samples after the end of the plan
-            and those without a bend do not count, nor, with a warning, those that are not
-            plausible. An interrupted rollout counts as far as it came.
+        recordings: recordings of one or more rollouts. Samples after the end of the plan and
+            samples without a bend do not count. Implausible samples do not count, with a
+            warning. An interrupted rollout counts until its end.
 
     Raises:
         LimbError: if there is nothing to compare.
     """
+    # Warn of samples that are left out.
     for recording in recordings:
         if recording.implausible.any():
             warnings.warn(f"Left out of the tracking errors: {recording.doubt}.", stacklevel=2)
     plan = trajectory.since_start()
     samples = _samples(plan, recordings)
-    errors = np.concatenate(
-        [
-            plan.model.layout.distances(plan.bend_angle_at(times) - bend).ravel()
-            for times, bend in samples
-        ]
-    )
+    # Collect the errors of all samples.
+    distances = []
+    for times, bend in samples:
+        distances.append(plan.model.layout.distances(plan.bend_angle_at(times) - bend).ravel())
+    errors = np.concatenate(distances)
     return TrackingErrors(
         mean=float(errors.mean()),
         median=float(np.median(errors)),
@@ -76,44 +76,47 @@ def reference_distances(
     recordings: Sequence[Recording] = (),
     nearest: ArrayLike | None = None,
 ) -> ReferenceDistances:
-    """How near rollouts, their plan and the best plan are to the reference, on average.
+    """Return the mean distances of rollouts, their plan and the best plan from the reference.
 
     Args:
         trajectory: the plan φ*, with its reference φ_ref, which is linear between the knots.
-        recordings: recordings of rollouts, of which the samples count that count in
-            `tracking_errors`; without any the plan counts over its whole time, at 20 Hz.
-        nearest: bend angles of the best plan at the knots (F, K), rad, as of
-            `planners.nearest_bend_angle`; None if it is not known.
+        recordings: recordings of rollouts; the same samples count as in `tracking_errors`.
+            Without recordings the plan counts over its whole time, at 20 Hz.
+        nearest: bend angles of the best plan at the knots (F, K), rad, from
+            `planners.nearest_bend_angle`; None if unknown.
 
     Raises:
         LimbError: if there are recordings, and nothing to compare in them.
     """
     plan = trajectory.since_start()
+    # Collect the samples to compare.
     if recordings:
         samples = _samples(plan, recordings)
     else:
         times = np.linspace(0.0, plan.duration, int(np.ceil(plan.duration / PERIOD)) + 1)
         samples = [(times, plan.bend_angle_at(times))]
     times = np.concatenate([times for times, _ in samples])
-    wanted = plan.interpolated(plan.reference, times)
+    reference = plan.interpolated(plan.reference, times)
 
     def distance(bend: np.ndarray) -> float:
-        return float(plan.model.layout.distances(wanted - bend).mean())
+        """Return the mean distance of bends (F, M), rad, from the reference."""
+        return float(plan.model.layout.distances(reference - bend).mean())
 
     return ReferenceDistances(
-        done=distance(np.hstack([bend for _, bend in samples])) if recordings else None,
+        measured=distance(np.hstack([bend for _, bend in samples])) if recordings else None,
         planned=distance(plan.bend_angle_at(times)),
         nearest=None if nearest is None else distance(plan.interpolated(nearest, times)),
     )
 
 
 def true_bend(recording: Recording) -> Recording:
-    """A recording that has the truth, as bend sensors without errors would have made it.
+    """Return a recording whose bend angles are replaced by the readings of sensors without errors.
 
     Args:
-        recording: emulated limb's, with its ``joint_state``.
+        recording: recording of an emulated limb, with its ``joint_state``.
     """
     assert recording.joint_state is not None
+    # Calculate the bends from the joint angles.
     angles = recording.joint_state[: recording.parameters.num_joints]
     bend = recording.model.mechanics.recorded_bend_angle(angles)
     return dataclasses.replace(recording, bend_angle=bend)
@@ -122,12 +125,12 @@ def true_bend(recording: Recording) -> Recording:
 def _samples(
     plan: Trajectory, recordings: Sequence[Recording]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Times (M,), s, and bend angles (F, M), rad, of each recording that count."""
+    """Return times (M,), s, and bend angles (F, M), rad, of the samples that count."""
     samples = []
     for recording in recordings:
-        read = np.isfinite(recording.bend_angle).all(axis=0) & ~recording.implausible
-        during = (recording.time <= plan.duration) & read
-        samples.append((recording.time[during], recording.bend_angle[:, during]))
+        has_bend = np.isfinite(recording.bend_angle).all(axis=0)
+        counts = has_bend & ~recording.implausible & (recording.time <= plan.duration)
+        samples.append((recording.time[counts], recording.bend_angle[:, counts]))
     if not sum(times.size for times, _ in samples):
         raise LimbError("There are no recorded samples during the plan to compare it with.")
     return samples

@@ -1,8 +1,8 @@
 """All wires of a limb as Drake systems: heat (6), measurement (7) and torque (4).
 
-Laws that are affine, as the paper's is, make affine blocks. Their dynamics run in
-Drake's C++ for every scalar type. `LawDynamics` and `VectorFunction` take their place
-for other laws. Drake's SymbolicVectorSystem would run these in C++, but it must
+Affine laws, such as the paper's, make affine blocks. Their dynamics run in
+Drake's C++ for every scalar type. Other laws make blocks of `LawDynamics` and
+`VectorFunction`. Drake's SymbolicVectorSystem would run these in C++, but it must
 have a state to be part of a continuous diagram, and that state can only start at
 zero. Drake names the ports of an AffineSystem ``u0`` and ``y0``.
 """
@@ -34,7 +34,7 @@ class JouleHeating(AffineSystem):
 
         Ṫ = a1 (T - T0) + a2 D
 
-    - state: x (N): T (W), °C, then what other states the wires' laws have, as
+    - state: x (N): T (W), °C, then the other states of the wires' laws, as
       in `Wires`; by default the state of wires that were never heated
     - input 0: duty D (W), in [0, 1]
     - output 0: x (N)
@@ -78,8 +78,11 @@ class ThermocoupleLag(AffineSystem):
             ParameterError: if the heat of a wire is not linear.
         """
         wires = _affine(parameters, "rates_are_affine", "heat")
-        N, W = wires.num_states, wires.num_wires
-        slopes = wires.heat.first(np.zeros(N + 2 * W))[1][N:]
+        N = wires.num_states
+        W = wires.num_wires
+        # The slopes of the readings' rates by [x, V, D].
+        _, slopes = wires.heat.first(np.zeros(N + 2 * W))
+        slopes = slopes[N:]  # of the readings
         super().__init__(
             A=slopes[:, N : N + W],
             B=slopes[:, :N],
@@ -111,31 +114,34 @@ class TorqueMap(AffineSystem):
             ParameterError: if the torque of a wire is not linear.
         """
         wires = _affine(parameters, "torque_is_affine", "torque")
-        n = len(wires.levers)
-        nothing, straight = np.zeros(wires.num_states), np.zeros(n)
-        _, slopes = wires.force.first(np.concatenate([nothing, straight]))
-        super().__init__(D=slopes[:, : wires.num_states], y0=wires.forces(nothing, straight))
+        states = np.zeros(wires.num_states)
+        straight = np.zeros(len(wires.levers))
+        # The slopes of the forces by the states.
+        _, slopes = wires.force.first(np.concatenate([states, straight]))
+        super().__init__(D=slopes[:, : wires.num_states], y0=wires.forces(states, straight))
 
 
-def _affine(parameters: LimbParameters | LimbModel, property_name: str, what: str) -> Wires:
+def _affine(parameters: LimbParameters | LimbModel, property_name: str, quantity: str) -> Wires:
+    """Return the wires of a limb; raise ParameterError if the quantity is not affine."""
     wires = LimbModel.of(parameters).wires
     if not getattr(wires, property_name):
         raise ParameterError(
-            f"The {what} of a wire of this limb is not linear; make_blocks makes the blocks of "
+            f"The {quantity} of a wire of this limb is not linear; make_blocks makes the blocks of "
             "any limb."
         )
     return wires
 
 
-@TemplateSystem.define("VectorFunction_", scope=sys.modules[__name__])  # to find it out takes 50 ms
+# With the scope given, Drake need not look it up, which takes 50 ms.
+@TemplateSystem.define("VectorFunction_", scope=sys.modules[__name__])
 def VectorFunction_(T: type) -> Any:
-    """`VectorFunction` for the scalar type T: float, AutoDiffXd or Expression."""
+    """Return the class `VectorFunction` for a scalar type: float, AutoDiffXd or Expression."""
 
     class Impl(LeafSystem_[T]):
-        """Evaluates a function of its inputs.
+        """A block that evaluates a function of its inputs.
 
-        - inputs: vectors of the sizes that are given, in this order
-        - output 0 ``value``: what the function returns for them
+        - inputs: vectors of the given sizes, in this order
+        - output 0 ``value``: the value of the function
         """
 
         __slots__ = ()  # see limb_systems.drake_python
@@ -149,16 +155,12 @@ def VectorFunction_(T: type) -> Any:
         ):
             LeafSystem_[T].__init__(self, converter=converter)
             self._arguments = function, input_sizes, output_size
-            ports = [
-                self.DeclareVectorInputPort(f"u{index}", size)
-                for index, size in enumerate(input_sizes)
-            ]
-            self.DeclareVectorOutputPort(
-                "value",
-                output_size,
-                weak_method(self._calc),
-                {self.input_port_ticket(port.get_index()) for port in ports},
-            )
+            # The output depends on the inputs only, so that Drake keeps its value.
+            tickets = set()
+            for index, size in enumerate(input_sizes):
+                port = self.DeclareVectorInputPort(f"u{index}", size)
+                tickets.add(self.input_port_ticket(port.get_index()))
+            self.DeclareVectorOutputPort("value", output_size, weak_method(self._calc), tickets)
 
         def _construct_copy(self, other, converter=None):
             Impl._construct(self, *other._arguments, converter=converter)
@@ -176,7 +178,7 @@ VectorFunction = VectorFunction_[None]
 
 
 class LawDynamics(Diagram):
-    """ẋ = f(x, u), with the state as its output.
+    """A block with ẋ = f(x, u), and the state as its output.
 
     - state, continuous: x
     - input 0 ``u``: u
@@ -198,7 +200,9 @@ class LawDynamics(Diagram):
             initial: x of the default state.
         """
         super().__init__()
-        builder, size = DiagramBuilder(), len(initial)
+        builder = DiagramBuilder()
+        size = len(initial)
+        # Integrate the rates, and feed the state back.
         function = builder.AddSystem(VectorFunction(rates, [size, num_inputs], size))
         integrator = builder.AddSystem(Integrator(np.asarray(initial, float)))
         builder.Connect(function.get_output_port(), integrator.get_input_port())
@@ -209,19 +213,22 @@ class LawDynamics(Diagram):
 
 
 def make_blocks(parameters: LimbParameters | LimbModel) -> tuple[System, System, System]:
-    """The blocks of heat, measurement and torque, affine if the wires' laws are."""
+    """Return the blocks of heat, measurement and torque, affine if the wires' laws are affine."""
     model = LimbModel.of(parameters)
     wires = model.wires
     n = model.layout.num_joints
     heating: System
     lag: System
     torque_map: System
+    # Make the blocks of heat and measurement.
     if wires.rates_are_affine:
-        heating, lag = JouleHeating(model), ThermocoupleLag(model)
+        heating = JouleHeating(model)
+        lag = ThermocoupleLag(model)
     else:
         cold = wires.cold_states
         heating = LawDynamics(wires.rates, wires.num_wires, cold)
         lag = LawDynamics(wires.reading_rates, wires.num_states, cold[: wires.num_wires])
+    # Make the block of torque, which has the joint state as an input if it needs the angle.
     if wires.torque_is_affine:
         torque_map = TorqueMap(model)
     elif wires.torque_needs_angle:
@@ -238,10 +245,10 @@ def make_blocks(parameters: LimbParameters | LimbModel) -> tuple[System, System,
     return heating, lag, torque_map
 
 
-def add_wires(
+def add_wire_blocks(
     builder: DiagramBuilder, parameters: LimbParameters | LimbModel, joint_state: OutputPort
 ) -> tuple[dict[str, OutputPort], InputPort]:
-    """Adds the blocks of Fig. 3 about mechanics, and exports the outputs 0 to 4 of `Limb`.
+    """Add the blocks of Fig. 3 about mechanics, and export the outputs 0 to 4 of `Limb`.
 
     Args:
         builder: builder of the diagram that has the mechanics.
@@ -253,8 +260,10 @@ def add_wires(
         the input port of the duty, which is neither connected nor exported.
     """
     model = LimbModel.of(parameters)
-    layout = model.layout
-    n, num_wires, num_bends = layout.num_joints, layout.num_wires, layout.num_bends
+    n = model.layout.num_joints
+    num_wires = model.layout.num_wires
+    num_bends = model.layout.num_bends
+    # Add the blocks.
     heating, lag, torque_map = make_blocks(model)
     builder.AddNamedSystem("joule_heating", heating)
     builder.AddNamedSystem("thermocouple_lag", lag)
@@ -264,7 +273,8 @@ def add_wires(
         VectorFunction(lambda state: model.mechanics.bend_angle(state[:n]), [2 * n], num_bends),
     )
     measurement = builder.AddSystem(Multiplexer([num_wires, num_bends]))
-    wire_state = wire_temperature = heating.get_output_port()
+    # Connect them.
+    wire_state = heating.get_output_port()
     builder.Connect(wire_state, torque_map.get_input_port(0))
     builder.Connect(wire_state, lag.get_input_port())
     if torque_map.num_input_ports() > 1:
@@ -272,10 +282,13 @@ def add_wires(
     builder.Connect(joint_state, bend.get_input_port())
     builder.Connect(lag.get_output_port(), measurement.get_input_port(0))
     builder.Connect(bend.get_output_port(), measurement.get_input_port(1))
+    # The first states of the wires are their temperatures.
+    wire_temperature = wire_state
     if wire_state.size() > num_wires:
-        first = builder.AddSystem(MatrixGain(np.eye(num_wires, wire_state.size())))
-        builder.Connect(wire_state, first.get_input_port())
-        wire_temperature = first.get_output_port()
+        selection = builder.AddSystem(MatrixGain(np.eye(num_wires, wire_state.size())))
+        builder.Connect(wire_state, selection.get_input_port())
+        wire_temperature = selection.get_output_port()
+    # Export the outputs.
     ports = {
         "measured_temperature": lag.get_output_port(),
         "bend_angle": bend.get_output_port(),

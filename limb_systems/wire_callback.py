@@ -39,7 +39,7 @@ mjtNum wire_torque(const mjModel* model, const mjData* data, int id) {{
 def wire_callback(parameters: LimbParameters) -> str:
     """Return C code for MuJoCo's callbacks, for the wires of `urdf.limb_mjcf` with ``callback``.
 
-    A wire's activations are its law's states and its reading, [x, V], less their cold values.
+    A wire's activations are its law's states and its reading, [x, V], minus their cold values.
 
     Raises:
         ParameterError: if the torque of a law depends on the angle of the joint.
@@ -48,9 +48,12 @@ def wire_callback(parameters: LimbParameters) -> str:
     ambient = parameters.ambient_temperature
     functions = []
     for index, (wire, name) in enumerate(zip(parameters.wires, parameters.wire_names, strict=True)):
+        # State rates and torque in symbols.
         law = wire.law
         cold = [*law.cold_states(ambient), ambient]
-        act, duty, angle = ca.SX.sym("act", len(cold)), ca.SX.sym("duty"), ca.SX.sym("angle")
+        act = ca.SX.sym("act", len(cold))
+        duty = ca.SX.sym("duty")
+        angle = ca.SX.sym("angle")
         *states, reading = ca.vertsplit(act + ca.DM(cold))
         rates = ca.vertcat(*law.rates(states, duty, ambient), law.reading_rate(reading, states))
         torque = ca.SX(law.torque(states, ambient, angle))
@@ -59,6 +62,7 @@ def wire_callback(parameters: LimbParameters) -> str:
                 f"The torque of the wire {name} depends on the angle of the joint, which MuJoCo "
                 "does not hand to an actuator; apply it at the joints."
             )
+        # Generate their code.
         for kind, value in (("rates", rates), ("torque", torque)):
             functions.append(ca.Function(f"{kind}_{index}", [act, duty], [value]))
             code.add(functions[-1])

@@ -11,7 +11,8 @@ from limb_systems.rubber import REST_SCALE, NonlinearRubber
 from limb_systems.smooth_function import SmoothFunction
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, runge_kutta
 
-LONGEST_STEP = 0.1  # s, of an integration
+MAX_SETTLING_STEPS = 20  # of Newton's method
+LONGEST_STEP = 0.1  # s, of the integration of cold wires
 
 
 class Wires:
@@ -44,9 +45,11 @@ class Wires:
     """
 
     def __init__(self, parameters: LimbParameters, mechanics: LimbMechanics):
-        self._laws = laws = [wire.law for wire in parameters.wires]
+        laws = [wire.law for wire in parameters.wires]
+        T0 = parameters.ambient_temperature
+        self._laws = laws
         self.num_wires = len(laws)
-        self.ambient_temperature = T0 = parameters.ambient_temperature
+        self.ambient_temperature = T0
         self.levers = mechanics.levers
         self._links = mechanics.layout.link_of_joint
         # Number the states: the first of all wires, the second of all wires, and so on.
@@ -102,100 +105,113 @@ class Wires:
         self.torque_is_affine = not self.torque_needs_angle and ca.is_linear(force, x)
 
     def _state_heat(self, x: ca.SX, V: ca.SX, D: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """ẋ (N,) by (6) and the memory of the rubber, and V̇ (W,) by (7)."""
-        T0, rates = self.ambient_temperature, ca.SX.zeros(self.num_states)
-        torque_rates, reading_rates = [], []
+        """Return ẋ (N,) by (6) and the memory of the rubber, and V̇ (W,) by (7)."""
+        T0 = self.ambient_temperature
+        rates = ca.SX.zeros(self.num_states)
+        torque_rates = []
+        reading_rates = []
         for wire, (law, columns) in enumerate(zip(self._laws, self._columns, strict=True)):
-            own = [x[column] for column in columns]
-            of_wire = ca.vertcat(*law.rates(own, D[wire], T0))
-            rates[columns] = of_wire
-            reading_rates.append(law.reading_rate(V[wire], own))
-            torque = ca.SX(law.torque(own, T0, 0.0))
-            torque_rates.append(ca.jtimes(torque, ca.vertcat(*own), of_wire))
+            # Evaluate the law of each wire for its own states.
+            wire_states = [x[column] for column in columns]
+            wire_rates = ca.vertcat(*law.rates(wire_states, D[wire], T0))
+            rates[columns] = wire_rates
+            reading_rates.append(law.reading_rate(V[wire], wire_states))
+            torque = ca.SX(law.torque(wire_states, T0, 0.0))
+            torque_rates.append(ca.jtimes(torque, ca.vertcat(*wire_states), wire_rates))
         if self._rubber.remembers:
             shifts = slice(self._first_shift, None)
             rates[shifts] = self._rubber.rates(x[shifts], ca.vertcat(*torque_rates))
         return rates, ca.vertcat(*reading_rates)
 
     def _state_runge_kutta_step(self, x: ca.SX, D: ca.SX, rates: ca.SX) -> SmoothFunction:
-        """x after a step (N,), of x, of D at its beginning, middle and end, and of its length."""
-        rates_of = ca.Function("rates", [x, D], [rates])
-        levels, step = [ca.SX.sym("D", D.numel()) for _ in range(3)], ca.SX.sym("h")
-        after = self.within(runge_kutta(rates_of, x, levels, step))
+        """Return x after a step (N,) as a function of [x, D0, D1, D2, h].
+
+        D0, D1 and D2 are the duty at the beginning, in the middle and at the end of the step h, s.
+        """
+        rates_function = ca.Function("rates", [x, D], [rates])
+        levels = [ca.SX.sym("D", D.numel()) for _ in range(3)]
+        step = ca.SX.sym("h")
+        after = self.clamp_states(runge_kutta(rates_function, x, levels, step))
         return SmoothFunction(after, ca.vertcat(x, *levels, step))
 
     def _state_force(self, x: ca.SX, q: ca.SX) -> ca.SX:
-        """f (n,), N·m: on each link, a wire sees the angle Σ B_j θ_j over the link's joints."""
+        """Return f (n,), N·m, where each link turns towards a wire by Σ B_j θ_j of its joints."""
+        T0 = self.ambient_temperature
         force = self._rubber.forces(x[self._first_shift :], q)
         for link in range(self._links[-1] + 1):
             joints = np.flatnonzero(self._links == link).tolist()
             for wire, (law, columns) in enumerate(zip(self._laws, self._columns, strict=True)):
                 levers = ca.DM(self.levers[joints, wire])
                 if not levers.is_zero():
-                    own = [x[column] for column in columns]
-                    torque = law.torque(own, self.ambient_temperature, ca.dot(levers, q[joints]))
-                    force[joints] += levers * torque
+                    wire_states = [x[column] for column in columns]
+                    force[joints] += levers * law.torque(wire_states, T0, ca.dot(levers, q[joints]))
         return force
 
     def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
+        """Return ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
         return self._rates.values(_joined(states, duty))
 
     def signals(self, states: np.ndarray) -> dict[str, Any]:
         """Return the wires' states x (N, K) as signals of a `Trajectory` or a `Gait`."""
-        T, others = np.split(states, [self.num_wires])
-        return {"wire_temperature": T, "other_wire_state": others if len(others) else None}
+        temperature, others = np.split(states, [self.num_wires])
+        return {
+            "wire_temperature": temperature,
+            "other_wire_state": others if len(others) else None,
+        }
 
     def holding_duty(self, states: np.ndarray) -> np.ndarray:
-        """D (W,) under which wires of the states (N,) stay at their temperatures."""
+        """Return D (W,) under which wires of the states (N,) stay at their temperatures."""
         W = self.num_wires
-        off, on = (self.rates(states, np.full(W, level))[:W] for level in (0.0, 1.0))
-        return off / (off - on)
+        # Rates are affine in the duty: interpolate between off and on.
+        rates_off = self.rates(states, np.zeros(W))[:W]
+        rates_on = self.rates(states, np.ones(W))[:W]
+        return rates_off / (rates_off - rates_on)
 
-    def within(self, states: ca.SX) -> ca.SX:
-        """States (N,) in symbols, kept in the ranges of the laws' ``memory``."""
-        kept = ca.SX(states)
+    def clamp_states(self, states: ca.SX) -> ca.SX:
+        """Return states (N,) in symbols, clamped to the ranges of the laws' ``memory``."""
+        clamped = ca.SX(states)
         for state in np.flatnonzero(np.isfinite(self._ranges).any(axis=0)).tolist():
             low, high = self._ranges[:, state].tolist()
             value = ca.if_else(states[state] < low, low, states[state])
-            kept[state] = ca.if_else(high < states[state], high, value)
-        return kept
+            clamped[state] = ca.if_else(high < states[state], high, value)
+        return clamped
 
     def forces(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """f (..., n), N·m, as ``symbolic_force`` of x (..., N) and θ (..., n)."""
+        """Return f (..., n), N·m, as ``symbolic_force`` of x (..., N) and θ (..., n)."""
         return self.force.values(_joined(states, angles))
 
     def reading_rates(self, readings: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """V̇ (..., W) of the readings V (..., W), °C/s."""
+        """Return V̇ (..., W) of the readings V (..., W), °C/s."""
         return self._reading_rates.values(_joined(readings, states))
 
     def heat_rates(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """`rates` and `reading_rates` of heat = [x, V] (..., N + W), side by side."""
+        """Return `rates` and `reading_rates` of heat = [x, V] (..., N + W), side by side."""
         return self.heat.values(_joined(heat, duty))
 
     def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
+        """Return A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
 
         They are the tangent at cold wires without duty. If the rates are affine, the tangent is
         the law itself. The memory of the rubber is left out: it begins to follow at rest, where a
         tangent says nothing.
         """
-        N, W = self.num_states, self.num_wires
-        values, slopes = self.heat.first(
-            np.concatenate([self.cold_states, self.cold_states[:W], np.zeros(W)])
-        )
+        N = self.num_states
+        W = self.num_wires
+        cold = np.concatenate([self.cold_states, self.cold_states[:W], np.zeros(W)])
+        values, slopes = self.heat.first(cold)
         slopes[self._first_shift : N] = 0.0
-        A, B = slopes[:N, :N], slopes[:N, N + W :]
+        A = slopes[:N, :N]
+        B = slopes[:N, N + W :]
         return A, B, values[:N] - A @ self.cold_states
 
-    def under_duty(
+    def integrate_states(
         self,
         states: np.ndarray,
         duty: np.ndarray,
         times: np.ndarray,
         longest_step: float = LONGEST_STEP,
     ) -> np.ndarray:
-        """The states (K, N) under duty (K, W) at times (K,), s, and linear between.
+        """Return the states (K, N) at times (K,), s, under duty (K, W), which is linear between.
 
         By the classical Runge-Kutta method, in steps of half the fastest time constant of
         cold wires at most.
@@ -204,43 +220,48 @@ class Wires:
             states: states at the first time (N,).
             longest_step: longest step of the integration, s, for states of warm wires
         """
-        fastest = np.abs(np.linalg.eigvals(self.affine_rates()[0])).max()
-        halves = np.array([[0.0], [0.5], [1.0]])  # of a step: its begin, middle and end
+        A, _, _ = self.affine_rates()
+        fastest_rate = np.abs(np.linalg.eigvals(A)).max()
+        stages = np.array([[0.0], [0.5], [1.0]])  # the beginning, middle and end of a step
         course = [states]
         for k, length in enumerate(np.diff(times)):
-            num_steps = int(np.ceil(length * max(2 * fastest, 1 / longest_step) - 1e-9))
+            num_steps = int(np.ceil(length * max(2 * fastest_rate, 1 / longest_step) - 1e-9))
             change = duty[k + 1] - duty[k]
             for step in range(num_steps):
-                levels = duty[k] + (step + halves) / num_steps * change
+                levels = duty[k] + (step + stages) / num_steps * change
                 point = np.concatenate([states, levels.ravel(), [length / num_steps]])
                 states = self._runge_kutta_step.values(point)
             course.append(states)
         return np.array(course)
 
     def settled_states(self, temperature: np.ndarray) -> np.ndarray:
-        """The states (N,) of cold wires that were heated to T (W,), °C, until they settled.
+        """Return the states (N,) of cold wires after heating to T (W,), °C, until they settled.
 
-        The ``memory`` of a law is as its `warm_states` say. The memory of the rubber is as if all
+        The ``memory`` of a law is given by its `warm_states`. The memory of the rubber is as if all
         wires were heated at once.
         """
-        W, N = self.num_wires, self._first_shift
-        states, duty = self._warm_states(temperature), np.zeros(W)
-        for _ in range(20 if N > W else 0):
-            # The duty that holds T, then the other states while it does.
-            slopes = self.heat.first(np.concatenate([states, temperature, duty]))[1]
+        W = self.num_wires
+        wires_end = self._first_shift  # of the wires' states; the states of the rubber follow
+        states = self._warm_states(temperature)
+        duty = np.zeros(W)
+        for _ in range(MAX_SETTLING_STEPS if wires_end > W else 0):
+            # Find the duty that holds T.
+            _, slopes = self.heat.first(np.concatenate([states, temperature, duty]))
             duty = duty - np.linalg.pinv(slopes[:W, -W:]) @ self.rates(states, duty)[:W]
+            # Let the other states settle while the duty holds T.
             rates, slopes = self.heat.first(np.concatenate([states, temperature, duty]))
-            held = slopes[W:N, -W:] @ np.linalg.pinv(slopes[:W, -W:])
-            by_others = slopes[W:N, W:N] - held @ slopes[:W, W:N]
-            rates, settles = rates[W:N], self.settles[W:N]
-            by_others = by_others[np.ix_(settles, settles)]
-            states[W:N][settles] -= np.linalg.lstsq(by_others, rates[settles], rcond=1e-9)[0]
+            by_duty = slopes[W:wires_end, -W:] @ np.linalg.pinv(slopes[:W, -W:])
+            by_others = slopes[W:wires_end, W:wires_end] - by_duty @ slopes[:W, W:wires_end]
+            settles = self.settles[W:wires_end]
+            residual = rates[W:wires_end][settles]
+            jacobian = by_others[np.ix_(settles, settles)]
+            states[W:wires_end][settles] -= np.linalg.lstsq(jacobian, residual, rcond=1e-9)[0]
         return self._with_settled_rubber(states)
 
     def rested_states(self, temperature: np.ndarray) -> np.ndarray:
-        """The states (N,) of wires without heat, whose silicone has cooled to T (W,), °C, as well.
+        """Return the states (N,) of wires without heat whose silicone has cooled to T (W,), °C.
 
-        The slowest heat is that of the silicone, which wires and thermocouples follow.
+        The silicone cools slowest; wires and thermocouples follow it.
         """
         states = self._warm_states(temperature)
         for law, columns, T in zip(self._laws, self._columns, temperature, strict=True):
@@ -250,26 +271,27 @@ class Wires:
         return self._with_settled_rubber(states)
 
     def _warm_states(self, temperature: np.ndarray) -> np.ndarray:
-        """The states (N,) by the laws' `warm_states`."""
+        """Return the states (N,) by the laws' `warm_states`."""
         states = self.cold_states.copy()
         for law, columns, T in zip(self._laws, self._columns, temperature, strict=True):
             states[columns] = law.warm_states(T, self.ambient_temperature)
         return states
 
     def _with_settled_rubber(self, states: np.ndarray) -> np.ndarray:
-        """The states (N,) with the memory of the rubber as it settles under the wires' torques."""
+        """Return the states (N,) with the memory of the rubber settled under the wires' torques."""
         T0 = self.ambient_temperature
-        gained = [
-            law.torque(states[columns], T0, 0.0) - law.torque(law.cold_states(T0), T0, 0.0)
-            for law, columns in zip(self._laws, self._columns, strict=True)
-        ]
-        states[self._first_shift :] = self._rubber.settled(np.array(gained, float))
+        torques = np.zeros(self.num_wires)
+        for wire, (law, columns) in enumerate(zip(self._laws, self._columns, strict=True)):
+            warm_torque = law.torque(states[columns], T0, 0.0)
+            torques[wire] = warm_torque - law.torque(law.cold_states(T0), T0, 0.0)
+        states[self._first_shift :] = self._rubber.settled(torques)
         return states
 
 
-def _joined(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Arrays (..., size) side by side, with equal points."""
-    if one.shape[:-1] != other.shape[:-1]:
-        shape = np.broadcast_shapes(one.shape[:-1], other.shape[:-1])
-        one, other = (np.broadcast_to(part, (*shape, part.shape[-1])) for part in (one, other))
-    return np.concatenate([one, other], axis=-1)
+def _joined(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return arrays (..., size) side by side, with equal points."""
+    if left.shape[:-1] != right.shape[:-1]:
+        shape = np.broadcast_shapes(left.shape[:-1], right.shape[:-1])
+        left = np.broadcast_to(left, (*shape, left.shape[-1]))
+        right = np.broadcast_to(right, (*shape, right.shape[-1]))
+    return np.concatenate([left, right], axis=-1)

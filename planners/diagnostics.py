@@ -1,76 +1,70 @@
-"""A solution as a picture: violations, distances to bounds and the Jacobian."""
+"""The diagram of a solution: violations, distances to bounds and the Jacobian."""
 
 import numpy as np
 
 from limb_systems import Trajectory
-from limb_systems.views.plots import WIDTH, Figure, dress
+from limb_systems.views.plots import WIDTH, Figure, apply_axis_style
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE
 from planners.task import Task
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import QuasiStaticProgram
 
-SHOWN_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval
+NUM_INTERVALS = 4  # of the drawn Jacobian; it repeats from interval to interval
 
 
 def plot_diagnostics(trajectory: Trajectory) -> Figure:
-    """A solution: violation of the dynamics, distance to the bounds, and the Jacobian.
+    """Draw a solution: violation of the dynamics, distance to the bounds, and the Jacobian.
 
-    Everything is scaled as for the solver. The Jacobian is shown for the first intervals; all
+    Everything is scaled as for the solver. The Jacobian is drawn for the first intervals; all
     others look the same.
     """
-    parameters, time = trajectory.parameters, trajectory.time
-    model = trajectory.model
-    n = model.layout.num_joints
-    num_states = model.wires.num_states
     figure = Figure(figsize=(WIDTH, 8.5), layout="constrained")
-    defects_axis, room_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
+    defects_axis, bounds_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
+    _plot_bounds(bounds_axis, trajectory)
 
-    sizes = {"θ": n, "θ̇": n, "wires": num_states, "V": len(parameters.wires)}
+    # Evaluate the defects (17), and sort the rows of the Jacobian by interval.
+    time = trajectory.time
+    num_intervals = len(time) - 1
+    model = trajectory.model
+    num_joints = model.layout.num_joints
+    sizes = {"wires": model.wires.num_states, "V": model.wires.num_wires}
     program: TrajectoryProgram | QuasiStaticProgram
     block: ConstraintBlock
     if model.layout.is_planar:
         program = TrajectoryProgram(model, time)
-        block, x = program.defects, program.variables(trajectory.state, trajectory.duty)
+        block = program.defects
+        x = program.variables(trajectory.state, trajectory.duty)
         motion, heat = (block.evaluate(x) for block in program.blocks)
-        places = block.rows % (len(time) - 1) * 2 * n + block.rows // (len(time) - 1)
-        defects = np.vstack([motion.reshape(2 * n, -1), heat.reshape(len(time) - 1, -1).T])
-    else:  # which has heat alone
+        defects = np.vstack([motion.reshape(2 * num_joints, -1), heat.reshape(num_intervals, -1).T])
+        row_places = block.rows % num_intervals * 2 * num_joints + block.rows // num_intervals
+        sizes = {"θ": num_joints, "θ̇": num_joints, **sizes}
+    else:  # a program of the heat alone
         program = QuasiStaticProgram(model, time, model.statics, Task())
-        block, x = program.blocks[0], program.variables(trajectory.state[2 * n :], trajectory.duty)
-        defects, places = block.evaluate(x).reshape(len(time) - 1, -1).T, block.rows
-        sizes = {"wires": num_states, "V": len(parameters.wires)}
+        block = program.blocks[0]
+        x = program.variables(trajectory.state[2 * num_joints :], trajectory.duty)
+        defects = block.evaluate(x).reshape(num_intervals, -1).T
+        row_places = block.rows
+
+    # Draw the largest defect of each kind.
     ends = np.cumsum([*sizes.values()])[:-1]
     for label, rows in zip(sizes, np.split(np.abs(defects), ends), strict=True):
         largest = np.maximum(rows.max(axis=0), 1e-17)
         defects_axis.semilogy(time[:-1], largest, linewidth=1.0, label=f"largest of {label}")
     defects_axis.set_ylabel("violation of the\ndynamics (17), scaled")
-
-    limits = parameters.temperature_limits
-    for index, name in enumerate(parameters.wire_names):
-        duty = trajectory.duty[index]
-        room = np.minimum(duty, 1 - duty)
-        color = f"C{index}"
-        room_axis.plot(time, room, color=color, linewidth=1.0, label=f"duty {name}")
-        wire = trajectory.wire_temperature[index]
-        low = np.where(time > limits.warm_up_time, wire - limits.warm, np.inf)
-        room = np.minimum(low, limits.maximum - wire) / TEMPERATURE_SCALE
-        room_axis.plot(time, room, "--", color=color, linewidth=1.0, label=f"T {name}")
-    room_axis.axhline(0.0, color="0.4", linewidth=0.8)
-    room_axis.set_ylabel("distance to bounds\n(18)-(20), scaled")
-    for axis in (defects_axis, room_axis):
+    for axis in (defects_axis, bounds_axis):
         axis.set_xlim(time[0], time[-1])
         axis.set_xlabel("time (s)")
-        dress(axis)
+        apply_axis_style(axis)
 
-    # Rows interval by interval.
-    shown = places < SHOWN_INTERVALS * len(block.lower) // (len(time) - 1)
-    shown &= ~np.isin(block.columns, program.time_steps)
-    _, columns = np.unique(block.columns[shown], return_inverse=True)
-    jacobian_axis.plot(columns, places[shown], "s", color="0.25", markersize=2.0)
+    # Draw the nonzeros of the first intervals.
+    is_drawn = row_places < NUM_INTERVALS * len(block.lower) // num_intervals
+    is_drawn &= ~np.isin(block.columns, program.time_steps)
+    _, columns = np.unique(block.columns[is_drawn], return_inverse=True)
+    jacobian_axis.plot(columns, row_places[is_drawn], "s", color="0.25", markersize=2.0)
     share = len(block.rows) / (len(block.lower) * program.prog.num_vars())
     jacobian_axis.set_title(
-        f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals\n"
+        f"Jacobian of (17), first {NUM_INTERVALS} of {num_intervals} intervals\n"
         f"({len(block.rows)} nonzeros, {100 * share:.2g}% of it)",
         fontsize=10,
     )
@@ -79,3 +73,21 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     jacobian_axis.set_xlabel("variable")
     jacobian_axis.set_ylabel("constraint")
     return figure
+
+
+def _plot_bounds(axis, trajectory: Trajectory) -> None:
+    """Draw the distances of duty and temperature from their bounds (18)-(20)."""
+    time = trajectory.time
+    limits = trajectory.parameters.temperature_limits
+    for index, name in enumerate(trajectory.parameters.wire_names):
+        duty = trajectory.duty[index]
+        color = f"C{index}"
+        axis.plot(
+            time, np.minimum(duty, 1 - duty), color=color, linewidth=1.0, label=f"duty {name}"
+        )
+        wire = trajectory.wire_temperature[index]
+        above_warm = np.where(time > limits.warm_up_time, wire - limits.warm, np.inf)
+        room = np.minimum(above_warm, limits.maximum - wire) / TEMPERATURE_SCALE
+        axis.plot(time, room, "--", color=color, linewidth=1.0, label=f"T {name}")
+    axis.axhline(0.0, color="0.4", linewidth=0.8)
+    axis.set_ylabel("distance to bounds\n(18)-(20), scaled")

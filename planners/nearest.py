@@ -1,4 +1,4 @@
-"""How near a limb could have come to a reference: the best plan that its limits leave."""
+"""The plan nearest to a reference within the limits of a limb."""
 
 import numpy as np
 
@@ -6,17 +6,17 @@ from limb_systems import LimbError, Trajectory, split_state
 from planners.task import Task
 from planners.transcription.quasi_static import solve_quasi_static
 
-# R → 0, and neither margins nor what smooths the end of a plan.
-NEAREST = Task(duty_weight=1e-3, terminal_factor=1.0, duty_hold=0.0)
+# R → 0, without margins and without the smooth end of a plan.
+NEAREST_TASK = Task(duty_weight=1e-3, terminal_factor=1.0, duty_hold=0.0)
 KNOT_RATE = 5.0  # Hz; ten knots per second change the mean distance by 0.02°
 
 
 def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
-    """Bend angles and wire temperatures of the plan nearest to a reference that the limits allow.
+    """Return bend angles and wire temperatures of the plan nearest to a reference within limits.
 
-    The quasi-static program is solved with next to no weight on duty, from where the trajectory
-    starts and within (18)-(20) and ``measured_maximum`` alone, whatever the trajectory's own task
-    was. The solver starts from the trajectory, so that it ends at no optimum farther away. It takes
+    The quasi-static program is solved with nearly no weight on duty, from the start of the
+    trajectory and within (18)-(20) and ``measured_maximum`` alone, without the trajectory's own
+    task. The solver starts from the trajectory, so that no farther optimum is returned. It takes
     about a second for a minute.
 
     Args:
@@ -25,42 +25,38 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
     Returns:
         φ (F, K), rad, and T (W, K), °C, at the knots; None if there is no such plan.
     """
+    # Sample the plan at fewer knots.
     plan = trajectory.since_start()
     model = plan.model
     num_knots = min(len(plan.time), int(np.ceil(plan.duration * KNOT_RATE)) + 1)
     times = np.linspace(0.0, plan.duration, max(2, num_knots))
     reference = plan.interpolated(plan.reference, times)
-    warm_up = max(0.0, model.parameters.temperature_limits.warm_up_time - float(trajectory.time[0]))
     states, readings = split_state(model, plan.state_trajectory().vector_values(times))[2:]
-    heat, duty = np.vstack([states, readings]), plan.duty_trajectory().vector_values(times)
+    heat = np.vstack([states, readings])
+    duty = np.clip(plan.duty_trajectory().vector_values(times), 0.0, 1.0)
+    # Solve from there.
+    warm_up = max(0.0, model.parameters.temperature_limits.warm_up_time - float(trajectory.time[0]))
     try:
         program, solution = solve_quasi_static(
-            model,
-            times,
-            reference,
-            heat[:, 0],
-            NEAREST,
-            warm_up,
-            start=(heat, np.clip(duty, 0.0, 1.0)),
+            model, times, reference, heat[:, 0], NEAREST_TASK, warm_up, start=(heat, duty)
         )
     except LimbError:  # infeasible, or the limb folds
         return None
+
+    def at_knots(rows: np.ndarray) -> np.ndarray:
+        return np.array([np.interp(plan.time, times, row) for row in rows])
+
     heat = solution.x[program.heat].T
-    bend = solution.x[program.bends].T
-    bend, temperature = (
-        np.array([np.interp(plan.time, times, row) for row in rows])
-        for rows in (bend, heat[: program.wires.num_wires])
-    )
-    return bend, temperature
+    return at_knots(solution.x[program.bends].T), at_knots(heat[: program.wires.num_wires])
 
 
 def nearest_bend_angle(trajectory: Trajectory) -> np.ndarray | None:
     """Return the bend angles φ (F, K) of `nearest_plan`, rad; None if there is none.
 
-    There is none either for a plan with constraints of one's own, which limit it, too, and which
-    its file does not have.
+    There is none for a plan with constraints of ``customize``, which limit it, too, and which are
+    not in its file.
     """
     if trajectory.check.added_constraints:
         return None
-    found = nearest_plan(trajectory)
-    return found and found[0]
+    nearest = nearest_plan(trajectory)
+    return nearest and nearest[0]

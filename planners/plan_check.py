@@ -1,4 +1,4 @@
-"""How far a plan is from its simulation and from its reference, and which limits are active."""
+"""The check of a plan: distances from its simulation and its reference, and active limits."""
 
 from collections.abc import Mapping
 
@@ -15,9 +15,7 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.files.signal_table import stretches
-from limb_systems.simulation import (
-    sample_count,
-)
+from limb_systems.simulation import sample_count
 from limb_systems.statics import static_equilibrium
 from limb_systems.tracking import reference_distances
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE
@@ -31,15 +29,16 @@ from planners.transcription.program import reading_bounds
 CHECK_ACCURACY = 3e-4
 CHECK_RATE = 20.0  # Hz, of the comparison; the rate of the knots if that is higher
 
-# A limb swings about a quasi-static plan if its first mode is slower, its damping over its
-# stiffness larger, or what a jump of its bend rate makes it ring larger than this.
-SLOWEST_MODE, LONGEST_LAG, MOST_RINGING = 1.5, 0.02, np.deg2rad(0.3)  # Hz, s, rad
+# A limb swings about a quasi-static plan beyond these limits.
+MIN_MODE_FREQUENCY = 1.5  # Hz, of its first mode
+MAX_LAG = 0.02  # s, its damping over its stiffness
+MAX_RINGING = np.deg2rad(0.3)  # rad, after jumps of its bend rate
 
-# A plan is far if a side's largest angle is missed by more than a share of the largest that is
-# asked for, or the mean of the misses is more than another; but not by less than a degree.
-SHARE_OF_LARGEST = 0.15
-SHARE_ON_AVERAGE = 0.2
-LITTLE = np.deg2rad(1.0)
+# A plan is far from its reference beyond these shares of the reference's largest angle, and beyond
+# the minimum.
+MAX_SHORTFALL_SHARE = 0.15  # of a side's largest angle
+MAX_MEAN_SHARE = 0.2  # of the mean distance
+MIN_DEVIATION = np.deg2rad(1.0)
 
 
 def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
@@ -56,7 +55,7 @@ def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarra
     times = np.arange(sample_count(plan.duration, rate)) / rate
     try:
         simulated = bend_angle(plan.model, simulate_plan(plan, times))
-    except LimbError:  # the equations turn too suddenly; Drake's error control gets over that
+    except LimbError:  # the equations change too suddenly; Drake's error control handles this
         recording = simulate(
             Limb(plan.parameters),
             plan,
@@ -69,34 +68,31 @@ def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarra
     return times, np.abs(simulated - planned).max(axis=0)
 
 
-def swings(trajectory: Trajectory) -> str | None:
-    """Return one sentence on why a limb may swing about its quasi-static plan, or None.
+def swing_warning(trajectory: Trajectory) -> str | None:
+    """Return a warning that a limb may swing about its quasi-static plan, or None.
 
-    Such a plan leaves out the inertia of the chain. Of the damping it keeps the delay alone.
+    Such a plan leaves out the inertia of the chain, and the damping except for its delay.
     """
     model = trajectory.model
     if model.layout.is_planar:
         return None
-    held = model.statics
+    # The first mode, the lag by damping, and the vibration after jumps of the bend rate.
     dynamics = model.dynamics
-    mechanics = model.mechanics
     at_rest = np.zeros(2 * dynamics.num_joints + dynamics.num_states)
-    at_rest[: dynamics.num_joints] = held.rest_angles
+    at_rest[: dynamics.num_joints] = model.statics.rest_angles
     mass = dynamics.mass_and_load(at_rest)[0]
-    slowest = np.linalg.eigvals(held.compliance @ mass).real.max()
+    slowest = np.linalg.eigvals(model.statics.compliance @ mass).real.max()  # 1/ω², s²
     first_mode = 1 / (2 * np.pi * np.sqrt(slowest))  # Hz
-    lag = (mechanics.damping / mechanics.stiffness).max()
+    lag = (model.mechanics.damping / model.mechanics.stiffness).max()
     rates = np.diff(trajectory.bend_angle) / np.diff(trajectory.time)
     ringing = np.sqrt(slowest) * np.abs(np.diff(rates, prepend=0.0)).max()
-    reasons = [
-        reason
-        for reason, holds in (
-            (f"its first mode is at {first_mode:.2g} Hz", first_mode < SLOWEST_MODE),
-            (f"its damping delays it by {1e3 * lag:.0f} ms", lag > LONGEST_LAG),
-            (f"steps of duty make it ring by {np.rad2deg(ringing):.1f}°", ringing > MOST_RINGING),
-        )
-        if holds
-    ]
+    reasons = []
+    if first_mode < MIN_MODE_FREQUENCY:
+        reasons.append(f"its first mode is at {first_mode:.2g} Hz")
+    if lag > MAX_LAG:
+        reasons.append(f"its damping delays it by {1e3 * lag:.0f} ms")
+    if ringing > MAX_RINGING:
+        reasons.append(f"steps of duty make it ring by {np.rad2deg(ringing):.1f}°")
     if not reasons:
         return None
     return (
@@ -107,66 +103,73 @@ def swings(trajectory: Trajectory) -> str | None:
 
 
 def far_from_reference(trajectory: Trajectory) -> str | None:
-    """Return how far, where and why a plan is far from its reference; None if it is near."""
-    reference, planned = trajectory.reference, trajectory.bend_angle
+    """Return a warning with distance, place and cause if a plan is far from its reference."""
+    # Find out whether a side's largest angle is missed, or all angles on average.
+    reference = trajectory.reference
+    planned = trajectory.bend_angle
     largest = np.abs(reference).max()
-    short = np.array(
-        [
-            (reference - planned.max(axis=1, keepdims=True)).max(axis=1),
-            (planned.min(axis=1, keepdims=True) - reference).max(axis=1),
-        ]
-    )
-    is_short = short.max() > max(LITTLE, SHARE_OF_LARGEST * largest)
-    distance, mean = np.abs(reference - planned), reference_distances(trajectory).planned
-    if not is_short and mean <= max(LITTLE, SHARE_ON_AVERAGE * largest):
+    above = (reference - planned.max(axis=1, keepdims=True)).max(axis=1)
+    below = (planned.min(axis=1, keepdims=True) - reference).max(axis=1)
+    shortfall = np.array([above, below])
+    distance = np.abs(reference - planned)
+    mean = reference_distances(trajectory).planned
+    is_short = shortfall.max() > max(MIN_DEVIATION, MAX_SHORTFALL_SHARE * largest)
+    if not is_short and mean <= max(MIN_DEVIATION, MAX_MEAN_SHARE * largest):
         return None
+    # Choose the bend and the knot to name.
     if is_short:
-        side, bend = map(int, np.unravel_index(np.argmax(short), short.shape))
+        side, bend = map(int, np.unravel_index(np.argmax(shortfall), shortfall.shape))
         sign = (1, -1)[side]
-        wanted, reached = sign * reference[bend], sign * planned[bend]
-        # Where it comes nearest to what it never reaches.
-        knot = int(np.argmax(np.where(wanted > reached.max(), reached, -np.inf)))
+        target = sign * reference[bend]
+        reached = sign * planned[bend]
+        # The plan is nearest there to an angle that it never reaches.
+        knot = int(np.argmax(np.where(target > reached.max(), reached, -np.inf)))
     else:
         bend, knot = map(int, np.unravel_index(np.argmax(distance), distance.shape))
-    asked, has = np.rad2deg([reference[bend, knot], planned[bend, knot]])
+    # Say the distance and the place.
+    reference_deg, planned_deg = np.rad2deg([reference[bend, knot], planned[bend, knot]])
+    mean_deg, largest_deg = np.rad2deg([mean, distance.max()])
     time = trajectory.time[knot]
     layout = trajectory.model.layout
     of_bend = f" of segment {layout.bend_segment[bend] + 1}" if len(layout.bends_of) > 1 else ""
     if not layout.is_planar:
         of_bend += f" towards {('E2', 'E3')[layout.bend_direction[bend]]}"
-    average, most = np.rad2deg([mean, distance.max()])
-    said = (
-        f"The plan is far from its reference: {average:.1f}° on average, {most:.1f}° at most. "
-        f"At {time:.1f} s, {asked:.1f}°{of_bend} are asked for, and the plan has {has:.1f}°"
+    warning = (
+        f"The plan is far from its reference: {mean_deg:.1f}° on average, {largest_deg:.1f}° at "
+        f"most. At {time:.1f} s, {reference_deg:.1f}°{of_bend} are asked for, and the plan has "
+        f"{planned_deg:.1f}°"
     )
+    # Add the limits that are active there, and the bends that the limb can hold.
     active = [
         constraint.bound
         for constraint in trajectory.check.active_constraints
         if constraint.start <= time <= constraint.end
     ]
-    said += f", where limits are {', '.join(active)}." if active else ", where no limit is active."
-    reach = _reach(trajectory.model, bend)
-    if reach is not None:
-        said += (
-            f" With wires between T_warm and T_max, this limb can hold {reach[0]:.1f}° to "
-            f"{reach[1]:.1f}°."
+    warning += (
+        f", where limits are {', '.join(active)}." if active else ", where no limit is active."
+    )
+    bends_deg = _reachable_bends(trajectory.model, bend)
+    if bends_deg is not None:
+        warning += (
+            f" With wires between T_warm and T_max, this limb can hold {bends_deg[0]:.1f}° to "
+            f"{bends_deg[1]:.1f}°."
         )
-    return said + " Ask for less, or for a slower motion."
+    return warning + " Ask for less, or for a slower motion."
 
 
-def _reach(model: LimbModel, bend: int) -> np.ndarray | None:
-    """Return the least and the largest bend that wires can hold (2,), degrees; None if unknown."""
+def _reachable_bends(model: LimbModel, bend: int) -> np.ndarray | None:
+    """Return the smallest and largest bend that wires can hold (2,), °; None if the limb folds."""
     limits = model.parameters.temperature_limits
     sides = np.sign(model.mechanics.levers[model.layout.bend_joints[bend][0]])
-    held = []
+    bends = []
     for side in (-1, 1):
         temperature = np.where(sides == side, limits.maximum, limits.warm)
         try:
             angles, _ = static_equilibrium(model, temperature)
         except LimbError:
             return None  # it folds
-        held.append(bend_angle(model, angles[:, None])[bend, 0])
-    return np.rad2deg(held)
+        bends.append(bend_angle(model, angles[:, None])[bend, 0])
+    return np.rad2deg(bends)
 
 
 def active_constraints(
@@ -176,30 +179,37 @@ def active_constraints(
     measured_margin: ArrayLike,
     added: Mapping[str, np.ndarray],
 ) -> list[ActiveConstraint]:
-    """Return the times in which bounds of (18)-(20), of readings, and added ones are active.
+    """Return the times in which bounds of (18)-(20), of readings, and added bounds are active.
 
     Args:
-        added: whether constraints of one's own are active at the knots (K,), by their names.
+        added: whether constraints of ``customize`` are active at the knots (K,), by their names.
     """
-    limits, names = trajectory.parameters.temperature_limits, trajectory.parameters.wire_names
-    warm = trajectory.time > warm_up_time
-    near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE
-    hottest, fullest = limits.maximum - task.temperature_margin, 1.0 - task.duty_margin
+    # Bounds and tolerances.
+    limits = trajectory.parameters.temperature_limits
+    is_warm = trajectory.time > warm_up_time
+    near_duty = 1e-4
+    near_temperature = 1e-3 * TEMPERATURE_SCALE
+    hottest = limits.maximum - task.temperature_margin
+    fullest = 1.0 - task.duty_margin
     hottest_name = f"T_max - {task.temperature_margin:g} °C" if task.temperature_margin else "T_max"
     highest = reading_bounds(trajectory.model, measured_margin)
-    bounds: list[tuple[str, np.ndarray]] = []
-    for index, name in enumerate(names):
+    # Find the knots at which each bound is active.
+    is_active: dict[str, np.ndarray] = {}
+    for index, name in enumerate(trajectory.parameters.wire_names):
         reading = trajectory.measured_temperature[index]
-        duty, wire = trajectory.duty[index], trajectory.wire_temperature[index]
-        bounds += (
-            (f"duty {name} = 0", duty < near_duty),
-            (f"duty {name} = {fullest:g}", duty > fullest - near_duty),
-            (f"wire {name} = {hottest_name}", wire > hottest - near_temperature),
-            (f"wire {name} = T_warm", warm & (wire < limits.warm + near_temperature)),
-            (f"reading {name} = measured_maximum", reading > highest[index] - near_temperature),
-        )
-    return [
-        ActiveConstraint(bound, float(trajectory.time[first]), float(trajectory.time[after - 1]))
-        for bound, where in (*bounds, *added.items())
-        for first, after in stretches(where)
-    ]
+        duty = trajectory.duty[index]
+        wire = trajectory.wire_temperature[index]
+        is_active[f"duty {name} = 0"] = duty < near_duty
+        is_active[f"duty {name} = {fullest:g}"] = duty > fullest - near_duty
+        is_active[f"wire {name} = {hottest_name}"] = wire > hottest - near_temperature
+        is_cold = wire < limits.warm + near_temperature
+        is_active[f"wire {name} = T_warm"] = is_warm & is_cold
+        is_high = reading > highest[index] - near_temperature
+        is_active[f"reading {name} = measured_maximum"] = is_high
+    # Turn knots in a row into times.
+    constraints = []
+    for bound, knots in (*is_active.items(), *added.items()):
+        for first, after in stretches(knots):
+            start, end = trajectory.time[[first, after - 1]]
+            constraints.append(ActiveConstraint(bound, float(start), float(end)))
+    return constraints

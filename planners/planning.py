@@ -1,4 +1,4 @@
-"""Plans a feasible trajectory for a reference, and checks it by simulation."""
+"""The planner: from a reference to a feasible trajectory that is checked by simulation."""
 
 import time
 import warnings
@@ -19,36 +19,38 @@ from limb_systems import (
     Trajectory,
     band,
 )
-from limb_systems.held_angles import HeldAngles
 from limb_systems.layout import Layout
+from limb_systems.static_equilibria import StaticEquilibria
 from planners import references
 from planners.plan_check import (
     active_constraints,
     far_from_reference,
     simulated_differences,
-    swings,
+    swing_warning,
 )
 from planners.task import Task
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import (
     QuasiStaticProgram,
     check_temperature_limits,
-    held_motion,
     solve_quasi_static,
+    static_motion,
 )
 from planners.transcription.solving import LONGEST_SOLVE, PlanningError, Solution, solve_program
-from planners.transcription.warm_start import multipliers_of, with_motion
+from planners.transcription.warm_start import estimate_multipliers, solve_motion
 
-ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
+MARGIN_ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
 
-TOLERANCE_DEG, QUASI_STATIC_TOLERANCE_DEG = 0.1, 1.0  # from the simulation
-ROUNDING_OF_ANGLES = 1e-9  # rad
+# from the simulation
+TOLERANCE_DEG = 0.1
+QUASI_STATIC_TOLERANCE_DEG = 1.0
+ANGLE_ROUNDING = 1e-9  # rad
 MAX_KNOTS = 20_000  # over a minute on two cores; more is most often a time in ms
 MAX_REFINEMENTS = 4
-RINGING = 0.3  # s, in which the limb's first mode decays to a third
+RINGING_TIME = 0.3  # s, in which the limb's first mode decays to a third
 
-# Up to which change of the reference (rad) and of the state the previous plan
-# is a better start than the quasi-static one, as measured at 301 knots.
+# After smaller changes of the reference (rad) and of the state, the previous plan is a better
+# start than the quasi-static plan, as measured at 301 knots.
 SMALL_REFERENCE_CHANGE = np.deg2rad(0.2)
 SMALL_STATE_CHANGE = 0.02  # of the scales of the states
 
@@ -64,7 +66,7 @@ def plan(
     max_knots: int = MAX_KNOTS,
     solver: SolverInterface | None = None,
 ) -> Trajectory:
-    """Plans the feasible trajectory nearest to a reference, eqns (15)-(20).
+    """Return the feasible trajectory nearest to a reference, eqns (15)-(20).
 
     Where the plan differs from its simulation by more than the tolerance, knots are added and the
     program is solved again. A limb that is calibrated by prediction has a band of readings
@@ -78,7 +80,7 @@ def plan(
         task: weights and limits; `Task()` if None.
         knot_rate: knots per second to begin with, Hz. The duration of the
             reference is rounded to whole intervals.
-        initial_state: x_init, a state of `Limb`, such as `resting_state` of what is read; by
+        initial_state: x_init, a state of `Limb`, such as `resting_state` of readings; by
             default at rest in static equilibrium with wires at ambient temperature.
         tolerance_deg: largest difference between the bend angle of the plan and an accurate
             simulation of its duty, degrees. If None, it is 0.1 for a planar limb, and 1 for a
@@ -93,42 +95,39 @@ def plan(
 
     Raises:
         InfeasibleError: if the temperature constraints cannot be met.
-        PlanningError: if an argument is invalid, no solver converges or the
-            plan fails its check.
+        PlanningError: if an argument is invalid, no solver converges or the plan fails its check.
     """
     started = time.perf_counter()
     limb = LimbModel.validated(parameters)
-    num_knots = number_of_knots(reference, knot_rate, max_knots)
+    num_knots = initial_num_knots(reference, knot_rate, max_knots)
     times = np.linspace(0.0, reference.end_time(), num_knots)
-    largest, margin = np.inf, np.zeros(limb.layout.num_wires)
+    planner = Planner(limb, times, task=task, tolerance_deg=tolerance_deg, solver=solver)
+    largest_difference = np.inf
     for refinement in range(MAX_REFINEMENTS + 1):
-        planner = Planner(
-            limb,
-            times,
-            task=task,
-            tolerance_deg=tolerance_deg,
-            solver=solver,
-            measured_margin=margin,
-        )
-        trajectory, offsets, differences = planner.plan_unchecked(reference, initial_state)
+        # Solve the program at these knots, and simulate the duty of the plan.
+        trajectory, sample_times, differences = planner.plan_unchecked(reference, initial_state)
         trajectory.check.refinements = refinement
-        if (wider := _margin_of(trajectory, margin)) is not None:
-            margin = wider
+        # Keep away from the board's limit if the band of readings reaches it, and solve again.
+        if planner.widen_margin(trajectory):
             continue
+        # Stop where plan and simulation agree, or more knots do not help.
         tolerance = np.deg2rad(trajectory.check.tolerance_deg)
-        before, largest = largest, differences.max()
-        if largest <= tolerance or largest > 0.7 * before:  # met, or knots do not help
+        previous_difference = largest_difference
+        largest_difference = differences.max()
+        if largest_difference <= tolerance or largest_difference > 0.7 * previous_difference:
             break
-        finer = _refined(times, offsets, differences, tolerance)
+        # Add knots where plan and simulation differ.
+        finer = _refine_knots(planner.times, sample_times, differences, tolerance)
         if len(finer) > max_knots or time.perf_counter() - started > LONGEST_SOLVE:
             break
-        times = finer
+        planner.set_knots(finer)
     trajectory.check.total_time = time.perf_counter() - started
-    swinging = swings(trajectory)
+
+    # Refuse a plan that failed its check, and warn of a plan that may disappoint.
+    swinging = swing_warning(trajectory)
     if failure := trajectory.check.failure():
-        raise PlanningError(
-            " ".join(filter(None, [f"The plan failed its check: {failure}", swinging]))
-        )
+        sentences = [f"The plan failed its check: {failure}", swinging]
+        raise PlanningError(" ".join(filter(None, sentences)))
     if swinging:
         warnings.warn(swinging, stacklevel=2)
     if far := far_from_reference(trajectory):
@@ -137,20 +136,18 @@ def plan(
 
 
 class Planner:
-    """Plans repeatedly for one limb, task and set of knots.
+    """A planner for one limb and task, which plans repeatedly at the same knots.
 
-    The program is built once; each call of `plan` replaces the reference and
-    the initial state in it. A control loop can thus plan again from the state
-    that was reached, with a new reference.
+    The program is built once; each call of `plan` replaces the reference and the initial state in
+    it. A control loop can thus plan again from the current state, with a new reference.
 
     Args:
         parameters: the limb, its description, or its YAML file; the nominal limb if None.
         times: times of the knots (N,), s, increasing from 0.
         task: weights and limits; `Task()` if None.
         tolerance_deg, solver: as in `planners.plan`.
-        measured_margin: how far readings V stay below
-            ``temperature_limits.measured_maximum``, °C, one number or one for
-            each wire (W,).
+        measured_margin: how far readings V stay below ``temperature_limits.measured_maximum``, °C,
+            one number or one for each wire (W,).
     """
 
     def __init__(
@@ -163,16 +160,13 @@ class Planner:
         solver: SolverInterface | None = None,
         measured_margin: ArrayLike = 0.0,
     ):
+        # The request, which is checked.
         self._model = model = LimbModel.validated(parameters)
         self.parameters = model.parameters
         self.task = task or Task()
-        self.times = np.asarray(times, float)
-        if self.times.ndim != 1 or len(self.times) < 2 or not (np.diff(self.times) > 0).all():
-            raise PlanningError("times must be at least two knots, increasing.")
-        if self.times[0] != 0:
-            raise PlanningError(f"times start at {self.times[0]:g} s; they must start at 0 s.")
+        self.set_knots(times)
         self._margin = _measured_margin(measured_margin, model.layout.num_wires)
-        self._held = model.statics
+        self._statics = model.statics
         self._layout = model.layout
         planar = self._layout.is_planar
         if tolerance_deg is None:
@@ -183,9 +177,50 @@ class Planner:
                 f"{solver.SolverName()} cannot plan for a limb that bends in space; leave the "
                 "solver out."
             )
-        self._tolerance_deg, self._solver = tolerance_deg, solver
-        # Once for all plans, of which a control loop makes many.
+        self._tolerance_deg = tolerance_deg
+        self._solver = solver
+        # A control loop makes many plans; they share their provenance.
         self._provenance = Provenance.now(self.parameters)
+
+    def set_knots(self, times: ArrayLike) -> None:
+        """Plan at other knots from now on, without the previous plan as a start.
+
+        Args:
+            times: times of the knots (N,), s, increasing from 0.
+
+        Raises:
+            PlanningError: if the times are invalid.
+        """
+        self.times = np.asarray(times, float)
+        if self.times.ndim != 1 or len(self.times) < 2 or not (np.diff(self.times) > 0).all():
+            raise PlanningError("times must be at least two knots, increasing.")
+        if self.times[0] != 0:
+            raise PlanningError(f"times start at {self.times[0]:g} s; they must start at 0 s.")
+        self._discard_program()
+
+    def widen_margin(self, trajectory: Trajectory) -> bool:
+        """Widen the margin of readings if a plan's band of readings reaches the board's limit.
+
+        The band is noted in the plan's check.
+
+        Returns:
+            Whether the margin is wider now, so that the plan must be made again.
+        """
+        around = band(trajectory)
+        if around is None:
+            return False
+        check = trajectory.check
+        check.bend_band_deg = float(np.rad2deg(around.bend_reading.mean()))
+        check.highest_readings = around.highest_readings.tolist()
+        limits = trajectory.parameters.temperature_limits
+        if (around.highest_readings < limits.measured_maximum).all():
+            return False
+        excess = around.highest_readings - trajectory.measured_temperature.max(axis=1)
+        self._margin = np.maximum(self._margin, excess + MARGIN_ROUNDING)
+        self._discard_program()
+        return True
+
+    def _discard_program(self) -> None:
         self._program: TrajectoryProgram | QuasiStaticProgram | None = None
         self._previous: tuple[np.ndarray, np.ndarray, Solution] | None = None
 
@@ -196,7 +231,7 @@ class Planner:
         *,
         elapsed: float = 0.0,
     ) -> Trajectory:
-        """Plans from a state as `planners.plan` does, but never adds knots.
+        """Return a plan from a state as `planners.plan` does, but without refining the knots.
 
         The solver starts from the previous plan if reference and state are
         nearly the same, and else from the quasi-static plan.
@@ -220,18 +255,19 @@ class Planner:
         *,
         elapsed: float = 0.0,
     ) -> tuple[Trajectory, np.ndarray, np.ndarray]:
-        """A plan that may fail its check, and where it differs from its simulation.
+        """Return a plan that may fail its check, and its differences from its simulation.
 
         Returns:
             The plan; times (M,), s; the largest difference of a bend angle at
             these times (M,), rad.
         """
-        times = self.times
-        angles_ref = _sample_reference(reference, times, self._layout)
-        state = _initial_state(self._held, initial_state)
+        # Check the request.
+        angles_ref = _sample_reference(reference, self.times, self._layout)
+        state = _initial_state(self._statics, initial_state)
         heat = state[2 * self._layout.num_joints :]
         warm_up = max(0.0, self.parameters.temperature_limits.warm_up_time - elapsed)
-        check_temperature_limits(self._model, times, heat, warm_up, self.task, self._margin)
+        check_temperature_limits(self._model, self.times, heat, warm_up, self.task, self._margin)
+        # Solve the program (15)-(20).
         if self._program is None:
             self._program = self._make_program()
         program = self._program
@@ -239,17 +275,20 @@ class Planner:
         guess, multipliers = self._guess(program, angles_ref, state, warm_up)
         solution = self._solve(program, guess, multipliers, angles_ref, state)
         trajectory = self._trajectory(program, solution, angles_ref)
+        # Complete the check of the plan, and simulate its duty.
         trajectory.check.guess_cost = program.cost(guess)
         trajectory.check.active_constraints = active_constraints(
             trajectory, self.task, warm_up, self._margin, program.active_knots(solution.x)
         )
-        offsets, differences = simulated_differences(trajectory)
+        times, differences = simulated_differences(trajectory)
         trajectory.check.largest_difference_deg = float(np.rad2deg(differences.max()))
-        return trajectory, offsets, differences
+        return trajectory, times, differences
 
     def _make_program(self) -> TrajectoryProgram | QuasiStaticProgram:
         if not self._layout.is_planar:
-            return QuasiStaticProgram(self._model, self.times, self._held, self.task, self._margin)
+            return QuasiStaticProgram(
+                self._model, self.times, self._statics, self.task, self._margin
+            )
         return TrajectoryProgram(
             self._model,
             self.times,
@@ -261,7 +300,7 @@ class Planner:
     def _guess(
         self, program, angles_ref, state, warm_up_time: float
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-        """Return decision variables from which a program is solved, and multipliers if known."""
+        """Return the start of a program: its decision variables, and multipliers if any."""
         if isinstance(program, QuasiStaticProgram):
             return program.guess(), None
         # Solve the quasi-static program.
@@ -276,7 +315,7 @@ class Planner:
         )
         heat = solution.x[quasi_static.heat].T
         duty = solution.x[quasi_static.duty].T
-        motion = held_motion(self._held, heat[: self._held.wires.num_states].T, duty.T)
+        motion = static_motion(self._statics, heat[: self._statics.wires.num_states].T, duty.T)
         states = np.vstack([motion.T, heat])
         states[:, 0] = state
         guess = program.variables(states, duty)
@@ -284,20 +323,21 @@ class Planner:
             return guess, None
         # Let the motion follow from its heat.
         try:
-            guess = with_motion(program, guess)
-            return guess, multipliers_of(program, guess, quasi_static, solution)
+            guess = solve_motion(program, guess)
+            return guess, estimate_multipliers(program, guess, quasi_static, solution)
         except (LimbError, np.linalg.LinAlgError):
             return guess, None
 
     def _solve(self, program, guess, multipliers, angles_ref, state) -> Solution:
-        """Solution from the previous one if little changed, else from the guess."""
+        """Solve a program from the previous solution if little changed, else from the guess."""
         start = guess
         if self._previous is not None:
             previous_ref, previous_state, previous = self._previous
             reference_change = np.abs(angles_ref - previous_ref).max()
             state_change = np.abs((state - previous_state) / program.state_scales).max()
             if reference_change < SMALL_REFERENCE_CHANGE and state_change < SMALL_STATE_CHANGE:
-                start, multipliers = previous.x, previous.multipliers
+                start = previous.x
+                multipliers = previous.multipliers
         solution = solve_program(program, start, multipliers, self._solver, program.starts_near)
         self._previous = (angles_ref, state, solution)
         return solution
@@ -323,20 +363,6 @@ class Planner:
         )
 
 
-def _margin_of(trajectory: Trajectory, margin: np.ndarray) -> np.ndarray | None:
-    """Notes a plan's band in its check; a wider margin of readings (W,), °C, if it needs one."""
-    around = band(trajectory)
-    if around is None:
-        return None
-    check, limit = trajectory.check, trajectory.parameters.temperature_limits.measured_maximum
-    check.bend_band_deg = float(np.rad2deg(around.bend_reading.mean()))
-    check.highest_readings = around.highest_readings.tolist()
-    if (around.highest_readings < limit).all():
-        return None
-    excess = around.highest_readings - trajectory.measured_temperature.max(axis=1)
-    return np.maximum(margin, excess + ROUNDING)
-
-
 def _measured_margin(margin: ArrayLike, num_wires: int) -> np.ndarray:
     values = np.asarray(margin, float)
     if values.shape not in ((), (num_wires,)) or not (values >= 0).all():
@@ -348,14 +374,14 @@ def _measured_margin(margin: ArrayLike, num_wires: int) -> np.ndarray:
 
 
 def check_positive(name: str, value: Any, unit: str) -> None:
-    """Raises PlanningError unless a value is a positive, finite number."""
+    """Raise PlanningError unless a value is a positive, finite number."""
     number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     if not (number and np.isfinite(value) and value > 0):
         raise PlanningError(f"{name} is {value!r} {unit}; it must be a positive number.")
 
 
-def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_knots: int) -> int:
-    """Number of knots that a plan starts with.
+def initial_num_knots(reference: trajectories.Trajectory, knot_rate: float, max_knots: int) -> int:
+    """Return the number of knots that a plan starts with.
 
     Args:
         reference, knot_rate, max_knots: as in `plan`.
@@ -371,6 +397,7 @@ def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_kn
             f"The reference lasts from {reference.start_time():g} s to {duration:g} s; "
             "it must start at 0 s and end later."
         )
+    # Count the knots.
     num_intervals = round(min(duration * knot_rate, 1e18))
     if num_intervals < 1:
         raise PlanningError(
@@ -388,17 +415,21 @@ def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_kn
 
 
 def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarray:
+    """Return φ_ref (F, K), rad, at times (K,), s."""
     if reference.cols() != 1 or reference.rows() != layout.num_bends:
         of_each = "an angle each" if layout.is_planar else f"{layout.num_bends} bend angles in all"
-        segments, angles = len(layout.bends_of), reference.rows() * reference.cols()
-        raise PlanningError(
+        segments = len(layout.bends_of)
+        angles = reference.rows() * reference.cols()
+        sentence = (
             f"The reference has {angles} angle{'s' * (angles != 1)} at each time; "
             f"this limb has {segments} segment{'s' * (segments > 1)}, with {of_each}."
-            + f" {references.IN_SPACE}"
-            * (layout.is_planar and angles == 2 * segments)
         )
+        if layout.is_planar and angles == 2 * segments:
+            sentence += f" {references.IN_SPACE}"
+        raise PlanningError(sentence)
+    # Refuse angles beyond a half turn.
     angles = reference.vector_values(times)
-    bad = ~(np.abs(angles) <= np.pi + ROUNDING_OF_ANGLES).all(axis=0)  # also true for NaN
+    bad = ~(np.abs(angles) <= np.pi + ANGLE_ROUNDING).all(axis=0)  # also true for NaN
     if bad.any():
         index = int(np.argmax(bad))
         worst = angles[np.argmax(np.abs(angles[:, index])), index]  # NaN if there is one
@@ -409,8 +440,9 @@ def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarra
     return angles
 
 
-def _initial_state(held: HeldAngles, initial_state) -> np.ndarray:
-    rest = held.resting_state(held.wires.cold_states[: held.wires.num_wires])
+def _initial_state(statics: StaticEquilibria, initial_state) -> np.ndarray:
+    wires = statics.wires
+    rest = statics.resting_state(wires.cold_states[: wires.num_wires])
     if initial_state is None:
         return rest
     state = np.asarray(initial_state, float)
@@ -421,16 +453,21 @@ def _initial_state(held: HeldAngles, initial_state) -> np.ndarray:
     return state
 
 
-def _refined(
-    times: np.ndarray, offsets: np.ndarray, differences: np.ndarray, tolerance: float
+def _refine_knots(
+    times: np.ndarray, sample_times: np.ndarray, differences: np.ndarray, tolerance: float
 ) -> np.ndarray:
-    """Knots with a new one in the middle of each interval that caused a difference.
+    """Return the knots with a new knot in the middle of each interval that caused a difference.
 
-    An interval may cause a difference within it and, because the limb rings,
-    shortly after it.
+    An interval may cause a difference within it and, because the limb rings, shortly after it.
+
+    Args:
+        times: times of the knots (N,), s.
+        sample_times, differences: from `Planner.plan_unchecked`, (M,).
+        tolerance: rad.
     """
-    starts, ends = times[:-1], times[1:]
-    bad = offsets[differences > tolerance / 2]
-    blamed = np.searchsorted(bad, ends + RINGING, side="right") > np.searchsorted(bad, starts)
+    starts = times[:-1]
+    ends = times[1:]
+    bad = sample_times[differences > tolerance / 2]
+    blamed = np.searchsorted(bad, ends + RINGING_TIME, side="right") > np.searchsorted(bad, starts)
     middles = 0.5 * (starts + ends)[blamed]
     return np.sort(np.concatenate([times, middles]))

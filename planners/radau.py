@@ -1,4 +1,4 @@
-"""Simulates a planned duty by Radau IIA of the limb's own equations, all steps at once.
+"""The simulation of a planned duty by Radau IIA of the limb's own equations, all steps at once.
 
 A step of length h from (q, v) has three stages, at shares c of it, whose accelerations a are the
 unknowns:
@@ -7,7 +7,7 @@ unknowns:
 
 The last stage is where the next step starts. Newton's method starts from the plan, which is near:
 it solves the stages of all steps for the states at which they start, and then follows these states
-from step to step. The method has order 5 and damps what is stiff.
+from step to step. The method has order 5 and damps stiff modes.
 """
 
 import dataclasses
@@ -20,42 +20,44 @@ from limb_systems.smooth_function import SmoothFunction
 from limb_systems.wires import Wires
 from planners.transcription.collocation import ANGLE_SCALE
 
-LONGEST_STEP = 0.1  # s
-CONVERGED = 1e-7  # of the scales of the states
-NEAR = 1e-2  # of the scales; from there on, slopes are nearly the same
-MOST_ITERATIONS = 20
-TOLERANCE = 6e-6  # rad, of what a step adds to q; a longer step is cut in pieces
-MOST_REFINEMENTS = 6
+MAX_STEP = 0.1  # s
+CONVERGENCE_TOLERANCE = 1e-7  # of the scales of the states
+SLOPE_TOLERANCE = 1e-2  # of the scales; from there on, slopes are nearly the same
+MAX_ITERATIONS = 20
+STEP_TOLERANCE = 6e-6  # rad, of what a step adds to q; a longer step is cut in pieces
+MAX_REFINEMENTS = 6
 # The error that a step adds to q, by h² times the jump of its acceleration between two steps, and
 # by h times the fourth difference of a plan's rates.
-ERROR_OF_JUMP, ERROR_OF_BEND = 1 / 60, 3e-3
+JUMP_ERROR_FACTOR = 1 / 60
+BEND_ERROR_FACTOR = 3e-3
 
 NODES = np.array([(4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0])
 _POWERS = np.arange(3)
 _TO_POWERS = np.linalg.inv(NODES[:, None] ** _POWERS)  # of the quadratic through three stages
-_AT_START = _TO_POWERS[0]  # weights of the stages in their quadratic at the start of the step
+_START_WEIGHTS = _TO_POWERS[0]  # weights of the stages in their quadratic at the start of the step
 
 
-def _once(shares: np.ndarray) -> np.ndarray:
-    """Weights (..., 3) of the stages in their quadratic's integral over shares (...) of a step."""
+def _integral_weights(shares: np.ndarray) -> np.ndarray:
+    """Return weights (..., 3) of the stages in their quadratic's integral over shares (...)."""
     return shares[..., None] ** (_POWERS + 1) / (_POWERS + 1) @ _TO_POWERS
 
 
-def _twice(shares: np.ndarray) -> np.ndarray:
-    """Weights (..., 3) of the stages in their quadratic's double integral, as `_once`."""
+def _integral_weights_twice(shares: np.ndarray) -> np.ndarray:
+    """Return weights (..., 3) of the stages in the double integral of their quadratic."""
     powers = shares[..., None] ** (_POWERS + 2)
     return powers / ((_POWERS + 1) * (_POWERS + 2)) @ _TO_POWERS
 
 
-A, A_SQUARED = _once(NODES), _twice(NODES)
+A = _integral_weights(NODES)
+A_SQUARED = _integral_weights_twice(NODES)
 
 
 @dataclasses.dataclass
-class Steps:
+class MotionSteps:
     """A motion q (n,) in K steps.
 
-    - ``times``: where the steps begin and end (K + 1,), s.
-    - ``start``: [q, v] where each begins (K, 2n).
+    - ``times``: times between the steps (K + 1,), s.
+    - ``start``: [q, v] at the beginning of each step (K, 2n).
     - ``accelerations``: q̈ at the stages (K, 3, n).
     """
 
@@ -65,64 +67,65 @@ class Steps:
 
     @property
     def stage_times(self) -> np.ndarray:
-        """Times of the stages (K, 3), s."""
+        """The times of the stages (K, 3), s."""
         return self.times[:-1, None] + np.diff(self.times)[:, None] * NODES
 
     def stages(self) -> tuple[np.ndarray, np.ndarray]:
-        """q and v at the stages (K, 3, n)."""
+        """Return q and v at the stages (K, 3, n)."""
         h = np.diff(self.times)[:, None, None]
         q, v = np.split(self.start[:, None], 2, axis=-1)
         moved = h * NODES[:, None] * v + h**2 * (A_SQUARED @ self.accelerations)
         return q + moved, v + h * (A @ self.accelerations)
 
     def at(self, times: np.ndarray) -> np.ndarray:
-        """q (M, n) at times (M,)."""
+        """Return q (M, n) at times (M,)."""
         last = len(self.start) - 1
         step = np.searchsorted(self.times, times, side="right").clip(1, last + 1) - 1
         h = np.diff(self.times)[step, None]
         share = (times - self.times[step]) / h[:, 0]
         q, v = np.split(self.start[step], 2, axis=-1)
-        bent = (_twice(share)[:, None] @ self.accelerations[step])[:, 0]
+        bent = (_integral_weights_twice(share)[:, None] @ self.accelerations[step])[:, 0]
         return q + share[:, None] * h * v + h**2 * bent
 
     def errors(self) -> np.ndarray:
-        """About the largest error of q that each step adds (K,), from jumps of accelerations."""
+        """Estimate the largest error of q that each step adds (K,), by jumps of accelerations."""
         jumps = np.zeros(len(self.start))
-        begins = np.einsum("j,kjn->kn", _AT_START, self.accelerations[1:])
+        begins = np.einsum("j,kjn->kn", _START_WEIGHTS, self.accelerations[1:])
         jumps[1:] = np.abs(begins - self.accelerations[:-1, 2]).max(axis=-1)
         jumps[:-1] = np.maximum(jumps[:-1], jumps[1:])
-        return ERROR_OF_JUMP * np.diff(self.times) ** 2 * jumps
+        return JUMP_ERROR_FACTOR * np.diff(self.times) ** 2 * jumps
 
 
 def solve_steps(
-    residual: SmoothFunction, guess: Steps, parameters: np.ndarray, scales: np.ndarray
-) -> Steps:
+    residual: SmoothFunction, guess: MotionSteps, parameters: np.ndarray, scales: np.ndarray
+) -> MotionSteps:
     """Return the solution of r(q, v, a) = 0 at all stages, from the first state of a guess.
 
     Args:
         residual: r (n,) of [q, v, a] and parameters.
         guess: a motion that is near the solution.
-        parameters: what else the residual depends on at the stages (K, 3, size).
+        parameters: further arguments of the residual at the stages (K, 3, size).
         scales: typical changes of [q, v] (2n,).
 
     Raises:
         LimbError: if Newton's method finds no solution.
     """
-    steps = Steps(guess.times, guess.start.copy(), guess.accelerations.copy())
+    steps = MotionSteps(guess.times, guess.start.copy(), guess.accelerations.copy())
     h = np.diff(steps.times)[:, None, None]
-    (K, _, n), change = steps.accelerations.shape, np.inf
-    for _ in range(MOST_ITERATIONS):
+    (K, _, n) = steps.accelerations.shape
+    change = np.inf
+    for _ in range(MAX_ITERATIONS):
         q, v = steps.stages()
         points = np.concatenate([q, v, steps.accelerations], axis=-1)
-        if change > NEAR:
+        if change > SLOPE_TOLERANCE:
             values, slopes = residual.first(points, parameters)
-            inverse, by_start, to_end = _linearized(slopes, h)
+            inverse, by_start, to_end = _linearize_stages(slopes, h)
         else:
             values = residual.values(points, parameters)
         # The stages of each step, as if its start were right.
         correction = -(inverse @ values.reshape(K, 3 * n, 1)).reshape(K, 3, n, 1)
         ends = np.concatenate([q[:, 2], v[:, 2]], axis=-1)
-        ends += _at_end(correction, h)[..., 0]
+        ends += _change_over_step(correction, h)[..., 0]
         # The starts, one after the other.
         moved = np.zeros_like(steps.start)
         gaps = ends[:-1] - steps.start[1:]
@@ -131,15 +134,17 @@ def solve_steps(
         steps.start += moved
         steps.accelerations += (correction + by_start @ moved[:, None, :, None])[..., 0]
         change = np.abs(moved / scales).max()
-        if change < CONVERGED:
+        if change < CONVERGENCE_TOLERANCE:
             return steps
         if not np.isfinite(change):
             break
     raise LimbError("Newton's method does not find the motion of the limb.")
 
 
-def _linearized(slopes: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return how the stages of steps of length h (K, 1, 1) answer the residual and the start.
+def _linearize_stages(
+    slopes: np.ndarray, h: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the derivatives of the stages of steps of length h (K, 1, 1).
 
     Args:
         slopes: of the residual by [q, v, a] (K, 3, n, 3n).
@@ -158,13 +163,13 @@ def _linearized(slopes: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarr
     by_rate = by_v + h[..., None] * NODES[:, None, None] * by_q
     start = np.concatenate([by_q, by_rate], axis=-1).reshape(K, 3 * n, 2 * n)
     by_start = -(inverse @ start).reshape(K, 3, n, 2 * n)
-    to_end = _at_end(by_start, h) + np.eye(2 * n)
+    to_end = _change_over_step(by_start, h) + np.eye(2 * n)
     to_end[:, :n, n:] += h * np.eye(n)
     return inverse, by_start, to_end
 
 
-def _at_end(accelerations: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """[q, v] (K, 2n, m) that accelerations (K, 3, n, m) make in a step of length h (K, 1, 1)."""
+def _change_over_step(accelerations: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Return the change of [q, v] (K, 2n, m) by accelerations (K, 3, n, m) over steps h."""
     q, v = (np.einsum("s,ksnm->knm", weights, accelerations) for weights in (A_SQUARED[2], A[2]))
     return np.concatenate([h**2 * q, h * v], axis=1)
 
@@ -183,56 +188,60 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
     knots = trajectory.time
     model = trajectory.model
     wires = model.wires
-    heating = model.once("heating", lambda: _heating(wires))
-    motion = model.dynamics.by_motion
+    heating = model.once("heating", lambda: _heating_residual(wires))
     angles, rates, states, _ = split_state(model, trajectory.state)
     heat_scales = np.append(np.full(len(states), np.inf), wires.heat_scales[: len(states)])
     motion_scales = np.repeat([ANGLE_SCALE, 1.0], len(angles))
 
-    # Steps from knot to knot, shorter ones where the plan's accelerations are bent.
+    # Begin with steps from knot to knot, shorter ones where the plan's accelerations are bent.
     bends = np.zeros(len(knots))
     if len(knots) > 4:
         bends = np.pad(np.abs(np.diff(rates, 4)).max(axis=0), 2, mode="edge")
-    errors = ERROR_OF_BEND * np.diff(knots) * np.maximum(bends[:-1], bends[1:])
-    pieces = np.maximum(np.diff(knots) / LONGEST_STEP, _pieces(errors))
-    ends = _cut(knots, pieces)
-    for _ in range(MOST_REFINEMENTS):
-        heat = _guess(trajectory, ends, np.zeros_like(states), states)
-        duty = [np.interp(heat.stage_times, knots, row) for row in trajectory.duty]
-        heat = solve_steps(heating, heat, np.stack(duty, axis=-1), heat_scales)
-        guess = _guess(trajectory, ends, angles, rates)
-        steps = solve_steps(motion, guess, heat.stages()[1], motion_scales)
+    errors = BEND_ERROR_FACTOR * np.diff(knots) * np.maximum(bends[:-1], bends[1:])
+    pieces = np.maximum(np.diff(knots) / MAX_STEP, _num_pieces(errors))
+    ends = _subdivide(knots, pieces)
+    for _ in range(MAX_REFINEMENTS):
+        # Integrate the heat, and the motion under it.
+        guess = _initial_steps(trajectory, ends, np.zeros_like(states), states)
+        duty = [np.interp(guess.stage_times, knots, row) for row in trajectory.duty]
+        heat = solve_steps(heating, guess, np.stack(duty, axis=-1), heat_scales)
+        guess = _initial_steps(trajectory, ends, angles, rates)
+        steps = solve_steps(model.dynamics.by_motion, guess, heat.stages()[1], motion_scales)
+        # Cut the steps with large errors.
         errors = steps.errors()
-        if (errors <= TOLERANCE).all():
+        if (errors <= STEP_TOLERANCE).all():
             break
-        ends = _cut(ends, _pieces(errors))
+        ends = _subdivide(ends, _num_pieces(errors))
     return steps.at(times).T
 
 
-def _guess(trajectory: Trajectory, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Steps:
-    """Steps that end at some times, of q and v (n, K) at the knots of a plan."""
+def _initial_steps(
+    trajectory: Trajectory, times: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> MotionSteps:
+    """Return steps that end at some times, of q and v (n, K) at the knots of a plan."""
     motion = np.array([np.interp(times, trajectory.time, row) for row in (*q, *v)])
     slopes = np.diff(motion[len(q) :]) / np.diff(times)
-    return Steps(times, motion[:, :-1].T, np.repeat(slopes.T[:, None], 3, axis=1))
+    return MotionSteps(times, motion[:, :-1].T, np.repeat(slopes.T[:, None], 3, axis=1))
 
 
-def _pieces(errors: np.ndarray) -> np.ndarray:
-    """How many pieces make steps (K,) whose errors, rad, are half the tolerance."""
-    return (2 * errors / TOLERANCE) ** (1 / 4)
+def _num_pieces(errors: np.ndarray) -> np.ndarray:
+    """Return the numbers of pieces (K,) of steps for which errors, rad, are half the tolerance."""
+    return (2 * errors / STEP_TOLERANCE) ** (1 / 4)
 
 
-def _cut(times: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-    """Times of steps (K + 1,) with each step cut into at least so many equal pieces (K,)."""
+def _subdivide(times: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    """Return times of steps (K + 1,) with each step cut into at least so many pieces (K,)."""
     counts = np.ceil(pieces - 1e-9).clip(1).astype(int)
     starts = np.repeat(np.arange(len(counts)), counts)
     within = np.concatenate([np.arange(count) / count for count in counts])
     return np.append(times[starts] + within * np.diff(times)[starts], times[-1])
 
 
-def _heating(wires: Wires) -> SmoothFunction:
-    """ẋ less its value by (6), of [∫x, x, ẋ] and the duty."""
+def _heating_residual(wires: Wires) -> SmoothFunction:
+    """Return ẋ less its value by (6), as a function of [∫x, x, ẋ] and the duty."""
     names = ("integral", "x", "rates")
     integral, x, rates = (ca.SX.sym(name, wires.num_states) for name in names)
-    duty, readings = ca.SX.sym("D", wires.num_wires), ca.SX(wires.num_wires, 1)
+    duty = ca.SX.sym("D", wires.num_wires)
+    readings = ca.SX(wires.num_wires, 1)
     residual = rates - wires.symbolic_heat(x, readings, duty)[: wires.num_states]
     return SmoothFunction(residual, ca.vertcat(integral, x, rates), duty)

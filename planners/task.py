@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from limb_systems import LimbError, LimbParameters
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.input import read_text
 from limb_systems.files.schema import load_typed
-from limb_systems.plan_band import LARGEST_MARGIN, temperature_margin
+from limb_systems.plan_band import MAX_MARGIN, temperature_margin
 
 
 class TaskError(LimbError):
@@ -20,7 +20,7 @@ class TaskError(LimbError):
 
 @dataclasses.dataclass(frozen=True)
 class Phase:
-    """Other weights from a time on, until the next phase.
+    """Weights from a time on, until the next phase.
 
     - ``start``: s.
     - ``angle_weight``, ``duty_weight``: as in `Task`.
@@ -38,11 +38,10 @@ class Phase:
 class Task:
     """Weights and limits of a plan.
 
-    The defaults are the weights of the paper's (15), except at the end of the plan. In
-    (15), duty at the last knot has no weight and the last angle has 1000 times
-    the weight of the others, so that duty chatters and jumps in the last second.
-    Here duty is constant in the last second, and the last angle has less weight.
-    `Task.paper` is (15) as printed.
+    The defaults are the weights of the paper's (15), except at the end of the plan. In (15), duty
+    at the last knot has no weight and the last angle has 1000 times the weight of the others, so
+    that duty chatters and jumps in the last second. Here duty is constant in the last second, and
+    the last angle has less weight. `Task.paper` is (15) as printed.
 
     Cost:
 
@@ -62,25 +61,21 @@ class Task:
     - ``max_temperature_rate``: largest temperature rate of each wire, °C/s.
     - ``reach``: whether each segment must end within 0.1° of the reference's
       last angle, with a bend rate of at most 0.5°/s.
-    - ``final_hold``: time before the end in which the bend rate is at most
-      0.5°/s, s.
+    - ``final_hold``: time before the end in which the bend rate is at most 0.5°/s, s.
     - ``duty_hold``: time before the end in which duty is constant, s; at least
       the last interval, unless it is zero.
-    - ``temperature_margin``: distance of the wires from T_max, °C, where feedback
-      may heat them.
+    - ``temperature_margin``: distance of the wires from T_max, °C, where feedback may heat them.
     - ``duty_margin``: distance of duty from 1. It may be 0 all the same: then
       feedback heats the other wire.
-    - ``stretch``: shortest and longest duration of the plan, as factors of the
-      reference's duration; None if both are 1. Reference and warm-up (20) are
-      stretched alike.
+    - ``stretch``: shortest and longest duration of the plan, as factors of the reference's
+      duration; None if both are 1. Reference and warm-up (20) are stretched alike.
 
-    - ``customize``: function that is called with the program before it is solved, to add
-      your own costs and constraints to its ``prog``. A planar limb has a `TrajectoryProgram`.
-      Its ``states`` are the indices of θ (n), rad; θ̇ (n), rad/s; the wires' states (N),
-      which begin with T (W), °C; and V (W), °C, at each knot. A limb in space has a
-      `QuasiStaticProgram`, with ``bends`` in place of ``states``. Both have ``heat``, the
-      wires' states and V, and ``duty``. The plan's check has what was added, by the
-      descriptions of its evaluators.
+    - ``customize``: function that is called with the program before it is solved, to add your own
+      costs and constraints to its ``prog``. A planar limb has a `TrajectoryProgram`. Its ``states``
+      are the indices of θ (n), rad; θ̇ (n), rad/s; the wires' states (N), which begin with T (W),
+      °C; and V (W), °C, at each knot. A limb in space has a `QuasiStaticProgram`, with ``bends`` in
+      place of ``states``. Both have ``heat``, the wires' states and V, and ``duty``. The plan's
+      check lists the added terms, by the descriptions of their evaluators.
     """
 
     angle_weight: float = 100.0
@@ -101,6 +96,7 @@ class Task:
     customize: Callable | None = dataclasses.field(default=None, metadata={"in_files": False})
 
     def __post_init__(self):
+        # Check the numbers.
         _check_weights(self, "")
         if not self.duty_margin < 1:
             raise TaskError(f"duty_margin is {self.duty_margin!r}; it must be less than 1.")
@@ -117,6 +113,7 @@ class Task:
             )
         if self.time_weight and self.stretch is None:
             raise TaskError("time_weight needs a stretch, the factors that the time may take.")
+        # Check the phases and the function.
         if not all(isinstance(phase, Phase) for phase in self.phases):
             raise TaskError(f"phases is {self.phases!r}; it must be a sequence of Phase.")
         if not (self.customize is None or callable(self.customize)):
@@ -127,49 +124,48 @@ class Task:
 
     @classmethod
     def paper(cls) -> "Task":
-        """The paper's (15): Q_N = 1000 Q, and duty is free to the last knot."""
+        """Return the paper's (15): Q_N = 1000 Q, and duty is free to the last knot."""
         return cls(terminal_factor=1000.0, duty_hold=0.0)
 
     @classmethod
     def closed_loop(cls, parameters: LimbParameters | None = None) -> "Task":
-        """Weights and margins of plans that feedback follows.
+        """Return weights and margins of plans for feedback.
 
         The plan of a calibrated limb goes to the reference: its duty has little weight, and its
         wires may be as hot as `TemperatureLimiter` lets feedback heat them. The plan of another
-        limb leaves feedback heat and duty for errors that nobody knows.
+        limb leaves heat and duty to the feedback, for unknown errors.
 
         Args:
             parameters: description of the limb; one that is not calibrated if None.
         """
         record = parameters and parameters.calibration
         if not (parameters and record and record.bend_error > 0):
-            return cls(duty_weight=10.0, temperature_margin=LARGEST_MARGIN, duty_margin=0.4)
+            return cls(duty_weight=10.0, temperature_margin=MAX_MARGIN, duty_margin=0.4)
         return cls(duty_weight=0.5, temperature_margin=temperature_margin(parameters))
 
     @classmethod
     def load(cls, path: str | Path) -> "Task":
-        """Reads a YAML file of fields; those that are left out have their defaults.
+        """Read a YAML file of fields; fields that are left out have their defaults.
 
         Raises:
             TaskError: with one sentence naming the file and the field.
         """
         text = read_text(path, "task", TaskError)
-        with raised_as(TaskError, f"{path}: "):
+        with reraise_as(TaskError, f"{path}: "):
             return load_typed(cls, text)
 
     @property
     def named_limits(self) -> str:
-        """The task's own limits in words, for sentences."""
+        """The task's limits in words, for sentences."""
         names = ["max_bend_rate", "max_temperature_rate", "reach", "final_hold", "customize"]
         given = [name for name in names if getattr(self, name)]
         return f" and the task's {', '.join(given)}" if given else ""
 
     def weights(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Q and R at the knots, each (N,); the last Q is Q_N, and the last R has no effect.
+        """Return Q and R at the knots, each (N,); the last Q is Q_N, the last R has no effect.
 
-        (15) is a sum over knots. Knots that are closer than the widest spacing
-        have proportionally less weight, so that adding knots does not change
-        the sum.
+        (15) is a sum over knots. Knots that are closer than the widest spacing have proportionally
+        less weight, so that adding knots does not change the sum.
         """
         angle = np.full(len(times), self.angle_weight)
         duty = np.full(len(times), self.duty_weight)
@@ -182,7 +178,7 @@ class Task:
 
     @staticmethod
     def shares(times: np.ndarray) -> np.ndarray:
-        """The weight of each knot (N,): 1 where knots are evenly spaced."""
+        """Return the weight of each knot (N,): 1 where knots are evenly spaced."""
         steps = np.diff(times)
         widest = steps.max()
         # Spacings that are equal except for rounding get exactly the weight one.
@@ -190,7 +186,7 @@ class Task:
 
 
 def _check_weights(task: Task | Phase, whose: str) -> None:
-    """Raises TaskError unless all fields that are always numbers are zero or more."""
+    """Raise TaskError unless all fields that are always numbers are zero or more."""
     for field in dataclasses.fields(task):
         value = getattr(task, field.name)
         if field.type is float and not (_is_number(value) and value >= 0):

@@ -172,10 +172,10 @@ def _command_name(name: str) -> str:
     """Return the name of a command, or raise ArgumentTypeError with the nearest name."""
     if name in all_commands():
         return name
-    from limb_systems.files.schema import nearest  # takes long to import
+    from limb_systems.files.schema import did_you_mean  # takes long to import
 
     raise argparse.ArgumentTypeError(
-        f"there is no command {name!r}{nearest(name, list(all_commands()))}; --help lists all."
+        f"there is no command {name!r}{did_you_mean(name, list(all_commands()))}; --help lists all."
     )
 
 

@@ -1,4 +1,4 @@
-"""Writes the MJCF of a limb or a robot, with springs, heat and wires; ``limb_5.xml`` is nominal."""
+"""MJCF of a limb or a robot, with springs, heat and wires; ``limb_5.xml`` is the nominal limb."""
 
 import dataclasses
 import math
@@ -32,7 +32,7 @@ def limb_mjcf(
 ) -> str:
     """Return MJCF text of a limb that bends by the heat of its wires, clamped at its base.
 
-    Bodies, joints and shapes are those of `urdf.limb_urdf`. Each wire is a tendon ``wire_left``
+    It has the bodies, joints and shapes of `urdf.limb_urdf`. Each wire is a tendon ``wire_left``
     and so on with an actuator of the same name, whose control is the duty in [0, 1] and whose
     activation, times -a2 / a1, is T - T0. A law of two masses has a second actuator,
     ``wire_left_2``, which gets the same control. The position of the joint
@@ -44,11 +44,12 @@ def limb_mjcf(
         timestep: s; the bend is right to 0.001° at 1 ms, and to 0.01° at 10 ms.
         integrator: MuJoCo's name of its integrator; with "RK4" the stiff links blow up.
         callback: whether wires of laws that MJCF cannot express are written for the C code of
-            `limb_systems.wire_callback`. Their activations are [x, V], less their cold values.
+            `limb_systems.wire_callback`. Their activations are [x, V], minus their cold values.
 
     Raises:
         ValueError: if MJCF cannot express the law of a wire, or the rubber's memory.
     """
+    # Add the bodies of the URDF to a model, with springs in the joints.
     element = limb_element(parameters.segments, "limb", parameters.payload, 0.0)
     options = {"timestep": timestep, "integrator": integrator, "gravity": parameters.gravity}
     root, world = _root("limb", options)
@@ -60,9 +61,9 @@ def limb_mjcf(
 
 
 def robot_mjcf(robot: Any, *, wires: bool = True, timestep: float = 0.002) -> str:
-    """Return MJCF text of a robot, on its ground if it has one, with limbs as of `limb_mjcf`.
+    """Return MJCF text of a robot, on its ground if it has one, with limbs as in `limb_mjcf`.
 
-    Names begin with those of the limbs, as in ``wire_rear_left``. Feet stick, slide and creep as
+    Names begin with the limb's name, as in ``wire_rear_left``. Feet stick, slide and creep as
     in Drake's SAP contact with steps of 1 ms, and the sensor ``rear_foot`` is the force on a foot
     along the world's axes. The position of a body in a plane is x, z and θ, as in Drake.
 
@@ -73,29 +74,31 @@ def robot_mjcf(robot: Any, *, wires: bool = True, timestep: float = 0.002) -> st
 
     Raises:
         ValueError: if MJCF cannot express the law of a wire, or the rubber's memory.
-        ImportError: without MuJoCo, if there is a ground, for whose contact it is asked.
+        ImportError: without MuJoCo, if there is a ground: MuJoCo calculates the feet's inertia.
     """
     options = {"timestep": timestep, "integrator": "discrete", "gravity": robot.world_gravity}
     damping = DAMPING_SHARE * robot.contact_damping
     contact = {"cone": "elliptic", "impratio": STICKING_DAMPING / damping}
     root, world = _root("robot", options | contact)
-    together = robot.together
-    names = [
-        f"{limb.name}_joint_{number}"
-        for limb in robot.limbs
-        for number in range(1, limb.parameters.num_joints + 1)
-    ]
-    body = _add_bodies(world, robot_element(robot), "body", _springs(together, names))
+    # Add the bodies of the URDF, with springs in the joints.
+    limb_of_all = robot.as_single_limb
+    names = []
+    for limb in robot.limbs:
+        for number in range(1, limb.parameters.num_joints + 1):
+            names.append(f"{limb.name}_joint_{number}")
+    body = _add_bodies(world, robot_element(robot), "body", _springs(limb_of_all, names))
     height = robot.standing_height if robot.ground else 0.0
     body.set("pos", _text(0.0, 0.0, height))
     _add_mount(body, robot.body.mount, height)
+    # Add the ground.
     if robot.ground:
         friction = _text(robot.ground.friction)
         _add(world, "geom", name="ground", type="plane", size=(0, 0, 1), friction=friction)
         _add_feet(root, world, robot)
-    _add_stiffening(root, together, names)
+    # Add nonlinear rubber and wires.
+    _add_stiffening(root, limb_of_all, names)
     if wires:
-        _add_wires(root, world, together, names, thermocouples=True, callback=False)
+        _add_wires(root, world, limb_of_all, names, thermocouples=True, callback=False)
     return document(root)
 
 
@@ -117,32 +120,35 @@ def _add(parent: Element, tag: str, **attributes: Any) -> Element:
 
 
 def _text(*numbers: float) -> str:
+    """Return numbers as text, whole numbers without a decimal point."""
     return " ".join(f"{float(number)!r}".removesuffix(".0") for number in numbers)
 
 
-def _of_joints(parameters: Any, names: Sequence[str]) -> list[tuple[Any, int, list[tuple]]]:
+def _joints_of_links(parameters: Any, names: Sequence[str]) -> list[tuple[Any, int, list[tuple]]]:
     """Return each link's segment, its segment's number, and the kinds and names of its joints."""
     links = []
-    remaining = iter(names)
+    remaining_names = iter(names)
     for number, segment in enumerate(parameters.segments):
         for kinds in segment.joints:
-            links.append((segment, number, [(kind, next(remaining)) for kind in kinds]))
+            joints = [(kind, next(remaining_names)) for kind in kinds]
+            links.append((segment, number, joints))
     return links
 
 
 def _cubic(segment: Any) -> float:
     """Return the coefficient of θ³ in the torque of a joint that bends, N·m/rad³."""
-    return segment.stiffness * segment.stiffening / (segment.chain.equal_angle * math.pi / 4) ** 2
+    angle_at_45_deg = segment.chain.equal_angle * math.pi / 4
+    return segment.stiffness * segment.stiffening / angle_at_45_deg**2
 
 
 def _springs(parameters: Any, names: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return the attributes of each joint's spring and damper."""
     springs = {}
-    for segment, _, joints in _of_joints(parameters, names):
+    for segment, _, joints in _joints_of_links(parameters, names):
         for kind, name in joints:
             stiffness = [segment.joint_ratios[kind] * segment.stiffness]
             if segment.stiffening and kind != "twist":
-                # Of two axes the rest of it is in the tendons of `_add_stiffening`.
+                # With two axes the rest of the cubic term is in the tendons of `_add_stiffening`.
                 share = 1.0 if segment.axes == 1 else 2 / 3
                 stiffness += [0.0, share * _cubic(segment)]
             springs[name] = {
@@ -156,58 +162,70 @@ def _springs(parameters: Any, names: Sequence[str]) -> dict[str, dict[str, Any]]
 def _add_stiffening(root: Element, parameters: Any, names: Sequence[str]) -> None:
     """Add, to each link that bends about two axes, cubic springs of the sum and the difference.
 
-    The torque c (x² + y²) x is that of a spring 2 c / 3 of x, and of c / 6 of x + y and of x - y.
+    The torque c (x² + y²) x is the sum of a spring 2 c / 3 of x, and of c / 6 of x + y and x - y.
     """
-    for segment, _, joints in _of_joints(parameters, names):
+    for segment, _, joints in _joints_of_links(parameters, names):
         if not segment.stiffening or segment.axes == 1:
             continue
-        (x, one), (y, other) = [joint for joint in joints if joint[0] != "twist"]
+        bending_joints = [joint for joint in joints if joint[0] != "twist"]
+        (x_kind, x_name), (y_kind, y_name) = bending_joints
+        rest_angles = segment.joint_rest_angles
         for name, sign in (("sum", 1.0), ("difference", -1.0)):
-            rest = segment.joint_rest_angles[x] + sign * segment.joint_rest_angles[y]
+            rest = rest_angles[x_kind] + sign * rest_angles[y_kind]
             direction = -1.0 if rest < 0 else 1.0  # MuJoCo takes no negative lengths
             spring = {"springlength": abs(rest), "stiffness": [0.0, 0.0, _cubic(segment) / 6]}
             tendons = _section(root, "tendon")
-            tendon = _add(tendons, "fixed", name=f"{name}_{one}", **spring)
-            _add(tendon, "joint", joint=one, coef=direction)
-            _add(tendon, "joint", joint=other, coef=direction * sign)
+            tendon = _add(tendons, "fixed", name=f"{name}_{x_name}", **spring)
+            _add(tendon, "joint", joint=x_name, coef=direction)
+            _add(tendon, "joint", joint=y_name, coef=direction * sign)
 
 
 def _section(root: Element, name: str) -> Element:
-    found = root.find(name)
-    return SubElement(root, name) if found is None else found
+    """Return a section of a model, which is added if it is missing."""
+    section = root.find(name)
+    return SubElement(root, name) if section is None else section
 
 
 def _add_bodies(parent: Element, robot, first: str, springs: dict) -> Element:
-    """Add a link of a URDF and all that hangs on it, and return its body."""
+    """Add a link of a URDF and all links that hang on it, and return its body."""
     links = {link.get("name"): link for link in robot.findall("link")}
     joints = robot.findall("joint")
 
-    def add(parent: Element, name: str, place: dict, turns: list) -> Element:
-        hanging = [joint for joint in joints if joint.find("parent").get("link") == name]
+    def add(parent: Element, name: str, place: dict, turning_joints: list) -> Element:
+        """Add the body of a link that turns about joints at its origin, and its children."""
+        child_joints = [joint for joint in joints if joint.find("parent").get("link") == name]
         link = links[name]
-        if not len(link):  # between joints of one link, which are all in its body
-            (joint,) = hanging
-            return add(parent, joint.find("child").get("link"), place, [*turns, joint])
+        # A link without elements is between joints of one body, which get all of these joints.
+        if not len(link):
+            (joint,) = child_joints
+            child = joint.find("child").get("link")
+            return add(parent, child, place, [*turning_joints, joint])
+        # Add the body with its joints, inertia and shapes.
         body = _add(parent, "body", name=name, **place)
-        for joint in turns:
+        for joint in turning_joints:
+            joint_name = joint.get("name")
             axis = joint.find("axis").get("xyz")
-            _add(body, "joint", name=joint.get("name"), axis=axis, **springs[joint.get("name")])
+            _add(body, "joint", name=joint_name, axis=axis, **springs[joint_name])
         _add_inertia(body, link)
         for shape in (*link.findall("visual"), *link.findall("collision")):
             _add_shape(body, shape, name)
-        for joint in hanging:
-            turns = [] if joint.get("type") == "fixed" else [joint]
-            add(body, joint.find("child").get("link"), _place(joint), turns)
+        # Add the children.
+        for joint in child_joints:
+            turning_joints = [] if joint.get("type") == "fixed" else [joint]
+            add(body, joint.find("child").get("link"), _place(joint), turning_joints)
         return body
 
     body = add(parent, first, {}, [])
+    # Add the frames as sites.
     for frame in robot.findall("frame"):
-        (on,) = (each for each in body.iter("body") if each.get("name") == frame.get("link"))
-        _add(on, "site", name=frame.get("name"), pos=frame.get("xyz"), size=1e-3)
+        link_name = frame.get("link")
+        frame_body = next(part for part in body.iter("body") if part.get("name") == link_name)
+        _add(frame_body, "site", name=frame.get("name"), pos=frame.get("xyz"), size=1e-3)
     return body
 
 
 def _place(element) -> dict[str, str]:
+    """Return the position and angles of an element's origin, without zeros."""
     origin = element.find("origin")
     place = {"pos": origin.get("xyz"), "euler": origin.get("rpy", "0")}
     return {name: value for name, value in place.items() if any(map(float, value.split()))}
@@ -216,7 +234,7 @@ def _place(element) -> dict[str, str]:
 def _add_inertia(body: Element, link) -> None:
     """Add the inertia of a link.
 
-    MuJoCo misplaces the frame of a body that says none, and Drake takes no mass of zero.
+    MuJoCo misplaces the frame of a body without inertia, and Drake takes no mass of zero.
     """
     inertial = link.find("inertial")
     if inertial is None or not float(inertial.find("mass").get("value")):
@@ -235,20 +253,21 @@ def _add_inertia(body: Element, link) -> None:
 
 
 def _add_shape(body: Element, shape, link: str) -> None:
-    """Add a visual, or a collision with what is not of the same limb or robot."""
+    """Add a visual, or a shape that collides except with parts of the same limb or robot."""
+    # MuJoCo takes half the lengths of a box and of a cylinder.
     (kind,) = shape.find("geometry")
     numbers = kind.get("size") or " ".join(filter(None, map(kind.get, ("radius", "length"))))
     sizes = [float(number) for number in numbers.split()]
-    halved = slice(None) if kind.tag == "box" else slice(1, None)
-    sizes[halved] = [size / 2 for size in sizes[halved]]
-    given = {"type": kind.tag, "size": sizes, **_place(shape), "mass": 0}
+    lengths = slice(None) if kind.tag == "box" else slice(1, None)
+    sizes[lengths] = [size / 2 for size in sizes[lengths]]
+    geometry = {"type": kind.tag, "size": sizes, **_place(shape), "mass": 0}
     if shape.tag == "visual":
         color = shape.find("material/color").get("rgba")
-        _add(body, "geom", **given, contype="0", conaffinity="0", group="2", rgba=color)
+        _add(body, "geom", **geometry, contype="0", conaffinity="0", group="2", rgba=color)
         return
     properties = shape.find("drake:proximity_properties")
     friction = properties.find("drake:mu_dynamic").get("value")
-    _add(body, "geom", name=link, **given, conaffinity="0", group="3", friction=friction)
+    _add(body, "geom", name=link, **geometry, conaffinity="0", group="3", friction=friction)
 
 
 def _add_mount(body: Element, mount: str, height: float) -> None:
@@ -271,10 +290,10 @@ def _add_mount(body: Element, mount: str, height: float) -> None:
 def _add_feet(root: Element, world: Element, robot: Any) -> None:
     """Give feet the stiffness and the damping of their contact, and sensors of its force.
 
-    MuJoCo has both as multiples of (1 - impedance) / m, with the inertia m that a foot has in the
+    MuJoCo takes both as multiples of (1 - impedance) / m, with the inertia m of a foot in the
     straight robot.
     """
-    import mujoco  # of robots alone
+    import mujoco  # only robots need it
 
     model = mujoco.MjModel.from_xml_string(document(root))
     stiffness, damping = robot.contact_stiffness, DAMPING_SHARE * robot.contact_damping
@@ -298,9 +317,10 @@ def _add_wires(
     callback: bool,
 ) -> None:
     """Add a tendon and actuators for each wire, and the hinge of its thermocouple."""
-    links = _of_joints(parameters, names)
-    wires = [(n, wire) for n, segment in enumerate(parameters.segments) for wire in segment.wires]
+    links = _joints_of_links(parameters, names)
+    wires = []
     for number, segment in enumerate(parameters.segments):
+        wires += [(number, wire) for wire in segment.wires]
         if segment.rest_memory:
             raise ValueError(
                 f"segments[{number}] has rest_memory, which MJCF cannot express; leave it out of a "
@@ -309,42 +329,54 @@ def _add_wires(
     for index, ((segment_number, wire), name) in enumerate(
         zip(wires, parameters.wire_names, strict=True)
     ):
-        heat = _LinearWire.of(wire.law)
-        if heat is None and not callback:
+        linear_wire = _LinearWire.of(wire.law)
+        if linear_wire is None and not callback:
             raise ValueError(
                 f"The wire {name} has the law {type(wire.law).__name__}, which MJCF cannot "
                 "express; write its C code as well (--callback FILE.c), or fit the limb with "
                 "--method paper, whose law MJCF can express."
             )
+        # Add the tendon, whose length is the sum of the joints' angles times the wire's lever.
         tendon = _add(_section(root, "tendon"), "fixed", name=f"wire_{name}")
-        shares = {"e2": wire.e2, "e3": wire.e3, "twist": 0.0}
-        for _, of_segment, joints in links:
-            for kind, joint in joints if of_segment == segment_number else ():
-                if shares[kind]:
-                    lever = shares[kind] / math.hypot(wire.e2, wire.e3)
-                    _add(tendon, "joint", joint=joint, coef=lever)
-        pulls = {"tendon": f"wire_{name}", "ctrlrange": (0, 1)}
+        radius = math.hypot(wire.e2, wire.e3)
+        levers = {"e2": wire.e2 / radius, "e3": wire.e3 / radius, "twist": 0.0}
+        for _, link_segment, joints in links:
+            if link_segment != segment_number:
+                continue
+            for kind, joint in joints:
+                if levers[kind]:
+                    _add(tendon, "joint", joint=joint, coef=levers[kind])
+        # Add the actuators: one for the C code, or a filter for each pole of the heat.
         actuators = _section(root, "actuator")
-        if heat is None:
-            laws = {"dyntype": "user", "dynprm": index, "actdim": str(len(wire.law.states) + 1)}
+        actuator = {"tendon": f"wire_{name}", "ctrlrange": (0, 1)}
+        if linear_wire is None:
+            num_activations = len(wire.law.states) + 1
+            dynamics = {"dyntype": "user", "dynprm": index, "actdim": str(num_activations)}
             force = {"gainprm": 0, "biastype": "user"}
-            _add(actuators, "general", name=f"wire_{name}", **pulls, **laws, **force)
+            _add(actuators, "general", name=f"wire_{name}", **actuator, **dynamics, **force)
             continue
-        for number, (rate, warmth) in enumerate(zip(heat.rates, heat.warmths, strict=True), 1):
+        poles = zip(linear_wire.rates, linear_wire.warmths, strict=True)
+        for number, (rate, warmth) in enumerate(poles, 1):
             suffix = f"_{number}" if number > 1 else ""
-            filtered = {"dyntype": "filterexact", "dynprm": -1 / rate}
-            force = {"gainprm": heat.beta * warmth}
-            _add(actuators, "general", name=f"wire_{name}{suffix}", **pulls, **filtered, **force)
+            dynamics = {"dyntype": "filterexact", "dynprm": -1 / rate}
+            force = {"gainprm": linear_wire.beta * warmth}
+            _add(actuators, "general", name=f"wire_{name}{suffix}", **actuator, **dynamics, **force)
         if thermocouples:
-            joint = f"thermocouple_{name}"
-            body = _add(world, "body", name=joint)
-            ambient = parameters.ambient_temperature
-            lag = {"stiffness": heat.beta, "damping": heat.beta / heat.lag}
-            at = {"axis": (0, 0, 1), "ref": ambient, "springref": ambient}
-            _add(body, "joint", name=joint, **at, **lag)
-            inertia = {"mass": NEGLIGIBLE_INERTIA, "diaginertia": [NEGLIGIBLE_INERTIA] * 3}
-            _add(body, "inertial", pos=(0, 0, 0), **inertia)
-            _add(tendon, "joint", joint=joint, coef=1)
+            _add_thermocouple(world, tendon, name, linear_wire, parameters.ambient_temperature)
+
+
+def _add_thermocouple(
+    world: Element, tendon: Element, name: str, wire: "_LinearWire", ambient: float
+) -> None:
+    """Add the hinge whose position is the reading of a wire's thermocouple, °C."""
+    joint = f"thermocouple_{name}"
+    body = _add(world, "body", name=joint)
+    lag = {"stiffness": wire.beta, "damping": wire.beta / wire.lag}
+    rest = {"axis": (0, 0, 1), "ref": ambient, "springref": ambient}
+    _add(body, "joint", name=joint, **rest, **lag)
+    inertia = {"mass": NEGLIGIBLE_INERTIA, "diaginertia": [NEGLIGIBLE_INERTIA] * 3}
+    _add(body, "inertial", pos=(0, 0, 0), **inertia)
+    _add(tendon, "joint", joint=joint, coef=1)
 
 
 @dataclasses.dataclass
@@ -352,7 +384,7 @@ class _LinearWire:
     """A wire whose warmth, to which its torque is proportional, is a sum of filters of the duty.
 
     - ``rates``: poles of the filters, 1/s, negative.
-    - ``warmths``: T - T0 of each filter at full duty in the end, °C.
+    - ``warmths``: T - T0 of each filter in steady state at full duty, °C.
     - ``beta``: torque per degree, N·m/°C.
     - ``lag``: rate of the reading, 1/s, positive.
     """
@@ -368,17 +400,20 @@ class _LinearWire:
         size = len(law.states)
 
         def evaluate(warmth: np.ndarray, duty: float, reading: float, angle: float) -> np.ndarray:
+            """Return the rates of the states, the torque and the rate of the reading."""
             rates = law.rates(warmth, duty, 0.0)
             torque = law.torque(warmth, 0.0, angle)
             return np.array([*rates, torque, law.reading_rate(reading, warmth)], float)
 
-        # The slopes at cold wires, and what they predict of a warm wire.
+        # Compare a warm wire with the prediction by the slopes at a cold wire.
         points = np.eye(size + 3)
         slopes = np.array([evaluate(point[:size], *point[size:]) for point in points]).T
         warm = np.concatenate([np.linspace(80.0, 30.0, size), [0.7, 60.0, 0.4]])
         expected = slopes @ warm
         exact = evaluate(warm[:size], *warm[size:])
-        by_heat, by_duty = slopes[:size, :size], slopes[:size, size]
+        # Find the poles, and their shares of T.
+        by_heat = slopes[:size, :size]
+        by_duty = slopes[:size, size]
         torque, reading = slopes[size : size + 2]
         rates, modes = np.linalg.eig(by_heat)
         scale = LINEARITY * (np.abs(exact) + np.abs(slopes) @ np.abs(warm))

@@ -1,4 +1,4 @@
-"""Writes the SDFormat of a limb, which has the springs of its joints; ``limb_5.sdf`` is nominal."""
+"""SDFormat of a limb, which has the springs of its joints; ``limb_5.sdf`` is the nominal limb."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ def limb_sdf(
     payload: float = 0.0,
     negligible_mass: float = 0.0,
 ) -> str:
-    """SDFormat text of the model of `urdf.limb_urdf`, and with the springs of the joints.
+    """Return the SDFormat text of the model of `urdf.limb_urdf`, with the springs of the joints.
 
     Each joint has an actuator without a limit, through which the wires' torque enters.
 
@@ -26,18 +26,22 @@ def limb_sdf(
     robot = limb_element(segments, name, payload, negligible_mass)
     sdf = ElementTree.Element("sdf", {"version": "1.9", "xmlns:drake": "drake.mit.edu"})
     model = SubElement(sdf, "model", name=name)
+    # Add the links, each in the frame of its joint.
     joints = robot.findall("joint")
-    hangs_on = {_link(joint, "child"): joint.attrib["name"] for joint in joints}
+    joint_of_link = {_link(joint, "child"): joint.attrib["name"] for joint in joints}
     for link in robot.findall("link"):
-        _add_link(model, link, hangs_on.get(link.attrib["name"]))
-    springs = (
-        (segment.joint_ratios[kind] * segment.stiffness, segment.joint_rest_angles[kind])
-        for segment in segments
-        for kinds in segment.joints
-        for kind in kinds
-    )
+        _add_link(model, link, joint_of_link.get(link.attrib["name"]))
+    # Add the joints, with their springs in the order of the joints.
+    springs = []
+    for segment in segments:
+        for kinds in segment.joints:
+            for kind in kinds:
+                stiffness = segment.joint_ratios[kind] * segment.stiffness
+                springs.append((stiffness, segment.joint_rest_angles[kind]))
+    remaining_springs = iter(springs)
     for joint in joints:
-        _add_joint(model, joint, springs)
+        _add_joint(model, joint, remaining_springs)
+    # Add the frames and the filters of collisions.
     for frame in robot.findall("frame"):
         placed = {"name": frame.attrib["name"], "attached_to": frame.attrib["link"]}
         SubElement(SubElement(model, "frame", placed), "pose").text = _pose(frame)
@@ -49,26 +53,30 @@ def limb_sdf(
 
 
 def _add_link(model, link, joint: str | None) -> None:
-    """A link, in the frame of the joint that it is the child of."""
+    """Add a link in the frame of the joint of which it is the child."""
     element = SubElement(model, "link", name=link.get("name"))
     if joint:
         SubElement(element, "pose", relative_to=joint)
+    # Add the inertia, which is zero if the link has none.
     inertial = link.find("inertial")
-    mass, moments = SubElement(element, "inertial"), {}
+    sdf_inertial = SubElement(element, "inertial")
+    mass = "0"
+    moments: dict[str, str] = {}
     if inertial is not None:
+        mass = inertial.find("mass").get("value")
         moments = inertial.find("inertia").attrib
-        _add_pose(mass, inertial)
-    value = "0" if inertial is None else inertial.find("mass").get("value")
-    SubElement(mass, "mass").text = value
-    inertia = SubElement(mass, "inertia")
-    for moment in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
-        SubElement(inertia, moment).text = moments.get(moment, "0")
+        _add_pose(sdf_inertial, inertial)
+    SubElement(sdf_inertial, "mass").text = mass
+    inertia = SubElement(sdf_inertial, "inertia")
+    for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
+        SubElement(inertia, name).text = moments.get(name, "0")
+    # Add the shapes.
     for shape in (*link.findall("visual"), *link.findall("collision")):
         _add_shape(element, shape)
 
 
 def _add_shape(link, shape) -> None:
-    """A visual or a collision, with its colour or its contact."""
+    """Add a visual or a collision, with its colour or its contact."""
     element = SubElement(link, shape.tag, name=shape.get("name"))
     _add_pose(element, shape)
     (kind,) = shape.find("geometry")
@@ -79,37 +87,43 @@ def _add_shape(link, shape) -> None:
         SubElement(SubElement(element, "material"), "diffuse").text = color.get("rgba")
     if (contact := shape.find("drake:proximity_properties")) is not None:
         properties = SubElement(element, contact.tag)
-        for one in contact:
-            SubElement(properties, one.tag).text = one.get("value")
+        for contact_property in contact:
+            SubElement(properties, contact_property.tag).text = contact_property.get("value")
 
 
 def _add_joint(model, joint, springs) -> None:
-    """A joint, with the next of the springs if it turns."""
+    """Add a joint; if it turns, with the next one of the springs."""
     turns = joint.get("type") != "fixed"
     kind = "revolute" if turns else "fixed"
     element = SubElement(model, "joint", name=joint.get("name"), type=kind)
-    parent, child = _link(joint, "parent"), _link(joint, "child")
+    parent = _link(joint, "parent")
+    child = _link(joint, "child")
     SubElement(element, "pose", relative_to=parent).text = _pose(joint.find("origin"))
     SubElement(element, "parent").text = parent
     SubElement(element, "child").text = child
     if not turns:
         return
-    axis, (stiffness, rest) = SubElement(element, "axis"), next(springs)
+    # Add the axis, with damping and spring.
+    stiffness, rest_angle = next(springs)
+    axis = SubElement(element, "axis")
     SubElement(axis, "xyz").text = joint.find("axis").get("xyz")
     dynamics = SubElement(axis, "dynamics")
     SubElement(dynamics, "damping").text = joint.find("dynamics").get("damping")
-    SubElement(dynamics, "spring_reference").text = repr(float(rest))
+    SubElement(dynamics, "spring_reference").text = repr(float(rest_angle))
     SubElement(dynamics, "spring_stiffness").text = repr(float(stiffness))
 
 
 def _add_pose(element, parent) -> None:
+    """Add the pose of a URDF element, if it has an origin."""
     if (origin := parent.find("origin")) is not None:
         SubElement(element, "pose").text = _pose(origin)
 
 
 def _pose(origin) -> str:
+    """Return the pose of an origin as SDFormat's text."""
     return " ".join(origin.get(name, "0 0 0") for name in ("xyz", "rpy"))
 
 
 def _link(joint, end: str) -> str:
+    """Return the name of the link at an end of a joint, "parent" or "child"."""
     return joint.find(end).get("link")

@@ -9,7 +9,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
-from limb_systems.files.signal_table import Planned, apart, signal, without_rounding
+from limb_systems.files.signal_table import Planned, clip_rounding, not_saved, signal
 from limb_systems.summary import Entry, Summary
 from walking.robot import body_positions
 from walking.robot_parameters import RobotParameters
@@ -160,11 +160,11 @@ class Gait(Planned):
     measured_temperature: np.ndarray = signal()
     body_pose: np.ndarray = signal()
     contact_force: np.ndarray = signal()
-    other_wire_state: np.ndarray | None = apart(None)
+    other_wire_state: np.ndarray | None = not_saved(None)
 
     def __post_init__(self):
         self.robot.validate()
-        self.parameters = self.robot.together
+        self.parameters = self.robot.as_single_limb
         self._check()
         if len(self.time) < 3 or self.time[0] != 0:
             raise LimbError("a gait needs at least three knots, the first of them at 0 s.")
@@ -263,7 +263,7 @@ class Gait(Planned):
         starts = np.arange(cycles)[:, None] * self.period
         times = np.append((starts + self.time[:-1]).ravel(), cycles * self.period)
         duty = np.hstack([*[self.duty[:, :-1]] * cycles, self.duty[:, :1]])
-        return PiecewisePolynomial.ZeroOrderHold(times, without_rounding(duty))
+        return PiecewisePolynomial.ZeroOrderHold(times, clip_rounding(duty))
 
     @property
     def origin(self) -> str:

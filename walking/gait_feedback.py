@@ -89,7 +89,7 @@ class GaitFeedback(PlanFeedback):
         start = [0.0, 1.0, 1.0, np.nan, *[np.inf] * F, *[-np.inf] * F]
         self.DeclareStateOutputPort("correction", self.DeclareDiscreteState(start))
 
-    def _time_in_plan(self, context) -> float:
+    def _plan_time(self, context) -> float:
         return context.get_discrete_state(2).value()[TIME]
 
     def _planned(self, times: np.ndarray, state) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -100,7 +100,7 @@ class GaitFeedback(PlanFeedback):
         holding = self._holding[[self._plan.index(time) for time in times]]
         return bend, reference, np.clip(holding + (duty - holding) / duration, 0.0, 1.0)
 
-    def _end_update(self, context, ahead: StateEstimate, state) -> None:
+    def _after_update(self, context, ahead: StateEstimate, state) -> None:
         now = context.get_discrete_state(2).value().copy()
         bend, x = self.get_input_port(1).Eval(context), self.get_input_port(2).Eval(context)[0]
         least, largest = np.split(now[START + 1 :], 2)

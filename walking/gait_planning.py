@@ -267,8 +267,8 @@ def _solved(program: GaitProgram, near: Gait | None = None, longest: float = LON
         PlanningError: with the solver's status, if there is none.
     """
     attempts: list[tuple[dict[str, Any], Callable]]
-    laws = [wire.law for wire in program.robot.together.wires]
-    is_hard = any(law.easier() is not law for law in laws)
+    laws = [wire.law for wire in program.robot.as_single_limb.wires]
+    is_hard = any(law.smoothed() is not law for law in laws)
     # An adaptive barrier needs fewer iterations, but with feet that swing it rarely converges.
     barriers = ["adaptive", "monotone"][:: -1 if (program.contacts == "swing").any() else 1]
     attempts = [({"mu_strategy": barrier}, standing_still) for barrier in barriers]
@@ -324,8 +324,8 @@ def _easier(program: GaitProgram) -> np.ndarray:
         PlanningError: if there is none.
     """
     robot = copy.deepcopy(program.robot)
-    for wire in robot.together.wires:
-        wire.law = wire.law.easier()
+    for wire in robot.as_single_limb.wires:
+        wire.law = wire.law.smoothed()
     gait = _solved(easier := _for_robot(program, robot))
     wires = program.wires
     if easier.wires.num_states == wires.num_states:
@@ -335,7 +335,7 @@ def _easier(program: GaitProgram) -> np.ndarray:
         course = [states]
         for k, step in enumerate(np.diff(gait.time)):
             duty = np.tile(gait.duty[:, k], (2, 1))
-            states = wires.under_duty(states, duty, np.array([0.0, step]))[-1]
+            states = wires.integrate_states(states, duty, np.array([0.0, step]))[-1]
             course.append(states)
     return _from_gait(program, gait, np.array(course))
 
@@ -445,7 +445,7 @@ def standing_still(program: GaitProgram, warmth: float = START_WARMTH) -> np.nda
     """
     wires, walker, load = program.wires, program.walker, program.load
     d, F, W = len(walker.stiffness), walker.num_feet, wires.num_wires
-    ambient = program.robot.together.ambient_temperature
+    ambient = program.robot.as_single_limb.ambient_temperature
     states = wires.settled_states(np.full(W, ambient + warmth))
     balance, up = balance_of(walker, wires), np.eye(walker.num_tangents + 1)[-1]
     forces, feet = np.tile(load / F * up, F), walker.feet(walker.rest)

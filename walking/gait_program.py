@@ -127,7 +127,7 @@ class GaitProgram:
         self.robot, self.schedule, self.objective = robot, schedule, objective
         self.temperature_margin, self.course = temperature_margin, course or Course()
         self.sticking_share, self.steadiness = sticking_share, steadiness
-        self.walker, self.wires = Walker(robot), LimbModel.of(robot.together).wires
+        self.walker, self.wires = Walker(robot), LimbModel.of(robot.as_single_limb).wires
         self.phase_of = np.repeat(np.arange(len(schedule)), intervals)
         self.contacts = np.array(schedule)[self.phase_of]  # in each interval (K, F)
         self.before = np.roll(self.contacts, 1, axis=0)
@@ -202,13 +202,13 @@ class GaitProgram:
         return np.unique(np.column_stack([phases, feet]), axis=0, return_inverse=True)[1].ravel()
 
     def _add_bounds(self) -> None:
-        W, limits = self.wires.num_wires, self.robot.together.temperature_limits
+        W, limits = self.wires.num_wires, self.robot.as_single_limb.temperature_limits
         B, τ = self.walker.pose_size, self.walker.num_tangents
         self._bound(self.y[:, τ + 1 : 2 * τ + 1], -MOST_PITCH, MOST_PITCH)
         angle = MOST_ANGLE_IN_SPACE if self.in_space else MOST_ANGLE
         self._bound(self.y[:, B:], -angle, angle)
         self._bound(self.y[:1, self._travels], 0.0, 0.0)
-        ambient = self.robot.together.ambient_temperature
+        ambient = self.robot.as_single_limb.ambient_temperature
         self._bound(self.heat[:, :W], ambient, limits.maximum - self.temperature_margin)
         readings = self.heat[:, self.wires.num_states :]
         self._bound(readings, -np.inf, limits.measured_maximum)
@@ -221,7 +221,7 @@ class GaitProgram:
 
     def _leave_room_for_feedback(self, highest: float) -> None:
         """Keep T where `TemperatureLimiter`, which distrusts T - V, lets feedback hold it, °C."""
-        lag, W = lag_error(self.robot.together), self.wires.num_wires
+        lag, W = lag_error(self.robot.as_single_limb), self.wires.num_wires
         room = min(FEEDBACK_ROOM, self.temperature_margin)
         if not room:
             return
@@ -477,7 +477,7 @@ class GaitProgram:
                 for start, contacts in zip(starts, self.schedule, strict=True)
             ],
             check=check,
-            provenance=Provenance.now(self.robot.together),
+            provenance=Provenance.now(self.robot.as_single_limb),
         )
 
     def slides_evenly(self, x: np.ndarray) -> bool:

@@ -69,7 +69,10 @@ class GaitRequest:
             raise PlanningError(
                 f"The objective is {self.objective!r}; it must be 'speed' or 'energy'."
             )
-        limits, ambient = robot.together.temperature_limits, robot.together.ambient_temperature
+        limits, ambient = (
+            robot.as_single_limb.temperature_limits,
+            robot.as_single_limb.ambient_temperature,
+        )
         if not 0 <= self.temperature_margin < limits.maximum - ambient:
             raise PlanningError(
                 f"temperature_margin is {self.temperature_margin:g} °C; it must be from 0 to less "

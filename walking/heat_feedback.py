@@ -40,7 +40,7 @@ class HeatFeedback(PlanController):
         self._plan, self._duration = SampledPlan(trajectory, parameters), trajectory.duration
         super().__init__(parameters, self._plan.duty[0])
 
-    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
+    def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, model = self._plan.index(time), self._estimator.model
         if time > self._duration:
             return np.zeros(model.num_wires), np.zeros(model.num_bends)

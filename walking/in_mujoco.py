@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from limb_systems import LimbError, LimbModel, Recording, bend_angle
 from limb_systems.simulation import PERIOD, SimulationError
-from planners.transcription.quasi_static import readings_along
+from planners.transcription.quasi_static import integrate_readings
 from urdf import robot_mjcf
 from walking import Gait, RobotParameters
 from walking.robot import body_positions
@@ -43,7 +43,7 @@ def simulate_in_mujoco(gait: Gait, robot: RobotParameters, cycles: int) -> Recor
         ) from error
     full_state = mujoco.mjtState.mjSTATE_FULLPHYSICS
     torques = mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
-    parameters = robot.together
+    parameters = robot.as_single_limb
     num_samples = int(cycles * gait.period / PERIOD + 1e-9) + 2
     times = PERIOD * np.arange(num_samples)
     heat, readings, forces = _wires_along(gait, robot, cycles, times)
@@ -108,7 +108,7 @@ def _wires_along(
     gait: Gait, robot: RobotParameters, cycles: int, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray, np.ndarray], np.ndarray]]:
     """Return x (K, N) and V (K, W) of a robot's wires at times (K,), and `Wires.forces`."""
-    limbs = copy.deepcopy(robot.together)
+    limbs = copy.deepcopy(robot.as_single_limb)
     for segment in limbs.segments:
         segment.stiffening = 0.0  # which MuJoCo has
     wires = LimbModel.of(limbs).wires
@@ -121,7 +121,7 @@ def _wires_along(
     for start, end in itertools.pairwise(held_until):
         within = ends[(ends >= start) & (ends <= end)]
         levels = np.tile(duty.value(start).ravel(), (len(within), 1))
-        course += [*wires.under_duty(course[-1], levels, within)[1:]]
-    readings = readings_along(wires, np.array(course), heat[wires.num_states :], ends)
+        course += [*wires.integrate_states(course[-1], levels, within)[1:]]
+    readings = integrate_readings(wires, np.array(course), heat[wires.num_states :], ends)
     places = np.searchsorted(ends, times)
     return np.array(course)[places], readings[places], wires.forces

@@ -31,10 +31,10 @@ from pydrake.systems.primitives import MatrixGain, PortSwitch
 
 from limb_systems.contact import NEAR_RIGID_THRESHOLD, TIME_STEP, ContactForces
 from limb_systems.drake_python import weak_method
-from limb_systems.limb import add_joint_springs, check_step
+from limb_systems.limb import add_joint_springs, check_time_step
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.limb_system import ACCURACY
-from limb_systems.wire_blocks import VectorFunction, add_wires
+from limb_systems.wire_blocks import VectorFunction, add_wire_blocks
 from urdf import robot_urdf
 from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 from walking.robot_parameters import RobotParameters
@@ -96,12 +96,12 @@ class Robot(Diagram):
         """
         super().__init__()
         self.robot = robot = RobotParameters.of(robot)
-        self.parameters = parameters = robot.together
+        self.parameters = parameters = robot.as_single_limb
         self.source = "model"
         self.accuracy = None if robot.ground else ACCURACY  # None: heat in the mechanics' steps
         builder = DiagramBuilder()
         plant, joint_state, force = add_plant(builder, robot, time_step)
-        ports, duty = add_wires(builder, parameters, joint_state)
+        ports, duty = add_wire_blocks(builder, parameters, joint_state)
         builder.Connect(ports["torque"], force)
         export_limbs(builder, robot, ports, duty)
         if pose := body_pose_port(builder, plant, robot):
@@ -135,7 +135,7 @@ def make_robot(
     add_robot(plant, robot)
     plant.Finalize()
     if robot.ground:
-        check_step(plant, limb_joints(plant, robot), robot.together)
+        check_time_step(plant, limb_joints(plant, robot), robot.as_single_limb)
     return plant
 
 
@@ -180,7 +180,7 @@ def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
             for name, parent in (("ground_plane", world), ("body_plane", body))
         ]
         plant.AddJoint(PlanarJoint("body", *frames))
-    add_joint_springs(plant, limb_joints(plant, robot), robot.together)
+    add_joint_springs(plant, limb_joints(plant, robot), robot.as_single_limb)
     height = robot.standing_height if robot.ground else 0.0
     if robot.body.mount == "planar":
         plant.GetJointByName("body").set_default_translation([0.0, height])

@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
 
 from limb_systems.connected_limbs import ConnectedLimbs
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.described import ParameterError, check_density, check_name
 from limb_systems.files.output import free_path
 from limb_systems.files.schema import Strict, quantity, validate
@@ -247,12 +247,12 @@ class RobotParameters(ConnectedLimbs):
             return cls.of_limb(LimbParameters.from_yaml(text))
         return super().from_yaml(text)
 
-    def oddities(self, where: str = "") -> list[str]:
-        """Return sentences on what is odd about the limbs, as `Described.oddities`."""
+    def plausibility_warnings(self, where: str = "") -> list[str]:
+        """Return sentences on what is odd about the limbs, as `Described.plausibility_warnings`."""
         return [
             oddity
             for index, limb in enumerate(self.limbs)
-            for oddity in limb.parameters.oddities(
+            for oddity in limb.parameters.plausibility_warnings(
                 where if self.is_limb else f"{where}limbs[{index}].parameters."
             )
         ]
@@ -267,7 +267,7 @@ class RobotParameters(ConnectedLimbs):
 
     def validate(self) -> None:
         """Raise ParameterError for the first field that is out of its range."""
-        with raised_as(ParameterError):
+        with reraise_as(ParameterError):
             validate(self)
         body = self.body
         if body.mount not in MOUNTS:
@@ -298,7 +298,7 @@ class RobotParameters(ConnectedLimbs):
         for index, limb in enumerate(self.limbs):
             where = f"limbs[{index}]"
             check_name(names, index, where, "limb", taken="body")
-            with raised_as(ParameterError, f"{where}.parameters."):
+            with reraise_as(ParameterError, f"{where}.parameters."):
                 limb.parameters.validate()
             self._validate_place(limb, where)
             first = self.limbs[0].parameters
@@ -309,7 +309,7 @@ class RobotParameters(ConnectedLimbs):
                         "limbs of a robot share the air and the limits of heat, so make them equal."
                     )
 
-        wires = self.together.wire_names
+        wires = self.as_single_limb.wire_names
         if len(set(wires)) < len(wires):
             raise ParameterError(
                 f"The names of limbs make the names of wires {', '.join(wires)}, of which some "
@@ -327,7 +327,7 @@ class RobotParameters(ConnectedLimbs):
                 f"feet.radius is {self.feet.radius:g} m, more than half of a limb's length; is it "
                 "in mm?"
             )
-        carried = body.mass + sum(s.mass for s in self.together.segments)
+        carried = body.mass + sum(s.mass for s in self.as_single_limb.segments)
         if self.feet.mass > carried:
             raise ParameterError(
                 f"feet.mass is {self.feet.mass:g} kg, more than all the rest of the robot, which "
@@ -430,7 +430,7 @@ class RobotParameters(ConnectedLimbs):
         return len(self.limbs) == 1 and self.body.mount == "welded"
 
     @property
-    def together(self) -> LimbParameters:
+    def as_single_limb(self) -> LimbParameters:
         """All limbs as one: their segments in order, with the limbs' names.
 
         Whatever is about wires, joints and bends takes a robot by it: `LimbModel`,

@@ -38,7 +38,7 @@ class RobotSpecimen(Specimen):
         Raises:
             LimbError: as `Specimen`.
         """
-        super().__init__(robot.together, seed, extra)
+        super().__init__(robot.as_single_limb, seed, extra)
         self.robot = copy.deepcopy(robot)
         for limb in self.robot.limbs:
             self.around_calibrated |= limb.parameters.calibration is not None

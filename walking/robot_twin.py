@@ -135,7 +135,7 @@ class RobotTwin(Diagram):
         Raises:
             LimbError: if the identity is invalid.
         """
-        if isinstance(board := robot.together.board, EmulatedLimb):
+        if isinstance(board := robot.as_single_limb.board, EmulatedLimb):
             return cls(specimen=RobotSpecimen.of(board), truth=truth)
         return cls(robot, seed=seed, truth=truth)
 

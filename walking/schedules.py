@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from limb_systems.files.schema import shown
+from limb_systems.files.schema import short_repr
 from planners.transcription.solving import PlanningError
 from walking.gait import CONTACTS
 from walking.robot_parameters import RobotParameters
@@ -27,8 +27,8 @@ def schedule_of(text: str, num_feet: int) -> Schedule:
     phases = text.lower().split()
     if not phases or any(len(phase) != num_feet or set(phase) - {*LETTERS} for phase in phases):
         raise PlanningError(
-            f"The schedule is {shown(text)}; it must have phases of {num_feet} letters, one for "
-            "each foot, with spaces between: s if it sticks, f or b if it slides forward or "
+            f"The schedule is {short_repr(text)}; it must have phases of {num_feet} letters, one "
+            "for each foot, with spaces between: s if it sticks, f or b if it slides forward or "
             "backward in a plane, d if it is dragged along in space, l if it is lifted."
         )
     return [[LETTERS[letter] for letter in phase] for phase in phases]
@@ -50,8 +50,8 @@ def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) ->
     for phase in schedule:
         if len(phase) != num_feet or set(phase) - {*CONTACTS}:
             raise PlanningError(
-                f"The schedule has the phase {shown(list(phase))}; each phase must have one of "
-                f"{', '.join(CONTACTS)} for each of {num_feet} feet."
+                f"The schedule has the phase {short_repr(list(phase))}; each phase must have one "
+                f"of {', '.join(CONTACTS)} for each of {num_feet} feet."
             )
     other = {"slide_forward", "slide_backward"} if in_space else {"slide"}
     if other & {contact for phase in schedule for contact in phase}:

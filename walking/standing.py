@@ -26,7 +26,7 @@ curvature is Φ's less what the eliminated coordinates give way.
 import casadi as ca
 import numpy as np
 
-from limb_systems.smooth_function import SmoothFunction, stated_once
+from limb_systems.smooth_function import SmoothFunction, build_once
 from limb_systems.wires import Wires
 from walking.walker import Walker
 
@@ -73,7 +73,7 @@ class Balance(SmoothFunction):
 def balance_of(walker: Walker, wires: Wires, ground_gives: bool = True) -> Balance:
     """The `Balance` of a robot, stated once."""
     key = Balance, walker.key, ground_gives
-    return stated_once(key, lambda: Balance(walker, wires, ground_gives))
+    return build_once(key, lambda: Balance(walker, wires, ground_gives))
 
 
 def _balance(walker: Walker, wires: Wires, states: ca.SX, forces: ca.SX) -> ca.SX:
@@ -112,7 +112,7 @@ class Stability:
         self._pivots = [*zip(kept, self._order[kept], strict=True), *((d, d + f) for f in range(F))]
         self.num_values = len(self._pivots)
 
-        functions = stated_once((Stability, walker.key), lambda: self._stated(walker, wires))
+        functions = build_once((Stability, walker.key), lambda: self._stated(walker, wires))
         self._energy, self._stiffness, self.gain = functions
         self.slope_places, self.curvature_places = self._places()
 

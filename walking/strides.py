@@ -18,7 +18,7 @@ from calibration.recordings.repair import fill_gaps
 from calibration.remarks import CalibrationError
 from limb_systems import LimbModel, Recording
 from limb_systems.kinematics import joint_angles_from_bend_angle
-from planners.transcription.quasi_static import readings_along
+from planners.transcription.quasi_static import integrate_readings
 from walking.gait import Gait
 from walking.gait_check import scale_limb, with_friction
 from walking.gait_program import SLIDES
@@ -59,12 +59,12 @@ class StridesFit:
     def heat_after(self, pause: float) -> np.ndarray:
         """[x, V] of the wires after a pause without duty, s (N + W,)."""
         wires, times = (
-            LimbModel.of(self.robot.together).wires,
+            LimbModel.of(self.robot.as_single_limb).wires,
             np.linspace(0.0, pause, 2 + int(pause)),
         )
         states, readings = np.split(self.heat, [-wires.num_wires])
-        course = wires.under_duty(states, np.zeros((len(times), wires.num_wires)), times)
-        return np.append(course[-1], readings_along(wires, course, readings, times)[-1])
+        course = wires.integrate_states(states, np.zeros((len(times), wires.num_wires)), times)
+        return np.append(course[-1], integrate_readings(wires, course, readings, times)[-1])
 
 
 def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> StridesFit:
@@ -80,10 +80,10 @@ def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> 
         CalibrationError: if the recording is of other wires, or no foot slides as planned.
     """
     robot = copy.deepcopy(gait.robot)
-    if recording.parameters.wire_names != robot.together.wire_names:
+    if recording.parameters.wire_names != robot.as_single_limb.wire_names:
         raise CalibrationError(
             f"The recording is of the wires {', '.join(recording.parameters.wire_names)}, but the "
-            f"gait is of {', '.join(robot.together.wire_names)}."
+            f"gait is of {', '.join(robot.as_single_limb.wire_names)}."
         )
     heat, of_rates = fit_heat(robot, recording)
     states = heat[:, : -len(recording.duty)]
@@ -117,7 +117,7 @@ def fit_heat(
 
     The robot's laws get the rates.
     """
-    together = robot.together  # whose wires' laws are the robot's own
+    together = robot.as_single_limb  # whose wires' laws are the robot's own
     laws, W = [wire.law for wire in together.wires], len(together.wires)
     given, rates = copy.deepcopy(laws), [r for r in HEAT_RATES if all(hasattr(w, r) for w in laws)]
     duty = recording.heating_duty
@@ -131,8 +131,8 @@ def fit_heat(
             for law, before, change in zip(laws, given, of_wires, strict=True):
                 setattr(law, rate, float(getattr(before, rate) * np.exp(change)))
         wires = LimbModel.of(together).wires
-        states = wires.under_duty(wires.cold_states, duty, times)
-        return states, readings_along(wires, states, wires.cold_states[:W], times)
+        states = wires.integrate_states(wires.cold_states, duty, times)
+        return states, integrate_readings(wires, states, wires.cold_states[:W], times)
 
     # Readings of a wire deviate for as long as it takes to cool: so many count as one.
     alike = recording.sample_rate / laws[0].typical_rates()["fastest_cooling"]
@@ -174,7 +174,7 @@ def _sliding(
     gait: Gait, recording: Recording, start: float, cycles: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moments at which feet slide as planned (M,), s, and the contact of each foot (M, F)."""
-    walker, together = Walker(gait.robot), gait.robot.together
+    walker, together = Walker(gait.robot), gait.robot.as_single_limb
     B = walker.pose_size
     times = start + np.arange(0.0, cycles * gait.period, SPACING)
     times = times[times < recording.time[-1]]
@@ -217,7 +217,7 @@ class _Balance:
     def __init__(
         self, robot: RobotParameters, states: np.ndarray, contacts: np.ndarray, *, exact: bool
     ):
-        model = LimbModel.of(robot.together)
+        model = LimbModel.of(robot.as_single_limb)
         self._walker = Walker(robot)
         self._wires = model.wires
         self._robot = robot

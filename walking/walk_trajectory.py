@@ -9,7 +9,7 @@ from limb_systems.files.signal_table import doses
 from limb_systems.kinematics import joint_angles_from_bend_angle
 from limb_systems.simulation import PERIOD
 from limb_systems.wires import Wires
-from planners.transcription.quasi_static import readings_along
+from planners.transcription.quasi_static import integrate_readings
 from walking.gait import Gait
 
 SHORTEST_WARM_UP, LONGEST_WARM_UP = 1.0, 300.0  # s
@@ -126,9 +126,9 @@ def _warm_up(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.nda
         duration = PERIOD * np.ceil(duration / PERIOD)
         times = np.linspace(0.0, duration, 11)
         level = np.full(W, 0.5)
-        cooled = wires.under_duty(start, np.zeros((11, W)), times)[-1, :W]
+        cooled = wires.integrate_states(start, np.zeros((11, W)), times)[-1, :W]
         for _ in range(10):  # T rises with duty, in proportion where heat is linear
-            reached = wires.under_duty(start, np.tile(level, (11, 1)), times)[-1, :W]
+            reached = wires.integrate_states(start, np.tile(level, (11, 1)), times)[-1, :W]
             if np.abs(reached - target).max() < NEAR and level.sum() <= gait.robot.total_duty:
                 return duration, level[None]
             rise = np.maximum(reached - cooled, NEAR)
@@ -161,7 +161,7 @@ def _change(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np.ndar
         share += pace * STEP
         level = np.clip(by_pace * pace + at_rest, 0.0, 1.0)
         level *= min(1.0, total / max(level.sum(), 1e-9))
-        states = wires.under_duty(states, np.tile(level, (2, 1)), np.array([0.0, STEP]))[-1]
+        states = wires.integrate_states(states, np.tile(level, (2, 1)), np.array([0.0, STEP]))[-1]
         levels.append(level)
     return STEP * len(levels), np.array(levels)
 
@@ -176,5 +176,5 @@ def _never_reached() -> LimbError:
 def _heat(wires: Wires, start: np.ndarray, duty: np.ndarray, times: np.ndarray) -> np.ndarray:
     """[x, V] (K, N + W) under duty (K, W) that is linear between times (K,), from a start."""
     states, readings = np.split(start, [-wires.num_wires])
-    course = wires.under_duty(states, duty, times)
-    return np.hstack([course, readings_along(wires, course, readings, times)])
+    course = wires.integrate_states(states, duty, times)
+    return np.hstack([course, integrate_readings(wires, course, readings, times)])

@@ -12,7 +12,7 @@ import numpy as np
 
 from limb_systems import LimbModel
 from limb_systems.segment_chain import rotation
-from limb_systems.smooth_function import SmoothFunction, stated_once
+from limb_systems.smooth_function import SmoothFunction, build_once
 from limb_systems.symbolic_chain import Chain
 from planners.transcription.solving import PlanningError
 from walking.robot_parameters import RobotParameters
@@ -50,13 +50,13 @@ class Walker:
 
     def __init__(self, robot: RobotParameters):
         check_walker(robot)
-        laws = (type(wire.law) for wire in robot.together.wires)
+        laws = (type(wire.law) for wire in robot.as_single_limb.wires)
         self.key = Walker, repr(robot), *laws
-        self.__dict__.update(stated_once(self.key, lambda: self._stated(robot)))
+        self.__dict__.update(build_once(self.key, lambda: self._stated(robot)))
 
     def _stated(self, robot: RobotParameters) -> dict[str, Any]:
         """The attributes of all `Walker`s of a description."""
-        mechanics = LimbModel.of(robot.together).mechanics
+        mechanics = LimbModel.of(robot.as_single_limb).mechanics
         B = robot.pose_size
         self.pose_size, self.num_tangents, self.num_feet = B, B // 3, len(robot.limbs)
         self.height = self.num_tangents

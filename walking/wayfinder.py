@@ -11,7 +11,7 @@ from pydrake.systems.framework import EventStatus
 from controllers.estimator import StateEstimate
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.drake_python import weak_method
-from limb_systems.files.schema import shown
+from limb_systems.files.schema import short_repr
 from limb_systems.simulation import PERIOD
 from walking.gait import Gait, GaitCheck, along_heading, travels
 from walking.gait_check import MOST_TILT
@@ -88,10 +88,10 @@ class Wayfinder(HeatFeedback):
         self.DeclareStateOutputPort("course", self.DeclareDiscreteState([*start, *expected]))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
 
-    def _time_in_plan(self, context) -> float:
+    def _plan_time(self, context) -> float:
         return context.get_discrete_state(2).value()[TIME]
 
-    def _end_update(self, context, ahead: StateEstimate, state) -> None:
+    def _after_update(self, context, ahead: StateEstimate, state) -> None:
         now = context.get_discrete_state(2).value().copy()
         now[TIME] += PERIOD
         part = tuple(now[[BEFORE, GAIT]].astype(int))
@@ -196,8 +196,8 @@ def _checked(goal: Sequence[float], index: int) -> list[float]:
         place = np.empty(0)
     if place.shape not in ((2,), (3,)) or not (np.abs(place) <= FARTHEST).all():  # NaN is not
         raise LimbError(
-            f"goals[{index}] is {shown(goal)}; it must be x and y in m, or x, y and a heading in "
-            f"rad, finite and at most {FARTHEST:g} in size."
+            f"goals[{index}] is {short_repr(goal)}; it must be x and y in m, or x, y and a heading "
+            f"in rad, finite and at most {FARTHEST:g} in size."
         )
     return [*place, np.nan][:3]
 

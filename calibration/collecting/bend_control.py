@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from calibration.recordings.kinds import heated_wires, only_segment
 from limb_systems import LimbModel, LimbParameters
-from limb_systems.drake_python import declare_part, weak_method
+from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.simulation import PERIOD
 from limb_systems.wires import Wires
 
@@ -78,7 +78,9 @@ class BendAngleController(LeafSystem):
         state = self.DeclareDiscreteState(1 + 2 * wires.num_wires)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._update))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
-        declare_part(self, "duty", state, slice(1 + wires.num_wires, 1 + 2 * wires.num_wires))
+        declare_state_output(
+            self, "duty", state, slice(1 + wires.num_wires, 1 + 2 * wires.num_wires)
+        )
 
     def _update(self, context, discrete_state):
         state = context.get_discrete_state_vector().value()

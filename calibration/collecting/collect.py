@@ -138,7 +138,7 @@ def limb_for_first_contact(described: LimbParameters) -> LimbParameters:
     careful_limb = copy.deepcopy(described)
     careful_limb.total_duty = min(described.total_duty, FIRST_TOTAL_DUTY)
     for wire, bounds in zip(careful_limb.wires, described.heat_bounds, strict=True):
-        wire.heat_bounds = bounds.around_any()
+        wire.heat_bounds = bounds.widened_to_any_wire()
     return careful_limb
 
 

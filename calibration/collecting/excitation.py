@@ -17,8 +17,8 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.bend_control import DUTY_TAPER
 from calibration.recordings.kinds import MOUNTING_ANGLES, MOUNTINGS
 from limb_systems import LimbParameters
-from limb_systems.drake_python import declare_part, weak_method
-from limb_systems.monte_carlo import draw_ensemble, stacked
+from limb_systems.drake_python import declare_state_output, weak_method
+from limb_systems.monte_carlo import draw_limbs, stack_limbs
 from limb_systems.simulation import PERIOD
 
 NUM_LIMBS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
@@ -183,7 +183,7 @@ class _DutyByReadings(LeafSystem):
         self.DeclareVectorInputPort("measured_temperature", self._num_wires)
         state = self.DeclareDiscreteState(np.append(start, np.zeros(self._num_wires)))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
-        declare_part(self, "duty", state, slice(len(start), len(start) + self._num_wires))
+        declare_state_output(self, "duty", state, slice(len(start), len(start) + self._num_wires))
 
     def _update(self, context, discrete_state):
         state = context.get_discrete_state_vector().value()
@@ -220,7 +220,7 @@ class LimitedDuty(_DutyByReadings):
             parameters: the limb, as well as it is calibrated so far, of one segment.
             duty: a row for each wire.
         """
-        self._law, rooms, _ = stacked(draw_ensemble(parameters, NUM_LIMBS))
+        self._law, rooms, _ = stack_limbs(draw_limbs(parameters, NUM_LIMBS))
         self._rooms = rooms[:, np.newaxis, np.newaxis]
         self._highest = parameters.temperature_limits.maximum
         self._shape = (len(self._law.states), NUM_LIMBS, 1, len(parameters.wires))

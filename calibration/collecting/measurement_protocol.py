@@ -46,7 +46,7 @@ from hardware import LimbTwin, SerialLimb
 from hardware.live_feed import LiveView
 from limb_systems import HystereticLaw, LimbError, LimbParameters, Recording
 from limb_systems.files.table_writer import is_unfinished
-from limb_systems.progress import Progress, TimeLeft, part_of_work
+from limb_systems.progress import Progress, TimeLeft, progress_prefix
 from limb_systems.simulation import PERIOD
 
 NUM_SAG_TRIALS = 10
@@ -345,7 +345,7 @@ def collect_from_twin(
             say(f"{plan.name}: calibrating with what was recorded so far")
             known = {"known": knowledge.limb}
         say(name := _numbered_name(plan, plans))
-        with part_of_work(name):
+        with progress_prefix(name):
             recording = plan.collect(twin, live=live, **known)
         recordings.setdefault(plan.kind, []).append(recording)
         if knowledge:
@@ -452,7 +452,7 @@ def collect_from_robot(
                 was_excited = True
                 turned = plan.turned
             say(numbered_name := _numbered_name(plan, plans))
-            with part_of_work(numbered_name), connect(limb) as robot:
+            with progress_prefix(numbered_name), connect(limb) as robot:
                 recording = plan.collect(robot, journal=path, live=live, **known)
             # Compare the thermocouples after the first heat.
             if plan.name == FIRST_CONTACT:

@@ -15,7 +15,7 @@ from calibration.import_logs.mapping import LogMapping
 from calibration.import_logs.propose import Proposal, propose
 from calibration.import_logs.table import LogError, LogTable, read_table
 from calibration.import_logs.words import Dictionary
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.recording import Recording
 from limb_systems.limb_parameters import LimbParameters
 
@@ -83,7 +83,7 @@ def limbs_in_log(
     Raises:
         LogError: if it lacks columns of its logger.
     """
-    with raised_as(LogError, f"{path}: "):
+    with reraise_as(LogError, f"{path}: "):
         limbs_of_logger = known_logger(table)
         return limbs_of_logger or [propose(table, parameters, dictionary or Dictionary())]
 

@@ -34,9 +34,9 @@ from limb_systems.bend_sensor import (
     ChordSensor,
     TipTangentSensor,
     bend_angle_from_tip_tangent,
-    rolled,
+    roll_bends,
 )
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.signal_table import doses
 from limb_systems.limb_parameters import LimbParameters
 
@@ -76,7 +76,7 @@ def read_log(
         raise LogError(f"{path}: the mapping leaves open {', '.join(mapping.open_fields)}.")
     form = (mapping.delimiter, mapping.decimal, mapping.names_line)
     tables = tables or [read_table(path, *form)]
-    with raised_as(LogError, f"{path}: "):
+    with reraise_as(LogError, f"{path}: "):
         signals = _Signals(tables, mapping, described_limb(mapping, parameters), Path(path))
         return signals.parts(), signals.remarks
 
@@ -397,7 +397,7 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
     bends = np.deg2rad(angles)
     if bend.measures == TIP_TANGENT:
         bends = bend_angle_from_tip_tangent(bends)
-    return rolled(bends, -np.deg2rad(bend.roll))
+    return roll_bends(bends, -np.deg2rad(bend.roll))
 
 
 def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from calibration.import_logs.table import DELIMITERS, LogError, LogTable
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.input import read_text
 from limb_systems.files.output import write_atomically
 from limb_systems.files.schema import Strict, dump_typed, load_typed, quantity, rare
@@ -223,7 +223,7 @@ class LogMapping(Strict):
                 left_out.add(int(parents[1]))
         wires = enumerate(document["wires"])
         document["wires"] = [wire for index, wire in wires if index not in left_out]
-        with raised_as(LogError):
+        with reraise_as(LogError):
             return load_typed(LogMapping, yaml.safe_dump(document, allow_unicode=True))
 
     def save(self, path: str | Path, remarks: Iterable[str] = ()) -> None:
@@ -235,5 +235,5 @@ class LogMapping(Strict):
     def load(cls, path: str | Path) -> "LogMapping":
         """Read YAML; LogError with one sentence that names the file and the field."""
         text = read_text(path, "mapping", LogError)
-        with raised_as(LogError, f"{path}: "):
+        with reraise_as(LogError, f"{path}: "):
             return load_typed(cls, text)

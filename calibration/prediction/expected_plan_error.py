@@ -20,7 +20,7 @@ from calibration.prediction.law_fit import AMBIENT_SPREAD, KNOWN_SHARE, LawFit, 
 from calibration.prediction.unknowns import READING_FIELDS, Unknown
 from calibration.remarks import Remark
 from limb_systems import LimbParameters, WireLaw
-from limb_systems.monte_carlo import OpenLoop, draw_ensemble, stacked
+from limb_systems.monte_carlo import OpenLoop, draw_limbs, stack_limbs
 from limb_systems.wire_laws.wire_law import COLD_HEATING, SLOW_HEATING
 
 NUM_LIMBS = 64
@@ -230,7 +230,7 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
         hottest = _simulate_limbs([limb], middle * shares[:, sides])[0].max()
         low, high = (middle, high) if hottest < limb.temperature_limits.maximum else (low, middle)
     # Draw limbs that the recordings cannot tell apart, on other days.
-    limbs = draw_ensemble(limb, NUM_LIMBS)
+    limbs = draw_limbs(limb, NUM_LIMBS)
     random = np.random.default_rng(0)
     for drawn in limbs:
         drift, room_deviation = random.standard_normal(2)
@@ -253,7 +253,7 @@ def _simulate_limbs(
         supplies: multiples of the duty (R,).
     """
     # All wires start cold, in rooms of their own.
-    law, ambient, rubber = stacked(limbs)
+    law, ambient, rubber = stack_limbs(limbs)
     rooms = np.repeat(ambient[:, np.newaxis], len(supplies), axis=1)
     room = np.repeat(rooms[..., np.newaxis], duty.shape[1], axis=-1)
     start = [
@@ -283,28 +283,32 @@ def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") ->
         unknowns = [u for u in unidentified if u.wire == unidentified[0].wire]
         bond = "with a thermocouple on it, " if len(unknowns) == 1 else ""  # else it was not heated
         return _recording_in_words(
-            fit, bond + HEAT_ALONE, [u for u in unknowns if told_by(fit.law, u.field) == HEAT_ALONE]
+            fit,
+            bond + HEAT_ALONE,
+            [u for u in unknowns if identified_by(fit.law, u.field) == HEAT_ALONE],
         )
     else:
         shares = dict(zip([u.name for u in fit.unknowns], fit.unknown_shares, strict=True))
         poorly_known = [u for u in fit.unknowns if shares[u.name] > KNOWN_SHARE]
         for worst_known in sorted(poorly_known, key=lambda u: -shares[u.name]):
-            if recording := told_by(fit.law, worst_known.field):
+            if recording := identified_by(fit.law, worst_known.field):
                 unknowns = [u for u in poorly_known if u.wire == worst_known.wire]
-                same_recording = [u for u in unknowns if told_by(fit.law, u.field) == recording]
+                same_recording = [
+                    u for u in unknowns if identified_by(fit.law, u.field) == recording
+                ]
                 return _recording_in_words(fit, recording, same_recording)
     missing = {kind: text for kind, text in FURTHER_RECORDINGS.items() if kind not in kinds}
     return missing.get("motion") or sag or missing.get("ring_down", "")
 
 
-def told_by(law: type[WireLaw], field: str) -> str:
+def identified_by(law: type[WireLaw], field: str) -> str:
     """Return the recording that tells an unknown of a law or of the segment best; empty if none."""
     for recording, fields in SEGMENT_RECORDINGS.items():
         if field in fields:
             return recording
     law_field = law.__dataclass_fields__.get(field)  # type: ignore[attr-defined]
     prior = law_field.metadata.get("prior") if law_field else None
-    return LAW_RECORDINGS.get(prior.told_by, "") if prior else ""
+    return LAW_RECORDINGS.get(prior.identified_by, "") if prior else ""
 
 
 def _recording_in_words(fit: LawFit, recording: str, identified: list[Unknown]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from limb_systems import LimbModel, LimbParameters, SegmentParameters
-from limb_systems.bend_sensor import rolled
+from limb_systems.bend_sensor import roll_bends
 from limb_systems.monte_carlo import OpenLoop
 from limb_systems.rubber import NonlinearRubber, ramp
 from limb_systems.smooth_function import SmoothFunction
@@ -92,7 +92,7 @@ class OpenLoopInSpace(OpenLoop):
         for number, balance in enumerate(self._balances):
             runs = np.flatnonzero(self._mounting == number)
             bends[:, :, runs] = self._interpolated(balance, pulls[:, :, runs], rubber)
-        read_bends = rolled(bends.transpose(3, 1, 0, 2), rubber["roll"][:, None])
+        read_bends = roll_bends(bends.transpose(3, 1, 0, 2), rubber["roll"][:, None])
         return np.moveaxis(read_bends, 0, -1)
 
     def _rest_shifts(

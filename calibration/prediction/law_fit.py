@@ -30,7 +30,7 @@ from calibration.prediction.unknowns import (
     values_of,
 )
 from limb_systems import LimbParameters, RestMemory, SegmentParameters, WireLaw
-from limb_systems.monte_carlo import OpenLoop, owner_of, with_fields
+from limb_systems.monte_carlo import OpenLoop, parameter_owner, with_fields
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
 READING_SPREAD = 1.0  # °C, of a wire from its thermocouple while both rest
@@ -141,7 +141,7 @@ class LawFit:
         for unknown, value in zip(
             all_unknowns, map(float, values_of(all_unknowns, all_values)), strict=True
         ):
-            owner, field = owner_of(limb, unknown.name)
+            owner, field = parameter_owner(limb, unknown.name)
             setattr(owner, field, value)
 
     def calibrated(self, described: LimbParameters) -> LimbParameters:

@@ -33,7 +33,7 @@ from limb_systems import (
     TwoMassLaw,
     WireLaw,
 )
-from limb_systems.progress import LONG, TimeLeft
+from limb_systems.progress import MIN_ANNOUNCED_TIME, TimeLeft
 
 LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
     LinearLaw,
@@ -319,7 +319,7 @@ def fit_by_prediction(
         # One law is fitted again with each option, without each part, and to all.
         num_further_fits = len(OPTIONS) + len(folds.parts)
         expected_time = sum(times.values()) + num_further_fits * float(np.mean([*times.values()]))
-        if expected_time > LONG:
+        if expected_time > MIN_ANNOUNCED_TIME:
             heated = sum(run.times[-1] for run in fitted) / 60
             announce(
                 f"comparing {len(laws)} law{'s' * (len(laws) > 1)} of the wires by {heated:.0f} "

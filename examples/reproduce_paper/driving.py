@@ -13,7 +13,7 @@ from hardware import LimbTwin, replay
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, Recording, Trajectory
 from limb_systems.drake_python import weak_method
-from limb_systems.limb_system import behind
+from limb_systems.limb_system import wrap_controller
 from limb_systems.simulation import PERIOD
 
 OPEN_LOOP, FOLLOW, FEEDBACK, REGULATOR, LEARNING = (
@@ -127,7 +127,7 @@ def roll_out_disturbed(
         changes = SENSOR_DISTURBANCES[disturbance]
         size = feedback.GetInputPort("bend_angle").size()
         path = BendPath(size, start=trajectory.duration / 2, **changes)
-        controller = behind(path, feedback)
+        controller = wrap_controller(path, feedback)
     elif disturbance in LIMB_DISTURBANCES:
         controller = PlanFeedback(trajectory)
         driven[OPEN_LOOP] = plans[OPEN_LOOP], None

@@ -66,7 +66,9 @@ class RolloutStatistics:
         truths = [true_bend(rollout) for rollout in rollouts]
         read = reference_distances(plan, rollouts)
         true = reference_distances(plan, truths)
-        distances = np.rad2deg(np.array([true.done, read.done, read.planned], float)).tolist()
+        distances = np.rad2deg(
+            np.array([true.measured, read.measured, read.planned], float)
+        ).tolist()
         errors = dataclasses.astuple(tracking_errors(plan, rollouts))
         # Compute the errors of V for each rollout and wire.
         reading_errors = []

@@ -12,7 +12,7 @@ from hardware.board.heat_rates import (
 )
 from hardware.board.link import BoardLink, Sample, check_fit, shares_of
 from limb_systems import LimbError, LimbModel, LimbParameters, bend_angle_from_tip_tangent
-from limb_systems.heat_bounds import SPREAD
+from limb_systems.heat_bounds import RATE_FACTORS
 from limb_systems.simulation import PERIOD
 
 COLD_RANGE = (5.0, 45.0)  # °C, readings of cold wires
@@ -33,7 +33,7 @@ MISMATCH_ADVICE = (
 )
 
 # Accepted heat of a supply, over its heat at the calibration; heat goes with voltage squared.
-SAME_HEAT_RANGE = SPREAD["least_heating"], SPREAD["most_heating"]
+SAME_HEAT_RANGE = RATE_FACTORS["least_heating"], RATE_FACTORS["most_heating"]
 CUT_OFF_ADVICE = (
     "only a thermal cut-off in series with the wires helps against two faults at once, such as "
     "twice the heat and a thermocouple that shows 60% of it, which the board cannot see "
@@ -156,7 +156,7 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
     try:
         # Warm each wire by some degrees.
         total_duty = min(CONTACT_TOTAL, parameters.total_duty)
-        link.arm([kind.around_any() for kind in kinds], total_duty)
+        link.arm([kind.widened_to_any_wire() for kind in kinds], total_duty)
         contact_limits = CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, np.inf
         contacts = [_heat_wire(link, wire, sides[wire], contact_limits) for wire in wires]
         link.disarm()
@@ -226,11 +226,11 @@ def _check_heat(
 ) -> None:
     """Check that each wire heats as its description says, °C/s at full duty.
 
-    ``most_heating`` is the upper bound of each wire's kind, `SPREAD` above its description.
+    ``most_heating`` is the upper bound of each wire's kind, `RATE_FACTORS` above its description.
     """
     # Short, cool heatings measure heat no better than wires of one kind differ. The numbers are
     # rounded as they are printed, so that no verdict disagrees with its sentence.
-    least_share, most_share = SPREAD["least_heating"], SPREAD["most_heating"]
+    least_share, most_share = RATE_FACTORS["least_heating"], RATE_FACTORS["most_heating"]
     lowest = [round(bound * least_share**2 / most_share, 1) for bound in most_heating]
     highest = [round(bound / least_share, 1) for bound in most_heating]
     heating = [round(float(rate), 1) for rate in heating]

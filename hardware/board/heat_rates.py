@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hardware.firmware import heat
-from limb_systems.heat_bounds import SPREAD, HeatBounds
+from limb_systems.heat_bounds import RATE_FACTORS, HeatBounds
 from limb_systems.low_pass import low_pass
 
 # Bounds raise the slowest cooling to this many times the slowest cooling of the wire's kind.
@@ -50,7 +50,7 @@ class HeatRates:
         # Widen the rates by the margin, and take the kind's bounds where these are wider.
         visible_cooling = max(kind.slowest_cooling, self.reading / VISIBLE_TIME_CONSTANTS)
         largest_slowest = min(visible_cooling, MAX_COOLING_FACTOR * kind.slowest_cooling)
-        most_heating = hottest * max(SPREAD["most_heating"], 1 + margin)
+        most_heating = hottest * max(RATE_FACTORS["most_heating"], 1 + margin)
         bounds = {
             "slowest_cooling": min(self.cooling / (1 + margin), largest_slowest),
             "fastest_cooling": max(self.cooling * (1 + margin), kind.fastest_cooling),

@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from limb_systems import LimbSystem, Provenance, Recording
 from limb_systems.drake_python import weak_method
-from limb_systems.files.signal_table import column_names, without_rounding
+from limb_systems.files.signal_table import clip_rounding, column_names
 from limb_systems.files.table_writer import TableWriter
 
 SIGNALS = ("measured_temperature", "bend_angle")
@@ -89,7 +89,7 @@ class Journal(LeafSystem):
     def _append(self, context):
         indices = range(self.num_input_ports())
         duty, *readings = [self.get_input_port(index).Eval(context) for index in indices]
-        self.writer.append([context.get_time(), *without_rounding(duty), *np.concatenate(readings)])
+        self.writer.append([context.get_time(), *clip_rounding(duty), *np.concatenate(readings)])
 
 
 def closing(limb: Any) -> contextlib.AbstractContextManager:

@@ -16,7 +16,7 @@ from hardware.board.link import (
 )
 from hardware.board.several_boards import Ports, SeveralBoards, open_link
 from limb_systems import LimbModel, LimbParameters, NoBoard, SerialBoard
-from limb_systems.drake_python import declare_part, weak_method
+from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.limb_system import ACCURACY
 from limb_systems.simulation import PERIOD
 
@@ -80,7 +80,7 @@ class SerialLimb(LeafSystem, Closeable):
             port: name of a serial port, or any URL that pyserial accepts; or the ports of
                 several boards by the names of their limbs.
             parameters: parameters of the limb, or their YAML file; the nominal limb if None;
-                for a robot `RobotParameters.together`.
+                for a robot `RobotParameters.as_single_limb`.
             heated: whether the board is armed. If not, the limb is only watched
                 and its ``duty`` ignored, for example for teaching.
 
@@ -126,13 +126,13 @@ class SerialLimb(LeafSystem, Closeable):
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._command))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
         # Declare the outputs, which show parts of the state.
-        declare_part(self, "measured_temperature", state, slice(0, num_wires))
-        declare_part(self, "bend_angle", state, slice(num_wires, num_readings))
+        declare_state_output(self, "measured_temperature", state, slice(0, num_wires))
+        declare_state_output(self, "bend_angle", state, slice(num_wires, num_readings))
         tickets = {self.discrete_state_ticket(state), self.time_ticket()}
         self.DeclareVectorOutputPort("sample_age", 1, _sample_age_output(received), tickets)
-        declare_part(self, "applied_duty", state, slice(num_readings, board_time))
-        declare_part(self, "board_time", state, slice(board_time, received))
-        declare_part(self, "measurement", state, slice(0, num_readings))
+        declare_state_output(self, "applied_duty", state, slice(num_readings, board_time))
+        declare_state_output(self, "board_time", state, slice(board_time, received))
+        declare_state_output(self, "measurement", state, slice(0, num_readings))
         for index, name in enumerate(board_names, received + 1):
             calc_age = _sample_age_output(index)
             self.DeclareVectorOutputPort(f"{name}.sample_age", 1, calc_age, tickets)

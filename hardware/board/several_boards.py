@@ -29,7 +29,7 @@ Ports = str | Mapping[str, str]  # port of a board, or ports of the boards of li
 
 
 def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParameters]:
-    """Return the limbs of a robot by name, each with its segments of `RobotParameters.together`.
+    """Return the limbs of a robot by name, with their segments of `as_single_limb`.
 
     A segment has the name of its limb, with a number if the limb has several.
 
@@ -93,7 +93,7 @@ class SeveralBoards(Closeable):
         """
         Args:
             ports: port of each limb by its name.
-            robot: all limbs as one, see `RobotParameters.together`.
+            robot: all limbs as one, see `RobotParameters.as_single_limb`.
 
         Raises:
             HardwareError: if a port cannot be opened, or another program has it.

@@ -10,7 +10,7 @@ from hardware.emulation.specimen import Specimen
 from limb_systems import LimbModel, LimbParameters
 from limb_systems.drake_python import weak_method
 from limb_systems.kinematics import rest_joint_angles
-from limb_systems.symbolic_chain import tip_of_angles
+from limb_systems.symbolic_chain import tip_position_function
 
 GRIP_STIFFNESS_RATIO = 20.0  # stiffness of the hand over the limb's bending stiffness
 GRIP_DAMPING_TIME = 0.05  # s, damping over stiffness of the hand
@@ -167,7 +167,7 @@ class Hand(LeafSystem):
         self._layout = mechanics.layout
         (segment,) = parameters.segments
         (self._segment_chain,) = mechanics.chains
-        self._tip = tip_of_angles(mechanics)
+        self._tip = tip_position_function(mechanics)
         # A torque at the tip turns the chord by about (n + 1) / 2 joints' worth of angle.
         self._stiffness = GRIP_STIFFNESS_RATIO * segment.stiffness * self._segment_chain.equal_angle
         self._length = segment.length

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import InputPortIndex, LeafSystem
 
 from hardware.emulation.specimen import Specimen, WirePhysics
-from limb_systems.drake_python import declare_part, weak_method
+from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.limb_model import LimbModel
 
 # Heating is the wires' fastest rate, some °C in a tenth of a second. It is far below the limb's
@@ -98,7 +98,7 @@ class ShapeMemoryWires(LeafSystem):
         self.DeclareVectorOutputPort(
             "generalized_force", num_joints, weak_method(self._calc_force), tickets
         )
-        declare_part(self, "wire_temperature", index, slice(0, num_wires))
+        declare_state_output(self, "wire_temperature", index, slice(0, num_wires))
         self.DeclareStateOutputPort("state", index)
         self.DeclareVectorOutputPort(
             "applied_duty",

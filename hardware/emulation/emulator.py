@@ -23,7 +23,7 @@ from hardware.emulation.emulated_board import EmulatedBoard, RunningTwin
 from hardware.emulation.twin import EmulatedSystem
 from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
 from limb_systems import LimbError
-from limb_systems.files.output import naming
+from limb_systems.files.output import raising_output_error
 
 LOOP_PAUSE = 0.001  # s, between two passes of the firmware's loop
 MAX_PASS_TIME = 0.05  # s, largest step of the board's clock in a pass
@@ -324,7 +324,7 @@ def emulate(
     with open(log or os.devnull, "w", encoding="utf-8") as file:
 
         def note(**event) -> None:
-            with naming(log or os.devnull):
+            with raising_output_error(log or os.devnull):
                 file.write(json.dumps(event) + "\n")
                 file.flush()
 

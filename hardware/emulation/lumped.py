@@ -20,7 +20,7 @@ from hardware.emulation.sensors import (
 from hardware.emulation.specimen import SegmentPhysics, Specimen
 from hardware.firmware import guard
 from limb_systems import LimbModel, ThermocoupleLag
-from limb_systems.bend_sensor import rolled
+from limb_systems.bend_sensor import roll_bends
 from limb_systems.drake_python import weak_method
 from limb_systems.layout import Layout, slices
 
@@ -240,7 +240,7 @@ def _bend_response(
     # A sensor that is rolled about E1 mixes both bends of its segment.
     roll = np.eye(layout.num_bends)
     for segment, bends in zip(segments, layout.bends_of, strict=True):
-        roll[bends, bends] = rolled(roll[bends, bends], segment.sensor_roll)
+        roll[bends, bends] = roll_bends(roll[bends, bends], segment.sensor_roll)
     # Gain, curvature and offset of each segment towards E2 and E3 (S, 3, 2), then of each bend.
     of_segments = np.empty((len(segments), 3, 2))
     for number, segment in enumerate(segments):

@@ -46,7 +46,7 @@ from limb_systems import (
     WireLaw,
     joint_angles_from_bend_angle,
 )
-from limb_systems.bend_sensor import rolled
+from limb_systems.bend_sensor import roll_bends
 from limb_systems.limb_parameters import BoardIdentity, SegmentParameters
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor", "places")
@@ -436,7 +436,7 @@ class Specimen:
     def places(self) -> np.ndarray:
         """Return the true places of the wires (W, 2), m along E2 and E3."""
         described = np.array([[wire.e2, wire.e3] for wire in self.description.wires])
-        return rolled(described.T, [-wire.misplaced for wire in self.wires]).T
+        return roll_bends(described.T, [-wire.misplaced for wire in self.wires]).T
 
     def mechanics(self) -> LimbParameters:
         """Return parameters of the linear part: true k, σ, places of wires, ambient and lag.

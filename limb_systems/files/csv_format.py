@@ -29,15 +29,15 @@ from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TABLE, MOST_COLUMNS, FirstLine, first_line
 
 FORMAT_VERSION = 3
-KILLED = "the program that recorded it was killed"
+KILLED_REASON = "the program that recorded it was killed"
 MAKERS = {
     "recording": "collect, replay and teach write recordings, and Recording.save, of other data",
     "trajectory": "soft-limb plan makes a trajectory of a reference",
     "gait": "soft-limb gait writes gaits",
 }
 _INTERRUPTED = "# interrupted: "
-_ROW = re.compile(r"[-+0-9.eE,naif]*")  # what `float` takes beyond these are no numbers to others
-_DECIMAL = decimal.Context(prec=40)  # degrees as doubles would not tell all radians apart
+_ROW = re.compile(r"[-+0-9.eE,naif]*")  # `float` also takes texts that other programs do not
+_DECIMAL = decimal.Context(prec=40)  # different radians may be the same degrees as doubles
 _DEGREES = _DECIMAL.divide(
     decimal.Decimal(180), decimal.Decimal("3.141592653589793238462643383279502884197169")
 )
@@ -48,11 +48,11 @@ class FileFormatError(LimbError):
 
 
 class Table(NamedTuple):
-    """What is in a table's file.
+    """The contents of a table's file.
 
     - ``header``: YAML text.
     - ``columns``: values (K,) by name, angles in rad.
-    - ``interrupted``: why the table ended before its time; empty if it did not.
+    - ``interrupted``: the reason why the table ended early; empty if it did not.
     """
 
     header: str
@@ -74,26 +74,28 @@ class TableText:
             header: YAML text that describes the table.
             names: names of the columns.
         """
-        self.num_rows, self._size, self._digest = 0, 0, hashlib.sha256()
+        self.num_rows = 0
+        self._size = 0
+        self._digest = hashlib.sha256()
         lines = [str(FirstLine(kind, FORMAT_VERSION))]
         lines += [f"# {line}" for line in header.splitlines()]
         self.head = self._counted("\n".join([*lines, ",".join(names)]) + "\n")
 
     def rows(self, columns: Mapping[str, np.ndarray]) -> str:
-        """The text of further rows, of columns as `format_rows` takes them.
+        """Return the text of further rows, of columns as `format_rows` takes them.
 
         Raises:
-            FileFormatError: if the file would be larger than is read.
+            FileFormatError: if the file would be larger than the limit for reading.
         """
         text = self._counted(format_rows(columns))
         self.num_rows += text.count("\n")
         return text
 
     def end(self, interrupted: str = "") -> str:
-        """The lines after the rows.
+        """Return the lines after the rows.
 
         Args:
-            interrupted: why the table ended before its time; empty if it did not.
+            interrupted: the reason why the table ended early; empty if it did not.
         """
         if interrupted:
             # One line, of which no character moves a cursor or starts another line.
@@ -103,6 +105,7 @@ class TableText:
         return f"{interrupted}# end, {self.num_rows} rows, sha256 {digest}\n"
 
     def _counted(self, text: str, spare: int = 0) -> str:
+        """Add a text to the size and the checksum, and return it; errors as in `rows`."""
         if self._size + len(text) > LARGEST_TABLE + spare:
             raise FileFormatError(
                 f"The table has reached the {LARGEST_TABLE / 1e6:g} MB that are read again; save a "
@@ -114,7 +117,7 @@ class TableText:
 
 
 def format_rows(columns: Mapping[str, np.ndarray]) -> str:
-    """The rows of a table.
+    """Return the rows of a table as text.
 
     Args:
         columns: name to values (K,). Names ending in ``_deg`` or ``_deg_s`` are converted from
@@ -127,13 +130,13 @@ def format_rows(columns: Mapping[str, np.ndarray]) -> str:
 def parse_table(
     data: bytes, kind: str, *, unfinished: bool = False, readings: tuple[str, ...] = ()
 ) -> Table:
-    """The table in the text of a file.
+    """Parse the contents of a file into a table.
 
     Args:
         unfinished: whether the end line may be missing, because the program
             that wrote the table died; an incomplete last line is then left
             out, and the table is an interrupted one.
-        readings: what the names of columns begin with whose values may be missing.
+        readings: prefixes of the names of columns whose values may be missing.
 
     Raises:
         FileFormatError: one sentence that says what is wrong and where.
@@ -144,8 +147,10 @@ def parse_table(
         raise FileFormatError(f"byte {error.start} is not text; the file is damaged.") from error
     lines = text.split("\n")
     _check_first_line(lines[0], kind)
+    # Take off the end line, and the line of an interruption.
     end = re.fullmatch(r"# end, ([0-9]{1,15}) rows, sha256 ([0-9a-f]{64})", lines[-2:][0])
-    if lines.pop():  # an incomplete line
+    last_line = lines.pop()
+    if last_line:  # it is incomplete
         end = None
     if end:
         lines.pop()
@@ -153,13 +158,15 @@ def parse_table(
         raise FileFormatError(
             f"the end line is missing after line {len(lines)}; the file is truncated."
         )
-    interrupted = "" if end else KILLED
+    interrupted = "" if end else KILLED_REASON
     if lines and lines[-1].startswith(_INTERRUPTED):
         interrupted = lines.pop().removeprefix(_INTERRUPTED)
+    # Parse the rows below the header.
     head = list(itertools.takewhile(lambda line: line.startswith("# "), lines))
     if len(head) == len(lines):
         raise FileFormatError("there is no line of column names; the file is damaged.")
     columns = _parse_rows(lines[len(head) :], len(head) + 1, readings)
+    # Compare rows and checksum with the end line.
     num_rows = len(columns["time_s"])
     if end and num_rows != int(end[1]):
         raise FileFormatError(f"there are {num_rows} rows, but the end line counts {end[1]}.")
@@ -168,22 +175,24 @@ def parse_table(
             "the content does not match the checksum in the end line; "
             "the file was changed or damaged after it was written."
         )
-    # An empty line for the first one, so that errors count lines as the file does.
+    # Start with an empty line, so that errors count lines as the file does.
     header = "\n".join(["", *(line.removeprefix("# ") for line in head[1:])])
     return Table(header, columns, interrupted)
 
 
 def _check_first_line(line: str, kind: str) -> None:
-    found, wanted = first_line(line), FirstLine(kind, FORMAT_VERSION)
-    if not found or str(found) != line:
+    """Raise FileFormatError unless the first line is of this kind and version."""
+    actual = first_line(line)
+    expected = FirstLine(kind, FORMAT_VERSION)
+    if not actual or str(actual) != line:
         raise FileFormatError(
-            f"this is not a limb {kind}: its first line is not '{wanted}'; {MAKERS[kind]}."
+            f"this is not a limb {kind}: its first line is not '{expected}'; {MAKERS[kind]}."
         )
-    if found.kind != kind:
-        raise FileFormatError(f"this is not a limb {kind}, but a {found.kind}; {MAKERS[kind]}.")
-    if found.format != FORMAT_VERSION:
+    if actual.kind != kind:
+        raise FileFormatError(f"this is not a limb {kind}, but a {actual.kind}; {MAKERS[kind]}.")
+    if actual.format != FORMAT_VERSION:
         raise FileFormatError(
-            f"this {kind} has format {found.format}, but this program reads format "
+            f"this {kind} has format {actual.format}, but this program reads format "
             f"{FORMAT_VERSION}."
         )
 
@@ -191,7 +200,8 @@ def _check_first_line(line: str, kind: str) -> None:
 def _parse_rows(
     lines: list[str], first_line: int, readings: tuple[str, ...]
 ) -> dict[str, np.ndarray]:
-    """Parses the line of names and the rows below it; errors name the line."""
+    """Parse the line of names and the rows below it; errors name the line."""
+    # Parse the names.
     if (num_columns := lines[0].count(",") + 1) > MOST_COLUMNS:
         raise FileFormatError(
             f"line {first_line} names {num_columns} columns; no robot has more than {MOST_COLUMNS}."
@@ -199,6 +209,7 @@ def _parse_rows(
     names = lines[0].split(",")
     if len(set(names)) != len(names) or "time_s" not in names:
         raise FileFormatError(f"line {first_line} is not a list of column names with time_s.")
+    # Parse the cells; inf stands for a text that is no number.
     parsers = [_radians if _is_angle(name) else float for name in names]
     values = np.empty((len(lines) - 1, len(names)))
     for index, line in enumerate(lines[1:]):
@@ -216,32 +227,35 @@ def _parse_rows(
             ]
         except (ValueError, ArithmeticError):
             values[index] = np.inf
-    needed = [not name.startswith(readings) for name in names]
-    bad = (np.isinf(values) | (np.isnan(values) & needed)).any(axis=1)
-    if bad.any():
-        number = first_line + 1 + int(np.argmax(bad))
+    # Find cells that are no numbers, or missing where none may be missing.
+    is_needed = [not name.startswith(readings) for name in names]
+    is_bad = (np.isinf(values) | (np.isnan(values) & is_needed)).any(axis=1)
+    if is_bad.any():
+        number = first_line + 1 + int(np.argmax(is_bad))
         raise FileFormatError(f"line {number} contains a cell that is not a number.")
     return dict(zip(names, values.T.copy(), strict=True))
 
 
 def _is_angle(name: str) -> bool:
+    """Return whether a column is an angle or a rate of an angle."""
     return name.endswith(("_deg", "_deg_s"))
 
 
 def _format_cells(name: str, values: np.ndarray) -> list[str]:
-    form = _format_degrees if _is_angle(name) else repr
+    """Return the cells of a column, in degrees for angles; empty for nan."""
+    format_number = _format_degrees if _is_angle(name) else repr
     if len(values) == 1:  # as a journal writes them
         number = float(values[0])
-        return ["" if math.isnan(number) else form(number)]
-    # Sensors have few different readings, so that each text is made once; by bits, as -0.0 is 0.0.
+        return ["" if math.isnan(number) else format_number(number)]
+    # Sensors have few different readings: make each text once. Compare bits, as -0.0 equals 0.0.
     bits, index = np.unique(np.ascontiguousarray(values, float).view(np.int64), return_inverse=True)
     numbers = bits.view(float).tolist()
-    texts = ["" if math.isnan(number) else form(number) for number in numbers]
+    texts = ["" if math.isnan(number) else format_number(number) for number in numbers]
     return list(map(texts.__getitem__, index.tolist()))
 
 
 def _format_degrees(radians: float) -> str:
-    """Degrees, in 15 digits if they read back as the same double, else in 17, which do."""
+    """Return degrees in 15 digits if they read back as the same double, else in 17 digits."""
     text = f"{math.degrees(radians):.15g}"
     if _radians(text) == radians:
         return text
@@ -249,4 +263,5 @@ def _format_degrees(radians: float) -> str:
 
 
 def _radians(degrees: str) -> float:
+    """Return the radians of a text in degrees, rounded once."""
     return float(_DECIMAL.divide(decimal.Decimal(degrees), _DEGREES))

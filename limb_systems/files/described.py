@@ -1,4 +1,4 @@
-"""Descriptions that have a YAML file of their own, and what is checked of all of them."""
+"""Descriptions that have a YAML file of their own, and the checks that all of them share."""
 
 import copy
 import hashlib
@@ -8,12 +8,12 @@ import warnings
 from pathlib import Path
 from typing import Self
 
-from limb_systems.errors import LimbError, raised_as
+from limb_systems.errors import LimbError, reraise_as
 from limb_systems.files.input import first_line, read_text
 from limb_systems.files.output import write_atomically
 from limb_systems.files.schema import Strict, dump_typed, load_typed
 
-HEAVIEST = 20.0  # density over that of water; iridium has 22
+MAX_DENSITY = 20.0  # relative to water; iridium has 22
 
 
 class ParameterError(LimbError):
@@ -25,7 +25,7 @@ class Described(Strict):
 
     @classmethod
     def of(cls, described: Self | str | Path | None) -> Self:
-        """A copy of parameters, those in a YAML file, or the default ones for None.
+        """Return a valid copy of parameters, of a YAML file, or of the default parameters for None.
 
         Raises:
             ParameterError: if it is none of these, or out of its range.
@@ -37,87 +37,100 @@ class Described(Strict):
                 f"{cls.__name__} or the path of their YAML file are needed, but this is a "
                 f"{type(described).__name__}."
             )
+        # Copy, so that later changes do not reach the caller's object.
         parameters = copy.deepcopy(described) if described is not None else cls()
         parameters.validate()
         return parameters
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Reads and validates a YAML file, with a warning for what is possible, but odd.
+        """Read and validate a YAML file, with warnings for implausible values.
 
         Raises:
             ParameterError: with one sentence naming the file and the field.
         """
         text = read_text(path, "parameters", ParameterError)
-        if ours := first_line(text):
+        if line := first_line(text):
             raise ParameterError(
-                f"{path} is a {ours.kind}; what describes a limb is a YAML file, such as soft-limb "
+                f"{path} is a {line.kind}; a limb is described by a YAML file, such as soft-limb "
                 "fit or LimbParameters.save writes."
             )
-        with raised_as(ParameterError, f"{path}: "):
+        with reraise_as(ParameterError, f"{path}: "):
             parameters = cls.from_yaml(text)
-        for oddity in parameters.oddities():
-            warnings.warn(f"{path}: {oddity}", stacklevel=2)
+        for warning in parameters.plausibility_warnings():
+            warnings.warn(f"{path}: {warning}", stacklevel=2)
         return parameters
 
     @classmethod
     def from_yaml(cls, text: str) -> Self:
-        """Parses YAML text; fields that are left out have their defaults, unknown ones are refused.
+        """Parse YAML text; missing fields have their defaults, unknown fields are refused.
 
         Raises:
             ParameterError: with one sentence naming the field.
         """
-        with raised_as(ParameterError):
+        with reraise_as(ParameterError):
             parameters = load_typed(cls, text)
         parameters.validate()
         return parameters
 
     def save(self, path: str | Path) -> None:
-        """Validates, then writes a YAML file whole or not at all."""
+        """Validate the description, then write a YAML file whole or not at all."""
         write_atomically(path, self.to_yaml())
 
     def to_yaml(self) -> str:
-        """The YAML text of these parameters, every float exact."""
+        """Return the YAML text of these parameters, every float exact."""
         self.validate()
         return dump_typed(self)
 
     @property
     def digest(self) -> str:
-        """The first 12 hex digits of the SHA-256 of their YAML, without what made them."""
+        """The first 12 hex digits of the SHA-256 of the YAML text, without provenance."""
         text = self.without_provenance().to_yaml()
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def validate(self) -> None:
-        """Raises ParameterError for the first field that is out of its range."""
+        """Raise ParameterError for the first field that is out of its range."""
         raise NotImplementedError
 
-    def oddities(self, where: str = "") -> list[str]:
-        """Sentences on what limbs can be, but rarely are, with this before the names of fields."""
+    def plausibility_warnings(self, where: str = "") -> list[str]:
+        """Return sentences on values that are possible but rare.
+
+        Args:
+            where: text before the names of fields.
+        """
         raise NotImplementedError
 
     def without_provenance(self) -> Self:
-        """These parameters without what made them, for comparisons."""
+        """Return these parameters without provenance, for comparisons."""
         raise NotImplementedError
 
 
 def check_density(mass: float, sizes: dict[str, float], where: str) -> None:
-    """Raises ParameterError if a mass, kg, is too much for a box of named sizes, m."""
-    times_water = mass / (1000.0 * math.prod(sizes.values()))
-    if times_water > HEAVIEST:
+    """Raise ParameterError if a mass, kg, is too much for a box of named sizes, m."""
+    density = mass / (1000.0 * math.prod(sizes.values()))  # relative to water
+    if density > MAX_DENSITY:
         *names, last = sizes
         raise ParameterError(
-            f"{where}.mass is {mass:g} kg, {times_water:.0f} times the water that its "
+            f"{where}.mass is {mass:g} kg, {density:.0f} times the water that its "
             f"{', '.join(names)} and {last} hold; is it in grams, or are they not in m?"
         )
 
 
 def check_name(names: list[str], index: int, where: str, thing: str, taken: str = "") -> None:
-    """Raises ParameterError if a name among those of things of one kind is not its own."""
+    """Raise ParameterError if a name is malformed, or not unique among the names before it.
+
+    Args:
+        names: the names of all things of one kind.
+        index: index of the name to check.
+        where: place of the thing in the description, for the message.
+        thing: kind of the thing, for the message.
+        taken: a name that is reserved; empty if there is none.
+    """
     name = names[index]
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or name == taken:
-        other_than = f" other than {taken!r}" if taken else ""
+        exception = f" other than {taken!r}" if taken else ""
         raise ParameterError(
-            f"{where}.name is {name!r}; it must be of letters, digits and underscores{other_than}, "
+            f"{where}.name is {name!r}; it must be of letters, digits and underscores{exception}, "
             "as it names columns in files."
         )
     if name in names[:index]:

@@ -1,4 +1,4 @@
-"""Plans for a program of one's own that drives a limb: rows of duty, as CSV or as a C header."""
+"""Export of plans for other programs that drive a limb: rows of duty, as CSV or as a C header."""
 
 import dataclasses
 import json
@@ -13,8 +13,8 @@ from limb_systems.files.signal_table import doses
 from limb_systems.files.trajectory import Trajectory
 
 
-def held_duty(plan: Trajectory, rate: float, duty_max: int = 1) -> np.ndarray:
-    """Duty (W, N + 1) for a program that holds each column for a period; the last one is zero.
+def zero_order_hold_duty(plan: Trajectory, rate: float, duty_max: int = 1) -> np.ndarray:
+    """Return duty (W, N + 1) for a program that holds each column for a period; the last is zero.
 
     The duty of a plan ramps between its knots. Each column is its mean over the period, so
     that wires get the plan's heat. Counts carry their rounding into the next one: at the
@@ -35,47 +35,55 @@ def held_duty(plan: Trajectory, rate: float, duty_max: int = 1) -> np.ndarray:
         raise LimbError(f"The rate is {rate:g} Hz; it must be from 0.1 to 1000 Hz.")
     if duty_max not in range(1, 65536):
         raise LimbError(f"The largest duty is {duty_max}; it must be a whole number up to 65535.")
+    # Integrate the ramps of the plan over each period.
     knots = plan.time - plan.time[0]
     ends = np.arange(math.ceil(plan.duration * rate - 1e-9) + 1) / rate
     times = np.union1d(knots, ends[ends < knots[-1]])
     ramps = np.array([np.interp(times, knots, duty) for duty in plan.duty])
     means = doses((ramps[:, 1:] + ramps[:, :-1]) / 2, times, ends) * rate
-    held = np.clip(means, 0.0, 1.0)
+    duty = np.clip(means, 0.0, 1.0)
+    # Round the running sum to counts, so that rounding does not add up.
     if duty_max > 1:
-        sums = np.floor(np.cumsum(held, axis=1) * duty_max + 0.5)
-        held = np.clip(np.diff(sums, axis=1, prepend=0.0), 0, duty_max)
-    return np.column_stack([held, np.zeros(len(held))])
+        sums = np.floor(np.cumsum(duty, axis=1) * duty_max + 0.5)
+        duty = np.clip(np.diff(sums, axis=1, prepend=0.0), 0, duty_max)
+    return np.column_stack([duty, np.zeros(len(duty))])
 
 
 def write_rows(plan: Trajectory, path: str | Path, rate: float, duty_max: int = 1) -> None:
-    """Writes a CSV with the time and `held_duty` in each row, below comments that start with #.
+    """Write a CSV file: comments that start with #, then time and `zero_order_hold_duty` in rows.
 
     Raises:
-        LimbError: as `held_duty` does.
+        LimbError: as `zero_order_hold_duty` does.
     """
     scale = "" if duty_max == 1 else f"_of_{duty_max}"
-    held = held_duty(plan, rate, duty_max)
-    lines = [f"# {line}" for line in _about(plan, rate, duty_max)]
+    columns = zero_order_hold_duty(plan, rate, duty_max)
+    lines = [f"# {line}" for line in _comment_lines(plan, rate, duty_max)]
     names = [f"duty_{name}{scale}" for name in plan.parameters.wire_names]
     lines.append(",".join(["time_s", *names]))
-    for index, row in enumerate(held.T):
-        lines.append(",".join([f"{index / rate:.9g}", *(_text(value, duty_max) for value in row)]))
+    for index, row in enumerate(columns.T):
+        cells = [f"{index / rate:.9g}"]
+        cells += [_text(value, duty_max) for value in row]
+        lines.append(",".join(cells))
     write_atomically(path, "\n".join(lines) + "\n")
 
 
 def write_c_header(plan: Trajectory, path: str | Path, rate: float, duty_max: int = 1) -> None:
-    """Writes a C header with `held_duty` as an array of rows, its rate, size and wires' names.
+    """Write a C header: `zero_order_hold_duty` as an array of rows, its rate, size and wire names.
 
     Numbers are of the smallest type that has them: uint8_t, uint16_t, or float for duty itself.
 
     Raises:
-        LimbError: as `held_duty` does.
+        LimbError: as `zero_order_hold_duty` does.
     """
-    held = held_duty(plan, rate, duty_max)
-    kind = "float" if duty_max == 1 else "uint8_t" if duty_max < 256 else "uint16_t"
+    columns = zero_order_hold_duty(plan, rate, duty_max)
+    # Choose the type of the numbers, and format the rows.
+    number_type = "float" if duty_max == 1 else "uint8_t" if duty_max < 256 else "uint16_t"
     suffix = "f" if duty_max == 1 else ""
-    about = [line.replace("*/", "* /") for line in _about(plan, rate, duty_max)]
-    rows = [", ".join(f"{_text(value, duty_max)}{suffix}" for value in row) for row in held.T]
+    about = [line.replace("*/", "* /") for line in _comment_lines(plan, rate, duty_max)]
+    rows = []
+    for row in columns.T:
+        rows.append(", ".join(f"{_text(value, duty_max)}{suffix}" for value in row))
+    # Write them between definitions and a guard against double inclusion.
     lines = [
         *("/* " + "\n * ".join(about) + "\n */").splitlines(),
         "#ifndef PLAN_H",
@@ -83,14 +91,14 @@ def write_c_header(plan: Trajectory, path: str | Path, rate: float, duty_max: in
         "#include <stdint.h>",
         f"#define PLAN_RATE_HZ {float(rate)!r}f",
         f"#define PLAN_ROWS {len(rows)}",
-        f"#define PLAN_WIRES {len(held)}",
+        f"#define PLAN_WIRES {len(columns)}",
         f"#define PLAN_DUTY_MAX {duty_max}",
         "#ifndef PLAN_MEMORY",
         "#define PLAN_MEMORY /* PROGMEM on an AVR, if defined before */",
         "#endif",
         "static const char *const plan_wires[PLAN_WIRES] = "
         f"{{{', '.join(map(json.dumps, plan.parameters.wire_names))}}};",
-        f"static const {kind} plan_duty[PLAN_ROWS][PLAN_WIRES] PLAN_MEMORY = {{",
+        f"static const {number_type} plan_duty[PLAN_ROWS][PLAN_WIRES] PLAN_MEMORY = {{",
         *(f"    {{{row}}}," for row in rows),
         "};",
         "#endif",
@@ -99,23 +107,30 @@ def write_c_header(plan: Trajectory, path: str | Path, rate: float, duty_max: in
 
 
 def _text(value: float, duty_max: int) -> str:
+    """Return a duty as text, a whole number if it is in counts."""
     return f"{value:.9f}" if duty_max == 1 else f"{value:.0f}"
 
 
-def _about(plan: Trajectory, rate: float, duty_max: int) -> list[str]:
-    """What a program must know, in lines."""
-    limits, start = plan.parameters.temperature_limits, plan.wire_temperature[:, 0]
-    made = dataclasses.asdict(plan.provenance) if plan.provenance else {}
+def _comment_lines(plan: Trajectory, rate: float, duty_max: int) -> list[str]:
+    """Return the comment for the program that drives the limb, in lines."""
+    # Name the wires, the rate, the end of the rows and the assumptions.
+    limits = plan.parameters.temperature_limits
     names = ", ".join(plan.parameters.wire_names)
-    warm = ", ".join(f"{value:.1f}" for value in start)
-    return [
+    start_temperatures = ", ".join(f"{value:.1f}" for value in plan.wire_temperature[:, 0])
+    lines = [
         f"Duty of the wires {names}, of {duty_max}, {rate:g} rows per second.",
         f"Hold each row for {1 / rate:.9g} s. The plan's duty ramps between its knots; each row is",
         "its mean until the next row, so that the wires get the planned heat.",
         "The last row is zero: what stops there leaves the wires off.",
         "These rows switch nothing off. End with zero duty on every way out, and as soon as a",
         f"reading is above {limits.measured_maximum:g} degC.",
-        f"Assumed: the limb that the plan was made for, at rest; wires at {warm} degC; air at",
+        "Assumed: the limb that the plan was made for, at rest; wires at "
+        f"{start_temperatures} degC; air at",
         f"{plan.parameters.ambient_temperature:g} degC; the supply that it was calibrated with.",
-        *(f"provenance.{name}: {value}" for name, value in made.items() if value not in ("", None)),
     ]
+    # Add the provenance, without empty fields.
+    provenance = dataclasses.asdict(plan.provenance) if plan.provenance else {}
+    for name, value in provenance.items():
+        if value not in ("", None):
+            lines.append(f"provenance.{name}: {value}")
+    return lines

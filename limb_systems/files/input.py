@@ -1,4 +1,4 @@
-"""Reading files, and the first line of files of soft-limb, which says what a file is."""
+"""Reading of files, and the first line of soft-limb's files, which names their kind and format."""
 
 import os
 import re
@@ -13,32 +13,35 @@ LARGEST_TEXT = 250_000  # bytes of a YAML document; more would take seconds
 
 
 def read_bytes(
-    path: str | os.PathLike, what: str, largest: int, error_type: type[LimbError]
+    path: str | os.PathLike, file_kind: str, largest: int, error_type: type[LimbError]
 ) -> bytes:
-    """Reads an input file whole, but no device, no pipe and no file beyond a limit.
+    """Read an input file whole, but no device, no pipe and no file beyond a limit.
 
     Args:
-        what: name of what the file should be, such as "recording", for the error.
+        file_kind: kind of the file, such as "recording", for the error.
         largest: largest size that is read, bytes.
         error_type: type of the error.
 
     Raises:
         LimbError: of that type, with one sentence naming the file.
     """
-    check_file(path, what, largest, error_type)
+    check_file(path, file_kind, largest, error_type)
     try:
         with open(path, "rb") as file:
             if len(data := file.read(largest + 1)) <= largest:
                 return data
     except (OSError, ValueError) as error:  # the latter for a path that no file can have
-        raise error_type(f"Cannot read the {what}: {error}.") from error
-    raise _too_large(path, what, largest, error_type)
+        raise error_type(f"Cannot read the {file_kind}: {error}.") from error
+    raise _too_large(path, file_kind, largest, error_type)
 
 
 def check_file(
-    path: str | os.PathLike, what: str, largest: int, error_type: type[LimbError]
+    path: str | os.PathLike, file_kind: str, largest: int, error_type: type[LimbError]
 ) -> None:
-    """Refuse what is no file, or is beyond a limit, before it is opened; as `read_bytes`."""
+    """Refuse a path that is no file, or a file beyond a limit, before it is opened.
+
+    Arguments and errors as in `read_bytes`.
+    """
     try:
         # Opening a pipe waits, and opening a port resets its board.
         status = os.stat(path)
@@ -46,34 +49,40 @@ def check_file(
             with open(path, "rb"):
                 pass
     except (OSError, ValueError) as error:  # the latter for a path that no file can have
-        raise error_type(f"Cannot read the {what}: {error}.") from error
+        raise error_type(f"Cannot read the {file_kind}: {error}.") from error
+    # Refuse other things than files, and files that are too large.
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
-        raise error_type(f"Cannot read the {what}: {path} is {kind}, but must be a file.")
+        raise error_type(f"Cannot read the {file_kind}: {path} is {kind}, but must be a file.")
     if status.st_size > largest:
-        raise _too_large(path, what, largest, error_type)
+        raise _too_large(path, file_kind, largest, error_type)
 
 
 def _too_large(
-    path: str | os.PathLike, what: str, largest: int, error_type: type[LimbError]
+    path: str | os.PathLike, file_kind: str, largest: int, error_type: type[LimbError]
 ) -> LimbError:
+    """Return the error for a file beyond the limit."""
     return error_type(
-        f"Cannot read the {what}: {path} is larger than the {largest / 1e6:g} MB that are read."
+        f"Cannot read the {file_kind}: {path} is larger than the {largest / 1e6:g} MB that are "
+        "read."
     )
 
 
 def read_text(
-    path: str | os.PathLike, what: str, error_type: type[LimbError], largest: int = LARGEST_TEXT
+    path: str | os.PathLike,
+    file_kind: str,
+    error_type: type[LimbError],
+    largest: int = LARGEST_TEXT,
 ) -> str:
-    """Reads a text file in UTF-8, with or without a byte order mark; as `read_bytes`."""
+    """Read a text file in UTF-8, with or without a byte order mark; see `read_bytes`."""
     try:
-        return read_bytes(path, what, largest, error_type).decode("utf-8-sig")
+        return read_bytes(path, file_kind, largest, error_type).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise error_type(f"{path}: this is not a text file.") from error
 
 
 class FirstLine(NamedTuple):
-    """What the first line of a file says.
+    """The contents of a file's first line.
 
     - ``kind``: such as "recording".
     - ``format``: version of the file's format.
@@ -89,6 +98,6 @@ class FirstLine(NamedTuple):
 
 
 def first_line(text: str) -> FirstLine | None:
-    """Return what the first line of a file's text says; None if the file is not of soft-limb."""
+    """Parse the first line of a file's text; return None if the file is not of soft-limb."""
     match = re.match(r"\ufeff?# limb (\w+), format ([0-9]{1,9})(?![0-9])(.*)", text)
     return FirstLine(match[1], int(match[2]), match[3]) if match else None

@@ -1,4 +1,4 @@
-"""Writing files."""
+"""Writing of files, and checks of the paths of outputs."""
 
 import contextlib
 import itertools
@@ -18,12 +18,13 @@ def write_atomically(path: str | Path, content: str | bytes | Iterator[str]) -> 
     """Write a file, text, its parts or bytes, whole or not at all, also if the process dies.
 
     Raises:
-        OutputError: if it cannot be written, for example on a full disk; a file that was there
-            is as it was.
+        OutputError: if it cannot be written, for example on a full disk; an existing file
+            is unchanged.
     """
     path = Path(path)
-    with naming(path):
+    with raising_output_error(path):
         path.parent.mkdir(parents=True, exist_ok=True)
+        # Write a temporary file in the same folder, and give it the name when it is on the disk.
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
             with os.fdopen(handle, "wb") as file:
@@ -39,8 +40,8 @@ def write_atomically(path: str | Path, content: str | bytes | Iterator[str]) -> 
 
 
 @contextlib.contextmanager
-def naming(path: str | Path) -> Iterator[None]:
-    """A context whose OSErrors, such as that of a full disk, become OutputErrors with the path."""
+def raising_output_error(path: str | Path) -> Iterator[None]:
+    """A context that raises OSErrors, such as "disk full", as OutputErrors with the path."""
     try:
         yield
     except OSError as error:
@@ -55,7 +56,7 @@ def check_outputs(
     tables: Sequence[Path | None] = (),
     force: bool = False,
 ) -> None:
-    """Before a command starts, refuses outputs that it cannot or should not write.
+    """Refuse outputs that a command cannot or should not write, before it starts.
 
     Args:
         outputs: files to be written; None for those that were not asked for.
@@ -66,16 +67,19 @@ def check_outputs(
     Raises:
         OutputError: with one sentence naming the file.
     """
+    # Check the formats.
     for picture in filter(None, pictures):
         check_picture(picture)
     for table in filter(None, tables):
         if table.suffix.lower() != ".csv":
             raise OutputError(f"{table} is to be a table; its name must end with .csv.")
-    taken = [(path, "read") for path in filter(None, inputs)]
+    # Check that no file is used twice, and that each can be written.
+    used_files = [(path, "read") for path in filter(None, inputs)]
     for path in filter(None, outputs):
-        if use := next((use for other, use in taken if _is_same(path, other)), None):
-            raise OutputError(f"{path} is {use} by the same command; give another name.")
-        taken.append((path, "written"))
+        for used_path, use in used_files:
+            if _is_same(path, used_path):
+                raise OutputError(f"{path} is {use} by the same command; give another name.")
+        used_files.append((path, "written"))
         if path.is_dir():
             raise OutputError(f"{path} is a folder; give the name of a file in it.")
         check_folder(path.parent)
@@ -84,33 +88,37 @@ def check_outputs(
 
 
 def free_path(path: Path) -> Path:
-    """A path, with a number if there is such a file already."""
-    others = (path.with_stem(f"{path.stem}_{number}") for number in itertools.count(2))
-    return next(other for other in itertools.chain([path], others) if not other.exists())
+    """Return a path, with a number if there is such a file already."""
+    free = path
+    for number in itertools.count(2):
+        if not free.exists():
+            break
+        free = path.with_stem(f"{path.stem}_{number}")
+    return free
 
 
 def _is_same(path: Path, other: Path) -> bool:
-    """Whether two paths lead to one file, by links of any kind."""
+    """Return whether two paths lead to one file, by links of any kind."""
     if path.resolve() == other.resolve():
         return True
     return path.exists() and other.exists() and path.samefile(other)
 
 
 def check_folder(folder: Path) -> None:
-    """Refuses a folder that cannot be created or written to.
+    """Refuse a folder that cannot be created or written to.
 
     Raises:
         OutputError: with one sentence naming the obstacle.
     """
-    there = next(path for path in (folder, *folder.parents) if path.exists())
-    if not there.is_dir():
-        raise OutputError(f"{there} is a file, but a folder is needed there.")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise OutputError(f"{there} is a folder that you may not write to.")
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    if not existing.is_dir():
+        raise OutputError(f"{existing} is a file, but a folder is needed there.")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise OutputError(f"{existing} is a folder that you may not write to.")
 
 
 def check_picture(path: Path) -> None:
-    """Refuses a picture whose name ends with no known format.
+    """Refuse a picture whose name ends with no known format.
 
     Raises:
         OutputError: with one sentence naming the formats.

@@ -1,4 +1,4 @@
-"""What made a result: version, commit, command, parameters, seeds and time.
+"""Provenance of a result: version, commit, command, parameters, seeds and time.
 
 A result is stamped when it is made, and keeps its stamp in every file that it is written to.
 """
@@ -24,7 +24,7 @@ _LONGEST_COMMAND = 1000  # characters
 
 @dataclasses.dataclass(frozen=True)
 class Provenance:
-    """What made a result.
+    """The program, command, parameters and time that made a result.
 
     - ``version``: version of soft-limb.
     - ``commit``: commit of git, if soft-limb ran from a checkout of its repository, with
@@ -33,7 +33,7 @@ class Provenance:
     - ``parameters``: `LimbParameters.digest` of the limb; empty if there is none.
     - ``time``: UTC, ISO 8601, such as "2030-01-31T12:00:00Z".
     - ``limb_seed``: seed of the emulated limb; None if there is none.
-    - ``seed``: seed of the random numbers in what was done to the limb; None if there are none.
+    - ``seed``: seed of the random numbers in the experiment; None if there are none.
     """
 
     version: str
@@ -46,14 +46,14 @@ class Provenance:
 
     @classmethod
     def now(cls, parameters: Any = None, seed: int | None = None) -> "Provenance":
-        """Return the provenance of what this program is making.
+        """Return the provenance of a result that this program is making.
 
         The first call in a process asks git, which takes some milliseconds: make it before a
         loop that has to keep time.
 
         Args:
             parameters: `LimbParameters` of the limb; None if there is no limb.
-            seed: seed of the random numbers in what is done to the limb, if there are any.
+            seed: seed of the random numbers in the experiment, if there are any.
         """
         version, commit = version_and_commit()
         return cls(
@@ -76,23 +76,26 @@ class Provenance:
         return None if value is None else load_typed(cls, json.dumps(value, ensure_ascii=False))
 
     def summary(self) -> Summary:
-        """Return all that is known."""
-        made_by = Entry("made by", f"soft-limb {self.version}")
-        names = ("commit", "command", "time", "parameters", "limb_seed", "seed")
+        """Return all fields as a summary."""
+        entries = [Entry("made by", f"soft-limb {self.version}")]
         labels = {"time": "made at", "limb_seed": "limb seed"}
-        return Summary([made_by, *(Entry(labels.get(n, n), getattr(self, n)) for n in names)])
+        for name in ("commit", "command", "time", "parameters", "limb_seed", "seed"):
+            entries.append(Entry(labels.get(name, name), getattr(self, name)))
+        return Summary(entries)
 
 
 @functools.cache
 def version_and_commit() -> tuple[str, str]:
     """Return the version of soft-limb and the commit of its checkout, see `Provenance`."""
+    # Find the version.
     try:
         version = importlib.metadata.version("soft-limb")
     except importlib.metadata.PackageNotFoundError:  # a copy that was never installed
         version = "unknown"
+    # Find the commit, if this is a checkout.
     if not (_ROOT / ".git").exists():
         return version, ""
-    # The variables of a hook would lead to the repository that is committed to.
+    # In a git hook, git's variables name the repository of the hook.
     environment = {name: value for name, value in os.environ.items() if name[:4] != "GIT_"}
     try:
         commit = subprocess.check_output(
@@ -111,6 +114,7 @@ def version_and_commit() -> tuple[str, str]:
 
 def command_line(arguments: list[str]) -> str:
     """Return a program's arguments, such as `sys.argv`, as one line for a shell."""
+    # Name the program as a user would type it.
     path = Path(arguments[0] if arguments else "")
     if path.name == "__main__.py":
         program = ["python", "-m", path.parent.name]
@@ -120,6 +124,7 @@ def command_line(arguments: list[str]) -> str:
         program = ["python"]
     else:
         program = [path.name]  # an installed command, whose folder nobody types
+    # Quote its arguments, printable and not too long.
     line = shlex.join([*program, *arguments[1:]])
     line = "".join(c if c.isprintable() else "?" for c in line)
     return line if len(line) <= _LONGEST_COMMAND else f"{line[: _LONGEST_COMMAND - 3]}..."

@@ -1,4 +1,4 @@
-"""What was measured on a limb, model or robot, over time."""
+"""Recordings: signals over time that were measured on a limb, model or robot."""
 
 import dataclasses
 import importlib
@@ -11,7 +11,7 @@ from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.schema import check_text, rare
-from limb_systems.files.signal_table import Samples, apart, sample_rate, signal
+from limb_systems.files.signal_table import Samples, not_saved, sample_rate, signal
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.summary import Entry, Summary
 
@@ -24,8 +24,8 @@ class Recording(Samples):
     """Samples from a limb with F bends, n joints and W wires.
 
     Measured values are kept whatever they are: a reading of 700 °C is a fact about its
-    sensor. Whoever calculates with them calls `check_plausible`. A reading that is missing
-    is nan, an empty cell in the file; time and duty are known all the same.
+    sensor. Call `check_plausible` before calculating with them. A missing reading is nan, an
+    empty cell in the file; time and duty are never missing.
 
     - ``time``: time of the samples (K,), s, increasing.
     - ``duty``: duty (W, K), in [0, 1], in force when the sample was taken; a command
@@ -33,29 +33,28 @@ class Recording(Samples):
     - ``measured_temperature``: V (W, K), °C; nan where it is missing.
     - ``bend_angle``: φ (F, K), rad; nan where it is missing.
     - ``parameters``: parameters of the limb, as far as they are known.
-    - ``source``: a line of text that names what was recorded.
+    - ``source``: a line of text that names the recorded limb or system.
     - ``sample_rate``: nominal rate of the samples, Hz.
     - ``wire_temperature``: T (W, K), °C, of a model; else None.
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s, of a model; else None.
-    - ``reference``: bend angles that were asked for (F, K), rad; None if none was.
+    - ``reference``: desired bend angles (F, K), rad; None if there were none.
     - ``applied_duty``: duty that was applied to the wires when the sample was
       taken (W, K), in [0, 1]; None if it is not known.
     - ``board_time``: time at which the sample was taken, by the board's clock (K,), s;
       None without a board.
     - ``sample_age``: time from the sample's arrival to ``time`` (K,), s; None
       without a board.
-    - ``interrupted``: why it ended before its time, in a line of text, such as the
+    - ``interrupted``: the reason why it ended early, in a line of text, such as the
       fault of a board; empty if it did not.
-    - ``provenance``: what made it; None if it is not known.
-    - ``robot``: the connected limbs, such as a robot's, of which ``parameters`` is all together;
-      None if it is a limb.
+    - ``provenance``: its provenance; None if it is not known.
+    - ``robot``: the connected limbs, such as a robot's, whose ``as_single_limb`` is
+      ``parameters``; None if it is a limb.
     - ``body_pose``: pose of the robot's body, (3, K): x, z, m, and θ, rad, from +x towards +z; or
       (6, K): x, y, z, m, roll, pitch, yaw, rad; None if it is not known.
     - ``contact_force``: force from the ground on each foot, N, along x and z (2L, K), or along x,
       y and z (3L, K); None if it is not known.
-    - ``kind``: what calibration takes it for, as `calibration.kind_of` lists; empty if nobody has
-      said so.
-    - ``title``: what messages of calibration call it; no file has it. Its source if empty.
+    - ``kind``: kind of the experiment, as `calibration.kind_of` lists; empty if it is unknown.
+    - ``title``: name in messages of calibration, which is in no file; its source if empty.
 
     Raises:
         LimbError: at construction, if shapes disagree or other values are not
@@ -67,7 +66,7 @@ class Recording(Samples):
     MEASURED: ClassVar[tuple[str, ...]] = ("measured_temperature", "bend_angle")
     source: str
     sample_rate: float = sample_rate(dataclasses.MISSING)
-    parameters: LimbParameters = None  # type: ignore[assignment]  # those of the robot
+    parameters: LimbParameters = None  # type: ignore[assignment]  # by default the robot's
     provenance: Provenance | None = None
     robot: ConnectedLimbs | None = None
     kind: str = rare("")
@@ -83,8 +82,8 @@ class Recording(Samples):
     sample_age: np.ndarray | None = signal(None)
     body_pose: np.ndarray | None = signal(None)
     contact_force: np.ndarray | None = signal(None)
-    interrupted: str = apart("")
-    title: str = apart("")
+    interrupted: str = not_saved("")
+    title: str = not_saved("")
 
     def __post_init__(self):
         check_text(self.source, "source")
@@ -93,7 +92,7 @@ class Recording(Samples):
         if self.parameters is None:
             if self.robot is None:
                 raise LimbError("parameters is missing.")
-            self.parameters = self.robot.together
+            self.parameters = self.robot.as_single_limb
         self._check()
         if not 1 / LONGEST_PERIOD <= self.sample_rate <= HIGHEST_RATE:
             raise LimbError(
@@ -103,17 +102,17 @@ class Recording(Samples):
 
     @property
     def heating_duty(self) -> np.ndarray:
-        """The duty that was applied, if it is known, else the one that was commanded (W, K)."""
+        """The applied duty (W, K) if it is known, else the commanded duty."""
         return self.duty if self.applied_duty is None else self.applied_duty
 
     @property
     def implausible(self) -> np.ndarray:
-        """Whether V or φ is beyond -60 °C to 600 °C, or -π to π, at each sample (K,)."""
+        """True at each sample (K,) where V is beyond -60 °C to 600 °C, or φ beyond -π to π."""
         return self._outside(self.MEASURED)
 
     @property
     def missing(self) -> np.ndarray:
-        """Whether a reading of V or φ is missing, at each sample (K,).
+        """True at each sample (K,) where a reading of V or φ is missing.
 
         A wire whose readings are all missing has no thermocouple, and does not count.
         """
@@ -122,70 +121,73 @@ class Recording(Samples):
 
     @property
     def has_thermocouple(self) -> np.ndarray:
-        """Whether there is any reading of each wire (W,)."""
+        """True for each wire (W,) that has any reading."""
         return ~np.isnan(self.measured_temperature).all(axis=1)
 
     @property
     def usable(self) -> np.ndarray:
-        """Whether V and φ are there and plausible, at each sample (K,)."""
+        """True at each sample (K,) where V and φ are present and plausible."""
         return ~(self.missing | self.implausible)
 
     @property
     def doubt(self) -> str:
-        """How many samples are not plausible, and since when; empty if there are none."""
+        """The number of implausible samples and the time of the first; empty if there are none."""
         if not (count := int(self.implausible.sum())):
             return ""
         first = self.time[np.argmax(self.implausible)]
         return f"{count} of {len(self.time)} samples out of range, the first at {first:g} s"
 
     def check_plausible(self) -> None:
-        """Raises LimbError, with the first value that is not plausible, if there is one."""
+        """Raise LimbError, with the first value that is not plausible, if there is one."""
         if sentence := self._first_outside(self.MEASURED):
             raise LimbError(sentence)
 
     def summary(self) -> Summary:
-        """Source, duration, samples, range of bends, travel, largest temperature; its trouble."""
-        count, missing = len(self.time), self.missing
+        """Return source, duration, samples, bends, travel, largest temperature, and faults."""
+        num_samples = len(self.time)
         entries = [Entry("source", self.source), Entry("kind", self.kind)]
-        if count:
+        if num_samples:
             entries.append(Entry("duration", float(self.time[-1] - self.time[0]), "s"))
-        entries.append(Entry("samples", count, "", f"{count or 'no'} samples"))
+        entries.append(Entry("samples", num_samples, "", f"{num_samples or 'no'} samples"))
+        # Add the motion and the heat.
         if not np.isnan(self.bend_angle).all():
             entries.append(self._bend_entry())
-        if self.body_pose is not None and count:
+        if self.body_pose is not None and num_samples:
             moved = self.body_pose[:, -1] - self.body_pose[:, 0]
-            in_space = len(moved) == 6
-            travel = float(np.linalg.norm(moved[:2]) if in_space else moved[0])
+            is_in_space = len(moved) == 6
+            travel = float(np.linalg.norm(moved[:2]) if is_in_space else moved[0])
             entries.append(Entry("travel", travel, "m", f"travel {1e3 * travel:.1f} mm"))
-            if in_space:
+            if is_in_space:
                 turn = float(np.diff(np.unwrap(self.body_pose[5])[[0, -1]])[0])
                 entries.append(Entry("turn", turn, "rad", f"turn {np.rad2deg(turn):.1f}°"))
         if self.has_thermocouple.any():
             heat = float(np.nanmax(self.measured_temperature))
             entries.append(Entry("heat", heat, "°C", f"up to {heat:.0f} °C"))
+        # Add the faults.
         if self.interrupted:
             entries.append(Entry("end", self.interrupted, "", f"interrupted: {self.interrupted}"))
-        if number := int(missing.sum()):
-            entries.append(Entry("missing", number, "", f"{number} of {count} samples missing"))
+        num_missing = int(self.missing.sum())
+        if num_missing:
+            sentence = f"{num_missing} of {num_samples} samples missing"
+            entries.append(Entry("missing", num_missing, "", sentence))
         if self.doubt:
             entries.append(Entry("doubt", self.doubt))
         return Summary(entries)
 
     @property
     def how(self) -> str:
-        """How it was made, in a word for labels: "simulated", "emulated" or "recorded"."""
-        if self.source.startswith(
-            ("emulated limb", "emulated robot", "limb twin")
-        ):  # the latter through a board
+        """The origin in a word for labels: "simulated", "emulated" or "recorded"."""
+        # An emulated limb behind a board is named limb twin.
+        if self.source.startswith(("emulated limb", "emulated robot", "limb twin")):
             return "emulated"
-        known_to_a_model = (self.joint_state, self.wire_temperature)
-        if self.source.startswith("model") or any(s is not None for s in known_to_a_model):
+        has_model_signals = self.joint_state is not None or self.wire_temperature is not None
+        if self.source.startswith("model") or has_model_signals:
             return "simulated"
         return "recorded"
 
     @property
     def origin(self) -> str:
-        """What the joints of the limb show, and how they came about, for a caption."""
+        """A caption: the source of the joint angles that a picture of the limb shows."""
         if self.joint_state is None:
             return f"{self.how} bend angle ({self.source}), drawn as constant curvature"
         return f"{self.how} joint angles ({self.source}), nothing measured"
@@ -197,20 +199,20 @@ class Recording(Samples):
         mapping: Any = None,
         parameters: LimbParameters | None = None,
     ) -> "Recording":
-        """Reads a log of another program, as far as one limb goes without a gap.
+        """Read a log of another program: the samples of one limb until the first gap.
 
-        What was left out is said in a warning; `calibration.import_logs` has all of it.
+        A warning names the samples that are left out; `calibration.import_logs` reads all.
 
         Args:
-            mapping: a `LogMapping` of the log's columns, or its YAML file; what the log itself
-                shows if None.
+            mapping: a `LogMapping` of the log's columns, or its YAML file; guessed from the log
+                if None.
             parameters: the limb's description; the nominal limb, with the wires of the mapping,
                 if None.
 
         Raises:
-            LogError: with one sentence, if it is no log, lacks what a recording needs, or leaves
-                something open.
+            LogError: with one sentence, if it is no log, lacks a signal that a recording needs,
+                or is ambiguous.
         """
-        # The import is above files, and files do not depend on it: it is found when it is called.
+        # This package does not depend on the calibration: the module is found by its name.
         importing = importlib.import_module(LOG_IMPORT)
         return importing.recording_from_log(path, mapping, parameters)

@@ -1,9 +1,9 @@
 """Typed dataclasses and their YAML: fields with units and ranges, tagged unions, plain errors.
 
-The documents are those of `pydrake.common.yaml`: mappings for dataclasses, and
+The documents have the form of `pydrake.common.yaml`: mappings for dataclasses, and
 a tag such as ``!LinearLaw`` where there is a choice of classes. They are read
 here, because `yaml_load_typed` has no ranges, does not know classes that are
-defined later, and does not say where in the document a mistake is.
+defined later, and does not name the place of a mistake in the document.
 """
 
 import collections.abc
@@ -24,9 +24,9 @@ from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TEXT
 
 T = typing.TypeVar("T")
-_NONE: typing.Mapping = types.MappingProxyType({})
+_NO_METADATA: typing.Mapping = types.MappingProxyType({})
 _NULLS = ("null", "~", "")
-_SPECIAL = {".nan": "nan", ".inf": "inf", "-.inf": "-inf"}  # numbers that Python writes otherwise
+_SPECIAL_NUMBERS = {".nan": "nan", ".inf": "inf", "-.inf": "-inf"}  # YAML's text, and Python's
 
 
 class SchemaError(LimbError):
@@ -43,12 +43,12 @@ def quantity(
     *,
     rare: bool = False,
 ) -> Any:
-    """A dataclass field with its unit and the closed range of values that are accepted.
+    """Return a dataclass field with its unit and the closed range of accepted values.
 
     Args:
         default: a number, or a tuple of the numbers of a list; `dataclasses.MISSING` for none.
         meaning, prior: metadata of a field of a wire's law, see `WireLaw`.
-        rare: whether files leave it out where it has its default, as of `rare`.
+        rare: whether files leave it out where it has its default, see `rare`.
     """
     metadata = {"unit": unit, "range": (low, high), "rare": rare}
     metadata |= {"meaning": meaning, "prior": prior}
@@ -58,33 +58,33 @@ def quantity(
 
 
 def rare(default: Any) -> Any:
-    """A dataclass field that files leave out where it has its default: few limbs need it."""
+    """Return a dataclass field that files leave out where it has its default: few limbs need it."""
     return dataclasses.field(default=default, metadata={"rare": True})
 
 
 class Strict:
-    """A dataclass that refuses to be given an attribute it has no field or property for."""
+    """A dataclass that refuses an attribute for which it has no field or property."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
         if name not in names and not isinstance(getattr(type(self), name, None), property):
             raise SchemaError(
-                f"{type(self).__name__} has no field {name!r}{nearest(name, names)}; it has "
+                f"{type(self).__name__} has no field {name!r}{did_you_mean(name, names)}; it has "
                 f"{', '.join(names)}."
             )
         super().__setattr__(name, value)
 
 
 class Tagged(Strict):
-    """A dataclass that is written to YAML with its name as the tag, as one of several choices."""
+    """A dataclass that is written to YAML with its class name as the tag, as one of several."""
 
 
 def dump_typed(value: Any) -> str:
-    """YAML text of a dataclass, with all of its fields but rare ones, and every float exact.
+    """Return the YAML text of a dataclass, with all fields but rare ones, and every float exact.
 
     Raises:
         SchemaError: if `load_typed` would not read it: a text that cannot be
-            printed, or more than is read.
+            printed, or more than the largest size.
     """
     text = yaml_dump(_plain(value))
     _check_size(text)
@@ -92,12 +92,12 @@ def dump_typed(value: Any) -> str:
 
 
 def load_typed(schema: type[T], text: str) -> T:
-    """Reads YAML text into a dataclass.
+    """Read YAML text into a dataclass.
 
-    A field that is left out has its default; one without a default must be
+    A missing field has its default; a field without a default must be
     there. No field may be unknown. The metadata ``{"in_files": False}`` keep a field out of files,
-    and a text in place of False is the field's name there. A class may have reasons, ``REFUSED``,
-    for which it does not take fields that other programs have.
+    and a text instead of False is the field's name there. A class may have a dict ``REFUSED`` of
+    fields of other programs that it does not take, with the reasons.
 
     A value has the type of its field, whatever it looks like. Texts are of one line
     of printable characters, or of several if the field has the metadata
@@ -111,7 +111,7 @@ def load_typed(schema: type[T], text: str) -> T:
 
 
 def load_fields(schema: type, text: str) -> dict[str, Any]:
-    """Reads YAML text as `load_typed` does, into the values of a dataclass's fields by their names.
+    """Read YAML text as `load_typed`, and return the values of a dataclass's fields by names.
 
     Raises:
         SchemaError: with one sentence naming the field, or the line.
@@ -120,7 +120,7 @@ def load_fields(schema: type, text: str) -> dict[str, Any]:
 
 
 def validate(target: Any, path: str = "") -> None:
-    """Checks the types of a dataclass's fields, and its numbers against their ranges.
+    """Check the types of a dataclass's fields, and its numbers against their ranges.
 
     Raises:
         SchemaError: for the first field that is wrong, with one sentence.
@@ -128,34 +128,36 @@ def validate(target: Any, path: str = "") -> None:
     _convert(target, type(target), path)
 
 
-def check_text(value: Any, name: str, metadata: typing.Mapping = _NONE) -> None:
-    """Raises SchemaError unless it is text that can be printed anywhere; see `load_typed`."""
+def check_text(value: Any, name: str, metadata: typing.Mapping = _NO_METADATA) -> None:
+    """Raise SchemaError unless a value is text that can be printed anywhere; see `load_typed`."""
     if not isinstance(value, str):
-        raise SchemaError(f"{name} is {shown(value)}; it must be text.")
+        raise SchemaError(f"{name} is {short_repr(value)}; it must be text.")
     lines = value.split("\n") if metadata.get("lines") else [value]
     if not all(line.isprintable() for line in lines):
-        raise SchemaError(f"{name} is {shown(value)}; it must be one line of printable text.")
+        raise SchemaError(f"{name} is {short_repr(value)}; it must be one line of printable text.")
 
 
-def shown(value: Any) -> str:
-    """Any value for an error: its ``repr``, the beginning of it if it is long."""
+def short_repr(value: Any) -> str:
+    """Return the ``repr`` of a value for an error, shortened if it is long."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 100 else f"{text[:97]}..."
 
 
-def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NONE) -> Any:
+def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NO_METADATA) -> Any:
+    """Return a value as lists, dicts, texts and numbers, as YAML takes them."""
     if dataclasses.is_dataclass(value):
-        fields = [
-            field
-            for field in dataclasses.fields(value)
-            if _name_in_files(field)
-            and not (field.metadata.get("rare") and getattr(value, field.name) == field.default)
-            and not (getattr(value, field.name) is field.default is None)
-        ]
-        plain = {
-            _name_in_files(f): _plain(getattr(value, f.name), f.name, f.metadata) for f in fields
-        }
-        return {"_tag": f"!{type(value).__name__}", **plain} if isinstance(value, Tagged) else plain
+        plain: dict[str, Any] = {}
+        if isinstance(value, Tagged):
+            plain["_tag"] = f"!{type(value).__name__}"
+        for field in dataclasses.fields(value):
+            field_value = getattr(value, field.name)
+            name_in_files = _name_in_files(field)
+            # Leave out rare fields with their defaults, and optional fields that are None.
+            is_rare_default = field.metadata.get("rare") and field_value == field.default
+            is_none = field_value is field.default is None
+            if name_in_files and not is_rare_default and not is_none:
+                plain[name_in_files] = _plain(field_value, field.name, field.metadata)
+        return plain
     if isinstance(value, list | tuple):
         return [_plain(item, name, metadata) for item in value]
     if isinstance(value, dict):
@@ -166,29 +168,30 @@ def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NONE) -> Any:
 
 
 class _Loader(yaml.BaseLoader):
-    """Keeps tags of classes; refuses what `load_typed` does, and fields that are given twice."""
+    """A YAML loader that keeps tags of classes, and refuses anchors and fields given twice."""
 
     def compose_node(self, parent, index):
         event = self.peek_event()
         if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
             raise _problem("anchors and aliases (& and *) are not read", event)
         if event.tag and not re.fullmatch(r"!\w*", event.tag):
-            raise _problem(f"the tag {shown(event.tag)} is not read", event)
+            raise _problem(f"the tag {short_repr(event.tag)} is not read", event)
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node, deep=False):
-        given = set()  # PyYAML would take the last one of two
+        names = set()  # PyYAML would take the last of two equal names
         for key, _ in node.value:
             name = self.construct_object(key, deep=True)
             if not isinstance(name, str):
-                raise _problem(f"{shown(name)} is no name of a field", key)
-            if name in given:
-                raise _problem(f"{shown(name)} is given twice", key)
-            given.add(name)
+                raise _problem(f"{short_repr(name)} is no name of a field", key)
+            if name in names:
+                raise _problem(f"{short_repr(name)} is given twice", key)
+            names.add(name)
         return super().construct_mapping(node, deep)
 
 
 def _construct_tagged(loader: _Loader, tag: str, node: yaml.Node) -> dict:
+    """Return the fields of a tagged mapping, with the tag as ``_tag``."""
     if not isinstance(node, yaml.MappingNode):
         raise _problem(f"!{tag} must have fields", node)
     return {"_tag": tag, **loader.construct_mapping(node, deep=True)}
@@ -197,11 +200,13 @@ def _construct_tagged(loader: _Loader, tag: str, node: yaml.Node) -> dict:
 _Loader.add_multi_constructor("!", _construct_tagged)
 
 
-def _problem(what: str, part: yaml.Node | yaml.Event) -> yaml.MarkedYAMLError:
-    return yaml.MarkedYAMLError(problem=what, problem_mark=part.start_mark)
+def _problem(message: str, part: yaml.Node | yaml.Event) -> yaml.MarkedYAMLError:
+    """Return an error about a part of a document."""
+    return yaml.MarkedYAMLError(problem=message, problem_mark=part.start_mark)
 
 
 def _check_size(text: str) -> None:
+    """Raise SchemaError if a YAML text is larger than the largest size that is read."""
     if len(text) > LARGEST_TEXT:
         raise SchemaError(
             f"it has {len(text)} characters of YAML, but at most {LARGEST_TEXT} are read."
@@ -209,53 +214,70 @@ def _check_size(text: str) -> None:
 
 
 def _parse(text: str) -> Any:
-    """Lists, dicts and texts of a YAML document."""
+    """Return the lists, dicts and texts of a YAML document."""
     _check_size(text)
     try:
         loader = _Loader(text)
-    except yaml.YAMLError as error:  # a character
+    except yaml.YAMLError as error:  # an invalid character
         raise SchemaError(f"not valid YAML: {' '.join(str(error).split())}.") from error
     try:
         return loader.get_single_data()
     except yaml.MarkedYAMLError as error:
-        what = " ".join(" ".join(filter(None, (error.context, error.problem))).split())
+        problem = " ".join(" ".join(filter(None, (error.context, error.problem))).split())
         line = error.problem_mark.line + 1 if error.problem_mark else loader.line + 1
-        raise SchemaError(f"not valid YAML: {what} in line {line}.") from error
+        raise SchemaError(f"not valid YAML: {problem} in line {line}.") from error
     except RecursionError as error:
         raise SchemaError("not valid YAML: it is nested too deeply.") from error
-    except (ValueError, OverflowError) as error:  # an escape for a character that there is not
+    except (ValueError, OverflowError) as error:  # an escape that stands for no character
         raise SchemaError(f"not valid YAML: {error} in line {loader.line + 1}.") from error
 
 
-def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE) -> Any:
-    """A value of a type, from lists, dicts and texts, or from such a value, which is checked."""
+def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NO_METADATA) -> Any:
+    """Convert lists, dicts and texts to a value of a type, or check such a value.
+
+    Args:
+        data: the parsed document, or a value of the type.
+        schema: the type.
+        path: place of the data in the document, for errors; empty for the whole.
+        metadata: metadata of the dataclass field.
+    """
     schema = schema.registered() if hasattr(schema, "registered") else schema
-    origin, arguments = typing.get_origin(schema), typing.get_args(schema)
+    origin = typing.get_origin(schema)
+    arguments = typing.get_args(schema)
     where = path or "the document"
+    # Convert the elements of collections.
     if origin is tuple:
         if not isinstance(data, list | tuple) or len(data) != len(arguments):
-            raise SchemaError(f"{where} must be a list of {len(arguments)}, but is {shown(data)}.")
+            raise SchemaError(
+                f"{where} must be a list of {len(arguments)}, but is {short_repr(data)}."
+            )
         pairs = enumerate(zip(data, arguments, strict=True))
         return tuple(_convert(value, kind, f"{path}[{i}]", metadata) for i, (value, kind) in pairs)
     if origin is dict:
         if not isinstance(data, dict):
-            raise SchemaError(f"{where} is {shown(data)}; it must have names with values.")
+            raise SchemaError(f"{where} is {short_repr(data)}; it must have names with values.")
         for key in data:
             check_text(key, f"a name in {where}")
-        named = ((key, value) for key, value in data.items() if key != "_tag")
-        return {k: _convert(value, arguments[1], f"{path}.{k}", metadata) for k, value in named}
+        converted = {}
+        for key, value in data.items():
+            if key != "_tag":
+                converted[key] = _convert(value, arguments[1], f"{path}.{key}", metadata)
+        return converted
     if origin in (list, collections.abc.Sequence):
         if not isinstance(data, list):
-            raise SchemaError(f"{where} is {shown(data)}; it must be a list.")
+            raise SchemaError(f"{where} is {short_repr(data)}; it must be a list.")
         items = enumerate(data)
         return [_convert(value, arguments[0], f"{path}[{i}]", metadata) for i, value in items]
+    # Choose one type of a union.
     if origin in (typing.Union, types.UnionType):
         if type(None) in arguments and (data is None or data in _NULLS):
             return None
-        plain = [choice for choice in arguments if choice is not type(None)]
-        if len(plain) == 1 and not dataclasses.is_dataclass(plain[0]):
-            return _convert(data, plain[0], path, metadata)
-        schema = type(data) if isinstance(data, tuple(plain)) else _chosen(data, plain, where)
+        choices = [choice for choice in arguments if choice is not type(None)]
+        if len(choices) == 1 and not dataclasses.is_dataclass(choices[0]):
+            return _convert(data, choices[0], path, metadata)
+        is_made = isinstance(data, tuple(choices))
+        schema = type(data) if is_made else _chosen_class(data, choices, where)
+    # Convert a single value.
     if dataclasses.is_dataclass(schema):
         return _convert_fields(data, typing.cast(type, schema), path, where)
     if schema is str:
@@ -263,117 +285,134 @@ def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE
         return data
     if schema is bool:
         if data not in ("true", "false", True, False):
-            raise SchemaError(f"{path} is {shown(data)}; it must be true or false.")
+            raise SchemaError(f"{path} is {short_repr(data)}; it must be true or false.")
         return data in ("true", True)
     return _convert_number(data, schema, path, metadata)
 
 
 def _convert_number(data: Any, schema: type, path: str, metadata: typing.Mapping) -> Any:
+    """Convert a text to a number of a type, or check a number; see `_convert`."""
     number = _parse_number(data, schema) if isinstance(data, str) else data
-    whole = isinstance(number, numbers.Integral) or (
+    # Check the type: a text such as 2.0 is a whole number, too.
+    is_whole = isinstance(number, numbers.Integral) or (
         isinstance(data, str) and isinstance(number, float) and number.is_integer()
     )
-    valid = isinstance(number, float) or whole
-    valid &= (schema is float or whole) and not isinstance(number, bool)
+    is_valid = isinstance(number, float) or is_whole
+    is_valid &= (schema is float or is_whole) and not isinstance(number, bool)
     expected = "a whole number" if schema is int else "a number"
+    # Check the range.
     if "range" in metadata:
         low, high = metadata["range"]
-        valid = valid and low <= number <= high  # NaN is not
+        is_valid = is_valid and low <= number <= high  # NaN is not
         expected += f" from {low:g} to {high:g} {metadata['unit']}".rstrip()
-    if not valid:
+    if not is_valid:
         given = data if number is None else number
-        raise SchemaError(f"{path} is {shown(given)}; it must be {expected}.")
+        raise SchemaError(f"{path} is {short_repr(given)}; it must be {expected}.")
     return schema(number) if isinstance(data, str) else number
 
 
 def _parse_number(text: str, schema: type) -> int | float | None:
+    """Return the number of a text; None if it is none."""
     try:
-        if schema is int and re.fullmatch(r"[-+]?[0-9]+", text):  # those that no float has, too
+        # Whole numbers may have more digits than a float.
+        if schema is int and re.fullmatch(r"[-+]?[0-9]+", text):
             return int(text)
-        return float(_SPECIAL.get(text, text))
+        return float(_SPECIAL_NUMBERS.get(text, text))
     except ValueError:
         return None
 
 
 def _name_in_files(field: dataclasses.Field) -> str:
-    """The name of a field in files; empty if no file has it."""
+    """Return the name of a field in files; empty if no file has it."""
     name = field.metadata.get("in_files", True)
     return name if isinstance(name, str) else field.name if name else ""
 
 
 def _convert_fields(data: Any, schema: type, path: str, where: str) -> Any:
+    """Convert a dict to a dataclass, or check a dataclass; see `_convert`."""
     values = _field_values(data, schema, path, where)
     return data if isinstance(data, schema) else schema(**values)
 
 
 def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, Any]:
-    """The values of a dataclass's fields by their names, without those that are left out."""
-    hints, prefix = _hints(schema), f"{path}." if path else ""
+    """Return the values of a dataclass's fields by their names, without missing fields."""
+    hints = _hints(schema)
+    prefix = f"{path}." if path else ""
     fields = {name: f for f in dataclasses.fields(schema) if (name := _name_in_files(f))}
-    made = isinstance(data, schema)
-    if not made and not isinstance(data, dict):
-        raise SchemaError(
-            f"{where} must have the fields {', '.join(fields)}, but is {shown(data)}."
-        )
-    if made:
+    # Collect the values.
+    is_made = isinstance(data, schema)
+    if is_made:
         given = {name: getattr(data, field.name) for name, field in fields.items()}
-    else:
+    elif isinstance(data, dict):
         given = {key: value for key, value in data.items() if key != "_tag"}
+    else:
+        raise SchemaError(
+            f"{where} must have the fields {', '.join(fields)}, but is {short_repr(data)}."
+        )
+    # Refuse unknown fields.
     for key in given:
         if reason := getattr(schema, "REFUSED", {}).get(key):
             raise SchemaError(f"{prefix}{key} is refused: {reason}.")
         if key not in fields:
-            unknown = f"{prefix}{key}" if key.isprintable() and len(key) < 80 else shown(key)
+            is_printable = key.isprintable() and len(key) < 80
+            unknown = f"{prefix}{key}" if is_printable else short_repr(key)
             raise SchemaError(
-                f"{unknown} is not a known field{nearest(key, list(fields))}; {where} has the "
+                f"{unknown} is not a known field{did_you_mean(key, list(fields))}; {where} has the "
                 f"fields {', '.join(fields)}."
             )
+    # Convert the values.
     values = {}
     for key, field in fields.items():
-        name, hint = f"{prefix}{key}", hints[field.name]
+        name = f"{prefix}{key}"
+        hint = hints[field.name]
         if key in given:
-            before = given[key]
-            values[field.name] = after = _convert(before, hint, name, field.metadata)
-            if made and after != before and after == after:  # a text is no number in an object
+            value = given[key]
+            converted = _convert(value, hint, name, field.metadata)
+            values[field.name] = converted
+            # In an object a text is no number. NaN differs from itself.
+            if is_made and converted != value and converted == converted:
                 kind = "a number" if hint in (int, float) else f"of the type {hint}"
-                raise SchemaError(f"{name} is {shown(before)}; it must be {kind}.")
+                raise SchemaError(f"{name} is {short_repr(value)}; it must be {kind}.")
         elif field.default is field.default_factory is dataclasses.MISSING:
             raise SchemaError(f"{name} is missing.")
     return values
 
 
-def _chosen(data: Any, given: list[type], where: str) -> type:
-    """The class that is meant, of those that are given and all classes derived from them."""
-    choices = {choice.__name__: choice for choice in _with_subclasses(given)}
+def _chosen_class(data: Any, given: list[type], where: str) -> type:
+    """Return the class that the tag names, of the given classes and their subclasses."""
+    choices = {choice.__name__: choice for choice in _instantiable_subclasses(given)}
     tags = ", ".join(f"!{name}" for name in choices)
     if not isinstance(data, dict):
-        raise SchemaError(f"{where} must be one of {tags}, but is {shown(data)}.")
+        raise SchemaError(f"{where} must be one of {tags}, but is {short_repr(data)}.")
+    # The first class is the default.
     tag = data.get("_tag", given[0].__name__)
     if tag not in choices:
         raise SchemaError(
-            f"{where} is a !{tag}, which is not known{nearest(tag, list(choices))}; it must be "
-            f"one of {tags}, or a class of your own whose module was imported "
+            f"{where} is a !{tag}, which is not known{did_you_mean(tag, list(choices))}; it must "
+            f"be one of {tags}, or a class of your own whose module was imported "
             "(soft-limb --import MODULE ...)."
         )
     return choices[tag]
 
 
-def _with_subclasses(classes: list[type]) -> list[type]:
-    found: list[type] = []
+def _instantiable_subclasses(classes: list[type]) -> list[type]:
+    """Return the public dataclasses that are not abstract, of classes and their subclasses."""
+    instantiable: list[type] = []
     for cls in classes:
-        private = cls.__name__.startswith("_")
-        if dataclasses.is_dataclass(cls) and not (private or inspect.isabstract(cls)):
-            found.append(cls)
-        found += _with_subclasses(cls.__subclasses__())
-    return found
+        is_private = cls.__name__.startswith("_")
+        if dataclasses.is_dataclass(cls) and not (is_private or inspect.isabstract(cls)):
+            instantiable.append(cls)
+        instantiable += _instantiable_subclasses(cls.__subclasses__())
+    return instantiable
 
 
 @functools.cache
 def _hints(schema: Any) -> dict[str, Any]:
+    """Return the types of a dataclass's fields by their names."""
     return typing.get_type_hints(schema)
 
 
-def nearest(name: str, names: collections.abc.Sequence[str]) -> str:
-    """A hint at the known name that may be meant, for an error about an unknown one."""
+def did_you_mean(name: str, names: collections.abc.Sequence[str]) -> str:
+    """Return a hint at the known name that is most like an unknown one; empty if there is none."""
     match = difflib.get_close_matches(name, names, n=1)
     return f" (did you mean {match[0]}?)" if match else ""

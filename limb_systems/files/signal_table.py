@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.connected_limbs import ConnectedLimbs
-from limb_systems.errors import LimbError, raised_as
+from limb_systems.errors import LimbError, reraise_as
 from limb_systems.files.csv_format import FileFormatError, Table, TableText, parse_table
 from limb_systems.files.input import LARGEST_TABLE, read_bytes
 from limb_systems.files.output import write_atomically
@@ -27,7 +27,7 @@ from limb_systems.limb_parameters import LimbParameters
 from limb_systems.progress import Progress
 from limb_systems.summary import Entry, Summarized
 
-ROWS_AT_ONCE = 20_000  # rows that are texts at a time
+ROWS_AT_ONCE = 20_000  # rows that are formatted at one time
 TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
 RANGES = {  # a value outside these is a mistake, of units or of a sensor
     "duty": (0.0, 1.0, ""),
@@ -42,17 +42,17 @@ RANGES = {  # a value outside these is a mistake, of units or of a sensor
 def column_names(
     parameters: LimbParameters, robot: ConnectedLimbs | None = None
 ) -> dict[str, list[str]]:
-    """Names of the columns of each signal; the unit is in the name.
+    """Return the names of the columns of each signal; the unit is in the name.
 
     Signals of joints are split into angles and rates. Columns of wires have the
-    wires' names; with several segments, the number of the segment follows, and with
-    several bends of a segment, what they are towards. The
-    signal ``other_wire_state`` is there only if wires have states other than T. Connected limbs
-    have signals of their own.
+    wires' names. With several segments, the number of the segment follows; with
+    several bends of a segment, their axes follow. The signal ``other_wire_state`` is
+    there only if wires have states other than T. Connected limbs have further signals.
     """
     wires = parameters.wire_names
     suffixes = parameters.bend_suffixes
     joints = range(1, parameters.num_joints + 1)
+    # Wires have states other than T only with some laws.
     others = LimbModel.of(parameters).wires.state_names[len(wires) :]
     return {
         "time": ["time_s"],
@@ -72,7 +72,7 @@ def column_names(
 
 
 def signal(default: Any = dataclasses.MISSING) -> Any:
-    """A field of `Samples` that is a signal, which has columns in files.
+    """Return a field of `Samples` that is a signal, which has columns in files.
 
     Args:
         default: None if the signal may be None.
@@ -80,13 +80,13 @@ def signal(default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata={"in_files": False, "signal": True})
 
 
-def apart(default: Any) -> Any:
-    """A field of `Samples` that is neither a signal nor in the header of files."""
+def not_saved(default: Any) -> Any:
+    """Return a field of `Samples` that is neither a signal nor in the header of files."""
     return dataclasses.field(default=default, metadata={"in_files": False})
 
 
 def sample_rate(default: Any) -> Any:
-    """The field of the samples' nominal rate, Hz."""
+    """Return the field of the samples' nominal rate, Hz."""
     metadata = {"in_files": "sample_rate_hz", "unit": "Hz", "range": (1e-6, 1e6)}
     return dataclasses.field(default=default, metadata=metadata)
 
@@ -94,7 +94,8 @@ def sample_rate(default: Any) -> Any:
 class Samples(Summarized):
     """The base of `Recording`, `Trajectory` and `Gait`: a dataclass of signals and of a header.
 
-    The signals are the columns of a file. All other fields but those `apart` are its header.
+    The signals are the columns of a file. All other fields are its header, except fields that
+    are `not_saved`.
     """
 
     KIND: ClassVar[str]  # in the first line of the file
@@ -113,7 +114,7 @@ class Samples(Summarized):
 
     @classmethod
     def optional(cls) -> list[str]:
-        """Names of the signals that may be None."""
+        """Return the names of the signals that may be None."""
         fields = dataclasses.fields(cls)
         return [f.name for f in fields if f.metadata.get("signal") and f.default is None]
 
@@ -121,21 +122,21 @@ class Samples(Summarized):
     def columns_of(
         cls, parameters: LimbParameters, robot: ConnectedLimbs | None
     ) -> dict[str, list[str]]:
-        """`column_names` of the signals that these samples have."""
+        """Return `column_names` of the signals that these samples have."""
         signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}
         names = column_names(parameters, robot)
-        return {name: group for name, group in names.items() if name in signals}
+        return {name: names[name] for name in names if name in signals}
 
     @property
     def model(self) -> LimbModel:
-        """The limb that the samples are of; a new one if they are given other parameters."""
+        """The limb's model; a new one if the samples are given other parameters."""
         model = vars(self).get("_model")
         if model is None or model.parameters is not self.parameters:
             model = vars(self)["_model"] = LimbModel(self.parameters)
         return model
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The columns (K,) of the file, angles in rad, without signals that are None."""
+        """Return the columns (K,) of the file, angles in rad, without signals that are None."""
         columns: dict[str, np.ndarray] = {}
         for name, group in self.columns_of(self.parameters, self.robot).items():
             value = getattr(self, name)
@@ -145,7 +146,7 @@ class Samples(Summarized):
 
     @classmethod
     def load(cls, path: str | Path, *, unfinished: bool = False) -> Self:
-        """Reads a file.
+        """Load a file.
 
         Args:
             unfinished: whether a recording's file may lack its end, because the program
@@ -155,27 +156,28 @@ class Samples(Summarized):
             FileFormatError: one sentence that says what is wrong and where.
         """
         data = read_bytes(path, cls.KIND, LARGEST_TABLE, FileFormatError)
-        with raised_as(FileFormatError, f"{path}: "):
+        with reraise_as(FileFormatError, f"{path}: "):
             table = parse_table(data, cls.KIND, unfinished=unfinished, readings=cls.MEASURED)
             return cls._from_table(table)
 
     @classmethod
     def from_text(cls, text: str) -> Self:
-        """Reads the text of a file; errors as of `load`."""
+        """Parse the text of a file; errors as in `load`."""
         return cls._from_table(parse_table(text.encode(), cls.KIND, readings=cls.MEASURED))
 
     def to_text(self) -> str:
-        """The text of the file; errors as for `save`."""
+        """Return the text of the file; errors as in `save`."""
         return "".join(self._text())
 
     def save(self, path: str | Path) -> None:
-        """Writes the file whole or not at all.
+        """Write the file whole or not at all.
 
         Raises:
             LimbError: if a value is not finite or there are too many, or if the check
                 of a plan failed. A plan without a check is written, and its file says so.
         """
         count = len(self.time)
+        # Show the progress between the parts.
         with Progress(f"writing {Path(path).name}", count, "samples") as progress:
 
             def parts() -> Iterator[str]:
@@ -186,7 +188,7 @@ class Samples(Summarized):
             write_atomically(path, parts())
 
     def _text(self) -> Iterator[str]:
-        """The text of the file, in parts."""
+        """Yield the text of the file, in parts."""
         self._check()  # whatever was changed since the signals were given
         columns = self.columns()
         text = TableText(self.KIND, self.header(), columns)
@@ -197,73 +199,85 @@ class Samples(Summarized):
         yield text.end(self.interrupted)
 
     def header(self) -> str:
-        """The YAML text of all that is neither a signal nor `apart`."""
-        about = copy.copy(self)
+        """Return the YAML text of all fields that are neither signals nor `not_saved`."""
+        header = copy.copy(self)
         if self.robot:
-            about.parameters = None  # type: ignore[assignment]  # they are those of the robot
-        return dump_typed(about)
+            header.parameters = None  # type: ignore[assignment]  # they follow from the robot
+        return dump_typed(header)
 
     @classmethod
     def _from_table(cls, table: Table) -> Self:
+        """Return the samples in a table; errors as in `load`."""
+        # Read the header.
         header = load_fields(cls, table.header)
         robot = header.get("robot")
         described = robot or header.get("parameters")
         if described is None:
             raise FileFormatError("parameters is missing.")
         described.validate()
-        groups = cls.columns_of(robot.together if robot else described, robot)
-        known = {column for group in groups.values() for column in group}
+        # Check the columns against the description.
+        groups = cls.columns_of(robot.as_single_limb if robot else described, robot)
+        known_columns = {column for group in groups.values() for column in group}
         for column in table.columns:
-            if column not in known:
+            if column not in known_columns:
                 raise FileFormatError(f"the column {column} does not belong here.")
-        found: dict[str, Any] = {"interrupted": table.interrupted}
+        # Stack the columns of each signal. Bends of plans follow from joints and are no field.
+        field_names = {field.name for field in dataclasses.fields(cls)}
+        values: dict[str, Any] = {"interrupted": table.interrupted}
         for name, group in groups.items():
             missing = [column for column in group if column not in table.columns]
             if not missing:
                 rows = np.array([table.columns[column] for column in group])
-                found[name] = rows[0] if name in TIMES else rows
+                values[name] = rows[0] if name in TIMES else rows
             elif name not in cls.optional() or len(missing) < len(group):
                 raise FileFormatError(f"the column {missing[0]} is missing.")
-        names = {field.name for field in dataclasses.fields(cls)}  # bends may follow from joints
-        return cls(**header, **{name: value for name, value in found.items() if name in names})
+        return cls(**header, **{name: values[name] for name in values if name in field_names})
 
     def _check(self) -> None:
-        """Turns the signals into arrays and checks them.
+        """Convert the signals to arrays and check them.
 
         Raises:
             LimbError: if shapes disagree or values are not finite, if time does
                 not increase, duty leaves [0, 1] or an angle leaves [-π, π].
         """
         self.parameters.validate()
-        self.time = time = np.asarray(self.time, float)
+        # Check the time.
+        time = np.asarray(self.time, float)
+        self.time = time
         if time.ndim != 1 or not np.isfinite(time).all():
             raise LimbError("time must be a list of finite numbers.")
-        if (steps := np.diff(time) <= 0).any():
-            before, after = time[(index := int(np.argmax(steps))) : index + 2]
-            raise LimbError(f"time goes from {before:g} s to {after:g} s; it must increase.")
+        does_not_increase = np.diff(time) <= 0
+        if does_not_increase.any():
+            index = int(np.argmax(does_not_increase))
+            raise LimbError(
+                f"time goes from {time[index]:g} s to {time[index + 1]:g} s; it must increase."
+            )
+        # Check shape, finiteness and range of each other signal.
         names = column_names(self.parameters, self.robot)
         for field in dataclasses.fields(self):
-            name, value = field.name, getattr(self, field.name)
-            if name == "time" or name not in names or (value is None and name in self.optional()):
+            name = field.name
+            value = getattr(self, name)
+            is_left_out = value is None and name in self.optional()
+            if name == "time" or name not in names or is_left_out:
                 continue
             value = np.asarray(value, float)
             setattr(self, name, value)
-            shape = (len(names[name]), len(time))[name in TIMES :]
+            shape = (len(time),) if name in TIMES else (len(names[name]), len(time))
             if value.shape != shape:
                 raise LimbError(
                     f"{name} has the shape {value.shape}, but this limb and the "
                     f"{len(time)} samples of time need {shape}."
                 )
-            measured = name in self.MEASURED
-            bad = np.isinf(value) if measured else ~np.isfinite(value)
-            if bad.any():
-                at = time[np.argmax(np.atleast_2d(bad).any(axis=0))]
-                raise LimbError(f"{name} holds a value that is not finite at {at:g} s.")
-            if not measured and (sentence := self._first_outside([name])):
+            is_measured = name in self.MEASURED
+            is_bad = np.isinf(value) if is_measured else ~np.isfinite(value)
+            if is_bad.any():
+                first_time = time[np.argmax(np.atleast_2d(is_bad).any(axis=0))]
+                raise LimbError(f"{name} holds a value that is not finite at {first_time:g} s.")
+            if not is_measured and (sentence := self._first_outside([name])):
                 raise LimbError(sentence)
 
     def _outside(self, names: Collection[str]) -> np.ndarray:
-        """Whether some signals leave their ranges, at each sample (K,)."""
+        """Return at which samples (K,) any of some signals leaves its range."""
         outside = np.zeros(len(self.time), bool)
         for name in names:
             low, high, _ = RANGES.get(name, (-np.inf, np.inf, ""))
@@ -272,10 +286,12 @@ class Samples(Summarized):
         return outside
 
     def _first_outside(self, names: Collection[str]) -> str:
-        """One sentence on the first sample at which a signal leaves its range; empty if none."""
+        """Return a sentence on the first sample where a signal leaves its range; empty if none."""
         for name in names:
-            if (outside := self._outside([name])).any():
-                (low, high, unit), index = RANGES[name], int(np.argmax(outside))
+            is_outside = self._outside([name])
+            if is_outside.any():
+                low, high, unit = RANGES[name]
+                index = int(np.argmax(is_outside))
                 value = np.atleast_2d(getattr(self, name))[:, index].tolist()
                 return (
                     f"{name} is {value}{unit} at {self.time[index]:g} s; "
@@ -285,7 +301,7 @@ class Samples(Summarized):
 
     @property
     def origin(self) -> str:
-        """What the joints of the limb show, and how they came about, for a caption."""
+        """A caption: the source of the joint angles that a picture of the limb shows."""
         raise NotImplementedError
 
     def for_replay(self) -> Self:
@@ -294,23 +310,24 @@ class Samples(Summarized):
 
     @property
     def duration(self) -> float:
-        """Time from the first to the last sample, s."""
+        """The time from the first to the last sample, s."""
         return float(self.time[-1] - self.time[0])
 
     def interpolated(self, signal: ArrayLike, times: np.ndarray | float) -> np.ndarray:
-        """A signal (rows, K) at other times (M,), (rows, M), without samples that are missing."""
+        """Return a signal (rows, K) at other times (M,), (rows, M), leaving out missing samples."""
         rows = np.asarray(signal, float)
-        there = ~np.isnan(rows).any(axis=0)
-        return np.array([np.interp(times, self.time[there], row[there]) for row in rows])
+        is_present = ~np.isnan(rows).any(axis=0)
+        sample_times = self.time[is_present]
+        return np.array([np.interp(times, sample_times, row[is_present]) for row in rows])
 
     def _bend_entry(self) -> Entry:
-        """The range of the bend angles."""
+        """Return the range of the bend angles as an entry of the summary."""
         low, high = np.rad2deg([np.nanmin(self.bend_angle), np.nanmax(self.bend_angle)]).tolist()
         return Entry("motion", [low, high], "°", f"bend {low:.0f}° to {high:.0f}°")
 
 
 class Planned(Samples):
-    """The base of what is planned, whose joints are known and whose bends follow from them."""
+    """The base of plans: joints are given, and bends follow from them."""
 
     check: Any  # with ``failure`` and ``is_missing``
     joint_state: np.ndarray
@@ -318,7 +335,7 @@ class Planned(Samples):
     other_wire_state: np.ndarray | None
 
     def duty_trajectory(self) -> PiecewisePolynomial:
-        """Duty between the knots, for a `TrajectorySource`."""
+        """Return the duty between the knots, for a `TrajectorySource`."""
         raise NotImplementedError
 
     @property
@@ -338,12 +355,12 @@ class Planned(Samples):
 
     @property
     def passed(self) -> bool:
-        """Whether it was checked by simulating it, and went as planned."""
+        """True if a simulation of the plan agreed with it."""
         return self.check.failure() is None
 
     @property
     def _check_entry(self) -> Entry:
-        """Whether it passed its check."""
+        """The result of the plan's check, as an entry of the summary."""
         judged = "passed its check" if self.passed else "failed its check"
         return Entry("check", "not checked" if self.check.is_missing else judged)
 
@@ -371,7 +388,7 @@ def doses(levels: np.ndarray, breaks: np.ndarray, ends: np.ndarray) -> np.ndarra
     return np.diff([np.interp(ends, breaks, np.append(0.0, of_row)) for of_row in sums])
 
 
-def without_rounding(duty: np.ndarray) -> np.ndarray:
-    """Duty within rounding of [0, 1] brought into it; more is a mistake, and left to be named."""
+def clip_rounding(duty: np.ndarray) -> np.ndarray:
+    """Clip duty that is outside [0, 1] by rounding; keep larger excess for an error message."""
     clipped = np.clip(duty, 0.0, 1.0)
     return clipped if np.abs(clipped - duty).max() < 1e-9 else duty

@@ -1,4 +1,4 @@
-"""Tables that are written while they are recorded."""
+"""Writing of tables row by row, while they are recorded."""
 
 import contextlib
 import os
@@ -12,36 +12,36 @@ from pathlib import Path
 
 import numpy as np
 
-from limb_systems.errors import raised_as
+from limb_systems.errors import reraise_as
 from limb_systems.files.csv_format import TableText
-from limb_systems.files.output import OutputError, naming
+from limb_systems.files.output import OutputError, raising_output_error
 
-MOST_WAITING = 1000  # rows: 50 s of a robot's samples
+MOST_WAITING = 1000  # rows in the queue: 50 s of a robot's samples
 SYNC_PERIOD = 1.0  # s
 CHUNK = 1 << 20  # bytes
-PATIENCE = 2.0  # s, that the end waits for the disk
-LONGEST_WAIT = 30.0  # s, that a row of a simulation waits for the disk
+PATIENCE = 2.0  # s, for which the end waits for the disk
+MAX_APPEND_WAIT = 30.0  # s, for which a row of a simulation waits for the disk
 
 _UNFINISHED = ".unfinished"
 
 
 def is_unfinished(path: Path) -> bool:
-    """Whether a file is one that a `TableWriter` was writing when its program ended."""
+    """Return whether a file has the name of a table that a `TableWriter` did not finish."""
     return _UNFINISHED in path.name
 
 
 def unfinished_files(path: str | Path) -> set[Path]:
-    """The unfinished files of a table that was to be in a file."""
+    """Return the unfinished files of a table by the path of its finished file."""
     path = Path(path)
     return set(path.parent.glob(f"{path.stem}{_UNFINISHED}*{path.suffix}"))
 
 
 class TableWriter:
-    """Writes a table row by row in a thread of its own, so that a robot never waits for the disk.
+    """A writer of a table in a thread of its own, so that a robot never waits for the disk.
 
     The table ``name.csv`` is in ``name.unfinished.csv`` until `finish` gives it its
-    name, or in ``name.unfinished_2.csv`` and so on if that is taken: a file that is
-    there is never opened. `Recording.load` reads unfinished ones when asked to.
+    name, or in ``name.unfinished_2.csv`` and so on if that is taken: an existing file
+    is never opened. `Recording.load` has an option to read unfinished files.
 
     The thread gives each row to the operating system at once, so that the death of this
     program costs no row. It forces rows to the disk about once a second and at the end; a
@@ -62,8 +62,7 @@ class TableWriter:
     ):
         """
         Args:
-            path: path of the finished file; one that is there is replaced by
-                `finish`, not before.
+            path: path of the finished file; `finish` replaces an existing one.
             kind, header, names: as for `TableText`.
             may_wait: whether `append` may wait for the disk, as a simulation can, which is faster
                 than a disk.
@@ -76,9 +75,10 @@ class TableWriter:
         self._text = TableText(kind, header, names)
         self._rows: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._failure: OSError | None = None
-        self._rename = self._ended = False
-        self._longest_wait = LONGEST_WAIT if may_wait else 0.0
-        with naming(path):
+        self._rename = False
+        self._is_ended = False
+        self._longest_wait = MAX_APPEND_WAIT if may_wait else 0.0
+        with raising_output_error(path):
             self._target.parent.mkdir(parents=True, exist_ok=True)
             self.path, self._file = self._open(self._target.parent)
         self._rows.put(self._text.head)
@@ -88,16 +88,17 @@ class TableWriter:
 
     @property
     def num_rows(self) -> int:
-        """Number of rows that were appended."""
+        """The number of rows that were appended."""
         return self._text.num_rows
 
     def append(self, values: Sequence[float]) -> None:
-        """Adds a row of values, angles in rad.
+        """Append a row of values, angles in rad.
 
         Raises:
             OutputError: if the disk is full, broken or stalled, or the file as
                 large as can be read.
         """
+        # Wait for the queue, if that is allowed.
         end = time.monotonic() + self._longest_wait
         while self._rows.qsize() >= MOST_WAITING and not self._failure and time.monotonic() < end:
             time.sleep(0.001)
@@ -107,28 +108,31 @@ class TableWriter:
             raise OutputError(
                 f"The disk is stalled: {MOST_WAITING} rows wait to be written to {self.path}."
             )
-        row = {n: np.array([v]) for n, v in zip(self._names, values, strict=True)}
-        with raised_as(OutputError, f"{self.path}: "):
+        # Hand the row to the thread.
+        row = {}
+        for name, value in zip(self._names, values, strict=True):
+            row[name] = np.array([value])
+        with reraise_as(OutputError, f"{self.path}: "):
             self._rows.put(self._text.rows(row))
 
     def finish(self, interrupted: str = "") -> None:
-        """Writes the end and gives the file its name; after that, nothing.
+        """Write the end and give the file its name; a second call does nothing.
 
         Args:
-            interrupted: why the table is not all that it should be; empty if it is.
+            interrupted: the reason why the table is incomplete; empty if it is complete.
 
         Raises:
-            OutputError: if not all is on the disk, in the end or within 2 s.
+            OutputError: if writing failed, or the disk does not answer within 2 s.
         """
         if complaint := self._end(interrupted, rename=True):
             raise OutputError(complaint)
 
     def abandon(self, interrupted: str) -> None:
-        """Writes the end of what was interrupted, and warns where it is; no rows leave no file.
+        """Write the end of an interrupted table, and warn with its path; remove an empty one.
 
-        It warns as well if not all of it is on the disk.
+        It warns as well if not all rows are on the disk.
         """
-        if self._ended:
+        if self._is_ended:
             return
         if complaint := self._end(interrupted, rename=False):
             warnings.warn(complaint, stacklevel=2)
@@ -136,6 +140,7 @@ class TableWriter:
             warnings.warn(f"What was recorded until then is in {self.path}.", stacklevel=2)
 
     def _open(self, folder: Path) -> tuple[Path, int]:
+        """Create the unfinished file in a folder, and return its path and descriptor."""
         number = 1
         while True:
             mark = _UNFINISHED if number == 1 else f"{_UNFINISHED}_{number}"
@@ -146,10 +151,12 @@ class TableWriter:
                 number += 1
 
     def _end(self, interrupted: str, rename: bool) -> str | None:
-        """Ends the file, and returns what is wrong with it on the disk, if anything."""
-        if self._ended:
+        """End the file, and return a sentence on what failed; None if nothing did."""
+        if self._is_ended:
             return None
-        self._ended, self._rename = True, rename
+        self._is_ended = True
+        self._rename = rename
+        # Queue the end, and wait for the thread.
         self._rows.put(self._text.end(interrupted))
         self._rows.put(None)
         self._thread.join(PATIENCE)
@@ -161,8 +168,12 @@ class TableWriter:
         return None
 
     def _write(self) -> None:
-        """What the thread does; without Python's buffers, which a stalled thread would lock."""
+        """Write the queued texts, in the thread, until the queue ends.
+
+        Python's buffers are not used, because a stalled thread would lock them.
+        """
         try:
+            # Write each text, and force the file to the disk now and then.
             synced = time.monotonic()
             while (text := self._rows.get()) is not None:
                 _write_all(self._file, text.encode())
@@ -170,6 +181,7 @@ class TableWriter:
                     self._restore()
                     os.fsync(self._file)
                     synced = time.monotonic()
+            # Remove a file without rows, or finish it and give it its name.
             if not self.num_rows and not self._rename:
                 self.path.unlink(missing_ok=True)
                 return
@@ -184,10 +196,11 @@ class TableWriter:
             os.close(self._file)
 
     def _restore(self) -> None:
-        """Writes all again if somebody has removed the file."""
+        """Write the whole file again if it was removed."""
         with contextlib.suppress(OSError):
             if os.path.samestat(os.stat(self.path), os.fstat(self._file)):
                 return
+        # Create a new file, in the temporary folder if need be.
         removed = self._file
         try:
             self._target.parent.mkdir(parents=True, exist_ok=True)
@@ -195,6 +208,7 @@ class TableWriter:
         except OSError as error:
             self.path, self._file = self._open(Path(tempfile.gettempdir()))
             self._failure = OSError(f"{error}; what was recorded is in {self.path}")
+        # Copy the removed file, which stays readable while it is open.
         size = 0
         while data := os.pread(removed, CHUNK, size):
             _write_all(self._file, data)
@@ -203,12 +217,13 @@ class TableWriter:
 
 
 def _write_all(file: int, data: bytes) -> None:
+    """Write all bytes to a file descriptor."""
     while data:
         data = data[os.write(file, data) :]
 
 
 def _sync_folder(folder: Path) -> None:
-    """Forces the names of files to the disk."""
+    """Force the names of a folder's files to the disk."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

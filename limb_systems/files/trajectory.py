@@ -12,7 +12,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from limb_systems.errors import LimbError
 from limb_systems.files.plan_statements import plan_statements
 from limb_systems.files.provenance import Provenance
-from limb_systems.files.signal_table import Planned, apart, sample_rate, signal
+from limb_systems.files.signal_table import Planned, not_saved, sample_rate, signal
 from limb_systems.kinematics import bend_angle
 from limb_systems.limb import Limb
 from limb_systems.limb_parameters import LimbParameters
@@ -23,7 +23,7 @@ DEFECT_TOLERANCE = 1e-6
 
 @dataclasses.dataclass
 class ActiveConstraint:
-    """A bound that a plan runs along from ``start`` to ``end``, s.
+    """A bound that is active in a plan from ``start`` to ``end``, s.
 
     - ``bound``: name of a bound of (18)-(20), or of constraints that ``customize`` added.
     """
@@ -49,25 +49,25 @@ class AddedTerms:
 
 @dataclasses.dataclass
 class PlanCheck:
-    """How a plan was found, and how far a simulation of its duty is from it.
+    """The solver's result for a plan, and the difference of the plan from its simulation.
 
     - ``solver``, ``status``: name of the solver that found it, and its status.
     - ``iterations``, ``solve_time``: iterations and time of the solver, s.
     - ``total_time``: time from the request to the checked plan, s.
-    - ``refinements``: how often knots were added to meet the tolerance.
+    - ``refinements``: number of times that knots were added to meet the tolerance.
     - ``cost``, ``guess_cost``: value of eqn (15) at the plan and at the quasi-static guess.
     - ``largest_defect``: largest defect of the collocation constraints as the planner evaluates
       them, acceleration scaled by M(0)/k to rad, others by their time step.
     - ``broken_constraint``: a constraint of the task's ``customize`` that does not hold,
-      and by how much; empty if all do.
-    - ``largest_difference_deg``: largest difference of the bend angle from that of an
+      and its violation; empty if all hold.
+    - ``largest_difference_deg``: largest difference of the bend angle from an
       accurate simulation of the plan's duty, degrees.
     - ``tolerance_deg``: largest difference that was allowed, degrees.
-    - ``active_constraints``: where the plan runs along a bound.
-    - ``added``: what the task's ``customize`` added.
-    - ``bend_band_deg``: mean half-width of the band about the bend angle in which 95% of
-      all limbs are read that the calibration cannot tell from this one, degrees; 0 if it
-      is not known. See `limb_systems.plan_band`.
+    - ``active_constraints``: the times at which bounds are active.
+    - ``added``: the terms that the task's ``customize`` added.
+    - ``bend_band_deg``: mean half-width of the band about the bend angle, degrees, that has 95%
+      of the readings of all limbs that the calibration cannot distinguish; 0 if unknown. See
+      `limb_systems.plan_band`.
     - ``highest_readings``: the highest reading of each wire, °C, that 995 of 1000
       of these limbs stay below; empty if it is not known.
     """
@@ -91,16 +91,16 @@ class PlanCheck:
 
     @property
     def added_constraints(self) -> list[str]:
-        """Names of the constraints that the task's ``customize`` added."""
+        """The names of the constraints that the task's ``customize`` added."""
         return [terms.name for terms in self.added if terms.cost is None]
 
     @property
     def is_missing(self) -> bool:
-        """Whether the plan was never checked."""
+        """True if the plan was never checked."""
         return math.isnan(self.largest_defect + self.largest_difference_deg + self.tolerance_deg)
 
     def failure(self) -> str | None:
-        """One sentence on why the plan must not be used, or None if it may."""
+        """Return one sentence on why the plan must not be used, or None if it may be used."""
         if self.is_missing:
             return "it was never checked by simulating it."
         if not self.largest_defect <= DEFECT_TOLERANCE:
@@ -132,10 +132,10 @@ class Trajectory(Planned):
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s.
     - ``wire_temperature``, ``measured_temperature``: T, V (W, K), °C.
     - ``parameters``: parameters of the limb that it was planned for.
-    - ``check``: how it was found and checked.
+    - ``check``: result of its solver and of its check.
     - ``other_wire_state``: the states of the wires' laws other than T
       (N - W, K), in the order of `Wires`; None if there are no others.
-    - ``provenance``: what made it; None if it is not known.
+    - ``provenance``: its provenance; None if it is not known.
     - ``sample_rate``: mean rate of the knots, Hz, which follows from ``time``.
 
     Raises:
@@ -155,7 +155,7 @@ class Trajectory(Planned):
     joint_state: np.ndarray = signal()
     wire_temperature: np.ndarray = signal()
     measured_temperature: np.ndarray = signal()
-    other_wire_state: np.ndarray | None = apart(None)
+    other_wire_state: np.ndarray | None = not_saved(None)
 
     def __post_init__(self):
         self._check()
@@ -165,36 +165,35 @@ class Trajectory(Planned):
 
     @property
     def origin(self) -> str:
-        """What the joints of the limb show, and how they came about, for a caption."""
+        """A caption: the source of the joint angles that a picture of the limb shows."""
         return "planned motion, nothing measured"
 
     def summary(self) -> Summary:
-        """Return what a plan is, how it was found and checked, and what limits it.
+        """Return the summary of a plan: its size and check, and in details its statements.
 
-        What the limits leave takes a second to find, and is in ``soft-limb show`` alone.
+        Only ``soft-limb show`` has the distance of the best plan, which takes a second to find.
         """
-        about = plan_statements(self)
-        shown = Summary(
-            [
-                Entry("duration", self.duration, "s"),
-                Entry("samples", len(self.time), "", f"{len(self.time)} knots"),
-                self._bend_entry(),
-                self._check_entry,
-            ]
-        )
-        others = [entry for entry in about.entries if entry.name not in ("check", "plan")]
-        return shown + Summary([], [*others, *about.details])
+        statements = plan_statements(self)
+        entries = [
+            Entry("duration", self.duration, "s"),
+            Entry("samples", len(self.time), "", f"{len(self.time)} knots"),
+            self._bend_entry(),
+            self._check_entry,
+        ]
+        details = [entry for entry in statements.entries if entry.name not in ("check", "plan")]
+        return Summary(entries, details + statements.details)
 
     @property
     def state(self) -> np.ndarray:
-        """[θ, θ̇, x, V] at the knots, a column for each: states of `Limb`."""
+        """The states of `Limb` at the knots, [θ, θ̇, x, V], a column for each knot."""
         return np.vstack([self.joint_state, self.wire_states, self.measured_temperature])
 
     def since_start(self) -> "Trajectory":
-        """This plan with time zero at its start, as in recordings of its replay."""
+        """Return this plan with time zero at its start, as in recordings of its replay."""
         start = float(self.time[0])
         if start == 0:
             return self
+        # Shift the times of the active constraints, too.
         bounds = [
             dataclasses.replace(bound, start=bound.start - start, end=bound.end - start)
             for bound in self.check.active_constraints
@@ -203,14 +202,15 @@ class Trajectory(Planned):
         return dataclasses.replace(self, time=self.time - start, check=check)
 
     def duty_trajectory(self) -> PiecewisePolynomial:
-        """Duty between the knots, for a `TrajectorySource`."""
+        """Return the duty between the knots, for a `TrajectorySource`."""
         return PiecewisePolynomial.FirstOrderHold(self.time, self.duty)
 
     def state_trajectory(self) -> PiecewisePolynomial:
-        """States of `Limb` between the knots, cubic as in direct collocation.
+        """Return states of `Limb` between the knots, cubic as in direct collocation.
 
-        Their slopes at the knots are those of the dynamics.
+        Their slopes at the knots are the rates of the dynamics.
         """
+        # Evaluate the dynamics at each knot.
         limb = Limb(self.parameters)
         context = limb.CreateDefaultContext()
         duty = limb.GetInputPort("duty").FixValue(context, self.duty[:, 0])
@@ -239,18 +239,17 @@ class Trajectory(Planned):
         at = np.asarray(times, float)
         if not np.isfinite(at).all():
             raise LimbError("times must be finite.")
-        found = values(np.atleast_1d(at))
-        return found if at.ndim else found[:, 0]
+        columns = values(np.atleast_1d(at))
+        return columns if at.ndim else columns[:, 0]
 
     def is_same_plan(self, other: "Trajectory") -> bool:
-        """Whether another trajectory has the same file, but for what made it."""
-        texts = [
-            dataclasses.replace(
-                plan, parameters=plan.parameters.without_provenance(), provenance=None
-            ).to_text()
-            for plan in (self, other)
-        ]
-        return texts[0] == texts[1]
+        """Return whether another trajectory has the same file, except for provenance."""
+
+        def text_without_provenance(plan: Trajectory) -> str:
+            parameters = plan.parameters.without_provenance()
+            return dataclasses.replace(plan, parameters=parameters, provenance=None).to_text()
+
+        return text_without_provenance(self) == text_without_provenance(other)
 
     def _text(self) -> Iterator[str]:
         if not self.check.is_missing and (failure := self.check.failure()):

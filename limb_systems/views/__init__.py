@@ -1,1 +1,1 @@
-"""What people look at: plots, pages and the limb in 3D."""
+"""Views: plots, pages and the limb in 3D."""

@@ -1,8 +1,8 @@
 """The limb in Meshcat, by Drake's visualizer, with wires in the colour of their heat, and ghosts.
 
 The view is down on the bending plane: E1 points to the right and E2 up, so that
-a positive bend angle bends the limb up, as in a plot, towards its right wire. On limbs that
-bend in space it is from before their tip, with E3 up, so that the paths of tips are seen.
+a positive bend angle bends the limb up, as in a plot, towards its right wire. Limbs that bend
+in space are seen from in front of the tip, with E3 up, so that paths of tips are visible.
 """
 
 import dataclasses
@@ -41,14 +41,15 @@ WIRE_COLORS = np.array(
     [[0.30, 0.42, 0.60], [0.50, 0.32, 0.50], [0.86, 0.20, 0.16], [1.00, 0.54, 0.05]]
 )
 # Directions from limbs in a plane, and in space, to the camera.
-IN_PLANE, IN_SPACE = (0.0, -0.42, 0.91), (0.64, -0.64, 0.42)
-_ALONG = RotationMatrix.MakeYRotation(np.pi / 2)  # a cylinder's axis along E1
+PLANAR_VIEW_DIRECTION = (0.0, -0.42, 0.91)
+SPATIAL_VIEW_DIRECTION = (0.64, -0.64, 0.42)
+_CYLINDER_ALONG_E1 = RotationMatrix.MakeYRotation(np.pi / 2)  # a cylinder's axis along E1
 _FIELD_OF_VIEW = np.radians(25.0)  # from top to bottom; narrow, so that lengths compare
-_MOMENTS = 60  # of a motion, that the camera is set for
+_NUM_CAMERA_POSES = 60  # poses of a motion that the camera must see
 
 
 def wire_color(parameters: LimbParameters, temperature: ArrayLike) -> np.ndarray:
-    """The colour of a wire: greyish blue at ambient temperature, orange at T_max.
+    """Return the colour of a wire: greyish blue at ambient temperature, orange at T_max.
 
     Args:
         parameters: limb whose ambient and maximum temperature span the colours;
@@ -58,30 +59,33 @@ def wire_color(parameters: LimbParameters, temperature: ArrayLike) -> np.ndarray
     Returns:
         (..., 3): red, green and blue (sRGB) in [0, 1], in a new last axis.
     """
-    span = parameters.ambient_temperature, parameters.temperature_limits.maximum
-    stops, values = np.linspace(*span, len(WIRE_COLORS)), np.asarray(temperature, float)
-    return np.stack([np.interp(values, stops, c) for c in WIRE_COLORS.T], axis=-1)
+    ambient = parameters.ambient_temperature
+    maximum = parameters.temperature_limits.maximum
+    stops = np.linspace(ambient, maximum, len(WIRE_COLORS))
+    values = np.asarray(temperature, float)
+    return np.stack([np.interp(values, stops, channel) for channel in WIRE_COLORS.T], axis=-1)
 
 
 def linear_wire_color(parameters: LimbParameters, temperature: np.ndarray) -> np.ndarray:
-    """`wire_color` as linear RGB (..., 3), which Meshcat's materials use."""
+    """Return `wire_color` as linear RGB (..., 3), which Meshcat's materials use."""
     color = wire_color(parameters, temperature)
     return np.where(color > 0.04045, ((color + 0.055) / 1.055) ** 2.4, color / 12.92)
 
 
 def wire_paths(limb: LimbParameters, bodies: str, model: str) -> list[list[str]]:
-    """The Meshcat paths of each wire (W), one on each body of its segment.
+    """Return the Meshcat paths of each wire (W), one on each body of its segment.
 
     Args:
         limb: description of the limb.
         bodies: beginning of the paths of the limb's bodies.
         model: name of the model that the bodies are of.
     """
-    return [
-        [f"{bodies}{body}/{model}/wire_{wire.name}" for body, _ in pieces]
-        for segment, pieces in zip(limb.segments, LimbModel.of(limb).mechanics.pieces, strict=True)
-        for wire in segment.wires
-    ]
+    paths = []
+    pieces_of = LimbModel.of(limb).mechanics.pieces
+    for segment, pieces in zip(limb.segments, pieces_of, strict=True):
+        for wire in segment.wires:
+            paths.append([f"{bodies}{body}/{model}/wire_{wire.name}" for body, _ in pieces])
+    return paths
 
 
 def color_wires(
@@ -90,10 +94,10 @@ def color_wires(
     parameters: LimbParameters,
     temperature: np.ndarray,
 ) -> None:
-    """Colours what is at the paths of each wire (W) by its temperature (W), °C."""
+    """Colour the shapes at the paths of each wire (W) by its temperature (W), °C."""
     colors = linear_wire_color(parameters, temperature)
-    for of_wire, color in zip(paths, colors, strict=True):
-        for path in of_wire:
+    for paths_of_wire, color in zip(paths, colors, strict=True):
+        for path in paths_of_wire:
             meshcat.SetProperty(path, "color", [*color.tolist(), 1.0])
 
 
@@ -115,38 +119,41 @@ class Ghost:
 
 
 def _rgb(code: str) -> tuple[float, ...]:
+    """Return the sRGB values in [0, 1] of a code such as "#999999"."""
     return tuple(value / 255 for value in bytes.fromhex(code[1:]))
 
 
 def joint_angle_trajectory(motion: Recording | Planned) -> PiecewisePolynomial:
-    """θ over time: cubic between samples where rates are known, else linear.
+    """Return θ over time: cubic between samples where rates are known, else linear.
 
-    Where duty is held between knots, as in gaits, it is linear, as the body's pose, so that feet
-    stay where they are.
+    Plans that hold their duty between knots, such as gaits, are linear like the body's pose, so
+    that feet do not move.
     """
     if isinstance(motion, Planned) and motion.HOLDS_DUTY:
         return PiecewisePolynomial.FirstOrderHold(motion.time, motion.joint_angles)
     if motion.joint_state is None:
-        shown = ~np.isnan(motion.bend_angle).any(axis=0)
+        is_present = ~np.isnan(motion.bend_angle).any(axis=0)
         return _bend_angle_trajectory(
-            motion.parameters, motion.time[shown], motion.bend_angle[:, shown]
+            motion.parameters, motion.time[is_present], motion.bend_angle[:, is_present]
         )
     angles, rates = np.split(motion.joint_state, 2)
     return PiecewisePolynomial.CubicHermite(motion.time, angles, rates)
 
 
 def ghosts_of_plan(parameters: LimbParameters, plan: Trajectory, start: float = 0.0) -> list[Ghost]:
-    """The reference and the plan, over the time since ``start``, s, after the plan's own start.
+    """Return ghosts of the reference and the plan; time 0 is ``start``, s, after the plan's start.
 
     Raises:
         LimbError: if the plan is for a limb of another shape than the parameters'.
     """
-    planned, present = map(_shape_in_words, (plan.parameters, parameters))
-    if planned != present:
+    planned_shape = _shape_in_words(plan.parameters)
+    shape = _shape_in_words(parameters)
+    if planned_shape != shape:
         raise LimbError(
-            f"The plan is for a limb of {planned}, but the motion is of one of {present}; they "
+            f"The plan is for a limb of {planned_shape}, but the motion is of one of {shape}; they "
             "cannot be shown together."
         )
+    # Shift the ghosts to the time of the view.
     plan = plan.since_start()
     ghosts = [ghost_of_reference(plan), Ghost("plan", joint_angle_trajectory(plan))]
     for ghost in ghosts:
@@ -155,19 +162,20 @@ def ghosts_of_plan(parameters: LimbParameters, plan: Trajectory, start: float = 
 
 
 def ghost_of_reference(motion: Recording | Trajectory) -> Ghost:
-    """The reference in a motion, by eqn (11), over the motion's time."""
+    """Return the reference of a motion by eqn (11), over the motion's time."""
     return Ghost(
         "reference", _bend_angle_trajectory(motion.parameters, motion.time, motion.reference)
     )
 
 
 def _bend_angle_trajectory(parameters, time, bend_angle) -> PiecewisePolynomial:
-    """θ over time for bend angles (F, K), rad, by eqn (11), linear between samples."""
+    """Return θ over time for bend angles (F, K), rad, by eqn (11), linear between samples."""
     angles = joint_angles_from_bend_angle(parameters, bend_angle)
     return PiecewisePolynomial.FirstOrderHold(time, angles)
 
 
 def _shape_in_words(parameters: LimbParameters) -> str:
+    """Return the links and sizes of a limb as text."""
     return " and ".join(
         f"{s.links} links, {1e3 * s.length:g} mm x {1e3 * s.thickness:g} mm x {1e3 * s.width:g} mm"
         + ", two axes" * (s.axes == 2)
@@ -193,9 +201,9 @@ def view_of(
     if isinstance(described, LimbParameters):
         return LimbView(described, ghosts, root)
     if described.is_limb:
-        return LimbView(described.together, ghosts, root)
+        return LimbView(described.as_single_limb, ghosts, root)
     if ghosts:
-        raise LimbError("A robot is shown without a plan beside it; leave the plan out.")
+        raise LimbError("A robot is shown without a plan; leave the plan out.")
     return connected("view")(described, root)
 
 
@@ -203,8 +211,8 @@ class LimbView:
     """A limb in 3D, its wires in the colour of their heat.
 
     It may have ghosts. `add_to` puts the view into a Meshcat, `set_scene` sets the camera, and
-    `show` moves it there, or wherever there are ``SetTransform`` and ``SetProperty`` as Meshcat has
-    them. What else has links and wires overrides the methods that begin with an underscore.
+    `show` moves it there, or in any object with Meshcat's ``SetTransform`` and ``SetProperty``.
+    Views of other systems with links and wires override the methods that begin with an underscore.
     """
 
     MODEL = "limb"  # name of the model in Meshcat
@@ -217,13 +225,15 @@ class LimbView:
             ghosts: poses to compare the limb's with.
             root: beginning of the paths in Meshcat; empty, or ends with a slash.
         """
-        self._parameters, self._ghosts, self._root = parameters, ghosts, root
+        self._parameters = parameters
+        self._ghosts = ghosts
+        self._root = root
         self._is_planar = LimbModel.of(parameters).layout.is_planar
         self._builder = DiagramBuilder()  # it keeps the plant
         self._plant, _ = self._add_plant(self._builder)
         self._context = self._plant.CreateDefaultContext()
         self._model = f"{root}visualizer/{self.MODEL}"
-        # Collect what is moved: the bodies that are seen, and the links.
+        # Collect the moving parts: the visible bodies, and the links.
         bodies = map(self._plant.get_body, self._plant.GetBodyIndices(ModelInstanceIndex(2)))
         self._bodies = [body for body in bodies if self._plant.GetVisualGeometriesForBody(body)]
         self._links: list[tuple[RigidBody, SegmentParameters, float]] = []  # with their lengths
@@ -237,23 +247,26 @@ class LimbView:
             self.wire_paths += wire_paths(limb, f"{self._model}/{prefix}", self.MODEL)
 
     def _limbs(self) -> dict[str, LimbParameters]:
-        """Return the limbs, by what the names of their bodies begin with."""
+        """Return the limbs, by the prefixes of their bodies' names."""
         return {"": self._parameters}
 
     def _to_eye(self) -> Sequence[float]:
         """Return the direction to the camera in the world."""
-        return IN_PLANE if self._is_planar else IN_SPACE
+        return PLANAR_VIEW_DIRECTION if self._is_planar else SPATIAL_VIEW_DIRECTION
 
     def _add_model(self, plant: MultibodyPlant) -> None:
+        """Add the bodies and joints to a plant."""
         add_limb(plant, self._parameters)
 
     def _set_positions(self, joint_angles: np.ndarray, body_pose: np.ndarray | None) -> None:
+        """Set the plant's positions to joint angles (n,) and the pose of the body, if any."""
         self._plant.SetPositions(self._context, joint_angles)
 
     def _add_surroundings(self, meshcat: Meshcat, low: np.ndarray, high: np.ndarray) -> None:
-        """Put what is around the bodies, which stay between two corners (3,), m, into a scene."""
+        """Add the surroundings of bodies that stay between two corners (3,), m, to a scene."""
 
     def _add_plant(self, builder: DiagramBuilder) -> tuple[MultibodyPlant, SceneGraph]:
+        """Add a finalized plant with the model to a diagram."""
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
         self._add_model(plant)
         plant.Finalize()
@@ -266,6 +279,7 @@ class LimbView:
             base_pose: pose of the limb's frame (E1, E2, E3) in the world; the world's origin if
                 None.
         """
+        # Remove an earlier limb, and place the folders of this one.
         self._base_pose = base_pose or RigidTransform()
         for folder in ("visualizer", "ghosts", "ground"):
             meshcat.Delete(f"{self._root}{folder}")
@@ -285,37 +299,41 @@ class LimbView:
             self._add_ghost(meshcat, ghost, level)
 
     def _order_silicone(self, meshcat: Meshcat) -> None:
-        """From the tip on, let each link of clear silicone hide what of the next is within it."""
+        """Draw links from the tip on: clear silicone then hides parts of the next link in it."""
         order = 0.0
         for name in ("silicone", "joint"):
             for body, _, _ in reversed(self._links):
-                path, order = f"{self._model}/{body.name()}/{self.MODEL}/{name}", order + 1.0
+                order += 1.0
+                path = f"{self._model}/{body.name()}/{self.MODEL}/{name}"
                 meshcat.SetProperty(f"{path}/<object>", "renderOrder", order)
                 meshcat.SetProperty(f"{path}/<object>", "material.side", 0.0)  # front only
 
     def _add_ghost(self, meshcat: Meshcat, ghost: Ghost, level: int) -> None:
         """Put a ghost into the scene: a line along the axis, narrower than the ghosts before it.
 
-        In space it is seen through the silicone, and there is the path of its tip, too. Else it is
+        In space it is visible through the silicone, with the path of its tip. In a plane it is
         above the limb, between the wires.
         """
+        # In space, draw the path of the tip, too.
         if not self._is_planar:
-            times = np.linspace(ghost.joint_angles.start_time(), ghost.joint_angles.end_time(), 999)
-            angles = ghost.joint_angles.vector_values(times)
-            self.add_tip_path(meshcat, angles, ghost)
+            trajectory = ghost.joint_angles
+            times = np.linspace(trajectory.start_time(), trajectory.end_time(), 999)
+            self.add_tip_path(meshcat, trajectory.vector_values(times), ghost)
         for body, segment, length in self._links:
             path = f"{self._root}ghosts/{ghost.name}/{body.name()}/line"
             radius = (0.12 - 0.05 * level) * segment.thickness
-            above = (
-                0.5 * segment.width + 0.1 * level * segment.thickness if self._is_planar else 0.0
-            )
+            height = 0.0
+            if self._is_planar:
+                height = 0.5 * segment.width + 0.1 * level * segment.thickness
+            pose = RigidTransform(_CYLINDER_ALONG_E1, [length / 2, 0.0, height])
             meshcat.SetObject(path, Cylinder(radius, length), Rgba(*ghost.color))
-            meshcat.SetTransform(path, RigidTransform(_ALONG, [length / 2, 0.0, above]))
+            meshcat.SetTransform(path, pose)
 
     def add_tip_path(
         self, meshcat: Meshcat, joint_angles: np.ndarray, ghost: Ghost | None = None
     ) -> None:
-        """Put a dot where the tip of a limb in space is, or its ghost's, for each θ (n, K)."""
+        """Add a dot at the tip of a limb in space, or of its ghost, for each θ (n, K)."""
+        # Make a cloud of points, one for each θ.
         dots = PointCloud(joint_angles.shape[1])
         dots.mutable_xyzs()[:] = tip_position(self._parameters, joint_angles)
         path = f"{self._root}ghosts/{f'{ghost.name}/' if ghost else ''}tip"
@@ -334,8 +352,8 @@ class LimbView:
         Args:
             joint_angles: θ (n), rad.
             time: time for the ghosts, s.
-            body_pose: pose of the body that limbs are on, as in `Recording`; where it is by default
-                if None.
+            body_pose: pose of the body that limbs are on, as in `Recording`; the default pose if
+                None.
         """
         self._set_positions(joint_angles, body_pose)
         for body in self._bodies:
@@ -365,6 +383,7 @@ class LimbView:
             joint_angles: θ, (n, K), rad; all bends from -60° to 60° if None.
             body_pose: pose of the body that limbs are on (3 or 6, K), as far as it is known.
         """
+        # Set the background and the lights.
         for path in (
             "/Grid",
             "/Axes",
@@ -384,7 +403,9 @@ class LimbView:
             bends = np.tile(np.radians([-60.0, 0.0, 60.0]), (num_bends, 1))
             joint_angles = joint_angles_from_bend_angle(self._parameters, bends)
         places = []
-        for k in np.unique(np.linspace(0, joint_angles.shape[1] - 1, _MOMENTS).astype(int)):
+        for k in np.unique(
+            np.linspace(0, joint_angles.shape[1] - 1, _NUM_CAMERA_POSES).astype(int)
+        ):
             self._set_positions(joint_angles[:, k], None if body_pose is None else body_pose[:, k])
             bodies = [(body, 0.0) for body in self._bodies]
             bodies += [(body, length) for body, _, length in self._links]

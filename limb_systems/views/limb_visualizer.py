@@ -1,4 +1,4 @@
-"""The limb or the robot in 3D, or its wires in a scene of one's own, live during a simulation."""
+"""Live 3D views during a simulation: of a limb, of a robot, or of the wires in any scene."""
 
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
@@ -14,7 +14,7 @@ PUBLISH_PERIOD = 1 / 32  # s, of a live view
 
 
 class LimbVisualizer(LeafSystem):
-    """Shows a limb or a robot in Meshcat while it is simulated, wires in the colour of their heat.
+    """A view of a limb or a robot in Meshcat while it is simulated; wires have their heat's colour.
 
     For n joints and W wires in all:
 
@@ -63,31 +63,39 @@ class LimbVisualizer(LeafSystem):
             LimbError: if the plan is for a limb of another shape, or there is one for a robot.
         """
         super().__init__()
-        self._meshcat, self._root = meshcat, f"{prefix}/" if prefix else ""
-        pose_size, shown = 0, parameters
+        self._meshcat = meshcat
+        self._root = f"{prefix}/" if prefix else ""
         if isinstance(parameters, ConnectedLimbs):
-            pose_size, parameters = len(parameters.pose_rows()), parameters.together
-        ghosts = ghosts_of_plan(parameters, plan) if plan else []
-        self._view = view_of(shown, ghosts, self._root)
+            limb = parameters.as_single_limb
+            pose_size = len(parameters.pose_rows())
+        else:
+            limb = parameters
+            pose_size = 0
+        # Add the view and its ghosts to the scene.
+        ghosts = ghosts_of_plan(limb, plan) if plan else []
+        self._view = view_of(parameters, ghosts, self._root)
         self._view.add_to(meshcat, base_pose)
         self._view.set_scene(meshcat)
-        self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
-        self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
+        # Declare the ports, and publish periodically.
+        self.DeclareVectorInputPort("joint_state", 2 * limb.num_joints)
+        self.DeclareVectorInputPort("wire_temperature", len(limb.wires))
         if pose_size:
             self.DeclareVectorInputPort("body_pose", pose_size)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, weak_method(self._publish))
         self.DeclareForcedPublishEvent(weak_method(self._publish))
 
     def _publish(self, context: Context) -> None:
-        state, temperature, *placed = map(self.get_input_port, range(self.num_input_ports()))
+        state, temperature, *pose_ports = map(self.get_input_port, range(self.num_input_ports()))
         angles = state.Eval(context)[: state.size() // 2]
-        pose = placed[0].Eval(context) if placed and placed[0].HasValue(context) else None
+        pose = (
+            pose_ports[0].Eval(context) if pose_ports and pose_ports[0].HasValue(context) else None
+        )
         self._view.show(self._meshcat, angles, context.get_time(), pose)
         self._view.show_heat(self._meshcat, temperature.Eval(context))
 
 
 class WireColors(LeafSystem):
-    """Colours the wires of a limb that Drake's MeshcatVisualizer shows.
+    """A block that colours the wires of a limb in the scene of Drake's MeshcatVisualizer.
 
     - input 0 ``wire_temperature``: T (W), °C
     """
@@ -107,7 +115,7 @@ class WireColors(LeafSystem):
             parameters: description of the limb.
             meshcat: scene in which the limb is shown.
             limb: name of the limb's model instance.
-            prefix: path of the visualizer in the scene, by default that of
+            prefix: path of the visualizer in the scene, by default the path of
                 `AddDefaultVisualization`.
         """
         super().__init__()

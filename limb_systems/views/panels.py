@@ -1,7 +1,7 @@
 """Panels of pictures: curves, bands, limits, labels, units and colours, declared once.
 
 `limb_systems.views.plots` draws panels as a picture, by Matplotlib, and
-`soft_limb.reports.charts` as a chart to look into, by Bokeh. Importing this needs neither.
+`soft_limb.reports.charts` as an interactive chart, by Bokeh. This module imports neither.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ from limb_systems.views.colors import (
     wire_colors,
 )
 
-BAND = 1.96  # standard deviations that hold 95% of the rollouts
+BAND_FACTOR = 1.96  # half-width of the 95% band over the standard deviation of rollouts
 TIME = "time (s)"
 
 
@@ -38,7 +38,7 @@ class Curve:
     - ``name``: text in the legend and, in a chart, under the pointer; curves with one name share
       an entry, and a curve without a name has none.
     - ``x``, ``y``: samples (K,), in the units of the panel's labels.
-    - ``color``: one that is seen on white and on black.
+    - ``color``: a colour that is visible on white and on black.
     - ``dash``: "solid", "dashed" or "dotted".
     - ``width``: px.
     - ``band``: half-width of a band about y (K,), or its lower and upper edge; None for none.
@@ -90,7 +90,7 @@ class Panel:
 
 @dataclasses.dataclass(frozen=True)
 class Signal:
-    """A signal that runs are drawn and compared by.
+    """A signal of runs, with its texts and sizes in panels.
 
     - ``symbol``, ``name``, ``unit``: texts in labels.
     - ``height``: height of its panel, px.
@@ -104,7 +104,7 @@ class Signal:
     y_range: tuple[float, float] | None = None
 
     def panel(self, curves: Sequence[Curve], where: str = "", **options: Any) -> Panel:
-        """The signal's panel.
+        """Return the signal's panel.
 
         Args:
             where: suffix of the segment or of the bend, such as "_2", "_2_e3" or "_rear".
@@ -115,11 +115,15 @@ class Signal:
 
 
 def in_words(suffix: str) -> str:
-    """A suffix of a segment or bend in words, such as " of segment 2 towards E3" or " of rear"."""
+    """Return a segment's or bend's suffix in words: " of segment 2 towards E3" or " of rear"."""
     match = re.fullmatch(r"(?:_(.+?))??(?:_e([23]))?", suffix)
     segment, axis = match.groups() if match else (None, None)
-    words = "" if segment is None else f" of {'segment ' * segment.isdigit()}{segment}"
-    return words.replace("_", " ") + (f" towards E{axis}" if axis else "")
+    words = ""
+    if segment is not None:
+        words = f" of {'segment ' * segment.isdigit()}{segment}".replace("_", " ")
+    if axis:
+        words += f" towards E{axis}"
+    return words
 
 
 SIGNALS = {
@@ -130,65 +134,69 @@ SIGNALS = {
 
 
 def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()) -> list[Panel]:
-    """Fig. 5: bend angle, temperatures and duty of a plan and of its rollouts.
+    """Return Fig. 5: bend angle, temperatures and duty of a plan and of its rollouts.
 
     The first recording of connected limbs has `connected_panels` before them. Time counts from
     the start of the plan. Plans are dashed; the legend says whether
     the rollouts were simulated, emulated or recorded. Several recordings are drawn as their
     mean and the band of 95%, mean ± 1.96 standard deviations, at the sample times of the
-    first. Each segment has its own three panels; one that bends in space has one more for its
-    second bend, and at the end one of both bends over each other.
+    first. Each segment has its own three panels. A segment that bends in space has one more for
+    its second bend, and at the end one of both bends over each other.
 
     Args:
         trajectory: the plan.
         recordings: rollouts of this plan, all with the same sample rate.
     """
     trajectory = trajectory.since_start()
-    how = " and ".join(dict.fromkeys(recording.how for recording in recordings))
-    last_duty = trajectory.time[-2]
+    origins = " and ".join(dict.fromkeys(recording.how for recording in recordings))
     names = {
-        "bend_angle": f"{how}{' rollouts' * (len(recordings) > 1)} φ",
-        "measured_temperature": f"V {how}",
+        "bend_angle": f"{origins}{' rollouts' * (len(recordings) > 1)} φ",
+        "measured_temperature": f"V {origins}",
         "duty": "D",
     }
+    last_duty_time = trajectory.time[-2]
 
     def rollouts(signal: str, row: int, wire: str, color: str) -> list[Curve]:
+        """Return the mean of all rollouts with its band; none without rollouts."""
         if not recordings:
             return []
-        rows = [_in_unit(signal, getattr(recording, signal)[row]) for recording in recordings]
-        time, mean, half = mean_and_band(recordings, rows)
-        shown = time < last_duty if signal == "duty" else slice(None)
-        time, mean, half = time[shown], mean[shown], half[shown]
-        band = half if len(recordings) > 1 else None
+        samples = [_in_unit(signal, getattr(recording, signal)[row]) for recording in recordings]
+        time, mean, half_width = mean_and_half_width(recordings, samples)
+        if signal == "duty":
+            is_drawn = time < last_duty_time
+            time = time[is_drawn]
+            mean = mean[is_drawn]
+            half_width = half_width[is_drawn]
+        band = half_width if len(recordings) > 1 else None
         return [Curve(f"{wire}{names[signal]}", time, mean, color, band=band)]
 
-    limits, time = trajectory.parameters.temperature_limits, trajectory.time
-    panels = measured_panels(
-        trajectory.parameters,
-        rollouts,
-        trajectory,
-        limits=[
-            Curve(name, np.array([start, time[-1]]), np.full(2, value), NEUTRAL_COLOR, width=1.0)
-            for name, value, start in (
-                ("T_max", limits.maximum, time[0]),
-                ("T_warm", limits.warm, limits.warm_up_time),
-            )
-            if start < time[-1]
-        ],
-    )
+    # Draw the limits from the times on at which they hold.
+    limits = trajectory.parameters.temperature_limits
+    start, end = trajectory.time[[0, -1]]
+    limit_curves = [_limit_curve("T_max", limits.maximum, start, end)]
+    if limits.warm_up_time < end:
+        limit_curves.append(_limit_curve("T_warm", limits.warm, limits.warm_up_time, end))
+    panels = measured_panels(trajectory.parameters, rollouts, trajectory, limits=limit_curves)
+    # Draw the paths of bends in space.
     layout = trajectory.model.layout
     for bend in np.flatnonzero(layout.bend_direction):
-        place = bend + 2 * layout.bend_segment[bend]  # two of heat and duty follow each segment
-        panels.append(_path_panel(panels[place - 1], panels[place]))
-    return [*(panel for run in recordings[:1] for panel in connected_panels(run)), *panels]
+        # The panels of heat and duty of each segment before come between the bends.
+        index = bend + 2 * layout.bend_segment[bend]
+        panels.append(_path_panel(panels[index - 1], panels[index]))
+    connected_part = connected_panels(recordings[0]) if recordings else []
+    return [*connected_part, *panels]
+
+
+def _limit_curve(name: str, value: float, start: float, end: float) -> Curve:
+    """Return a line at a temperature, °C, from start to end, s."""
+    return Curve(name, np.array([start, end]), np.full(2, value), NEUTRAL_COLOR, width=1.0)
 
 
 def _path_panel(across: Panel, up: Panel) -> Panel:
-    """The path of a segment's bends, one over the other, from the panels of both over time."""
-    curves = [
-        dataclasses.replace(curve, x=below.y, y=curve.y, band=None)
-        for below, curve in zip(across.curves, up.curves, strict=True)
-    ]
+    """Return the path of a segment's bends, one over the other, from their panels over time."""
+    curves = []
+    for across_curve, up_curve in zip(across.curves, up.curves, strict=True):
+        curves.append(dataclasses.replace(up_curve, x=across_curve.y, band=None))
     return Panel(up.label, curves, 420, across.label, equal=True)
 
 
@@ -200,46 +208,53 @@ def measured_panels(
     limits: Sequence[Curve] = (),
     bands: Mapping[str, np.ndarray] | None = None,
 ) -> list[Panel]:
-    """Bend angles, temperatures and duty of each segment, with those of a plan.
+    """Return the bend angles, temperatures and duty of each segment, with the curves of a plan.
 
     Args:
         parameters: the limb.
-        measured: curves of a signal's row, from the names of both, the row's as it begins
-            curves' names ("left, "), and a colour.
+        measured: function that returns the curves of a signal's row, of the signal's name, the
+            row, the beginning of the curves' names ("left, "), and a colour.
         plan: trajectory that the limb follows, from time 0 on.
         limits: lines in the panels of temperature.
         bands: edges of the plan's bands by signal, low and high (2, rows, K), as far as known.
     """
-    panels, bands = [], bands or {}
+    bands = bands or {}
 
     def planned(
         name: str, signal: str, row: int, color: str, dash: str, width: float = 1.5
     ) -> list[Curve]:
+        """Return the curve of a plan's signal; none without a plan."""
         if plan is None:
             return []
-        # The last duty has no time left to move the limb, so that it is arbitrary: not drawn.
-        shown = slice(-1 if signal == "duty" else None)
-        values, band = _in_unit(signal, getattr(plan, signal)[row, shown]), None
+        # The last duty is arbitrary, as it has no time left to move the limb: not drawn.
+        drawn = slice(-1 if signal == "duty" else None)
+        values = _in_unit(signal, getattr(plan, signal)[row, drawn])
+        band = None
         if signal in bands:
-            low, high = _in_unit(signal, bands[signal][:, row, shown])
-            band = low, high
-        return [Curve(name, plan.time[shown], values, color, dash, width, band)]
+            low, high = _in_unit(signal, bands[signal][:, row, drawn])
+            band = (low, high)
+        return [Curve(name, plan.time[drawn], values, color, dash, width, band)]
 
+    panels = []
     layout = LimbModel.of(parameters).layout
-    for segment, (bends, wired) in enumerate(zip(layout.bends_of, layout.wires_of, strict=True)):
-        names = [wire.name for wire in parameters.segments[segment].wires]
-        wires = list(
-            zip(itertools.count(wired.start), names, wire_colors(len(names)), strict=False)
-        )
+    for segment, (bends, wire_rows) in enumerate(
+        zip(layout.bends_of, layout.wires_of, strict=True)
+    ):
+        # Add a panel for each bend.
         for index in range(bends.start, bends.stop):
-            bend, called = [], parameters.bend_suffixes[index]
+            bend = []
             if plan is not None:
-                wanted = np.rad2deg(plan.reference[index])
-                bend.append(Curve("reference φ_REF", plan.time, wanted, REFERENCE_COLOR))
+                reference_deg = np.rad2deg(plan.reference[index])
+                bend.append(Curve("reference φ_REF", plan.time, reference_deg, REFERENCE_COLOR))
             bend += measured("bend_angle", index, "", ROLLOUT_COLOR)
             bend += planned("plan φ*", "bend_angle", index, PLAN_COLOR, "dashed")
-            panels.append(SIGNALS["bend_angle"].panel(bend, called))
-        heat, duty = [], []
+            panels.append(SIGNALS["bend_angle"].panel(bend, parameters.bend_suffixes[index]))
+        # Collect the curves of heat and duty.
+        names = [wire.name for wire in parameters.segments[segment].wires]
+        colors = wire_colors(len(names))
+        wires = list(zip(itertools.count(wire_rows.start), names, colors, strict=False))
+        heat = []
+        duty = []
         for index, name, color in wires:
             heat += measured("measured_temperature", index, f"{name}, ", color)
             duty += measured("duty", index, f"{name}, ", color)
@@ -249,44 +264,47 @@ def measured_panels(
             duty += planned(f"{name}, D* planned", "duty", index, color, dash)
         for index, name, color in wires:
             heat += planned(f"{name}, T* planned", "wire_temperature", index, color, "dotted", 1.0)
+        # Add their panels, with room for more lines of the legend.
         where = parameters.segment_suffixes[segment] if parameters.segments[segment].name else ""
-        legend = 20 * max(0, len(names) - 3)  # px, of more lines
+        legend_height = 20 * max(0, len(names) - 3)  # px
         for signal, curves, lines in (
             (SIGNALS["measured_temperature"], heat, limits),
             (SIGNALS["duty"], duty, ()),
         ):
-            height = signal.height + legend
+            height = signal.height + legend_height
             panels.append(signal.panel(curves, where, limits=lines, height=height))
     return panels
 
 
 def _in_unit(signal: str, values: np.ndarray) -> np.ndarray:
-    """Values of a signal in the unit of its panel."""
+    """Return values of a signal in the unit of its panel."""
     return np.rad2deg(values) if signal == "bend_angle" else values
 
 
 def motion_panels(motion: Recording | Planned) -> list[Panel]:
-    """Bend angles, temperatures and duty of a limb, or of each connected one, and their panels."""
+    """Return the panels of a limb's, or each connected limb's, bend angles, heat and duty."""
 
-    def curves(signal: str, row: int, wire: str, color: str) -> list[Curve]:
+    def motion_curves(signal: str, row: int, wire: str, color: str) -> list[Curve]:
+        """Return the curve of a signal's row; readings have the wire temperature with them."""
         values = _in_unit(signal, getattr(motion, signal)[row])
         steps = signal == "duty" and motion.HOLDS_DUTY
-        drawn = [Curve(f"{wire}{SIGNALS[signal].symbol}", motion.time, values, color, steps=steps)]
+        name = f"{wire}{SIGNALS[signal].symbol}"
+        curves = [Curve(name, motion.time, values, color, steps=steps)]
         if signal == "measured_temperature" and motion.wire_temperature is not None:
-            heat = motion.wire_temperature[row]
-            drawn.append(Curve(f"{wire}T", motion.time, heat, color, "dotted"))
-        return drawn
+            temperature = motion.wire_temperature[row]
+            curves.append(Curve(f"{wire}T", motion.time, temperature, color, "dotted"))
+        return curves
 
-    highest = np.full(2, motion.parameters.temperature_limits.maximum)
-    limit = Curve("T_max", motion.time[[0, -1]], highest, NEUTRAL_COLOR, width=1.0)
+    start, end = motion.time[[0, -1]]
+    limit = _limit_curve("T_max", motion.parameters.temperature_limits.maximum, start, end)
     return [
         *connected_panels(motion),
-        *measured_panels(motion.parameters, curves, None, limits=[limit]),
+        *measured_panels(motion.parameters, motion_curves, None, limits=[limit]),
     ]
 
 
 def connected_panels(motion: Samples) -> list[Panel]:
-    """Return the panels of what no single limb has in a motion; none for a limb."""
+    """Return the panels of signals that no single limb has; none for a limb."""
     return connected("panels")(motion.robot, motion) if motion.robot else []
 
 
@@ -297,62 +315,63 @@ def repetition_panels(
     first: Recording,
     last: Recording,
 ) -> list[Panel]:
-    """How distance and error fell over repetitions, and the bend in the first and the last.
+    """Return panels of distance and error over repetitions, and of the bend in two repetitions.
 
     Args:
         trajectory: the plan.
-        distances, errors: means of |φ_ref - φ| and of |φ* - φ| in each repetition, as it was
-            read, rad.
+        distances, errors: means of |φ_ref - φ| and of |φ* - φ| of the sensor's readings in each
+            repetition, rad.
         first, last: recordings of repetitions.
     """
     trajectory = trajectory.since_start()
+    # Draw distance and error as lines with dots.
     numbers = np.arange(1, len(errors) + 1)
-    fell = [
-        Curve(name, numbers, np.rad2deg(values), color, width=width, marks=marks)
-        for name, values, color in (
-            ("from the reference, |φ_REF − φ|", distances, ROLLOUT_COLOR),
-            ("from the plan, |φ* − φ|", errors, PLAN_COLOR),
-        )
-        for width, marks in ((1.5, False), (2.0, True))
-    ]
+    distance_curves = []
+    for name, values, color in (
+        ("from the reference, |φ_REF − φ|", distances, ROLLOUT_COLOR),
+        ("from the plan, |φ* − φ|", errors, PLAN_COLOR),
+    ):
+        values_deg = np.rad2deg(values)
+        distance_curves.append(Curve(name, numbers, values_deg, color, width=1.5))
+        distance_curves.append(Curve(name, numbers, values_deg, color, width=2.0, marks=True))
     panels = [
         Panel(
             "mean distance, as read (°)",
-            fell,
+            distance_curves,
             x_label="repetition",
             from_zero=True,
             x_ticks={int(number): str(number) for number in numbers},
         )
     ]
+    # Draw each bend of the plan and of two repetitions.
     for bend, suffix in enumerate(trajectory.parameters.bend_suffixes):
-        curves = [
-            Curve(name, run.time, np.rad2deg(angle[bend]), color, dash)
-            for name, run, angle, color, dash in (
-                ("reference φ_REF", trajectory, trajectory.reference, REFERENCE_COLOR, "solid"),
-                ("first repetition", first, first.bend_angle, LEFT_RIGHT_COLORS[1], "solid"),
-                ("last repetition", last, last.bend_angle, ROLLOUT_COLOR, "solid"),
-                ("plan φ*", trajectory, trajectory.bend_angle, PLAN_COLOR, "dashed"),
-            )
-        ]
+        curves = []
+        for name, run, angle, color, dash in (
+            ("reference φ_REF", trajectory, trajectory.reference, REFERENCE_COLOR, "solid"),
+            ("first repetition", first, first.bend_angle, LEFT_RIGHT_COLORS[1], "solid"),
+            ("last repetition", last, last.bend_angle, ROLLOUT_COLOR, "solid"),
+            ("plan φ*", trajectory, trajectory.bend_angle, PLAN_COLOR, "dashed"),
+        ):
+            curves.append(Curve(name, run.time, np.rad2deg(angle[bend]), color, dash))
         panels.append(SIGNALS["bend_angle"].panel(curves, suffix))
     return panels
 
 
-def mean_and_band(
+def mean_and_half_width(
     recordings: Sequence[Recording], samples: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, mean and half-width of the 95% band of rollouts; each as long as the shortest.
+    """Return times, mean and half-width of the 95% band of rollouts, as long as the shortest.
 
     Args:
         recordings: one or more, all with the same sample rate; times are the first's.
         samples: one signal in each recording.
     """
     length = min(len(sample) for sample in samples)
-    # What one of them misses is that of the others, and a gap where all do.
-    stacked = np.ma.masked_invalid([sample[:length] for sample in samples])
-    spread = stacked.std(axis=0, ddof=min(1, len(samples) - 1))
+    # Leave out missing samples; where all rollouts miss a sample there is a gap.
+    masked = np.ma.masked_invalid([sample[:length] for sample in samples])
+    spread = masked.std(axis=0, ddof=min(1, len(samples) - 1))
     return (
         recordings[0].time[:length],
-        stacked.mean(axis=0).filled(np.nan),
-        BAND * spread.filled(0.0),
+        masked.mean(axis=0).filled(np.nan),
+        BAND_FACTOR * spread.filled(0.0),
     )

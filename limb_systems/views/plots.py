@@ -1,4 +1,4 @@
-"""Panels as pictures, by Matplotlib, and the style of all pictures."""
+"""Pictures of panels, by Matplotlib, and the style of all pictures."""
 
 import io
 import pickle
@@ -19,13 +19,19 @@ from limb_systems.files.output import check_picture, write_atomically
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Planned
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.views.panels import Panel, motion_panels, repetition_panels, tracking_panels
+from limb_systems.views.panels import (
+    Curve,
+    Panel,
+    motion_panels,
+    repetition_panels,
+    tracking_panels,
+)
 
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
-PIXELS = 125  # of a panel's height in an inch
-POINTS = 0.8  # of a line's width in a px
-FOR_PAPERS = (".pdf", ".eps")
-COLUMN_WIDTH, COLUMN_TEXT = 3.5, 8.0  # inches and pt, of the IEEE's journals
+PIXELS_PER_INCH = 125  # of a panel's height
+POINTS_PER_PIXEL = 0.8  # of a line's width
+PAPER_SUFFIXES = (".pdf", ".eps")
+COLUMN_WIDTH, COLUMN_FONT_SIZE = 3.5, 8.0  # inches and pt, of the IEEE's journals
 
 
 class Figure(matplotlib.figure.Figure):
@@ -40,12 +46,12 @@ class Figure(matplotlib.figure.Figure):
 def plot_tracking(
     trajectory: Trajectory, recordings: Sequence[Recording] = (), title: str = ""
 ) -> Figure:
-    """Fig. 5 as a picture; see `limb_systems.views.panels.tracking_panels`."""
+    """Return Fig. 5 as a picture; see `limb_systems.views.panels.tracking_panels`."""
     return draw(tracking_panels(trajectory, recordings), title)
 
 
 def plot_motion(motion: Recording | Planned) -> Figure:
-    """A recording or a gait as a picture; see `limb_systems.views.panels.motion_panels`."""
+    """Return a recording or a gait as a picture; see `limb_systems.views.panels.motion_panels`."""
     return draw(motion_panels(motion))
 
 
@@ -56,43 +62,46 @@ def plot_repetitions(
     first: Recording,
     last: Recording,
 ) -> Figure:
-    """Learning as a picture; see `limb_systems.views.panels.repetition_panels`."""
+    """Return learning as a picture; see `limb_systems.views.panels.repetition_panels`."""
     return draw(repetition_panels(trajectory, distances, errors, first, last))
 
 
 def draw(panels: Sequence[Panel], title: str = "") -> Figure:
-    """A picture of panels, one below the other."""
+    """Draw a picture of panels, one below the other."""
     heights = [panel.height for panel in panels]
-    figure = Figure(figsize=(WIDTH, sum(heights) / PIXELS), layout="constrained")
+    figure = Figure(figsize=(WIDTH, sum(heights) / PIXELS_PER_INCH), layout="constrained")
     axes = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
-    shared: dict[str, Axes] = {}
-    for axis, panel, below in zip(axes, panels, [*panels[1:], None], strict=True):
+    shared_axes: dict[str, Axes] = {}
+    for axis, panel, panel_below in zip(axes, panels, [*panels[1:], None], strict=True):
         draw_panel(axis, panel)
-        if (first := shared.setdefault(panel.x_label, axis)) is not axis:
-            axis.sharex(first)
-        if below is not None and below.x_label == panel.x_label:
+        # Panels with the same horizontal label share the range; the lowest has the label.
+        shared_axis = shared_axes.setdefault(panel.x_label, axis)
+        if shared_axis is not axis:
+            axis.sharex(shared_axis)
+        if panel_below is not None and panel_below.x_label == panel.x_label:
             axis.tick_params(labelbottom=False)
         else:
             axis.set_xlabel(panel.x_label)
-        dress(axis)
+        apply_axis_style(axis)
     if title:
         figure.suptitle(title, fontsize=11)
     return figure
 
 
-def dress(axis: Axes, most_columns: int = 3) -> None:
+def apply_axis_style(axis: Axes, most_columns: int = 3) -> None:
     """Apply the common style to a panel: a light grid, and the legend above it."""
     axis.grid(alpha=0.25)
     axis.spines[["top", "right"]].set_visible(False)
     num_entries = len(axis.get_legend_handles_labels()[1])
     if not num_entries:
         return
+    num_columns = num_entries
+    if num_entries > most_columns:
+        num_columns = min(most_columns, (num_entries + 1) // 2)
     axis.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=num_entries
-        if num_entries <= most_columns
-        else min(most_columns, (num_entries + 1) // 2),
+        ncols=num_columns,
         frameon=False,
         fontsize=8.5,
         borderaxespad=0.2,
@@ -103,8 +112,8 @@ def dress(axis: Axes, most_columns: int = 3) -> None:
 def save_figure(figure: Figure, path: str | Path) -> None:
     """Write a figure to a file, in the format that its name ends with.
 
-    One that ends with .pdf or .eps is for a paper: as wide as a column of two, 3.5 inches,
-    with text of 8 pt, thin lines, and its fonts inside.
+    A figure whose name ends with .pdf or .eps is for a paper: as wide as a column of two, 3.5
+    inches, with text of 8 pt, thin lines, and embedded fonts.
 
     The file is written whole or not at all.
 
@@ -113,58 +122,47 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     """
     path = Path(path)
     check_picture(path)
-    if path.suffix.lower() in FOR_PAPERS:
+    if path.suffix.lower() in PAPER_SUFFIXES:
         figure = _in_a_column(figure)
+    # Embed fonts as TrueType, which journals ask for.
     picture = io.BytesIO()
-    with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):  # TrueType, as asked for
+    with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):
         figure.savefig(picture, format=path.suffix[1:].lower(), dpi=150)
     write_atomically(path, picture.getvalue())
 
 
 def _in_a_column(figure: Figure) -> Figure:
-    """A copy that fits a column of a paper."""
+    """Return a copy that fits a column of a paper."""
     figure = pickle.loads(pickle.dumps(figure))
     width, height = figure.get_size_inches()
+    # Make it narrow, with the legend in two columns, thin lines and small text.
     figure.set_size_inches(COLUMN_WIDTH, 1.4 * height * COLUMN_WIDTH / width)
     for axis in figure.axes:
         if axis.get_legend():
-            dress(axis, most_columns=2)
+            apply_axis_style(axis, most_columns=2)
     for line in figure.findobj(Line2D):
         line.set_linewidth(0.75 * line.get_linewidth())
     for text in figure.findobj(Text):
-        text.set_fontsize(COLUMN_TEXT)
+        text.set_fontsize(COLUMN_FONT_SIZE)
     return figure
 
 
 def draw_panel(axis: Axes, panel: Panel) -> None:
-    """Draw a panel's curves and limits; `dress` adds the legend."""
-    named: set[str] = set()
+    """Draw a panel's curves and limits; `apply_axis_style` adds the legend."""
+    labelled_names: set[str] = set()
     for curve in [*panel.curves, *panel.limits]:
-        x, y, band = np.asarray(curve.x), np.asarray(curve.y), curve.band
-        style: dict[str, Any] = {
-            "color": curve.color,
-            "alpha": curve.alpha,
-            "linewidth": POINTS * curve.width,
-        }
-        if curve.name not in named and not any(curve is limit for limit in panel.limits):
-            style["label"] = _typeset(curve.name)
-            named.add(curve.name)
-        low_high = band if isinstance(band, tuple) or band is None else (y - band, y + band)
-        if curve.marks:
-            axis.plot(x, y, "o", markersize=2.5 * curve.width, **style)
-        else:
-            steps = "steps-post" if curve.steps else "default"
-            style["solid_capstyle"] = "butt"  # wide lines are bars
-            axis.plot(x, y, linestyle=curve.dash, drawstyle=steps, **style)
-        if low_high is not None and curve.marks:
-            axis.vlines(x, *low_high, color=curve.color, linewidth=POINTS * 1.5)
-        elif low_high is not None:
-            axis.fill_between(x, *low_high, color=curve.color, alpha=0.2 * curve.alpha, lw=0)
+        is_limit = any(curve is limit for limit in panel.limits)
+        has_label = not is_limit and curve.name not in labelled_names
+        if has_label:
+            labelled_names.add(curve.name)
+        _draw_curve(axis, curve, has_label)
+    # Write the names of the limits beside their lines, between the lines as the curves are.
     highest = max((limit.y[0] for limit in panel.limits), default=0.0)
     for limit in panel.limits:
-        beside = (3, -12 if limit.y[0] == highest else 4)  # pt; between the limits, as curves are
-        at = (panel.limits[0].x[0], limit.y[0])
-        axis.annotate(_typeset(limit.name), at, beside, textcoords="offset points")
+        offset = (3, -12 if limit.y[0] == highest else 4)  # pt
+        place = (panel.limits[0].x[0], limit.y[0])
+        axis.annotate(_typeset(limit.name), place, offset, textcoords="offset points")
+    # Set the label, the ranges and the ticks.
     axis.set_ylabel(_typeset(textwrap.fill(panel.label, panel.height // 12)))
     if panel.y_range:
         axis.set_ylim(panel.y_range)
@@ -180,8 +178,36 @@ def draw_panel(axis: Axes, panel: Panel) -> None:
         axis.set_yticks(list(panel.y_ticks), list(panel.y_ticks.values()))
 
 
+def _draw_curve(axis: Axes, curve: Curve, has_label: bool) -> None:
+    """Draw a curve and its band."""
+    x = np.asarray(curve.x)
+    y = np.asarray(curve.y)
+    style: dict[str, Any] = {
+        "color": curve.color,
+        "alpha": curve.alpha,
+        "linewidth": POINTS_PER_PIXEL * curve.width,
+    }
+    if has_label:
+        style["label"] = _typeset(curve.name)
+    # Draw dots or a line.
+    if curve.marks:
+        axis.plot(x, y, "o", markersize=2.5 * curve.width, **style)
+    else:
+        drawstyle = "steps-post" if curve.steps else "default"
+        style["solid_capstyle"] = "butt"  # wide lines are bars
+        axis.plot(x, y, linestyle=curve.dash, drawstyle=drawstyle, **style)
+    # Draw the band as bars or an area.
+    if curve.band is None:
+        return
+    low, high = curve.band if isinstance(curve.band, tuple) else (y - curve.band, y + curve.band)
+    if curve.marks:
+        axis.vlines(x, low, high, color=curve.color, linewidth=POINTS_PER_PIXEL * 1.5)
+    else:
+        axis.fill_between(x, low, high, color=curve.color, alpha=0.2 * curve.alpha, lw=0)
+
+
 def _typeset(text: str) -> str:
-    """A label with its symbols as formulas."""
+    """Return a label with its symbols as formulas."""
 
     def formula(match: re.Match) -> str:
         star, index = match.groups()

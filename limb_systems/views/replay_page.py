@@ -44,7 +44,7 @@ def write_meshcat_replay(
 
     Args:
         path: the HTML file, which is written whole or not at all.
-        motion, plan, title, frames_per_second: as of `replay_page`.
+        motion, plan, title, frames_per_second: arguments of `replay_page`.
     """
     page = replay_page(motion, plan=plan, title=title, frames_per_second=frames_per_second)
     write_atomically(path, page)
@@ -57,7 +57,7 @@ def replay_page(
     title: str = "",
     frames_per_second: float = 20.0,
 ) -> str:
-    """A page, HTML, that replays a motion in 3D.
+    """Return a page, HTML, that replays a motion in 3D.
 
     The page needs no other file; the browser runs it in real time. It has a
     button (or the space bar) to pause and a slider for the time, and shows φ,
@@ -65,17 +65,17 @@ def replay_page(
     angles, they follow from its bend angle by constant curvature, eqn (11). The
     wires' colour shows T, or V where T is not known. Ghosts, lines along the axis, show
     the plan and its reference, or without a plan the reference in the motion. In space
-    the paths of all tips are shown, the motion's own as far as it has come.
+    the paths of all tips are shown; the path of the motion ends at its current time.
 
-    A robot is on its ground, with a mark each 10 mm, and the page says where its body is. A gait
-    is shown for some cycles.
+    A robot is on its ground, with a mark each 10 mm, and the page shows the pose of its body. A
+    gait is shown for some cycles.
 
     Args:
         motion: recording, trajectory or gait to replay.
         plan: trajectory to show as a ghost. A recording's time starts with the plan, as
             for `tracking_errors`; after its end the plan stays in its last
             pose.
-        title: title of the page; one that says what is shown if empty.
+        title: title of the page; "Robot" or "Soft limb" if empty.
         frames_per_second: rate of the poses that are stored, about, Hz; the browser
             interpolates. 20 Hz and five links take 30 kB per second, and nearly as
             much again for two ghosts.
@@ -84,10 +84,16 @@ def replay_page(
         LimbError: if the motion has fewer than two samples, the rate is not
             positive, the plan is for a limb of another shape, or there is one for a robot.
     """
-    if ((~motion.missing).sum() if isinstance(motion, Recording) else len(motion.time)) < 2:
+    # Check the arguments.
+    num_samples = len(motion.time)
+    if isinstance(motion, Recording):
+        num_samples -= motion.missing.sum()
+    if num_samples < 2:
         raise LimbError("A replay needs at least two samples.")
     if not (np.isfinite(frames_per_second) and frames_per_second > 0):
         raise LimbError(f"frames_per_second is {frames_per_second!r}; it must be positive.")
+
+    # Interpolate the signals at the times of the frames.
     motion = motion.for_replay()
     parameters = motion.parameters
     robot = None if motion.robot is None or motion.robot.is_limb else motion.robot
@@ -95,26 +101,28 @@ def replay_page(
     start, end = motion.time[[0, -1]]
     times = np.linspace(start, end, 1 + max(1, round((end - start) * frames_per_second)))
     rate = (len(times) - 1) / (end - start)
-    temperature, measured = motion.wire_temperature, motion.wire_temperature is None
+    temperature = motion.wire_temperature
+    has_wire_temperature = temperature is not None
     if temperature is None:
         temperature = motion.measured_temperature
     heat = motion.interpolated(temperature, times)
-    duty = (
-        motion.duty_trajectory().vector_values(times)
-        if isinstance(motion, Planned) and motion.HOLDS_DUTY
-        else motion.interpolated(motion.duty, times)
-    )
+    if isinstance(motion, Planned) and motion.HOLDS_DUTY:
+        duty = motion.duty_trajectory().vector_values(times)
+    else:
+        duty = motion.interpolated(motion.duty, times)
     pose = getattr(motion, "body_pose", None)
-    pose = None if pose is None else motion.interpolated(pose, times)
-    ghosts = _ghosts_beside(motion, plan)
+    if pose is not None:
+        pose = motion.interpolated(pose, times)
     angles = joint_angle_trajectory(motion).vector_values(times)
-    ghostly = [ghost.joint_angles.vector_values(times - start) for ghost in ghosts]
+    ghosts = _ghosts_beside(motion, plan)
+    ghost_angles = [ghost.joint_angles.vector_values(times - start) for ghost in ghosts]
 
+    # Record the frames in a scene.
     view = view_of(robot or parameters, ghosts)
     with _drake_silenced():
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
     view.add_to(meshcat)
-    view.set_scene(meshcat, np.hstack([angles, *ghostly]), pose)
+    view.set_scene(meshcat, np.hstack([angles, *ghost_angles]), pose)
     if in_space:
         view.add_tip_path(meshcat, angles)
     meshcat.StartRecording(rate)
@@ -123,8 +131,8 @@ def replay_page(
     colors = linear_wire_color(parameters, heat)
     for frame in range(len(times)):
         time = (frame + 1e-6) / rate  # Drake rounds down
-        placed = None if pose is None else pose[:, frame]
-        view.show(meshcat, angles[:, frame], time, placed)
+        frame_pose = None if pose is None else pose[:, frame]
+        view.show(meshcat, angles[:, frame], time, frame_pose)
         for paths, color in zip(view.wire_paths, colors[:, frame], strict=True):
             for path in paths:
                 # Meshcat sets "color" on a path; an animation binds to its mesh.
@@ -134,14 +142,17 @@ def replay_page(
     del meshcat, animation
     gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
 
-    # What each output of the caption says in each frame.
-    body = robot.pose_rows() if robot and pose is not None else []
-    values = [np.rad2deg(bend_angle(parameters, each)).round(1) for each in (angles, *ghostly)]
-    values += [
-        (scale * row).round(1)[np.newaxis]
-        for (_, _, scale), row in zip(body, [] if pose is None else pose, strict=True)
-    ]
-    values += [np.array([t.round(1), d.round(2)]) for t, d in zip(heat, duty, strict=True)]
+    # Collect the numbers that the caption shows in each frame: bends, pose, heat and duty.
+    pose_rows = robot.pose_rows() if robot and pose is not None else []
+    values = []
+    for joint_angles in (angles, *ghost_angles):
+        values.append(np.rad2deg(bend_angle(parameters, joint_angles)).round(1))
+    for (_, _, scale), row in zip(pose_rows, [] if pose is None else pose, strict=True):
+        values.append((scale * row).round(1)[np.newaxis])
+    for wire_heat, wire_duty in zip(heat, duty, strict=True):
+        values.append(np.array([wire_heat.round(1), wire_duty.round(2)]))
+
+    # Add the caption to the page.
     title = title or ("Robot" if motion.robot else "Soft limb")
     how = motion.how if isinstance(motion, Recording) else "planned"
     caption = template("replay.html", Path(__file__).parent / "templates").render(
@@ -150,14 +161,14 @@ def replay_page(
         poses=[(how, None)] + [(ghost.name, _css(ghost.color)) for ghost in ghosts],
         bends=[suffix.strip("_").replace("_", " ") for suffix in parameters.bend_suffixes],
         in_space=in_space,
-        body=[(name, unit) for name, unit, _ in body],
+        body=[(name, unit) for name, unit, _ in pose_rows],
         tip_color=ROLLOUT_COLOR,
         wires=[name.replace("_", " ") for name in parameters.wire_names],
         values=np.vstack(values).tolist(),
         frames_per_second=repr(float(rate)),
         last_frame=len(times) - 1,
         provenance=motion.provenance and dataclasses.asdict(motion.provenance),
-        signal="measured temperature" if measured else "wire temperature",
+        signal="wire temperature" if has_wire_temperature else "measured temperature",
         low=f"{parameters.ambient_temperature:g}",
         high=f"{parameters.temperature_limits.maximum:g}",
         colors=[f"rgb({_css(color)})" for color in WIRE_COLORS],
@@ -168,9 +179,9 @@ def replay_page(
 
 
 def _ghosts_beside(motion: Recording | Planned, plan: Trajectory | None) -> list[Ghost]:
-    """The ghosts of a motion, over the time since the motion's start."""
+    """Return the ghosts of a motion, over the time since the motion's start."""
     if plan is not None:
-        # The time of a recording is that since the start of its plan.
+        # The time of a recording counts from the start of its plan.
         start = motion.time[0] if isinstance(motion, Recording) else 0.0
         return ghosts_of_plan(motion.parameters, plan, start)
     if motion.robot or not isinstance(motion, Recording | Trajectory) or motion.reference is None:
@@ -181,23 +192,24 @@ def _ghosts_beside(motion: Recording | Planned, plan: Trajectory | None) -> list
 
 
 def _places_in_words(parameters: LimbParameters) -> str:
-    """Where each wire is as one looks down on the limb, E2 being up, or at its tip in space."""
+    """Return the places of the wires in the view: from the top down, or around E1 in space."""
     if not LimbModel.of(parameters).layout.is_planar:
-        places = dict.fromkeys(
-            ", ".join(f"{wire.name} {np.rad2deg(wire.angle):.0f}°" for wire in segment.wires)
-            for segment in parameters.segments
-        )
-        return f"wires from +E2 towards +E3, which is up: {'; '.join(places)}"
-    downwards = dict.fromkeys(
-        ", ".join(wire.name for wire in sorted(segment.wires, key=lambda wire: -wire.e2))
-        for segment in parameters.segments
-    )
-    if list(downwards) == ["right, left"]:
+        places: list[str] = []
+        for segment in parameters.segments:
+            angles = [f"{wire.name} {np.rad2deg(wire.angle):.0f}°" for wire in segment.wires]
+            places.append(", ".join(angles))
+        return f"wires from +E2 towards +E3, which is up: {'; '.join(dict.fromkeys(places))}"
+    orders: list[str] = []
+    for segment in parameters.segments:
+        downwards = sorted(segment.wires, key=lambda wire: -wire.e2)
+        orders.append(", ".join(wire.name for wire in downwards))
+    if set(orders) == {"right, left"}:
         return "upper wire: right, lower wire: left"
-    return f"wires from top to bottom: {'; '.join(downwards)}"
+    return f"wires from top to bottom: {'; '.join(dict.fromkeys(orders))}"
 
 
 def _css(color: Sequence[float]) -> str:
+    """Return a colour as CSS has it, three numbers up to 255."""
     return " ".join(f"{255 * value:.0f}" for value in color)
 
 

@@ -1,4 +1,4 @@
-"""HTML from templates: what they are given is escaped, unless it came from a template."""
+"""HTML from templates: all values are escaped, unless they came from a template."""
 
 import functools
 from pathlib import Path
@@ -11,7 +11,7 @@ if TYPE_CHECKING:  # few programs make pages
 
 @functools.cache
 def template(name: str, folder: Path) -> "Template":
-    """A template of Jinja's by its file in a folder; one that is left without a value fails."""
+    """Return a template of Jinja's by its file in a folder; a missing value is an error."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -26,5 +26,5 @@ def template(name: str, folder: Path) -> "Template":
 
 
 def part(name: str, *content: Any, folder: Path) -> "Markup":
-    """A part of a page, by a macro of ``parts.html``."""
+    """Return a part of a page, by a macro of ``parts.html``."""
     return getattr(template("parts.html", folder).module, name)(*content)

@@ -7,16 +7,22 @@ from typing import Any, ClassVar
 import numpy as np
 
 from limb_systems.files.schema import quantity
-from limb_systems.wire_laws.hysteretic import BACKLASH, GRADUAL, HystereticLaw, heat_fields, midway
+from limb_systems.wire_laws.hysteretic import (
+    BACKLASH,
+    GRADUAL_TURNING,
+    HystereticLaw,
+    heat_fields,
+    midway,
+)
 from limb_systems.wire_laws.saturating import SaturatingLaw
 from limb_systems.wire_laws.two_mass import _TwoMassHeat
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, Prior, WireLaw, logistic
 
 # Priors. Latent heat: 6 to 20 J/g of NiTi wires and 0.5 to 0.9 J/(g K), of which coils in silicone
 # show a part. Direct losses: of leads, and free convection by the fourth root of the temperature
-# difference. Heating: resistance of austenite 10 to 20% below that of martensite, at constant
+# difference. Heating: resistance of austenite is 10 to 20% below martensite's, at constant
 # current or voltage. Stress: 7 to 14 MPa/°C of such wires. Creep: silicones relax by a tenth or two
-# within some seconds, alike for all wires.
+# within some seconds, in the same way for all wires.
 
 
 @dataclasses.dataclass
@@ -62,18 +68,18 @@ class _ThreeMassHeat(_TwoMassHeat):
     )
 
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
-        """Those of wire, silicone and outer silicone, as in `CoupledLaw`, without ż."""
+        """Return Ṫ, Ṡ and Ṙ as in `CoupledLaw`, without ż."""
         T, S, R = x
-        above = T - T0
-        lost = self.direct_cooling * above + self.convection * above**2
+        rise = T - T0
+        direct_loss = self.direct_cooling * rise + self.convection * rise**2
         return [
-            self.a1 * (T - S) - lost + self.a2 * D,
+            self.a1 * (T - S) - direct_loss + self.a2 * D,
             self.silicone_warming * (T - S) - self.silicone_cooling * (S - R),
             self.outer_warming * (S - R) - self.outer_cooling * (R - T0),
         ]
 
     def reading_rate(self, V, x):
-        """V̇ = a3 (V - (1 - μ) T - μ S)."""
+        """Return V̇ = a3 (V - (1 - μ) T - μ S)."""
         return self.a3 * (V - x[0] - self.silicone_share * (x[1] - x[0]))
 
 
@@ -89,14 +95,13 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
         Ċ = kC (z - C)
         torque = M ((1 - c) z + c C)
 
-    ξ is that of `HystereticLaw`, with the backlash b of B, at the temperature T - σ ξ: stress moves
+    ξ follows `HystereticLaw`, with the backlash b of B, at the temperature T - σ ξ: stress moves
     its curves upwards in proportion to the pull (Clausius-Clapeyron). P follows this temperature in
     the same way, with the backlash r = (T_h - T_c) / 2, as a play of the Prandtl-Ishlinskii model:
-    minor loops close along it, while those of Duhem's law creep. Wires are in between.
+    its minor loops close, while the minor loops of Duhem's law creep. Wires are in between.
 
-    Rubber that bends at once and creeps on (a standard linear solid) holds a limb at rest as one
-    does whose spring is elastic, and whose torque comes late in part: C is that part. Loads other
-    than wires do not make it creep.
+    Rubber that bends at once and creeps on (a standard linear solid) is modelled as an elastic
+    spring under a torque of which a part, C, is late. Loads other than wires do not make it creep.
 
     """
 
@@ -144,66 +149,72 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
     )
 
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
-        """See the class."""
+        """Return the rates of T, S, R, B, P, ξ and C, see the class."""
         T, *_, B, P, xi, C = x
-        free = T - self.stress_shift * xi  # of stress
-        rise, fall = self._play(free, B, self.backlash)
-        transforming = self._transforming(free, xi, rise, fall)
-        along = np.subtract(*self._play(free, P, self._half_loop))
-        F = self._along(P)
-        gained = F * (1.0 - F) / self.width * along
-        gained = transforming + self.play_share * (gained - transforming)
+        free_temperature = T - self.stress_shift * xi  # without stress
+        # The rates of B, ξ and P.
+        rise, fall = self._play(free_temperature, B, self.backlash)
+        xi_rate = self._transforming(free_temperature, xi, rise, fall)
+        P_rate = np.subtract(*self._play(free_temperature, P, self._half_loop))
+        # The rate of z, with F' = F (1 - F) / w.
+        F = self._logistic_of_play(P)
+        F_rate = F * (1.0 - F) / self.width * P_rate
+        z_rate = xi_rate + self.play_share * (F_rate - xi_rate)
+        # The rates of heat and creep.
         heating = (1.0 - self.heating_drop * xi) * D
-        heated, *others = _ThreeMassHeat.rates(self, x[:3], heating, T0)
-        heated = heated - self.latent_heat * gained
-        creeping = self.creep_rate * (self._transformed(F, xi, T0) - C)
-        return [heated, *others, rise - fall, along, transforming, creeping]
+        T_rate, *silicone_rates = _ThreeMassHeat.rates(self, x[:3], heating, T0)
+        T_rate = T_rate - self.latent_heat * z_rate
+        C_rate = self.creep_rate * (self._transformed(F, xi, T0) - C)
+        return [T_rate, *silicone_rates, rise - fall, P_rate, xi_rate, C_rate]
 
     @property
     def _half_loop(self) -> Any:
-        """r, °C."""
+        """Half the width of the hysteresis loop r, °C."""
         return 0.5 * (self.heating_middle - self.cooling_middle)
 
-    def _along(self, P: Any) -> Any:
-        """F(P)."""
+    def _logistic_of_play(self, P: Any) -> Any:
+        """Return F(P)."""
         return logistic((P - self._middle) / self.width)
 
     def _transformed(self, F: Any, xi: Any, T0: Any) -> Any:
-        """z, of F(P)."""
-        along = F - self._along(T0 - self._half_loop)
-        return xi + self.play_share * (along - xi)
+        """Return the transformed share z, for F = F(P)."""
+        gained = F - self._logistic_of_play(T0 - self._half_loop)
+        return xi + self.play_share * (gained - xi)
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
-        """M ((1 - c) z + c C)."""
+        """Return M ((1 - c) z + c C)."""
         *_, P, xi, C = x
-        z = self._transformed(self._along(P), xi, T0)
+        z = self._transformed(self._logistic_of_play(P), xi, T0)
         return self.full_torque * (z + self.creep_share * (C - z))
 
     def cold_states(self, T0: float) -> Sequence[float]:
-        """Nothing is transformed, and heat meets no backlash, so that plans see it act."""
+        """Return states without transformation and backlash, so that heat acts at once."""
         return [T0, T0, T0, T0 - self.backlash, T0 - self._half_loop, 0.0, 0.0]
 
     def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
-        """On the curve of heating, which starts at ambient temperature with z = 0."""
-
-        def on_curve(free: float) -> float:
-            return super(CoupledLaw, self).warm_states(free, T0)[-1]
-
-        def excess(free: float) -> float:
-            return free + self.stress_shift * on_curve(free) - T
-
+        """Return states on the curve of heating, which starts at ambient temperature with z = 0."""
         from scipy.optimize import brentq  # takes long to import
 
-        free = brentq(excess, T - self.stress_shift - 1.0, T + 1.0) if self.stress_shift else T
-        P, xi = free - self._half_loop, on_curve(free)
-        z = self._transformed(self._along(P), xi, T0)
-        return [T, T0, T0, free - self.backlash, P, xi, z]
+        def transformed_share(free_temperature: float) -> float:
+            return super(CoupledLaw, self).warm_states(free_temperature, T0)[-1]
+
+        def excess(free_temperature: float) -> float:
+            return free_temperature + self.stress_shift * transformed_share(free_temperature) - T
+
+        # Find the temperature without stress.
+        free_temperature = T
+        if self.stress_shift:
+            free_temperature = brentq(excess, T - self.stress_shift - 1.0, T + 1.0)
+        xi = transformed_share(free_temperature)
+        P = free_temperature - self._half_loop
+        z = self._transformed(self._logistic_of_play(P), xi, T0)
+        return [T, T0, T0, free_temperature - self.backlash, P, xi, z]
 
     def typical_rates(self) -> dict[str, float]:
-        """Rates as of `HystereticLaw`, with the heating of a wire that is half transformed."""
+        """Return the rates of `HystereticLaw`, with the heating of a half transformed wire."""
         return {**super().typical_rates(), "heating": self.a2 * (1.0 - 0.5 * self.heating_drop)}
 
-    def easier(self) -> WireLaw:
+    def smoothed(self) -> WireLaw:
         """Return the law with paths that turn gradually."""
         return _GradualCoupledLaw(**vars(self))
 
@@ -211,16 +222,17 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
 class _GradualCoupledLaw(CoupledLaw):
     """The coupled law whose paths turn gradually, for the start of plans."""
 
-    turning: ClassVar[tuple[float, float]] = GRADUAL, GRADUAL
+    turning: ClassVar[tuple[float, float]] = GRADUAL_TURNING, GRADUAL_TURNING
 
-    def easier(self) -> WireLaw:
+    def smoothed(self) -> WireLaw:
         """Return the law without hysteresis, latent heat and creep, whose curve is midway.
 
         Stress moves the middle of a curve of T by σ / 2, and its slope there, 1 / (4 w), to
         1 / (4 w + σ).
         """
-        curve, shift = midway(self), self.stress_shift
-        curve |= {"middle": curve["middle"] + shift / 2, "width": curve["width"] + shift / 4}
+        curve = midway(self)
+        curve["middle"] += self.stress_shift / 2
+        curve["width"] += self.stress_shift / 4
         return _WarmLaw(**heat_fields(_ThreeMassHeat, self), **curve)
 
 

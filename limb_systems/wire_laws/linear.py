@@ -31,18 +31,18 @@ class LinearLaw(WireLaw):
     )
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
-        """β (T - T0), eqn (4)."""
+        """Return β (T - T0), eqn (4)."""
         return self.beta * (x[0] - T0)
 
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
-        """Ṫ = a1 (T - T0) + a2 D, eqn (6)."""
+        """Return Ṫ = a1 (T - T0) + a2 D, eqn (6)."""
         return [self.a1 * (x[0] - T0) + self.a2 * D]
 
     def reading_rate(self, V: Any, x: Sequence[Any] | np.ndarray) -> Any:
-        """V̇ = a3 (V - T), eqn (7)."""
+        """Return V̇ = a3 (V - T), eqn (7)."""
         return self.a3 * (V - x[0])
 
     def typical_rates(self) -> dict[str, float]:
-        """Rates -a1, a2 and -a3 of the law."""
+        """Return the rates -a1, a2 and -a3 of the law."""
         cooling = {"slowest_cooling": -self.a1, "fastest_cooling": -self.a1}
         return {**cooling, "heating": self.a2, "reading": -self.a3}

@@ -30,8 +30,7 @@ class SaturatingLaw(_TwoMassHeat):
     width: float = quantity(10.0, "°C", 1.0, 100.0, "w, width of the curve", WIDTH)
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
-        """See the class."""
-        T = x[0]
-        return self.full_torque * (
-            logistic((T - self.middle) / self.width) - logistic((T0 - self.middle) / self.width)
-        )
+        """Return the torque, see the class."""
+        warm = logistic((x[0] - self.middle) / self.width)
+        cold = logistic((T0 - self.middle) / self.width)
+        return self.full_torque * (warm - cold)

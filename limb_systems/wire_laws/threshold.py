@@ -35,6 +35,7 @@ class ThresholdLaw(_TwoMassHeat):
     width: float = quantity(7.0, "°C", 1.0, 100.0, "w, width of the knee", WIDTH)
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
-        """See the class."""
-        above, cold = (np.log(1.0 + np.exp((T - self.knee) / self.width)) for T in (x[0], T0))
-        return self.beta * self.width * (above - cold)
+        """Return the torque, see the class."""
+        warm = np.log(1.0 + np.exp((x[0] - self.knee) / self.width))
+        cold = np.log(1.0 + np.exp((T0 - self.knee) / self.width))
+        return self.beta * self.width * (warm - cold)

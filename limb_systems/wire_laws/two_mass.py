@@ -52,19 +52,20 @@ class _TwoMassHeat(WireLaw):
     )
 
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
-        """Ṫ = a1 (T - S) + a2 D,  Ṡ = kS (T - S) - kA (S - T0)."""
-        S, warmer = x[1], x[0] - x[1]
+        """Return Ṫ = a1 (T - S) + a2 D and Ṡ = kS (T - S) - kA (S - T0)."""
+        T = x[0]
+        S = x[1]
         return [
-            self.a1 * warmer + self.a2 * D,
-            self.silicone_warming * warmer - self.silicone_cooling * (S - T0),
+            self.a1 * (T - S) + self.a2 * D,
+            self.silicone_warming * (T - S) - self.silicone_cooling * (S - T0),
         ]
 
     def reading_rate(self, V, x):
-        """V̇ = a3 (V - T), eqn (7)."""
+        """Return V̇ = a3 (V - T), eqn (7)."""
         return self.a3 * (V - x[0])
 
     def typical_rates(self):
-        """Cooling at -a1 while the silicone is cold, and at -a1 kA / (kS + kA) once it is warm."""
+        """Return cooling at -a1 with cold silicone, and -a1 kA / (kS + kA) with warm silicone."""
         share = self.silicone_cooling / (self.silicone_warming + self.silicone_cooling)
         cooling = {"slowest_cooling": -self.a1 * share, "fastest_cooling": -self.a1}
         return {**cooling, "heating": self.a2, "reading": -self.a3}
@@ -86,5 +87,5 @@ class TwoMassLaw(_TwoMassHeat):
     )
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
-        """β (T - T0), eqn (4)."""
+        """Return β (T - T0), eqn (4)."""
         return self.beta * (x[0] - T0)

@@ -1,4 +1,4 @@
-"""How a wire heats, pulls and is measured: the one place where a wire's law is stated.
+"""The base of the wire laws: heat, torque and reading of a wire, stated in one place.
 
 Drake's blocks, the planner's constraints and their derivatives, its
 quasi-static start, the calibration's simulation and the temperature limits
@@ -16,25 +16,26 @@ from limb_systems.errors import LimbError
 from limb_systems.files.schema import Tagged
 
 TEMPERATURE_SCALE = 50.0  # °C, a typical change
-# Recordings that tell a field of a law best.
+# Kinds of recordings, for `Prior.identified_by`.
 COLD_HEATING = "heating of a cold wire"
 SLOW_HEATING = "slow heating and cooling"
 
 
 class Prior(NamedTuple):
-    """What published recordings of limbs of this family, and data sheets, lead one to expect.
+    """The distribution of a field in published recordings of this family of limbs and data sheets.
 
-    - ``center``: expected value; of a field that is `WireLaw.below` another, how far below.
+    - ``center``: expected value; of a field that is `WireLaw.below` another, their difference.
     - ``spread``: standard deviation of limbs about it, of the logarithm, or of the value for
-      temperatures and for what may be zero.
-    - ``alike``: standard deviation of the wires of one limb about each other, likewise.
-    - ``told_by``: kind of the recording that tells it best; empty if none does.
+      temperatures and for fields that may be zero.
+    - ``wire_spread``: standard deviation of the wires of one limb about their mean, of the
+      logarithm or of the value as for ``spread``.
+    - ``identified_by``: kind of the recording that identifies it best; empty if none does.
     """
 
     center: float
     spread: float
-    alike: float
-    told_by: str = ""
+    wire_spread: float
+    identified_by: str = ""
 
 
 # Of fields that several laws have.
@@ -79,7 +80,10 @@ class WireLaw(Tagged):
         fields: dict[str, Any] = {}
         for base in reversed(cls.__mro__):
             fields |= getattr(base, "__dataclass_fields__", {})
-        fields |= {n: v for n, v in vars(cls).items() if isinstance(v, dataclasses.Field)}
+        for name, value in vars(cls).items():
+            if isinstance(value, dataclasses.Field):
+                fields[name] = value
+        # Add a line for each field that has a meaning.
         lines = []
         for name, field in fields.items():
             if meaning := field.metadata.get("meaning"):
@@ -90,42 +94,42 @@ class WireLaw(Tagged):
 
     @classmethod
     def is_temperature(cls, state: str) -> bool:
-        """Whether a state is a temperature, °C: its typical change is 10 or more."""
+        """Return whether a state is a temperature, °C: its typical change is 10 or more."""
         return cls.states[state] >= 10.0
 
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
-        """Time derivatives of the states, in the order of ``states``, per second."""
+        """Return time derivatives of the states, in the order of ``states``, per second."""
         raise NotImplementedError
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
-        """Torque of a wire towards its own side on a link that turns towards it by θ, N·m."""
+        """Return a wire's torque, N·m, towards its side on a link that turns towards it by θ."""
         raise NotImplementedError
 
     def reading_rate(self, V: Any, x: Sequence[Any] | np.ndarray) -> Any:
-        """Time derivative of the temperature V that the thermocouple reads, °C/s."""
+        """Return the time derivative of the temperature V that the thermocouple reads, °C/s."""
         raise NotImplementedError
 
     def cold_states(self, T0: float) -> Sequence[float]:
-        """The states of a wire that was never heated, at ambient temperature T0."""
+        """Return the states of a wire that was never heated, at ambient temperature T0."""
         return [T0] * len(self.states)
 
     def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
-        """The states of a wire that was heated from cold to T.
+        """Return the states of a wire that was heated from cold to T.
 
-        Those that change while T is held are settled later; what counts here
-        are those that do not, such as a memory.
+        States that change while T is held are settled later. Only the other states matter
+        here, such as a memory.
         """
         return [T, *self.cold_states(T0)[1:]]
 
-    def easier(self) -> "WireLaw":
+    def smoothed(self) -> "WireLaw":
         """Return a similar law that is easier to plan with, or this law if there is none.
 
-        A plan with this law starts from the plan with the easier one.
+        A plan with this law starts from the plan with the smoothed law.
         """
         return self
 
     def typical_rates(self) -> dict[str, float]:
-        """The rates of eqns (6) and (7) that come closest to the wire's.
+        """Return the rates of eqns (6) and (7) that come closest to the wire's.
 
         A board bounds the wire's heat around them, and emulated limbs are drawn
         around them.
@@ -136,7 +140,7 @@ class WireLaw(Tagged):
             -a3, 1/s.
 
         Raises:
-            LimbError: if the law does not say.
+            LimbError: if the law does not define them.
         """
         raise LimbError(
             f"{type(self).__name__} does not say how fast its wire heats and cools; add the method "
@@ -147,7 +151,7 @@ class WireLaw(Tagged):
 def runge_kutta(
     rates: Callable[[Any, Any], Any], states: Any, duty: Sequence[Any], step: Any
 ) -> Any:
-    """States after a step, by the classical Runge-Kutta method.
+    """Return the states after a step of the classical Runge-Kutta method.
 
     Args:
         rates: function of states and duty, of arrays or symbols.
@@ -163,11 +167,11 @@ def runge_kutta(
 
 
 def logistic(z: Any) -> Any:
-    """1 / (1 + exp(-z))."""
+    """Return 1 / (1 + exp(-z))."""
     return 0.5 * (1.0 + np.tanh(0.5 * z))
 
 
 def softplus(z: Any) -> Any:
-    """ln(1 + exp(z)), where exp(z) may be too large for a number, too."""
+    """Return ln(1 + exp(z)), also where exp(z) is too large for a number."""
     size = np.sqrt(z**2 + 1e-12)  # |z|, whose derivative all scalar types have at 0
     return 0.5 * (z + size) + np.log(1.0 + np.exp(-size))

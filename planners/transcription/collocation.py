@@ -1,8 +1,7 @@
 """Direct collocation of a whole limb trajectory at once, eqn (17).
 
-Drake's `DirectCollocationConstraint` says, for each interval of length h,
-that the cubic through the knots (x0, ẋ0), (x1, ẋ1) obeys the dynamics at its
-middle:
+Drake's `DirectCollocationConstraint` requires, for each interval of length h, that the cubic
+through the knots (x0, ẋ0), (x1, ẋ1) obeys the dynamics at its middle:
 
     x_c = (x0 + x1)/2 + h/8 (ẋ0 - ẋ1),    u_c = (u0 + u1)/2
     ẋ_c = 3/(2h) (x1 - x0) - (ẋ0 + ẋ1)/4 = f(x_c, u_c)
@@ -35,24 +34,24 @@ ANGLE_SCALE = 0.1  # rad, a typical change, which is scaled to one
 
 
 class MotionDefects:
-    """Defects of the chain's motion in the K - 1 intervals between K knots.
+    """The defects (17) of the chain's motion in the K - 1 intervals between K knots.
 
-    It is a `planners.transcription.ipopt.ConstraintBlock`. Rows are those of θ (n, K - 1), then
-    those of θ̇ (n, K - 1). An interval depends on z = [p0, p1, h], with p = [θ, θ̇, x, D] at its two
+    It is a `planners.transcription.ipopt.ConstraintBlock`. The first rows are of θ (n, K - 1), then
+    of θ̇ (n, K - 1). An interval depends on z = [p0, p1, h], with p = [θ, θ̇, x, D] at its two
     knots and its length h:
 
         3/(2h) (θ1 - θ0) - 3/4 (θ̇0 + θ̇1) + h/8 (a1 - a0)    times 8/h K⁻¹ M(0)
         3/(2h) (θ̇1 - θ̇0) - (a0 + a1)/4 - a_c                 times K⁻¹ M(0)
 
     The accelerations a at the knots and a_c in the middle solve the limb's equation of motion
-    r(θ, θ̇, x, a) = 0, whose derivatives give those of the accelerations: M ∂a = -∂r.
+    r(θ, θ̇, x, a) = 0, whose derivatives give the accelerations' derivatives: M ∂a = -∂r.
 
     Args:
         model: the limb.
         states, duty, time_steps: indices of the knots' states (K, 2n + M) and
             duty (K, W), and of the time steps (K - 1), among the program's variables.
         typical_time_step: s, for the scaling of rows.
-        replaces: the program's constraints that this stands for.
+        replaces: the program's constraints that this block replaces.
         free_duration: whether the time steps vary; there are no derivatives by them if not.
     """
 
@@ -67,43 +66,62 @@ class MotionDefects:
         free_duration: bool = False,
     ):
         self._dynamics = dynamics = model.dynamics
-        self.replaces, self._is_free = replaces, free_duration
+        self.replaces = replaces
+        self._is_free = free_duration
         self._n = n = dynamics.num_joints
+        # Indices of [θ, θ̇, x, D] at the knots (K, P), and of z (2P + 1, K - 1).
         self._points = np.hstack([states[:, : 2 * n + dynamics.num_states], duty])
-        self._time_steps, self._typical_h = time_steps, typical_time_step
+        self._time_steps = time_steps
         self._variables = np.vstack([self._points[:-1].T, self._points[1:].T, time_steps])
+        # Scales of the rows.
+        self._typical_h = typical_time_step
         self._on_rates = dynamics.acceleration_to_angle
         self._on_angles = 8 / typical_time_step * self._on_rates
         self.lower = self.upper = np.zeros(2 * n * len(time_steps))
-        self._kept: tuple | None = None
-        # The heat at both knots, by which forces and states in the middle change.
+        self._cached: tuple | None = None
+        # Places in z of the heat at both knots, which moves forces and states in the middle.
         P = self._points.shape[1]
         self._heat = np.r_[2 * n : P, P + 2 * n : 2 * P]
         name = f"motion of an interval, {free_duration}"
-        stated = model.once(name, lambda: self._state_interval(model.wires))
-        self._x_middle, self._force, self._forces, self._equations = stated
-        self._lay_out_jacobian()
-        self._lay_out_hessian(is_whole=True)
+        functions = model.once(name, lambda: self._symbolic_interval(model.wires))
+        self._x_middle, self._middle_force, self._all_forces, self._equations = functions
+        self._set_jacobian_pattern()
+        self._set_hessian_pattern(is_whole=True)
 
-    def _state_interval(self, wires: Wires) -> list[SmoothFunction]:
-        """State in symbols what the heat does in the middle, and what has a curvature."""
+    def _symbolic_interval(self, wires: Wires) -> list[SmoothFunction]:
+        """Return functions of an interval for the middle and for curvatures.
+
+        Returns:
+            x in the middle, the force there, and the forces at both knots and in the middle, all by
+            the heat; the rows and the equations of motion, by z and the accelerations.
+        """
         n, N, P = self._n, wires.num_states, self._points.shape[1]
-        z, h = ca.SX.sym("z", 2 * P), ca.SX.sym("h")
-        parts = [*np.cumsum([0, n, n, N, wires.num_wires]).tolist()]
+        z = ca.SX.sym("z", 2 * P)
+        h = ca.SX.sym("h")
+        parts = np.cumsum([0, n, n, N, wires.num_wires]).tolist()
         q0, v0, x0, D0 = ca.vertsplit(z[:P], parts)
         q1, v1, x1, D1 = ca.vertsplit(z[P:], parts)
+
+        # The states in the middle.
         readings = ca.SX(wires.num_wires, 1)  # which heat nothing
         change = wires.symbolic_heat(x0, readings, D0) - wires.symbolic_heat(x1, readings, D1)
         q_middle = (q0 + q1) / 2 - h / 8 * (v1 - v0)
         v_middle = 1.5 / h * (q1 - q0) - (v0 + v1) / 4
         x_middle = (x0 + x1) / 2 + h / 8 * change[:N]
 
-        heat, angles = ca.vertcat(x0, D0, x1, D1), ca.SX.sym("q", 3 * n)
+        # Functions of the heat, at given angles.
+        heat = ca.vertcat(x0, D0, x1, D1)
+        angles = ca.SX.sym("q", 3 * n)
         at_begin, at_end, in_middle = ca.vertsplit(angles, n)
         force = wires.symbolic_force
-        in_the_middle = SmoothFunction(x_middle, heat, h)
-        by, given = (ca.vertcat(heat, h), []) if self._is_free else (heat, [h])
-        middle_force = SmoothFunction(force(x_middle, in_middle), by, ca.vertcat(in_middle, *given))
+        middle_state = SmoothFunction(x_middle, heat, h)
+        if self._is_free:
+            middle_force = SmoothFunction(
+                force(x_middle, in_middle), ca.vertcat(heat, h), in_middle
+            )
+        else:
+            given = ca.vertcat(in_middle, h)
+            middle_force = SmoothFunction(force(x_middle, in_middle), heat, given)
         forces = ca.vertcat(force(x0, at_begin), force(x1, at_end), force(x_middle, in_middle))
         all_forces = SmoothFunction(forces, heat, ca.vertcat(angles, h))
 
@@ -119,83 +137,97 @@ class MotionDefects:
         )
         by, step = (ca.vertcat(z, h), None) if self._is_free else (z, h)
         residuals = SmoothFunction(equations, ca.vertcat(by, a0, a1, a_middle), step)
-        return [in_the_middle, middle_force, all_forces, residuals]
+        return [middle_state, middle_force, all_forces, residuals]
 
-    def _lay_out_jacobian(self) -> None:
-        """Set where the nonzeros of `jacobian` are: those of θ, of θ̇ by the motion and the heat."""
+    def _set_jacobian_pattern(self) -> None:
+        """Set the places of `jacobian`'s nonzeros: rows of θ, and of θ̇ by motion and heat."""
         n, P, num_intervals = self._n, self._points.shape[1], len(self._time_steps)
+        # Columns of a knot by which accelerations have slopes.
         rows, columns = self._dynamics.by_state.slope_places
-        self._moving, places = np.unique(columns, return_inverse=True)
+        self._moving_columns, places = np.unique(columns, return_inverse=True)
         self._slopes = rows, places
-        by_force = np.append(self._heat, 2 * P)[self._force.slope_places[1]]
-        at_knots = self._moving[2 * n :]
+        # Columns of z, except the motion, by which rows of θ̇ have slopes.
+        by_force = np.append(self._heat, 2 * P)[self._middle_force.slope_places[1]]
+        at_knots = self._moving_columns[2 * n :]
         by_heat = {*by_force.tolist(), *at_knots.tolist(), *(P + at_knots).tolist()}
-        self._by_heat = np.array(sorted(by_heat | ({2 * P} if self._is_free else set())), int)
-        motion, each = np.arange(2 * n), np.arange(n)
-        blocks = [(each, np.r_[self._moving, P + self._moving])]
-        blocks += [(n + each, np.r_[motion, P + motion]), (n + each, self._by_heat)]
+        if self._is_free:
+            by_heat.add(2 * P)
+        self._by_heat = np.array(sorted(by_heat), int)
+        # The dense blocks of rows and columns of one interval, in the order of `jacobian`.
+        motion = np.arange(2 * n)
+        each = np.arange(n)
+        blocks = [
+            (each, np.r_[self._moving_columns, P + self._moving_columns]),
+            (n + each, np.r_[motion, P + motion]),
+            (n + each, self._by_heat),
+        ]
         if self._is_free:
             blocks.append((each, np.array([2 * P])))
         grids = [np.array(np.meshgrid(*block, indexing="ij")).reshape(2, -1) for block in blocks]
-        self._pairs = rows, columns = np.hstack(grids)
+        self._entry_pairs = rows, columns = np.hstack(grids)
         self.rows = (rows[:, None] * num_intervals + np.arange(num_intervals)).ravel()
         self.columns = self._variables[columns].ravel()
 
-    def _lay_out_hessian(self, is_whole: bool) -> None:
-        """Set where the nonzeros of `hessian` are, of the whole one or that of heat and duty."""
+    def _set_hessian_pattern(self, is_whole: bool) -> None:
+        """Set the places of the nonzeros of `hessian`, which may be by the heat alone."""
         self._is_whole = is_whole
         if is_whole:
             size = 2 * self._points.shape[1] + self._is_free
-            self._curved = np.array(np.tril_indices(size))
+            self._curved_pairs = np.array(np.tril_indices(size))
         else:
-            self._curved = self._heat[self._forces.curvature_places]
+            self._curved_pairs = self._heat[self._all_forces.curvature_places]
         self.hessian_rows, self.hessian_columns = (
-            self._variables[places].ravel() for places in self._curved
+            self._variables[places].ravel() for places in self._curved_pairs
         )
 
     def with_curvature_of_heat(self) -> "MotionDefects":
         """Return a copy whose ``hessian`` has the second derivatives by heat and duty alone."""
         block = copy.copy(self)
-        block._lay_out_hessian(is_whole=False)
+        block._set_hessian_pattern(is_whole=False)
         return block
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
-        """Scaled defects, all zero for a feasible trajectory."""
-        points, h, _, accelerations, _ = self._solved(x)
+        """Return the scaled defects, all zero for a feasible trajectory."""
+        points, h, _, accelerations, _ = self._accelerations_at(x)
         K, n = len(points), self._n
         steps = np.diff(points[:, : 2 * n], axis=0) * (1.5 / h)
-        rates, at_knots = points[:, n : 2 * n], accelerations[:K]
+        rates = points[:, n : 2 * n]
+        at_knots = accelerations[:K]
         of_angles = steps[:, :n] - 0.75 * (rates[:-1] + rates[1:])
         of_angles += h / 8 * np.diff(at_knots, axis=0)
         of_rates = steps[:, n:] - 0.25 * (at_knots[:-1] + at_knots[1:]) - accelerations[K:]
         return np.vstack([self._on_angles @ of_angles.T, self._on_rates @ of_rates.T]).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Nonzeros of the derivative of `evaluate`."""
-        points, h, places, accelerations, mass = self._solved(x)
-        K, n, P, h = len(points), self._n, points.shape[1], h[:, 0]
-        on_angles, on_rates = self._on_angles[..., None], self._on_rates[..., None]
+        """Return the nonzeros of the derivative of `evaluate`."""
+        points, h, places, accelerations, mass = self._accelerations_at(x)
+        K, n, P = len(points), self._n, points.shape[1]
+        h = h[:, 0]
+        on_angles = self._on_angles[..., None]
+        on_rates = self._on_rates[..., None]
 
         # The scaled accelerations by what moves them, (n, ..., K) at the knots and in the middle.
         mobility = -self._on_rates @ np.linalg.inv(mass)
-        slopes = np.zeros((len(places), n, len(self._moving)))
+        slopes = np.zeros((len(places), n, len(self._moving_columns)))
         slopes[:, *self._slopes] = self._dynamics.by_state.slopes(places, accelerations)
         slopes = np.moveaxis(mobility @ slopes, 0, -1)
         first, second, middle = slopes[..., : K - 1], slopes[..., 1:K], slopes[..., K:]
+
+        # The scaled accelerations in the middle by the heat at both knots.
         forces = np.zeros((K - 1, n, 2 * P + 1))
-        rows, columns = self._force.slope_places
-        heat, angles = self._heat_at(points), places[K:, :n]
-        at = (
-            (np.column_stack([heat, h]), angles)
-            if self._is_free
-            else (heat, np.column_stack([angles, h]))
-        )
-        forces[:, rows, np.append(self._heat, 2 * P)[columns]] = self._force.slopes(*at)
+        rows, columns = self._middle_force.slope_places
+        heat = self._heat_at_both_knots(points)
+        angles = places[K:, :n]
+        if self._is_free:
+            force_slopes = self._middle_force.slopes(np.column_stack([heat, h]), angles)
+        else:
+            force_slopes = self._middle_force.slopes(heat, np.column_stack([angles, h]))
+        forces[:, rows, np.append(self._heat, 2 * P)[columns]] = force_slopes
         by_heat = np.moveaxis(mobility[K:] @ forces[..., self._by_heat], 0, -1).copy()
 
         # The rows of θ by each knot.
         shares = h / self._typical_h
-        of_angles = np.empty((n, 2, len(self._moving), K - 1))
+        of_angles = np.empty((n, 2, len(self._moving_columns), K - 1))
         np.multiply(first, -shares, out=of_angles[:, 0])
         np.multiply(second, shares, out=of_angles[:, 1])
         of_angles[:, 0, :n] -= 1.5 / h * on_angles
@@ -203,18 +235,21 @@ class MotionDefects:
         of_angles[:, :, n : 2 * n] -= 0.75 * on_angles[:, None]
 
         # The rows of θ̇ by the motion of each knot, and by the heat.
-        by_angle, by_rate = middle[:, :n], middle[:, n : 2 * n]
+        by_angle = middle[:, :n]
+        by_rate = middle[:, n : 2 * n]
         motion = np.empty((n, 2, 2 * n, K - 1))
-        for knot, sign, own in ((0, -1.0, first), (1, 1.0, second)):
-            np.multiply(own[:, : 2 * n], -0.25, out=motion[:, knot])
+        for knot, sign, at_knot in ((0, -1.0, first), (1, 1.0, second)):
+            np.multiply(at_knot[:, : 2 * n], -0.25, out=motion[:, knot])
             motion[:, knot, :n] -= 0.5 * by_angle + sign * 1.5 / h * by_rate
             motion[:, knot, n:] += 0.25 * by_rate + sign * (h / 8 * by_angle + 1.5 / h * on_rates)
-            at_knot = np.searchsorted(self._by_heat, knot * P + self._moving[2 * n :])
-            by_heat[:, at_knot] -= 0.25 * own[:, 2 * n :]
+            columns = np.searchsorted(self._by_heat, knot * P + self._moving_columns[2 * n :])
+            by_heat[:, columns] -= 0.25 * at_knot[:, 2 * n :]
         parts = [of_angles, motion, by_heat]
 
-        if self._is_free:  # by the time step, the last of ``by_heat``
-            steps, change = np.diff(points[:, : 2 * n], axis=0), np.diff(accelerations[:K], axis=0)
+        # All rows by the time step, which is the last column of ``by_heat``.
+        if self._is_free:
+            steps = np.diff(points[:, : 2 * n], axis=0)
+            change = np.diff(accelerations[:K], axis=0)
             by_step = -1.5 / h[:, None] ** 2 * steps
             to_middle = np.hstack([-steps[:, n:] / 8, by_step[:, :n]])
             by_heat[:, -1] += self._on_rates @ by_step[:, n:].T
@@ -224,43 +259,52 @@ class MotionDefects:
 
     def slopes_by_motion(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the slopes of an interval's rows by [θ, θ̇] at both knots, each (K - 1, 2n, 2n)."""
-        num_intervals, P = len(self._time_steps), self._points.shape[1]
+        num_intervals = len(self._time_steps)
+        P = self._points.shape[1]
         motion = 2 * self._n
         slopes = np.zeros((num_intervals, motion, 2 * P + 1))
-        slopes[:, *self._pairs] = self.jacobian(x).reshape(-1, num_intervals).T
+        slopes[:, *self._entry_pairs] = self.jacobian(x).reshape(-1, num_intervals).T
         return slopes[:, :, :motion], slopes[:, :, P : P + motion]
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """Nonzeros of the Hessian of multipliers · `evaluate`.
+        """Return the nonzeros of the Hessian of multipliers · `evaluate`.
 
         The rows' weights of the accelerations become weights λ of the equations of motion, by the
         adjoint M λ = w.
         """
-        if not self._curved.size:
+        if not self._curved_pairs.size:
             return np.zeros(0)
-        points, h, places, accelerations, mass = self._solved(x)
-        K, n = len(points), self._n
+        points, h, places, accelerations, mass = self._accelerations_at(x)
+        K = len(points)
+        n = self._n
         of_angles, of_rates = multipliers.reshape(2, n, K - 1)
-        of_angles, of_rates = of_angles.T @ self._on_angles, of_rates.T @ self._on_rates
+        of_angles = of_angles.T @ self._on_angles
+        of_rates = of_rates.T @ self._on_rates
+        # Weights of the accelerations in the rows, and of the equations of motion.
         weights = np.zeros_like(accelerations)
         weights[: K - 1] = -h / 8 * of_angles - 0.25 * of_rates
         weights[1:K] += h / 8 * of_angles - 0.25 * of_rates
         weights[K:] = -of_rates
         adjoint = np.linalg.solve(mass, weights[..., None])[..., 0]
-        # A knot's own curvature is in the interval that it begins, the last one's in the last.
+        # The curvature of a knot counts in the interval that it begins; of the last, in the last.
         last = np.zeros((K - 1, n))
         last[-1] = adjoint[K - 1]
         weights = np.hstack([adjoint[: K - 1], last, adjoint[K:]])
+        # Curvatures by the heat alone, or all.
         if not self._is_whole:
             angles = np.hstack([points[:-1, :n], points[1:, :n], places[K:, :n]])
             parameters = np.hstack([angles, h])
-            return self._forces.curvatures(self._heat_at(points), weights, parameters).T.ravel()
+            return self._all_forces.curvatures(
+                self._heat_at_both_knots(points), weights, parameters
+            ).T.ravel()
         return self._whole_hessian(x, np.hstack([of_angles, of_rates, weights]))
 
     def _whole_hessian(self, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """The nonzeros of the Hessian, by weights (K - 1, 5n) of the equations of an interval."""
-        points, h, places, accelerations, mass = self._solved(x)
-        K, n, P = len(points), self._n, points.shape[1]
+        """Return the nonzeros of the Hessian, by weights (K - 1, 5n) of an interval's equations."""
+        points, h, places, accelerations, mass = self._accelerations_at(x)
+        K = len(points)
+        n = self._n
+        P = points.shape[1]
         size = 2 * P + self._is_free
 
         # The accelerations at both knots and in the middle (K - 1, 3n), and their slopes by z.
@@ -272,9 +316,9 @@ class MotionDefects:
         along[:, :size] = np.eye(size)
         along[:, size : size + n, :P] = slopes[: K - 1]
         along[:, size + n : size + 2 * n, P : 2 * P] = slopes[1:K]
-        # The rows of θ̇ have those in the middle, which follow from their slopes.
+        # The slopes of the accelerations in the middle follow from the slopes of the rows of θ̇.
         of_rates = np.zeros((2 * n, 2 * P + 1, K - 1))
-        of_rates[*self._pairs] = self.jacobian(x).reshape(-1, K - 1)
+        of_rates[*self._entry_pairs] = self.jacobian(x).reshape(-1, K - 1)
         of_rates = np.linalg.solve(self._on_rates, of_rates[n:].reshape(n, -1))
         in_middle = -of_rates.reshape(n, -1, K - 1).transpose(2, 0, 1)[..., :size]
         in_middle -= 0.25 * (along[:, size : size + n] + along[:, size + n : size + 2 * n])
@@ -285,39 +329,49 @@ class MotionDefects:
         along[:, size + 2 * n :] = in_middle
 
         a = accelerations
+        # The curvature of the equations, along these slopes.
         point = np.hstack([points[:-1], points[1:], h, a[: K - 1], a[1:K], a[K:]])
         if self._is_free:
             curved = self._equations.second(point, weights)
         else:
             curved = self._equations.second(np.delete(point, 2 * P, axis=1), weights, h)
         hessian = along.swapaxes(1, 2) @ curved @ along
-        rows, columns = self._curved
+        rows, columns = self._curved_pairs
         return hessian[:, rows, columns].T.ravel()
 
-    def _solved(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
-        """The points at the knots (K, P), time steps (K - 1, 1), and the accelerations (2K - 1, n).
+    def _accelerations_at(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return the accelerations at the knots and in the middle, and where they are.
 
-        Before the accelerations are the states [θ, θ̇, x] (2K - 1, 2n + N) at the knots, then in
-        the middle, where they are; after them is M there. IPOPT asks for rows, Jacobian and Hessian
-        at the same point, one after the other.
+        IPOPT asks for rows, Jacobian and Hessian at the same point, one after the other, so that
+        the last result is kept.
+
+        Returns:
+            The points at the knots (K, P); time steps (K - 1, 1); states [θ, θ̇, x]
+            (2K - 1, 2n + N) at the knots, then in the middle; accelerations there (2K - 1, n);
+            mass matrices there (2K - 1, n, n).
         """
-        points, h = x[self._points], x[self._time_steps][:, None]
-        place = np.append(points.ravel(), h)
-        if self._kept is not None and np.array_equal(self._kept[0], place):
-            return self._kept[1]
-        n, num_states = self._n, 2 * self._n + self._dynamics.num_states
-        steps, sums = np.diff(points, axis=0), points[:-1] + points[1:]
+        points = x[self._points]
+        h = x[self._time_steps][:, None]
+        key = np.append(points.ravel(), h)
+        if self._cached is not None and np.array_equal(self._cached[0], key):
+            return self._cached[1]
+        n = self._n
+        num_states = 2 * n + self._dynamics.num_states
+        # The states in the middle.
+        steps = np.diff(points, axis=0)
+        sums = points[:-1] + points[1:]
         angles = 0.5 * sums[:, :n] - h / 8 * steps[:, n : 2 * n]
         rates = 1.5 / h * steps[:, :n] - 0.25 * sums[:, n : 2 * n]
-        middle = np.hstack([angles, rates, self._x_middle.values(self._heat_at(points), h)])
-        places = np.vstack([points[:, :num_states], middle])
+        heat = self._x_middle.values(self._heat_at_both_knots(points), h)
+        places = np.vstack([points[:, :num_states], np.hstack([angles, rates, heat])])
+        # The equation of motion.
         mass, load = self._dynamics.mass_and_load(places)
         accelerations = -np.linalg.solve(mass, load[..., None])[..., 0]
-        self._kept = place, (points, h, places, accelerations, mass)
-        return self._kept[1]
+        self._cached = key, (points, h, places, accelerations, mass)
+        return self._cached[1]
 
-    def _heat_at(self, points: np.ndarray) -> np.ndarray:
-        """[x, D] at both knots of each interval (K - 1, 2 (N + W))."""
+    def _heat_at_both_knots(self, points: np.ndarray) -> np.ndarray:
+        """Return [x, D] at both knots of each interval (K - 1, 2 (N + W))."""
         heat = points[:, 2 * self._n :]
         return np.hstack([heat[:-1], heat[1:]])
 
@@ -325,7 +379,7 @@ class MotionDefects:
 def heat_block(
     model: LimbModel, heat: np.ndarray, duty: np.ndarray, time_steps: np.ndarray
 ) -> FunctionBlock:
-    """(17) of the heat, as `heat_defects`.
+    """Return (17) of the heat, as `heat_defects`, at all intervals.
 
     Args:
         model: the limb.
@@ -338,7 +392,7 @@ def heat_block(
 
 
 def _heat_function(wires: Wires) -> SmoothFunction:
-    """`heat_defects` of [y0, D0, y1, D1, h]."""
+    """Return `heat_defects` as a function of [y0, D0, y1, D1, h]."""
     y0, y1 = (ca.SX.sym(name, len(wires.heat_scales)) for name in ("y0", "y1"))
     D0, D1 = (ca.SX.sym(name, wires.num_wires) for name in ("D0", "D1"))
     h = ca.SX.sym("h")
@@ -349,7 +403,7 @@ def _heat_function(wires: Wires) -> SmoothFunction:
 def heat_defects(
     wires: Wires, first: ca.SX, duty: ca.SX, second: ca.SX, next_duty: ca.SX, step: ca.SX
 ) -> ca.SX:
-    """The defects of the heat y alone over an interval of length h, as expressions (M,).
+    """Return the defects of the heat y alone over an interval of length h, as expressions (M,).
 
     They are the defects of (17) times 2 h / 3, with F of the heat:
 
@@ -364,7 +418,8 @@ def heat_defects(
     def rates(heat: ca.SX, duty: ca.SX) -> ca.SX:
         return wires.symbolic_heat(*ca.vertsplit(heat, [0, wires.num_states, heat.numel()]), duty)
 
-    before, after = rates(first, duty), rates(second, next_duty)
+    before = rates(first, duty)
+    after = rates(second, next_duty)
     middle = (first + second) / 2 + step / 8 * (before - after)
     in_middle = rates(middle, (duty + next_duty) / 2)
     return second - first - step / 6 * (before + 4 * in_middle + after)

@@ -1,4 +1,4 @@
-"""What a task's ``customize`` added: the names of costs and constraints, and which are active."""
+"""Terms that a task's ``customize`` added: names of costs and constraints, and active ones."""
 
 import re
 import textwrap
@@ -12,38 +12,39 @@ from planners.transcription.ipopt import gradient_of
 
 # A constraint is active if a change of its variables by this share of their scales takes it to a
 # bound.
-NEAR_BOUND = 1e-3
-MOST_SPELLED_OUT = 10  # variables; with more of them a formula takes long to write
+BOUND_TOLERANCE = 1e-3
+MAX_FORMULA_VARIABLES = 10  # variables; with more of them a formula takes long to write
 
 
-def described(binding: Binding) -> str:
+def describe(binding: Binding) -> str:
     """Return the description of a cost or constraint on one line, or else its formula."""
-    evaluator, num_variables = binding.evaluator(), len(binding.variables())
+    evaluator = binding.evaluator()
+    num_variables = len(binding.variables())
     if description := " ".join(evaluator.get_description().split()):
         return description
-    if num_variables > MOST_SPELLED_OUT:
+    if num_variables > MAX_FORMULA_VARIABLES:
         return f"{type(evaluator).__name__} of {num_variables} variables"
     kind, _, formula = str(binding).partition("\n")
     formula = re.sub(r"\d+\.\d{4,}", lambda number: f"{float(number[0]):.3g}", formula or kind)
     return textwrap.shorten(formula, 100)
 
 
-def by_names(bindings: Sequence[Binding]) -> dict[str, list[Binding]]:
-    """Return costs or constraints by their descriptions.
+def group_by_name(bindings: Sequence[Binding]) -> dict[str, list[Binding]]:
+    """Return groups of costs or constraints by their descriptions.
 
-    Those without a description whose formulas differ by numbers alone are together, under the
-    formula of the first.
+    Terms without a description are grouped if their formulas differ by numbers alone, under the
+    formula of the first one.
     """
     groups: dict[str, list[Binding]] = {}
     for binding in bindings:
-        name = described(binding)
+        name = describe(binding)
         if not binding.evaluator().get_description():
             name = re.sub(r"\d[\d.,]*(e[-+]\d+)?", "", name)
         groups.setdefault(name, []).append(binding)
     named = {}
-    for key, alike in groups.items():
-        first = described(alike[0])
-        named[first if key == first or len(alike) == 1 else f"{first} and alike"] = alike
+    for key, members in groups.items():
+        first = describe(members[0])
+        named[first if key == first or len(members) == 1 else f"{first} and alike"] = members
     return named
 
 
@@ -64,4 +65,4 @@ def variables_at_bounds(binding: Binding, x: np.ndarray, scales: np.ndarray) -> 
     values = evaluator.Eval(x)
     slack = np.minimum(values - evaluator.lower_bound(), evaluator.upper_bound() - values)
     reach = np.sqrt(np.bincount(rows, (slopes * scales[columns]) ** 2, len(slack)))
-    return columns[(slack <= NEAR_BOUND * reach)[rows]]
+    return columns[(slack <= BOUND_TOLERANCE * reach)[rows]]

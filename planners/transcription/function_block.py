@@ -21,17 +21,17 @@ class PointFunction(Protocol):
         """Indices i >= j of the variables of each second derivative that may not be zero (2, Z)."""
 
     def values(self, points: np.ndarray) -> np.ndarray:
-        """The values (..., Q)."""
+        """Return the values (..., Q)."""
 
     def slopes(self, points: np.ndarray) -> np.ndarray:
-        """The derivatives at the ``slope_places`` (..., Z)."""
+        """Return the derivatives at the ``slope_places`` (..., Z)."""
 
     def curvatures(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Second derivatives of weights (..., Q) · values at their places (..., Z)."""
+        """Return second derivatives of weights (..., Q) · values at their places (..., Z)."""
 
 
 class FunctionBlock:
-    """f(p_k) = y_k, or within bounds, at K points, as a block of constraints.
+    """A block of constraints: f(p_k) = y_k, or within bounds, at K points.
 
     It is a `planners.transcription.ipopt.ConstraintBlock`.
 
@@ -53,21 +53,26 @@ class FunctionBlock:
         scales: np.ndarray | float = 1.0,
         bounds: tuple[np.ndarray, np.ndarray] | None = None,
     ):
-        self._function, self._points, self._targets = function, points, targets
-        K, Q = len(points), function.num_values
+        self._function = function
+        self._points = points
+        self._targets = targets
+        K = len(points)
+        Q = function.num_values
         self._scales = np.broadcast_to(scales, Q)
+        lower, upper = bounds or np.zeros((2, K, Q))
+        self.lower = (lower / self._scales).ravel()
+        self.upper = (upper / self._scales).ravel()
+        # Places of the Jacobian's nonzeros, for all points, then for the targets.
         self._rows, columns = function.slope_places
-        self.lower, self.upper = (
-            (bound / self._scales).ravel() for bound in bounds or np.zeros((2, K, Q))
-        )
         self.rows = (Q * np.arange(K) + self._rows[:, None]).ravel()
         self.columns = points.T[columns].ravel()
         if targets is not None:
             self.rows = np.append(self.rows, np.arange(K * Q))
             self.columns = np.append(self.columns, targets)
-        self.hessian_rows, self.hessian_columns = (
-            points.T[variables].ravel() for variables in function.curvature_places
-        )
+        # Places of the Hessian's nonzeros.
+        rows, columns = function.curvature_places
+        self.hessian_rows = points.T[rows].ravel()
+        self.hessian_columns = points.T[columns].ravel()
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         values = self._function.values(x[self._points])

@@ -27,17 +27,17 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # whose handlers may end a solve
+INTERRUPT_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # whose handlers may end a solve
 OPTIONS = {
     "mu_strategy": "adaptive",
     # For an objective that is scaled to at most 100. A tenth of this value makes costs ten times
     # better, which are right to 5e-5 or better, and takes up to 4 iterations more.
     "tol": 1e-5,
-    # Links in a row amplify what is left of the dynamics: with 1e-10, some plans with nonlinear
-    # torque missed them by more than their check allows.
+    # Links in a row amplify residual defects of the dynamics: with 1e-10, the defects of some plans
+    # with nonlinear torque were larger than their check allows.
     "constr_viol_tol": 1e-12,
-    # Else bounds are relaxed, and the projection onto them at the end moves
-    # temperatures by 1e-6 °C, which stiff accelerations do not forgive.
+    # With relaxed bounds, the projection onto them at the end moves temperatures by 1e-6 °C,
+    # too far for stiff accelerations.
     "bound_relax_factor": 0.0,
     "nlp_scaling_method": "none",  # variables, rows and objective come scaled
     "min_refinement_steps": 0,  # of linear systems; IPOPT refines where they need it
@@ -49,22 +49,24 @@ OPTIONS = {
     "sb": "yes",
 }
 
-INFEASIBLE = "infeasible problem detected"
-STATUS = {  # words and Drake's result, by the name that IPOPT returns
+WARM_START_OPTIONS = {
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-9,
+    "warm_start_mult_bound_push": 1e-9,
+    "mu_init": 1e-7,
+    "mu_strategy": "monotone",
+}
+
+INFEASIBLE_STATUS = "infeasible problem detected"
+RESULT_BY_STATUS = {  # words and Drake's result, by the name that IPOPT returns
     "Solve_Succeeded": ("solved", SolutionResult.kSolutionFound),
-    "Infeasible_Problem_Detected": (INFEASIBLE, SolutionResult.kInfeasibleConstraints),
+    "Infeasible_Problem_Detected": (INFEASIBLE_STATUS, SolutionResult.kInfeasibleConstraints),
     "Maximum_Iterations_Exceeded": (
         "maximum number of iterations exceeded",
         SolutionResult.kIterationLimit,
     ),
-    "Maximum_CpuTime_Exceeded": (
-        "maximum CPU time exceeded",
-        SolutionResult.kSolverSpecificError,
-    ),
-    "Invalid_Problem_Definition": (
-        "invalid problem definition",
-        SolutionResult.kInvalidInput,
-    ),
+    "Maximum_CpuTime_Exceeded": ("maximum CPU time exceeded", SolutionResult.kSolverSpecificError),
+    "Invalid_Problem_Definition": ("invalid problem definition", SolutionResult.kInvalidInput),
 }
 
 
@@ -72,9 +74,10 @@ STATUS = {  # words and Drake's result, by the name that IPOPT returns
 def _load_ipopt() -> None:
     """Load CasADi's IPOPT with one thread for its matrices, which are small.
 
-    Its BLAS reads when it is loaded how many threads it may have; others would only wait.
+    Its BLAS reads the number of its threads when it is loaded; further threads would only wait.
     """
-    name, number = "OPENBLAS_NUM_THREADS", os.environ.get("OPENBLAS_NUM_THREADS")
+    name = "OPENBLAS_NUM_THREADS"
+    number = os.environ.get("OPENBLAS_NUM_THREADS")
     os.environ[name] = "1"
     try:
         ca.load_nlpsol("ipopt")
@@ -91,7 +94,7 @@ class ConstraintBlock(Protocol):
     - ``rows``, ``columns``: places of the Jacobian's nonzeros in (m, len(x)).
     - ``hessian_rows``, ``hessian_columns``: places of the nonzeros of the Hessian of λᵀ g, of its
       lower triangle alone; values of the same place, or of its mirror image, add up.
-    - ``replaces``: the program's constraints that they stand for.
+    - ``replaces``: the program's constraints that they replace.
     """
 
     lower: np.ndarray
@@ -103,13 +106,13 @@ class ConstraintBlock(Protocol):
     replaces: Collection[Binding]
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
-        """g(x) (m,)."""
+        """Return g(x) (m,)."""
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """The nonzeros of dg/dx, in the order of ``columns``."""
+        """Return the nonzeros of dg/dx, in the order of ``columns``."""
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """The nonzeros of the Hessian of multipliers · g."""
+        """Return the nonzeros of the Hessian of multipliers · g."""
 
 
 @dataclasses.dataclass
@@ -152,25 +155,23 @@ class IpoptResult:
         return self._details
 
     def GetSolution(self, variables: np.ndarray) -> np.ndarray:
-        """The values of an array of decision variables, in its shape."""
+        """Return the values of an array of decision variables, in its shape."""
         variables = np.asarray(variables)
-        return self._x[self._prog.FindDecisionVariableIndices(variables.ravel())].reshape(
-            variables.shape
-        )
+        indices = self._prog.FindDecisionVariableIndices(variables.ravel())
+        return self._x[indices].reshape(variables.shape)
 
 
 class ExactHessianIpoptSolver:
-    """Solves programs of any smooth costs and constraints with IPOPT.
+    """A solver for programs of any smooth costs and constraints, IPOPT.
 
-    It is used as Drake's own solvers are: ``Solve(prog, initial_guess)``.
-    Bounds, linear and quadratic terms are read from the program, all else is
-    evaluated with AutoDiff. Variables are scaled as the program's
-    `SetVariableScaling` says. Ctrl-C raises KeyboardInterrupt after the current
-    iteration, whatever its point.
+    It is used as Drake's own solvers are: ``Solve(prog, initial_guess)``. Bounds, linear and
+    quadratic terms are read from the program, all other terms are evaluated with AutoDiff.
+    Variables are scaled by the program's `SetVariableScaling`. Ctrl-C raises KeyboardInterrupt
+    after the current iteration, whatever its point.
 
     Args:
-        blocks: constraints beside those of the program. A block stands for the constraints of
-            the program that it ``replaces``, up to a scaling of the rows.
+        blocks: constraints in addition to the program's. A block stands in place of the
+            program's constraints that it ``replaces``, up to a scaling of the rows.
         on_iteration: function that is called with iteration, cost and constraint violation.
     """
 
@@ -180,7 +181,8 @@ class ExactHessianIpoptSolver:
         blocks: Sequence[ConstraintBlock] = (),
         on_iteration: Callable[[int, float, float], None] | None = None,
     ):
-        self._blocks, self._on_iteration = blocks, on_iteration
+        self._blocks = blocks
+        self._on_iteration = on_iteration
 
     def Solve(
         self,
@@ -190,37 +192,35 @@ class ExactHessianIpoptSolver:
         *,
         multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> IpoptResult:
-        """Solves a program.
+        """Solve a program.
 
         Args:
-            initial_guess: values of all decision variables, (num_vars,); by default
-                the program's.
-            solver_options: options for `IpoptSolver.id()` go over this
-                module's ``OPTIONS``.
+            initial_guess: values of all decision variables, (num_vars,); by default the program's.
+            solver_options: options for `IpoptSolver.id()` go over this module's ``OPTIONS``.
             multipliers: multipliers of a neighbouring solution, for a warm start.
 
         Raises:
-            ValueError: if the program has constraints that are not smooth,
-                such as cones.
+            ValueError: if the program has constraints that are not smooth, such as cones.
         """
         guess = prog.initial_guess() if initial_guess is None else np.asarray(initial_guess)
         guess = np.nan_to_num(guess)
         problem = _ScaledProblem(prog, guess, self._blocks, self._on_iteration)
+        # Choose the options.
         options = dict(OPTIONS)
         if solver_options is not None:
             options |= solver_options.options.get(IpoptSolver.id().name(), {})
         if multipliers is not None:
-            options |= {"warm_start_init_point": "yes", "warm_start_bound_push": 1e-9}
-            options |= {"warm_start_mult_bound_push": 1e-9, "mu_init": 1e-7}
-            options |= {"mu_strategy": "monotone"}
+            options |= WARM_START_OPTIONS
+        # Solve, unless a signal or an error of a function ends it.
         start = time.perf_counter()
         with _interruptible(problem):
             y, status, multipliers = problem.solve(options, multipliers)
         if problem.raised is not None:
             raise problem.raised
-        x = np.clip(problem.scale * y, problem.lower, problem.upper)  # scaling rounds
+        # Scale back, without rounding beyond the bounds.
+        x = np.clip(problem.scale * y, problem.lower, problem.upper)
         other = status.replace("_", " ").lower(), SolutionResult.kSolverSpecificError
-        words, outcome = STATUS.get(status, other)
+        words, outcome = RESULT_BY_STATUS.get(status, other)
         details = IpoptDetails(
             status=words,
             iterations=problem.iterations,
@@ -234,7 +234,7 @@ class _Function(ca.Callback):
     """A function of numpy arrays, as CasADi calls it.
 
     Args:
-        problem: problem that keeps what the function raises.
+        problem: problem that keeps the error that the function raises.
         function: called with the nonzeros of its inputs, and with the arrays to write to; each of
             these is None where it is not asked for.
         inputs, outputs: their sparsities.
@@ -248,8 +248,10 @@ class _Function(ca.Callback):
         outputs: Sequence[ca.Sparsity],
     ):
         super().__init__()
-        self._problem, self._function = problem, function
-        self._inputs, self._outputs = inputs, outputs
+        self._problem = problem
+        self._function = function
+        self._inputs = inputs
+        self._outputs = outputs
         self.construct(function.__name__.strip("_"), {})
 
     def get_n_in(self) -> int:
@@ -276,10 +278,10 @@ class _Function(ca.Callback):
         return int(self._problem.raised is not None)
 
 
-class _Places:
-    """Where the nonzeros of a sparse matrix are in CasADi's order, column by column.
+class _SparsePattern:
+    """The places of a sparse matrix's nonzeros in CasADi's order, column by column.
 
-    Those at the same place add up.
+    Nonzeros at the same place add up.
 
     - ``sparsity``: the places.
 
@@ -289,9 +291,10 @@ class _Places:
     """
 
     def __init__(self, shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray):
-        short = np.min_scalar_type(max(shape))  # short integers are sorted in no time
+        short = np.min_scalar_type(max(shape))  # sorting short integers is fast
         self._order = order = np.lexsort((rows.astype(short), columns.astype(short)))
-        rows, columns = rows[order], columns[order]
+        rows = rows[order]
+        columns = columns[order]
         is_new = np.ones(len(order), bool)
         is_new[1:] = (np.diff(rows) != 0) | (np.diff(columns) != 0)
         self._starts = np.flatnonzero(is_new)
@@ -307,8 +310,8 @@ class _Places:
             np.take(values, self._order, out=out)
 
 
-class _Evaluators:
-    """Costs or constraints of a program, side by side, evaluated by Drake's AutoDiff.
+class _StackedEvaluators:
+    """Costs or constraints of a program, stack_limbs, evaluated by Drake's AutoDiff.
 
     - ``size``: number of their values.
     - ``rows``, ``columns``: places of the Jacobian's nonzeros.
@@ -316,29 +319,35 @@ class _Evaluators:
     """
 
     def __init__(self, prog: MathematicalProgram, bindings: Sequence[Binding]):
-        self._parts = [
-            (binding.evaluator(), np.array(prog.FindDecisionVariableIndices(binding.variables())))
-            for binding in bindings
-        ]
+        # Pairs of an evaluator and the indices of its variables.
+        self._parts: list[tuple[EvaluatorBase, np.ndarray]] = []
+        for binding in bindings:
+            indices = np.array(prog.FindDecisionVariableIndices(binding.variables()))
+            self._parts.append((binding.evaluator(), indices))
         sizes = [evaluator.num_outputs() for evaluator, _ in self._parts]
         self.size = sum(sizes)
         self._ends = np.cumsum(sizes)[:-1]
-        numbers = np.split(np.arange(self.size), self._ends)
-        rows = [
-            np.repeat(of_part, len(indices))
-            for of_part, (_, indices) in zip(numbers, self._parts, strict=False)
-        ]
-        columns = [np.tile(part[1], size) for part, size in zip(self._parts, sizes, strict=True)]
-        self.rows, self.columns = _concatenate(rows, int), _concatenate(columns, int)
-        pairs = [indices[np.array(np.tril_indices(len(indices)))] for _, indices in self._parts]
-        self.hessian_rows = _concatenate([pair.max(axis=0) for pair in pairs], int)
-        self.hessian_columns = _concatenate([pair.min(axis=0) for pair in pairs], int)
+        # The Jacobian of each part is dense, and so is its Hessian.
+        rows, columns, hessian_rows, hessian_columns = [], [], [], []
+        start = 0
+        for size, (_, indices) in zip(sizes, self._parts, strict=True):
+            rows.append(np.repeat(np.arange(start, start + size), len(indices)))
+            columns.append(np.tile(indices, size))
+            pairs = indices[np.array(np.tril_indices(len(indices)))]
+            hessian_rows.append(pairs.max(axis=0))
+            hessian_columns.append(pairs.min(axis=0))
+            start += size
+        self.rows = _concatenate(rows, int)
+        self.columns = _concatenate(columns, int)
+        self.hessian_rows = _concatenate(hessian_rows, int)
+        self.hessian_columns = _concatenate(hessian_columns, int)
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         return _concatenate([evaluator.Eval(x[indices]) for evaluator, indices in self._parts])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        return _concatenate([gradient_of(part, x[where]).ravel() for part, where in self._parts])
+        gradients = [gradient_of(evaluator, x[indices]) for evaluator, indices in self._parts]
+        return _concatenate([gradient.ravel() for gradient in gradients])
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         weights = np.split(multipliers, self._ends)
@@ -350,7 +359,7 @@ class _Evaluators:
         )
 
 
-class _Constraints(_Evaluators):
+class _GenericConstraints(_StackedEvaluators):
     """Constraints of a program as a `ConstraintBlock`."""
 
     replaces: Collection[Binding] = ()
@@ -369,7 +378,11 @@ class _LinearConstraints:
     """
 
     def __init__(self, prog: MathematicalProgram, bindings: Sequence[Binding]):
-        rows, columns, values, lower, upper = [], [], [], [], []
+        rows = []
+        columns = []
+        values = []
+        lower = []
+        upper = []
         size = 0
         for binding in bindings:
             evaluator = binding.evaluator()
@@ -384,13 +397,15 @@ class _LinearConstraints:
         places = _concatenate(rows, int), _concatenate(columns, int)
         shape = size, prog.num_vars()
         self.matrix = scipy.sparse.coo_array((_concatenate(values), places), shape)
-        self.lower, self.upper = _concatenate(lower), _concatenate(upper)
+        self.lower = _concatenate(lower)
+        self.upper = _concatenate(upper)
 
 
 class _ScaledProblem:
     """A program in IPOPT's form: y = x / scale, the objective of size 100."""
 
     def __init__(self, prog, guess, blocks, on_iteration):
+        # Read the constraints: linear ones, blocks, and others.
         linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
         curved = [
             *prog.generic_constraints(),
@@ -404,12 +419,16 @@ class _ScaledProblem:
                 "This solver takes bounds, linear, quadratic and generic constraints and Lorentz "
                 "cones; the program has others."
             )
-        self.cost = _Cost(prog)
         self._linear = _LinearConstraints(prog, linear)
         replaced = {binding for block in blocks for binding in block.replaces}
-        others = _Constraints(prog, [b for b in curved if b not in replaced])
+        others = _GenericConstraints(prog, [b for b in curved if b not in replaced])
         self._curved: list[ConstraintBlock] = [others, *blocks]
         self._in_order: list[Any] = [*self._curved, self._linear]
+        self._g_lower = np.concatenate([block.lower for block in self._in_order])
+        self._g_upper = np.concatenate([block.upper for block in self._in_order])
+
+        # Scale variables and objective.
+        self.cost = _Cost(prog)
         self.lower, self.upper = _bounds(prog)
         self.scale = np.ones(prog.num_vars())
         for index, value in prog.GetVariableScaling().items():
@@ -417,50 +436,62 @@ class _ScaledProblem:
         guess = np.clip(guess, self.lower, self.upper)
         self._cost_scale = min(1.0, 100.0 / max(abs(self.cost.evaluate(guess)), 1e-9))
         self._guess = guess / self.scale
+
+        # Places of the Jacobian's nonzeros, block by block.
         self._starts = np.cumsum([0, *(len(block.lower) for block in self._in_order)])
         rows = [b.rows + start for start, b in zip(self._starts, self._curved, strict=False)]
         matrix = self._linear.matrix
         self._rows = np.concatenate([*rows, matrix.row + self._starts[-2]])
         self._columns = np.concatenate([*(block.columns for block in self._curved), matrix.col])
-        self._g_lower = np.concatenate([block.lower for block in self._in_order])
-        self._g_upper = np.concatenate([block.upper for block in self._in_order])
-        self._on_iteration = on_iteration
-        self.iterations = 0
-        self.raised: BaseException | None = (
-            None  # by a function of the program or a signal's handler
-        )
+        self._jacobian_scale = self.scale[self._columns]
 
-        rows, columns = [self.cost.rows], [self.cost.columns]
+        # Places of the nonzeros of the Hessian's lower triangle.
+        rows = [self.cost.rows]
+        columns = [self.cost.columns]
         for block in self._curved:
             rows.append(np.maximum(block.hessian_rows, block.hessian_columns))
             columns.append(np.minimum(block.hessian_rows, block.hessian_columns))
-        self._hessian_rows, self._hessian_columns = np.concatenate(rows), np.concatenate(columns)
-        self._jacobian_scale = self.scale[self._columns]
+        self._hessian_rows = np.concatenate(rows)
+        self._hessian_columns = np.concatenate(columns)
         self._hessian_scale = self.scale[self._hessian_rows] * self.scale[self._hessian_columns]
 
+        self._on_iteration = on_iteration
+        self.iterations = 0
+        # By a function of the program or a signal's handler.
+        self.raised: BaseException | None = None
+
     def solve(self, options, multipliers):
-        """The best y, IPOPT's status, and the multipliers of constraints and bounds."""
+        """Return the best y, IPOPT's status, and the multipliers of constraints and bounds."""
         _load_ipopt()
+        # Sparsities of all functions.
         n, m = len(self.scale), len(self._g_lower)
-        self._in_jacobian = _Places((m, n), self._rows, self._columns)
-        # CasADi wants the upper triangle.
-        self._in_hessian = _Places((n, n), self._hessian_columns, self._hessian_rows)
-        jacobian, hessian = self._in_jacobian.sparsity, self._in_hessian.sparsity
+        self._jacobian_pattern = _SparsePattern((m, n), self._rows, self._columns)
+        # CasADi expects the upper triangle.
+        self._hessian_pattern = _SparsePattern((n, n), self._hessian_columns, self._hessian_rows)
+        jacobian = self._jacobian_pattern.sparsity
+        hessian = self._hessian_pattern.sparsity
         dense = ca.Sparsity.dense
         one, y, g, none = dense(1), dense(n), dense(m), ca.Sparsity(0, 0)
+
+        # The functions, with names, because CasADi does not keep Python's objects alive.
         cost = _Function(self, self._cost, [y, none], [one])
         constraints = _Function(self, self._constraints, [y, none], [g])
-        derivatives = {  # named, because CasADi does not keep Python's objects alive
+        derivatives = {
             "grad_f": _Function(self, self._cost_gradient, [y, none], [one, y]),
             "jac_g": _Function(self, self._jacobian, [y, none], [g, jacobian]),
             "hess_lag": _Function(self, self._hessian, [y, none, one, g], [hessian]),
         }
         after = _Function(self, self._after_iteration, [y, one, g, y, g, none], [one])
-        at, no_parameters = ca.MX.sym("y", n), ca.MX(0, 0)
+        variables = ca.MX.sym("y", n)
+        no_parameters = ca.MX(0, 0)
         solver = ca.nlpsol(
             "solver",
             "ipopt",
-            {"x": at, "f": cost(at, no_parameters), "g": constraints(at, no_parameters)},
+            {
+                "x": variables,
+                "f": cost(variables, no_parameters),
+                "g": constraints(variables, no_parameters),
+            },
             {
                 **derivatives,
                 "iteration_callback": after,
@@ -470,12 +501,13 @@ class _ScaledProblem:
                 "ipopt": options,
             },
         )
-        of_constraints, of_bounds = multipliers or (np.zeros(m), np.zeros(n))
-        of_constraints, of_bounds = (self._cost_scale * of for of in (of_constraints, of_bounds))
-        found = solver(
+
+        # Solve, with multipliers of the scaled cost.
+        constraint_multipliers, bound_multipliers = multipliers or (np.zeros(m), np.zeros(n))
+        solution = solver(
             x0=self._guess,
-            lam_g0=of_constraints,
-            lam_x0=of_bounds,
+            lam_g0=self._cost_scale * constraint_multipliers,
+            lam_x0=self._cost_scale * bound_multipliers,
             lbx=self.lower / self.scale,
             ubx=self.upper / self.scale,
             lbg=self._g_lower,
@@ -483,11 +515,10 @@ class _ScaledProblem:
         )
         statistics = solver.stats()
         self.iterations = statistics["iter_count"]
-        y, of_constraints, of_bounds = (
-            found[name].full().ravel() for name in ("x", "lam_g", "lam_x")
-        )
-        multipliers = of_constraints / self._cost_scale, of_bounds / self._cost_scale
-        return y, statistics["return_status"], multipliers
+        constraint_multipliers = solution["lam_g"].full().ravel() / self._cost_scale
+        bound_multipliers = solution["lam_x"].full().ravel() / self._cost_scale
+        best = solution["x"].full().ravel()
+        return best, statistics["return_status"], (constraint_multipliers, bound_multipliers)
 
     def _cost(self, y, _, cost):
         cost[:] = self._cost_scale * self.cost.evaluate(self.scale * y)
@@ -510,7 +541,7 @@ class _ScaledProblem:
             x = self.scale * y
             parts = [*(block.jacobian(x) for block in self._curved), self._linear.matrix.data]
             nonzeros = np.concatenate(parts) * self._jacobian_scale
-            self._in_jacobian.fill(nonzeros, jacobian)
+            self._jacobian_pattern.fill(nonzeros, jacobian)
 
     def _hessian(self, y, _, cost_factor, multipliers, hessian):
         x = self.scale * y
@@ -518,7 +549,7 @@ class _ScaledProblem:
         for block, start in zip(self._curved, self._starts, strict=False):
             parts.append(block.hessian(x, multipliers[start : start + len(block.lower)]))
         nonzeros = np.concatenate(parts) * self._hessian_scale
-        self._in_hessian.fill(nonzeros, hessian)
+        self._hessian_pattern.fill(nonzeros, hessian)
 
     def _after_iteration(self, _y, cost, values, *_):
         if self._on_iteration:
@@ -535,12 +566,15 @@ class _Cost:
     """
 
     def __init__(self, prog: MathematicalProgram):
-        quadratic, linear = prog.quadratic_costs(), prog.linear_costs()
-        self._b, self._c = np.zeros(prog.num_vars()), 0.0
-        rows, columns, values = [], [], []
-        for binding in quadratic:
-            evaluator, variables = binding.evaluator(), binding.variables()
-            indices = np.array(prog.FindDecisionVariableIndices(variables))
+        # Sum quadratic and linear costs.
+        self._b = np.zeros(prog.num_vars())
+        self._c = 0.0
+        rows = []
+        columns = []
+        values = []
+        for binding in prog.quadratic_costs():
+            evaluator = binding.evaluator()
+            indices = np.array(prog.FindDecisionVariableIndices(binding.variables()))
             Q = evaluator.Q()
             row, column = Q.nonzero()
             rows.append(indices[row])
@@ -548,20 +582,22 @@ class _Cost:
             values.append(Q[row, column])
             np.add.at(self._b, indices, evaluator.b())
             self._c += evaluator.c()
-        for binding in linear:
+        for binding in prog.linear_costs():
             indices = prog.FindDecisionVariableIndices(binding.variables())
             np.add.at(self._b, indices, binding.evaluator().a())
             self._c += binding.evaluator().b()
-        self._rows, self._columns = _concatenate(rows, int), _concatenate(columns, int)
+        self._rows = _concatenate(rows, int)
+        self._columns = _concatenate(columns, int)
         self._values = _concatenate(values)
-        generic = _Evaluators(prog, [*prog.generic_costs(), *prog.l2norm_costs()])
+        # Generic costs, whose Hessians follow in the lower triangle.
+        generic = _StackedEvaluators(prog, [*prog.generic_costs(), *prog.l2norm_costs()])
         self._generic = generic
         self._triangle = self._rows >= self._columns
         self.rows = np.append(self._rows[self._triangle], generic.hessian_rows)
         self.columns = np.append(self._columns[self._triangle], generic.hessian_columns)
 
     def evaluate(self, x: np.ndarray) -> float:
-        # No dot product of BLAS: its threads have been seen to stall on busy machines.
+        # No dot product of BLAS, because its threads may stall on busy machines.
         quadratic = (x * (0.5 * self._times(x) + self._b)).sum() + self._c
         return float(quadratic + self._generic.evaluate(x).sum())
 
@@ -581,21 +617,26 @@ class _Cost:
 
 @contextlib.contextmanager
 def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
-    """End IPOPT after the current iteration if a signal's handler raises, and raise that then."""
+    """End IPOPT after the current iteration if a signal's handler raises an error; keep it."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    set_ones: dict[int, Any] = {number: signal.getsignal(number) for number in SIGNALS}
-    handlers = {number: handler for number, handler in set_ones.items() if callable(handler)}
+    # Replace the handlers of Python functions.
+    handlers: dict[int, Any] = {}
+    for interrupt in INTERRUPT_SIGNALS:
+        handler = signal.getsignal(interrupt)
+        if callable(handler):
+            handlers[interrupt] = handler
 
-    def hold_back(number, frame):
+    def keep_error(number, frame):
         try:
             handlers[number](number, frame)
         except BaseException as error:
             problem.raised = error
 
     for number in handlers:
-        signal.signal(number, hold_back)
+        signal.signal(number, keep_error)
+    # Restore them after the solve.
     try:
         yield
     finally:
@@ -604,7 +645,8 @@ def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
 
 
 def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
-    lower, upper = np.full(prog.num_vars(), -np.inf), np.full(prog.num_vars(), np.inf)
+    lower = np.full(prog.num_vars(), -np.inf)
+    upper = np.full(prog.num_vars(), np.inf)
     for binding in prog.bounding_box_constraints():
         indices = prog.FindDecisionVariableIndices(binding.variables())
         np.maximum.at(lower, indices, binding.evaluator().lower_bound())
@@ -613,14 +655,14 @@ def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
 
 
 def gradient_of(evaluator: EvaluatorBase, x: np.ndarray) -> np.ndarray:
-    """(rows, variables); zero where the evaluator does not depend on them."""
+    """Return the gradient (rows, variables); zero if the evaluator depends on no variable."""
     values = evaluator.Eval(InitializeAutoDiff(x)[:, 0])
     gradient = ExtractGradient(values)
     return gradient if gradient.size else np.zeros((len(ExtractValue(values)), len(x)))
 
 
 def _weighted_hessian(evaluator, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """The lower triangle of the Hessian of weights · evaluator, by differences of gradients."""
+    """Return the lower triangle of the Hessian of weights · evaluator, by gradient differences."""
     hessian = np.empty((len(x), len(x)))
     for index, value in enumerate(x):
         step = np.zeros(len(x))

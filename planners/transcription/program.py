@@ -8,24 +8,18 @@ from numpy.typing import ArrayLike
 from pydrake.planning import DirectCollocation
 from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
 
-from limb_systems import (
-    Limb,
-    LimbModel,
-    LimbParameters,
-    joint_angles_from_bend_angle,
-    split_state,
-)
+from limb_systems import Limb, LimbModel, LimbParameters, joint_angles_from_bend_angle, split_state
 from limb_systems.files.trajectory import AddedTerms
 from planners.task import Task, TaskError
 from planners.transcription.collocation import ANGLE_SCALE, MotionDefects, heat_block
-from planners.transcription.customized_terms import by_names, described, variables_at_bounds
+from planners.transcription.customized_terms import describe, group_by_name, variables_at_bounds
 from planners.transcription.ipopt import ConstraintBlock
 
 REST_RATE = np.deg2rad(0.5)  # rad/s, largest bend rate at rest
 REACH_TOLERANCE = np.deg2rad(0.1)  # rad
-# By how much constraints of one's own may be missed, relative to bounds larger than one.
+# Largest violation of constraints of ``customize``, relative to bounds larger than one.
 ADDED_TOLERANCE = 1e-5
-KNOTS_OF_A_COST = 20
+KNOTS_PER_COST = 20
 
 
 class PlanProgram:
@@ -39,9 +33,9 @@ class PlanProgram:
     - ``times``: times of the knots (K,), s, before they are stretched.
     - ``heat``, ``duty``, ``time_steps``: indices of [x, V] (K, M), u_k (K, W) and h_k (K - 1)
       among the decision variables.
-    - ``blocks``: constraints that are evaluated together, beside those of ``prog``.
-    - ``cheap_blocks``: the same constraints with a Hessian that is not whole but cheaper; None if
-      only the whole Hessian will do.
+    - ``blocks``: constraints that are evaluated together, in addition to those in ``prog``.
+    - ``cheap_blocks``: the same constraints with a cheaper, incomplete Hessian; None if the
+      program needs the whole Hessian.
     - ``added``, ``added_costs``: the constraints and costs that the task's ``customize`` added.
 
     Args:
@@ -50,7 +44,7 @@ class PlanProgram:
         task: weights and limits; `Task()` if None.
         measured_margin: how far readings V stay below ``measured_maximum``, °C, one number or
             one for each wire (W,).
-        limit_weight: cost of each °C beyond (19)-(20), 1/°C; they are never passed if None.
+        limit_weight: cost of each °C beyond (19)-(20), 1/°C; the bounds are hard if None.
     """
 
     has_inertia: bool  # whether the motion of the chain is planned, and not the heat alone
@@ -86,13 +80,17 @@ class PlanProgram:
         self.task = task or Task()
         self.wires = self.model.wires
         self._layout = self.model.layout
+        # Variables, and the cost (15) of the angles.
         self._add_variables()
-        self.heat, self.duty = self.indices(self._heat), self.indices(self._duty)
+        self.heat = self.indices(self._heat)
+        self.duty = self.indices(self._duty)
         self._add_time()
         self._add_cost()
-        prog, none = self.prog, np.zeros(self._start.size)
-        self._initial = prog.AddBoundingBoxConstraint(none, none, self._start)  # (16)
+        # The initial state (16), and (18)-(20).
+        prog = self.prog
+        self._initial = prog.AddBoundingBoxConstraint(0.0, 0.0, self._start)
         self._warm_up = self._add_wires(measured_margin, limit_weight)
+        # Limits of the motion.
         self._add_rate_limits(self._rate_limits())
         if self.task.reach:
             end = np.zeros(len(self._to_bends))
@@ -100,6 +98,7 @@ class PlanProgram:
         for variables, scale in zip(self._of_knots.T, self._scales, strict=True):
             for variable in variables if scale != 1.0 else ():
                 prog.SetVariableScaling(variable, scale)
+        # The dynamics (17), and the terms of the task's own.
         self.blocks = self._make_blocks()
         before = {*prog.GetAllConstraints(), *prog.GetAllCosts()}
         if self.task.customize:
@@ -108,7 +107,7 @@ class PlanProgram:
         self.added_costs = [b for b in prog.GetAllCosts() if b not in before]
 
     def _add_variables(self) -> None:
-        """Add the decision variables, and say which of them the others here are."""
+        """Add the decision variables, and set the attributes that select from them."""
         raise NotImplementedError
 
     def _make_blocks(self) -> list[ConstraintBlock]:
@@ -120,7 +119,7 @@ class PlanProgram:
         raise NotImplementedError
 
     def _targets(self, reference: np.ndarray) -> np.ndarray:
-        """The values that (15) asks of the tracked variables (K, A), by φ_ref (F, K), rad."""
+        """Return the targets of the tracked variables (K, A) in (15), by φ_ref (F, K), rad."""
         raise NotImplementedError
 
     def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
@@ -132,13 +131,16 @@ class PlanProgram:
                 without inertia.
             warm_up_time: k_warm, s from the first knot.
         """
+        # The cost (15) of the angles.
         weights, _ = self.task.weights(self.times)
         self._angle_weights = np.outer(weights, self._shares)
         self._angle_targets = targets = self._targets(reference)
         for binding, knots in zip(self._angle_costs, self._groups_of_knots(), strict=True):
-            Q, target = self._angle_weights[knots].ravel(), targets[knots].ravel()
+            Q = self._angle_weights[knots].ravel()
+            target = targets[knots].ravel()
             constant = 0.5 * float((Q * target**2).sum())
             binding.evaluator().UpdateCoefficients(np.diag(Q), -Q * target, constant, True)
+        # The initial state (16), the warm-up (20), and the last angle.
         heat = initial_state[-len(self.wires.heat_scales) :]
         start = initial_state if self.has_inertia else heat[: self._start.size]
         self._initial.evaluator().set_bounds(start, start)
@@ -150,30 +152,30 @@ class PlanProgram:
 
     @property
     def starts_near(self) -> bool:
-        """Whether the quasi-static plan nearly is the plan, so that a solver starts near it."""
+        """True if the quasi-static plan is near the plan, so that a solver starts from it."""
         task = self.task
         limits_motion = task.customize or task.reach or task.final_hold or task.max_bend_rate
         return self.has_inertia and not limits_motion
 
     @property
     def state_scales(self) -> np.ndarray:
-        """Typical changes of a `Limb`'s states (2n + M,)."""
+        """The typical changes of a `Limb`'s states (2n + M,)."""
         n = self.parameters.num_joints
         return np.concatenate([np.full(n, ANGLE_SCALE), np.ones(n), self.wires.heat_scales])
 
     def indices(self, variables: np.ndarray) -> np.ndarray:
-        """Places of variables among all decision variables, in their shape."""
+        """Return the indices of variables among all decision variables, in their shape."""
         flat = self.prog.FindDecisionVariableIndices(variables.ravel())
         return np.array(flat).reshape(variables.shape)
 
     def knots(self, x: np.ndarray) -> np.ndarray:
-        """Times of the knots (K,) of all decision variables, s."""
+        """Return the times of the knots (K,), s, from all decision variables."""
         if self.task.stretch is None:
             return self.times
         return np.append(0.0, np.cumsum(x[self.time_steps]))
 
     def cost(self, x: np.ndarray) -> float:
-        """Eqn (15), with the task's further costs."""
+        """Return the cost (15), with the task's further costs."""
         return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
 
     def cost_by_angles(self, x: np.ndarray) -> np.ndarray:
@@ -181,52 +183,58 @@ class PlanProgram:
         return self._angle_weights * (x[self.indices(self._tracked)] - self._angle_targets)
 
     def largest_defect(self, x: np.ndarray) -> float:
-        """The largest violation of the ``blocks``, scaled: of (17), and of φ = φ(x), rad."""
+        """Return the largest violation of the ``blocks``, scaled: of (17), and of φ = φ(x), rad."""
         return max(float(np.abs(block.evaluate(x)).max()) for block in self.blocks)
 
     def broken_constraint(self, x: np.ndarray) -> str:
-        """Return the ``added`` constraint that is missed most, in words; "" if all hold."""
-        worst, most = "", ADDED_TOLERANCE
+        """Return the ``added`` constraint with the largest violation, in words; "" if all hold."""
+        worst = ""
+        largest = ADDED_TOLERANCE
         for number, binding in enumerate(self.added, 1):
-            evaluator, values = binding.evaluator(), self.prog.EvalBinding(binding, x)
-            lower, upper = evaluator.lower_bound(), evaluator.upper_bound()
-            missed = np.maximum(lower - values, values - upper)
-            bound = np.where(lower - values > values - upper, lower, upper)
-            relative = missed / np.maximum(1.0, np.abs(bound))
+            # The violation of each row, relative to its bound.
+            evaluator = binding.evaluator()
+            values = self.prog.EvalBinding(binding, x)
+            below = evaluator.lower_bound() - values
+            above = values - evaluator.upper_bound()
+            violation = np.maximum(below, above)
+            bound = np.where(below > above, evaluator.lower_bound(), evaluator.upper_bound())
+            relative = violation / np.maximum(1.0, np.abs(bound))
             row = int(np.argmax(relative))  # NaN if there is one
-            if relative[row] <= most:
+            if relative[row] <= largest:
                 continue
-            most = np.nan_to_num(relative[row], nan=np.inf)
+            largest = np.nan_to_num(relative[row], nan=np.inf)
             worst = (
-                f"'{described(binding)}' (number {number} of {len(self.added)}"
-                f"{self._when(binding)}) is missed by {missed[row]:.3g}"
+                f"'{describe(binding)}' (number {number} of {len(self.added)}"
+                f"{self._when(binding)}) is missed by {violation[row]:.3g}"
             )
         return worst
 
     def added_terms(self, x: np.ndarray) -> list[AddedTerms]:
-        """Return what ``customize`` added, with the values of costs, by names."""
-        costs = [
-            AddedTerms(name, len(alike), float(self.prog.EvalBindings(alike, x).sum()))
-            for name, alike in by_names(self.added_costs).items()
-        ]
-        constraints = by_names(self.added)
-        return costs + [AddedTerms(name, len(alike)) for name, alike in constraints.items()]
+        """Return the terms of ``customize``, with the values of costs, by names."""
+        terms = []
+        for name, bindings in group_by_name(self.added_costs).items():
+            value = float(self.prog.EvalBindings(bindings, x).sum())
+            terms.append(AddedTerms(name, len(bindings), value))
+        for name, bindings in group_by_name(self.added).items():
+            terms.append(AddedTerms(name, len(bindings)))
+        return terms
 
     def active_knots(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Return whether the ``added`` constraints of a name are at a bound at the knots (K,)."""
-        scales, knot_of = np.ones(len(x)), self._knots_of_variables()
+        scales = np.ones(len(x))
         for index, scale in self.prog.GetVariableScaling().items():
             scales[index] = scale
+        knot_of = self._knots_of_variables()
         active = {}
-        for name, alike in by_names(self.added).items():
+        for name, bindings in group_by_name(self.added).items():
             active[name] = np.zeros(len(self.times), bool)
-            for binding in alike:
+            for binding in bindings:
                 indices = np.array(self.prog.FindDecisionVariableIndices(binding.variables()))
                 at_bounds = variables_at_bounds(binding, x[indices], scales[indices])
                 knots = knot_of[indices[at_bounds]]
                 # Time steps belong to no knot: a limit of the duration is about all knots.
-                none = len(knots) > 0 and knots.max() < 0
-                active[name][slice(None) if none else knots[knots >= 0]] = True
+                is_about_all = len(knots) > 0 and knots.max() < 0
+                active[name][slice(None) if is_about_all else knots[knots >= 0]] = True
         return active
 
     def _knots_of_variables(self) -> np.ndarray:
@@ -246,12 +254,15 @@ class PlanProgram:
         return f", at {first:g} s" if first == last else f", from {first:g} to {last:g} s"
 
     def _shortest_and_longest_step(self) -> tuple[float, float]:
-        steps, factors = np.diff(self.times), self.task.stretch or (1.0, 1.0)
+        steps = np.diff(self.times)
+        factors = self.task.stretch or (1.0, 1.0)
         return factors[0] * steps.min(), factors[1] * steps.max()
 
     def _add_time(self) -> None:
-        """Times of the knots: as given, or all stretched alike."""
-        prog, steps, time_steps = self.prog, np.diff(self.times), self._time_steps
+        """Add the times of the knots: fixed, or all stretched by one factor."""
+        prog = self.prog
+        steps = np.diff(self.times)
+        time_steps = self._time_steps
         self.time_steps = self.indices(time_steps)
         if self.task.stretch is None:
             prog.AddBoundingBoxConstraint(steps, steps, time_steps)
@@ -264,7 +275,7 @@ class PlanProgram:
             )
 
     def _add_cost(self) -> None:
-        """(15) of the angles; `update` fills in the reference."""
+        """Add (15) of the angles; `update` sets the reference."""
         self._angle_costs = []
         for knots in self._groups_of_knots():
             tracked = self._tracked[knots].ravel()
@@ -274,19 +285,20 @@ class PlanProgram:
 
     def _groups_of_knots(self) -> list[slice]:
         """Return the knots whose costs are one cost of the program: few calls, and small Q."""
-        starts = range(0, len(self.times), KNOTS_OF_A_COST)
-        return [slice(start, start + KNOTS_OF_A_COST) for start in starts]
+        starts = range(0, len(self.times), KNOTS_PER_COST)
+        return [slice(start, start + KNOTS_PER_COST) for start in starts]
 
     def _rate_limits(self) -> np.ndarray:
-        """Largest bend rates at the knots (K,), rad/s; infinite where there is no limit."""
-        task, times = self.task, self.times
+        """Return the largest bend rates at the knots (K,), rad/s; infinite without a limit."""
+        task = self.task
+        times = self.times
         rate = np.inf if task.max_bend_rate is None else task.max_bend_rate
         rests = times >= times[-1] - task.final_hold - 1e-9
         rests[-1] = task.reach or task.final_hold > 0
         return np.where(rests, min(rate, REST_RATE), rate)
 
     def _add_wires(self, measured_margin: ArrayLike, limit_weight: float | None) -> Binding:
-        """Add what a plan asks of the wires: costs of duty and heat, (18)-(20), and limits.
+        """Add the costs of duty and heat, (18)-(20), and limits of the wires.
 
         Returns:
             The binding of (19)-(20), whose lower bounds are `warm_bounds`.
@@ -294,51 +306,64 @@ class PlanProgram:
         Raises:
             TaskError: if the temperature rate is limited and not affine.
         """
-        prog, parameters, times, task = self.prog, self.parameters, self.times, self.task
-        wires, duty = self.wires, self._duty
-        W, x, readings = wires.num_wires, *np.split(self._heat, [wires.num_states], axis=1)
+        prog, times, task = self.prog, self.times, self.task
+        limits = self.parameters.temperature_limits
+        W = self.wires.num_wires
+        duty = self._duty
+        x, readings = np.split(self._heat, [self.wires.num_states], axis=1)
+        T = x[:, :W]
+
+        # (15) of the duty, and the costs of energy and temperature.
         _, weights = task.weights(times)
         energy = task.energy_weight * task.shares(times)
-        for knots in self._groups_of_knots():  # (15)
+        for knots in self._groups_of_knots():
             of_group = duty[:-1][knots].ravel()
             quadratic = np.diag(np.repeat(weights[:-1][knots], W))
             linear = np.repeat(energy[:-1][knots], W)
             if of_group.size:
                 prog.AddQuadraticCost(quadratic, linear, of_group, is_convex=True)
         if task.temperature_weight:
-            by_temperature = temperature_weights(parameters, times, task)
-            constant = -parameters.ambient_temperature * by_temperature.sum()
-            prog.AddLinearCost(by_temperature.ravel(), constant, x[:, :W].ravel())
+            by_temperature = temperature_weights(self.parameters, times, task)
+            constant = -self.parameters.ambient_temperature * by_temperature.sum()
+            prog.AddLinearCost(by_temperature.ravel(), constant, T.ravel())
+
+        # Duty is constant at the end, within its bounds (18) and within the total duty.
         if task.duty_hold:
-            held = times[:-1] >= times[-1] - task.duty_hold - 1e-9
-            held[-1] = True
-            pairs = np.stack([duty[:-1][held], duty[1:][held]], axis=-1).reshape(-1, 2)
-            add_at_knots(prog, np.array([[1.0, -1.0]]), 0.0, 0.0, pairs)
-        prog.AddBoundingBoxConstraint(0.0, 1.0 - task.duty_margin, duty.ravel())  # (18)
-        if parameters.total_duty < W:
-            add_at_knots(prog, np.ones((1, W)), -np.inf, parameters.total_duty, duty)
-        warm = warm_bounds(self.model, times, parameters.temperature_limits.warm_up_time)
-        hot = np.full(len(warm), parameters.temperature_limits.maximum - task.temperature_margin)
-        hot[:W] = np.inf  # of the given initial state
-        T = x[:, :W].ravel()
+            is_constant = times[:-1] >= times[-1] - task.duty_hold - 1e-9
+            is_constant[-1] = True
+            pairs = np.stack([duty[:-1][is_constant], duty[1:][is_constant]], axis=-1)
+            add_at_knots(prog, np.array([[1.0, -1.0]]), 0.0, 0.0, pairs.reshape(-1, 2))
+        prog.AddBoundingBoxConstraint(0.0, 1.0 - task.duty_margin, duty.ravel())
+        if self.parameters.total_duty < W:
+            add_at_knots(prog, np.ones((1, W)), -np.inf, self.parameters.total_duty, duty)
+
+        # Wires are warm enough (20) and not too hot (19), except in the given initial state.
+        warm = warm_bounds(self.model, times, limits.warm_up_time)
+        hot = np.full(len(warm), limits.maximum - task.temperature_margin)
+        hot[:W] = np.inf
         if limit_weight is None:
-            warm_up = prog.AddBoundingBoxConstraint(warm, hot, T)  # (19)-(20)
+            warm_up = prog.AddBoundingBoxConstraint(warm, hot, T.ravel())
         else:
-            warm_up = add_soft_bounds(prog, T, warm, hot, limit_weight)
+            warm_up = add_soft_bounds(prog, T.ravel(), warm, hot, limit_weight)
+
+        # Readings stay below the board's maximum.
         if readings.size:
             bounds = reading_bounds(self.model, measured_margin)
-            bounded, bounds = readings[1:, np.isfinite(bounds)], bounds[np.isfinite(bounds)]
+            bounded = readings[1:, np.isfinite(bounds)]
             if bounded.size:
-                upper = np.tile(bounds, len(bounded))
+                upper = np.tile(bounds[np.isfinite(bounds)], len(bounded))
                 prog.AddBoundingBoxConstraint(np.full(len(upper), -np.inf), upper, bounded.ravel())
+
+        # The temperature rate (6) is limited.
         if task.max_temperature_rate is not None:
-            if not wires.rates_are_affine:
+            if not self.wires.rates_are_affine:
                 raise TaskError(
                     "max_temperature_rate needs wires whose temperature rate is affine, as (6) is; "
                     "leave it out for this limb."
                 )
-            A, B, c = wires.affine_rates()
-            rate, limit = np.hstack([A, B])[:W], task.max_temperature_rate  # (6)
+            A, B, c = self.wires.affine_rates()
+            rate = np.hstack([A, B])[:W]
+            limit = task.max_temperature_rate
             add_at_knots(prog, rate, -limit - c[:W], limit - c[:W], np.hstack([x, duty]))
         return warm_up
 
@@ -378,9 +403,11 @@ class TrajectoryProgram(PlanProgram):
         return Limb(self.parameters)
 
     def _add_variables(self) -> None:
-        num_knots, n = len(self.times), self.parameters.num_joints
+        num_knots = len(self.times)
+        n = self.parameters.num_joints
         num_states = 2 * n + len(self.wires.heat_scales)
         shortest, longest = self._shortest_and_longest_step()
+        # States, duty and time steps, with or without Drake's constraints.
         self.collocation = None
         if self._with_constraints:
             self.collocation = collocation = DirectCollocation(
@@ -399,22 +426,26 @@ class TrajectoryProgram(PlanProgram):
             self.prog = prog = MathematicalProgram()
             self._time_steps = prog.NewContinuousVariables(num_knots - 1, "h")
             prog.AddBoundingBoxConstraint(shortest, longest, self._time_steps)
-            self._states, self._duty = (
-                prog.NewContinuousVariables(num_knots * size, name).reshape(num_knots, size)
-                for size, name in (
-                    (num_states, "x"),
-                    (self.wires.num_wires, "u"),
-                )
-            )
-        self.states, self._start = self.indices(self._states), self._states[0]
+            W = self.wires.num_wires
+            states = prog.NewContinuousVariables(num_knots * num_states, "x")
+            duty = prog.NewContinuousVariables(num_knots * W, "u")
+            self._states = states.reshape(num_knots, num_states)
+            self._duty = duty.reshape(num_knots, W)
+        self.states = self.indices(self._states)
         self.motion = self.states[:, : 2 * n]
-        self._of_knots, self._scales = self._states, self.state_scales
-        self._tracked, self._heat = self._states[:, :n], self._states[:, 2 * n :]
-        self._shares, self._to_bends = np.ones(n), np.zeros((self._layout.num_bends, n))
+        # Parts of the states for the rest of the program.
+        self._start = self._states[0]
+        self._of_knots = self._states
+        self._scales = self.state_scales
+        self._tracked = self._states[:, :n]
+        self._heat = self._states[:, 2 * n :]
+        # Each joint has the weight Q; a bend is the mean of its joints (11).
+        self._shares = np.ones(n)
+        self._to_bends = np.zeros((self._layout.num_bends, n))
         for row, joints, chain in zip(
             self._to_bends, self._layout.bend_joints, self.model.mechanics.chains, strict=True
         ):
-            row[joints] = chain.bend_by_equal_angle / len(joints)  # (11)
+            row[joints] = chain.bend_by_equal_angle / len(joints)
 
     def _targets(self, reference: np.ndarray) -> np.ndarray:
         return joint_angles_from_bend_angle(self.model, reference).T
@@ -423,7 +454,8 @@ class TrajectoryProgram(PlanProgram):
         n = self.parameters.num_joints
         # The initial state is given, so its rate cannot be planned.
         limited = np.flatnonzero(np.isfinite(limits[1:])) + 1
-        most, rates = limits[limited, None], self._states[limited, n : 2 * n]
+        most = limits[limited, None]
+        rates = self._states[limited, n : 2 * n]
         add_at_knots(self.prog, self._to_bends, -most, most, rates)
 
     def _make_blocks(self) -> list[ConstraintBlock]:
@@ -434,7 +466,7 @@ class TrajectoryProgram(PlanProgram):
             self.duty,
             self.time_steps,
             typical_time_step=float(np.median(np.diff(self.times))),
-            replaces=self.prog.generic_constraints(),  # those of `DirectCollocation`
+            replaces=self.prog.generic_constraints(),  # Drake's constraints, if any
             free_duration=is_free,
         )
         heat = heat_block(self.model, self.heat, self.duty, self.time_steps)
@@ -442,14 +474,15 @@ class TrajectoryProgram(PlanProgram):
         return [self.defects, heat]
 
     def variables(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """All decision variables, from states (2n + M, K) and duty (W, K)."""
+        """Return all decision variables, from states (2n + M, K) and duty (W, K)."""
         x = np.zeros(self.prog.num_vars())
         x[self.time_steps] = np.diff(self.times)
-        x[self.states], x[self.duty] = states.T, duty.T
+        x[self.states] = states.T
+        x[self.duty] = duty.T
         return x
 
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:
-        """The signals of a `Trajectory`, from all decision variables."""
+        """Return the signals of a `Trajectory`, from all decision variables."""
         angles, rates, states, measured = split_state(self.model, x[self.states].T)
         return {
             "duty": x[self.duty].T,
@@ -470,7 +503,7 @@ def add_at_knots(
 
     Args:
         A: (m, size).
-        lower, upper: bounds (knots, m), or what becomes them by broadcasting.
+        lower, upper: bounds (knots, m), or arrays that broadcast to this shape.
         variables: v (knots, size).
     """
     shape = len(variables), len(A)
@@ -487,10 +520,10 @@ def add_soft_bounds(
     upper: np.ndarray,
     weight: float,
 ) -> Binding:
-    """Adds bounds of variables (m,) that they may pass at a cost of a weight times the excess.
+    """Add soft bounds of variables (m,): the cost is a weight times the excess.
 
     Args:
-        lower, upper: the bounds (m,); there is no lower one if None.
+        lower, upper: the bounds (m,); ``lower`` may be None.
 
     Returns:
         The binding of the bounds.
@@ -500,18 +533,19 @@ def add_soft_bounds(
     prog.AddLinearCost(np.full(len(excess), weight), 0.0, excess)
     prog.AddBoundingBoxConstraint(0.0, np.inf, excess)
     A = scipy.sparse.kron([[1.0, *signs]], scipy.sparse.identity(len(variables)), "csc")
-    least = np.full(len(variables), -np.inf) if lower is None else lower
-    return prog.AddConstraint(LinearConstraint(A, least, upper), np.append(variables, excess))
+    if lower is None:
+        lower = np.full(len(variables), -np.inf)
+    return prog.AddConstraint(LinearConstraint(A, lower, upper), np.append(variables, excess))
 
 
 def temperature_weights(parameters: LimbParameters, times: np.ndarray, task: Task) -> np.ndarray:
-    """Weights of the wire temperatures (K, W) in the task's cost of the segments' means, 1/°C."""
+    """Return the weights of T (K, W) in the task's cost of the segments' means, 1/°C."""
     shares = [1 / len(segment.wires) for segment in parameters.segments for _ in segment.wires]
     return task.temperature_weight * np.outer(task.shares(times), shares)
 
 
 def reading_bounds(model: LimbModel, margin: ArrayLike = 0.0) -> np.ndarray:
-    """Upper bounds of the readings V (W,), °C: ``measured_maximum`` less a margin.
+    """Return the upper bounds of the readings V (W,), °C: ``measured_maximum`` less a margin.
 
     They are infinite where V cannot rise beyond them because T is bounded (19).
 
@@ -526,6 +560,6 @@ def reading_bounds(model: LimbModel, margin: ArrayLike = 0.0) -> np.ndarray:
 
 
 def warm_bounds(model: LimbModel, times: np.ndarray, warm_up_time: float) -> np.ndarray:
-    """Lower bounds of the wire temperatures (K * W,), knot by knot, eqn (20), °C."""
+    """Return the lower bounds (20) of the wire temperatures (K * W,), knot by knot, °C."""
     bounds = np.where(times > warm_up_time, model.parameters.temperature_limits.warm, -np.inf)
     return np.repeat(bounds, model.layout.num_wires)

@@ -1,4 +1,4 @@
-"""Sequential convex programming: from a point towards the solutions of programs that bend at it."""
+"""Sequential convex programming: steps towards the solutions of programs linearized at a point."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -16,13 +16,13 @@ def descend(
     rounds: int,
     least_reduction: float,
 ) -> tuple[Point, float, bool]:
-    """Solves the convex program at a point and steps towards its solution, again and again.
+    """Solve the convex program at a point and step towards its solution, repeatedly.
 
     Args:
-        point, cost: where to start.
-        solve: solution of the convex program at a point; None if there is none.
-        step: point on the way from a point of some cost to a solution, and its cost.
-        rounds: after which it stops.
+        point, cost: the start, and its cost.
+        solve: returns the solution of the convex program at a point; None if there is none.
+        step: returns a point between a point of some cost and a solution, and its cost.
+        rounds: the largest number of steps.
         least_reduction: relative; a round that reduces the cost by less is the last.
 
     Returns:
@@ -37,16 +37,18 @@ def descend(
         tried, new_cost = step(point, best, cost)
         if not new_cost < cost:
             break
-        reduction, point, cost = 1.0 - new_cost / cost, tried, new_cost
+        reduction = 1.0 - new_cost / cost
+        point = tried
+        cost = new_cost
         if reduction < least_reduction:
             break
     return point, cost, solved
 
 
-def first_that_reduces(
+def backtracking_step(
     shares: Sequence[float], cost_of: Callable[[np.ndarray], float]
 ) -> Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, float]]:
-    """A `step` by the first of some shares of the way that reduces the cost."""
+    """Return a `step` by the first of some shares of the way that reduces the cost."""
 
     def step(point: np.ndarray, best: np.ndarray, cost: float) -> tuple[np.ndarray, float]:
         for share in shares:

@@ -1,4 +1,4 @@
-"""Solves a program of a plan: which solvers are tried, in which order."""
+"""The solvers of a plan's program, in the order in which they are tried."""
 
 import dataclasses
 import time
@@ -9,12 +9,12 @@ from pydrake.solvers import IpoptSolver, SolverInterface, SolverOptions
 
 from limb_systems import LimbError
 from limb_systems.progress import Progress
-from planners.transcription.ipopt import INFEASIBLE, ExactHessianIpoptSolver
+from planners.transcription.ipopt import INFEASIBLE_STATUS, ExactHessianIpoptSolver
 from planners.transcription.program import PlanProgram
 
 # Near the solution, the barrier begins small enough to leave the guess near its bounds, and ends so
-# low that it raises the cost by less than 1e-6 of it. With multipliers it begins as it ends.
-NEAR = {
+# low that it raises the cost by less than 1e-6 of it. With multipliers it begins at its end.
+NEAR_OPTIONS = {
     "mu_strategy": "monotone",
     "mu_init": 3e-5,
     "mu_linear_decrease_factor": 0.05,
@@ -24,16 +24,15 @@ NEAR = {
     "bound_frac": 1e-5,
     "max_iter": 400,
 }
-# Hysteresis and references far out of reach may need hundreds of iterations; each is cheap. With a
-# barrier that begins this small there are half as many as with IPOPT's own, 0.1, and with the one
-# near the solution fewer again, if they suffice.
-PATIENT = {"mu_strategy": "monotone", "mu_init": 0.01, "max_iter": 600}
+# Hysteresis and references far out of reach may need hundreds of cheap iterations. This small first
+# barrier halves their number in comparison with IPOPT's own, 0.1.
+PATIENT_OPTIONS = {"mu_strategy": "monotone", "mu_init": 0.01, "max_iter": 600}
 # s of processor time, after which no attempt begins and IPOPT ends; plans take seconds.
 LONGEST_SOLVE = 300.0
 
 
 class PlanningError(LimbError):
-    """There is no plan: the request is impossible, or the plan failed its check."""
+    """No plan: the request is impossible, or the plan failed its check."""
 
 
 class InfeasibleError(PlanningError):
@@ -67,38 +66,40 @@ def solve_program(
     solver: SolverInterface | None = None,
     starts_near: bool = False,
 ) -> Solution:
-    """Solves a program by the first of these that succeeds.
+    """Solve a program by the first of these attempts that succeeds.
 
     1. IPOPT with the Hessian of the ``cheap_blocks``, if there are some: from near the solution,
        if the guess is, then with patience;
     2. IPOPT with the Hessian of the Lagrangian;
-    3. the same with a monotone barrier.
+    3. IPOPT with this Hessian and a monotone barrier.
 
-    All of them together end after `LONGEST_SOLVE`, and Ctrl-C ends each of them
-    after an iteration.
+    All of them together end after `LONGEST_SOLVE`, and Ctrl-C ends each of them after an iteration.
 
     Args:
         guess: values of all decision variables.
         multipliers: multipliers of a neighbouring solution, for a warm start.
         solver: one of Drake's solvers, in place of all these.
-        starts_near: whether the guess nearly is the solution.
+        starts_near: whether the guess is near the solution.
 
     Raises:
-        InfeasibleError: if a quasi-static program was found to have no solution.
-        PlanningError: if all fail.
-        KeyboardInterrupt: if Ctrl-C came, whatever point was found.
+        InfeasibleError: if a quasi-static program has no solution.
+        PlanningError: if all attempts fail.
+        KeyboardInterrupt: after Ctrl-C, even at a good point.
     """
     failures: list[str] = []
-    iterations, started, begun = 0, time.perf_counter(), time.process_time()
+    iterations = 0
+    started = time.perf_counter()
+    first_process_time = time.process_time()
     with Progress("planning", None, "iterations") as progress:
 
         def report(iteration, cost, violation):
             progress.update(iteration, f"(cost {cost:.6g}, violation {violation:.1e})")
 
         for name, attempt in _attempts(program, guess, multipliers, solver, starts_near, report):
-            if time.process_time() - begun > LONGEST_SOLVE:
+            if time.process_time() - first_process_time > LONGEST_SOLVE:
                 failures.append(f"{LONGEST_SOLVE:g} s of processor time are over")
                 break
+            # Solve, and count the iterations of all attempts.
             result = attempt()
             details = result.get_solver_details()
             iterations += getattr(details, "iterations", 0)
@@ -118,7 +119,7 @@ def solve_program(
                     multipliers=getattr(details, "multipliers", None),
                 )
             failures.append(f"{name}: {status}")
-            if status == INFEASIBLE and not program.has_inertia:
+            if status == INFEASIBLE_STATUS and not program.has_inertia:
                 raise InfeasibleError(
                     "The temperature constraints (19)-(20)"
                     f"{program.task.named_limits} cannot all be met with duty between 0 and "
@@ -131,6 +132,7 @@ def solve_program(
 def _attempts(
     program: PlanProgram, guess, multipliers, solver, starts_near: bool, report: Callable
 ):
+    """Yield the names of the attempts, and functions that make them."""
     if solver is not None:
         yield solver.SolverName(), lambda: solver.Solve(program.prog, guess, None)
         return
@@ -138,6 +140,7 @@ def _attempts(
     begun = time.process_time()
 
     def ipopt(options: dict, multipliers=None, blocks=program.blocks):
+        """Solve the program with IPOPT in the remaining time."""
         left = max(LONGEST_SOLVE - (time.process_time() - begun), 1e-3)
         solver_options = SolverOptions()
         for option, value in {"max_cpu_time": left, **options}.items():
@@ -145,11 +148,12 @@ def _attempts(
         solver = ExactHessianIpoptSolver(blocks=blocks, on_iteration=report)
         return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
 
+    # With the cheap Hessian, then with the exact one.
     if (cheap := program.cheap_blocks) is not None:
         name = "IPOPT, curvature of the wires" if program.has_inertia else "IPOPT, quasi-static"
         if multipliers is not None or starts_near:
-            yield name, lambda: ipopt(NEAR, multipliers, cheap)
+            yield name, lambda: ipopt(NEAR_OPTIONS, multipliers, cheap)
             name += ", patient"
-        yield name, lambda: ipopt(PATIENT, None, cheap)
+        yield name, lambda: ipopt(PATIENT_OPTIONS, None, cheap)
     yield "IPOPT, exact Hessian", lambda: ipopt({})
     yield "IPOPT, exact Hessian, monotone barrier", lambda: ipopt({"mu_strategy": "monotone"})

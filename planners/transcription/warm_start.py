@@ -2,7 +2,7 @@
 
 The motion [θ, θ̇] of all knots follows from the heat by the rows (17) of `MotionDefects`, and the
 multipliers of these rows follow from the cost by the adjoint of the rows. The multipliers of the
-heat and of its bounds are those of the quasi-static plan.
+heat and of its bounds are the quasi-static plan's multipliers.
 """
 
 import numpy as np
@@ -12,12 +12,12 @@ from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import QuasiStaticProgram
 from planners.transcription.solving import Solution
 
-FEASIBLE = 1e-9  # of the scaled rows of the motion
-NEAR = 1e-2  # rad and rad/s; after a smaller step, slopes are nearly the same
-MOST_ITERATIONS = 20
+FEASIBILITY_TOLERANCE = 1e-9  # of the scaled rows of the motion
+SLOPE_TOLERANCE = 1e-2  # rad and rad/s; after a smaller step, slopes are nearly the same
+MAX_ITERATIONS = 20
 
 
-def with_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
+def solve_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
     """Return decision variables whose motion obeys (17), by Newton's method from a motion near it.
 
     Args:
@@ -26,13 +26,17 @@ def with_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
     Raises:
         LimbError: if Newton's method finds no motion.
     """
-    x, motion, change = x.copy(), program.motion, np.inf
-    for _ in range(MOST_ITERATIONS):
+    x = x.copy()
+    motion = program.motion
+    change = np.inf
+    for _ in range(MAX_ITERATIONS):
+        # Linearize the rows, unless the last step was small.
         rows = program.defects.evaluate(x).reshape(motion.shape[1], -1).T
-        if np.abs(rows).max() < FEASIBLE:
+        if np.abs(rows).max() < FEASIBILITY_TOLERANCE:
             return x
-        if change > NEAR:
+        if change > SLOPE_TOLERANCE:
             inverse, to_next = _step_to_next_knot(program, x)
+        # Correct the motion from knot to knot.
         gaps = -(inverse @ rows[:, :, None])[:, :, 0]
         moved = np.zeros(motion.shape)
         for k, gap in enumerate(gaps):
@@ -44,7 +48,7 @@ def with_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
     raise LimbError("Newton's method does not find the motion of the quasi-static plan.")
 
 
-def multipliers_of(
+def estimate_multipliers(
     program: TrajectoryProgram, x: np.ndarray, quasi_static: QuasiStaticProgram, solution: Solution
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return multipliers of the constraints and of the bounds of a program near its solution.
@@ -53,6 +57,7 @@ def multipliers_of(
         x: all decision variables.
         quasi_static, solution: the quasi-static program of the same plan, and its solution.
     """
+    # The multipliers of the motion, by the adjoint from the last knot to the first.
     inverse, to_next = _step_to_next_knot(program, x)
     by_motion: np.ndarray = np.zeros(program.motion.shape)
     by_angles = program.cost_by_angles(x)
@@ -64,6 +69,7 @@ def multipliers_of(
         following = following @ to_next[k]
     of_motion = -np.einsum("kij,ki->kj", inverse, adjoint)
 
+    # The multipliers of the heat and of the bounds are the quasi-static ones.
     assert solution.multipliers is not None  # IPOPT has them
     of_rows, of_bounds = solution.multipliers
     heat_rows, held_rows = np.cumsum([len(block.lower) for block in quasi_static.blocks])
@@ -75,7 +81,7 @@ def multipliers_of(
 
 
 def _step_to_next_knot(program: TrajectoryProgram, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the inverse of the rows' slopes by the next motion, and that motion by the last."""
+    """Return the inverse of the rows' slopes by the next motion, and its slopes by the motion."""
     before, after = program.defects.slopes_by_motion(x)
     inverse = np.linalg.inv(after)
     return inverse, -inverse @ before

@@ -25,9 +25,9 @@ from hardware.board.link import BoardLink
 from hardware.emulation.specimen import Specimen
 from hardware.live_feed import LiveView
 from limb_systems import LimbError, LimbParameters, Recording
-from limb_systems.connected_limbs import ConnectedLimbs, connected, load_described
+from limb_systems.connected_limbs import ConnectedLimbs, connected, load_description
 from limb_systems.files.output import OutputError, check_folder, check_outputs, free_path
-from limb_systems.progress import part_of_work
+from limb_systems.progress import progress_prefix
 from limb_systems.summary import Entry, Summary
 from soft_limb.commands.logs import EXIT_QUESTIONS, fit_command, shell_command
 from soft_limb.commands.options import (
@@ -51,7 +51,7 @@ ROBOT_FILE = "robot.yaml"  # description of the robot, beside the folders of its
 def _collect(options: argparse.Namespace) -> int:
     # Load the limb, or the limbs of a robot; a single limb has an empty name.
     check_folder(options.output)
-    described = load_described(options.limb)
+    described = load_description(options.limb)
     robot: ConnectedLimbs | None = None
     if isinstance(described, ConnectedLimbs):
         robot = described
@@ -102,7 +102,7 @@ def _collect_limb(
         "tell": lambda step: print(f"{prefix}{step}", flush=True),
         "live": live,
     }
-    with part_of_work(name) if name else contextlib.nullcontext():
+    with progress_prefix(name) if name else contextlib.nullcontext():
         # Record a robot's limb: the function saves each recording when it is complete.
         if options.port:
             port = _port(options, name)
@@ -212,7 +212,7 @@ def _fit(options: argparse.Namespace) -> int:
         if options.limb:
             described = robot.limb_alone(name) if robot else LimbParameters.load(options.limb)
         try:
-            with part_of_work(name) if name else contextlib.nullcontext():
+            with progress_prefix(name) if name else contextlib.nullcontext():
                 calibration = calibrate(
                     folder,
                     described,
@@ -278,7 +278,7 @@ def _recorded_robot(options: argparse.Namespace) -> ConnectedLimbs | None:
     path = options.limb or options.recordings / ROBOT_FILE
     if not options.limb and not path.is_file():
         return None
-    described = load_described(path)
+    described = load_description(path)
     return described if isinstance(described, ConnectedLimbs) else None
 
 

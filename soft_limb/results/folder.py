@@ -6,7 +6,7 @@ import os
 import re
 from pathlib import Path
 
-from limb_systems.connected_limbs import FIELDS
+from limb_systems.connected_limbs import CONNECTED_FIELDS
 from limb_systems.files.input import first_line
 
 TABLE_KINDS = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
@@ -104,7 +104,7 @@ def kind_of_head(path: Path, head: str) -> str:
     if title and title.kind in TABLE_KINDS:
         return title.kind
     fields = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
-    if fields & FIELDS:
+    if fields & CONNECTED_FIELDS:
         return "robot"
     return "limb" if fields & _LIMB else ""
 

@@ -44,7 +44,7 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
 
 def distances_summary(distances: ReferenceDistances) -> Summary:
     """Return the mean distances of limb, plan and best plan from the reference."""
-    measured = _degrees(distances.done)
+    measured = _degrees(distances.measured)
     entries = _distance_entries("" if measured is None else f"{measured:.2f}°", distances)
     return Summary([*entries, Entry("reference_distance_deg", measured, "°", None)])
 

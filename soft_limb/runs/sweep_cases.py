@@ -22,7 +22,7 @@ from hardware.emulation.twin import specimen_class
 from hardware.replaying import replay
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.files.output import write_atomically
-from limb_systems.files.schema import shown
+from limb_systems.files.schema import short_repr
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import Task, plan
 from soft_limb.runs.jobs import run_each
@@ -156,8 +156,8 @@ def _with_fields(described: LimbParameters, fields: Sequence[tuple[str, float]])
             setattr(owner, last, int(value) if is_count else float(value))
         except (AttributeError, IndexError, TypeError, ValueError):
             raise LimbError(
-                f"{shown(path)} is no number in the description of this limb; name a field as in "
-                "segments.0.stiffness or segments.0.wires.1.law.a2."
+                f"{short_repr(path)} is no number in the description of this limb; name a field "
+                "as in segments.0.stiffness or segments.0.wires.1.law.a2."
             ) from None
     limb.validate()
     return limb
@@ -203,9 +203,9 @@ def run_case(case: Case) -> dict[str, str]:
         truth = true_bend(recording)
         distances = reference_distances(trajectory, [truth])
         error = tracking_errors(trajectory, [truth]).mean
-        assert distances.done is not None  # there is a recording
+        assert distances.measured is not None  # there is a recording
         assert recording.wire_temperature is not None  # the emulation knows it
-        row["reference_deg"] = f"{np.rad2deg(distances.done):.4f}"
+        row["reference_deg"] = f"{np.rad2deg(distances.measured):.4f}"
         row["planned_deg"] = f"{np.rad2deg(distances.planned):.4f}"
         row["plan_deg"] = f"{np.rad2deg(error):.4f}"
         row["highest_reading_c"] = f"{recording.measured_temperature.max():.2f}"

@@ -33,7 +33,7 @@ from limb_systems import (
     WireParameters,
     simulate,
 )
-from limb_systems.monte_carlo import owner_of
+from limb_systems.monte_carlo import parameter_owner
 from soft_limb.command import main
 
 
@@ -263,7 +263,7 @@ def test_command_fits_a_folder_and_validates(
     assert main([*fit, "--json", "--force"]) == 0
     said = json.loads(capsys.readouterr().out)
     for name, estimate in said["estimates"].items():
-        owner, field = owner_of(found, name)
+        owner, field = parameter_owner(found, name)
         assert estimate["value"] == getattr(owner, field)
         assert estimate["standard_error"] > 0
     assert list(said)[:2] == ["verdict", "remarks"]

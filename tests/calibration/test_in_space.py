@@ -19,7 +19,7 @@ from calibration.recordings.at_rest import rest_angles
 from calibration.recordings.kinds import MOUNTING_ANGLES
 from calibration.wire_directions import WrongDescriptionError, check_directions, wire_directions
 from limb_systems import LimbModel, LimbParameters, LinearLaw, Recording, RestMemory
-from limb_systems.monte_carlo import draw_ensemble, stacked
+from limb_systems.monte_carlo import draw_limbs, stack_limbs
 
 RATE, DRIFT = 4.0, np.deg2rad(0.1)
 TRUE = {
@@ -109,7 +109,7 @@ def test_four_mountings_tell_directions_gains_and_stiffness(motion):
     limb = calibration.parameters
     assert limb.segments[0].wires[1].angle == pytest.approx(TRUE["wire_2.angle"], abs=0.03)
     assert limb.gravity == motion.parameters.gravity
-    drawn = draw_ensemble(limb, 50)
+    drawn = draw_limbs(limb, 50)
     spread = np.std([each.segments[0].wires[0].angle for each in drawn])
     assert spread == pytest.approx(calibration.estimates["wire_1.angle"].standard_error, rel=0.4)
 
@@ -122,7 +122,7 @@ def test_the_open_loop_in_space_shows_exact_equilibria():
     limbs = [mounted_limb(limb, turned) for turned in (None, 0, 90)]
     hot = np.random.default_rng(0).uniform(25.0, 110.0, (40, 3))
     loads = [[*each.gravity, each.payload] for each in limbs for _ in hot]
-    law, ambient, rubber = stacked([limb])
+    law, ambient, rubber = stack_limbs([limb])
     rubber |= {
         name: np.array([getattr(own, name)]) for name in ("stiffness_ratio", "rest_angle_e3")
     }
@@ -165,7 +165,7 @@ def test_the_memory_of_the_rest_angle_is_that_of_the_model():
     own.stiffness_ratio, own.bend_sensor.roll = 1.3, 0.0
     own.rest_memory = RestMemory(shift=np.deg2rad(6.0), rate=2.0)
     duty = np.repeat([[0.3, 0, 0], [0.0, 0.3, 0], [0.0, 0, 0]], 30, axis=0)
-    law, ambient, rubber = stacked([limb])
+    law, ambient, rubber = stack_limbs([limb])
     rubber |= {
         name: np.array([getattr(own, name)]) for name in ("stiffness_ratio", "rest_angle_e3")
     }

@@ -34,7 +34,7 @@ from limb_systems import (
     TwoMassLaw,
     simulate,
 )
-from limb_systems.monte_carlo import OpenLoop, draw_ensemble, owner_of, stacked
+from limb_systems.monte_carlo import OpenLoop, draw_limbs, parameter_owner, stack_limbs
 
 AMBIENT = 22.0
 LAWS = {
@@ -146,7 +146,7 @@ def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
     segment.rest_memory = RestMemory(0.03, 2.0)
     (duty,) = [e.duty.slice(0, 4) for e in excitations(2) if e.name == "conditioning"]
     run = HeatedRun.of(simulate(Limb(limb), later(duty), sample_rate=10.0))
-    law, ambient, rubber = stacked([limb])
+    law, ambient, rubber = stack_limbs([limb])
     cold = [np.full((1, 1, 2), value) for value in law.cold_states(AMBIENT)]
     open_loop = OpenLoop(run.duty[:, np.newaxis], 0.5, segment)
     _, readings, bends = open_loop.simulate(
@@ -160,10 +160,10 @@ def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
 
 def test_draws_scatter_as_the_covariance_says(emulated_folder):
     limb = LimbParameters.load(emulated_folder / "calibrated.yaml")
-    draws, record = draw_ensemble(limb, 2000), limb.calibration
+    draws, record = draw_limbs(limb, 2000), limb.calibration
     for name in ("left.a2", "right.heating_middle", "stiffness", "rest_angle"):
         row = record.names.index(name)
-        owners = [owner_of(draw, name) for draw in draws]
+        owners = [parameter_owner(draw, name) for draw in draws]
         values = np.array([getattr(owner, field) for owner, field in owners])
         error = record.standard_errors[row]
         assert values.mean() == pytest.approx(record.values[row], abs=0.1 * error)

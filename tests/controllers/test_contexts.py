@@ -42,7 +42,7 @@ def assert_alike(one, other):
             np.testing.assert_array_equal(values, getattr(other, name), name)
 
 
-def test_a_copy_of_the_context_goes_on_alike(fed, short_plan):
+def test_a_copy_of_the_context_continues_identically(fed, short_plan):
     """In the same system, though that went on meanwhile, and in one that is made anew."""
     for make in CONTROLLERS.values():
         controller = make(short_plan)

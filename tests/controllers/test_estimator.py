@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from controllers import LimbObserver
 from controllers import estimator as module
-from controllers.estimator import Estimator, packed
+from controllers.estimator import Estimator, pack
 from controllers.temperature_supervisor import TemperatureLimiter
 from hardware import LimbTwin
 from limb_systems import (
@@ -19,7 +19,7 @@ from limb_systems import (
     TipTangentSensor,
     simulate,
 )
-from limb_systems.bend_sensor import rolled
+from limb_systems.bend_sensor import roll_bends
 from limb_systems.limb_parameters import CalibrationRecord
 
 PERIOD = 0.05
@@ -99,16 +99,16 @@ def test_on_a_linear_law_it_is_the_textbook_filter():
     filtered, means = Estimator(parameters), []
     estimate = filtered.begin(readings[0], bends[:1])
     for k in range(K):
-        estimate = filtered.corrected(estimate, readings[k], bends[k : k + 1])
-        assert (estimate.unbelieved == 0.0).all()
+        estimate = filtered.correct(estimate, readings[k], bends[k : k + 1])
+        assert (estimate.unbelieved_time == 0.0).all()
         means.append(means_of(estimate))
-        estimate = filtered.predicted(estimate, duty[k])
+        estimate = filtered.predict(estimate, duty[k])
     expected, covariance = textbook_filter(parameters, duty, readings, bends)
     np.testing.assert_allclose(means, expected, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(estimate.covariance, covariance, rtol=1e-7, atol=1e-12)
 
 
-def test_its_covariance_is_that_of_its_errors_in_space():
+def test_covariance_matches_the_errors_in_space():
     """e' P⁻¹ e of 15 limbs whose errors are as large as the filter's constants say is of χ²."""
     parameters, rng = LimbParameters.in_space(links=2), np.random.default_rng(5)
     offsets = -0.02, 0.1
@@ -131,11 +131,11 @@ def test_its_covariance_is_that_of_its_errors_in_space():
         for k in range(60):
             q, d, p, r = np.split(others, [W, W + F, W + 2 * F])
             readings = heat[W:] + module.READING_NOISE * rng.normal(size=W)
-            bend = offsets + rolled(model.bend_angle(heat) + d + p + r, 0.3)
+            bend = offsets + roll_bends(model.bend_angle(heat) + d + p + r, 0.3)
             bend += noise * rng.normal(size=F)
-            estimate = filtered.corrected(estimate, readings, bend)
+            estimate = filtered.correct(estimate, readings, bend)
             duty = np.clip(0.4 + 0.4 * np.sin(0.05 * k + np.arange(W) * 2.0), 0.0, 1.0)
-            estimate = filtered.predicted(estimate, duty)
+            estimate = filtered.predict(estimate, duty)
             heating = rng.normal(size=W) * 0.1 * h * 20.0 * duty
             before, heat = heat, model.step(heat, duty)
             heat[:W] += h * q + heating + 0.5 * np.sqrt(h) * rng.normal(size=W)
@@ -181,7 +181,7 @@ def estimates(limb, recording, spoil=lambda k, V, phi: (V, phi)):
             k, recording.measured_temperature[:, k].copy(), recording.bend_angle[:, k].copy()
         )
         found.append(filtered.read(vector, V, phi))
-        vector = packed(filtered.predicted(found[-1], recording.duty[:, k]))
+        vector = pack(filtered.predict(found[-1], recording.duty[:, k]))
     return found
 
 
@@ -233,7 +233,7 @@ def test_a_reading_that_creeps_is_drift_of_a_sensor_unless_the_wires_heat(limb):
     assert shares[1] < 0.4
 
 
-def test_a_sensor_that_drifts_further_than_described_is_told(limb):
+def test_a_sensor_that_drifts_further_than_described_is_reported(limb):
     """By 6° within 10 s. A drift of 1° is described."""
     recording = simulate(Limb(limb), course_of([[0.1, 0.3], [0.3, 0.1]], 20.0), 20.0)
     limb = copy.deepcopy(limb)
@@ -249,21 +249,23 @@ def test_a_sensor_that_drifts_further_than_described_is_told(limb):
 
 def test_a_bend_sensor_that_fails_does_not_move_the_estimate(limb, recording):
     good = estimates(limb, recording)
-    assert all(estimate.unbelieved[2] == 0.0 for estimate in good)
+    assert all(estimate.unbelieved_time[2] == 0.0 for estimate in good)
     for spoil in (ABSENT, LYING, JUMPING, STUCK):
         spoilt = estimates(limb, recording, spoil)
         late = slice(FROM + 11, None)  # it must be stuck for half a second
-        assert all(estimate.unbelieved[2] > 0.0 for estimate in spoilt[late])
+        assert all(estimate.unbelieved_time[2] > 0.0 for estimate in spoilt[late])
         assert np.abs(bends(limb, spoilt) - bends(limb, good)).max() < 1.5
         heat = [np.array([e.heat[:2] for e in found]) for found in (good, spoilt)]
         assert np.abs(heat[0] - heat[1]).max() < 1.0
-        assert spoilt[-1].unbelieved[2] == pytest.approx(PERIOD * (len(spoilt) - FROM), abs=0.51)
+        assert spoilt[-1].unbelieved_time[2] == pytest.approx(
+            PERIOD * (len(spoilt) - FROM), abs=0.51
+        )
 
 
 def test_a_bend_sensor_that_creeps_is_believed_up_to_20_degrees(limb, recording):
     found = estimates(limb, recording, CREEPING)
-    assert found[FROM + 30].unbelieved[2] == 0.0
-    assert found[-1].unbelieved[2] > 1.0
+    assert found[FROM + 30].unbelieved_time[2] == 0.0
+    assert found[-1].unbelieved_time[2] > 1.0
     offsets = np.rad2deg([estimate.offset + estimate.drift for estimate in found])
     assert 10.0 < offsets.max() < 21.0
 
@@ -280,18 +282,18 @@ def test_a_thermocouple_that_freezes_does_not_move_the_estimate(limb, recording)
     missed = missed_heat(recording, found)
     assert np.abs(missed).max() < 6.0
     assert recording.wire_temperature[0, -1] > recording.wire_temperature[0, FROM] + 20.0
-    assert found[-1].unbelieved[0] > 2.0
-    assert found[-1].unbelieved[1] == 0.0
-    assert all(estimate.unbelieved[2] == 0.0 for estimate in found)
+    assert found[-1].unbelieved_time[0] > 2.0
+    assert found[-1].unbelieved_time[1] == 0.0
+    assert all(estimate.unbelieved_time[2] == 0.0 for estimate in found)
     assert found[-1].heating_rate[0] == 0.0  # what it said of this is forgotten
     rested = Estimator(limb)
     estimate = rested.begin(np.full(2, 25.0), np.zeros(1))
     for k in range(45):
         readings = np.array([25.0, 25.0 + 0.1 * (k % 2)])
-        estimate = rested.corrected(estimate, readings, np.full(1, np.nan))
-        estimate = rested.predicted(estimate, np.zeros(2))
-    assert estimate.unbelieved[0] > 0.0
-    assert estimate.unbelieved[1] == 0.0
+        estimate = rested.correct(estimate, readings, np.full(1, np.nan))
+        estimate = rested.predict(estimate, np.zeros(2))
+    assert estimate.unbelieved_time[0] > 0.0
+    assert estimate.unbelieved_time[1] == 0.0
 
 
 def missed_heat(recording, found):
@@ -382,7 +384,7 @@ def test_the_observer_says_which_sensor_it_does_not_believe(fed):
     np.testing.assert_array_equal(shown.believed[41:], np.tile([1, 0, 0], (20, 1)))
 
 
-def test_the_observer_foretells_the_highest_temperature_of_the_next_second(fed):
+def test_observer_predicts_the_highest_temperature_of_the_next_second(fed):
     """Of a wire that heats by 21% more than known, 2.5 °C/s, as a supply of 10% more voltage has
     it, and of one that cools: its own temperature now."""
     known, limb = LimbParameters(), LimbParameters()

@@ -125,7 +125,7 @@ def test_a_wire_within_its_play_is_heated_as_in_the_plan_of_the_motion():
     bends = []
     for planned in (None, whole):
         planner = HorizonPlanner(parameters, reference, planned=planned)
-        before = dataclasses.replace(planner.beginning_of(whole), duty=off)
+        before = dataclasses.replace(planner.first_horizon(whole), duty=off)
         bends.append(np.rad2deg(planner.plan(0.0, heat, np.zeros(1), before).bend_angle[-1]))
     assert bends[0] == pytest.approx(0.0, abs=1.0)
     assert bends[1] == pytest.approx(-12.0, abs=0.5)
@@ -174,7 +174,7 @@ def test_both_bends_of_a_limb_in_space_follow_their_references():
     assert missed[10:].mean() < 0.7
 
 
-def test_what_the_model_leaves_out_fades_but_for_what_lasts():
+def test_residual_fades_and_lasting_bend_stays():
     """The plan straightens the limb now, and less so when the residual has gone."""
     parameters = small_limb()
     planner, heat = HorizonPlanner(parameters, wave(0.0)), warm_heat(parameters)
@@ -217,12 +217,12 @@ def test_a_weaker_limb_follows_the_reference(short_plan):
     assert missed[1] < 0.8
 
 
-def test_what_is_done_between_plans_heats_no_wire_beyond_a_horizon(short_plan):
+def test_feedback_between_plans_heats_no_wire_beyond_a_horizon(short_plan):
     """A wire at 89 °C has less duty than plan and feedback want, by the horizon's limit alone."""
     controller = RecedingHorizon(short_plan)
     parameters, estimator = short_plan.parameters, controller._estimator
     heat = estimator.model.heated(np.array([25.0, 89.0]))
-    straight = estimator.loaded(heat, np.zeros(1))
+    straight = estimator.begin_loaded(heat, np.zeros(1))
     limits = [controller._temperature_limit(0.0, straight), None]
     caps = [controller._limiter.caps(straight, limit)[1] for limit in limits]
     assert limits[0] == pytest.approx(parameters.temperature_limits.maximum - 10.0)
@@ -259,22 +259,22 @@ def test_in_real_time_the_command_does_not_wait_for_a_plan(short_plan):
     assert newest[0] == pytest.approx(0.05)  # from the tick after it was asked for
 
 
-def test_another_process_plans_alike_until_it_ends(short_plan):
+def test_another_process_makes_the_same_plans_until_it_ends(short_plan):
     task = Task(duty_weight=0.01, customize=lambda _: None)  # which cannot be sent
     here, there = HorizonPlanner.of(short_plan, task), PlannerProcess(short_plan, task)
-    first = here.beginning_of(short_plan)
+    first = here.first_horizon(short_plan)
     question = 0.3, first.heat[1], np.array([0.02]), first
     there.begin(*question)
     ours = here.plan(*question)
     assert there._connection.poll(600.0)
-    theirs = there.plan_if_made()
-    assert there.plan_if_made() is None
+    theirs = there.poll_plan()
+    assert there.poll_plan() is None
     for name in ("time", "duty", "heat", "bend_angle"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
     there._process.kill()
     assert there._connection.poll(600.0)
     with pytest.raises(LimbError, match="The process that plans the coming seconds has ended"):
-        there.plan_if_made()
+        there.poll_plan()
 
 
 STOPPED = """

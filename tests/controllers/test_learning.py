@@ -12,9 +12,9 @@ from controllers.duty_correction import (
     LEVEL_COST,
     READING_MARGIN,
     DutyCorrection,
-    Errors,
+    Residuals,
 )
-from controllers.learner import COOLER, SHARES, RepeatingError, wandering
+from controllers.learner import OVERHEATING_MARGIN, SHARES, RepeatingError, ornstein_uhlenbeck
 from controllers.reduced_model import ReducedModel
 from limb_systems import HystereticLaw, LimbParameters, Recording, Trajectory
 from limb_systems.files.csv_format import FileFormatError
@@ -74,7 +74,9 @@ class Plant:
         limb = self.model.limb.parameters
         for column, segment in zip(bend.T, self.model.limb.layout.bend_segment, strict=True):
             sensor = limb.segments[segment].bend_sensor
-            drift = self.random.multivariate_normal(0 * times, wandering(times, sensor.drift, 120))
+            drift = self.random.multivariate_normal(
+                0 * times, ornstein_uhlenbeck(times, sensor.drift, 120)
+            )
             column += drift + sensor.noise * self.random.normal(size=len(times))
         return Recording(
             time=times,
@@ -98,22 +100,24 @@ def ripple(times):
     return np.deg2rad(3.0) * np.sin(0.5 * times) ** 2
 
 
-def test_gains_and_the_share_that_is_wrong_are_found_from_changes():
+def test_gains_and_random_errors_are_estimated_from_changes():
     """Of 40 repetitions whose changes the limb has 1.4 times and, but for 30%, 0.8 times."""
     random, times = np.random.default_rng(0), np.arange(0.0, 20.0, 0.2)
     noise = np.deg2rad(0.1)
-    part = RepeatingError(times, wandering(times, 0.1, 2.0), np.eye(100), noise**2 * np.eye(100), 0)
+    part = RepeatingError(
+        times, ornstein_uhlenbeck(times, 0.1, 2.0), np.eye(100), noise**2 * np.eye(100), 0
+    )
     phases = random.uniform(0, 7, (40, 1, 2))
-    changes = np.deg2rad(3.0) * np.sin(times[:, None] * [0.5, 0.8] + phases)
-    spread = [wandering(times, size, 2.0) for size in np.linalg.norm(changes, axis=2)]
+    bend_changes = np.deg2rad(3.0) * np.sin(times[:, None] * [0.5, 0.8] + phases)
+    spread = [ornstein_uhlenbeck(times, size, 2.0) for size in np.linalg.norm(bend_changes, axis=2)]
     wrong = [random.multivariate_normal(0 * times, 0.3**2 * matrix) for matrix in spread]
     error = np.deg2rad(2.0) * np.cos(0.3 * times)
-    shown = error + changes @ [0.4, -0.2] + wrong + noise * random.normal(size=(40, 100))
-    found = part.estimate(shown, changes, 0.3)
+    shown = error + bend_changes @ [0.4, -0.2] + wrong + noise * random.normal(size=(40, 100))
+    found = part.estimate(shown, bend_changes, 0.3)
     np.testing.assert_allclose(found.gains, [1.4, 0.8], atol=0.05)
     np.testing.assert_allclose(found.error, error, atol=np.deg2rad(0.4))
     likely = sum(
-        part.likelihoods(part.estimate(shown[:j], changes[:j], 0.3), shown[j], changes[j])
+        part.likelihoods(part.estimate(shown[:j], bend_changes[:j], 0.3), shown[j], bend_changes[j])
         for j in range(1, 6)
     )
     assert SHARES[np.argmax(likely)] == pytest.approx(0.3, rel=0.35)
@@ -127,7 +131,7 @@ def test_correction_is_that_of_least_squares_where_no_bound_is_active():
     missing = 1e-5 * np.sin(0.5 * nodes)[:, None]  # rad; so little that all is linear
     none = np.zeros((len(nodes), W))
     doubt = np.full(1, 0.5)
-    errors = Errors(-missing, none, none, none, np.ones((1, W)), doubt)
+    errors = Residuals(-missing, none, none, none, np.ones((1, W)), doubt)
     found = program.improve(program.none, start, errors)
 
     moved, step = np.eye(none.size).reshape(-1, *none.shape), 1e-4
@@ -185,11 +189,11 @@ def test_the_mean_distance_counts_where_a_reference_is_out_of_reach(monkeypatch)
     far = np.deg2rad(60.0) * (np.abs(plan.time - 6.0) < 0.6)
     plan = dataclasses.replace(plan, reference=plan.reference + far)
     distances = []
-    for near in (duty_correction.NEAR, 1e4):
-        monkeypatch.setattr(duty_correction, "NEAR", near)
+    for near in (duty_correction.HUBER_WIDTH, 1e4):
+        monkeypatch.setattr(duty_correction, "HUBER_WIDTH", near)
         program = DutyCorrection(plan)
         start, none = program.start(), program.none
-        errors = Errors(0 * program.reference, none, none, none, np.ones((1, 2)), np.zeros(1))
+        errors = Residuals(0 * program.reference, none, none, none, np.ones((1, 2)), np.zeros(1))
         found = program.none
         for _ in range(3):
             found = program.improve(found, start, errors)
@@ -268,10 +272,10 @@ def test_first_repetition_that_was_too_hot_lowers_the_bounds():
     assert np.abs(learner.correction).max() > 0.01
     plant.repeat(learner)
     readings = plant.model.readings(plant.heat)
-    assert readings.max() < warmest - READING_MARGIN - COOLER + 0.5
+    assert readings.max() < warmest - READING_MARGIN - OVERHEATING_MARGIN + 0.5
 
 
-def test_it_goes_on_from_a_file_as_if_it_had_never_ended(tmp_path):
+def test_a_loaded_learner_continues_identically(tmp_path):
     parameters = limb()
     learner, plant = Learner(plan_of(parameters)), Plant(wrong(parameters))
     learner.update(plant.repeat(learner))

@@ -8,8 +8,13 @@ import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from controllers import PlanFeedback, PlanRegulator, ReducedModel
-from controllers.plan_controller import SampledPlan, allocate, within_total
-from controllers.plan_feedback import BEND, DUTY, TEMPERATURE, regulator_gains
+from controllers.plan_controller import SampledPlan, allocate, limit_total_duty
+from controllers.plan_feedback import (
+    BEND_DEVIATION,
+    DUTY_DEVIATION,
+    TEMPERATURE_DEVIATION,
+    regulator_gains,
+)
 from hardware import replay
 from limb_systems import Limb, LimbModel, LimbParameters, simulate
 from limb_systems.limb_parameters import CalibrationRecord
@@ -63,12 +68,12 @@ def test_bend_rates_are_made_by_the_least_change_of_duty(gains):
 
 
 def test_duty_within_the_supply_keeps_its_proportions():
-    np.testing.assert_allclose(within_total(np.array([0.9, 0.6]), 1.0), [0.6, 0.4])
-    np.testing.assert_array_equal(within_total(np.array([0.3, 0.2]), 1.0), [0.3, 0.2])
-    np.testing.assert_array_equal(within_total(np.zeros(2), 1.0), np.zeros(2))
+    np.testing.assert_allclose(limit_total_duty(np.array([0.9, 0.6]), 1.0), [0.6, 0.4])
+    np.testing.assert_array_equal(limit_total_duty(np.array([0.3, 0.2]), 1.0), [0.3, 0.2])
+    np.testing.assert_array_equal(limit_total_duty(np.zeros(2), 1.0), np.zeros(2))
 
 
-def test_gains_are_those_of_the_springs(two_segments):
+def test_gains_follow_from_the_springs(two_segments):
     """a2 β (n + 1) / (2 k) of the segment's own wires, and zero for the other segment's."""
     gains = ReducedModel(two_segments).mean_gains
     for index, (segment, wires) in enumerate(
@@ -90,7 +95,7 @@ def heavier(parameters):
     return other
 
 
-def test_what_a_payload_bends_is_made_up_for_but_towards_the_reference(short_plan):
+def test_feedback_compensates_a_payload_except_towards_the_reference(short_plan):
     limb = heavier(short_plan.parameters)
     alone = simulate(Limb(limb), short_plan)
     late = alone.time > 3.4
@@ -143,8 +148,8 @@ def test_feedback_holds_the_bend_that_the_coming_duty_makes_and_gives_up_common_
     limb = short_plan.parameters
     feedback, model = PlanFeedback(short_plan), ReducedModel(limb)
     heat, pushed = model.heated(np.array([40.0, 70.0])), np.deg2rad(-3.0)
-    estimate = feedback._estimator.loaded(heat, model.bend_angle(heat) + pushed)
-    base, rate = feedback._wanted(0.0, estimate, np.ones(2), None)
+    estimate = feedback._estimator.begin_loaded(heat, model.bend_angle(heat) + pushed)
+    base, rate = feedback._desired_duty(0.0, estimate, np.ones(2), None)
     start = np.concatenate([model.joint_angles(heat), np.zeros(2), heat])
     later = simulate(Limb(limb), short_plan, 0.5, initial_state=start).bend_angle[:, -1] + pushed
     missed = short_plan.bend_angle_at([0.5])[:, 0] - later
@@ -212,7 +217,7 @@ def test_no_wire_is_heated_far_beyond_the_plan(short_plan):
         np.testing.assert_allclose(limit, np.minimum(np.add(hottest, 20.0), most), atol=0.5)
 
 
-def test_the_regulator_costs_least(short_plan):
+def test_the_regulator_minimizes_its_cost(short_plan):
     """For linear wires whose duty is free, over a plan of six periods, by least squares."""
     model = ReducedModel(short_plan.parameters)
     sampled = SampledPlan(short_plan, short_plan.parameters)
@@ -226,9 +231,9 @@ def test_the_regulator_costs_least(short_plan):
         """All that costs, for duty (2 K,), over its scale."""
         x, costs = start, []
         for k, change in enumerate(duty.reshape(K, 2)):
-            costs += [change / DUTY, x[:2] / TEMPERATURE]
+            costs += [change / DUTY_DEVIATION, x[:2] / TEMPERATURE_DEVIATION]
             if k < K - 1:  # the bend at the beginning of a period counts at its end
-                costs.append((C @ x + bent).ravel() / BEND)
+                costs.append((C @ x + bent).ravel() / BEND_DEVIATION)
             x = A @ x + B @ change
         return np.concatenate(costs)
 

@@ -56,7 +56,7 @@ def along(parameters, seconds=8.0):
     return recording, model, heats
 
 
-def test_it_is_where_a_slowly_heated_limb_is():
+def test_reduced_model_equals_a_slowly_heated_limb():
     for limb in LIMBS:
         recording, model, heats = along(limb())
         T, V = model.temperatures(heats).T, model.readings(heats).T
@@ -92,7 +92,7 @@ def slopes_by_differences(function, x, scales):
     return np.transpose([function(x + m) - function(x - m) for m in moves]) / (2e-5 * scales)
 
 
-def test_derivatives_are_those_of_differences():
+def test_derivatives_equal_difference_quotients():
     for limb in CURVED:
         model, rng = ReducedModel(limb()), np.random.default_rng(3)
         W, scales = model.num_wires, model.scales

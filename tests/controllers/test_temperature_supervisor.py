@@ -87,7 +87,7 @@ square = [[1.0, float(k // 20 % 2)] for k in range(300)]
     ticks=st.integers(1, 60),
     highest=st.floats(0.5, 5.0),
 )
-def test_wires_that_are_known_never_pass_the_limit(seed, ticks, highest):
+def test_wires_with_exact_laws_stay_below_the_limit(seed, ticks, highest):
     """Whatever is asked, and however long each of it lasts."""
     parameters, rng = small_limb(), np.random.default_rng(seed)
     asked = np.repeat(rng.uniform(-0.5, highest, (160 // ticks + 1, 2)), ticks, axis=0)[:160]
@@ -108,7 +108,7 @@ def test_the_nearest_duty_is_applied():
     np.testing.assert_array_equal(applied[203:], [[0.0, 0.4]] * 2)
 
 
-def test_full_duty_is_used_up_to_the_limit_and_by_wires_known_badly_a_little_beyond():
+def test_full_duty_is_used_up_to_the_limit_and_slightly_beyond_with_wrong_laws():
     """A supply of 10% more voltage heats by 20% more; a bad bond halves the rate of readings.
 
     As nothing says how well it is known, the limiter takes readings to lag up to twice as long.
@@ -132,15 +132,15 @@ def test_wires_that_are_hotter_than_they_read_stay_below_the_limit():
     """By 12% of what they show over the room, of which no calibration by readings can know."""
     parameters = small_limb()
     parameters.calibration = CalibrationRecord([], [], [], [], temperature_error=0.5)
-    for hotter, least in ((1.0, 85.0), (1.12, 93.0)):
+    for heating_factor, least in ((1.0, 85.0), (1.12, 93.0)):
         others = copy.deepcopy(parameters)
         for wire in others.wires:
-            wire.law.a2 *= hotter
-        temperature, _ = driven(parameters, ExactWires(others, shown=1 / hotter), square)
+            wire.law.a2 *= heating_factor
+        temperature, _ = driven(parameters, ExactWires(others, shown=1 / heating_factor), square)
         assert least < temperature.max() <= LIMIT
 
 
-def test_without_readings_the_law_is_believed():
+def test_without_readings_temperature_follows_the_law():
     parameters = small_limb()
     temperature, _ = driven(parameters, ExactWires(parameters), np.ones((300, 2)), shown=False)
     assert 60.0 < temperature.max() <= LIMIT
@@ -190,7 +190,7 @@ def test_the_limit_stays_below_that_of_the_board():
         TemperatureSupervisor(parameters, limit=103.0)
 
 
-def test_a_supervised_controller_gives_the_limb_what_the_supervisor_allows(fed, short_plan):
+def test_a_supervised_controller_outputs_the_limited_duty(fed, short_plan):
     """It is asked to bend the other way by wires that are warmer than the limit."""
     readings = {
         "measured_temperature": np.full((20, 2), 40.0),

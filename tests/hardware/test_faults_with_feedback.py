@@ -12,7 +12,7 @@ from controllers import PlanFeedback
 from hardware import LimbTwin, replay
 from limb_systems import LimbParameters
 from limb_systems.drake_python import weak_method
-from limb_systems.limb_system import behind
+from limb_systems.limb_system import wrap_controller
 from limb_systems.simulation import PERIOD
 from planners import Task, plan, references
 
@@ -76,7 +76,7 @@ class FaultySensor(LeafSystem):
 def driven(trajectory, sensor=None, shown=None, start=START):
     controller = PlanFeedback(trajectory)
     if shown:
-        controller = behind(FaultySensor(sensor, shown, start), controller)
+        controller = wrap_controller(FaultySensor(sensor, shown, start), controller)
     return replay(trajectory, LimbTwin(truth=True), controller=controller)
 
 

@@ -9,7 +9,7 @@ import pytest
 from hardware import HardwareError, LimbTwin, replay, watch
 from limb_systems import Limb, LimbParameters, Recording, Trajectory
 from limb_systems.files import table_writer
-from limb_systems.files.csv_format import KILLED
+from limb_systems.files.csv_format import KILLED_REASON
 from limb_systems.files.output import OutputError
 from limb_systems.progress import Progress
 from planners import plan, references
@@ -140,9 +140,9 @@ def test_what_is_recovered_says_that_it_was_interrupted(path, capsys):
     assert main(["show", str(path), "--recover", str(whole)]) == 0
     said = capsys.readouterr().out
     assert "recovered   40 samples, 1.95 s" in said
-    assert f"interrupted {KILLED}\n" in said
+    assert f"interrupted {KILLED_REASON}\n" in said
     assert "doubt       1 of 40 samples out of range, the first at 0.35 s\n" in said
-    assert Recording.load(whole).interrupted == KILLED
+    assert Recording.load(whole).interrupted == KILLED_REASON
     np.testing.assert_array_equal(Recording.load(whole).measured_temperature[1, 7], 700.0)
 
 

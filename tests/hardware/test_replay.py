@@ -53,10 +53,10 @@ def test_distances_from_the_reference_are_those_counted_by_hand(fig5_plan):
     rollouts[1].bend_angle[0, 2] = np.nan  # missing
     found = reference_distances(plan, rollouts, fig5_plan.bend_angle + np.deg2rad(1.0))
     # |3 - 0|, |3 + 1|, |3 - 2|, |3 + 3|, |3 - 4|; |3 - 5|, |3 - 6|, |3 - 8|, |3 + 9|
-    assert np.rad2deg(found.done) == pytest.approx((3 + 4 + 1 + 6 + 1 + 2 + 3 + 5 + 12) / 9)
+    assert np.rad2deg(found.measured) == pytest.approx((3 + 4 + 1 + 6 + 1 + 2 + 3 + 5 + 12) / 9)
     assert np.rad2deg([found.planned, found.nearest]) == pytest.approx([3.0, 2.0])
     alone = reference_distances(plan)
-    assert (alone.done, alone.nearest) == (None, None)
+    assert (alone.measured, alone.nearest) == (None, None)
     assert np.rad2deg(alone.planned) == pytest.approx(3.0, abs=1e-3)  # linear between knots
 
 

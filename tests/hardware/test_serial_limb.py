@@ -40,7 +40,7 @@ def short_plan():
 def test_a_robot_of_six_wires_has_its_ports_and_heats_on_one_board(virtual_time):
     in_space = RobotLimb("front", parameters=LimbParameters.in_space(wires=4))
     limbs = [RobotLimb("rear"), in_space]
-    limb = RobotParameters(body=BodyParameters("free"), limbs=limbs).together
+    limb = RobotParameters(body=BodyParameters("free"), limbs=limbs).as_single_limb
     board = VirtualBoard(virtual_time, twin=LimbTwin(limb))
     with pytest.raises(LimbError, match=r"has 2 wires and 1 bend angles, but .* has 6"):
         SerialLimb(board.port)

@@ -63,12 +63,12 @@ def robot():
 def test_limbs_have_their_segments_by_name():
     robot = RobotParameters(limbs=[RobotLimb("rear"), RobotLimb("front_1")])
     robot.limbs[1].parameters.segments *= 2
-    limbs = limbs_of(robot.together, ["front_1", "rear"])
+    limbs = limbs_of(robot.as_single_limb, ["front_1", "rear"])
     assert {name: len(limb.wires) for name, limb in limbs.items()} == {"rear": 2, "front_1": 4}
     assert list(limbs) == ["rear", "front_1"]
     for names in (["rear"], ["rear", "front"], ["rear", "front_1", "middle"]):
         with pytest.raises(LimbError, match="are rear, front_1_1, front_1_2; give a port for each"):
-            limbs_of(robot.together, names)
+            limbs_of(robot.as_single_limb, names)
 
 
 def test_a_plan_is_replayed_on_all_boards_in_one_time(
@@ -77,7 +77,7 @@ def test_a_plan_is_replayed_on_all_boards_in_one_time(
     for limb in robot.limbs:
         limb.parameters.temperature_limits.warm_up_time = 100.0
     reference = references.from_samples([0.0, 0.8], [[0.0, 0.01], [0.0, -0.02]])
-    planned = plan(robot.together, reference, knot_rate=10.0)
+    planned = plan(robot.as_single_limb, reference, knot_rate=10.0)
     planned.save(tmp_path / "plan.csv")
     command = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
     # In another order than the robot's.
@@ -99,8 +99,8 @@ def test_a_plan_is_replayed_on_all_boards_in_one_time(
     # Plugged in the other way round, each board would get what is for the other's limb.
     for limb, number in zip(robot.limbs, ("front000", "twin0000"), strict=True):
         limb.parameters.board = SerialBoard(number)
-    planned.parameters.board = robot.together.board
-    with SerialLimb(ports, robot.together) as limb:
+    planned.parameters.board = robot.as_single_limb.board
+    with SerialLimb(ports, robot.as_single_limb) as limb:
         assert limb.GetOutputPort("front.sample_age").size() == 1
         with pytest.raises(ReplayError, match=r"the limb front000, twin0000, but .* is twin0000"):
             check_replayable(planned, limb)
@@ -130,7 +130,7 @@ def test_boards_go_off_together(virtual_time, ports, boards, robot, record_prope
         assert said in host.failure()
         return since
 
-    with SeveralBoards(ports, robot.together) as link:
+    with SeveralBoards(ports, robot.as_single_limb) as link:
         since = fails(link, "open left", front, "thermocouple is open")
         front.off_after(since)
         off(rear, front.events("duty")[-1]["time"], "after another board's fault", BY_HOST)
@@ -145,23 +145,23 @@ def test_boards_go_off_together(virtual_time, ports, boards, robot, record_prope
     front.order("mend")
     front.order("restart")
 
-    with SeveralBoards(ports, robot.together) as link:
+    with SeveralBoards(ports, robot.as_single_limb) as link:
         host, since = heating(link), virtual_time.monotonic()
         host.freeze()
         for board in boards:
             off(board, since, "host does nothing", HEARTBEAT)
 
-    with SeveralBoards(ports, robot.together) as link:
+    with SeveralBoards(ports, robot.as_single_limb) as link:
         since = fails(link, "drop 1.0", front, "Nothing new came from the board")
         off(rear, since, "after another board's silence", 0.4)
     front.order("mend")
     front.order("restart")  # it is ready later than the other, which has to wait
-    with SeveralBoards(ports, robot.together) as link:
+    with SeveralBoards(ports, robot.as_single_limb) as link:
         since = fails(link, "unplug", front, "The cable to")
         off(rear, since, "after another board's cable was unplugged", BY_HOST)
         off(front, since, "cable unplugged", HEARTBEAT)
     with pytest.raises(HardwareError, match=f"Cannot open {front.port}"):
-        SeveralBoards(ports, robot.together)
+        SeveralBoards(ports, robot.as_single_limb)
     with BoardLink(rear.port) as link:  # is free, and off
         assert not link.sample().armed
 
@@ -193,7 +193,7 @@ def test_a_board_that_fails_switches_the_other_off_at_once(
             drive(station, {f"{name}.duty": [0.05, 0.05] for name in NAMES}, 3.0)
         said = str(ended.value)
     else:
-        with SeveralBoards(ports, robot.together) as link:
+        with SeveralBoards(ports, robot.as_single_limb) as link:
             said = Heating(virtual_time, link, DUTY).failure()
     assert re.search(FAULTS[fault], said)
     assert front.port in said

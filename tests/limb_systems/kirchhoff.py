@@ -52,7 +52,7 @@ class Rod:
         y = np.zeros((10, len(s)))  # r, q, m
         y[0], y[3] = s, 1.0
         for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
-            found = solve_bvp(
+            actual = solve_bvp(
                 lambda s, y, share=share: self._slopes(s, y, share),
                 lambda base, tip: np.concatenate([base[:7] - (0, 0, 0, 1, 0, 0, 0), tip[7:]]),
                 s,
@@ -60,9 +60,9 @@ class Rod:
                 tol=1e-8,
                 max_nodes=20_000,
             )
-            if not found.success:
-                raise RuntimeError(found.message)
-            s, y = found.x, found.y
+            if not actual.success:
+                raise RuntimeError(actual.message)
+            s, y = actual.x, actual.y
         return Tip(y[:3, -1], _turned(y[3:7, -1:], FORWARD)[:, 0])
 
     def _slopes(self, s: np.ndarray, y: np.ndarray, share: float) -> np.ndarray:

@@ -87,8 +87,8 @@ def poses_at(tracks: dict, frame: int) -> Callable[[str], RigidTransform]:
 
 def live_poses(page: str) -> Callable[[str], RigidTransform]:
     """A function that returns the pose which a page sets a path to."""
-    found = transforms(page)
-    return lambda path: RigidTransform(found[path])
+    actual = transforms(page)
+    return lambda path: RigidTransform(actual[path])
 
 
 def check_bodies(pose_of: Callable, parameters: LimbParameters, joint_angles, ghost: str = ""):

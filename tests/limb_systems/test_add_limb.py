@@ -158,7 +158,7 @@ def test_the_package_has_the_nominal_limb_by_its_url():
     assert plant.num_actuated_dofs(limb) == 5
 
 
-def test_what_does_not_fit_a_limb_is_refused():
+def test_models_that_do_not_fit_their_description_are_refused():
     parameters, builder = LimbParameters(), DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.0))
     text = limb_urdf(parameters.segments)

@@ -23,7 +23,7 @@ def uncertain(fig5_plan):
     return dataclasses.replace(fig5_plan, parameters=parameters)
 
 
-def test_the_band_of_a_linear_limb_is_that_of_its_one_parameter(uncertain):
+def test_the_band_of_a_linear_limb_follows_from_its_one_parameter(uncertain):
     """V - T0, T - T0 and the bend by this wire are proportional to its a2."""
     around = band(uncertain)
     form = 1.25 * 0.8  # a normal deviate's standard deviation is 1.25 of its mean size
@@ -33,14 +33,14 @@ def test_the_band_of_a_linear_limb_is_that_of_its_one_parameter(uncertain):
         return np.array([np.interp(around.time, uncertain.time, row) for row in signal])
 
     left, right = 0, 1
-    for signal, found in (
+    for signal, actual in (
         (uncertain.measured_temperature, around.measured_temperature),
         (uncertain.wire_temperature, around.wire_temperature),
     ):
         warmth = planned(signal)[left] - 25.0
         expected = 2.6 * np.hypot(DEVIATION * warmth, form)
-        np.testing.assert_allclose(found[left], expected, rtol=sampled)
-        np.testing.assert_allclose(found[right], 2.6 * form, rtol=1e-9)
+        np.testing.assert_allclose(actual[left], expected, rtol=sampled)
+        np.testing.assert_allclose(actual[right], 2.6 * form, rtol=1e-9)
 
     segment = uncertain.parameters.segments[0]
     by_left = 3.0 * segment.wire("left").law.beta / segment.stiffness  # (5 + 1) / 2 joints

@@ -52,7 +52,7 @@ def test_first_mode_of_a_cantilever_has_688_thousandths():
         assert ratio(1e-3 * modes[:, 0]) == pytest.approx(1.3765 / 2, rel=tolerance)
 
 
-def test_gain_and_offset_are_in_what_a_sensor_shows_and_taken_out_again():
+def test_sensors_add_gain_and_offset_and_correction_removes_them():
     for kind in [TipTangentSensor, ChordSensor]:
         sensor, angles = kind(gain=1.1, offset=0.05), np.array([0.1, 0.08, 0.05, 0.02, 0.01])
         exact = kind().apparent_bend_angle(angles)

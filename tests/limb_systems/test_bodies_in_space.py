@@ -70,7 +70,7 @@ def point():
     return plant, context, angles, rates
 
 
-def test_bends_and_tip_are_those_of_the_beam(point):
+def test_bends_and_tip_equal_the_bends_and_tip_of_the_beam(point):
     *_, angles, _ = point
     _, ends = cut(angles)
     np.testing.assert_allclose(tip_position(limb_of_three_kinds(), angles), ends[-1][0], atol=1e-14)
@@ -81,11 +81,11 @@ def test_bends_and_tip_are_those_of_the_beam(point):
         expected += [np.arctan2(length, along) * part / length for part in across]
         base, frame = end, frame_there
     assert expected.pop() == pytest.approx(0.0, abs=1e-12)  # the last segment is planar
-    found = bend_angle(limb_of_three_kinds(), angles)
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    actual = bend_angle(limb_of_three_kinds(), angles)
+    np.testing.assert_allclose(actual, expected, atol=1e-12)
 
 
-def test_potential_and_kinetic_energy_are_those_of_the_beam(point):
+def test_potential_and_kinetic_energy_equal_the_energies_of_the_beam(point):
     plant, context, angles, rates = point
     k = 0.1246 * np.array([1, 1.5, 2 / 3, 2 / 3, 1.5, 1, 1, 1.5, 2 / 3, 1, 1, 1, 1, 1])
     rest = np.zeros(14)

@@ -83,7 +83,7 @@ def random_points(limb: LimbParameters, count: int) -> tuple[np.ndarray, np.ndar
     return generator.uniform(low, high, (count, len(low))), scales
 
 
-def test_accelerations_and_heat_rates_are_those_of_the_diagram(limb):
+def test_accelerations_and_heat_rates_equal_the_derivatives_of_the_diagram(limb):
     """Drake's plant and blocks are the witness."""
     points, _ = random_points(limb, 3)
     model, n, W = LimbModel.of(limb), limb.num_joints, len(limb.wires)
@@ -111,7 +111,7 @@ def quotients(function, points, scales):
     )
 
 
-def test_held_bends_have_their_derivatives_and_no_acceleration(limb):
+def test_equilibria_have_exact_derivatives_and_no_acceleration(limb):
     held, n = LimbModel.of(limb).statics, limb.num_joints
     N = held.wires.num_states
     points, scales = random_points(limb, 3)
@@ -132,5 +132,5 @@ def test_held_bends_have_their_derivatives_and_no_acceleration(limb):
         return np.einsum("ki,kij->kj", weights, held.first(at)[1]) * scales
 
     expected = quotients(weighted, states, scales)
-    found = scales[:, None] * held.second(states, weights) * scales
-    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max() + 1e-9)
+    actual = scales[:, None] * held.second(states, weights) * scales
+    np.testing.assert_allclose(actual, expected, atol=1e-7 * np.abs(expected).max() + 1e-9)

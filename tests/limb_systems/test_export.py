@@ -129,7 +129,7 @@ def test_a_limb_becomes_a_model_with_its_springs(tmp_path):
 
 def test_only_plans_that_may_drive_a_limb_are_made_into_rows(plan, path, tmp_path, capsys):
     assert main(["export", str(path), "-o", str(tmp_path / "rows.h")]) == 1
-    assert "is a recording; only a trajectory becomes c-header." in capsys.readouterr().err
+    assert "is a recording; only a trajectory can be exported as" in capsys.readouterr().err
     order = ["export", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "rows.h")]
     for wrong, sentence in (
         (["--rate", "nan"], "The rate is nan Hz; it must be from 0.1 to 1000 Hz."),

@@ -247,7 +247,7 @@ def test_values_out_of_range_are_refused_with_their_time(tmp_path, refuse_sealed
         refuse_sealed(lines, *words, f"{time:g} s", kind=kind)
 
 
-def test_a_measured_value_of_any_size_is_kept_and_told(tmp_path, refused):
+def test_implausible_measurements_are_kept_and_reported(tmp_path, refused):
     path, time = tmp_path / "file.csv", make_recording().time[2]
     for name, value, said, allowed in (
         ("bend_angle_deg", -180.0000001, "bend_angle is [-3.14", "from -3.14159 to 3.14159 rad"),
@@ -287,12 +287,12 @@ def test_interrupted_writing_leaves_the_old_file_and_nothing_else(tmp_path, monk
             def interrupt(*_, error=error, **__):
                 raise error
 
-            told = OutputError if isinstance(error, OSError) else type(error)
+            expected_error = OutputError if isinstance(error, OSError) else type(error)
             with monkeypatch.context() as patch:
                 patch.setattr(os, function, interrupt)
-                with pytest.raises(told):
+                with pytest.raises(expected_error):
                     make_recording(samples=10).save(path)
-                with pytest.raises(told):
+                with pytest.raises(expected_error):
                     LimbParameters().save(tmp_path / "limb.yaml")
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]

@@ -18,7 +18,7 @@ from limb_systems import (
     make_manipulator,
     tip_position,
 )
-from limb_systems.monte_carlo import OpenLoop, stacked
+from limb_systems.monte_carlo import OpenLoop, stack_limbs
 from limb_systems.smooth_function import SmoothFunction
 from limb_systems.symbolic_chain import Chain
 
@@ -83,7 +83,7 @@ def test_bend_angles_are_the_plants(uneven_limb):
     np.testing.assert_allclose(limb.GetOutputPort("bend_angle").Eval(context), expected, atol=1e-12)
 
 
-def test_gradient_for_small_angles_is_that_of_the_chord():
+def test_gradient_for_small_angles_equals_the_gradient_of_the_chord():
     """φ ≈ Σ_i (n - i + 1) θ_i / n: joint i turns that part of the equal links."""
     parameters = LimbParameters()
     value = bend_angle(parameters, InitializeAutoDiff(np.zeros(5))[:, 0])
@@ -91,12 +91,12 @@ def test_gradient_for_small_angles_is_that_of_the_chord():
     np.testing.assert_allclose(ExtractGradient(value), [[1.0, 0.8, 0.6, 0.4, 0.2]], rtol=1e-14)
 
 
-def test_centred_joints_bend_alike_in_a_plane_however_they_are_calculated():
+def test_all_implementations_of_centred_joints_agree_in_a_plane():
     """Equal angles by (11) are the chord, and many limbs at once bend as the chain does."""
     limb = LimbParameters(segments=[SegmentParameters(links=4, centred_joints=True)])
     angles = joint_angles_from_bend_angle(limb, [0.4])
     np.testing.assert_allclose(bend_angle(limb, angles), [0.4], rtol=1e-12)
-    law, ambient, rubber = stacked([limb])
+    law, ambient, rubber = stack_limbs([limb])
     duty = np.tile([0.0, 0.3], (200, 1, 1))
     cold = [np.full((1, 1, 2), 25.0)] * 2
     loop = OpenLoop(duty, 0.1, limb.segments[0])

@@ -46,7 +46,7 @@ def assert_dynamics_agree(planar_chain, parameters, rng):
         assert np.abs(actual - expected).max() <= 1e-9 * np.abs(expected).max()
 
 
-def test_forward_dynamics_are_those_of_the_lagrangian(planar_chain):
+def test_forward_dynamics_equal_the_accelerations_of_the_lagrangian(planar_chain):
     for links in [(1,), (5,), (10,), (1, 4), (2, 1, 3)]:
         rng = np.random.default_rng(sum(links))
         parameters = LimbParameters(

@@ -54,7 +54,7 @@ def test_folders_without_permission_are_refused(folder, monkeypatch):
         check_folder(folder / "new")
 
 
-def test_a_full_disk_leaves_what_was_there_and_is_named(tmp_path, full_disk):
+def test_a_full_disk_keeps_the_old_file_and_raises_an_error_that_names_it(tmp_path, full_disk):
     figure = draw([Panel("a line", [Curve("one", [0.0, 1.0], [0.0, 1.0], "black")])])
     recording = simulate(Limb(), [0.0, 0.0], 10.0)
     writers = {
@@ -107,7 +107,7 @@ COMMANDS = (
 )
 
 
-def test_commands_keep_what_is_there(limb, monkeypatch, capsys):
+def test_commands_do_not_replace_existing_files(limb, monkeypatch, capsys):
     monkeypatch.chdir(limb)
     for name in ("kept", "kept.csv"):
         (limb / name).write_text(json.dumps("kept"))

@@ -45,7 +45,7 @@ def by_name(panel: Panel) -> dict[str, Curve]:
     return {curve.name: curve for curve in [*panel.curves, *panel.limits]}
 
 
-def test_the_data_of_panels_is_that_of_the_files(model_recording, planned_like_it, tmp_path):
+def test_panels_have_the_data_of_the_files(model_recording, planned_like_it, tmp_path):
     planned_like_it.save(tmp_path / "plan.csv")
     model_recording.save(tmp_path / "recording.csv")
     planned, recorded = (

@@ -137,7 +137,7 @@ def test_heat_bounds_are_around_a_law_that_is_described():
         _ = parameters.heat_bounds
 
 
-def test_heat_bounds_around_a_law_with_silicone_are_those_of_cold_and_of_warm_silicone():
+def test_heat_bounds_of_a_law_with_silicone_include_cold_and_warm_silicone():
     parameters = LimbParameters()
     parameters.wires[0].law = HystereticLaw(-0.1, 22.0, -2.0, 0.006, 0.012)
     left, _ = parameters.heat_bounds
@@ -174,7 +174,7 @@ def test_every_field_is_documented():
             assert f"``{field.name}``" in schema.__doc__
 
 
-def test_a_file_with_any_law_is_read_by_a_program_that_imports_nothing_else(tmp_path):
+def test_a_file_with_any_built_in_law_loads_without_further_imports(tmp_path):
     parameters = LimbParameters()
     parameters.segments[0].wires[0].law = CoupledLaw()
     parameters.segments[0].wires[1].law = ThresholdLaw()

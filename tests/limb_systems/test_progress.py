@@ -4,7 +4,7 @@ import io
 
 import pytest
 
-from limb_systems.progress import Progress, TimeLeft, part_of_work
+from limb_systems.progress import Progress, TimeLeft, progress_prefix
 
 
 class Terminal(io.StringIO):
@@ -32,7 +32,7 @@ def test_nothing_is_shown_for_short_work_or_without_a_terminal(monkeypatch, cloc
     assert terminal.getvalue() == ""
 
 
-def test_the_time_that_is_left_is_that_of_this_computer(clock):
+def test_the_remaining_time_is_estimated_from_the_elapsed_time(clock):
     """Half as fast from the second part on, of which nothing is known when it is said."""
     said = []
     time_left = TimeLeft(100.0, said.append)
@@ -49,7 +49,7 @@ def test_the_time_that_is_left_is_that_of_this_computer(clock):
 
 def test_terminal_line_is_kept_up_to_date_and_cleared(monkeypatch, clock):
     terminal = Terminal(monkeypatch)
-    with part_of_work("sag_1, 1 of 24"), Progress("simulating", 60.0, "s") as progress:
+    with progress_prefix("sag_1, 1 of 24"), Progress("simulating", 60.0, "s") as progress:
         clock[0] += 1.1
         progress.update(12.0, "a long remark")
         clock[0] += 0.2

@@ -37,7 +37,7 @@ def calibrated(made: Provenance | None) -> LimbParameters:
     return LimbParameters(calibration=record)
 
 
-def test_a_simulation_is_stamped_with_what_made_it(monkeypatch):
+def test_a_simulation_is_stamped_with_its_provenance(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["swing.py", "a b", "--n=3"])
     before = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
     made = simulate(Limb(), [0.0, 0.1], 0.1).provenance
@@ -110,7 +110,7 @@ def test_a_result_keeps_its_provenance_when_it_is_saved_again(tmp_path, fig5_pla
         assert (tmp_path / "twice.csv").read_bytes() == (tmp_path / "once.csv").read_bytes()
 
 
-def test_digest_is_that_of_every_parameter_and_not_of_when_it_was_made():
+def test_digest_depends_on_every_parameter_and_not_on_provenance():
     later = dataclasses.replace(MADE, time="2031-01-31T12:00:00Z")
     assert calibrated(MADE).digest == calibrated(later).digest == calibrated(None).digest
     assert calibrated(MADE) == calibrated(later)

@@ -121,13 +121,13 @@ def test_beside_a_recording_ghosts_keep_to_the_time_of_the_plan(tmp_path, two_se
     measured = joint_angles_from_bend_angle(two_segments, recording.bend_angle[:, 10])
     check_bodies(poses_at(tracks, 10), two_segments, measured)
 
-    found = {
+    actual = {
         command["path"]: command["object"]["materials"][0]
         for command in commands(page)
         if command["type"] == "set_object" and "ghosts" in command["path"]
     }
-    assert len(found) == 2 * 5
-    for path, material in found.items():
+    assert len(actual) == 2 * 5
+    for path, material in actual.items():
         color = colors.PLAN_COLOR if "ghosts/plan" in path else colors.REFERENCE_COLOR
         assert f"#{material['color']:06x}" == matplotlib.colors.to_hex(color)
 

@@ -57,13 +57,13 @@ def test_rod_that_is_bent_sideways_twists():
     assert tip.position[2] == pytest.approx(expected, rel=1e-6)
 
 
-def test_rod_sags_as_that_of_another_library():
+def test_rod_sags_as_the_rod_of_another_library():
     """PyElastica's, whose shear moves the tip but turns no tangent (tests/data/rod)."""
     *_, half_of_tangent = np.loadtxt(SAG, delimiter=",", skiprows=1)[-1]
     weight = (0.0, -0.025 * 9.81 / 0.10, 0.0)
     tip = Rod(length=0.10, bending=1.727e-3, torsional=1e-3, weight=weight).tip()
-    found = np.degrees(np.arctan2(tip.tangent[1], tip.tangent[0])) / 2
-    assert found == pytest.approx(half_of_tangent, abs=2e-3)
+    actual = np.degrees(np.arctan2(tip.tangent[1], tip.tangent[0])) / 2
+    assert actual == pytest.approx(half_of_tangent, abs=2e-3)
 
 
 def misses(limb: LimbParameters, bend=(0.0, 0.0)) -> float:
@@ -101,7 +101,7 @@ def limb_in_space(links: int, gravity=(0.0, 0.0, 0.0), payload=0.0, **segment) -
     return limb
 
 
-def test_wires_alone_bend_limb_and_rod_alike():
+def test_wires_alone_bend_the_limb_as_they_bend_the_rod():
     assert misses(limb_in_space(5), (28.0, 28.0)) < 0.4
     assert misses(limb_in_space(10), (28.0, 28.0)) < 0.1
     assert misses(limb_in_space(10, twists=True), (-20.0, 34.0)) < 0.1

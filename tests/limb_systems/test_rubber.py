@@ -71,7 +71,7 @@ def test_stiffening_adds_its_share_where_the_segment_bends_by_45_degrees():
         np.testing.assert_allclose(np.diag(compliance), 1 / (K * 1.75), rtol=1e-9)  # 1 + 3 s
 
 
-def test_accelerations_are_those_of_the_hand_derived_chain(planar_chain):
+def test_accelerations_equal_the_accelerations_of_the_hand_derived_chain(planar_chain):
     parameters = two_segments()
     parameters.gravity = [1.0, -9.0, 0.0]
     generator = np.random.default_rng(2)
@@ -81,7 +81,7 @@ def test_accelerations_are_those_of_the_hand_derived_chain(planar_chain):
     context = limb.CreateDefaultContext()
     context.SetContinuousState(np.concatenate([angles, rates, T, shifts, T]))
     limb.GetInputPort("duty").FixValue(context, np.zeros(5))
-    found = limb.EvalTimeDerivatives(context).CopyToVector()[5:10]
+    actual = limb.EvalTimeDerivatives(context).CopyToVector()[5:10]
 
     springs, links = np.array([0.2] * 3 + [K] * 2), np.array([3] * 3 + [2] * 2)
     rest = np.array([0.2] * 3 + [-0.1] * 2) * 2 / (links + 1)
@@ -94,7 +94,7 @@ def test_accelerations_are_those_of_the_hand_derived_chain(planar_chain):
     force = np.repeat(torques, [3, 2]) + springs * 2 * np.repeat(shifts, [3, 2]) / (links + 1)
     force -= springs * np.array([0.5] * 3 + [0.2] * 2) * (bent / at_45) ** 2 * bent
     expected = planar_chain(parameters).acceleration(angles, rates, force + springs * rest)
-    np.testing.assert_allclose(found, expected, rtol=1e-8)
+    np.testing.assert_allclose(actual, expected, rtol=1e-8)
 
 
 def ramp(z):
@@ -116,8 +116,8 @@ def test_the_memory_has_the_rates_of_its_law_written_out():
     to = 0.04
     first = 3.0 * (p[0] * (-to - 0.02) + p[1] * (to - 0.02) + p[2] * (to - 0.02))
     second = 2.0 * (p[3] * (-0.0305 + 0.01) + p[4] * (0.0305 + 0.01))
-    found = wires.rates(np.append(T, shifts), D)
-    np.testing.assert_allclose(found[5:], [first, second], rtol=1e-9)
+    actual = wires.rates(np.append(T, shifts), D)
+    np.testing.assert_allclose(actual[5:], [first, second], rtol=1e-9)
 
 
 def simulated_states(limb: LimbParameters, duty, duration: float, start=None) -> np.ndarray:
@@ -154,9 +154,9 @@ def test_settled_wires_have_the_memory_of_being_heated_at_once():
         rate = ends - 25.0
         return wires.rates(states, (rate + 0.07 * (states[:2] - 25.0)) / 20.0)
 
-    found = solve_ivp(slope, (0.0, 1.0), [25.0, 25.0, 0.0], rtol=1e-9, atol=1e-12).y[:, -1]
+    actual = solve_ivp(slope, (0.0, 1.0), [25.0, 25.0, 0.0], rtol=1e-9, atol=1e-12).y[:, -1]
     settled = wires.settled_states(ends)
-    np.testing.assert_allclose(settled, found, rtol=1e-6)
+    np.testing.assert_allclose(settled, actual, rtol=1e-6)
     assert settled[2] > 0.005
     angles, _ = static_equilibrium(limb, ends)
     np.testing.assert_allclose(angles, 4.7e-4 * 40.0 / K + settled[2] / 3, rtol=1e-9)

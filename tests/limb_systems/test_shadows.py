@@ -21,7 +21,7 @@ def run_beside(folder, module, script):
     )
 
 
-def test_a_urdf_of_ones_own_is_named(tmp_path):
+def test_a_user_module_named_urdf_raises_an_import_error(tmp_path):
     done = run_beside(tmp_path, "urdf.py", "import limb_systems")
     assert done.stderr.splitlines()[-1] == (
         f"ImportError: The module urdf at {tmp_path / 'urdf.py'} hides soft-limb's package of that "
@@ -29,7 +29,7 @@ def test_a_urdf_of_ones_own_is_named(tmp_path):
     )
 
 
-def test_hardware_of_ones_own_is_warned_of_and_does_not_keep_from_the_model(tmp_path):
+def test_a_user_module_named_hardware_raises_a_warning_only(tmp_path):
     """And nothing else is warned of: ours are not complained of."""
     done = run_beside(tmp_path, "hardware/__init__.py", "from limb_systems import Limb")
     assert done.returncode == 0

@@ -23,8 +23,8 @@ from limb_systems import (
 from limb_systems.limb import make_manipulator
 from limb_systems.simulation import (
     SimulationError,
-    end_of_samples,
     jump_times,
+    last_sample_time,
     make_simulator,
     record,
     swing_accuracy,
@@ -97,10 +97,10 @@ def test_pwm_heats_as_its_mean(frequency):
     np.testing.assert_allclose(pulses.bend_angle, mean.bend_angle, atol=2.5e-3 * 20.0 / frequency)
 
 
-def test_duty_that_is_faster_than_a_system_takes_it_is_said():
+def test_duty_that_jumps_faster_than_a_system_reads_it_raises_a_warning():
     breaks = np.arange(0.0, 0.1, 5e-4)
     fast = PiecewisePolynomial.ZeroOrderHold(breaks, np.arange(2 * len(breaks)).reshape(2, -1) % 2)
-    with pytest.warns(UserWarning, match="jumps after 0.5 ms already: its wires feel the mean"):
+    with pytest.warns(UserWarning, match="jumps after 0.5 ms already: its wires respond to the"):
         simulate(small_limb(), fast)
     slower = PiecewisePolynomial.ZeroOrderHold(
         40 * breaks, np.tile([[0.0], [1.0]], 200).reshape(2, -1)
@@ -162,7 +162,7 @@ def explicit_bend_angle(limb, duty, times, initial_state) -> np.ndarray:
     return np.array(bends)
 
 
-def test_bend_angle_is_that_of_an_explicit_integrator():
+def test_bend_angle_equals_the_result_of_an_explicit_integrator():
     """Let go from a strong bend and heated at the same time."""
     state = np.concatenate([np.full(2, 0.4), np.zeros(2), np.full(4, 25.0)])
     duty, times = [0.0, 1.0], np.arange(11) / 20
@@ -196,7 +196,7 @@ def test_the_last_tick_of_drakes_clock_is_within_a_simulation():
     assert 96 * (1 / 20) > 96 / 20
     for rate in (7.0, 20.0, 30.0, 100.0):
         for count in range(1, 500):
-            end = end_of_samples(count / rate, rate)
+            end = last_sample_time(count / rate, rate)
             assert count * (1 / rate) <= end < count / rate + 1e-9
 
 

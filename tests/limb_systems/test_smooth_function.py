@@ -44,7 +44,7 @@ def test_values_and_derivatives_are_drakes(name):
             np.testing.assert_array_equal(ours.values(at), value)
 
 
-def test_only_what_may_not_be_zero_has_a_place():
+def test_only_derivatives_that_may_not_be_zero_have_a_place():
     point, weight = ca.SX.sym("p", 3), ca.SX.sym("c", 1)
     function = SmoothFunction(ca.vertcat(point[0] * point[1], weight * point[2]), point, weight)
     assert function.slope_places.tolist() == [[0, 0, 1], [0, 1, 2]]
@@ -74,13 +74,13 @@ def test_drakes_scalars_pass_through():
     """A constant among the values becomes one of Drake's scalars, too."""
     point = ca.SX.sym("p", 2)
     function = SmoothFunction(ca.vertcat(ca.tanh(point[0]) * point[1], 4.0), point)
-    found = function.values(InitializeAutoDiff(np.array([0.3, 2.0]))[:, 0])
-    np.testing.assert_allclose(ExtractValue(found)[:, 0], [2.0 * np.tanh(0.3), 4.0], rtol=1e-15)
+    actual = function.values(InitializeAutoDiff(np.array([0.3, 2.0]))[:, 0])
+    np.testing.assert_allclose(ExtractValue(actual)[:, 0], [2.0 * np.tanh(0.3), 4.0], rtol=1e-15)
     expected = [[2.0 / np.cosh(0.3) ** 2, np.tanh(0.3)], [0.0, 0.0]]
-    np.testing.assert_allclose(ExtractGradient(found), expected, rtol=1e-14)
+    np.testing.assert_allclose(ExtractGradient(actual), expected, rtol=1e-14)
 
 
-def test_what_is_not_smooth_is_refused():
+def test_operations_that_are_not_smooth_are_refused():
     x = ca.SX.sym("x")
     with pytest.raises(LimbError, match="uses fmax, which is not smooth"):
         SmoothFunction(ca.fmax(x, 0.0), x).values(np.array([1.0]))

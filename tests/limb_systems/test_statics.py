@@ -54,7 +54,7 @@ def test_forces_balance_at_equilibrium_and_energy_is_lowest(planar_chain):
             assert potential(angles + shift) > potential(angles)
 
 
-def test_a_limb_that_has_rested_is_foreseen_from_its_readings_alone():
+def test_the_motion_of_a_rested_limb_is_predicted_from_its_readings_alone():
     """It is heated for a minute, rests for four, as silicone cools slowly, and is heated again."""
     limb = LimbParameters()
     for wire in limb.wires:

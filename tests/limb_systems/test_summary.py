@@ -3,7 +3,7 @@
 from limb_systems.summary import Entry, Summary
 
 
-def test_a_summary_is_told_to_people_and_to_programs():
+def test_a_summary_has_texts_for_people_and_values_for_programs():
     summary = Summary(
         [
             Entry("duration", 60.0, "s"),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from limb_systems.files import table_writer
-from limb_systems.files.csv_format import KILLED, FileFormatError, parse_table
+from limb_systems.files.csv_format import KILLED_REASON, FileFormatError, parse_table
 from limb_systems.files.output import OutputError
 from limb_systems.files.table_writer import TableWriter, is_unfinished
 
@@ -74,7 +74,7 @@ def test_no_file_is_ever_written_over(path, unfinished):
     assert unfinished.read_text() == "left"
 
 
-def test_what_was_interrupted_says_so_and_keeps_the_old_file(path, unfinished):
+def test_an_interrupted_table_names_the_reason_and_keeps_the_old_file(path, unfinished):
     path.write_text("old")
     writer_with(path, 0).abandon("no board")
     assert list(path.parent.iterdir()) == [path]  # no row, no file
@@ -90,7 +90,7 @@ def test_what_was_interrupted_says_so_and_keeps_the_old_file(path, unfinished):
     assert numbers.shape == (2, 2)  # other programs read it as they read any other
 
 
-def test_why_it_was_interrupted_is_under_the_checksum(path):
+def test_the_reason_of_an_interruption_is_under_the_checksum(path):
     writer_with(path, 2).finish("by hand")
     data = path.read_bytes()
     for change in (b"# interrupted: by mind\n", b""):
@@ -111,7 +111,7 @@ def test_a_file_cut_anywhere_is_read_to_its_last_whole_row(path):
             continue
         table = read(path, unfinished=True)
         assert_rows(table, min(whole - 1, 3))
-        assert table.interrupted == (KILLED if whole < 5 else "by hand")
+        assert table.interrupted == (KILLED_REASON if whole < 5 else "by hand")
 
 
 class Stalled:
@@ -139,7 +139,7 @@ def stalled(request, monkeypatch):
     disk.go.set()
 
 
-def test_a_stalled_disk_holds_nobody_up_until_too_much_waits(path, stalled):
+def test_a_stalled_disk_blocks_no_writer_until_the_queue_is_full(path, stalled):
     writer = writer_with(path, 0)
     assert stalled.reached.wait(600.0)
     with pytest.raises(OutputError, match=r"disk is stalled: 20 rows wait .*table\.unfinished"):
@@ -200,7 +200,7 @@ def test_rows_are_forced_to_the_disk_now_and_then_and_at_the_end(path, monkeypat
     assert 5 <= len(synced) <= 8  # about one for each second, the file's at the end, its name's
 
 
-def test_what_is_removed_is_written_again(monkeypatch, tmp_path):
+def test_a_removed_file_is_written_again(monkeypatch, tmp_path):
     """On the way, when the next row comes, or before the end."""
     monkeypatch.setattr(table_writer, "SYNC_PERIOD", 0.0)  # it looks at each row
     path = tmp_path / "folder" / "table.csv"
@@ -214,7 +214,7 @@ def test_what_is_removed_is_written_again(monkeypatch, tmp_path):
         assert_rows(read(path), 5)
 
 
-def test_where_it_cannot_be_written_again_it_is_kept_elsewhere(tmp_path, monkeypatch):
+def test_a_removed_file_goes_to_the_temporary_folder_if_its_folder_is_lost(tmp_path, monkeypatch):
     monkeypatch.setattr(table_writer, "SYNC_PERIOD", 0.0)
     path, elsewhere = tmp_path / "folder" / "table.csv", tmp_path / "elsewhere"
     elsewhere.mkdir()

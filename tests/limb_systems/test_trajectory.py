@@ -29,7 +29,7 @@ def late_plan(fig5_plan):
     return dataclasses.replace(fig5_plan, time=fig5_plan.time + 5.0, check=check)
 
 
-def test_a_plan_that_starts_late_is_followed_and_judged_alike(fig5_plan, late_plan):
+def test_a_plan_that_starts_late_is_followed_and_judged_as_from_zero(fig5_plan, late_plan):
     plan = late_plan.since_start()
     np.testing.assert_allclose(plan.time, fig5_plan.time, atol=1e-12)
     starts = [bound.start for bound in fig5_plan.check.active_constraints]
@@ -40,7 +40,7 @@ def test_a_plan_that_starts_late_is_followed_and_judged_alike(fig5_plan, late_pl
     assert errors[1] == pytest.approx(errors[0], rel=1e-3)
 
 
-def test_a_recording_that_starts_late_is_validated_alike(fig5_plan):
+def test_a_recording_that_starts_late_is_validated_as_from_zero(fig5_plan):
     recording = simulate(Limb(fig5_plan.parameters), fig5_plan, 10.0)
     late = dataclasses.replace(recording, time=recording.time + 5.0)
     validation = validate(fig5_plan.parameters, late)
@@ -48,7 +48,7 @@ def test_a_recording_that_starts_late_is_validated_alike(fig5_plan):
     np.testing.assert_array_equal(validation.simulation.time, late.time)
 
 
-def test_what_a_plan_has_at_a_time_is_a_vector_that_ports_take(fig5_plan):
+def test_values_of_a_plan_at_one_time_are_vectors_that_ports_take(fig5_plan):
     """An array of shape (1, 1), such as Drake's trajectories of one row give, is none to 1.58."""
     bend, duty = fig5_plan.bend_angle_at(7.3), fig5_plan.duty_at(7.3)
     np.testing.assert_array_equal(bend, fig5_plan.bend_angle_at([7.3])[:, 0])

@@ -53,12 +53,12 @@ def test_heat_of_two_masses_is_the_matrix_exponential():
     recording = simulate(
         Limb(limb_with(law, law)), [0.0, 0.3], 60.0, sample_rate=0.1, accuracy=1e-8
     )
-    found = [recording.wire_temperature[1], recording.measured_temperature[1]]
+    actual = [recording.wire_temperature[1], recording.measured_temperature[1]]
     for k, time in enumerate(recording.time):
         T, _, V, _ = expm(np.array(rates) * time) @ [0.0, 0.0, 0.0, 0.3]
-        np.testing.assert_allclose([row[k] for row in found], [25 + T, 25 + V], atol=1e-4)
+        np.testing.assert_allclose([row[k] for row in actual], [25 + T, 25 + V], atol=1e-4)
     # In the end the silicone passes on all that it gets.
-    _, settled = LimbModel.of(limb_with(law, law)).wires.under_duty(
+    _, settled = LimbModel.of(limb_with(law, law)).wires.integrate_states(
         np.full(4, 25.0), np.array([[0.0, 0.3]] * 2), np.array([0.0, 2000.0]), longest_step=1.0
     )
     silicone = 0.3 * 15.0 / 0.1 * 0.02 / 0.03
@@ -156,12 +156,12 @@ def test_minor_loops_of_plays_close_and_those_of_duhems_law_creep():
     assert creep[0.5] == pytest.approx(middle, abs=1e-6)
 
 
-def test_what_transforms_takes_up_its_latent_heat():
+def test_a_transforming_wire_absorbs_its_latent_heat():
     """Without losses, a wire gets as hot as its heat says, less that of the transformation."""
     law = CoupledLaw(a1=-1e-4, latent_heat=12.0, direct_cooling=0.0, convection=0.0)
     limb = limb_with(law, law)
     recording = simulate(Limb(limb), [0.0, 0.25], 16.0, sample_rate=1.0, accuracy=1e-6)
-    states = LimbModel.of(limb).wires.under_duty(
+    states = LimbModel.of(limb).wires.integrate_states(
         LimbModel.of(limb).wires.cold_states,
         np.array([[0.0, 0.25]] * 17),
         recording.time,
@@ -207,7 +207,7 @@ def test_stress_moves_the_curve_of_a_wire_by_its_pull():
         assert law.warm_states(state[0], ROOM)[5] == pytest.approx(0.5, abs=0.02)
     assert middles[1] - middles[0] == pytest.approx(5.0, abs=0.1)
     # The law that plans start from has the same curve, midway between heating and cooling.
-    start = law.easier().easier()
+    start = law.smoothed().smoothed()
     cooler, warmer = (law.warm_states(middles[1] + step, ROOM)[5] for step in (-1.0, 1.0))
     assert (warmer - cooler) / 2 == pytest.approx(1 / (4 * start.width), rel=0.02)
     assert start.middle == 66.0 + 5.0 - 4.0
@@ -232,7 +232,7 @@ def test_the_share_stays_from_0_to_1_in_every_simulation():
             states = np.array([T, T, 30.0, 30.0, T - 3.0, T + 3.0, start, start])
             cases = {
                 "steps": ReducedModel(limb).rollout(np.r_[states, T, T], duty.repeat(4, 0))[:, 6:8],
-                "planner": wires.under_duty(states, duty, 0.4 * np.arange(120))[:, 6:8],
+                "planner": wires.integrate_states(states, duty, 0.4 * np.arange(120))[:, 6:8],
             }
             system = Limb(limb)
             simulator = make_simulator(system)
@@ -303,7 +303,7 @@ def test_the_limb_has_the_law_written_out(planar_chain):
         context = system.CreateDefaultContext()
         context.SetContinuousState(np.concatenate([angles, rates, T, *others, V]))
         system.GetInputPort("duty").FixValue(context, D)
-        found = system.EvalTimeDerivatives(context).CopyToVector()
+        actual = system.EvalTimeDerivatives(context).CopyToVector()
 
         heating = np.array([-0.08, -0.1]) * (T - S) + np.array([20.0, 25.0]) * D
         expected = [heating, 0.004 * (T - S) - 0.012 * (S - 25.0)]
@@ -332,7 +332,7 @@ def test_the_limb_has_the_law_written_out(planar_chain):
             shown = 0.9 * T + 0.1 * S
         expected += path if kind in (HystereticLaw, CoupledLaw) else []
         expected.append(np.array([1.0, 0.7]) * (shown - V))
-        np.testing.assert_allclose(found[10:], np.concatenate(expected), rtol=1e-9)
+        np.testing.assert_allclose(actual[10:], np.concatenate(expected), rtol=1e-9)
         torque = {
             TwoMassLaw: 4.7e-4 * (T - 25.0),
             ThresholdLaw: 4.9e-3 * (np.log1p(np.exp((T - 48) / 7)) - np.log1p(np.exp(-23 / 7))),
@@ -342,7 +342,7 @@ def test_the_limb_has_the_law_written_out(planar_chain):
         }[kind]
         force = np.full(5, torque[1] - torque[0])
         expected = planar_chain(limb).acceleration(angles, rates, force)
-        np.testing.assert_allclose(found[5:10], expected, rtol=1e-7)
+        np.testing.assert_allclose(actual[5:10], expected, rtol=1e-7)
 
 
 def reference_shares(solver, turns: list[float]) -> list[np.ndarray]:
@@ -376,7 +376,7 @@ def reference_shares(solver, turns: list[float]) -> list[np.ndarray]:
     ]  # each from its turn on
 
 
-def test_hysteresis_is_near_that_of_a_published_constitutive_model():
+def test_hysteresis_is_near_a_published_constitutive_model():
     """Four numbers are fitted to the major loop; minor loops are then predicted."""
     solver = pytest.importorskip("simcoon.solver")
 

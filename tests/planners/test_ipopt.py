@@ -59,7 +59,7 @@ def test_a_linear_cost_needs_the_curvature_of_its_constraint():
     assert result.get_solver_details().iterations < 15
 
 
-def test_a_signal_at_a_feasible_point_raises_what_its_handler_does():
+def test_a_signal_at_a_feasible_point_raises_the_error_of_its_handler():
     for number in [signal.SIGINT, signal.SIGTERM]:
         prog, _ = nearest_point_on_circle()
         feasible = []
@@ -82,7 +82,7 @@ def test_a_signal_at_a_feasible_point_raises_what_its_handler_does():
             signal.signal(number, before)
 
 
-def test_an_error_in_a_constraint_of_ones_own_is_raised_as_it_is():
+def test_an_error_in_a_custom_constraint_is_raised_unchanged():
     prog, x = nearest_point_on_circle()
 
     def broken(_):

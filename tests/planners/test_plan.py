@@ -33,7 +33,7 @@ from planners import (
 from planners.transcription import ipopt, solving
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import solve_quasi_static
-from planners.transcription.warm_start import multipliers_of, with_motion
+from planners.transcription.warm_start import estimate_multipliers, solve_motion
 from soft_limb.reports.plan_report import plan_verdict
 from soft_limb.results.summaries import plan_summary
 
@@ -83,7 +83,7 @@ def test_bounds_hold_at_every_knot(fig5_plan):
     assert wire[:, time <= 19.0].min() < 44.0  # (20) is a bound on the time after k_warm only
 
 
-def test_knots_are_those_asked_for(fig5_plan):
+def test_knots_are_evenly_spaced_at_the_knot_rate(fig5_plan):
     assert len(fig5_plan.time) == 601
     np.testing.assert_allclose(fig5_plan.time, np.arange(601) / 10, atol=1e-12)
 
@@ -216,7 +216,7 @@ def test_a_plan_that_fails_its_check_is_not_returned():
         plan(cold_parameters(), short_reference(duration=2.0), tolerance_deg=1e-9, max_knots=30)
 
 
-def test_a_simulation_that_goes_elsewhere_is_noticed(fig5_plan, monkeypatch):
+def test_a_simulation_that_differs_from_the_plan_fails_the_check(fig5_plan, monkeypatch):
     """The check simulates the limb that the plan names, not the program's equations."""
     other = LimbParameters()
     other.segments[0].wire("right").law.beta *= 1.02
@@ -229,14 +229,14 @@ def small_limb():
     return cold_parameters(segments=[SegmentParameters(links=1)])
 
 
-def test_attempts_end_after_their_time_in_all(monkeypatch):
+def test_all_attempts_together_end_after_the_time_limit(monkeypatch):
     monkeypatch.setattr(solving, "LONGEST_SOLVE", 1e-3)
     message = r"plan: (IPOPT, .*CPU time exceeded; )?0\.001 s of processor time are over\."
     with pytest.raises(PlanningError, match=message):
         plan(small_limb(), short_reference())
 
 
-def test_ctrl_c_is_no_plan_however_good_the_point_is(monkeypatch):
+def test_ctrl_c_raises_even_at_a_feasible_point(monkeypatch):
     """At iteration 8 and later the point of IPOPT is feasible."""
     usual = solving.Progress
     for iteration in (1, 8):
@@ -251,7 +251,7 @@ def test_ctrl_c_is_no_plan_however_good_the_point_is(monkeypatch):
             plan(LimbParameters(), references.step_and_decaying_sine(), knot_rate=5.0)
 
 
-def test_knots_are_added_where_the_limb_is_kicked():
+def test_knots_are_added_after_a_sudden_change_of_duty():
     """Full duty at once makes the limb ring at 4.6 Hz, which 10 knots a second do not see."""
     parameters = cold_parameters()
     at_once = references.from_samples([0.0, 0.01, 5.0], np.deg2rad([0.0, 30.0, 30.0]))
@@ -263,7 +263,7 @@ def test_knots_are_added_where_the_limb_is_kicked():
     np.testing.assert_allclose(steps[(trajectory.time[:-1] > 2) & (trajectory.time[1:] < 4)], 0.1)
 
 
-def test_a_plan_far_from_its_reference_says_how_far_where_and_why():
+def test_a_warning_names_distance_place_and_cause_of_a_plan_far_from_its_reference():
     far = references.from_samples([0.0, 22.0, 25.0, 32.0], np.deg2rad([0.0, 0.0, 90.0, 90.0]))
     with pytest.warns(UserWarning, match=r"^The plan is far from its reference: ") as warned:
         trajectory = plan(LimbParameters(), far, knot_rate=5.0)
@@ -311,10 +311,10 @@ def test_multipliers_of_the_start_balance_the_cost_of_its_motion():
     states = np.zeros((len(state), len(times)))
     states[2 * n :] = solution.x[quasi_static.heat].T
     start = program.variables(states, solution.x[quasi_static.duty].T)
-    start = with_motion(program, start)
+    start = solve_motion(program, start)
     assert np.abs(program.defects.evaluate(start)).max() < 1e-9
 
-    multipliers, _ = multipliers_of(program, start, quasi_static, solution)
+    multipliers, _ = estimate_multipliers(program, start, quasi_static, solution)
     block, step = program.defects, 1e-4
     shape = len(block.lower), len(start)
     slopes = scipy.sparse.coo_array((block.jacobian(start), (block.rows, block.columns)), shape)

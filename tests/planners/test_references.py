@@ -70,7 +70,7 @@ def test_csv_that_is_no_reference_is_refused(tmp_path):
         assert "reference.csv" in str(caught.value)
 
 
-def test_csv_is_read_as_spreadsheets_write_it(tmp_path):
+def test_csv_files_of_spreadsheets_are_read(tmp_path):
     for text in [
         "time (s),angle (deg)\n0,0\n1.5,10\n",
         "\ufefftime;angle\ns;deg\n0;0\n1,5;10,0\n",

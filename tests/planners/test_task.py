@@ -47,7 +47,7 @@ def largest_change_of_duty(trajectory, seconds):
     return np.abs(np.diff(trajectory.duty[:, late])).max()
 
 
-def test_plans_end_quietly_and_follow_as_well_as_the_papers():
+def test_duty_is_constant_at_the_end_and_tracking_as_good_as_the_papers():
     step = references.from_samples([0.0, 28.0, 28.01, 30.0], np.deg2rad([0.0, 0.0, 20.0, 20.0]))
     quiet, papers = (plan(LimbParameters(), step, task=task) for task in (None, Task.paper()))
     assert largest_change_of_duty(quiet, 1.0) < 1e-6
@@ -56,7 +56,7 @@ def test_plans_end_quietly_and_follow_as_well_as_the_papers():
     assert missed[0] < missed[1] + 0.02
 
 
-def test_the_papers_task_is_as_it_is_printed():
+def test_paper_task_has_the_printed_weights():
     weights, _ = Task.paper().weights(np.linspace(0.0, 1.0, 11))
     assert weights.tolist() == [100.0] * 10 + [100_000.0]
     assert Task.paper().duty_hold == 0.0
@@ -125,7 +125,7 @@ def test_minimum_energy_heats_as_late_as_it_can():
     assert least.duty[1].max() > 0.95
 
 
-def test_minimum_time_is_that_of_full_duty():
+def test_minimum_time_is_reached_with_full_duty():
     """(6), (12): from cold to 20° at full duty, but for the mechanics' swing."""
     task = Task(
         angle_weight=0.0,
@@ -180,7 +180,7 @@ def test_plans_for_feedback_go_to_the_reference_of_limbs_that_are_calibrated(fig
     assert missed[1] < missed[2] - 0.2
 
 
-def of_ones_own(program):
+def add_custom_terms(program):
     """A constraint of each kind, on the duty of knots of its own, and two costs."""
     prog = program.prog
     duty = prog.decision_variables()[program.duty]
@@ -198,7 +198,7 @@ def of_ones_own(program):
     prog.AddCost(1e4 * (duty[42, 0] - 0.3) ** 4)
 
 
-def test_costs_and_constraints_of_ones_own_hold_however_they_are_solved(monkeypatch):
+def test_custom_costs_and_constraints_hold_with_every_solver(monkeypatch):
     for way in ["curvature of the wires", "exact", "SNOPT"]:
         parameters, solver = cold_parameters(), None
         parameters.segments[0].links = 1
@@ -206,10 +206,10 @@ def test_costs_and_constraints_of_ones_own_hold_however_they_are_solved(monkeypa
             for wire in parameters.segments[0].wires:
                 wire.law = SaturatingLaw()
         elif way == "exact":
-            monkeypatch.setitem(solving.PATIENT, "max_iter", 2)
+            monkeypatch.setitem(solving.PATIENT_OPTIONS, "max_iter", 2)
         elif way == "SNOPT":
             solver = SnoptSolver()
-        task = Task(customize=of_ones_own)
+        task = Task(customize=add_custom_terms)
         trajectory = plan(parameters, step_to_20_degrees(), task=task, solver=solver)
         assert way in trajectory.check.solver.partition("(")[0]
         left, right = trajectory.duty
@@ -225,7 +225,7 @@ def test_costs_and_constraints_of_ones_own_hold_however_they_are_solved(monkeypa
             assert left[costly - 3] < 0.1
 
 
-def test_the_check_names_a_constraint_of_ones_own_that_does_not_hold(monkeypatch):
+def test_check_names_a_violated_custom_constraint(monkeypatch):
     for description in ["a cap", ""]:
 
         def customize(program):
@@ -247,7 +247,7 @@ def test_the_check_names_a_constraint_of_ones_own_that_does_not_hold(monkeypatch
             plan(cold_parameters(), step_to_20_degrees(), task=Task(customize=customize))
 
 
-def test_what_one_added_is_in_the_summary_and_in_the_file(tmp_path):
+def test_custom_terms_are_in_the_summary_and_in_the_file(tmp_path):
     """Of both programs, and for costs and constraints with and without descriptions."""
 
     def customize(program):
@@ -352,7 +352,7 @@ def swing(amplitude_deg):
     return references.from_samples(times, np.deg2rad(amplitude_deg) * np.sin(times))
 
 
-def test_planning_again_finds_what_planning_anew_finds(planner):
+def test_replanning_equals_planning_with_a_new_planner(planner):
     planner.plan(swing(10.0), HOT, elapsed=20.0)
     for amplitude, angle in ((10.05, 0.0), (13.0, 0.02)):
         state = HOT.copy()

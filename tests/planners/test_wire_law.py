@@ -99,7 +99,7 @@ def test_laws_take_all_of_drakes_scalars(limb):
         assert len(plain) == len(rates)
 
 
-def test_plans_are_found_checked_and_saved(tmp_path):
+def test_plans_with_other_wire_laws_pass_their_check_and_are_saved(tmp_path):
     for name in ["silicone", "soft"]:
         limb = LIMBS[name]()
         reference = references.from_samples(

@@ -80,7 +80,7 @@ class Loaded:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_accelerations_and_rates_are_those_of_the_equation_of_motion(kind):
+def test_accelerations_and_rates_satisfy_the_equation_of_motion(kind):
     limb = limb_of(kind)
     loaded, wires, n = Loaded(limb), LimbModel.of(limb).wires, limb.num_joints
     model, data, W = loaded.model, loaded.data, wires.num_wires
@@ -106,7 +106,7 @@ def test_accelerations_and_rates_are_those_of_the_equation_of_motion(kind):
 
 
 @pytest.mark.parametrize("kind", ["nominal", "in space", "two thermal masses"])
-def test_heat_of_random_duty_is_that_of_the_wires(kind):
+def test_temperatures_under_random_duty_equal_the_integrated_wire_states(kind):
     limb = limb_of(kind)
     loaded, wires = Loaded(limb, timestep=0.01), LimbModel.of(limb).wires
     levels = np.random.default_rng(1).uniform(0, 0.8, (10, wires.num_wires))
@@ -114,7 +114,7 @@ def test_heat_of_random_duty_is_that_of_the_wires(kind):
     states = [wires.cold_states]
     for level in levels:
         times = np.linspace(0.0, 2.0, 41)
-        states += [*wires.under_duty(states[-1], np.tile(level, (41, 1)), times, 0.01)[1:]]
+        states += [*wires.integrate_states(states[-1], np.tile(level, (41, 1)), times, 0.01)[1:]]
     expected = np.array(states)[1:, : wires.num_wires]
     T = limb.ambient_temperature + loaded.temperature(act[4::5])
     assert np.abs(T - expected).max() < 1e-3
@@ -179,12 +179,12 @@ def test_sag_and_first_mode():
     assert expected == pytest.approx(4.6, abs=0.1)
 
 
-def test_the_checked_in_file_is_what_is_written_of_the_nominal_limb():
+def test_the_checked_in_file_is_the_mjcf_of_the_nominal_limb():
     path = Path(urdf.__file__).with_name("limb_5.xml")
     assert path.read_text(encoding="utf-8") == limb_mjcf(LimbParameters())
 
 
-def test_what_mjcf_cannot_express_is_refused_with_what_to_do():
+def test_laws_that_mjcf_cannot_express_are_refused_with_a_remedy():
     limb = LimbParameters()
     limb.segments[0].wires[1].law = HystereticLaw()
     with pytest.raises(ValueError, match=r"The wire right has the law HystereticLaw.*--callback"):
@@ -247,7 +247,9 @@ def test_hysteretic_wires_heat_and_pull_by_c_code(tmp_path, capsys):
     finally:
         mujoco.set_mjcb_act_dyn(None)
         mujoco.set_mjcb_act_bias(None)
-    states = wires.under_duty(wires.cold_states, np.tile(duty, (2, 1)), np.array([0.0, 4.0]), 0.01)
+    states = wires.integrate_states(
+        wires.cold_states, np.tile(duty, (2, 1)), np.array([0.0, 4.0]), 0.01
+    )
     expected = (states[-1] - wires.cold_states).reshape(-1, 2).T
     np.testing.assert_allclose(data.act.reshape(2, -1)[:, :-1], expected, rtol=5e-3, atol=5e-3)
     held = wires.forces(states[-1], np.zeros(limb.num_joints))

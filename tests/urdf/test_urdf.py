@@ -58,7 +58,7 @@ def assert_same_inertia(actual, expected):
 
 
 @pytest.mark.parametrize(("name", "write"), [("limb_5.urdf", limb_urdf), ("limb_5.sdf", limb_sdf)])
-def test_checked_in_files_are_what_is_written_of_the_nominal_limb(name, write):
+def test_checked_in_files_are_the_models_of_the_nominal_limb(name, write):
     text = (FOLDER / name).read_text(encoding="utf-8")
     assert text == write(LimbParameters().segments)
 

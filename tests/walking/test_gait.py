@@ -80,7 +80,7 @@ def test_potential_and_feet_are_those_of_drakes_plant():
 
 def in_the_plane(law: CoupledLaw | None = None) -> RobotParameters:
     robot = RobotParameters()
-    for wire in robot.together.wires:
+    for wire in robot.as_single_limb.wires:
         wire.law = law or wire.law
     return robot
 
@@ -132,7 +132,7 @@ def test_derivatives_of_all_blocks(robot, schedule, course, objective):
 
 def test_pivots_are_positive_where_the_stiffness_is():
     robot = RobotParameters()
-    planar, wires = Walker(robot), LimbModel.of(robot.together).wires
+    planar, wires = Walker(robot), LimbModel.of(robot.as_single_limb).wires
     rng = np.random.default_rng(3)
     stable = []
     for load in rng.uniform(0.0, 3.0, 60):
@@ -159,7 +159,7 @@ def three_limbs() -> RobotParameters:
 
 def test_load_and_friction_by_balance_where_the_ground_rises_and_a_foot_is_dragged():
     robot = three_limbs()
-    planar, wires, mu = Walker(robot), LimbModel.of(robot.together).wires, 0.3
+    planar, wires, mu = Walker(robot), LimbModel.of(robot.as_single_limb).wires, 0.3
     held = np.array([[[1.0, 1.0], [1.0, 1.0], [0.0, 1.0]]])  # the front foot slides
     standing, balance_at = Stability(planar, wires, held), balance_of(planar, wires)
     d = len(planar.stiffness)
@@ -352,7 +352,7 @@ def test_speed_is_in_proportion_to_cooling():
     periods, strides = [], []
     for share, heating in ((1.0, 1.0), (0.25, 1.0)):
         robot = RobotParameters()
-        for wire in robot.together.wires:
+        for wire in robot.as_single_limb.wires:
             wire.law.a1, wire.law.a2 = share * wire.law.a1, heating * wire.law.a2
         gait = plan_gait(robot, check=False, intervals=8)
         periods.append(share * gait.period)

@@ -77,7 +77,9 @@ def test_the_duty_that_holds_wires_with_memory_is_finite(gait):
     for limb in robot.limbs:
         for wire in limb.parameters.wires:
             wire.law = HystereticLaw()
-    states = LimbModel.of(robot.together).wires.settled_states(gait.wire_temperature.mean(axis=1))
+    states = LimbModel.of(robot.as_single_limb).wires.settled_states(
+        gait.wire_temperature.mean(axis=1)
+    )
     others = np.tile(states[4:, None], len(gait.time))
     gait = dataclasses.replace(gait, robot=robot, other_wire_state=others)
     with np.errstate(divide="raise", invalid="raise"):

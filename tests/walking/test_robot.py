@@ -183,7 +183,7 @@ def test_files_of_robots_and_of_their_recordings_round_trip(tmp_path):
     recording.save(tmp_path / "recording.csv")
     loaded = Recording.load(tmp_path / "recording.csv")
     assert loaded.robot == robot
-    assert loaded.parameters == robot.together
+    assert loaded.parameters == robot.as_single_limb
     assert "duty_front_left" in loaded.columns()
     np.testing.assert_array_equal(loaded.contact_force, recording.contact_force)
     np.testing.assert_array_equal(loaded.body_pose, recording.body_pose)

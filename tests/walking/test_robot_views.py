@@ -32,14 +32,14 @@ ROBOT = "/drake/visualizer/robot"
 
 def recording_of(robot: RobotParameters, body_pose, joint_angles, contact_force) -> Recording:
     """A recording of any motion, 10 samples per second."""
-    samples, wires = body_pose.shape[1], len(robot.together.wires)
+    samples, wires = body_pose.shape[1], len(robot.as_single_limb.wires)
     heat = 25.0 + 75.0 * np.random.default_rng(1).random((wires, samples))
     return Recording(
         time=np.arange(samples) / 10,
         duty=np.random.default_rng(2).random((wires, samples)),
         measured_temperature=heat,
         bend_angle=np.zeros((len(robot.limbs), samples)),
-        parameters=robot.together,
+        parameters=robot.as_single_limb,
         source="a test",
         sample_rate=10.0,
         wire_temperature=heat,
@@ -119,7 +119,7 @@ def test_a_page_shows_bodies_and_wires_of_a_robot_where_drake_has_them(tmp_path,
     np.testing.assert_allclose(said, [*(1e3 * pose[0]), *np.rad2deg(pose[1])], atol=0.0501)
     first = robot.limbs[0].name
     colors = srgb(tracks[f"{ROBOT}/{first}_link_2/robot/wire_right/<object>", "material.color"])
-    wanted = wire_color(robot.together, recording.wire_temperature[1])
+    wanted = wire_color(robot.as_single_limb, recording.wire_temperature[1])
     np.testing.assert_allclose(colors, wanted, atol=1e-9)
     # The ground's top is z = 0, under all of the way.
     ground = transforms(page)["/drake/ground/plane"][:3, 3]

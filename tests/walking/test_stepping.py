@@ -45,7 +45,7 @@ def test_diagonal_pairs_lift_their_feet_clear_of_the_ground_in_drake():
     planar = Walker(robot)
     assert np.all(loads[::2] == 0)
     assert loads.sum(axis=0).mean() == pytest.approx(-planar.weight[2], rel=0.01)
-    joints = recording.joint_state[: robot.together.num_joints]
+    joints = recording.joint_state[: robot.as_single_limb.num_joints]
     feet = planar.feet(np.vstack([recording.body_pose, joints])[:, within].T)
     lifted = feet[:, ::2, 1] - planar.radius
     assert lifted.min() > 0.1e-3

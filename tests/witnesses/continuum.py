@@ -49,8 +49,8 @@ from hardware.emulation.sensors import (
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbError, LimbModel, symbolic_chain
-from limb_systems.bend_sensor import rolled
-from limb_systems.drake_python import declare_part, weak_method
+from limb_systems.bend_sensor import roll_bends
+from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import SegmentParameters
 from limb_systems.simulation import PERIOD as SIMULATION_PERIOD
@@ -273,7 +273,7 @@ class ContinuumSpecimen(Specimen):
         self.state = state | {
             "heat": state["heat"] + warmer,
             "thermocouples": state["thermocouples"] + warmer,
-            "play": state["play"] + rolled(bends, beam.sensor_roll),
+            "play": state["play"] + roll_bends(bends, beam.sensor_roll),
             "beam": state["beam"] + np.ravel(moved),
         }
 
@@ -675,7 +675,7 @@ class ContinuumLimb(LeafSystem):
             "largest": np.zeros(JOINTS),
             "thermocouples": np.full(2 * num_wires, self._room),  # after the first lag, after both
             "pulls": np.zeros(num_wires),
-            "play": rolled(rest, self._beam.sensor_roll),
+            "play": roll_bends(rest, self._beam.sensor_roll),
             "duty": np.zeros(num_wires),
         }
 
@@ -708,7 +708,7 @@ class ContinuumLimb(LeafSystem):
         for _ in range(SUBSTEPS):
             self._after_beam(state, wanted)
         angles = state["beam"].reshape(len(self._chains), -1)[:, :JOINTS]
-        bend = rolled(self._exact_bend(angles, state["twist"]), self._beam.sensor_roll)
+        bend = roll_bends(self._exact_bend(angles, state["twist"]), self._beam.sensor_roll)
         half = self._beam.sensor_play / 2
         state["play"][:] = np.minimum(np.maximum(state["play"], bend - half), bend + half)
         self._specimen.state = self._specimen.state | state
@@ -850,8 +850,8 @@ class WalkingSensors(LeafSystem):
             (1 / bend_rate, self._sample_bend),
         ):
             self.DeclarePeriodicDiscreteUpdateEvent(period, period, weak_method(sample))
-        declare_part(self, "measured_temperature", readings, slice(0, num_wires))
-        declare_part(self, "bend_angle", readings, slice(num_wires, num_wires + num_bends))
+        declare_state_output(self, "measured_temperature", readings, slice(0, num_wires))
+        declare_state_output(self, "bend_angle", readings, slice(num_wires, num_wires + num_bends))
         self.DeclareStateOutputPort("measurement", readings)
 
     def _draw(self, state, count: int) -> np.ndarray:

@@ -29,7 +29,7 @@ class RobotView(LimbView):
             root: beginning of the paths in Meshcat; empty, or ends with a slash.
         """
         self._robot = robot
-        super().__init__(robot.together, root=root)
+        super().__init__(robot.as_single_limb, root=root)
 
     def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
         """Put the robot into a scene, in place of one with the same root.

@@ -21,7 +21,7 @@ from hardware.firmware import guard
 from hardware.replaying import START_TOLERANCE
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
 from limb_systems.limb_system import check_limb
-from limb_systems.simulation import PERIOD, failure_told, make_simulator
+from limb_systems.simulation import PERIOD, make_simulator, raising_simulation_error
 from ros_bridge.messages import MAX_DUTY_AGE, START_SILENCE, Message, ReceivedCommands, Topics
 
 STARTUP_TIME = 60.0  # s, for the other process on a busy computer
@@ -277,7 +277,7 @@ def _loop(
             received = node.receive()
             measured = _read(limb, context, "measured_temperature")
             duty.FixValue(context, driver.duty(received, measured, time.monotonic()))
-            with failure_told(simulator, np.inf):
+            with raising_simulation_error(simulator, np.inf):
                 simulator.AdvanceTo(due + PERIOD / 2)  # beyond the tick, whose events then run
             node.publish(_messages(limb, context, topics, driver, received))
             if limb.HasOutputPort("cut_out") and _read(limb, context, "cut_out")[0]:
