@@ -133,11 +133,11 @@ def test_a_log_without_thermocouples_becomes_a_plan_that_boards_refuse(
     assert "not measured" in capsys.readouterr().out
     rear = RobotLimb("rear", parameters=LimbParameters())
     robot = RobotParameters(limbs=[rear, RobotLimb("front", parameters=limb)])
-    robot.together.save("robot_limb.yaml")
+    robot.as_single_limb.save("robot_limb.yaml")
     refused = functools.partial(pytest.raises, HardwareError, match="without thermocouples")
     with refused():
         _check_robot(planned, mock.Mock())
-    for heated in (limb, planned.parameters, "limb.yaml", robot.together, "robot_limb.yaml"):
+    for heated in (limb, planned.parameters, "limb.yaml", robot.as_single_limb, "robot_limb.yaml"):
         with refused():
             SerialLimb("no port", heated)
     with pytest.raises(HardwareError, match="no port"):
