@@ -19,7 +19,7 @@ import witness  # noqa: F401 (its physics)
 from pydrake.trajectories import PiecewisePolynomial, Trajectory
 
 from calibration import calibrate, collect_from_twin
-from calibration.collecting.measurement_protocol import mounted
+from calibration.collecting.measurement_protocol import mounted_limb
 from calibration.prediction.baselines import baselines
 from calibration.prediction.heated_run import HeatedRun
 from calibration.wire_directions import WrongDescriptionError
@@ -73,7 +73,7 @@ def distance(limb: LimbTwin, calibrated: LimbParameters, reference: Trajectory) 
 
 def errors(seed: int, wires: int) -> list[float]:
     """What `COLUMNS` says of one limb."""
-    described = mounted(LimbParameters.in_space(wires), None)
+    described = mounted_limb(LimbParameters.in_space(wires), None)
     twin = LimbTwin(described, seed=seed)
     calibration = calibrate(collect_from_twin(twin), described)
     limb, true = calibration.parameters, twin.specimen.mechanics()
@@ -122,7 +122,7 @@ def recordings_of_bursts(physics: str, wires: int, seed: int) -> Iterator[Record
     """Two runs of one limb, without thermocouples, by a turned sensor."""
     random = np.random.default_rng([59, seed, wires])
     turn = random.uniform(0.0, np.pi / 3)
-    limb = LimbTwin(mounted(LimbParameters.in_space(wires), None), seed=seed, physics=physics)
+    limb = LimbTwin(mounted_limb(LimbParameters.in_space(wires), None), seed=seed, physics=physics)
     for pause in (0.0, 600.0):
         limb = limb.after_rest(pause) if pause else limb
         run = simulate(limb, bursts(random, wires), BURSTS, sample_rate=10.0)
@@ -143,7 +143,7 @@ def errors_by_bursts(physics: str, wires: int, seed: int) -> tuple[str, list[flo
         described = question.corrected
         calibration = calibrate({"heated": [fitted]}, described, as_described=True)
     run = HeatedRun.of(other)
-    (predicted,) = calibration.prediction.fit.foresee([run])
+    (predicted,) = calibration.prediction.fit.roll_out([run])
     bends = [
         predicted.bend,
         *(bend for (bend,) in baselines([HeatedRun.of(fitted)], [run]).values()),

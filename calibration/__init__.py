@@ -27,8 +27,8 @@ from calibration.paper_method.mechanics import (
     fit_stiffness,
 )
 from calibration.paper_method.wire_fits import ForceFit, HeatFit, fit_force, fit_heat_transfer
+from calibration.prediction.expected_plan_error import PlanMiss
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
-from calibration.prediction.outlook import PlanMiss
 from calibration.prediction.selection import Candidate, Prediction
 from calibration.recordings.files import load_recordings, save_recordings
 from calibration.recordings.kinds import kind_of, kinds_of

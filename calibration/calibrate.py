@@ -14,7 +14,7 @@ import numpy as np
 from calibration.estimate import Estimate, record_of
 from calibration.heat_bounds_fit import fit_heat_bounds
 from calibration.paper_method.mechanics import (
-    SCATTER,
+    MAX_SCATTER,
     DampingFit,
     StiffnessFit,
     fit_damping,
@@ -24,44 +24,37 @@ from calibration.paper_method.mechanics import (
     with_ringing,
 )
 from calibration.paper_method.wire_fits import (
-    RATES,
+    RATE_UNITS,
     ForceFit,
     HeatFit,
     fit_force,
     fit_heat_transfer,
 )
-from calibration.prediction.heated_run import HeatedRun
-from calibration.prediction.law_fit import LawFit
-from calibration.prediction.outlook import (
+from calibration.prediction.expected_plan_error import (
     PlanMiss,
     next_recording,
     plan_miss,
     remarks_on_coverage,
 )
+from calibration.prediction.heated_run import HeatedRun
+from calibration.prediction.law_fit import LawFit
 from calibration.prediction.selection import LAWS, Prediction, fit_by_prediction
 from calibration.recordings.at_rest import ambient_temperature, rest_angles
-from calibration.recordings.files import leaving_out, read_folder, usable
+from calibration.recordings.files import left_out_remark, read_folder, select_usable
 from calibration.recordings.kinds import FREE_KINDS, all_kinds, heated_kinds, only_segment, title_of
-from calibration.recordings.repair import FEWEST, before_missing, with_lost_rows
-from calibration.remarks import CalibrationError, Remark, verdict
+from calibration.recordings.repair import MIN_SAMPLES, before_missing, with_lost_rows
+from calibration.remarks import CalibrationError, Remark, Severity, verdict
 from calibration.validation import Validation, validate, validation_of
 from calibration.wire_directions import check_directions, wire_directions
-from limb_systems import (
-    LimbParameters,
-    LinearLaw,
-    NoBoard,
-    Provenance,
-    Recording,
-    WireLaw,
-)
+from limb_systems import LimbParameters, LinearLaw, NoBoard, Provenance, Recording, WireLaw
 from limb_systems.errors import LimbError
 from limb_systems.progress import Progress
 from limb_systems.summary import Entry, Summarized, Summary
 
 METHODS = ("prediction", "paper")
-MOST_REST_ANGLE = np.deg2rad(8.0)  # beyond which Sec. V counts bends from the angle at rest
-COLD = 4.0  # °C above ambient, within which a wire counts as not heated before
-By = Mapping[str, Sequence[Recording]]  # recordings by kind
+MAX_REST_ANGLE = np.deg2rad(8.0)  # beyond which Sec. V counts bends from the angle at rest
+COLD_MARGIN = 4.0  # °C above ambient, within which a wire counts as not heated before
+RecordingsByKind = Mapping[str, Sequence[Recording]]  # recordings by kind
 
 Fit = TypeVar("Fit")
 
@@ -116,9 +109,13 @@ class Calibration(Summarized):
     @property
     def as_described(self) -> list[str]:
         """Names of the parameters that no recording tells, which stay as described."""
-        untold = [unknown.name for unknown in self.prediction.fit.untold] if self.prediction else []
+        unidentified = (
+            [unknown.name for unknown in self.prediction.fit.unidentified]
+            if self.prediction
+            else []
+        )
         own = ("ambient_temperature", "stiffness", "damping")
-        return [name for name in own if name not in self.estimates] + untold
+        return [name for name in own if name not in self.estimates] + unidentified
 
     @property
     def next_recording(self) -> str:
@@ -128,17 +125,28 @@ class Calibration(Summarized):
 
     @property
     def _further_sag(self) -> str:
-        planar, fit = only_segment(self.parameters).axes == 1, self.stiffness
-        return further_sag(self.parameters, fit.stiffness if fit else None) if planar else ""
+        planar = only_segment(self.parameters).axes == 1
+        stiffness = self.stiffness
+        return (
+            further_sag(self.parameters, stiffness.stiffness if stiffness else None)
+            if planar
+            else ""
+        )
 
     @functools.cached_property
     def plan_miss(self) -> PlanMiss | None:
-        """How far plans will miss, by prediction; None if by Sec. V."""
+        """Return how far plans will miss, by prediction; None if by Sec. V."""
         if self.prediction is None:
             return None
         prediction = self.prediction
-        shown = [part.bend_error for part in prediction.parts]
-        return plan_miss(self.parameters, prediction.foreseen, prediction.fit.predicted, shown)
+        part_errors = [part.bend_error for part in prediction.parts]
+        return plan_miss(
+            self.parameters,
+            prediction.rollouts,
+            prediction.fit.predicted,
+            part_errors,
+            prediction.mean_error,
+        )
 
     @property
     def estimates(self) -> dict[str, Estimate]:
@@ -152,7 +160,7 @@ class Calibration(Summarized):
 
     @functools.cached_property
     def _estimates(self) -> dict[str, Estimate]:
-        """The quantities, with standard errors that leave out that of k where it is a factor."""
+        """The quantities; their standard errors leave out the error of k where k is a factor."""
         estimates = {}
         if not self.prediction or self.prediction.fit.measures_heat:
             estimates["ambient_temperature"] = self.ambient
@@ -161,7 +169,7 @@ class Calibration(Summarized):
         if self.damping:
             estimates["damping"] = self.damping.damping
         for heat, force in zip(self.heat, self.force, strict=True):
-            for name in RATES:
+            for name in RATE_UNITS:
                 estimates[f"{heat.wire}.{name}"] = getattr(heat, name)
             estimates[f"{heat.wire}.beta"] = force.beta
         return estimates | (self.prediction.fit.estimates if self.prediction else {})
@@ -173,66 +181,73 @@ class Calibration(Summarized):
         rows = {name: row for row, name in enumerate(estimates)}
         covariance = np.diag([e.standard_error**2 for e in estimates.values()])
         for fit in self.heat:
-            of_wire = [rows[f"{fit.wire}.{name}"] for name in RATES]
-            covariance[np.ix_(of_wire, of_wire)] = fit.covariance
+            wire_rows = [rows[f"{fit.wire}.{name}"] for name in RATE_UNITS]
+            covariance[np.ix_(wire_rows, wire_rows)] = fit.covariance
         if self.prediction:
-            together = [rows[name] for name in self.prediction.fit.estimates]
-            covariance[np.ix_(together, together)] = self.prediction.fit.value_covariance
+            fitted_rows = [rows[name] for name in self.prediction.fit.estimates]
+            covariance[np.ix_(fitted_rows, fitted_rows)] = self.prediction.fit.value_covariance
         if self.stiffness:
             # Recordings of the bend tell torque over k: relative to themselves, torques err as k.
             k = self.stiffness.stiffness
             torques = [n for n, e in estimates.items() if "." in n and e.unit.startswith("N·m")]
-            multiples = [rows[name] for name in ("stiffness", *torques)]
+            multiple_rows = [rows[name] for name in ("stiffness", *torques)]
             values = np.array([estimates[name].value for name in ("stiffness", *torques)])
             common = (k.standard_error / k.value) ** 2 * np.outer(values, values)
-            known = [0] if self.prediction else range(len(multiples))  # Sec. V's β has it already
-            common[known, known] = 0.0
-            covariance[np.ix_(multiples, multiples)] += common
+            known_rows = (
+                [0] if self.prediction else range(len(multiple_rows))
+            )  # Sec. V's β has it already
+            common[known_rows, known_rows] = 0.0
+            covariance[np.ix_(multiple_rows, multiple_rows)] += common
         return covariance
 
     @property
+    def may_be_planned_with(self) -> bool:
+        """Return whether no remark forbids plans with the calibrated limb."""
+        return all(remark.severity < Severity.STOP for remark in self.remarks)
+
+    @property
     def verdict(self) -> str:
-        """Whether to plan with it, and why, in one line, by `calibration.remarks`."""
-        judged = self.plan_miss or self.validation
-        return verdict(self.remarks, judged.in_words if judged else "")
+        """Return whether to plan with it, and why, in one line, by `calibration.remarks`."""
+        validation = self.plan_miss or self.validation
+        return verdict(self.remarks, validation.in_words if validation else "")
 
     @property
     def remarks(self) -> list[Remark]:
-        """What the recordings lack, in sentences, worst first; none if they are good."""
-        kept = "the description's value is kept"
-        not_validated = "the model is not validated; record one"
-        lacking = [
-            ("not validated", "both wires", not_validated, self.validation),
+        """Return what the recordings lack, in sentences, worst first; none if they are good."""
+        kept_text = "the description's value is kept"
+        not_validated_text = "the model is not validated; record one"
+        possibly_lacking = [
+            ("not validated", "both wires", not_validated_text, self.validation),
             # Sag and heat in several mountings tell k.
-            ("kept", "sag", kept, self.stiffness or "stiffness" in self.estimates),
-            ("kept", "ring-down", kept, self.damping),
+            ("kept", "sag", kept_text, self.stiffness or "stiffness" in self.estimates),
+            ("kept", "ring-down", kept_text, self.damping),
         ]
         remarks = [
             Remark(kind, f"There is no usable recording of {what}: {meaning}.")
-            for kind, what, meaning, found in lacking
-            if not found
+            for kind, what, meaning, fit_or_none in possibly_lacking
+            if not fit_or_none
         ]
         for kind in () if self.prediction else heated_kinds(self.parameters):
             if (count := len(self.sources.get(kind, []))) > 1:
                 sentence = f"Of {count} recordings of the kind {kind} only one was used."
                 remarks.append(Remark("unused", sentence))
-        judged = None if self.plan_miss else self.validation
-        fits = judged, self.stiffness, self.damping, self.prediction, *self.heat, *self.force
+        validation = None if self.plan_miss else self.validation
+        fits = validation, self.stiffness, self.damping, self.prediction, *self.heat, *self.force
         remarks += [remark for fit in (*fits, self.plan_miss) if fit for remark in fit.remarks]
         if self.stiffness and self._further_sag:
             k = self.stiffness.stiffness
             share = k.standard_error / k.value
             # The next recording says it, if it is that.
-            todo = "" if self.next_recording == self._further_sag else f": {self._further_sag}"
-            sentence = f"k is known to {share:.0%} only{todo}."
-            remarks.append(Remark("scatter" if share > SCATTER else "stiffness", sentence))
+            hint = "" if self.next_recording == self._further_sag else f": {self._further_sag}"
+            sentence = f"k is known to {share:.0%} only{hint}."
+            remarks.append(Remark("scatter" if share > MAX_SCATTER else "stiffness", sentence))
         if self.prediction:
             remarks += remarks_on_coverage(self.parameters, self.prediction.fit.predicted)
         return sorted([*remarks, *self.left_out], key=lambda remark: -remark.severity)
 
 
 def calibrate(
-    recordings: str | Path | By,
+    recordings: str | Path | RecordingsByKind,
     parameters: LimbParameters | None = None,
     *,
     method: str = "prediction",
@@ -252,7 +267,7 @@ def calibrate(
     - "paper": the paper's law by Sec. V-C, to the first recording of each wire.
 
     Args:
-        recordings: a folder of files, or recordings by kind: those of `kinds_of`,
+        recordings: a folder of files, or recordings by kind: the kinds of `kinds_of`,
             "sag", "ring_down", the names of the wires and "both"; by prediction
             also "heated", of any duty, and "motion", which are left out of the
             fit and judge it. Any of them may be missing, and any may be many.
@@ -275,79 +290,84 @@ def calibrate(
     """
     if method not in METHODS:
         raise CalibrationError(f"method is {method!r}; it must be one of {', '.join(METHODS)}.")
-    by_paper, left_out = method == "paper", list[Remark]()
-    with _noted(left_out), Progress("calibrating", None, "steps") as progress:
+    by_paper = method == "paper"
+    left_out = list[Remark]()
+    with _noting_left_out(left_out), Progress("calibrating", None, "steps") as progress:
         steps = itertools.count()
 
-        def tell(remark: str) -> None:
+        def report_step(remark: str) -> None:
             progress.update(next(steps), remark)
 
-        told, heated, limb, described = _given(recordings, parameters, by_paper, left_out)
+        # Leave out unusable recordings and cut the others in pieces.
+        by_kind, heated, limb, described = _load_usable(recordings, parameters, by_paper, left_out)
         segment = only_segment(limb)
 
+        # Ask if recordings contradict the described sides of the wires.
         if not by_paper:
-            tell("directions of the wires")
+            report_step("directions of the wires")
             runs = [HeatedRun.of(recording) for recording in itertools.chain(*heated.values())]
             directions = wire_directions(runs, segment)
             for direction in directions:
                 announce(str(direction))
             if not as_described:
                 check_directions(directions, limb)
-        tell("bounds for the board")
-        every = list(itertools.chain(*told.values()))
-        ambient = ambient_temperature(every)
+        # Read the room, the bounds of the board and the angle at rest.
+        report_step("bounds for the board")
+        all_recordings = list(itertools.chain(*by_kind.values()))
+        ambient = ambient_temperature(all_recordings)
         limb.ambient_temperature = ambient.value
-        read = [r for r in itertools.chain(*heated.values()) if r.has_thermocouple.any()]
-        if read:
-            _fit_heat_bounds(limb, read, described)
-        resting = [*told.get("ring_down", []), *itertools.chain(*heated.values())]
-        rest, *rest_e3 = rest_angles(every if by_paper else resting, ambient.value)
-        if not by_paper or abs(rest.value) > MOST_REST_ANGLE:
+        with_readings = [r for r in itertools.chain(*heated.values()) if r.has_thermocouple.any()]
+        if with_readings:
+            _fit_heat_bounds(limb, with_readings, described)
+        resting = [*by_kind.get("ring_down", []), *itertools.chain(*heated.values())]
+        rest, *rest_angles_e3 = rest_angles(all_recordings if by_paper else resting, ambient.value)
+        if not by_paper or abs(rest.value) > MAX_REST_ANGLE:
             segment.rest_angle = rest.value
-        for estimate in rest_e3:
+        for estimate in rest_angles_e3:
             segment.rest_angle_e3 = estimate.value
 
         def fitted(kind: str, fit: Callable[[Sequence[Recording]], Fit]) -> Fit | None:
-            found, told[kind] = _fit_possible(fit, told.get(kind, []), left_out)
-            return found
+            fit_or_none, by_kind[kind] = _fit_if_possible(fit, by_kind.get(kind, []), left_out)
+            return fit_or_none
 
-        def predicted(given: By) -> Prediction:
+        def predicted(given: RecordingsByKind) -> Prediction:
             known = copy.deepcopy(segment)  # which stays as described
-            found = fit_by_prediction(
-                laws, given, known, ambient.value, tell=tell, announce=announce
+            fit_or_none = fit_by_prediction(
+                laws, given, known, ambient.value, report=report_step, announce=announce
             )
-            found.fit.apply(limb)
-            if not found.fit.measures_heat:
-                _limit_counted_heat(limb, found.fit, counted_limit)
-            return found
+            fit_or_none.fit.apply(limb)
+            if not fit_or_none.fit.measures_heat:
+                _limit_counted_heat(limb, fit_or_none.fit, counted_limit)
+            return fit_or_none
 
         # Sec. V-A
         stiffness = prediction = validation = None
-        tell("stiffness")
+        report_step("stiffness")
         if segment.axes == 1:
             error = rest.standard_error if segment.rest_angle == rest.value else 0.0
             stiffness = fitted("sag", functools.partial(fit_stiffness, limb, rest_error=error))
         else:  # mountings tell k together with the wires' directions
-            prediction = predicted({"sag": told.get("sag", []), **heated})
+            prediction = predicted({"sag": by_kind.get("sag", []), **heated})
         if stiffness:
             segment.stiffness = stiffness.stiffness.value
         # Sec. V-B
-        tell("damping")
+        report_step("damping")
         damping = fitted("ring_down", functools.partial(fit_damping, limb))
         if damping:
             segment.damping = damping.damping.value
             if stiffness:
-                sensor = remarks_on_sensor(limb, told["sag"], stiffness, damping)
+                sensor = remarks_on_sensor(limb, by_kind["sag"], stiffness, damping)
                 damping.remarks.extend(sensor)
                 if not by_paper:
                     stiffness = with_ringing(stiffness, damping)
                     segment.stiffness = stiffness.stiffness.value
         # Secs. V-C and V-D
-        heat, force = list[HeatFit](), list[ForceFit]()
+        heat = list[HeatFit]()
+        force = list[ForceFit]()
         if by_paper:
             spring = stiffness.stiffness if stiffness else None
             for index in range(len(segment.wires)):
-                tell(f"heat of the {segment.wires[index].name} wire")
+                report_step(f"heat of the {segment.wires[index].name} wire")
                 transfer, torque = _fit_wire(limb, index, heated, ambient, spring, left_out)
                 heat.append(transfer)
                 force.append(torque)
@@ -357,21 +377,35 @@ def calibrate(
             prediction = prediction or predicted(heated)
             validation = validation_of(prediction.parts, limb)
         limb.validate()
+    # Put the result together, and refuse it if it is no better than the mean.
     sources = {
-        kind: [recording.source for recording in told[kind]]
+        kind: [recording.source for recording in by_kind[kind]]
         for kind in all_kinds(limb)
-        if told.get(kind)
+        if by_kind.get(kind)
     }
     calibration = Calibration(
         limb, ambient, stiffness, damping, prediction, heat, force, validation, sources, left_out
     )
     _record(calibration)
+    with _noting_left_out(left_out):
+        _check_better_than_mean(calibration)
     return calibration
 
 
+def _check_better_than_mean(calibration: Calibration) -> None:
+    """Raise CalibrationError if plans may miss by more than the mean bend would."""
+    miss = calibration.plan_miss
+    if miss and miss.high > miss.by_mean:
+        further = calibration.next_recording or "record more motions like those you plan"
+        raise CalibrationError(
+            f"These recordings tell no model: {miss.in_words}, but the mean bend misses such a "
+            f"motion by {np.rad2deg(miss.by_mean):.1f}°. Next, {further}."
+        )
+
+
 @contextlib.contextmanager
-def _noted(left_out: list[Remark]) -> Iterator[None]:
-    """A context whose errors get notes on recordings that were left out."""
+def _noting_left_out(left_out: list[Remark]) -> Iterator[None]:
+    """Return a context whose errors get notes on recordings that were left out."""
     try:
         yield
     except LimbError as error:
@@ -380,34 +414,40 @@ def _noted(left_out: list[Remark]) -> Iterator[None]:
         raise
 
 
-def _given(
-    given: str | Path | By,
+def _load_usable(
+    source: str | Path | RecordingsByKind,
     parameters: LimbParameters | None,
     by_paper: bool,
     left_out: list[Remark],
-) -> tuple[dict[str, list[Recording]], By, LimbParameters, LimbParameters]:
-    """What can be used of recordings, and the limb that they are of.
+) -> tuple[dict[str, list[Recording]], RecordingsByKind, LimbParameters, LimbParameters]:
+    """Return what can be used of recordings, and the limb that they are of.
 
     Returns:
         Usable recordings by kind; heated ones by kind, in pieces unless ``by_paper``; the limb
         before it is calibrated; its description.
     """
-    if isinstance(given, (str, Path)):
-        given, remarks = read_folder(given)
+    if isinstance(source, (str, Path)):
+        source, remarks = read_folder(source)
         left_out += remarks
-    every = list(itertools.chain(*given.values()))
-    if not every:
+    # Take the description that most recordings have, unless one is given.
+    all_recordings = list(itertools.chain(*source.values()))
+    if not all_recordings:
         raise CalibrationError("There are no recordings.")
-    wires = [tuple(recording.parameters.wire_names) for recording in every]
-    described = parameters or every[wires.index(max(wires, key=wires.count))].parameters
-    found = usable(given, described, whole=by_paper)
-    left_out += found.left_out
+    wire_names = [tuple(recording.parameters.wire_names) for recording in all_recordings]
+    described = (
+        parameters
+        or all_recordings[wire_names.index(max(wire_names, key=wire_names.count))].parameters
+    )
+    usable_by_kind = select_usable(source, described, whole=by_paper)
+    left_out += usable_by_kind.left_out
+    # Cut heated recordings in pieces, and restore rows that the logger lost.
     kinds = [*heated_kinds(described), *(() if by_paper else FREE_KINDS)]
     recordings, pieces = (
         {kind: [with_lost_rows(r) for r in group] for kind, group in groups.items()}
-        for groups in (found.recordings, found.heated)
+        for groups in (usable_by_kind.recordings, usable_by_kind.heated)
     )
     heated = {kind: pieces.get(kind, []) for kind in kinds}
+    # The method of the paper needs a plane, a recording and a thermocouple of each wire.
     if by_paper:
         if only_segment(described).axes > 1:
             raise CalibrationError(
@@ -425,66 +465,71 @@ def _given(
                     f"No thermocouple reads the {wire} wire, as the paper's method needs; bond one "
                     "to it, or calibrate with method prediction."
                 )
-    every = list(itertools.chain(*heated.values()))
-    if not every:
+    all_recordings = list(itertools.chain(*heated.values()))
+    if not all_recordings:
         raise CalibrationError("There is no recording with heat, which tells the wires' laws.")
-    limb = copy.deepcopy(parameters or every[0].parameters)
-    if not isinstance(every[0].parameters.board, NoBoard):
-        limb.board = every[0].parameters.board
+    # Start from the description, mounted as in the last recording.
+    limb = copy.deepcopy(parameters or all_recordings[0].parameters)
+    if not isinstance(all_recordings[0].parameters.board, NoBoard):
+        limb.board = all_recordings[0].parameters.board
     limb.gravity = [0.0, 0.0, 0.0]
     if only_segment(limb).axes > 1:  # as in the last motion, not with a weight at the tip
-        mounting = parameters or every[-1].parameters
-        limb.gravity, limb.payload = list(mounting.gravity), mounting.payload
+        mounting = parameters or all_recordings[-1].parameters
+        limb.gravity = list(mounting.gravity)
+        limb.payload = mounting.payload
     limb.calibration = None  # until this one is done
     return recordings, heated, limb, described
 
 
-def _fit_possible(
-    fit: Callable[[Sequence[Recording]], Fit], recordings: Sequence[Recording], left: list[Remark]
+def _fit_if_possible(
+    fit: Callable[[Sequence[Recording]], Fit],
+    recordings: Sequence[Recording],
+    left_out: list[Remark],
 ) -> tuple[Fit | None, list[Recording]]:
-    """A fit to recordings, if there are any, and the recordings that it takes.
+    """Return a fit to recordings, if there are any, and the recordings that it takes.
 
     One that cannot be fitted together with those before it is not taken, and ``left`` out.
     """
     if recordings:
         with contextlib.suppress(LimbError):
             return fit(recordings), list(recordings)
-    found: Fit | None = None
-    taken: list[Recording] = []
+    best_fit: Fit | None = None
+    fitted_recordings: list[Recording] = []
     for recording in recordings:
         try:
-            found = fit([*taken, recording])
+            best_fit = fit([*fitted_recordings, recording])
         except LimbError as error:
-            left.append(leaving_out(title_of(recording), error))
+            left_out.append(left_out_remark(title_of(recording), error))
         else:
-            taken.append(recording)
-    return found, taken
+            fitted_recordings.append(recording)
+    return best_fit, fitted_recordings
 
 
 def _fit_wire(
     limb: LimbParameters,
     index: int,
-    recordings: By,
+    recordings: RecordingsByKind,
     ambient: Estimate,
-    spring: Estimate | None,
-    left: list[Remark],
+    stiffness: Estimate | None,
+    left_out: list[Remark],
 ) -> tuple[HeatFit, ForceFit]:
-    """Sec. V-C for one wire, whose law the limb gets: the fits of heat and of force.
+    """Fit heat and force of one wire by Sec. V-C, and give the limb the fitted law.
 
     Of its recordings the first that can be fitted is; those before it are ``left`` out.
     """
-    segment, room = only_segment(limb), (ambient.value, ambient.standard_error)
+    segment = only_segment(limb)
+    room = (ambient.value, ambient.standard_error)
     wire = segment.wires[index]
-    spring = spring or Estimate(segment.stiffness, 0.0, "N·m/rad")
+    stiffness = stiffness or Estimate(segment.stiffness, 0.0, "N·m/rad")
     for recording in recordings[wire.name]:
         try:
             heat = fit_heat_transfer(recording, index, *room, rest_angle=segment.rest_angle)
-            force = fit_force(limb, recording, index, heat, spring)
+            force = fit_force(limb, recording, index, heat, stiffness)
             break
         except CalibrationError as error:
             if recording is recordings[wire.name][-1]:
                 raise
-            left.append(leaving_out(title_of(recording), error))
+            left_out.append(left_out_remark(title_of(recording), error))
     wire.law = LinearLaw(heat.a1.value, heat.a2.value, heat.a3.value, force.beta.value)
     return heat, force
 
@@ -494,42 +539,44 @@ def _fit_heat_bounds(
 ) -> None:
     """Give the wires bounds for the board; none to wires of a kind that boards do not accept."""
     beginnings = map(before_missing, recordings)
-    cold = limb.ambient_temperature + COLD
-    heated = [
+    highest_cold = limb.ambient_temperature + COLD_MARGIN
+    cold_starts = [
         beginning
         for beginning in beginnings
-        if len(beginning.time) >= FEWEST
-        and not (beginning.measured_temperature[:, :1] >= cold).any()
+        if len(beginning.time) >= MIN_SAMPLES
+        and not (beginning.measured_temperature[:, :1] >= highest_cold).any()
     ]
     with contextlib.suppress(LimbError):
-        for wire, bounds in zip(limb.wires, fit_heat_bounds(heated, described), strict=True):
+        for wire, bounds in zip(limb.wires, fit_heat_bounds(cold_starts, described), strict=True):
             wire.heat_bounds = bounds
 
 
 def _limit_counted_heat(limb: LimbParameters, fit: LawFit, limit: float | None) -> None:
     """Limit T to what was counted: of each wire the most, of these the least; or to a given one."""
     heated = np.any([predicted.run.duty.any(axis=0) for predicted in fit.predicted], axis=0)
-    limits, room = limb.temperature_limits, limb.ambient_temperature
+    limits = limb.temperature_limits
+    room = limb.ambient_temperature
     limits.maximum = float(fit.hottest[heated].min()) if limit is None else limit
     limits.warm = min(limits.warm, (room + limits.maximum) / 2)
 
 
 def _record(calibration: Calibration) -> None:
     """Write estimates, errors and sources of a calibration into its limb."""
-    validation, prediction = calibration.validation, calibration.prediction
+    validation = calibration.validation
+    prediction = calibration.prediction
     heat_measured = not prediction or prediction.fit.measures_heat
-    words = ""
+    validation_text = ""
     if validation:  # in ASCII, as YAML files have all else escaped
         degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
-        words = (
+        validation_text = (
             "bend angle off by {:.2f} deg on average, {:.2f} deg at the median, {:.2f} deg at the "
             "90th percentile"
         ).format(*degrees)
         if heat_measured:
             mean = validation.temperature_mean
-            words += f"; measured temperature off by {mean:.1f} deg C on average"
+            validation_text += f"; measured temperature off by {mean:.1f} deg C on average"
         else:
-            words += "; temperature was not measured"
+            validation_text += "; temperature was not measured"
     limb = calibration.parameters
     limb.calibration = record_of(
         calibration.estimates,
@@ -538,7 +585,7 @@ def _record(calibration: Calibration) -> None:
             f"{len(sources)} of {kind}: {', '.join(sorted(set(sources)))}"
             for kind, sources in calibration.sources.items()
         ],
-        validation=words,
+        validation=validation_text,
         bend_error=prediction.bend_error if prediction else 0.0,
         temperature_error=prediction.best.temperature_error if prediction else 0.0,
         heat_measured=heat_measured,

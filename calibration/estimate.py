@@ -24,7 +24,7 @@ class Estimate:
 
     @property
     def is_determined(self) -> bool:
-        """Whether the data determine it: its standard error is no larger than itself.
+        """Return whether the data determine it: its standard error is no larger than itself.
 
         What may be zero always counts as determined.
         """
@@ -42,25 +42,25 @@ class Estimate:
 
 
 def record_of(
-    estimates: dict[str, Estimate], covariance: np.ndarray, **more: Any
+    estimates: dict[str, Estimate], covariance: np.ndarray, **further_fields: Any
 ) -> CalibrationRecord:
-    """Estimates as a limb's parameters have them, and what more their record has."""
+    """Return estimates, their covariance and further fields as a `CalibrationRecord`."""
     return CalibrationRecord(
         names=list(estimates),
         values=[estimate.value for estimate in estimates.values()],
         standard_errors=[estimate.standard_error for estimate in estimates.values()],
         covariance=covariance.tolist(),
-        **more,
+        **further_fields,
     )
 
 
 def standard_error(values: np.ndarray) -> float:
-    """Standard error of the mean of independent values (K,), widened for few by Student's t."""
+    """Return the standard error of the mean of values (K,), widened for few by Student's t."""
     return pooled_spread(values - np.mean(values), 1) / float(np.sqrt(len(values)))
 
 
 def pooled_spread(deviations: np.ndarray, num_groups: int) -> float:
-    """Standard deviation of values, widened for few, from deviations from their groups' means (K,).
+    """Return the standard deviation of values from their groups' means (K,), widened for few.
 
     There must be more values than groups.
     """
@@ -69,7 +69,7 @@ def pooled_spread(deviations: np.ndarray, num_groups: int) -> float:
 
 
 def _widening(count: int) -> float:
-    """Factor of standard errors that are estimated from so many samples, two or more."""
+    """Return the factor of standard errors that are estimated from so many samples, two or more."""
     return float(stdtrit(count - 1, 0.975) / ndtri(0.975))
 
 
@@ -79,14 +79,14 @@ def clustered_covariance(
     clusters: np.ndarray,
     prior: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Covariance of a least-squares estimate whose residuals are correlated.
+    """Return the covariance of a least-squares estimate whose residuals are correlated.
 
     By the jackknife over clusters, each left out in turn, to first order:
 
         (C - 1)/C Σ_c d_c d_cᵀ,   d_c = (JᵀJ - J_cᵀJ_c)⁻¹ J_cᵀ r_c
 
-    Residuals may be correlated in any way within a cluster, as those of a
-    drifting sensor are, but not between clusters (Cameron and Miller, A
+    Residuals may be correlated in any way within a cluster, as a drifting
+    sensor's are, but not between clusters (Cameron and Miller, A
     practitioner's guide to cluster-robust inference, 2015, "CR3"). Like other errors
     from few samples it is widened by Student's t, of C - 1 degrees of freedom.
 
@@ -100,14 +100,23 @@ def clustered_covariance(
     Returns:
         (P, P).
     """
-    known = np.zeros((jacobian.shape[1],) * 2) if prior is None else np.outer(prior, prior)
-    whole = jacobian.T @ jacobian + known
+    prior_information = (
+        np.zeros((jacobian.shape[1],) * 2) if prior is None else np.outer(prior, prior)
+    )
+    information = jacobian.T @ jacobian + prior_information
     numbers = np.unique(clusters)
+    # Shift of the estimate when each cluster is left out.
     shifts = []
     for number in numbers:
-        part, residual = jacobian[clusters == number], residuals[clusters == number]
+        part = jacobian[clusters == number]
+        residual = residuals[clusters == number]
         # A parameter at a bound that nothing depends on has no covariance, nor spoils the others'.
-        shifts.append(np.linalg.pinv(whole - part.T @ part) @ (part.T @ residual))
-    stacked, bread = np.array(shifts), np.linalg.pinv(whole)
+        shifts.append(np.linalg.pinv(information - part.T @ part) @ (part.T @ residual))
+    stacked_shifts = np.array(shifts)
+    inverse_information = np.linalg.pinv(information)
+    # Add the scatter of these shifts and the error of the prior.
     widening = _widening(len(numbers)) ** 2 * (len(numbers) - 1) / len(numbers)
-    return widening * stacked.T @ stacked + bread @ known @ bread
+    return (
+        widening * stacked_shifts.T @ stacked_shifts
+        + inverse_information @ prior_information @ inverse_information
+    )

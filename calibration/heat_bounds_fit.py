@@ -1,4 +1,4 @@
-"""Bounds for the board: between which rates of heating all readings lie."""
+"""Bounds for the board: the rates of heating and cooling that enclose all readings."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -19,17 +19,17 @@ from hardware.firmware import heat
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
 from limb_systems.heat_bounds import ANY_WIRE_BOUNDS, RATE_FACTORS, HeatBounds
 
-MARGIN = 0.1  # share by which bounds are widened: other motions show somewhat more
-NOISE = 1.0  # °C that readings may be below their bounds
-SLOW_READING = 0.3  # 1/s, of a thermocouple that is badly bonded
-UNLIKE = 0.7  # share of another wire's heat, below which a thermocouple may be wrong
-SHORTEST = 1.0  # s at full duty, from which on heat tells a rate
+BOUNDS_MARGIN = 0.1  # share by which bounds are widened: other motions show somewhat more
+READING_NOISE = 1.0  # °C that readings may be below their bounds
+MIN_READING_RATE = 0.3  # 1/s, of a thermocouple that is badly bonded
+MIN_HEAT_SHARE = 0.7  # share of another wire's heat, below which a thermocouple may be wrong
+MIN_FULL_DUTY_TIME = 1.0  # s at full duty, from which on heat tells a rate
 
 
 def fit_heat_bounds(
-    recordings: Iterable[Recording], described: LimbParameters, margin: float = MARGIN
+    recordings: Iterable[Recording], described: LimbParameters, margin: float = BOUNDS_MARGIN
 ) -> list[HeatBounds]:
-    """The bounds of each wire (W) that readings allow, as the board looks at them.
+    """Return the bounds of each wire (W) that readings allow, as the board looks at them.
 
     The least heating comes from the lowest readings. The other bounds are those around the
     rates with which the wire is seen to heat, cool and be read; see `HeatRates.bounds`.
@@ -48,18 +48,18 @@ def fit_heat_bounds(
 
 
 def check_first_contact(recording: Recording, described: LimbParameters, path: Path) -> None:
-    """Checks that each thermocouple showed its wire's heat.
+    """Check that each thermocouple showed its wire's heat.
 
     Args:
-        recording: the one of `collect_first_contact`, in the file ``path``.
+        recording: a recording by `collect_first_contact`, in the file ``path``.
         described: the kind of limb.
 
     Raises:
         CalibrationError: if one did not.
     """
     for wire in _wires([recording], described):
-        least = min(wire.kind.least_heating, ANY_WIRE_BOUNDS.least_heating)
-        if wire.rates and wire.rates.heating < least:
+        min_heating = min(wire.kind.least_heating, ANY_WIRE_BOUNDS.least_heating)
+        if wire.rates and wire.rates.heating < min_heating:
             raise CalibrationError(
                 f"The {wire.name} wire was heated, but its thermocouple shows "
                 f"{wire.rates.heating:.1f} °C/s at full duty. Either it is off its wire, reversed "
@@ -69,38 +69,40 @@ def check_first_contact(recording: Recording, described: LimbParameters, path: P
 
 
 def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> list[str]:
-    """Sentences on what a wire or its thermocouple shows that is unlike the others or its kind.
+    """Return sentences on wires or thermocouples that differ from the others or their kind.
 
     Args:
         recordings, described: as for `fit_heat_bounds`.
     """
-    heated = [(wire, wire.rates) for wire in _wires(recordings, described) if wire.rates]
+    heated_wires = [(wire, wire.rates) for wire in _wires(recordings, described) if wire.rates]
     shares = [
         rates.heating / wire.kind.most_heating * RATE_FACTORS["most_heating"]
-        for wire, rates in heated
+        for wire, rates in heated_wires
     ]
-    most = max(shares, default=np.inf)
+    # Compare the wires with each other.
+    largest_share = max(shares, default=np.inf)
     remarks = []
-    for (wire, rates), share in zip(heated, shares, strict=True):
-        if rates.reading < SLOW_READING:
+    for (wire, rates), share in zip(heated_wires, shares, strict=True):
+        if rates.reading < MIN_READING_RATE:
             remarks.append(
                 f"the {wire.name} thermocouple lags by {1 / rates.reading:.0f} s: it is badly "
                 "bonded, so bond it anew."
             )
-        if share < UNLIKE * most:
+        if share < MIN_HEAT_SHARE * largest_share:
             remarks.append(
-                f"the {wire.name} wire shows {share / most:.0%} of the heat of the one that "
-                "shows most. Either its thermocouple shows a share of its rise, or it gets less "
-                "heat than the other: compare their resistances, and bond the thermocouple anew. "
-                "The board heats it as if the thermocouple were wrong."
+                f"the {wire.name} wire shows {share / largest_share:.0%} of the heat of the wire "
+                "that shows most. Either its thermocouple shows a share of its rise, or it gets "
+                "less heat than the other: compare their resistances, and bond the thermocouple "
+                "anew. The board heats it as if the thermocouple were wrong."
             )
-    if most < RATE_FACTORS["least_heating"]:
+    # Compare all wires with their description.
+    if largest_share < RATE_FACTORS["least_heating"]:
         remarks.append(
-            f"the wires show {most:.0%} of the heat that their description says, at "
+            f"the wires show {largest_share:.0%} of the heat that their description says, at "
             "most. Either all thermocouples show a share of their rise, or the limb is unlike its "
             "description: the board will keep it cooler than it needs to be. If you are sure of "
             "the thermocouples, describe the wires by a2 "
-            + " and ".join(f"{rates.heating:.3g}" for _, rates in heated)
+            + " and ".join(f"{rates.heating:.3g}" for _, rates in heated_wires)
             + " °C/s."
         )
     return remarks
@@ -121,7 +123,8 @@ class _Wire(NamedTuple):
 
 
 def _wires(recordings: Iterable[Recording], limb: LimbParameters) -> list[_Wire]:
-    recordings, wires = list(recordings), []
+    recordings = list(recordings)
+    wires = []
     for index, wire in enumerate(limb.wires):
         try:
             kind = HeatBounds.around(LinearLaw() if limb.calibration else wire.law)
@@ -136,16 +139,18 @@ def _wires(recordings: Iterable[Recording], limb: LimbParameters) -> list[_Wire]
 
 
 def _fit_wire(wire: _Wire, hottest: float, margin: float) -> HeatBounds:
-    kind, rates = wire.kind, wire.rates
+    kind = wire.kind
+    rates = wire.rates
     if rates is None:
         return kind
     bounds = rates.bounds(kind, hottest, margin)
+    # The least heating is low enough for all readings.
     share = rates.heating / kind.least_heating
     for course in wire.courses:
         # It is proportional to the least heating.
-        least = course.least(dataclasses.replace(bounds, least_heating=kind.least_heating))
-        shown = least > SHORTEST * kind.least_heating
-        shares = (course.averaged + NOISE)[shown] / least[shown]
+        least_rises = course.least(dataclasses.replace(bounds, least_heating=kind.least_heating))
+        is_heated = least_rises > MIN_FULL_DUTY_TIME * kind.least_heating
+        shares = (course.averaged + READING_NOISE)[is_heated] / least_rises[is_heated]
         share = min(share, float(shares.min(initial=np.inf)))
     # A limb that heats as it is described keeps that bound at least.
     share = max(share * (1 - margin), 1.0 if share > 1.0 else 0.0)
@@ -158,7 +163,7 @@ class _WireHeat:
     """A recording of a wire in steps of the board's observer.
 
     - ``duty``: duty in each step (K).
-    - ``rise``: reading above that of the cold wire, after each step (K), °C.
+    - ``rise``: reading above the cold wire's reading, after each step (K), °C.
     - ``averaged``: that rise, as the board averages it (K), °C.
     - ``interval``: duration of a step, s.
     """
@@ -179,7 +184,7 @@ class _WireHeat:
         return first_order_lag(signal, 1 / heat.AVERAGING_TIME, self.interval)
 
     def least(self, bounds: HeatBounds) -> np.ndarray:
-        """The least rise that is read, averaged (K), °C."""
+        """Return the least rise that is read, averaged (K), °C."""
         observer = heat.WireObserver(0.0)
         observer.bounds = dataclasses.astuple(bounds)
         least = []

@@ -15,7 +15,9 @@ import numpy as np
 from calibration.estimate import Estimate
 from limb_systems import LimbError
 
-BELOW_ROOM, ABOVE_READINGS = 10.0, 20.0  # °C, beyond which nothing in a limb starts
+# °C, beyond which nothing in a limb starts
+MAX_BELOW_ROOM = 10.0
+MAX_ABOVE_READINGS = 20.0
 
 
 class CalibrationError(LimbError):
@@ -36,7 +38,7 @@ RULES = {
     "unknown": (Severity.STOP, "a parameter is unknown"),
     # If a fit ends at its bound, the true value is beyond it by an unknown amount.
     "bound": (Severity.STOP, "a parameter is at its bound"),
-    # What follows from a wrong start is wrong as well: heat is that of the start.
+    # All heat after a wrong start is wrong as well.
     "start": (Severity.STOP, "a recording starts at an impossible temperature"),
     # k is off by half, and what is under gravity with it.
     "sensor": (Severity.STOP, "the bend sensor seems to be another than the header says"),
@@ -54,7 +56,7 @@ RULES = {
     "lag": (Severity.CARE, "the thermocouples' lag is unknown"),
     # Uncertain by a third or more, and so is the temperature that a plan reaches.
     "uncertain": (Severity.CARE, "a parameter is uncertain"),
-    # What was not recorded is that of the description, or of wires in general.
+    # Such a wire's parameters are as described, or as expected of wires in general.
     "unheated": (Severity.CARE, "a wire was never heated"),
     # Its heat follows from the bend alone, and from the other wires'.
     "unread": (Severity.CARE, "a wire has no thermocouple"),
@@ -97,29 +99,29 @@ class Remark:
 
 
 def remarks_on_estimate(name: str, estimate: Estimate) -> list[Remark]:
-    """A remark if the data do not determine a quantity, which cannot be zero."""
+    """Return a remark if the data do not determine a quantity, which cannot be zero."""
     if estimate.is_determined:
         return []
     return [Remark("unknown", f"The data do not determine {name}; record more trials of it.")]
 
 
-def remarks_on_start(what: str, value: float, room: float, readings: np.ndarray) -> list[Remark]:
-    """A remark if a fit has a recording start far below the room, or far above all readings.
+def remarks_on_start(name: str, value: float, room: float, readings: np.ndarray) -> list[Remark]:
+    """Return a remark if a fit has a recording start far below the room, or far above all readings.
 
     Args:
-        what: starts, in words.
+        name: the part that starts at this temperature, in words.
         value: fitted temperature at the start, °C.
         room: T0, °C.
         readings: V in the recording, °C; nan where missing.
     """
     coldest = float(np.nanmin(readings, initial=room))
     hottest = float(np.nanmax(readings, initial=room))
-    if coldest - BELOW_ROOM < value < hottest + ABOVE_READINGS:
+    if coldest - MAX_BELOW_ROOM < value < hottest + MAX_ABOVE_READINGS:
         return []
     return [
         Remark(
             "start",
-            f"The fit starts {what} at {value:.0f} °C in a room of {room:.0f} °C, which cannot "
+            f"The fit starts {name} at {value:.0f} °C in a room of {room:.0f} °C, which cannot "
             "be; let the limb rest, record some seconds before the first heat, and see that duty "
             "and readings are of the same time.",
         )
@@ -127,7 +129,7 @@ def remarks_on_start(what: str, value: float, room: float, readings: np.ndarray)
 
 
 def verdict(remarks: Sequence[Remark], model_error: str) -> str:
-    """Whether to plan with a calibration, and why, in one line.
+    """Return whether to plan with a calibration, and why, in one line.
 
     Args:
         model_error: how far the model is off, in words; empty if it is not validated.

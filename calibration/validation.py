@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.law_fit import Predicted
-from calibration.recordings.at_rest import COLD, first_readings
+from calibration.recordings.at_rest import COLD_SPREAD, first_readings
 from calibration.recordings.kinds import bend_sensor_of
 from calibration.remarks import Remark, verdict
 from limb_systems import Limb, LimbError, LimbModel, LimbParameters, Recording, simulate
@@ -18,9 +18,11 @@ from limb_systems.kinematics import rest_joint_angles
 
 # Mean |φ - φ_sim| as a fraction of the range of φ in the recording it is validated with.
 GOOD_ERROR = 0.1  # 6° of 60°: the paper's robot is 3.4° to 5.3° from its plans in Table I
-WARM_START, WARMTH = 20.0, 0.03  # s, and share of the silicone's warmth, to which it is found
+# s, and share of the silicone's warmth, to which it is found
+WARM_START_TIME = 20.0
+WARMTH_TOLERANCE = 0.03
 LEAD_TIME = 1.0  # s, whose readings show how fast V changes at the start
-WORST_ERROR = 0.25  # that of a limb which stays in the middle of a range that φ fills evenly
+WORST_ERROR = 0.25  # of a limb that stays in the middle of a range that φ fills evenly
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,8 +52,9 @@ class Validation:
 
     @property
     def in_words(self) -> str:
-        """How far the model is from the limb, as part of a sentence."""
-        degrees, percent = np.rad2deg(self.mean), 100 * self.relative_error
+        """Return how far the model is from the limb, as part of a sentence."""
+        degrees = np.rad2deg(self.mean)
+        percent = 100 * self.relative_error
         return (
             f"the model is {degrees:.1f}° ({percent:.0f}% of its range) from the limb's bend on "
             "average"
@@ -59,7 +62,7 @@ class Validation:
 
     @property
     def verdict(self) -> str:
-        """Whether to plan with the model, as far as this validation says."""
+        """Return whether to plan with the model, as far as this validation says."""
         return verdict(self.remarks, self.in_words)
 
     @property
@@ -75,21 +78,22 @@ class Validation:
 
 
 def validate(parameters: LimbParameters, recording: Recording) -> Validation:
-    """Simulates the duty of a recording, open loop, and compares.
+    """Simulate the duty of a recording, open loop, and compare both.
 
     The model starts at rest with its wires at the first measured temperatures. Where these are
     warm, the silicone is as warm as fits the first readings best.
     An interrupted recording counts as far as it came, and samples that are missing do not.
-    Its times may be any, such as those of a clock that drifts.
+    Its times may be any, such as times of a clock that drifts.
 
     Raises:
         LimbError: if a value of the recording is not plausible.
     """
     recording.check_plausible()
+    # Apply the recorded duty to the model, from its first readings.
     times = recording.time - recording.time[0]
     # The duty at a sample was in force since the sample before.
-    held = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
-    duty = PiecewisePolynomial.ZeroOrderHold(times, held)
+    duty_in_force = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
+    duty = PiecewisePolynomial.ZeroOrderHold(times, duty_in_force)
     first = np.nan_to_num(first_readings(recording), nan=parameters.ambient_temperature)
     angles = rest_joint_angles(parameters)
 
@@ -98,27 +102,29 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         rate = recording.sample_rate
         return simulate(Limb(parameters), duty, duration, sample_rate=rate, initial_state=state)
 
-    def missed(wires: np.ndarray) -> float:
-        """Mean error of V in the first seconds, °C."""
-        simulation = run(wires, min(WARM_START, times[-1]))
-        soon = times <= simulation.time[-1]
-        measured = recording.measured_temperature[:, soon]
-        readings = simulation.interpolated(simulation.measured_temperature, times[soon])
+    def start_error(wires: np.ndarray) -> float:
+        """Return the mean error of V in the first seconds, °C."""
+        simulation = run(wires, min(WARM_START_TIME, times[-1]))
+        is_early = times <= simulation.time[-1]
+        measured = recording.measured_temperature[:, is_early]
+        readings = simulation.interpolated(simulation.measured_temperature, times[is_early])
         return float(np.nanmean(np.abs(readings - measured)))
 
+    # Search how warm the silicone is at the start.
     cold, wires = _warm_starts(parameters, recording, first)
     if (cold != wires).any():
         search = minimize_scalar(
-            lambda share: missed(cold + share * (wires - cold)),
+            lambda share: start_error(cold + share * (wires - cold)),
             bounds=(0.0, 1.0),
             method="bounded",
-            options={"xatol": WARMTH},
+            options={"xatol": WARMTH_TOLERANCE},
         )
         wires = cold + search.x * (wires - cold)
+    # Simulate all of it, as the limb's own sensor shows it.
     simulation = run(wires, times[-1])
     assert simulation.joint_state is not None  # a model's
     mechanics = LimbModel.of(parameters).mechanics
-    seen = [
+    seen_bends = [
         bend_sensor_of(recording, segment).apparent_bends(chain, simulation.joint_state[joints])
         for segment, (chain, joints) in enumerate(mechanics.chains_with_joints)
     ]
@@ -126,77 +132,83 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         time=recording.time,
         duty=recording.duty,
         measured_temperature=simulation.interpolated(simulation.measured_temperature, times),
-        bend_angle=simulation.interpolated(np.concatenate(seen), times),
+        bend_angle=simulation.interpolated(np.concatenate(seen_bends), times),
         parameters=parameters,
         source="model",
         sample_rate=recording.sample_rate,
     )
-    return _compared(recording, simulated)
+    return _compare(recording, simulated)
 
 
 def _warm_starts(
     parameters: LimbParameters, recording: Recording, first: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """States of wires that are read at V (W,), °C, in cold silicone, and in silicone as warm.
+    """Return the states of wires that are read at V (W,), °C, in cold and in warm silicone.
 
     T is ahead of V by the lag, as the first readings change. Both are the same where no wire is
     warm, or none has silicone.
     """
-    wires, heat = LimbModel.of(parameters).wires, first.copy()
-    warm = first > parameters.ambient_temperature + COLD
-    soon = recording.time <= recording.time[0] + max(LEAD_TIME, 2.5 / recording.sample_rate)
+    wires = LimbModel.of(parameters).wires
+    warmth = first.copy()
+    # Estimate T of warm wires from the rate at which V changes.
+    warm = first > parameters.ambient_temperature + COLD_SPREAD
+    is_early = recording.time <= recording.time[0] + max(LEAD_TIME, 2.5 / recording.sample_rate)
     for index in np.flatnonzero(warm):
-        shown = soon & ~np.isnan(recording.measured_temperature[index])
+        is_used = is_early & ~np.isnan(recording.measured_temperature[index])
         with contextlib.suppress(LimbError):  # of a law that does not say how late V is
             rate = parameters.wires[index].law.typical_rates()["reading"]
-            readings = recording.measured_temperature[index, shown]
+            readings = recording.measured_temperature[index, is_used]
             if len(readings) > 2:
-                heat[index] += np.polyfit(recording.time[shown], readings, 1)[0] / rate
-    rested = wires.rested_states(heat)
-    silicone = np.zeros(len(rested), bool)
+                warmth[index] += np.polyfit(recording.time[is_used], readings, 1)[0] / rate
+    # Silicone may be cold or as warm as its wire.
+    settled = wires.rested_states(warmth)
+    silicone = np.zeros(len(settled), bool)
     of_laws = slice(wires.num_wires, sum(len(wire.law.states) for wire in parameters.wires))
     silicone[of_laws] = wires.settles[of_laws] & warm.any()
-    return np.where(silicone, wires.cold_states, rested), rested
+    return np.where(silicone, wires.cold_states, settled), settled
 
 
-def validation_of(judged: Sequence[Predicted], parameters: LimbParameters) -> Validation:
-    """Recordings, one after the other, and their prediction by a law, of a limb as given.
+def validation_of(predictions: Sequence[Predicted], parameters: LimbParameters) -> Validation:
+    """Compare recordings, one after the other, with their prediction by a law.
 
     A sample without readings parts them, so that no picture draws a line from one to the next.
     """
-    runs = [predicted.run for predicted in judged]
+    runs = [predicted.run for predicted in predictions]
     spans = [run.times[-1] - run.times[0] + STEP for run in runs]
     starts = np.cumsum([0.0, *spans[:-1]])
-    times, duty = [], []
+    # Put the recordings one after the other.
+    times = []
+    duty = []
     for run, start, span in zip(runs, starts, spans, strict=True):
         step = np.minimum((run.times / STEP).astype(int), len(run.duty) - 1)
         times.append(np.append(run.times - run.times[0], span - STEP / 2) + start)
         duty.append(np.vstack([run.duty[step], np.zeros_like(run.duty[:1])]))
 
-    def recording(shown: Sequence[HeatedRun | Predicted], source: str) -> Recording:
-        def parted(signals: Iterable[np.ndarray]) -> np.ndarray:
+    def recording(runs_or_predictions: Sequence[HeatedRun | Predicted], source: str) -> Recording:
+        def with_separators(signals: Iterable[np.ndarray]) -> np.ndarray:
             return np.concatenate([np.vstack([rows, 0 * rows[:1] + np.nan]) for rows in signals]).T
 
         return Recording(
             time=np.concatenate(times),
             duty=np.concatenate(duty).T,
-            measured_temperature=parted(each.temperature for each in shown),
-            bend_angle=parted(each.bend for each in shown),
+            measured_temperature=with_separators(item.temperature for item in runs_or_predictions),
+            bend_angle=with_separators(item.bend for item in runs_or_predictions),
             parameters=parameters,
             source=source,
             sample_rate=1 / STEP,
         )
 
     sources = ", ".join(dict.fromkeys(run.source for run in runs))
-    return _compared(recording(runs, sources), recording(judged, "model"))
+    return _compare(recording(runs, sources), recording(predictions, "model"))
 
 
-def _compared(recording: Recording, simulation: Recording) -> Validation:
-    off = simulation.bend_angle - recording.bend_angle
+def _compare(recording: Recording, simulation: Recording) -> Validation:
+    differences = simulation.bend_angle - recording.bend_angle
     is_planar = simulation.model.layout.is_planar
-    bend = np.abs(off) if is_planar else np.linalg.norm(off, axis=0)
+    bend = np.abs(differences) if is_planar else np.linalg.norm(differences, axis=0)
     heat = np.abs(simulation.measured_temperature - recording.measured_temperature)
-    error, heat = bend[~np.isnan(bend)], heat[~np.isnan(heat)]
+    error = bend[~np.isnan(bend)]
+    heat = heat[~np.isnan(heat)]
     return Validation(
         recording,
         simulation,

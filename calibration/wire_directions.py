@@ -1,4 +1,4 @@
-"""Where wires bend a limb to, by a regression that needs no law and no description."""
+"""The directions in which wires bend a limb, by a regression that needs no law."""
 
 import copy
 import dataclasses
@@ -13,16 +13,17 @@ from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.remarks import CalibrationError
 from limb_systems import LimbParameters, SegmentParameters, WireParameters
 
-CHANGE = 4.0  # s, whose changes count: the angle at rest drifts more slowly
-POWERS = (1, 2, 3)  # of the heat, as torque sets in at a threshold
-ROUNDING = 1e-6  # share of the heat of all wires, below which a difference of wires is none
-MOST_OFF = np.deg2rad(45.0)  # from the description, beyond which a wire is a question
+CHANGE_TIME = 4.0  # s, whose changes count: the angle at rest drifts more slowly
+HEAT_POWERS = (1, 2, 3)  # of the heat, as torque sets in at a threshold
+MIN_HEAT_SHARE = 1e-6  # share of the heat of all wires, below which a difference of wires is none
+MAX_ANGLE_ERROR = np.deg2rad(45.0)  # from the description, beyond which a wire is a question
 # Directions scatter by more than the regression says, as wires follow no power of their heat, and
 # wires are placed within some degrees.
-WIDENING, PLACED = 1.5, np.deg2rad(8.0)
-MOST_EXCHANGED = 6  # wires, of which all exchanges are compared
-LEAST_ODDS = 9.0  # χ² by which two wires are likelier as described than exchanged
-ALIKE = np.deg2rad(20.0)  # within which all wires are off by the same turn of the sensor
+ERROR_WIDENING = 1.5
+PLACEMENT_ERROR = np.deg2rad(8.0)
+MAX_EXCHANGED_WIRES = 6  # wires, of which all exchanges are compared
+MIN_CHI_SQUARE = 9.0  # χ² by which two wires are likelier as described than exchanged
+SAME_TURN_ANGLE = np.deg2rad(20.0)  # within which all wires are off by the same turn of the sensor
 
 
 class WrongDescriptionError(CalibrationError):
@@ -38,7 +39,7 @@ class WrongDescriptionError(CalibrationError):
 
 @dataclasses.dataclass(frozen=True)
 class WireDirection:
-    """How a wire bends the limb.
+    """The direction and size of a wire's bend.
 
     - ``name``: name of the wire.
     - ``angle``: direction of its bend from +E2 towards +E3, rad; 0 or π in a plane.
@@ -69,51 +70,54 @@ class WireDirection:
 
 def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> list[WireDirection]:
     """Return the directions of the wires that are heated, by the changes of the bend with heat."""
+    # Compute changes of the bend, and of powers of each wire's heat.
     changes = np.concatenate([_changes(run, run.bend) for run in runs])
-    shown = ~np.isnan(changes).any(axis=1)
-    changes = changes[shown]
+    is_read = ~np.isnan(changes).any(axis=1)
+    changes = changes[is_read]
     heats = {}
-    for delay, power in itertools.product(DELAYS, POWERS):
+    for delay, power in itertools.product(DELAYS, HEAT_POWERS):
         parts = [_changes(run, heat_by_duty(run, delay) ** power) for run in runs]
-        heats[delay, power] = np.concatenate(parts)[shown]
+        heats[delay, power] = np.concatenate(parts)[is_read]
     heated = np.flatnonzero(heats[DELAYS[0], 1].any(axis=0)).tolist()
     if len(changes) <= len(heated) or not heated:
         return []
 
-    def misfit(driven: np.ndarray) -> float:
-        gains = np.linalg.lstsq(driven, changes, rcond=None)[0]
-        return float(((changes - driven @ gains) ** 2).sum())
+    # Take the delay and power with which the regression fits best.
+    def misfit(chosen_heats: np.ndarray) -> float:
+        gains = np.linalg.lstsq(chosen_heats, changes, rcond=None)[0]
+        return float(((changes - chosen_heats @ gains) ** 2).sum())
 
-    (delay, _), driven = min(heats.items(), key=lambda item: misfit(item[1]))
-    driven = driven[:, heated]
-    gains = np.linalg.lstsq(driven, changes, rcond=None)[0]
-    residuals = changes - driven @ gains
+    (delay, _), chosen_heats = min(heats.items(), key=lambda item: misfit(item[1]))
+    chosen_heats = chosen_heats[:, heated]
+    gains = np.linalg.lstsq(chosen_heats, changes, rcond=None)[0]
+    residuals = changes - chosen_heats @ gains
     # Changes that overlap are not independent.
-    variance = residuals.var() * CHANGE / STEP
+    variance = residuals.var() * CHANGE_TIME / STEP
     # Wires that are always heated together leave their own shares open.
-    products = driven.T @ driven
-    products += ROUNDING * np.trace(products) * np.eye(len(products))
+    products = chosen_heats.T @ chosen_heats
+    products += MIN_HEAT_SHARE * np.trace(products) * np.eye(len(products))
     errors = np.sqrt(variance * np.diag(np.linalg.inv(products)))
-    found = []
-    for wire, gain, error, own in zip(heated, gains, errors, driven.T, strict=True):
+    # Turn each wire's gain into an angle, and compare it with the description.
+    directions = []
+    for wire, gain, error, wire_heat in zip(heated, gains, errors, chosen_heats.T, strict=True):
         size = float(np.linalg.norm(gain)) + 1e-12
-        share = (residuals + np.outer(own, gain)) @ gain / size
+        share = (residuals + np.outer(wire_heat, gain)) @ gain / size
         described = _described_angle(segment.wires[wire], segment)
         angle = 0.0 if gain[0] > 0 else np.pi
         if segment.axes > 1:
             angle = float(np.arctan2(gain[1], gain[0])) + segment.bend_sensor.roll
-        found.append(
+        directions.append(
             WireDirection(
                 segment.wires[wire].name,
                 _wrapped(angle),
                 _wrapped(angle - described),
-                float(np.hypot(WIDENING * error / size, PLACED)),
+                float(np.hypot(ERROR_WIDENING * error / size, PLACEMENT_ERROR)),
                 size,
                 delay,
-                float(np.corrcoef(share, own)[0, 1]) if share.any() else 0.0,
+                float(np.corrcoef(share, wire_heat)[0, 1]) if share.any() else 0.0,
             )
         )
-    return found
+    return directions
 
 
 def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) -> None:
@@ -125,14 +129,16 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
     """
     corrected = copy.deepcopy(limb)
     (segment,) = corrected.segments
-    offs = np.array([direction.off for direction in directions])
+    angle_errors = np.array([direction.off for direction in directions])
     errors = np.array([direction.error for direction in directions])
     # All wires may be off by the same turn of the sensor.
     if segment.axes > 1 and len(directions) > 1:
-        turn = float(np.angle(np.sum(np.exp(1j * offs) / errors**2)))
-        apart = np.abs([_wrapped(off - turn) for off in offs])
+        turn = float(np.angle(np.sum(np.exp(1j * angle_errors) / errors**2)))
+        remaining_errors = np.abs([_wrapped(off - turn) for off in angle_errors])
         turn_error = float(1 / np.sqrt(np.sum(1 / errors**2)))
-        if (apart < np.maximum(ALIKE, 2 * errors)).all() and abs(turn) + turn_error > MOST_OFF:
+        if (remaining_errors < np.maximum(SAME_TURN_ANGLE, 2 * errors)).all() and abs(
+            turn
+        ) + turn_error > MAX_ANGLE_ERROR:
             segment.bend_sensor.roll = _wrapped(segment.bend_sensor.roll - turn)
             roll = np.rad2deg(segment.bend_sensor.roll)
             raise WrongDescriptionError(
@@ -141,60 +147,63 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
                 f"were turned: its roll would be {roll:.0f}°.",
                 corrected,
             )
-    wrong = [d for d in directions if abs(d.off) - 2 * d.error > MOST_OFF]
-    doubtful = [] if wrong else _as_well_exchanged(directions, segment)
-    if not wrong + doubtful:
+    # Ask about wires that are clearly wrong, or that may be exchanged.
+    wrong_wires = [d for d in directions if abs(d.off) - 2 * d.error > MAX_ANGLE_ERROR]
+    doubtful_wires = [] if wrong_wires else _exchangeable_wires(directions, segment)
+    if not wrong_wires + doubtful_wires:
         return
     # Exchange places of wires if that explains where they bend the limb to.
-    found = {direction.name: direction for direction in directions}
-    wires = [wire for wire in segment.wires if wire.name in found]
-    measured = np.array([found[wire.name].angle for wire in wires])
-    spreads = np.array([found[wire.name].error for wire in wires])
+    by_name = {direction.name: direction for direction in directions}
+    wires = [wire for wire in segment.wires if wire.name in by_name]
+    measured = np.array([by_name[wire.name].angle for wire in wires])
+    spreads = np.array([by_name[wire.name].error for wire in wires])
     described = [_described_angle(wire, segment) for wire in wires]
     exchanged = [described]
-    if len(wires) <= MOST_EXCHANGED:
+    if len(wires) <= MAX_EXCHANGED_WIRES:
         exchanged = list(map(list, itertools.permutations(described)))
-    offs = np.abs(_wrapped(measured - np.array(exchanged)))
-    best = int(np.argmin(((offs / spreads) ** 2).sum(axis=1)))
+    angle_errors = np.abs(_wrapped(measured - np.array(exchanged)))
+    best = int(np.argmin(((angle_errors / spreads) ** 2).sum(axis=1)))
     places = exchanged[best]
-    if (offs[best] - spreads > MOST_OFF).any():
-        asked = wrong + doubtful
-        places = [found[w.name].angle if found[w.name] in asked else w.angle for w in wires]
+    if (angle_errors[best] - spreads > MAX_ANGLE_ERROR).any():
+        asked = wrong_wires + doubtful_wires
+        places = [by_name[w.name].angle if by_name[w.name] in asked else w.angle for w in wires]
     for wire, place in zip(wires, places, strict=True):
         if segment.axes > 1:
             wire.angle = float(place)
         elif np.cos(place) * wire.lever[0] < 0:
             wire.e2 = -wire.e2
-    said = "; ".join(map(str, wrong + doubtful))
-    if wrong:
-        names = " and ".join(direction.name for direction in wrong)
-        todo = f"the description seems to have {names} on the wrong side"
+    # Say what the recordings contradict.
+    directions_text = "; ".join(map(str, wrong_wires + doubtful_wires))
+    if wrong_wires:
+        names = " and ".join(direction.name for direction in wrong_wires)
+        advice = f"the description seems to have {names} on the wrong side"
     else:
-        names = " and ".join(direction.name for direction in doubtful)
-        todo = (
+        names = " and ".join(direction.name for direction in doubtful_wires)
+        advice = (
             f"{names} may as well be exchanged; a recording with one wire heated after the "
             "other, each from cold, decides"
         )
-    raise WrongDescriptionError(f"By the recordings {said}: {todo}.", corrected)
+    raise WrongDescriptionError(f"By the recordings {directions_text}: {advice}.", corrected)
 
 
-def _as_well_exchanged(
+def _exchangeable_wires(
     directions: Sequence[WireDirection], segment: SegmentParameters
 ) -> list[WireDirection]:
     """Return the wires that recordings do not tell from another wire; none if all are told."""
     angles = {wire.name: _described_angle(wire, segment) for wire in segment.wires}
-    found = {direction.name: direction for direction in directions}
+    by_name = {direction.name: direction for direction in directions}
     doubtful: list[str] = []
     for pair in itertools.combinations(angles, 2):
-        turned = _wrapped(angles[pair[0]] - angles[pair[1]])
-        odds = 0.0
+        angle_between = _wrapped(angles[pair[0]] - angles[pair[1]])
+        chi_square = 0.0
         for name, sign in zip(pair, (1.0, -1.0), strict=True):
-            if name in found:
-                off, error = found[name].off, found[name].error
-                odds += (_wrapped(off + sign * turned) ** 2 - off**2) / error**2
-        if turned and odds < LEAST_ODDS:
-            doubtful += [name for name in pair if name in found]
-    return [found[name] for name in dict.fromkeys(doubtful)]
+            if name in by_name:
+                off = by_name[name].off
+                error = by_name[name].error
+                chi_square += (_wrapped(off + sign * angle_between) ** 2 - off**2) / error**2
+        if angle_between and chi_square < MIN_CHI_SQUARE:
+            doubtful += [name for name in pair if name in by_name]
+    return [by_name[name] for name in dict.fromkeys(doubtful)]
 
 
 def _described_angle(wire: WireParameters, segment: SegmentParameters) -> float:
@@ -205,8 +214,8 @@ def _described_angle(wire: WireParameters, segment: SegmentParameters) -> float:
 
 
 def _changes(run: HeatedRun, signal: np.ndarray) -> np.ndarray:
-    """Changes of a signal (M, ...) within some seconds (L, ...)."""
-    later = np.searchsorted(run.times, run.times + CHANGE - STEP / 2)
+    """Return the changes of a signal (M, ...) within some seconds (L, ...)."""
+    later = np.searchsorted(run.times, run.times + CHANGE_TIME - STEP / 2)
     early = np.flatnonzero(later < len(run.times))
     return signal[later[early]] - signal[early]
 

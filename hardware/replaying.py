@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, Leaf
 from pydrake.systems.primitives import ConstantVectorSource, Multiplexer, TrajectorySource
 
 from hardware.board.journal import closing, open_journal
-from hardware.board.link import present_temperature
+from hardware.board.link import check_heat_is_measured, present_temperature
 from hardware.board.serial_limb import SerialLimb
 from hardware.firmware import guard
 from hardware.live_feed import LiveView, live_display
@@ -179,12 +179,7 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
     # The temperatures of the plan must come from thermocouples, and its board be this board.
     board = limb.info.serial_number
     planned = trajectory.parameters
-    if planned.calibration and not planned.calibration.heat_measured:
-        raise ReplayError(
-            "This trajectory was planned with a limb that was calibrated without thermocouples, so "
-            "that nobody knows how hot its wires get, and boards refuse to heat without them: bond "
-            "thermocouples, calibrate again, and plan again. It can be simulated."
-        )
+    check_heat_is_measured(planned)
     number = planned.board.identity
     if isinstance(planned.board, EmulatedLimb):
         number = planned.board.serial_number

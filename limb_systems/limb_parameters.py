@@ -480,6 +480,11 @@ class LimbParameters(Described):
         return suffixes
 
     @property
+    def heat_is_measured(self) -> bool:
+        """Return whether boards may heat the limb; not if a calibration had no thermocouples."""
+        return self.calibration is None or self.calibration.heat_measured
+
+    @property
     def heat_bounds(self) -> list[HeatBounds]:
         """The heat bounds of all wires (W): calibrated bounds, or else bounds around their laws.
 

@@ -17,6 +17,7 @@ from limb_systems.files.schema import Strict, quantity, validate
 from limb_systems.layout import slices
 from limb_systems.limb_parameters import (
     BoardIdentity,
+    CalibrationRecord,
     EmulatedLimb,
     LimbParameters,
     NoBoard,
@@ -483,9 +484,14 @@ class RobotParameters(ConnectedLimbs):
                 name = robot_limb.name if is_single else f"{robot_limb.name}_{number}"
                 segments.append(dataclasses.replace(segment, name=name))
         first = self.limbs[0].parameters
+        # Boards refuse all limbs if the heat of any was not measured.
+        record = None
+        if not all(limb.parameters.heat_is_measured for limb in self.limbs):
+            record = CalibrationRecord([], [], [], [], heat_measured=False)
         return LimbParameters(
             segments=segments,
             board=self._board,
+            calibration=record,
             ambient_temperature=first.ambient_temperature,
             temperature_limits=first.temperature_limits,
             total_duty=self.total_duty,

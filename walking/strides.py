@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
 
 from calibration.estimate import Estimate
-from calibration.recordings.repair import filled
+from calibration.recordings.repair import fill_gaps
 from calibration.remarks import CalibrationError
 from limb_systems import LimbModel, Recording
 from limb_systems.kinematics import joint_angles_from_bend_angle
@@ -187,7 +187,7 @@ def _make_estimate(logarithm: float, variance: float) -> Estimate:
 def smooth_bends(recording: Recording) -> np.ndarray:
     """Return the measured bends (F, K), rad, with gaps filled and noise averaged."""
     size = max(1, round(SMOOTHING_TIME * recording.sample_rate))
-    bends = np.array([filled(recording.time, bend) for bend in recording.bend_angle])
+    bends = np.array([fill_gaps(recording.time, bend) for bend in recording.bend_angle])
     return uniform_filter1d(bends, size, axis=1)
 
 

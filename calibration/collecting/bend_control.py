@@ -1,4 +1,4 @@
-"""Holds a limb at bend angles: the PI controller and the schedule of Sec. V-C."""
+"""Hold a limb at bend angles: the PI controller and the schedule of Sec. V-C."""
 
 from collections.abc import Sequence
 
@@ -11,9 +11,10 @@ from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.simulation import PERIOD
 from limb_systems.wires import Wires
 
-TAPER = 15.0  # °C
-CUT_OUT = 5.0  # °C below T_max, where a wire is switched off
-MAXIMUM_DUTY, CO_CONTRACTION = 0.5, 0.08
+DUTY_TAPER = 15.0  # °C
+CUT_OUT_MARGIN = 5.0  # °C below T_max, where a wire is switched off
+MAX_DUTY = 0.5
+CO_CONTRACTION_DUTY = 0.08
 
 
 class BendAngleController(LeafSystem):
@@ -50,22 +51,27 @@ class BendAngleController(LeafSystem):
         """
         super().__init__()
         segment = only_segment(parameters)
-        heated = heated_wires(parameters, actuated)
+        heated_indices = heated_wires(parameters, actuated)
         wires = LimbModel.of(parameters).wires
         # Bend angle per duty in the end, by (6), (12), in rad, of the last wire about T_max / 2.
         middle = 0.5 * (parameters.temperature_limits.maximum + parameters.ambient_temperature)
-        (cooler, less), (warmer, more) = (
-            _held(wires, np.append(np.full(wires.num_wires - 1, middle), middle + change))
+        (cooler_torque, cooler_duty), (warmer_torque, warmer_duty) = (
+            _holding_torque_and_duty(
+                wires, np.append(np.full(wires.num_wires - 1, middle), middle + change)
+            )
             for change in (-1.0, 1.0)
         )
-        steady = (warmer - cooler) / (more - less)
+        steady = (warmer_torque - cooler_torque) / (warmer_duty - cooler_duty)
         gain = segment.chain.bend_by_equal_angle * abs(steady) / segment.stiffness
+        # Choose gains for a loop gain of 1.5 and a zero at the slowest pole.
         slowest = np.abs(np.diag(wires.affine_rates()[0])[: wires.num_wires]).min()
-        self._proportional, self._integral = 1.5 / gain, 1.5 / gain * slowest
+        self._proportional = 1.5 / gain
+        self._integral = 1.5 / gain * slowest
         sides = np.sign([wire.lever[0] for wire in segment.wires])
-        self._direction = np.where(np.isin(np.arange(wires.num_wires), heated), sides, 0.0)
-        self._co_contraction = CO_CONTRACTION if len(heated) > 1 else 0.0
-        self._cut_out = parameters.temperature_limits.maximum - CUT_OUT
+        self._direction = np.where(np.isin(np.arange(wires.num_wires), heated_indices), sides, 0.0)
+        self._co_contraction = CO_CONTRACTION_DUTY if len(heated_indices) > 1 else 0.0
+        self._cut_out = parameters.temperature_limits.maximum - CUT_OUT_MARGIN
+        # Declare ports and state.
         self.DeclareVectorInputPort("bend_angle", 1)
         self.DeclareVectorInputPort("measured_temperature", wires.num_wires)
         self.DeclareVectorInputPort("set_point", 1)
@@ -78,25 +84,28 @@ class BendAngleController(LeafSystem):
 
     def _update(self, context, discrete_state):
         state = context.get_discrete_state_vector().value()
-        integral, was_cut_out = state[0], state[1 : 1 + len(self._direction)] > 0.5
+        integral = state[0]
+        was_cut_out = state[1 : 1 + len(self._direction)] > 0.5
         bend_angle, measured, set_point = (self.get_input_port(i).Eval(context) for i in range(3))
+        # Limit the duty by the temperature.
         error = set_point[0] - bend_angle[0]
         cut_out = measured >= self._cut_out - 5.0 * was_cut_out
-        taper = np.minimum(np.maximum((self._cut_out - measured) / TAPER, 0.0), 1.0)
+        taper = np.minimum(np.maximum((self._cut_out - measured) / DUTY_TAPER, 0.0), 1.0)
         taper = np.nan_to_num(taper)  # no duty without a reading
-        limit = np.where(cut_out, 0.0, MAXIMUM_DUTY * taper) * np.abs(self._direction)
+        limit = np.where(cut_out, 0.0, MAX_DUTY * taper) * np.abs(self._direction)
+        # Compute the PI command, and integrate unless it is at its limit.
         command = self._proportional * error + self._integral * integral
-        towards = np.sign(error)
-        room = limit[self._direction == towards].max(initial=0.0)
-        if not towards * command > room:
+        error_sign = np.sign(error)
+        available_duty = limit[self._direction == error_sign].max(initial=0.0)
+        if not error_sign * command > available_duty:
             integral += PERIOD * error
-        wanted = self._co_contraction + self._direction * command
-        duty = np.minimum(np.maximum(wanted, 0.0), limit)
+        wanted_duty = self._co_contraction + self._direction * command
+        duty = np.minimum(np.maximum(wanted_duty, 0.0), limit)
         discrete_state.set_value(np.concatenate([[integral], cut_out, duty]))
 
 
-def _held(wires: Wires, temperature: np.ndarray) -> tuple[float, float]:
-    """Torque on the first joint, N·m, and duty of the last wire that hold wires at T (W,), °C."""
+def _holding_torque_and_duty(wires: Wires, temperature: np.ndarray) -> tuple[float, float]:
+    """Return the first joint's torque, N·m, and the last wire's duty, with wires held at T (W,)."""
     states = wires.settled_states(temperature)
     torque = wires.forces(states, np.zeros(len(wires.levers)))[0]
     return float(torque), float(wires.holding_duty(states)[-1])
@@ -131,7 +140,8 @@ class EquilibriumSchedule(LeafSystem):
             num_wires: W.
         """
         super().__init__()
-        self._angles, self._longest = np.asarray(angles, float), longest
+        self._angles = np.asarray(angles, float)
+        self._longest = longest
         self.DeclareVectorInputPort("bend_angle", 1)
         self.DeclareVectorInputPort("measured_temperature", num_wires)
         state = self.DeclareDiscreteState(4 + num_wires)
@@ -142,7 +152,7 @@ class EquilibriumSchedule(LeafSystem):
         )
 
     def is_finished(self, context: Context) -> bool:
-        """Whether the last angle was held, in the system's own context."""
+        """Return whether the last angle was held, in the system's own context."""
         return context.get_discrete_state_vector()[0] >= len(self._angles)
 
     def _start(self, context, discrete_state):
@@ -151,18 +161,24 @@ class EquilibriumSchedule(LeafSystem):
 
     def _update(self, context, discrete_state):
         state = context.get_discrete_state_vector().value()
-        (index, held, settled), average = state[:3], state[3:]
-        now = np.concatenate([self.get_input_port(i).Eval(context) for i in range(2)])
-        average = np.where(np.isfinite(average), average, now)
-        now = np.where(np.isfinite(now), now, average)  # a board may miss a reading
-        average = average + PERIOD / self.AVERAGING_TIME * (now - average)
-        slope = (now[1:] - average[1:]) / self.AVERAGING_TIME  # of a ramp, in the end
-        near = np.abs(average[0] - self._angle(index)) < self.NEAR
-        quiet = near and (np.abs(slope) < self.SLOW).all()
-        held, settled = held + PERIOD, (settled + PERIOD if quiet else 0.0)
-        if settled >= self.SETTLED_TIME or held >= self._longest:
-            index, held, settled = index + 1, 0.0, 0.0
-        discrete_state.set_value(np.concatenate([[index, held, settled], average]))
+        (index, time_held, time_settled) = state[:3]
+        average = state[3:]
+        present = np.concatenate([self.get_input_port(i).Eval(context) for i in range(2)])
+        average = np.where(np.isfinite(average), average, present)
+        present = np.where(np.isfinite(present), present, average)  # a board may miss a reading
+        # Average the inputs, and see whether the limb has settled.
+        average = average + PERIOD / self.AVERAGING_TIME * (present - average)
+        slope = (present[1:] - average[1:]) / self.AVERAGING_TIME  # of a ramp, in the end
+        is_near = np.abs(average[0] - self._angle(index)) < self.NEAR
+        is_quiet = is_near and (np.abs(slope) < self.SLOW).all()
+        time_held = time_held + PERIOD
+        time_settled = time_settled + PERIOD if is_quiet else 0.0
+        # Go on to the next angle when settled or late.
+        if time_settled >= self.SETTLED_TIME or time_held >= self._longest:
+            index = index + 1
+            time_held = 0.0
+            time_settled = 0.0
+        discrete_state.set_value(np.concatenate([[index, time_held, time_settled], average]))
 
     def _angle(self, index: float) -> float:
         return self._angles[min(int(index), len(self._angles) - 1)]

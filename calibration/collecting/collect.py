@@ -17,13 +17,19 @@ from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Reco
 from limb_systems.limb_system import check_limb
 from limb_systems.simulation import RecordOptions, record
 
-LARGEST = np.deg2rad(45.0)  # of equilibria
+MAX_EQUILIBRIUM_BEND = np.deg2rad(45.0)  # of equilibria
 SAMPLE_RATE = 20.0  # Hz, but for ring-downs
 RING_DOWN_RATE = 100.0
-FIRST_DUTY = 0.3  # the largest sum of both duties while nothing is known of a limb
-CONTACT_DUTY, CONTACT_TIME, CONTACT_END = 0.1, 30.0, 100.0  # s
+FIRST_TOTAL_DUTY = 0.3  # the largest sum of both duties while nothing is known of a limb
+# s
+CONTACT_DUTY = 0.1
+CONTACT_TIME = 30.0
+CONTACT_END = 100.0
 CONTACT_RISE = 12.0  # °C of the readings, at which there is no duty
-WARM_UP_DUTY, WARM_UP_TIME, WARM_UP_END = 0.15, 60.0, 100.0  # s
+# s
+WARM_UP_DUTY = 0.15
+WARM_UP_TIME = 60.0
+WARM_UP_END = 100.0
 WARM_UP_RISE = 60.0  # °C; a wire that shows 60% of its rise then stays below 130 °C
 
 
@@ -37,7 +43,7 @@ def collect_equilibria(
     journal: str | Path | None = None,
     live: LiveView | None = None,
 ) -> Recording:
-    """The datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
+    """Return the datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
 
     The angles are uniform between zero and 45° towards the actuated wire, or to
     both sides.
@@ -64,12 +70,16 @@ def collect_equilibria(
             f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there must "
             "be an angle at least, and the seed must be zero or more."
         )
+    # Draw random angles to the sides of the heated wires.
     wires = only_segment(limb.parameters).wires
     sides = np.sign([wires[index].lever[0] for index in heated])
-    low, high = min(0, *sides), max(0, *sides)
-    angles = LARGEST * np.random.default_rng(seed).uniform(low, high, num_angles)
+    low = min(0, *sides)
+    high = max(0, *sides)
+    angles = MAX_EQUILIBRIUM_BEND * np.random.default_rng(seed).uniform(low, high, num_angles)
+    # Hold them by PI control.
     schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
-    controller, duration = BendAngleController(limb.parameters, actuated), num_angles * longest
+    controller = BendAngleController(limb.parameters, actuated)
+    duration = num_angles * longest
     return _record(
         limb, controller, duration, actuated, journal, live, seed=seed, schedule=schedule
     )
@@ -78,8 +88,8 @@ def collect_equilibria(
 def collect_sag(
     limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
 ) -> Recording:
-    """Sec. V-A: the unheated limb, mounted so that gravity bends it, until it rests (15 s)."""
-    return _record(limb, _off(limb), 15.0, "sag", journal, live)
+    """Record the unheated limb while gravity bends it, for 15 s (Sec. V-A)."""
+    return _record(limb, _zero_duty(limb), 15.0, "sag", journal, live)
 
 
 def collect_ring_down(
@@ -89,20 +99,21 @@ def collect_ring_down(
     journal: str | Path | None = None,
     live: LiveView | None = None,
 ) -> Recording:
-    """Sec. V-B: a person holds the limb at 45° and releases it within the next 6 s."""
-    return _record(limb, _off(limb), 6.0, "ring_down", journal, live, sample_rate=sample_rate)
+    """Record for 6 s a limb that a person holds at 45° and then releases (Sec. V-B)."""
+    return _record(limb, _zero_duty(limb), 6.0, "ring_down", journal, live, sample_rate=sample_rate)
 
 
 def collect_first_contact(
     limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
 ) -> Recording:
-    """One wire after the other warmed by some degrees, of a limb of which nothing is known yet.
+    """Warm one wire after the other by some degrees, of a limb that was never recorded before.
 
     `fit_heat_bounds` learns from it with what bounds the wires can be warmed up.
     """
     num_wires = len(check_limb(limb).parameters.wires)
     pause = (CONTACT_END - num_wires * CONTACT_TIME) / num_wires
-    times, levels = [0.0], []
+    times = [0.0]
+    levels = []
     for wire in np.eye(num_wires):
         times += [times[-1] + CONTACT_TIME, times[-1] + CONTACT_TIME + pause]
         levels += [CONTACT_DUTY * wire, 0 * wire]
@@ -114,21 +125,21 @@ def collect_first_contact(
 def collect_warm_up(
     limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
 ) -> Recording:
-    """All wires a little heated at once, for a minute, from which `fit_heat_bounds` learns."""
-    each = np.ones((len(check_limb(limb).parameters.wires), 1))
-    levels = each * [WARM_UP_DUTY, 0.0, 0.0]
+    """Heat all wires a little at once for a minute, as `fit_heat_bounds` needs it."""
+    ones = np.ones((len(check_limb(limb).parameters.wires), 1))
+    levels = ones * [WARM_UP_DUTY, 0.0, 0.0]
     duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], levels)
     source = DutyUntilWarm(duty, WARM_UP_RISE)
     return _record(limb, source, WARM_UP_END, "heated", journal, live)
 
 
-def for_first_contact(described: LimbParameters) -> LimbParameters:
-    """The limb as a board is told of it for `collect_first_contact`: any wire, little duty."""
-    careful = copy.deepcopy(described)
-    careful.total_duty = min(described.total_duty, FIRST_DUTY)
-    for wire, bounds in zip(careful.wires, described.heat_bounds, strict=True):
+def limb_for_first_contact(described: LimbParameters) -> LimbParameters:
+    """Return the limb with little duty and bounds for any wire, for `collect_first_contact`."""
+    careful_limb = copy.deepcopy(described)
+    careful_limb.total_duty = min(described.total_duty, FIRST_TOTAL_DUTY)
+    for wire, bounds in zip(careful_limb.wires, described.heat_bounds, strict=True):
         wire.heat_bounds = bounds.widened_to_any_wire()
-    return careful
+    return careful_limb
 
 
 def collect_excitation(
@@ -139,18 +150,20 @@ def collect_excitation(
     journal: str | Path | None = None,
     live: LiveView | None = None,
 ) -> Recording:
-    """One of `excitations`, with duty that is limited by what is known of the limb so far.
+    """Return one of `excitations`, with duty that is limited by what is known of the limb so far.
 
     Args:
         known: the limb as it is calibrated so far.
         limb, journal, live: as for `collect_equilibria`.
     """
-    source, duration = LimitedDuty(known, excitation.duty), excitation.duty.end_time()
-    kind, seed = excitation.kind, excitation.seed
+    source = LimitedDuty(known, excitation.duty)
+    duration = excitation.duty.end_time()
+    kind = excitation.kind
+    seed = excitation.seed
     return _record(limb, source, duration, kind, journal, live, seed=seed)
 
 
-def _off(limb: LimbSystem) -> LeafSystem:
+def _zero_duty(limb: LimbSystem) -> LeafSystem:
     return ConstantVectorSource(np.zeros(len(check_limb(limb).parameters.wires)))
 
 
@@ -166,8 +179,9 @@ def _record(
     seed: int | None = None,
     schedule: EquilibriumSchedule | None = None,
 ) -> Recording:
-    """Records a limb under the duty of a source, which sees its outputs, until a schedule ends."""
+    """Record a limb under the duty of a source, which sees its outputs, until a schedule ends."""
     check_limb(limb)
+    # Connect limb, source and schedule.
     builder = DiagramBuilder()
     builder.AddSystem(limb)
     for system in filter(None, (schedule, source)):
@@ -183,7 +197,9 @@ def _record(
         def until(context):
             return schedule.is_finished(schedule.GetMyContextFromRoot(context))
 
-    duty, made = source.get_output_port(), Provenance.now(limb.parameters, seed)
+    # Record, with a live page and a journal if they are asked for.
+    duty = source.get_output_port()
+    provenance = Provenance.now(limb.parameters, seed)
     with (
         live_display(builder, live, limb, duty, duration, reference=reference),
         open_journal(
@@ -193,7 +209,7 @@ def _record(
             duty,
             sample_rate,
             reference=reference,
-            provenance=made,
+            provenance=provenance,
             kind=kind,
         ),
     ):
@@ -207,7 +223,7 @@ def _record(
                 until=until,
                 real_time=live is not None,
                 sample_rate=sample_rate,
-                provenance=made,
+                provenance=provenance,
             ),
         )
     recording.kind = kind

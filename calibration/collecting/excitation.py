@@ -1,4 +1,4 @@
-"""What tells most about a limb's wires: pulses, slow ramps, random levels of all, and motions.
+"""Informative recordings of wires: pulses, slow ramps, random levels of all, and motions.
 
 A study of what recordings tell (two wires, 400 s, the sensors' noise) says: of
 29 parameters one pulse each tells 16 to better than 10%, equilibria 20, pulses
@@ -14,18 +14,18 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 from pydrake.trajectories import PiecewisePolynomial
 
-from calibration.collecting.bend_control import TAPER
-from calibration.recordings.kinds import MOUNTINGS, TURNS
+from calibration.collecting.bend_control import DUTY_TAPER
+from calibration.recordings.kinds import MOUNTING_ANGLES, MOUNTINGS
 from limb_systems import LimbParameters
 from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.monte_carlo import draw_limbs, stack_limbs
 from limb_systems.simulation import PERIOD
 
-MEMBERS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
+NUM_LIMBS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 MOUNTED_LEVELS = (0.12, 0.2, 0.28, 0.36)  # of duty
 REACTION_TIME = 0.5  # s, within which a wire may reach the highest temperature
-RISE_TAPER = 0.2  # share of a rise, over which the duty is reduced
-MOTIONS = 3  # times that the motion is repeated
+RISE_TAPER_SHARE = 0.2  # share of a rise, over which the duty is reduced
+NUM_MOTIONS = 3  # times that the motion is repeated
 LEVEL_STEP = 0.5  # s, of ramps
 
 
@@ -57,70 +57,80 @@ class Excitation:
 
 
 def mountings(num_wires: int) -> list[Excitation]:
-    """The limb turned about its axis under gravity by 0°, 90°, 180° and 270°, 9 minutes each.
+    """Return excitations of a limb turned about its axis under gravity by 0°, 90°, 180° and 270°.
 
     Each wire is held at four levels, then each pair of neighbours. From gravity's direction,
     which turns, and the wires', which do not, follow these, the stiffness, and what the sensor
     takes for E2; in one mounting they cannot be told apart.
     """
-    each = np.eye(num_wires)
-    pairs = each + np.roll(each, 1, axis=1)
-    parts = [(10.0, 0 * each[0])]
-    for wire in each:
+    unit_levels = np.eye(num_wires)
+    pairs = unit_levels + np.roll(unit_levels, 1, axis=1)
+    parts = [(10.0, 0 * unit_levels[0])]
+    for wire in unit_levels:
         parts += [(15.0, level * wire) for level in MOUNTED_LEVELS] + [(40.0, 0 * wire)]
     for pair in np.unique(pairs, axis=0) if num_wires > 1 else ():
         parts += [(30.0, MOUNTED_LEVELS[1] * pair), (40.0, 0 * pair)]
     return [
-        Excitation(name, "heated", 60.0, _held(parts), turned=turned)
-        for name, turned in zip(MOUNTINGS, TURNS, strict=True)
+        Excitation(name, "heated", 60.0, _held_levels(parts), turned=turned)
+        for name, turned in zip(MOUNTINGS, MOUNTING_ANGLES, strict=True)
     ]
 
 
 def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
-    """All of them in their order; with two wires 13 minutes, and 6 of rest between them.
+    """Return all of them in their order; with two wires 13 minutes, and 6 of rest between them.
 
     Args:
         num_wires: W.
         seed: seed of durations and levels that are random.
     """
-    random, each = np.random.default_rng(seed), np.eye(num_wires)
-    wires, off = range(num_wires - 1, -1, -1), np.zeros(num_wires)  # the right one first
+    random = np.random.default_rng(seed)
+    unit_levels = np.eye(num_wires)
+    # the right one first
+    wires = range(num_wires - 1, -1, -1)
+    off = np.zeros(num_wires)
 
+    # Heat each wire twice from cold.
     conditioning = [(3.0, off)]
     for wire in wires:
-        conditioning += 2 * [(8.0, 0.5 * each[wire]), (22.0, off)]
+        conditioning += 2 * [(8.0, 0.5 * unit_levels[wire]), (22.0, off)]
 
+    # Pulses of random heights and lengths.
     pulses = [(3.0, off)]
     for number in range(5):
         for wire in wires:
             duration = random.uniform(2.0, 12.0) if number else 3.0
-            pulses.append((duration, random.uniform(0.2, 0.6) * each[wire]))
+            pulses.append((duration, random.uniform(0.2, 0.6) * unit_levels[wire]))
             pulses.append((random.uniform(5.0, 12.0), off))
 
+    # A slow triangle with a faster one on it, which reverses.
     ramps = [(2.0, off)]
     times = np.arange(0.0, 50.0, LEVEL_STEP)
     levels = 0.05 + 0.3 * (1 - _triangle(times / 50.0)) + 0.15 * (1 - 2 * _triangle(times / 16.0))
     for wire in wires:
-        ramps += [(LEVEL_STEP, level * each[wire]) for level in np.clip(levels, 0.0, 0.6)]
+        ramps += [(LEVEL_STEP, level * unit_levels[wire]) for level in np.clip(levels, 0.0, 0.6)]
 
+    # The motion that judges.
     motion = [(1.0, off)]
-    for number, (duration, left, right) in enumerate(MOTION):
+    for number, (duration, left, right) in enumerate(MOTION_LEVELS):
         # More than two wires take turns in following the two.
         turn = number if num_wires > 2 else 0
         motion.append((duration, np.roll(np.resize([left, right], num_wires), turn)))
 
-    at_random = [*_random_levels(random, num_wires), (120.0, off)]
+    random_parts = [*_random_levels(random, num_wires), (120.0, off)]
     return [
-        Excitation("conditioning", "heated", 0.0, _held(conditioning)),
-        Excitation("pulses", "heated", 5.0, _held(pulses), seed),
-        Excitation("ramps", "heated", 5.0, _held(ramps)),
-        Excitation("random", "heated", 5.0, _held(at_random), seed),
-        *(Excitation(f"motion_{n}", "motion", 120.0, _held(motion)) for n in range(1, MOTIONS + 1)),
+        Excitation("conditioning", "heated", 0.0, _held_levels(conditioning)),
+        Excitation("pulses", "heated", 5.0, _held_levels(pulses), seed),
+        Excitation("ramps", "heated", 5.0, _held_levels(ramps)),
+        Excitation("random", "heated", 5.0, _held_levels(random_parts), seed),
+        *(
+            Excitation(f"motion_{n}", "motion", 120.0, _held_levels(motion))
+            for n in range(1, NUM_MOTIONS + 1)
+        ),
     ]
 
 
 # s, and duty of left and right: to both sides, with both wires warm, as plans do it.
-MOTION = (
+MOTION_LEVELS = (
     (8.0, 0.25, 0.25),
     (8.0, 0.05, 0.35),
     (6.0, 0.1, 0.2),
@@ -132,31 +142,33 @@ MOTION = (
 
 
 def _random_levels(random: np.random.Generator, num_wires: int) -> list:
-    """Levels of all wires, each of which changes at times of its own, for 140 s."""
-    levels, changes = np.zeros(num_wires), 2.0 * np.arange(1, num_wires + 1)
-    parts, now = [], 0.0
-    while now < 140.0:
+    """Return the levels of all wires, each of which changes at times of its own, for 140 s."""
+    levels = np.zeros(num_wires)
+    changes = 2.0 * np.arange(1, num_wires + 1)
+    parts = []
+    time = 0.0
+    while time < 140.0:
         wire = int(np.argmin(changes))
-        parts.append((changes[wire] - now, levels.copy()))
-        now = changes[wire]
+        parts.append((changes[wire] - time, levels.copy()))
+        time = changes[wire]
         levels[wire] = max(0.0, random.uniform(-0.12, 0.5))
-        changes[wire] = now + random.uniform(3.0, 10.0)
+        changes[wire] = time + random.uniform(3.0, 10.0)
     return parts
 
 
 def _triangle(turns: np.ndarray) -> np.ndarray:
-    """A wave from 1 at whole turns to 0 half a turn later."""
+    """Return a wave from 1 at whole turns to 0 half a turn later."""
     return 2 * np.abs(turns % 1 - 0.5)
 
 
-def _held(parts: Sequence[tuple[float, np.ndarray]]) -> PiecewisePolynomial:
-    """Levels of duty, each with its duration, one after the other."""
+def _held_levels(parts: Sequence[tuple[float, np.ndarray]]) -> PiecewisePolynomial:
+    """Return the levels of duty, each with its duration, one after the other."""
     times = np.cumsum([0.0, *(duration for duration, _ in parts)])
     levels = np.array([level for _, level in parts] + [parts[-1][1]])
     return PiecewisePolynomial.ZeroOrderHold(times, levels.T)
 
 
-class _WarmedDuty(LeafSystem):
+class _DutyByReadings(LeafSystem):
     """Duty over time, which subclasses limit by what thermocouples read, at 20 Hz.
 
     The last elements of the state are the duty, those before are the subclass's.
@@ -166,26 +178,28 @@ class _WarmedDuty(LeafSystem):
 
     def __init__(self, duty: PiecewisePolynomial, start: np.ndarray):
         super().__init__()
-        self._wanted_duty, self._num_wires = duty, duty.rows()
+        self._wanted_duty = duty
+        self._num_wires = duty.rows()
         self.DeclareVectorInputPort("measured_temperature", self._num_wires)
         state = self.DeclareDiscreteState(np.append(start, np.zeros(self._num_wires)))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
         declare_state_output(self, "duty", state, slice(len(start), len(start) + self._num_wires))
 
     def _update(self, context, discrete_state):
-        known = context.get_discrete_state_vector().value()
-        wanted = self._wanted_duty.value(min(context.get_time(), self._wanted_duty.end_time()))
+        state = context.get_discrete_state_vector().value()
+        wanted_duty = self._wanted_duty.value(min(context.get_time(), self._wanted_duty.end_time()))
         measured = self.get_input_port().Eval(context)
-        before, duty = known[: -self._num_wires], known[-self._num_wires :]
-        known, limited = self._limited(before, duty, wanted[:, 0], measured)
-        discrete_state.set_value(np.append(known, limited))
+        own_state = state[: -self._num_wires]
+        duty = state[-self._num_wires :]
+        state, limited_duty = self._limited(own_state, duty, wanted_duty[:, 0], measured)
+        discrete_state.set_value(np.append(state, limited_duty))
 
-    def _limited(self, known, duty, wanted, measured) -> tuple[np.ndarray, np.ndarray]:
-        """The subclass's state and the duty after a step, from those before, and what is wanted."""
+    def _limited(self, own_state, duty, wanted_duty, measured) -> tuple[np.ndarray, np.ndarray]:
+        """Return the subclass's state and the limited duty (W,) after a step."""
         raise NotImplementedError
 
 
-class LimitedDuty(_WarmedDuty):
+class LimitedDuty(_DutyByReadings):
     """Duty over time, limited so that no wire gets hotter than T_max.
 
     The wires' temperatures are simulated for several limbs that a calibration
@@ -206,10 +220,10 @@ class LimitedDuty(_WarmedDuty):
             parameters: the limb, as well as it is calibrated so far, of one segment.
             duty: a row for each wire.
         """
-        self._law, rooms, _ = stack_limbs(draw_limbs(parameters, MEMBERS))
+        self._law, rooms, _ = stack_limbs(draw_limbs(parameters, NUM_LIMBS))
         self._rooms = rooms[:, np.newaxis, np.newaxis]
         self._highest = parameters.temperature_limits.maximum
-        self._shape = (len(self._law.states), MEMBERS, 1, len(parameters.wires))
+        self._shape = (len(self._law.states), NUM_LIMBS, 1, len(parameters.wires))
         super().__init__(duty, np.zeros(int(np.prod(self._shape))))
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
 
@@ -225,25 +239,28 @@ class LimitedDuty(_WarmedDuty):
                 row[...] = cold
         discrete_state.set_value(np.append(states.ravel(), np.zeros(self._num_wires)))
 
-    def _limited(self, known, duty, wanted, measured):
-        states = known.reshape(self._shape)
+    def _limited(self, own_state, duty, wanted_duty, measured):
+        states = own_state.reshape(self._shape)
         rates = np.empty_like(states)
         for row, rate in zip(rates, self._law.rates(list(states), duty, self._rooms), strict=True):
             row[...] = rate
         states = states + PERIOD * rates
-        return states.ravel(), np.minimum(wanted, self._allowed(states, measured))
+        return states.ravel(), np.minimum(wanted_duty, self._allowed(states, measured))
 
     def _allowed(self, states: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """The duty (W,) at which no limb's wire is above T_max soon."""
+        """Return the duty (W,) at which no limb's wire is above T_max soon."""
         off_and_on = np.array([0.0, 1.0]).reshape(2, 1, 1, 1)
+        # Solve for the duty with which T reaches T_max within the reaction time.
         cooling, heating = self._law.rates(list(states), off_and_on, self._rooms)[0]
-        room = (self._highest - states[0]) / REACTION_TIME
-        duty = ((room - cooling) / (heating - cooling)).min(axis=(0, 1))
-        taper = np.nan_to_num((self._highest - 5.0 - measured) / TAPER)  # no duty without a reading
+        allowed_rate = (self._highest - states[0]) / REACTION_TIME
+        duty = ((allowed_rate - cooling) / (heating - cooling)).min(axis=(0, 1))
+        taper = np.nan_to_num(
+            (self._highest - 5.0 - measured) / DUTY_TAPER
+        )  # no duty without a reading
         return np.minimum(np.maximum(np.minimum(duty, taper), 0.0), 1.0)
 
 
-class DutyUntilWarm(_WarmedDuty):
+class DutyUntilWarm(_DutyByReadings):
     """Duty over time, less of it the closer what a thermocouple reads comes to a given rise.
 
     - input 0 ``measured_temperature``: V (W), °C
@@ -263,7 +280,7 @@ class DutyUntilWarm(_WarmedDuty):
         super().__init__(duty, np.full(duty.rows(), np.nan))
         self._rise = rise
 
-    def _limited(self, known, duty, wanted, measured):
-        cold = np.where(np.isnan(known), measured, known)
-        share = np.clip((1 - (measured - cold) / self._rise) / RISE_TAPER, 0.0, 1.0)
-        return cold, np.nan_to_num(share) * wanted  # no duty without a reading
+    def _limited(self, own_state, duty, wanted_duty, measured):
+        cold_readings = np.where(np.isnan(own_state), measured, own_state)
+        share = np.clip((1 - (measured - cold_readings) / self._rise) / RISE_TAPER_SHARE, 0.0, 1.0)
+        return cold_readings, np.nan_to_num(share) * wanted_duty  # no duty without a reading

@@ -27,7 +27,7 @@ from calibration.collecting.collect import (
     collect_ring_down,
     collect_sag,
     collect_warm_up,
-    for_first_contact,
+    limb_for_first_contact,
 )
 from calibration.collecting.excitation import Excitation, excitations, mountings
 from calibration.heat_bounds_fit import check_first_contact, fit_heat_bounds, heat_remarks
@@ -49,24 +49,21 @@ from limb_systems.files.table_writer import is_unfinished
 from limb_systems.progress import Progress, TimeLeft, progress_prefix
 from limb_systems.simulation import PERIOD
 
-SAG_TRIALS, RING_DOWNS = 10, 3
+NUM_SAG_TRIALS = 10
+NUM_RING_DOWNS = 3
 # Computing time of an emulated limb's recordings, as s of a heated one that takes as long: of any
 # recording, and of the calibration after each excitation.
-WORK, CALIBRATION_WORK = 15.0, 150.0
+RECORDING_WORK = 15.0
+CALIBRATION_WORK = 150.0
 SAG_PAUSE = 20.0  # s, after which rubber has forgotten the sag to the other side
 PROTOCOLS = ("all", "excitation", "paper")
-UP: dict[float, str] = {
-    0: "+E2",
-    90: "-E3",
-    180: "-E2",
-    270: "+E3",
-}  # side up, by turn
+UPPER_SIDES: dict[float, str] = {0: "+E2", 90: "-E3", 180: "-E2", 270: "+E3"}  # side up, by turn
 CONTACT_MARGIN = 0.5  # share by which bounds of first contact are widened: the wires stay cool
 WARM_UP_MARGIN = 0.25  # share by which bounds of the warm-up are widened: it is short and not hot
 
 
 class Knowledge:
-    """What the recordings so far tell about a limb, and how well they predict the next one.
+    """A calibration that grows with the recordings, and predicts each of them before it is fitted.
 
     Args:
         described: the limb as it was described.
@@ -76,8 +73,9 @@ class Knowledge:
     LAW = HystereticLaw  # which has the other laws' shapes
 
     def __init__(self, described: LimbParameters, recordings: Iterable[Recording] = ()):
-        self._described, self._recordings = copy.deepcopy(described), list(recordings)
-        self._known: LawFit | None = None
+        self._described = copy.deepcopy(described)
+        self._recordings = list(recordings)
+        self._fit_so_far: LawFit | None = None
         self._motions: list[np.ndarray] = []
 
     @property
@@ -89,34 +87,37 @@ class Knowledge:
         """Add a recording; return in words how well it was predicted before."""
         with threadpool_limits(1, "blas"):
             (predicted,) = self._fit().predict([HeatedRun.of(recording)])
-        said = (
+        sentence = (
             f"predicted to {np.rad2deg(predicted.bend_error):.1f}° and "
             f"{predicted.temperature_error:.1f} °C on average before it was fitted"
         )
         if kind != "motion":
             if not gravity_bends(recording.parameters):  # others tell little more of the heat
                 self._recordings.append(recording)
-                self._known = None
-            return said
+                self._fit_so_far = None
+            return sentence
+        # Compare the motion with its repetitions.
         self._motions.append(recording.bend_angle)
         if len(self._motions) > 1:
             differences = []
-            for one, other in itertools.combinations(self._motions, 2):
-                length = min(one.shape[1], other.shape[1])
-                away = one[:, :length] - other[:, :length]
-                differences.append(np.linalg.norm(away, axis=0).mean())
-            said += f"; motions differ by {np.rad2deg(np.mean(differences)):.1f}° from each other"
-        return said
+            for motion, other_motion in itertools.combinations(self._motions, 2):
+                length = min(motion.shape[1], other_motion.shape[1])
+                difference = motion[:, :length] - other_motion[:, :length]
+                differences.append(np.linalg.norm(difference, axis=0).mean())
+            sentence += (
+                f"; motions differ by {np.rad2deg(np.mean(differences)):.1f}° from each other"
+            )
+        return sentence
 
     def _fit(self) -> LawFit:
-        if self._known is None:
+        if self._fit_so_far is None:
             ambient = ambient_temperature(self._recordings).value
             segment = copy.deepcopy(only_segment(self._described))
             segment.rest_angle = rest_angles(self._recordings, ambient)[0].value
             runs = [HeatedRun.of(each) for each in self._recordings if each.duty.any()]
             with threadpool_limits(1, "blas"):
-                self._known = fit_law(self.LAW, runs, segment, ambient)
-        return self._known
+                self._fit_so_far = fit_law(self.LAW, runs, segment, ambient)
+        return self._fit_so_far
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +129,7 @@ class PlannedRecording:
       takes the limb as ``known`` so far.
     - ``heated_time``: the longest time with duty, s.
     - ``pause``: time without heat before it, s; None if the wires must be cold.
-    - ``turned``: mounting of the limb, as for `mounted`.
+    - ``turned``: mounting of the limb, as for `mounted_limb`.
     - ``excites``: whether it is one of `excitations`.
     """
 
@@ -152,7 +153,7 @@ def planned_recordings(
     ring_downs: int,
     emulated: bool,
 ) -> list[PlannedRecording]:
-    """The recordings of a protocol in their order.
+    """Return the recordings of a protocol in their order.
 
     Args:
         limb: description of the limb, of one segment.
@@ -170,25 +171,27 @@ def planned_recordings(
             "The paper's protocol is one for limbs that bend in a plane; collect with protocol all."
         )
     rate = RING_DOWN_RATE if emulated else 1 / PERIOD
-    swing = functools.partial(collect_ring_down, sample_rate=rate)
-    loaded = planar and sag_payload(limb) > 0
+    ring_down = functools.partial(collect_ring_down, sample_rate=rate)
+    has_weight = planar and sag_payload(limb) > 0
     plans = [
         PlannedRecording(
             f"sag_{number}",
             "sag",
             collect_sag,
-            pause=SAG_PAUSE * loaded,
-            turned=180.0 * (loaded and number % 2 == 0),
+            pause=SAG_PAUSE * has_weight,
+            turned=180.0 * (has_weight and number % 2 == 0),
         )
         for number in range(1, sag_trials + 1)
         if planar
     ]
+    # Ring-downs, by hand.
     plans += [
-        PlannedRecording(f"ring_down_{number}", "ring_down", swing)
+        PlannedRecording(f"ring_down_{number}", "ring_down", ring_down)
         for number in range(1, ring_downs + 1)
     ]
+    # Equilibria of each wire and of all.
     hold = functools.partial(collect_equilibria, num_angles=num_angles, longest=longest)
-    held = [
+    equilibria = [
         PlannedRecording(
             kind,
             kind,
@@ -203,38 +206,42 @@ def planned_recordings(
         FIRST_CONTACT, "heated", collect_first_contact, CONTACT_TIME * len(limb.wires), pause=None
     )
     warm_up = PlannedRecording(WARM_UP, "heated", collect_warm_up, WARM_UP_TIME, pause=None)
-    plans += [*held, warm_up] if emulated else [contact, warm_up, *held]
+    plans += [*equilibria, warm_up] if emulated else [contact, warm_up, *equilibria]
     if protocol == "paper":
         return plans[:-1] if emulated else plans
     return plans + [
         PlannedRecording(
-            each.name,
-            each.kind,
-            functools.partial(collect_excitation, excitation=each),
-            each.heated_time,
-            each.pause if number else None,
-            each.turned,
+            excitation.name,
+            excitation.kind,
+            functools.partial(collect_excitation, excitation=excitation),
+            excitation.heated_time,
+            excitation.pause if number else None,
+            excitation.turned,
             excites=True,
         )
-        for number, each in enumerate(program(limb, seed, protocol))
+        for number, excitation in enumerate(protocol_excitations(limb, seed, protocol))
     ]
 
 
-def program(limb: LimbParameters, seed: int, protocol: str) -> list[Excitation]:
-    """The excitations of a protocol, motions last.
+def protocol_excitations(limb: LimbParameters, seed: int, protocol: str) -> list[Excitation]:
+    """Return the excitations of a protocol, motions last.
 
     Where a limb bends in space, the stairs of `mountings` take the place of pulses and ramps.
     """
-    every = excitations(len(limb.wires), seed)
+    all_excitations = excitations(len(limb.wires), seed)
     if only_segment(limb).axes == 1 or protocol == "excitation":
-        return every
-    heated = [each for each in every if each.name in ("conditioning", "random")]
-    motions = [each for each in every if each.kind == "motion"]
+        return all_excitations
+    heated = [
+        excitation
+        for excitation in all_excitations
+        if excitation.name in ("conditioning", "random")
+    ]
+    motions = [excitation for excitation in all_excitations if excitation.kind == "motion"]
     return [*heated, *mountings(len(limb.wires)), *motions]
 
 
-def mounted(limb: LimbParameters, turned: float | None) -> LimbParameters:
-    """A copy of a limb as it is mounted: turned about E1 under gravity, or unbent by gravity.
+def mounted_limb(limb: LimbParameters, turned: float | None) -> LimbParameters:
+    """Copy a limb as it is mounted: turned about E1 under gravity, or unbent by gravity.
 
     A limb that is turned has a weight at its tip, as bend sensors drift by a good part of its own
     sag. In space the weight is as heavy as the segment, with which it sags four times as far. A
@@ -256,7 +263,7 @@ def mounted(limb: LimbParameters, turned: float | None) -> LimbParameters:
 
 
 def hand_for_ring_down(axes: int = 1) -> PiecewisePolynomial:
-    """A hand's course for `LimbTwin`: to 45° towards E2 within 1 s, released after 2 s, in rad."""
+    """Return a hand's bend, rad, for `LimbTwin`: 45° towards E2 within 1 s, released at 2 s."""
     course = np.zeros((axes, 3))
     course[0, 1:] = np.pi / 4
     return PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], course)
@@ -269,13 +276,13 @@ def collect_from_twin(
     num_angles: int = 8,
     longest: float = 60.0,
     cooling_time: float = 300.0,
-    sag_trials: int = SAG_TRIALS,
-    ring_downs: int = RING_DOWNS,
+    sag_trials: int = NUM_SAG_TRIALS,
+    ring_downs: int = NUM_RING_DOWNS,
     protocol: str = "all",
-    tell: Callable[[str], object] = lambda what: None,
+    tell: Callable[[str], object] = lambda name: None,
     live: LiveView | None = None,
 ) -> dict[str, list[Recording]]:
-    """All recordings that calibration wants, from an emulated limb, one after the other.
+    """Return all recordings that calibration wants, from an emulated limb, one after the other.
 
     Trials of the sag and ring-downs come first: if the limb's own sag is small, under a weight at
     its tip and to both sides in turn. Then follow equilibria with one wire after
@@ -299,6 +306,7 @@ def collect_from_twin(
         LimbError: if there is no such protocol.
     """
     described = copy.deepcopy(twin.parameters)
+    # Plan the recordings, and estimate the work of each.
     plans = planned_recordings(
         described,
         protocol,
@@ -311,7 +319,7 @@ def collect_from_twin(
     )
     tell(f"{len(plans)} recordings of an emulated limb")
     work = {
-        plan.name: WORK
+        plan.name: RECORDING_WORK
         + plan.heated_time
         + CALIBRATION_WORK * (plan.excites and plan.kind != "motion")
         for plan in plans
@@ -321,21 +329,23 @@ def collect_from_twin(
     recordings: dict[str, list[Recording]] = {"sag": [], "ring_down": []}
     knowledge = None
     for plan in plans:
-        limb = mounted(described, plan.turned)
+        # Let the emulated limb rest in the next mounting.
+        limb = mounted_limb(described, plan.turned)
         swing = {}
         if plan.kind == "ring_down":
             hand = hand_for_ring_down(only_segment(described).axes)
             swing = {"hand": hand, "bend_rate": RING_DOWN_RATE}
         pause = cooling_time if plan.pause is None else plan.pause
         twin = twin.after_rest(pause, gravity=limb.gravity, payload=limb.payload, **swing)
+        # Calibrate with what was recorded so far, which limits the duty.
         known = {}
         if plan.excites:
             if knowledge is None:
                 knowledge = Knowledge(limb, recordings["ring_down"] + recordings["heated"])
             say(f"{plan.name}: calibrating with what was recorded so far")
             known = {"known": knowledge.limb}
-        say(what := _numbered(plan, plans))
-        with progress_prefix(what):
+        say(name := _numbered_name(plan, plans))
+        with progress_prefix(name):
             recording = plan.collect(twin, live=live, **known)
         recordings.setdefault(plan.kind, []).append(recording)
         if knowledge:
@@ -344,8 +354,8 @@ def collect_from_twin(
     return recordings
 
 
-def _numbered(plan: PlannedRecording, plans: list[PlannedRecording]) -> str:
-    """The name of a recording, and which of how many it is."""
+def _numbered_name(plan: PlannedRecording, plans: list[PlannedRecording]) -> str:
+    """Return the name of a recording, and which of how many it is."""
     return f"{plan.name}, {plans.index(plan) + 1} of {len(plans)}"
 
 
@@ -359,10 +369,10 @@ def collect_from_robot(
     num_angles: int = 8,
     longest: float = 60.0,
     protocol: str = "all",
-    tell: Callable[[str], object] = lambda what: None,
+    tell: Callable[[str], object] = lambda numbered_name: None,
     live: LiveView | None = None,
 ) -> None:
-    """All recordings that calibration wants, from a robot, one file after the other.
+    """Return all recordings that calibration wants, from a robot, one file after the other.
 
     Before the other heated recordings the wires are warmed by some degrees, with a little duty
     and bounds so wide that the board takes any limb, and then warmed up, to tell the board
@@ -388,54 +398,63 @@ def collect_from_robot(
         HardwareError: if the robot fails on the way; it is off then.
         OutputError: as for `hardware.replaying`.
     """
+    # Plan the recordings, and say how many are left.
     plans = planned_recordings(
         parameters,
         protocol,
         seed=seed,
         num_angles=num_angles,
         longest=longest,
-        sag_trials=SAG_TRIALS,
-        ring_downs=RING_DOWNS,
+        sag_trials=NUM_SAG_TRIALS,
+        ring_downs=NUM_RING_DOWNS,
         emulated=False,
     )
     paths = {plan.name: Path(folder) / f"{plan.name}.csv" for plan in plans}
     say = live.say if live else lambda _: None
-    left = [plan.heated_time for plan in plans if not paths[plan.name].exists()]
+    remaining_times = [plan.heated_time for plan in plans if not paths[plan.name].exists()]
     tell(
-        f"{len(left)} of {len(plans)} recordings are left, in which wires are heated for at most "
-        f"{sum(left) / 60:.2g} min in all"
+        f"{len(remaining_times)} of {len(plans)} recordings are left, in which wires are heated "
+        f"for at most {sum(remaining_times) / 60:.2g} min in all"
     )
     described = copy.deepcopy(parameters)  # which learns its bounds of heat
-    knowledge, excited, turned = None, False, None
+    knowledge = None
+    was_excited = False
+    turned = None
     for plan in plans:
-        path, limb = paths[plan.name], mounted(described, plan.turned)
+        path = paths[plan.name]
+        limb = mounted_limb(described, plan.turned)
+        # First contact is not needed after a warm-up.
         if plan.name == FIRST_CONTACT:
             if paths[WARM_UP].exists():
                 continue
-            limb = for_first_contact(limb)
+            limb = limb_for_first_contact(limb)
         if plan.excites and knowledge is None:
-            before = [each.name for each in plans if each.kind == "ring_down"]
-            knowledge = Knowledge(limb, [Recording.load(paths[n]) for n in (*before, WARM_UP)])
+            names = [each.name for each in plans if each.kind == "ring_down"]
+            knowledge = Knowledge(limb, [Recording.load(paths[n]) for n in (*names, WARM_UP)])
+        # Take a recording that is complete already.
         if path.exists():
             if knowledge:
                 knowledge.add(Recording.load(path), plan.kind)
         else:
             _warn_of_unfinished(path)
-            if excited:
+            if was_excited:
                 say(f"resting before {plan.name} for {plan.pause:g} s")
-                _wait(plan.pause or 0.0, f"resting before {plan.name}")
+                _wait_with_progress(plan.pause or 0.0, f"resting before {plan.name}")
             known = {}
             if knowledge:
                 say(f"{plan.name}: calibrating with what was recorded so far")
                 # It takes seconds, in which no robot should wait.
                 known = {"known": knowledge.limb}
-            if not excited or plan.turned != turned:
+            # Let the operator mount the limb.
+            if not was_excited or plan.turned != turned:
                 ask(f"{plan.name}{_instruction(parameters, plan, plan.turned != turned)}")
             if plan.excites:
-                excited, turned = True, plan.turned
-            say(what := _numbered(plan, plans))
-            with progress_prefix(what), connect(limb) as robot:
+                was_excited = True
+                turned = plan.turned
+            say(numbered_name := _numbered_name(plan, plans))
+            with progress_prefix(numbered_name), connect(limb) as robot:
                 recording = plan.collect(robot, journal=path, live=live, **known)
+            # Compare the thermocouples after the first heat.
             if plan.name == FIRST_CONTACT:
                 check_first_contact(recording, parameters, path)
             if plan.name in (FIRST_CONTACT, WARM_UP):
@@ -457,7 +476,7 @@ def _warn_of_unfinished(path: Path) -> None:
 
 
 def _instruction(limb: LimbParameters, plan: PlannedRecording, remount: bool) -> str:
-    """What the operator is to do for a recording, after its name.
+    """Return what the operator is to do for a recording, after its name.
 
     Args:
         remount: whether an excitation needs another mounting than the recording before it.
@@ -485,7 +504,7 @@ def _instruction(limb: LimbParameters, plan: PlannedRecording, remount: bool) ->
             "Take the weight off its tip, and mount the limb so that it hangs straight down."
             if plan.turned is None
             else f"Hang {1000 * segment.mass:.0f} g to the limb's tip, and mount it horizontally, "
-            f"turned about its axis so that its {UP[plan.turned]} side is up."
+            f"turned about its axis so that its {UPPER_SIDES[plan.turned]} side is up."
         )
         return f": {mount} Leave it alone until its wires are cold."
     cool = f": Leave the limb {'level' if planar else 'as it hangs'} and alone until its wires are"
@@ -494,7 +513,7 @@ def _instruction(limb: LimbParameters, plan: PlannedRecording, remount: bool) ->
     return f"{cool} cold."
 
 
-def _wait(duration: float, label: str) -> None:
+def _wait_with_progress(duration: float, label: str) -> None:
     with Progress(label, duration, "s") as progress:
         end = time.monotonic() + duration
         while (left := end - time.monotonic()) > 0:

@@ -5,7 +5,7 @@ import functools
 import math
 import re
 
-from calibration.import_logs.words import known_unit
+from calibration.import_logs.words import parse_unit
 
 _SWITCHED = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0, "ein": 1.0, "aus": 0.0}
 AMOUNT = re.compile(r"([-+.,\d]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)")
@@ -34,7 +34,7 @@ def number(text: str, decimal: str = ".") -> float:
         if _THOUSANDS.fullmatch(text):
             return float(text.replace(",", ""))
         amount = AMOUNT.fullmatch(text)
-        if amount and known_unit(amount[2])[0]:
+        if amount and parse_unit(amount[2])[0]:
             return number(amount[1])
         return _SWITCHED.get(text.lower(), math.nan)
     return value if math.isfinite(value) else math.nan
@@ -45,10 +45,10 @@ def moment(text: str) -> float:
 
     Times of day alone are of the year 1900, and negative.
     """
-    found = _MOMENT.fullmatch(text.strip().replace(",", "."))
-    if not found:
+    match = _MOMENT.fullmatch(text.strip().replace(",", "."))
+    if not match:
         return math.nan
-    part = found.groupdict()
+    part = match.groupdict()
     year, month, day = _date(part)
     hours = part["hours"]
     minutes = part["minutes"]

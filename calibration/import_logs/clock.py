@@ -3,31 +3,33 @@
 import numpy as np
 
 from calibration.import_logs.evidence import correlation
-from calibration.import_logs.mapping import DATE, FRAMES, OPEN, SECONDS, TimeColumn
-from calibration.import_logs.table import FEWEST_ROWS, LogError, LogTable
-from calibration.import_logs.words import TIME, Name, known_unit
+from calibration.import_logs.mapping import DATE, FRAMES, TIME_UNITS, UNKNOWN, TimeColumn
+from calibration.import_logs.table import MIN_ROWS, LogError, LogTable
+from calibration.import_logs.words import TIME, Name, parse_unit
 
 DAY = 86_400.0  # s
-PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
-RATES = (0.015, 15_000.0)  # Hz, of logs whose unit of time has a name
+WRAP_PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
+NAMED_RATES = (0.015, 15_000.0)  # Hz, of logs whose unit of time has a name
 LIKELY_RATES = (0.4, 201.0)  # Hz, by which units without a name are told apart
 DURATIONS = (5.0, 2e5)  # s
-RESTART = 3600.0  # s, between parts whose times are not of one clock
-GAP = 2.0  # s without rows
-BURSTS = 3.0  # times the rate of all rows together
-FASTEST = 1000.0  # Hz
-REPEATED = 0.05  # share of rows with the time of the row before, from which on times are rounded
-COARSE = 0.2  # of the usual step between rows, which the step of a coarse clock is at least
-SMOOTHED = (100, 20)  # rows or steps of a coarse clock, the longer, whose mean time is right
-OVERLAP = 10.0  # s, in which two files that are aligned must show the same
-AGREES = 0.5  # correlation of two files that show the same
-CLEARLY = 0.05  # by which the best alignment is better than others
+RESTART_GAP = 3600.0  # s, between parts whose times are not of one clock
+MIN_GAP = 2.0  # s without rows
+BURST_RATIO = 3.0  # times the rate of all rows together
+MAX_RATE = 1000.0  # Hz
+MIN_REPEATED_SHARE = (
+    0.05  # share of rows with the time of the row before, from which on times are rounded
+)
+MIN_CLOCK_STEP = 0.2  # of the usual step between rows, which the step of a coarse clock is at least
+SMOOTHING_ROWS = (100, 20)  # rows or steps of a coarse clock, the longer, whose mean time is right
+MIN_OVERLAP = 10.0  # s, in which two files that are aligned must show the same
+MIN_AGREEMENT = 0.5  # correlation of two files that show the same
+MIN_AGREEMENT_LEAD = 0.05  # by which the best alignment is better than others
 
 
 def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
     """Return the column that increases as a clock does; no column if none does.
 
-    The unit is `OPEN` if the numbers contradict the unit in the name.
+    The unit is `UNKNOWN` if the numbers contradict the unit in the name.
     """
     best = TimeColumn()
     best_score = 0.0
@@ -35,23 +37,29 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
         says_time = name.role == TIME
         values = table.numbers(name.text)
         # Seconds and their fraction may be in two columns, as ROS has them.
-        fractions = [own for own in names if says_time and _is_fraction(table, own, name)]
+        fractions = [
+            other_name
+            for other_name in names
+            if says_time and _is_fraction(table, other_name, name)
+        ]
         fraction_text = fractions[0].text if fractions else ""
         fraction_unit = fractions[0].unit if fractions else "ns"
         if fractions:
-            values = values + table.numbers(fraction_text) * SECONDS[fraction_unit]
-        shown = values[~np.isnan(values)]
-        steps = np.diff(shown) * (-1.0 if is_reversed(shown) else 1.0)
+            values = values + table.numbers(fraction_text) * TIME_UNITS[fraction_unit]
+        present = values[~np.isnan(values)]
+        steps = np.diff(present) * (-1.0 if is_reversed(present) else 1.0)
         backward = int((steps < 0).sum())
         is_index = bool((steps == 1).all())
         is_other = bool(name.role or name.quantity) or is_index
-        if len(shown) < max(5, 0.5 * len(values)) or (is_other and not says_time):
+        if len(present) < max(5, 0.5 * len(values)) or (is_other and not says_time):
             continue
         if (steps > 0).sum() < 5 or backward > 0.002 * len(steps) + 1:
             continue
-        unit = DATE if name.text in table.dates else "s" if fractions else _unit(name, shown)
-        wraps = [p for p in PERIODS if abs(steps.min() * SECONDS.get(unit, 1.0) + p) < 0.01 * p]
-        score = 2.0 * says_time + (steps > 0).mean() - 1.5 * is_index - (unit == OPEN)
+        unit = DATE if name.text in table.dates else "s" if fractions else _time_unit(name, present)
+        wraps = [
+            p for p in WRAP_PERIODS if abs(steps.min() * TIME_UNITS.get(unit, 1.0) + p) < 0.01 * p
+        ]
+        score = 2.0 * says_time + (steps > 0).mean() - 1.5 * is_index - (unit == UNKNOWN)
         score += 0.5 * bool(fractions)
         if unit and score > best_score:
             best_score = score
@@ -61,27 +69,30 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
     return best
 
 
-def _is_fraction(table: LogTable, name: Name, of: Name) -> bool:
+def _is_fraction(table: LogTable, name: Name, seconds_name: Name) -> bool:
     """Return whether a column is the fraction of another one's seconds."""
-    words = [[word for word in own.words if known_unit(word)[0] != TIME] for own in (name, of)]
-    if words[0] != words[1] or of.unit != "s" or name.unit not in ("ns", "us"):
+    words = [
+        [word for word in each_name.words if parse_unit(word)[0] != TIME]
+        for each_name in (name, seconds_name)
+    ]
+    if words[0] != words[1] or seconds_name.unit != "s" or name.unit not in ("ns", "us"):
         return False
-    return bool(np.nanmax(table.numbers(name.text)) * SECONDS[name.unit] <= 1.0)
+    return bool(np.nanmax(table.numbers(name.text)) * TIME_UNITS[name.unit] <= 1.0)
 
 
-def _unit(name: Name, shown: np.ndarray) -> str:
-    """Return the unit that a name says, `OPEN` if it cannot be; else the first that can be."""
-    steps = np.abs(np.diff(shown))
+def _time_unit(name: Name, present: np.ndarray) -> str:
+    """Return the unit in a name, `UNKNOWN` if impossible; else the first that is possible."""
+    steps = np.abs(np.diff(present))
     usual = float(np.median(steps[steps > 0]))
-    units = [name.unit] if name.unit in SECONDS else ["s", "ms", "us", "ns", "min", "d"]
-    rates = RATES if name.unit in SECONDS else LIKELY_RATES
-    spare = 10.0 if name.unit in SECONDS else 1.0
+    units = [name.unit] if name.unit in TIME_UNITS else ["s", "ms", "us", "ns", "min", "d"]
+    rates = NAMED_RATES if name.unit in TIME_UNITS else LIKELY_RATES
+    tolerance_factor = 10.0 if name.unit in TIME_UNITS else 1.0
     for unit in units:
-        duration = float(np.ptp(shown)) * SECONDS[unit]
-        is_long = DURATIONS[0] / spare < duration < DURATIONS[1] * spare
-        if is_long and rates[0] < 1 / (usual * SECONDS[unit]) < rates[1]:
+        duration = float(np.ptp(present)) * TIME_UNITS[unit]
+        is_long = DURATIONS[0] / tolerance_factor < duration < DURATIONS[1] * tolerance_factor
+        if is_long and rates[0] < 1 / (usual * TIME_UNITS[unit]) < rates[1]:
             return unit
-    return OPEN if name.unit in SECONDS else ""
+    return UNKNOWN if name.unit in TIME_UNITS else ""
 
 
 def times_of(
@@ -97,15 +108,15 @@ def times_of(
     Raises:
         LogError: if there are too few.
     """
-    times = stamps(table, column, rate)
+    times = row_times(table, column, rate)
     # Let times that begin anew for good go on much later.
-    known = np.flatnonzero(~np.isnan(times))
-    for row in known[1:][np.diff(times[known]) < 0]:
+    rows_with_time = np.flatnonzero(~np.isnan(times))
+    for row in rows_with_time[1:][np.diff(times[rows_with_time]) < 0]:
         before = float(np.nanmax(times[:row]))
-        if (times[row:] < before).sum() > FEWEST_ROWS:
-            times[row:] += before + RESTART - times[row]
+        if (times[row:] < before).sum() > MIN_ROWS:
+            times[row:] += before + RESTART_GAP - times[row]
     if is_coarse(times):
-        times[known] = _smoothed(times[known])
+        times[rows_with_time] = _smooth_times(times[rows_with_time])
     latest = np.fmax.accumulate(np.where(np.isnan(times), -np.inf, times))
     kept = ~np.isnan(times) & (times > np.append(-np.inf, latest[:-1]))
     if kept.sum() < 2:
@@ -114,26 +125,26 @@ def times_of(
     return times - times[0], kept
 
 
-def stamps(table: LogTable, column: TimeColumn, rate: float = 0.0) -> np.ndarray:
+def row_times(table: LogTable, column: TimeColumn, rate: float = 0.0) -> np.ndarray:
     """Return the times that a column says (K,), s; they go on where it begins anew."""
-    if OPEN in (column.column, column.unit):
+    if UNKNOWN in (column.column, column.unit):
         raise LogError("the column of time or its unit is not known.")
     if not column.column or column.unit == FRAMES:
         if not rate:
             raise LogError("the log has no time; give the rate of its rows or frames, Hz.")
         rows = np.arange(table.values.shape[1])
         return (table.numbers(column.column) if column.column else rows) / rate
-    times = table.numbers(column.column) * SECONDS.get(column.unit, 1.0)
+    times = table.numbers(column.column) * TIME_UNITS.get(column.unit, 1.0)
     if column.fraction:
-        times += table.numbers(column.fraction) * SECONDS[column.fraction_unit]
-    shown = ~np.isnan(times)
-    steps = np.diff(times[shown])
+        times += table.numbers(column.fraction) * TIME_UNITS[column.fraction_unit]
+    is_present = ~np.isnan(times)
+    steps = np.diff(times[is_present])
     # Times of day are of the year 1900. Where a day was taken for a month, days are 1/2, 2/2.
     period = DAY if column.unit == DATE and np.fmax.reduce(times) < 0 else column.wraps_after
-    turns = -period * (steps < -period / 2) if period else np.zeros(len(steps))
+    jumps = -period * (steps < -period / 2) if period else np.zeros(len(steps))
     months = (steps > 20 * DAY) & (steps % DAY <= 10 * np.median(steps))
-    turns += np.where(months & (column.unit == DATE), steps - steps % DAY, 0.0)
-    times[shown] -= np.append(0.0, np.cumsum(turns))
+    jumps += np.where(months & (column.unit == DATE), steps - steps % DAY, 0.0)
+    times[is_present] -= np.append(0.0, np.cumsum(jumps))
     return times
 
 
@@ -150,35 +161,35 @@ def usual_rate(times: np.ndarray) -> float:
     """
     steps = np.diff(times)
     usual = float(np.median(steps))
-    together = 1 / float(np.mean(steps[steps <= max(GAP, usual)]))
-    rate = min(together if 1 / usual >= BURSTS * together else 1 / usual, FASTEST)
-    for found, margin in ((rate, 0.005), (together, 0.02), (rate, 0.03)):
-        near = round(found) if found > 3 else round(found, 1)
-        if near and abs(found / near - 1) < margin:
-            return float(near)
+    mean_rate = 1 / float(np.mean(steps[steps <= max(MIN_GAP, usual)]))
+    rate = min(mean_rate if 1 / usual >= BURST_RATIO * mean_rate else 1 / usual, MAX_RATE)
+    for candidate, margin in ((rate, 0.005), (mean_rate, 0.02), (rate, 0.03)):
+        rounded = round(candidate) if candidate > 3 else round(candidate, 1)
+        if rounded and abs(candidate / rounded - 1) < margin:
+            return float(rounded)
     return rate
 
 
 def is_coarse(times: np.ndarray) -> bool:
     """Return whether a clock's step is as long as rows are apart: seconds, single precision."""
     steps = np.diff(times[~np.isnan(times)])
-    if len(steps) < FEWEST_ROWS or (steps > 0).sum() < 2:
+    if len(steps) < MIN_ROWS or (steps > 0).sum() < 2:
         return False
-    return bool((steps == 0).mean() > REPEATED) or _clock_step(steps) > 0.0
+    return bool((steps == 0).mean() > MIN_REPEATED_SHARE) or _clock_step(steps) > 0.0
 
 
 def _clock_step(steps: np.ndarray) -> float:
     """Return the step of a coarse clock, of which all steps are multiples, s; 0 if it is fine."""
-    short = steps[(steps > 0) & (steps <= GAP)]
+    short = steps[(steps > 0) & (steps <= MIN_GAP)]
     step = float(np.quantile(short, 0.02)) if len(short) else 0.0
-    if not step or step < COARSE * np.mean(short):
+    if not step or step < MIN_CLOCK_STEP * np.mean(short):
         return 0.0
     multiples = short / step
     is_whole = np.abs(multiples - np.round(multiples)) < 0.1
     return step if is_whole.mean() > 0.98 and np.round(multiples).std() > 0.1 else 0.0
 
 
-def _smoothed(times: np.ndarray) -> np.ndarray:
+def _smooth_times(times: np.ndarray) -> np.ndarray:
     """Return times of a coarse clock (K,), s, evenly spread between gaps.
 
     Rows that come at one rate are less than the clock's step from a line; else each row that
@@ -186,21 +197,23 @@ def _smoothed(times: np.ndarray) -> np.ndarray:
     """
     steps = np.diff(times)
     clock = _clock_step(steps) or float(np.min(steps[steps > 0]))
-    is_repeated = (steps == 0).mean() > REPEATED
+    is_repeated = (steps == 0).mean() > MIN_REPEATED_SHARE
     smoothed = times.copy()
-    gaps = np.flatnonzero(np.abs(steps) > max(GAP, 3 * clock)) + 1
+    gaps = np.flatnonzero(np.abs(steps) > max(MIN_GAP, 3 * clock)) + 1
     for rows in np.split(np.arange(len(times)), gaps):
-        own = times[rows]
-        if len(rows) < FEWEST_ROWS or own[-1] <= own[0]:
+        span_times = times[rows]
+        if len(rows) < MIN_ROWS or span_times[-1] <= span_times[0]:
             continue
-        rate = (len(rows) - 1) / (own[-1] - own[0])
-        line = np.polyval(np.polyfit(rows, own, 1), rows)
-        if np.abs(line - own).max() <= 1.05 * clock:
+        rate = (len(rows) - 1) / (span_times[-1] - span_times[0])
+        line = np.polyval(np.polyfit(rows, span_times, 1), rows)
+        if np.abs(line - span_times).max() <= 1.05 * clock:
             smoothed[rows] = line
         elif is_repeated:
-            num_groups = max(1, round(len(rows) / max(SMOOTHED[0], SMOOTHED[1] * clock * rate)))
+            num_groups = max(
+                1, round(len(rows) / max(SMOOTHING_ROWS[0], SMOOTHING_ROWS[1] * clock * rate))
+            )
             centers = [float(part.mean()) for part in np.array_split(rows, num_groups)]
-            means = [float(part.mean()) for part in np.array_split(own, num_groups)]
+            means = [float(part.mean()) for part in np.array_split(span_times, num_groups)]
             first = means[0] - (centers[0] - rows[0]) / rate
             last = means[-1] + (rows[-1] - centers[-1]) / rate
             ends = [rows[0], *centers, rows[-1]]
@@ -209,36 +222,40 @@ def _smoothed(times: np.ndarray) -> np.ndarray:
 
 
 def aligned_offset(
-    times: np.ndarray, signal: np.ndarray, other_times: np.ndarray, other: np.ndarray
+    times: np.ndarray, signal: np.ndarray, other_times: np.ndarray, other_signal: np.ndarray
 ) -> float:
     """Return the offset of a second file, s, at which two signals of the same run agree best.
 
     Args:
         times, signal: the log's times (K,), s, and a signal in it.
-        other_times, other: the other file's times (L,) and signal (L,), in any unit.
+        other_times, other_signal: the other file's times (L,) and signal (L,), in any unit.
 
     Raises:
         LogError: if no offset is clearly better than all others.
     """
     shortest = min(times[-1], other_times[-1])
     step = max(0.05, shortest / 5000)
-    own = _at_even_times(times, signal, step)
-    moved = _at_even_times(other_times, other, step)
+    log_signal = _at_even_times(times, signal, step)
+    shifted = _at_even_times(other_times, other_signal, step)
     # Compare at each offset at which enough of both files overlaps.
-    least = round(max(OVERLAP, 0.5 * shortest) / step)
-    offsets = np.arange(least - len(moved), len(own) - least + 1)
+    min_overlap = round(max(MIN_OVERLAP, 0.5 * shortest) / step)
+    offsets = np.arange(min_overlap - len(shifted), len(log_signal) - min_overlap + 1)
     scores = np.zeros(len(offsets))
     for index, offset in enumerate(offsets):
         start = max(0, offset)
-        end = min(len(own), offset + len(moved))
-        scores[index] = abs(correlation(own[start:end], moved[start - offset : end - offset]))
+        end = min(len(log_signal), offset + len(shifted))
+        scores[index] = abs(
+            correlation(log_signal[start:end], shifted[start - offset : end - offset])
+        )
     best = int(np.argmax(scores)) if len(scores) else 0
     elsewhere = scores[np.abs(offsets - offsets[best : best + 1]) * step > 2.0]
-    if not len(scores) or scores[best] < max(AGREES, elsewhere.max(initial=0.0) + CLEARLY):
+    if not len(scores) or scores[best] < max(
+        MIN_AGREEMENT, elsewhere.max(initial=0.0) + MIN_AGREEMENT_LEAD
+    ):
         raise LogError("the columns of join.align do not tell one offset; give join.offset, s.")
     return float(offsets[best] * step)
 
 
 def _at_even_times(times: np.ndarray, signal: np.ndarray, step: float) -> np.ndarray:
-    shown = ~np.isnan(signal)
-    return np.interp(np.arange(0.0, times[-1], step), times[shown], signal[shown])
+    is_present = ~np.isnan(signal)
+    return np.interp(np.arange(0.0, times[-1], step), times[is_present], signal[is_present])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.import_logs.known import known_logger
+from calibration.import_logs.known_loggers import known_logger
 from calibration.import_logs.log_signals import read_log
 from calibration.import_logs.mapping import LogMapping
 from calibration.import_logs.propose import Proposal, propose
@@ -22,7 +22,7 @@ from limb_systems.limb_parameters import LimbParameters
 
 @dataclasses.dataclass(eq=False)
 class ImportedLog:
-    """What a log tells of a limb.
+    """A log of a limb, its mapping and its recordings.
 
     - ``path``: path of the log.
     - ``limb``: the limb in it, with the mapping by which it is read, and what is asked.
@@ -40,7 +40,7 @@ class ImportedLog:
 
     @property
     def asks(self) -> bool:
-        """Whether something is asked that the log does not tell."""
+        """Return whether something is asked that the log does not tell."""
         return bool(self.limb.questions or self.limb.mapping.open_fields)
 
     @property
@@ -84,8 +84,8 @@ def limbs_in_log(
         LogError: if it lacks columns of its logger.
     """
     with reraise_as(LogError, f"{path}: "):
-        known = known_logger(table)
-        return known or [propose(table, parameters, dictionary or Dictionary())]
+        limbs_of_logger = known_logger(table)
+        return limbs_of_logger or [propose(table, parameters, dictionary or Dictionary())]
 
 
 def import_logs(
@@ -106,50 +106,52 @@ def import_logs(
         parameters: the limb's description; the nominal limb if None.
         unread: gets why a log is left out that is no table of text with rows of numbers; if None,
             none is left out.
-        dictionary: words of the columns' names; those of `words` if None.
+        dictionary: words of the columns' names; the words of `words` if None.
 
     Raises:
         LogError: if a log is no table of text with rows of numbers, unless it is left out beside
             another one; if it is not as the given mapping says.
     """
     files = list(dict.fromkeys(map(Path, paths)))
-    found: list[ImportedLog] = []
+    logs: list[ImportedLog] = []
     table: LogTable | None = None
     for path in files:
         try:
             if mapping:
-                found.append(ImportedLog(path, Proposal("", mapping, [])))
+                logs.append(ImportedLog(path, Proposal("", mapping, [])))
                 continue
             table = read_table(path)
             limbs = limbs_in_log(path, table, parameters, dictionary)
-            found += [ImportedLog(path, limb) for limb in limbs]
+            logs += [ImportedLog(path, limb) for limb in limbs]
         except LogError as problem:
-            if unread is None or (path == files[-1] and not found):
+            if unread is None or (path == files[-1] and not logs):
                 raise
             unread.append(str(problem))
-    _share([log.limb for log in found])
+    _share([log.limb for log in logs])
     # The only log need not be read again.
-    tables = [table.only(log.limb.mapping.columns) for log in found] if table else []
+    tables = [table.only(log.limb.mapping.columns) for log in logs] if table else []
     tables = tables[:1] if len(files) == 1 else []
     table = None
-    for log in found:
+    for log in logs:
         try:
             log.read(parameters, tables)
         except LogError as problem:
             if mapping:
                 raise
             log.error = str(problem)
-    return found
+    return logs
 
 
 def _share(limbs: list[Proposal]) -> None:
     """Let logs with the same columns tell what others of them ask."""
     for limb in limbs:
-        same = [other for other in limbs if _columns(other) == _columns(limb)]
+        similar = [other for other in limbs if _columns(other) == _columns(limb)]
         # The base points to one direction in all of them.
         if limb.mapping.bend.line:
-            limb.mapping.bend.zero = float(np.median([other.mapping.bend.zero for other in same]))
-        known = [other for other in same if other.is_heated and not other.questions]
+            limb.mapping.bend.zero = float(
+                np.median([other.mapping.bend.zero for other in similar])
+            )
+        known = [other for other in similar if other.is_heated and not other.questions]
         doubts = any(question.is_contradiction for question in limb.questions)
         if not known or doubts or (limb.is_heated and not limb.questions):
             continue

@@ -10,26 +10,26 @@ import numpy as np
 
 from calibration.import_logs import cells
 from calibration.import_logs.clock import (
-    GAP,
+    MIN_GAP,
     aligned_offset,
     is_coarse,
     is_reversed,
-    stamps,
+    row_times,
     times_of,
     usual_rate,
 )
 from calibration.import_logs.evidence import forward_fill
 from calibration.import_logs.mapping import (
     BEND_ANGLE,
-    CELSIUS,
     CHORD,
     DATE,
     FRAMES,
+    TEMPERATURE_UNITS,
     TIP_TANGENT,
     JoinedLog,
     LogMapping,
 )
-from calibration.import_logs.table import LogError, LogTable, read_table, unique
+from calibration.import_logs.table import LogError, LogTable, read_table, unique_names
 from limb_systems.bend_sensor import (
     ChordSensor,
     TipTangentSensor,
@@ -40,20 +40,20 @@ from limb_systems.errors import reraise_as
 from limb_systems.files.signal_table import doses
 from limb_systems.limb_parameters import LimbParameters
 
-SAG = "sag"  # beginning of the names of logs of the sag
-EARTH = 9.81  # m/s²
-CHANGE = 0.05  # of duty, that counts as another
-LONGEST_GAP = 30.0  # s, beyond which duty may have been anything at all, unless it was off
-LONGEST_PAUSE = 600.0  # s, beyond which a recording ends
-SHORTEST = 10.0  # s of a part of a log that is worth keeping
+SAG_PREFIX = "sag"  # beginning of the names of logs of the sag
+GRAVITY = 9.81  # m/s²
+MIN_DUTY_CHANGE = 0.05  # of duty, that counts as another
+MAX_HEATED_GAP = 30.0  # s, beyond which duty may have been anything at all, unless it was off
+MAX_PAUSE = 600.0  # s, beyond which a recording ends
+MIN_PART_DURATION = 10.0  # s of a part of a log that is worth keeping
 STALE_PERIODS = 2.6  # periods or ...
 STALE_SECONDS = 0.5  # ... seconds, the longer of which a reading may be held
 STILL_ROWS = 5  # rows in which points of a picture are exactly where they were, and were not seen
-OVER = 0.05  # by which duty may exceed full duty, and is cut off
-READABLE = (-60.0, 600.0)  # °C, of readings that a thermocouple can have
-RARELY = 0.05  # share of rows in which a sensor may fail
-MOST = 1_000_000  # samples of a recording; a file of more may be too large to be read again
-EPOCH = 1e8  # s, from which on times are since 1970, so that two files have one clock
+MAX_EXCESS_DUTY = 0.05  # by which duty may exceed full duty, and is cut off
+READABLE_RANGE = (-60.0, 600.0)  # °C, of readings that a thermocouple can have
+MAX_FAILING_SHARE = 0.05  # share of rows in which a sensor may fail
+MAX_SAMPLES = 1_000_000  # samples of a recording; a file of more may be too large to be read again
+MIN_EPOCH_TIME = 1e8  # s, from which on times are since 1970, so that two files have one clock
 
 
 def read_log(
@@ -77,11 +77,11 @@ def read_log(
     form = (mapping.delimiter, mapping.decimal, mapping.names_line)
     tables = tables or [read_table(path, *form)]
     with reraise_as(LogError, f"{path}: "):
-        signals = _Signals(tables, mapping, described(mapping, parameters), Path(path))
+        signals = _Signals(tables, mapping, described_limb(mapping, parameters), Path(path))
         return signals.parts(), signals.remarks
 
 
-def described(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:
+def described_limb(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:
     """Return the limb that a log is of, with the bend sensor that the mapping says.
 
     Raises:
@@ -128,20 +128,20 @@ class _Signals:
         self, tables: list[LogTable], mapping: LogMapping, limb: LimbParameters, path: Path
     ):
         table = tables.pop().only(mapping.columns)
-        if is_reversed(stamps(table, mapping.time, mapping.rate)):
+        if is_reversed(row_times(table, mapping.time, mapping.rate)):
             table = table.rows(slice(None, None, -1))
         self.limb = limb
         self.path = path
         self.remarks: list[str] = []
         if table.odd_rows:
-            self.remarks.append(f"{_rows(table.odd_rows)} with another number of cells left out.")
+            self.remarks.append(f"{_n_rows(table.odd_rows)} with another number of cells left out.")
         # Keep rows whose time increases.
         times, kept = times_of(table, mapping.time, mapping.rate)
-        if is_coarse(stamps(table, mapping.time, mapping.rate)):
+        if is_coarse(row_times(table, mapping.time, mapping.rate)):
             self.remarks.append("The clock is coarse; its times are spread evenly.")
         if lost := int(len(kept) - kept.sum()):
             why = "whose time is missing, repeated or earlier than before"
-            self.remarks.append(f"{_rows(lost)} left out, {why}.")
+            self.remarks.append(f"{_n_rows(lost)} left out, {why}.")
             table = table.rows(kept)
         is_rate_of_rows = not mapping.time.column or mapping.time.unit == FRAMES
         self.rate = (0.0 if is_rate_of_rows else mapping.rate) or usual_rate(times)
@@ -156,11 +156,11 @@ class _Signals:
         for wire in mapping.wires:
             index = limb.wire_names.index(wire.name)
             if wire.duty:
-                self.duty[index], unknown = _duty(table, wire.duty, wire.sign, mapping)
+                self.duty[index], unknown = _read_duty(table, wire.duty, wire.sign, mapping)
                 if unknown:
-                    self._remark_on(wire.name, f"duty is missing in {_rows(unknown)}; held")
+                    self._remark_on(wire.name, f"duty is missing in {_n_rows(unknown)}; held")
             if wire.temperature:
-                self.readings[index] = _temperature(table, wire.temperature, wire.unit, mapping)
+                self.readings[index] = _temperatures(table, wire.temperature, wire.unit, mapping)
             elif wire.duty:
                 self._remark_on(wire.name, "thermocouple is not in this log")
         # Begin where the bend is seen, unless a wire is heated before.
@@ -168,14 +168,14 @@ class _Signals:
         first = int(np.argmax(is_bent))
         first = 0 if self.duty[:, :first].any() else first
         if first:
-            self.remarks.append(f"{_rows(first)} without bend or heat left out at the beginning.")
+            self.remarks.append(f"{_n_rows(first)} without bend or heat left out at the beginning.")
         if len(times) - first < 2 or not is_bent.any():
             raise LogError("no row has a bend; correct the mapping's bend.")
         self.times = times[first:]
         self.duty = self.duty[:, first:]
         self.readings = self.readings[:, first:]
         for row in self.readings:
-            row[:] = _between_rows(self.times, row)
+            row[:] = _interpolate_slow_sensor(self.times, row)
 
     def _remark_on(self, wire: str, text: str) -> None:
         self.remarks.append(f"The {wire} wire's {text}.")
@@ -189,13 +189,15 @@ class _Signals:
         times = self.times
         is_measured = ~np.isnan(self.readings).all(axis=1)
         if count := int(np.isnan(self.readings[is_measured]).any(axis=0).sum()):
-            text = f"{count} of {_rows(len(times))} lack a reading, which stays empty."
+            text = f"{count} of {_n_rows(len(times))} lack a reading, which stays empty."
             self.remarks.append(text)
         cuts = self._cuts()
-        found: list[dict[str, Any]] = []
+        parts: list[dict[str, Any]] = []
         for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
-            if end - start < 2 or (len(cuts) > 2 and times[end - 1] - times[start] < SHORTEST):
-                where = f"{_rows(end - start)} from {times[start]:.0f} s on"
+            if end - start < 2 or (
+                len(cuts) > 2 and times[end - 1] - times[start] < MIN_PART_DURATION
+            ):
+                where = f"{_n_rows(end - start)} from {times[start]:.0f} s on"
                 self.remarks.append(f"{where} are too few to keep.")
                 continue
             rows = slice(start, end)
@@ -203,50 +205,51 @@ class _Signals:
                 times[rows] - times[start], self.duty[:, rows], self.readings[:, rows], self.rate
             )
             where = f", part {number}" if len(cuts) > 2 else ""
-            about = {"parameters": self.limb, "source": f"log {self.path.name}{where}"}
-            found.append({**even, **about, "sample_rate": self.rate})
-        if not found:
-            raise LogError(f"no part of {SHORTEST:g} s or more has rows without a gap.")
+            description = {"parameters": self.limb, "source": f"log {self.path.name}{where}"}
+            parts.append({**even, **description, "sample_rate": self.rate})
+        if not parts:
+            raise LogError(f"no part of {MIN_PART_DURATION:g} s or more has rows without a gap.")
         # Gravity bends a limb whose log says so in its name.
         bends = self.readings[len(self.duty) :]
-        if self.path.name.startswith(SAG) and not self.duty.any() and len(bends) == 1:
-            self.limb.gravity = [0.0, EARTH * (np.sign(np.nanmedian(bends)) or -1.0), 0.0]
+        if self.path.name.startswith(SAG_PREFIX) and not self.duty.any() and len(bends) == 1:
+            self.limb.gravity = [0.0, GRAVITY * (np.sign(np.nanmedian(bends)) or -1.0), 0.0]
             text = "By its name, gravity bends the limb here, to the side of its bend."
             self.remarks.append(text)
-        return found
+        return parts
 
     def _cuts(self) -> list[int]:
         """Return where parts begin, and the end: a part ends where nobody knows the duty."""
         times = self.times
         gaps = np.diff(times)
-        long = np.flatnonzero(gaps > GAP)
+        long = np.flatnonzero(gaps > MIN_GAP)
         before = self.duty[:, long]
         after = self.duty[:, long + 1]
-        is_changed = np.abs(after - before).max(axis=0) > CHANGE
+        is_changed = np.abs(after - before).max(axis=0) > MIN_DUTY_CHANGE
         is_heated = np.maximum(before, after).max(axis=0) > 0
-        is_unknown = is_changed | ((gaps[long] > LONGEST_GAP) & is_heated)
-        is_unknown |= gaps[long] > LONGEST_PAUSE
+        is_unknown = is_changed | ((gaps[long] > MAX_HEATED_GAP) & is_heated)
+        is_unknown |= gaps[long] > MAX_PAUSE
         cuts = [0, *(long[is_unknown] + 1).tolist(), len(times)]
         if is_unknown.any():
             ends = ", ".join(f"{times[cut - 1]:.0f} s" for cut in cuts[1:-1])
             self.remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
         if (~is_unknown).any():
-            known = gaps[long[~is_unknown]]
-            text = f"{len(known)} gaps of more than {GAP:g} s, the longest of {known.max():.1f} s."
+            known_gaps = gaps[long[~is_unknown]]
+            longest = known_gaps.max()
+            text = f"{len(known_gaps)} gaps of over {MIN_GAP:g} s, the longest of {longest:.1f} s."
             self.remarks.append(text)
         # Cut long parts where wires are coldest.
         short = [0]
         heated = np.maximum.accumulate(np.where(self.duty.any(axis=0), times, times[0]))
         for cut in cuts[1:]:
-            while (times[cut - 1] - times[short[-1]]) * self.rate > MOST:
-                middle = times[short[-1]] + np.array([0.5, 1]) * MOST / self.rate
+            while (times[cut - 1] - times[short[-1]]) * self.rate > MAX_SAMPLES:
+                middle = times[short[-1]] + np.array([0.5, 1]) * MAX_SAMPLES / self.rate
                 first, last = np.searchsorted(times, middle)
                 off = times[first:last] - heated[first:last]
                 short.append(int(first + np.flatnonzero(off >= 0.99 * off.max())[-1]))
             short.append(cut)
         if len(short) > len(cuts):
             text = "Cut where wires were off the longest, so that no part has more than"
-            self.remarks.append(f"{text} {MOST} samples.")
+            self.remarks.append(f"{text} {MAX_SAMPLES} samples.")
         return short
 
 
@@ -265,12 +268,12 @@ def _joined(
     offset = _offset(times, table, other_times, other, mapping, join)
     latest = np.searchsorted(other_times + offset, times + 1e-6, side="right") - 1
     age = times - offset - other_times[latest]
-    is_shared = (latest >= 0) & (age <= GAP)
+    is_shared = (latest >= 0) & (age <= MIN_GAP)
     if is_shared.sum() < 2:
         raise LogError(f"{join.file} and the log have no time in common; correct join.offset.")
     together = dataclasses.replace(
         table,
-        names=unique([*table.names, *other.names]),
+        names=unique_names([*table.names, *other.names]),
         values=np.vstack([table.values, other.values[:, latest]]),
     )
     times = times[is_shared]
@@ -291,10 +294,10 @@ def _offset(
     if join.align:
         own = table.numbers(join.align[0])
         return aligned_offset(times, own, other_times, other.numbers(join.align[1]))
-    first = float(stamps(table, mapping.time, mapping.rate)[0])
-    other_first = float(stamps(other, join.time, join.rate)[0])
+    first = float(row_times(table, mapping.time, mapping.rate)[0])
+    other_first = float(row_times(other, join.time, join.rate)[0])
     on_one_clock = mapping.time.unit == join.time.unit == DATE and (first < 0) == (other_first < 0)
-    if on_one_clock or min(first, other_first) > EPOCH:
+    if on_one_clock or min(first, other_first) > MIN_EPOCH_TIME:
         return other_first - first
     raise LogError(
         f"{join.file} and the log have clocks of their own; give join.offset, or join.align with a "
@@ -302,37 +305,39 @@ def _offset(
     )
 
 
-def _between_rows(times: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _interpolate_slow_sensor(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return readings of a sensor that is slower than the rows, with lines between them."""
-    shown = ~np.isnan(values)
-    own = np.diff(times[shown])
-    if len(own) < 2 or np.median(own) < 1.5 * np.median(np.diff(times)):
+    is_present = ~np.isnan(values)
+    sensor_periods = np.diff(times[is_present])
+    if len(sensor_periods) < 2 or np.median(sensor_periods) < 1.5 * np.median(np.diff(times)):
         return values
-    near = np.interp(times, times[shown][1:], own, left=own[0])
-    there = np.interp(times, times[shown], values[shown], left=np.nan, right=np.nan)
-    return np.where(near <= STALE_PERIODS * np.median(own), there, np.nan)
+    period = np.interp(times, times[is_present][1:], sensor_periods, left=sensor_periods[0])
+    filled = np.interp(times, times[is_present], values[is_present], left=np.nan, right=np.nan)
+    return np.where(period <= STALE_PERIODS * np.median(sensor_periods), filled, np.nan)
 
 
-def _rows(count: int) -> str:
+def _n_rows(count: int) -> str:
     return f"{count} row{'s' * (count != 1)}"
 
 
-def _duty(table: LogTable, column: str, sign: float, mapping: LogMapping) -> tuple[np.ndarray, int]:
+def _read_duty(
+    table: LogTable, column: str, sign: float, mapping: LogMapping
+) -> tuple[np.ndarray, int]:
     """Return duty (K,), in [0, 1], held where it is missing; and in how many rows it is."""
-    values = sign * _without(table.numbers(column), mapping.missing)
+    values = sign * _without_missing(table.numbers(column), mapping.missing)
     is_missing = np.isnan(values)
     if is_missing.all():
         raise LogError(f"the column {column!r} holds no duty.")
     most = float(np.nanmax(values))
     duty = forward_fill(values) / mapping.full
     duty = 1.0 - duty if mapping.inverted else duty
-    if most > mapping.full * (1 + OVER):
+    if most > mapping.full * (1 + MAX_EXCESS_DUTY):
         raise LogError(
             f"the column {column!r} reaches {most:g}, beyond full duty, which is "
             f"{mapping.full:g} by the mapping; correct its full."
         )
     signs = {wire.sign for wire in mapping.wires if wire.duty == column}
-    if duty.min() < -OVER and len(signs) == 1:
+    if duty.min() < -MAX_EXCESS_DUTY and len(signs) == 1:
         raise LogError(
             f"the column {column!r} is negative at times, which heats no wire of the mapping; give "
             "the wire that it heats then, with the same duty and sign: -1."
@@ -340,21 +345,21 @@ def _duty(table: LogTable, column: str, sign: float, mapping: LogMapping) -> tup
     return np.clip(duty, 0.0, 1.0), int(is_missing.sum())
 
 
-def _temperature(table: LogTable, column: str, unit: str, mapping: LogMapping) -> np.ndarray:
+def _temperatures(table: LogTable, column: str, unit: str, mapping: LogMapping) -> np.ndarray:
     """Return a thermocouple's readings (K,), °C; nan where it has none that can be."""
-    factor, offset = CELSIUS[unit]
-    values = factor * _without(table.numbers(column), mapping.missing) + offset
-    is_unreadable = (values < READABLE[0]) | (values > READABLE[1])
+    factor, offset = TEMPERATURE_UNITS[unit]
+    values = factor * _without_missing(table.numbers(column), mapping.missing) + offset
+    is_unreadable = (values < READABLE_RANGE[0]) | (values > READABLE_RANGE[1])
     if is_unreadable.mean() > 0.5:
         raise LogError(
-            f"the column {column!r} is beyond {READABLE[0]:g} to {READABLE[1]:g} °C in most rows; "
-            "correct its unit."
+            f"the column {column!r} is beyond {READABLE_RANGE[0]:g} to {READABLE_RANGE[1]:g} °C in "
+            "most rows; correct its unit."
         )
     values[is_unreadable] = np.nan
     return values
 
 
-def _without(values: np.ndarray, missing: list[str]) -> np.ndarray:
+def _without_missing(values: np.ndarray, missing: list[str]) -> np.ndarray:
     """Return numbers with nan for those that stand for no reading; words are nan already."""
     return np.where(np.isin(values, [cells.number(text) for text in missing]), np.nan, values)
 
@@ -375,14 +380,14 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
     else:
         with np.errstate(over="ignore"):  # of a number that no sensor has, which is left out below
             rows = [
-                (_without(table.numbers(column), mapping.missing) - zero) * scale
+                (_without_missing(table.numbers(column), mapping.missing) - zero) * scale
                 for column, zero, scale in axes
             ]
         angles = np.array(rows)
     if bend.seen:
         angles[:, table.numbers(bend.seen) == 0] = np.nan
     beyond = (np.abs(angles) > 180.0).any(axis=0)
-    if (share := float(beyond.mean())) > RARELY:
+    if (share := float(beyond.mean())) > MAX_FAILING_SHARE:
         most = float(np.nanquantile(np.abs(angles), 0.99))
         raise LogError(
             f"the bend would be up to {most:.3g}°, and beyond ±180° in {share:.0%} of all rows; "
@@ -412,7 +417,7 @@ def _directions(table: LogTable, line: list[str], missing: list[str]) -> np.ndar
     In the picture y points down. Directions are nan where a point is at 0, 0, or all have been
     where they are, to all digits, for some rows: so do trackers write that they have lost them.
     """
-    columns = np.array([_without(table.numbers(column), missing) for column in line])
+    columns = np.array([_without_missing(table.numbers(column), missing) for column in line])
     x = columns[::2]
     y = columns[1::2]
     rows = np.arange(columns.shape[1])
@@ -449,15 +454,15 @@ def resampled(
 
     def means(ends: np.ndarray) -> np.ndarray:
         """Return mean duty between times, and before the first of them the first row's."""
-        later = doses(duty[:, :-1], times, ends) / np.diff(ends)
-        return np.clip(np.column_stack([duty[:, 0], later]), 0.0, 1.0)
+        later_means = doses(duty[:, :-1], times, ends) / np.diff(ends)
+        return np.clip(np.column_stack([duty[:, 0], later_means]), 0.0, 1.0)
 
-    used, index = np.unique(row, return_inverse=True)
+    used_rows, index = np.unique(row, return_inverse=True)
     return {
         "time": grid,
         "duty": means(grid),
         "measured_temperature": readings[: len(duty)],
         "bend_angle": readings[len(duty) :],
-        "applied_duty": means(times[used])[:, index],
+        "applied_duty": means(times[used_rows])[:, index],
         "sample_age": age,
     }

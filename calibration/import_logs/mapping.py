@@ -17,15 +17,19 @@ from limb_systems.files.input import read_text
 from limb_systems.files.output import write_atomically
 from limb_systems.files.schema import Strict, dump_typed, load_typed, quantity, rare
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 DATE = "date"  # unit of dates and times of day
 FRAMES = "frames"  # unit of numbers of frames at the mapping's rate
-CELSIUS = {"C": (1.0, 0.0), "F": (1 / 1.8, -32 / 1.8), "K": (1.0, -273.15)}  # factor, offset
+TEMPERATURE_UNITS = {
+    "C": (1.0, 0.0),
+    "F": (1 / 1.8, -32 / 1.8),
+    "K": (1.0, -273.15),
+}  # factor, offset
 BEND_ANGLE = "bend_angle"
 CHORD = "chord"
 TIP_TANGENT = "tip_tangent"
 MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
-OPEN = "?"  # in place of what is not known
+UNKNOWN = "?"  # in place of what is not known
 
 
 @dataclasses.dataclass
@@ -70,8 +74,8 @@ class BendColumns(Strict):
     @property
     def columns(self) -> list[str]:
         """The columns that show the bend."""
-        own = [self.column, self.e2, self.e3, *self.line, *self.base_line]
-        return [column for column in own if column]
+        named = [self.column, self.e2, self.e3, *self.line, *self.base_line]
+        return [column for column in named if column]
 
 
 @dataclasses.dataclass
@@ -110,9 +114,9 @@ class LogMapping(Strict):
         bend = self.bend
         align = self.join.align if self.join else []
         allowed: list[tuple[str, Any, Iterable]] = [
-            ("time.unit", self.time.unit, [*SECONDS, DATE, FRAMES, OPEN]),
-            ("time.fraction_unit", self.time.fraction_unit, SECONDS),
-            ("bend.measures", bend.measures, [*MEASURES, OPEN]),
+            ("time.unit", self.time.unit, [*TIME_UNITS, DATE, FRAMES, UNKNOWN]),
+            ("time.fraction_unit", self.time.fraction_unit, TIME_UNITS),
+            ("bend.measures", bend.measures, [*MEASURES, UNKNOWN]),
             ("decimal", self.decimal, (".", ",")),
             ("delimiter", self.delimiter, DELIMITERS),
             ("the number of columns in bend.line", len(bend.line), (0, 4)),
@@ -120,20 +124,22 @@ class LogMapping(Strict):
             ("the number of columns in join.align", len(align), (0, 2)),
         ]
         for wire in self.wires:
-            allowed.append((f"unit of the {wire.name} wire", wire.unit, [*CELSIUS, OPEN]))
+            allowed.append(
+                (f"unit of the {wire.name} wire", wire.unit, [*TEMPERATURE_UNITS, UNKNOWN])
+            )
             allowed.append((f"sign of the {wire.name} wire", wire.sign, (1, -1)))
-        for where, value, known in allowed:
-            if value not in known:
-                words = ", ".join(str(word) for word in known if word != OPEN)
+        for where, value, allowed_words in allowed:
+            if value not in allowed_words:
+                words = ", ".join(str(word) for word in allowed_words if word != UNKNOWN)
                 text = repr(value) if isinstance(value, str) else f"{value:g}"
                 raise LogError(f"{where} is {text}; it must be one of {words}.")
         # There is one bend, and wires have different names.
-        ways = [bool(bend.column), bool(bend.e2 and bend.e3), bool(bend.line)]
-        if sum(ways) != 1 or bool(bend.e2) != bool(bend.e3):
+        is_given = [bool(bend.column), bool(bend.e2 and bend.e3), bool(bend.line)]
+        if sum(is_given) != 1 or bool(bend.e2) != bool(bend.e3):
             raise LogError("bend must have either a column, e2 and e3, or a line.")
         if not self.wires:
             raise LogError("wires must have at least one wire.")
-        names = [wire.name for wire in self.wires if wire.name != OPEN]
+        names = [wire.name for wire in self.wires if wire.name != UNKNOWN]
         if twice := next((name for name in names if names.count(name) > 1), ""):
             raise LogError(f"wires has two wires of the name {twice!r}.")
         # No column stands for two signals, but a signed one for the duty of two wires.
@@ -142,13 +148,17 @@ class LogMapping(Strict):
         for wire in self.wires:
             signals.append((f"duty of the {wire.name} wire", wire.duty, wire.sign))
             signals.append((f"temperature of the {wire.name} wire", wire.temperature, 0.0))
-        taken: dict[str, tuple[str, float]] = {}
+        signal_of_column: dict[str, tuple[str, float]] = {}
         for signal, column, sign in signals:
-            other, sign_of_other = taken.setdefault(column, (signal, sign))
-            if column not in ("", OPEN) and other != signal and not sign * sign_of_other < 0:
+            other_signal, sign_of_other = signal_of_column.setdefault(column, (signal, sign))
+            if (
+                column not in ("", UNKNOWN)
+                and other_signal != signal
+                and not sign * sign_of_other < 0
+            ):
                 raise LogError(
-                    f"the column {column!r} is given for {other} and for {signal}; give each its "
-                    "own."
+                    f"the column {column!r} is given for {other_signal} and for {signal}; give "
+                    "each its own."
                 )
 
     @classmethod
@@ -177,18 +187,18 @@ class LogMapping(Strict):
         bend_columns = "bend.line" if self.bend.line else "bend.column"
         has_rows_at_rate = not self.time.column or self.time.unit == FRAMES
         is_open = {
-            "time.column": self.time.column == OPEN,
-            "time.unit": self.time.unit == OPEN,
+            "time.column": self.time.column == UNKNOWN,
+            "time.unit": self.time.unit == UNKNOWN,
             "rate": has_rows_at_rate and not self.rate,
             "full": not self.full and any(wire.duty for wire in self.wires),
-            bend_columns: OPEN in self.bend.columns,
+            bend_columns: UNKNOWN in self.bend.columns,
             "bend.scale": not self.bend.scale,
-            "bend.measures": self.bend.measures == OPEN,
+            "bend.measures": self.bend.measures == UNKNOWN,
         }
         for index, wire in enumerate(self.wires):
             for field in ("name", "duty", "temperature"):
-                is_open[f"wires[{index}].{field}"] = getattr(wire, field) == OPEN
-            is_open[f"wires[{index}].unit"] = bool(wire.temperature) and wire.unit == OPEN
+                is_open[f"wires[{index}].{field}"] = getattr(wire, field) == UNKNOWN
+            is_open[f"wires[{index}].unit"] = bool(wire.temperature) and wire.unit == UNKNOWN
         return [field for field, is_asked in is_open.items() if is_asked]
 
     def with_answers(self, answers: dict[str, str]) -> "LogMapping":

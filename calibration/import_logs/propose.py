@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.import_logs import clock, mapping, words
 from calibration.import_logs.evidence import (
-    MARGIN,
+    MIN_VOTE,
     Responses,
     Steps,
     bend_votes,
@@ -20,38 +20,44 @@ from calibration.import_logs.evidence import (
     forward_fill,
 )
 from calibration.import_logs.log_signals import bends_of
-from calibration.import_logs.mapping import OPEN, BendColumns, LogMapping, TimeColumn, WireColumns
+from calibration.import_logs.mapping import (
+    UNKNOWN,
+    BendColumns,
+    LogMapping,
+    TimeColumn,
+    WireColumns,
+)
 from calibration.import_logs.table import LogError, LogTable
 from calibration.import_logs.words import BEND, DUTY, FRAME, LEFT, RIGHT, TEMPERATURE, TIME, Name
 from limb_systems.limb_parameters import LimbParameters
 
-FULLS = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
-POWERS = {"power", "pow", "leistung", "heizleistung", "watt", "watts", "W"}  # in W, or shares
-SHARES = {"duty", "duties", "tastgrad"}
-VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
-UNLIKE = 5.0  # between the most of two duties that may be of one unit
-ABSURD = 1e9  # that no number but a time's is beyond
-MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
-ROOMS = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
-RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
-COLD = 35.0  # below which the readings of a log that starts warm are in °C
-COLDEST = 4.0  # above the coldest readings, within which a limb is at rest
-LONG = 150.0  # s of a log in which wires become cold at some time ...
-ONE_ROOM = 25.0  # ... and their coldest readings differ by less, °C
-SAME = 0.97  # correlation of two columns that show the same
-STRONG = 0.5  # correlation of a column with the heat that it follows
-FARTHEST = 60.0  # °, to which no limb is bent at rest
-RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
-HOT = 20.0  # °C of warming, with which a limb bends by more than that in degrees
-STILL = 0.02  # movement of a point that is fixed, in shares of the tip's
-HEATED = 1.0  # s of full duty, with which a wire counts as heated
-LEAST_TURN = 0.85  # of the turn of a limb's first link, if it were bent evenly
-DEGREES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "mdeg": 1e-3}
+FULL_SCALES = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
+POWER_WORDS = {"power", "pow", "leistung", "heizleistung", "watt", "watts", "W"}  # in W, or shares
+SHARE_WORDS = {"duty", "duties", "tastgrad"}
+MAX_VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
+MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
+MAX_NUMBER = 1e9  # that no number but a time's is beyond
+MISSING_CODES = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
+ROOM_RANGES = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
+READING_RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
+MAX_COLD = 35.0  # below which the readings of a log that starts warm are in °C
+MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
+LONG_LOG_TIME = 150.0  # s of a log in which wires become cold at some time ...
+MAX_COLD_SPREAD = 25.0  # ... and their coldest readings differ by less, °C
+MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
+MIN_HEAT_CORRELATION = 0.5  # correlation of a column with the heat that it follows
+MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
+MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
+HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in degrees
+FIXED_POINT_SHARE = 0.02  # movement of a point that is fixed, in shares of the tip's
+MIN_HEATED_TIME = 1.0  # s of full duty, with which a wire counts as heated
+MIN_FIRST_TURN = 0.85  # of the turn of a limb's first link, if it were bent evenly
+DEGREES_PER_UNIT = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "mdeg": 1e-3}
 
 
 @dataclasses.dataclass
 class Question:
-    """What a log does not tell.
+    """A question about a field of the mapping.
 
     - ``field``: field of the mapping that has the answer, such as "wires[0].duty".
     - ``text``: the question, which names the columns.
@@ -72,7 +78,7 @@ class Question:
 
 @dataclasses.dataclass
 class Proposal:
-    """What the columns of a log are, for one limb.
+    """The proposed meaning of a log's columns, for one limb.
 
     - ``name``: the limb's name, if several share the log; else empty.
     - ``mapping``: mapping of the log's columns.
@@ -98,14 +104,14 @@ class Column:
         self.text = name.text
         self.values = values
         missing = np.isnan(values)
-        self.shown = values[~missing] if missing.any() else values
+        self.present = values[~missing] if missing.any() else values
         self.steps = steps
-        self.span = float(np.ptp(self.shown)) if len(self.shown) else 0.0
+        self.span = float(np.ptp(self.present)) if len(self.present) else 0.0
 
     @functools.cached_property
     def low(self) -> float:
         """The number that 2% of its numbers are below."""
-        return float(np.quantile(self.shown, 0.02))
+        return float(np.quantile(self.present, 0.02))
 
     @functools.cached_property
     def means(self) -> np.ndarray:
@@ -114,20 +120,20 @@ class Column:
 
     def heat(self, sign: float = 1.0) -> np.ndarray:
         """Return the heat of a duty in each step (N,), by its positive or negative numbers."""
-        most = np.abs(self.shown).max() or 1.0
+        most = np.abs(self.present).max() or 1.0
         return self.steps.heat(np.clip(sign * self.values, 0.0, None)) / most
 
     @functools.cached_property
     def looks_like_heat(self) -> bool:
-        """Whether it is 0 at times, stands still mostly, and is not negative."""
-        if not self.span or not 0 <= self.shown.min() < self.shown.max() <= FULLS[-1]:
+        """Return whether it is 0 at times, stands still mostly, and is not negative."""
+        if not self.span or not 0 <= self.present.min() < self.present.max() <= FULL_SCALES[-1]:
             return False
-        return bool((self.shown == 0).mean() > 0.02 and np.mean(np.diff(self.shown) == 0) > 0.5)
+        return bool((self.present == 0).mean() > 0.02 and np.mean(np.diff(self.present) == 0) > 0.5)
 
     def votes(self, heats: np.ndarray) -> np.ndarray:
         """Return its response to each heat (W,), in standard errors; 0 where it is weak."""
         votes = Responses.of(self.steps.times, heats, self.means[None]).votes[0]
-        strong = [abs(correlation(heat, self.means)) > STRONG for heat in heats]
+        strong = [abs(correlation(heat, self.means)) > MIN_HEAT_CORRELATION for heat in heats]
         return np.where(strong, votes, 0.0)
 
 
@@ -148,7 +154,7 @@ class Columns:
     ):
         self.table = table
         self.limb = limb
-        self.known_wires = limb.wire_names if limb else [LEFT, RIGHT]
+        self.described_wires = limb.wire_names if limb else [LEFT, RIGHT]
         self.axes = limb.segments[0].axes if limb else 1
         self.dictionary = dictionary
         self.questions: list[Question] = []
@@ -161,7 +167,7 @@ class Columns:
         self.time = time or self._time(names)
         # To see what follows what, rows without a time come at any rate.
         try:
-            if clock.is_reversed(clock.stamps(table, self.time, 10.0)):
+            if clock.is_reversed(clock.row_times(table, self.time, 10.0)):
                 self.table = table.rows(slice(None, None, -1))
             self.times, kept = clock.times_of(self.table, self.time, 10.0)
         except LogError:
@@ -172,21 +178,27 @@ class Columns:
         # Find what stands for no reading, and leave it out.
         others = [n for n in names if n.text not in (self.time.column, self.time.fraction)]
         numbers = [self.table.numbers(name.text)[self.kept] for name in others]
-        self.missing = [v for v in MISSING if any(_stands_out(own, v) for own in numbers)]
+        self.missing = [
+            v
+            for v in MISSING_CODES
+            if any(_stands_out(values_of_column, v) for values_of_column in numbers)
+        ]
         self.columns: list[Column] = []
         for name, values in zip(others, numbers, strict=True):
-            left_out = np.isin(values, self.missing) if self.missing else np.abs(values) > ABSURD
+            left_out = (
+                np.isin(values, self.missing) if self.missing else np.abs(values) > MAX_NUMBER
+            )
             cleaned = np.where(left_out, np.nan, values) if left_out.any() else values
             column = Column(name, cleaned, self.steps)
-            if len(column.shown) > 5:
+            if len(column.present) > 5:
                 self.columns.append(column)
 
     @functools.cached_property
     def heats(self) -> np.ndarray:
         """The heat of each wire that has a duty (W, N)."""
         wires = self.wires[: len(self.duties)]
-        found = [c.heat(wire.sign) for c, wire in zip(self.duties, wires, strict=True)]
-        return np.array(found).reshape(-1, len(self.steps.times))
+        wire_heats = [c.heat(wire.sign) for c, wire in zip(self.duties, wires, strict=True)]
+        return np.array(wire_heats).reshape(-1, len(self.steps.times))
 
     def ask(
         self, field: str, text: str, choices: list[str] | None = None, contradicts: bool = False
@@ -194,28 +206,28 @@ class Columns:
         """Ask for a field of the mapping."""
         self.questions.append(Question(field, text, choices or [], contradicts))
 
-    def proposal(self, name: str, found: LogMapping) -> Proposal:
+    def proposal(self, name: str, log_mapping: LogMapping) -> Proposal:
         """Return a mapping with the notes and questions."""
-        lines = [f"{column}: {what}" for column, what in self.notes.items()]
+        lines = [f"{column}: {note}" for column, note in self.notes.items()]
         lines += [f"{c.text}: not used" for c in self.columns if c.text not in self.notes]
         is_heated = any(column.span > 0 for column in self.duties)
-        return Proposal(name, found, lines, self.questions, is_heated, self.table.names)
+        return Proposal(name, log_mapping, lines, self.questions, is_heated, self.table.names)
 
-    def of_role(self, role: str) -> list[Column]:
+    def columns_of_role(self, role: str) -> list[Column]:
         """Return the columns whose names say this role, and that are measured."""
         return [c for c in self.columns if c.name.role == role and c.name.is_measured]
 
-    def _unnamed(self) -> list[Column]:
+    def _unnamed_columns(self) -> list[Column]:
         """Return columns that move, whose names say neither a signal nor another quantity."""
-        own = [c for c in self.of_role("") if c.span and c.text not in self.notes]
-        return [c for c in own if c.name.quantity in ("", "counts")]
+        unnamed = [c for c in self.columns_of_role("") if c.span and c.text not in self.notes]
+        return [c for c in unnamed if c.name.quantity in ("", "counts")]
 
     def _time(self, names: list[Name]) -> TimeColumn:
         """Return the column that increases as a clock does; a question if there is none."""
         best = clock.find_time(self.table, names)
         if best.column:
             self.notes[best.column] = f"time, {best.unit}; it increases as a clock does"
-            if best.unit == OPEN:
+            if best.unit == UNKNOWN:
                 text = f"unit of {best.column}? Its rows are too far apart, or near, for its name"
                 self.ask("time.unit", text, ["s", "ms", "us"])
             return best
@@ -230,207 +242,217 @@ class Columns:
 
     def find_duties(self) -> None:
         """Find the duties and their wires; columns whose names say nothing must be followed."""
-        named = self.of_role(DUTY)
+        named = self.columns_of_role(DUTY)
         best = min((c.name.rank for c in named), default=0)
         chosen = [c for c in named if c.name.rank == best]
         if not named:
-            followed = [c for c in self._unnamed() if c.looks_like_heat and self._is_followed(c)]
-            chosen = self._with_like(followed, "wires[0].duty", "the duty of a wire")
+            followed = [
+                c for c in self._unnamed_columns() if c.looks_like_heat and self._is_followed(c)
+            ]
+            chosen = self._with_similar(followed, "wires[0].duty", "the duty of a wire")
         for column in chosen:
             self.notes[column.text] = "duty, by its name" if named else "duty, which others follow"
         self.duties = sorted(chosen, key=lambda c: words.place_of_label(c.name.label))
-        signed = [c for c in self.duties if len(c.shown) and c.shown.min() < 0]
+        signed = [c for c in self.duties if len(c.present) and c.present.min() < 0]
         if not self.duties:
             text = (
                 "no column seems to be a duty, which is 0 while wires are off: give each wire's, "
             )
             text += "'' for a wire that was not heated, or join the file of the heaters"
             self.ask("wires[0].duty", text, [c.text for c in self.columns if c.looks_like_heat])
-            self.wires = [WireColumns(name, OPEN) for name in self.known_wires]
+            self.wires = [WireColumns(name, UNKNOWN) for name in self.described_wires]
         elif signed:
             names = [LEFT, RIGHT] if len(self.duties) == 1 and not self.limb else []
             self.duties = [c for c in self.duties for _ in range(2)]
             for index, column in enumerate(self.duties):
-                name = names[index] if names else OPEN
+                name = names[index] if names else UNKNOWN
                 self.wires.append(WireColumns(name, column.text, 1.0 if index % 2 else -1.0))
         else:
             pairs = zip(self._wire_names(), self.duties, strict=True)
             self.wires = [WireColumns(name, c.text) for name, c in pairs]
 
-    def _with_like(self, found: list[Column], field: str, what: str) -> list[Column]:
+    def _with_similar(self, chosen: list[Column], field: str, meaning: str) -> list[Column]:
         """Return columns, if all like columns are among them; else ask."""
-        stems = {column.name.stem for column in found}
-        like = [c for c in self._unnamed() if c.name.stem in stems]
-        if len(stems) <= 1 and (len(like) == len(found) or not self.table.has_names):
-            return found
-        texts = [column.text for column in like]
-        self.ask(field, f"which of {_list(like)} is {what}? Names do not tell", texts)
+        stems = {column.name.stem for column in chosen}
+        similar = [c for c in self._unnamed_columns() if c.name.stem in stems]
+        if len(stems) <= 1 and (len(similar) == len(chosen) or not self.table.has_names):
+            return chosen
+        texts = [column.text for column in similar]
+        self.ask(field, f"which of {_list(similar)} is {meaning}? Names do not tell", texts)
         return []
 
     def _is_followed(self, duty: Column) -> bool:
         """Return whether another column clearly follows the heat of what may be a duty."""
         heat = duty.heat()[None]
         others = [c for c in self.columns if c is not duty and c.span and c.name.role != DUTY]
-        return any(abs(c.votes(heat)[0]) > MARGIN for c in others if not c.looks_like_heat)
+        return any(abs(c.votes(heat)[0]) > MIN_VOTE for c in others if not c.looks_like_heat)
 
     def _wire_names(self) -> list[str]:
         """Return a name for each duty's label, as the limb's description has it."""
         labels = [column.name.label for column in self.duties]
-        known = self.known_wires
-        names = [Name.of(name, "", known, self.dictionary) for name in known]
+        wire_names = self.described_wires
+        names = [Name.of(name, "", wire_names, self.dictionary) for name in wire_names]
         by_label = {name.label or name.text: name.text for name in names}
         are_different = len(set(labels)) == len(labels)
         if are_different and set(labels) <= set(by_label):
             return [by_label[label] for label in labels]
         if labels == [""] and not self.limb:
             return [RIGHT]
-        is_whole = are_different and len(labels) == len(known) and self.table.has_names
+        is_whole = are_different and len(labels) == len(wire_names) and self.table.has_names
         if is_whole and not {LEFT, RIGHT} & set(labels):
-            pairs = zip(self.duties, known, strict=True)
-            said = " and ".join(f"{c.text} {name}" for c, name in pairs)
-            self.notes["wires"] = f"in their order, {said}; exchange the names if need be"
-            return known
+            pairs = zip(self.duties, wire_names, strict=True)
+            order_text = " and ".join(f"{c.text} {name}" for c, name in pairs)
+            self.notes["wires"] = f"in their order, {order_text}; exchange the names if need be"
+            return wire_names
         hint = "" if self.limb else " Describe a limb of other wires than left and right with -l"
         for index, column in enumerate(self.duties):
-            self.ask(f"wires[{index}].name", f"which wire does {column.text} heat?{hint}", known)
-        return [OPEN] * len(labels)
+            self.ask(
+                f"wires[{index}].name", f"which wire does {column.text} heat?{hint}", wire_names
+            )
+        return [UNKNOWN] * len(labels)
 
     def full_duty(self) -> float:
         """Return the number of full duty; 0 and a question if nothing tells it."""
         duties = list(dict.fromkeys(self.duties))
-        values = np.concatenate([np.unique(np.abs(c.shown)) for c in duties] or [np.zeros(1)])
-        most = float(values.max())
-        if not most:
+        values = np.concatenate([np.unique(np.abs(c.present)) for c in duties] or [np.zeros(1)])
+        largest = float(values.max())
+        if not largest:
             return 1.0
-        likely = [f"{full:g}" for full in FULLS if most <= 1.001 * full][:3]
+        likely = [f"{full:g}" for full in FULL_SCALES if largest <= 1.001 * full][:3]
         # A wire that is at its most while it rests or cools is off there.
-        resting = [(c.shown == c.shown.max()).mean() > 0.05 and c.shown.min() > 0 for c in duties]
+        resting = [
+            (c.present == c.present.max()).mean() > 0.05 and c.present.min() > 0 for c in duties
+        ]
         if any(resting) or any(self._cools(column) for column in duties):
-            text = f"{_list(duties)}: the duty looks inverted, for it is at its most, {most:g}, "
+            text = f"{_list(duties)}: the duty looks inverted, for it is at its most, {largest:g}, "
             text += "where wires rest or cool: give full, and inverted: true if wires are off there"
             self.ask("full", text, likely[:1], contradicts=True)
             return 0.0
         # Like columns have one unit.
-        levels = [np.unique(np.abs(c.shown[c.shown != 0])) for c in duties if c.span]
+        levels = [np.unique(np.abs(c.present[c.present != 0])) for c in duties if c.span]
         tops = [float(own.max()) for own in levels]
         is_switched = [len(own) == 1 and own[0] == 1.0 for own in levels]
-        if max(tops) > UNLIKE * min(tops) or (any(is_switched) and min(tops) < 1.0):
+        if max(tops) > MAX_DUTY_RATIO * min(tops) or (any(is_switched) and min(tops) < 1.0):
             text = f"the most in {_list(duties)} is {' and '.join(f'{top:g}' for top in tops)}: "
             self.ask("full", f"{text}are they of one unit, and what is full duty?", likely, True)
             return 0.0
         # Names may have a range, such as 0..255, or a unit.
         own = {word for c in duties for word in (*c.name.words, c.name.unit)}
         ranges = {m[1] for c in duties if (m := re.search(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", c.text))}
-        if len(ranges) == 1 and most <= 1.001 * float(min(ranges)):
+        if len(ranges) == 1 and largest <= 1.001 * float(min(ranges)):
             return float(min(ranges))
         full = _full_by_numbers(np.unique(values[values > 0]), own)
         if own & {"%", "percent", "pct", "prozent"}:
-            full = 100.0 if 1.0 < most <= 100.1 else 0.0
+            full = 100.0 if 1.0 < largest <= 100.1 else 0.0
             likely = ["100", "1"]
-        if not full or own & POWERS:
-            self.ask("full", f"the most in {_list(duties)} is {most:g}: what is full duty?", likely)
+        if not full or own & POWER_WORDS:
+            self.ask(
+                "full", f"the most in {_list(duties)} is {largest:g}: what is full duty?", likely
+            )
             return 0.0
         return full
 
     def _cools(self, duty: Column) -> bool:
         """Return whether the thermocouple of a duty's own name clearly cools with its heat."""
-        own = [c for c in self.temperatures if c.name.label and c.name.label == duty.name.label]
-        return len(own) == 1 and own[0].votes(duty.heat()[None])[0] < -MARGIN
+        named = [c for c in self.temperatures if c.name.label and c.name.label == duty.name.label]
+        return len(named) == 1 and named[0].votes(duty.heat()[None])[0] < -MIN_VOTE
 
     # Thermocouples.
 
     def find_temperatures(self) -> None:
         """Find the thermocouples; columns whose names say nothing must be warmed."""
-        named = [c for c in self.of_role(TEMPERATURE) if c.name.quantity != "counts"]
+        named = [c for c in self.columns_of_role(TEMPERATURE) if c.name.quantity != "counts"]
         warmed = []
-        for column in self._unnamed() if self.duties and not named else []:
-            is_warm = -10.0 < column.low < 320.0 and column.shown.max() < 620.0
+        for column in self._unnamed_columns() if self.duties and not named else []:
+            is_warm = -10.0 < column.low < 320.0 and column.present.max() < 620.0
             votes = column.votes(self.heats) if is_warm else np.zeros(1)
-            warmed += [column] if votes.max() > MARGIN and votes.min() > -MARGIN else []
+            warmed += [column] if votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE else []
         what = "the temperature of a wire"
-        self.temperatures = named or self._with_like(warmed, "wires[0].temperature", what)
+        self.temperatures = named or self._with_similar(warmed, "wires[0].temperature", what)
 
     def pair(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
-        left = list(self.temperatures)
+        unpaired = list(self.temperatures)
         if not self.duties:
             return
-        signals = np.array([column.means for column in left])
-        found = Responses.of(self.steps.times, self.heats, signals).pairs()
+        signals = np.array([column.means for column in unpaired])
+        warmed_sensors = Responses.of(self.steps.times, self.heats, signals).pairs()
         open_wires = []
         for index, wire in enumerate(self.wires):
-            named = self._of_its_name(index)
-            sensor = found[index]
+            named = self._thermocouples_named_as(index)
+            sensor = warmed_sensors[index]
             warmed = None if sensor is None else self.temperatures[sensor]
             if len(named) == 1 and warmed in (None, named[0]):
                 self._set_temperature(wire, named[0], "by its name")
-                left.remove(named[0])
+                unpaired.remove(named[0])
             elif named:
-                why = f"several have the name of {wire.name}"
+                reason = f"several have the name of {wire.name}"
                 if len(named) == 1 and warmed:
-                    why = f"names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
+                    reason = f"names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
                 choices = [*named, *([warmed] if warmed else [])]
-                self._ask_temperature(index, choices, why, True)
-                left = [c for c in left if c not in named]
-            elif warmed in left and warmed.name.side in ("", wire.name):
+                self._ask_temperature(index, choices, reason, True)
+                unpaired = [c for c in unpaired if c not in named]
+            elif warmed in unpaired and warmed.name.side in ("", wire.name):
                 self._set_temperature(wire, warmed, f"it warms with {wire.duty}")
-                left.remove(warmed)
+                unpaired.remove(warmed)
             else:
                 open_wires.append(index)
         # Of like columns, the only one that is left is of the only wire that is left.
         are_like = len({column.name.stem for column in self.temperatures}) == 1
         is_last = are_like and len(self.temperatures) == len(self.wires) and len(open_wires) == 1
         for index in open_wires:
-            others = [c for c in left if c.name.side in ("", self.wires[index].name)]
-            if is_last and len(left) == len(others) == 1:
-                self._set_temperature(self.wires[index], left.pop(), "the only one that is left")
-            elif others:
-                self._ask_temperature(index, others, "neither names nor heat tell", False)
+            candidates = [c for c in unpaired if c.name.side in ("", self.wires[index].name)]
+            if is_last and len(unpaired) == len(candidates) == 1:
+                self._set_temperature(
+                    self.wires[index], unpaired.pop(), "the only one that is left"
+                )
+            elif candidates:
+                self._ask_temperature(index, candidates, "neither names nor heat tell", False)
         # Numbers with a sign heat the wires whose names their thermocouples have.
         has_side = {column.text for column in self.temperatures if column.name.side}
         if len(set(self.duties)) < len(self.duties) and not {
             wire.temperature for wire in self.wires
-        } <= {OPEN, *has_side}:
+        } <= {UNKNOWN, *has_side}:
             for index, wire in enumerate(self.wires):
-                which = "positive" if wire.sign > 0 else "negative"
-                text = f"which wire do {which} numbers of {wire.duty} heat?"
-                self.ask(f"wires[{index}].name", text, self.known_wires)
-                wire.name = OPEN
+                sign_text = "positive" if wire.sign > 0 else "negative"
+                text = f"which wire do {sign_text} numbers of {wire.duty} heat?"
+                self.ask(f"wires[{index}].name", text, self.described_wires)
+                wire.name = UNKNOWN
         asked = {choice for q in self.questions if "temperature" in q.field for choice in q.choices}
-        for column in [c for c in left if c.text not in asked]:
-            self.wires.append(WireColumns(OPEN, OPEN, temperature=column.text, unit=OPEN))
+        for column in [c for c in unpaired if c.text not in asked]:
+            self.wires.append(WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN))
             text = f"{column.text} is a temperature of no wire that has a duty: give name and duty "
             text += "of its wire ('' if it was not heated), or leave out this wire"
             self.ask(f"wires[{len(self.wires) - 1}].duty", text, ["''", "none"])
 
-    def _of_its_name(self, index: int) -> list[Column]:
+    def _thermocouples_named_as(self, index: int) -> list[Column]:
         """Return the thermocouples that have the name of a wire.
 
         Numbers and letters are names if duties and thermocouples have the same ones.
         """
         labels = [column.name.label for column in self.duties]
-        own = [column.name.label for column in self.temperatures]
+        sensor_labels = [column.name.label for column in self.temperatures]
         label = labels[index] if len(set(labels)) == len(labels) else self.wires[index].name
         is_side = label in (LEFT, RIGHT) and label == self.wires[index].name
-        if not label or not (is_side or sorted(labels) == sorted(own)):
+        if not label or not (is_side or sorted(labels) == sorted(sensor_labels)):
             return []
         return [c for c in self.temperatures if c.name.label == label]
 
-    def _set_temperature(self, wire: WireColumns, column: Column, why: str) -> None:
+    def _set_temperature(self, wire: WireColumns, column: Column, reason: str) -> None:
         wire.temperature = column.text
-        self.notes[column.text] = f"temperature of the {wire.name} wire, {why}"
+        self.notes[column.text] = f"temperature of the {wire.name} wire, {reason}"
 
     def _ask_temperature(
-        self, index: int, choices: list[Column], why: str, contradicts: bool
+        self, index: int, choices: list[Column], reason: str, contradicts: bool
     ) -> None:
         wire = self.wires[index]
-        wire.temperature = OPEN
+        wire.temperature = UNKNOWN
         texts = list(dict.fromkeys(column.text for column in choices))
         text = f"which is the thermocouple of the wire that {wire.duty} heats, "
-        text += f"{' and '.join(texts)}? {why}"
+        text += f"{' and '.join(texts)}? {reason}"
         self.ask(f"wires[{index}].temperature", text, texts, contradicts)
         units = {column.name.unit for column in choices}
-        wire.unit = units.pop() if len(units) == 1 and units <= set(RANGES) else OPEN
+        wire.unit = units.pop() if len(units) == 1 and units <= set(READING_RANGES) else UNKNOWN
         self.notes |= dict.fromkeys(texts, "a temperature, see the question")
 
     def find_units(self) -> None:
@@ -440,30 +462,30 @@ class Columns:
             if wire.temperature not in columns:
                 continue
             column = columns[wire.temperature]
-            said = column.name.unit if column.name.unit in RANGES else ""
-            like = [c for c in self.temperatures if c.name.unit == column.name.unit]
+            unit_in_name = column.name.unit if column.name.unit in READING_RANGES else ""
+            similar = [c for c in self.temperatures if c.name.unit == column.name.unit]
             # Limbs that rest are in a room; warm ones may be known by how cold they become.
-            first = [float(np.median(c.shown[:5])) for c in like]
-            lows = [c.low for c in like]
-            is_at_rest = max(np.subtract(first, lows)) < COLDEST and np.ptp(first) < 3.0
-            rooms = [u for u, (low, high) in ROOMS.items() if low <= np.mean(first) <= high]
-            unit = "C" if max(lows) < COLD else "K" if min(lows) > 250.0 else OPEN
-            unit = said or ((rooms or [OPEN])[0] if is_at_rest else unit)
-            coldest, warmest, hottest = RANGES.get(unit, (-np.inf, np.inf, np.inf))
+            first = [float(np.median(c.present[:5])) for c in similar]
+            lowest = [c.low for c in similar]
+            is_at_rest = max(np.subtract(first, lowest)) < MAX_REST_RISE and np.ptp(first) < 3.0
+            rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
+            unit = "C" if max(lowest) < MAX_COLD else "K" if min(lowest) > 250.0 else UNKNOWN
+            unit = unit_in_name or ((rooms or [UNKNOWN])[0] if is_at_rest else unit)
+            coldest, warmest, hottest = READING_RANGES.get(unit, (-np.inf, np.inf, np.inf))
             is_possible = coldest < column.low < warmest
-            is_possible &= bool(np.quantile(column.shown, 0.99) < hottest)
-            is_possible &= not (is_at_rest and rooms and said and said not in rooms)
+            is_possible &= bool(np.quantile(column.present, 0.99) < hottest)
+            is_possible &= not (is_at_rest and rooms and unit_in_name and unit_in_name not in rooms)
             # In a long log all wires are in one room at some time.
-            if unit != OPEN and self.times[-1] > LONG:
-                colds = [np.quantile(c.shown, 0.003) for c in like if c.span]
-                is_possible &= max(colds, default=0.0) < ROOMS[unit][1]
-                is_possible &= np.ptp(colds or [0.0]) < ONE_ROOM
-            wire.unit = unit if is_possible else OPEN
-            if wire.unit == OPEN:
+            if unit != UNKNOWN and self.times[-1] > LONG_LOG_TIME:
+                coldest_readings = [np.quantile(c.present, 0.003) for c in similar if c.span]
+                is_possible &= max(coldest_readings, default=0.0) < ROOM_RANGES[unit][1]
+                is_possible &= np.ptp(coldest_readings or [0.0]) < MAX_COLD_SPREAD
+            wire.unit = unit if is_possible else UNKNOWN
+            if wire.unit == UNKNOWN:
                 text = f"unit of {column.text}: C, F or K? It reads {column.low:.3g} to "
-                text += f"{column.shown.max():.3g}"
+                text += f"{column.present.max():.3g}"
                 text += ", which does not tell, or contradicts its name or the others"
-                self.ask(f"wires[{index}].unit", text, list(RANGES), bool(said))
+                self.ask(f"wires[{index}].unit", text, list(READING_RANGES), bool(unit_in_name))
 
     # The bend.
 
@@ -475,7 +497,7 @@ class Columns:
         in_points |= {
             c for c in self.columns if c.name.axis and (c.name.stem, c.name.label) in places
         }
-        rated = [c for c in self.of_role(BEND) if c not in in_points and c.span]
+        rated = [c for c in self.columns_of_role(BEND) if c not in in_points and c.span]
         if points and not rated:
             return self._line(points)
         if self.axes == 2 and len(rated) == 2:
@@ -483,10 +505,10 @@ class Columns:
         hints: list[Column] = []
         if not rated:
             used = {*self.duties, *self.temperatures, *in_points}
-            rest = [c for c in self.of_role("") if c.span and c not in used]
+            rest = [c for c in self.columns_of_role("") if c.span and c not in used]
             rest = [c for c in rest if not c.looks_like_heat]
-            follows = [c for c in rest if (np.abs(c.votes(self.heats)) > MARGIN).any()]
-            plain = [c for c in self._unnamed() if c in rest]
+            follows = [c for c in rest if (np.abs(c.votes(self.heats)) > MIN_VOTE).any()]
+            plain = [c for c in self._unnamed_columns() if c in rest]
             rated = [c for c in plain if c in follows or (len(plain) == 1 and not self.duties)]
             hints = [c for c in follows if c not in plain][:3]
         if not rated:
@@ -495,19 +517,19 @@ class Columns:
             for column in hints:
                 text += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
             self.ask("bend.column", text, [c.text for c in hints])
-            return BendColumns(OPEN, scale=0.0 if hints else 1.0)
+            return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(rated, key=lambda c: c.name.rank)
         for column in rated:
             is_alike = 0.9 < column.span / first.span < 1.1
-            if not is_alike or abs(correlation(first.means, column.means)) < SAME:
+            if not is_alike or abs(correlation(first.means, column.means)) < MIN_SAME_CORRELATION:
                 texts = [c.text for c in rated]
                 hint = (
                     "" if self.axes == 2 else " Describe a limb that bends about two axes with -l"
                 )
                 text = f"which is the bend, {_list(rated)}? Each may be.{hint}"
                 self.ask("bend.column", text, texts)
-                return BendColumns(OPEN)
+                return BendColumns(UNKNOWN)
         return self._bend_column(first)
 
     def _points(self) -> list[tuple[Column, Column]]:
@@ -529,7 +551,7 @@ class Columns:
         says_base = self.dictionary.has("base", points[0][0].name.words)
         # The base is the only point that does not move, and the first.
         moves = np.array([np.hypot(*(np.nanstd(c.means) for c in pair)) for pair in points])
-        is_still = moves <= STILL * moves.max()
+        is_still = moves <= FIXED_POINT_SHARE * moves.max()
         is_clear = is_still[0] and not is_still[1:].any()
         is_clear &= says_base or _bends_from_first(points)
         if not says_fixed and (is_clear or not self.heats.any()):
@@ -539,15 +561,20 @@ class Columns:
         choices = [f"[{', '.join(c.text for c in (*pair, *tip))}]" for pair in points[:-1]]
         text = "which point is the limb's base, and which its tip? Give x and y of the base, then "
         self.ask("bend.line", text + "x and y of the tip", choices)
-        return BendColumns(line=[OPEN, OPEN, *(c.text for c in tip)], measures=mapping.CHORD)
+        return BendColumns(line=[UNKNOWN, UNKNOWN, *(c.text for c in tip)], measures=mapping.CHORD)
 
     def _bend_in_space(self, columns: list[Column]) -> BendColumns:
         """Return the bends towards E2 and E3, which are called x and y, or 1 and 2."""
         first, second = sorted(columns, key=lambda c: (c.name.axis, c.name.label))
-        own = self._bend_column(first)
-        other = self._bend_column(second)
+        first_bend = self._bend_column(first)
+        second_bend = self._bend_column(second)
         return dataclasses.replace(
-            own, column="", e2=first.text, e3=second.text, zero_e3=other.zero, scale_e3=other.scale
+            first_bend,
+            column="",
+            e2=first.text,
+            e3=second.text,
+            zero_e3=second_bend.zero,
+            scale_e3=second_bend.scale,
         )
 
     def _bend_column(self, column: Column) -> BendColumns:
@@ -557,23 +584,25 @@ class Columns:
         if self.dictionary.has("tip tangent", name.words):
             measures = mapping.TIP_TANGENT
         elif self.dictionary.has("orientation", name.words):
-            measures = OPEN
+            measures = UNKNOWN
             text = f"{column.text} is an orientation: of the tip's tangent, which is halved?"
             self.ask("bend.measures", text, list(mapping.MEASURES))
         # Numbers that stay small while wires are hot are radians.
-        rest = float(np.median(column.shown[:10]))
-        is_small = float(np.abs(column.shown - np.median(column.shown)).max()) < RADIANS
-        is_hot = self.heats.any() and max((c.span for c in self.temperatures), default=0.0) > HOT
-        scale = DEGREES.get(name.unit, 1.0)
+        rest = float(np.median(column.present[:10]))
+        is_small = float(np.abs(column.present - np.median(column.present)).max()) < MAX_RADIANS
+        is_hot = (
+            self.heats.any() and max((c.span for c in self.temperatures), default=0.0) > HOT_RISE
+        )
+        scale = DEGREES_PER_UNIT.get(name.unit, 1.0)
         if name.quantity not in ("", "angle") or column.span * scale > 540.0:
             scale = 0.0
         elif is_small and not name.unit:
             says_angle = name.role == BEND and name.words != ("tip",)
             is_plain = not name.role and abs(rest) < 1.0
-            scale = DEGREES["rad"] if is_hot and (says_angle or is_plain) else 0.0
+            scale = DEGREES_PER_UNIT["rad"] if is_hot and (says_angle or is_plain) else 0.0
         elif is_small and name.unit == "deg" and is_hot and column.span < 1.5:
             scale = 0.0
-        zero = rest if not scale or abs(rest) * scale > FARTHEST else 0.0
+        zero = rest if not scale or abs(rest) * scale > MAX_REST_BEND else 0.0
         if not scale:
             text = f"how many degrees is a unit of {column.text}? Negative if the limb bends "
             text += "towards the right wire when its numbers fall"
@@ -585,14 +614,14 @@ class Columns:
         """Turn the bend so that it grows where the right wire is heated, if all wires say so."""
         bend = found.bend
         wires = found.wires[: len(self.duties)]
-        if not bend.scale or OPEN in bend.columns or not wires:
+        if not bend.scale or UNKNOWN in bend.columns or not wires:
             return
         heated = []
-        most = max(float(np.abs(c.shown).max()) for c in self.duties)
+        most = max(float(np.abs(c.present).max()) for c in self.duties)
         for index, wire in enumerate(wires):
             duty = np.clip(wire.sign * forward_fill(self.duties[index].values), 0.0, None)
             dose = np.trapezoid(duty, self.times) / (found.full or most or 1.0)
-            heated += [index] if dose > HEATED else []
+            heated += [index] if dose > MIN_HEATED_TIME else []
         if not heated:
             self.notes["sign"] = "no heat shows which way the limb bends; check bend.scale's sign"
             return
@@ -608,7 +637,7 @@ class Columns:
         warmth = np.array([read.get(wire.temperature, heat) for wire, heat in pairs])
         votes = bend_votes(self.steps, self.heats[: len(wires)], warmth, bends, levers)[heated]
         sign = float(np.sign(votes.sum()))
-        if not (sign * votes > MARGIN).all():
+        if not (sign * votes > MIN_VOTE).all():
             text = (
                 f"the sign of {' and '.join(bend.columns)}: names and heat do not tell that each "
             )
@@ -635,16 +664,16 @@ class Columns:
             if column.looks_like_heat or is_duty:
                 is_explained = bool(self.duties) and self._is_explained(column)
                 if not is_explained and (is_duty or self._is_followed(column)):
-                    self.wires.append(WireColumns(OPEN, column.text))
+                    self.wires.append(WireColumns(UNKNOWN, column.text))
                     what = f" is a {name.quantity}, but" if name.quantity else ""
                     text = f"{column.text}{what} may be the heat of a wire: give the wire's name, "
                     field = f"wires[{len(self.wires) - 1}].name"
-                    choices = [*self.known_wires, "none"]
+                    choices = [*self.described_wires, "none"]
                     self.ask(field, text + "or leave out this wire", choices)
             elif bare and name.role in ("", TEMPERATURE):
                 votes = column.votes(self.heats[bare])
                 index = bare[int(votes.argmax())]
-                if votes.max() > MARGIN and correlation(self.heats[index], column.means) > 0.6:
+                if votes.max() > MIN_VOTE and correlation(self.heats[index], column.means) > 0.6:
                     self._ask_temperature(index, [column], "it warms with it", False)
 
     def _is_explained(self, column: Column) -> bool:
@@ -692,7 +721,7 @@ def _bends_from_first(points: list[tuple[Column, Column]]) -> bool:
     turned = np.unwrap(turned, axis=1) - turned[:, :1]
     turns = turned.std(axis=1)
     expected = turns[-1] * middles[0] / middles[-1]
-    return len(points) > 2 and bool(LEAST_TURN * expected < turns[0])
+    return len(points) > 2 and bool(MIN_FIRST_TURN * expected < turns[0])
 
 
 def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
@@ -708,16 +737,16 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
     """
     most = float(levels.max())
     is_in_fives = bool((levels % 5 == 0).all())
-    if most in FULLS or most <= 1.0:
+    if most in FULL_SCALES or most <= 1.0:
         return max(most, 1.0)
     if (levels % 1 != 0).any():
-        return 100.0 if VOLTS < most <= 100.1 else 0.0
+        return 100.0 if MAX_VOLTS < most <= 100.1 else 0.0
     if "pwm" in own and 100.0 < most <= 255.0:
         return 255.0
-    if most <= 100.0 and own & SHARES and len(levels) > 3 and is_in_fives:
+    if most <= 100.0 and own & SHARE_WORDS and len(levels) > 3 and is_in_fives:
         return 100.0
     fits = []
-    for full in FULLS[2:]:
+    for full in FULL_SCALES[2:]:
         hundredths = full * np.round(levels * 100 / full) / 100
         if most <= full and (np.abs(hundredths - levels) < 0.5 + 1e-6).all():
             fits.append(full)
@@ -733,7 +762,7 @@ def _stands_out(values: np.ndarray, value: float) -> bool:
     """Return whether a number is in a column, far from all others there."""
     if value not in values:
         return False
-    others = values[~np.isnan(values) & ~np.isin(values, MISSING)]
+    others = values[~np.isnan(values) & ~np.isin(values, MISSING_CODES)]
     if not len(others):
         return False
     low, high = np.quantile(others, [0.01, 0.99])

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.import_logs.cells import AMOUNT, is_moment, is_name, is_number, moment, number
-from calibration.import_logs.words import known_unit
+from calibration.import_logs.words import parse_unit
 from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TABLE, check_file
 from limb_systems.progress import Progress
@@ -21,11 +21,11 @@ from limb_systems.progress import Progress
 # The names that mappings have for delimiters; "space" is any white space.
 DELIMITERS = {",": ",", ";": ";", "tab": "\t", "|": "|", "space": None}
 SAMPLE_ROWS = 200  # which show the form of the lines
-FEWEST_ROWS = 10
-FIRST_ROWS = 4  # rows of numbers, one after the other, with which the numbers begin
-LONGEST_HEAD = 10_000  # lines before the first row of numbers
-LONGEST_LINE = 100_000  # characters
-BLOCK = 2**21  # characters that are in memory as text
+MIN_ROWS = 10
+MIN_FIRST_ROWS = 4  # rows of numbers, one after the other, with which the numbers begin
+MAX_HEAD_LINES = 10_000  # lines before the first row of numbers
+MAX_LINE_LENGTH = 100_000  # characters
+BLOCK_CHARACTERS = 2**21  # characters that are in memory as text
 _CLOCK = r"\d\d?:\d\d:\d\d(?:[.,]\d+)?(?:\s*[AaPp][Mm])?"
 _DATED = rf"(?:\d{{4}}-\d\d-\d\d[ T]|\d\d?[./]\d\d?[./]\d{{4}} )?{_CLOCK}"
 # A terminal's time before a line: "14:02:11.451 -> ", "[14:02:11.451] ", "14:02:11.451 1,2,3".
@@ -136,7 +136,7 @@ class _Form:
     def labelled(self, line: str) -> list[tuple[str, str]]:
         """Return label and value of each cell of a line; nothing if a cell has none."""
         line = re.sub(r"\s*([:=])\s+", r"\1", self.without_stamp(line)[1])
-        cells = [cell for cell in split(line.replace('"', ""), self.delimiter) if cell]
+        cells = [cell for cell in split_cells(line.replace('"', ""), self.delimiter) if cell]
         matches = [_LABELLED.fullmatch(cell) for cell in cells]
         return [(match[1], match[2]) for match in matches if match] if all(matches) else []
 
@@ -144,24 +144,24 @@ class _Form:
         """Return the cells of a line; none if its labels are others."""
         first, rest = self.without_stamp(line)
         if not self.labels:
-            return [*first, *split(rest, self.delimiter)]
-        found = self.labelled(line)
-        is_alike = tuple(label for label, _ in found) == self.labels
-        return [*first, *(value for _, value in found)] if is_alike else []
+            return [*first, *split_cells(rest, self.delimiter)]
+        labels_and_values = self.labelled(line)
+        is_alike = tuple(label for label, _ in labels_and_values) == self.labels
+        return [*first, *(value for _, value in labels_and_values)] if is_alike else []
 
     def numbers(self, lines: list[str], is_date: list[bool]) -> tuple[np.ndarray, int]:
         """Return the numbers in lines (N, K), and how many lines have other numbers of cells."""
         # Read lines of numbers and nothing else at once.
         if not (self.stamped or self.labels or any(is_date)) and self.decimal == ".":
             try:
-                found = np.loadtxt(
+                parsed = np.loadtxt(
                     lines, comments=None, delimiter=DELIMITERS[self.delimiter], ndmin=2
                 )
             except ValueError:
-                found = np.empty((0, 0))
-            if found.shape[1] == self.width:
-                found[~np.isfinite(found)] = np.nan
-                return found.T, 0
+                parsed = np.empty((0, 0))
+            if parsed.shape[1] == self.width:
+                parsed[~np.isfinite(parsed)] = np.nan
+                return parsed.T, 0
         # Read others cell by cell.
         rows = [self.cells(line) for line in lines]
         full = [row for row in rows if len(row) == self.width and any(row)]
@@ -185,13 +185,13 @@ def read_table(
         LogError: with one sentence, if it is no table of text with rows of numbers.
     """
     check_file(path, "log", LARGEST_TABLE, LogError)
-    encoding, num_lines = _survey(Path(path))
-    blocks = _blocks(Path(path), encoding)
+    encoding, num_lines = _survey_encoding(Path(path))
+    blocks = _line_blocks(Path(path), encoding)
     # Find the form of the lines in the middle of the first block.
     first = next(blocks, [])
-    full = [line for line in first if line.strip() and len(line) < LONGEST_LINE]
-    middle = max(0, (len(full) - SAMPLE_ROWS) // 2)
-    sample = full[middle : middle + SAMPLE_ROWS]
+    full_lines = [line for line in first if line.strip() and len(line) < MAX_LINE_LENGTH]
+    middle = max(0, (len(full_lines) - SAMPLE_ROWS) // 2)
+    sample = full_lines[middle : middle + SAMPLE_ROWS]
     choices = [delimiter] if delimiter else list(DELIMITERS)
     forms = [_Form.of(sample, choice, decimal) for choice in choices] if sample else []
     form = max(forms, key=lambda form: form.score, default=_Form("", ""))
@@ -207,7 +207,7 @@ def read_table(
             f"{path} has {len(names)} names in line {names_line}, but {form.width} cells in the "
             "rows below; give each column a name, or none in the line."
         )
-    names = unique(names)
+    names = unique_names(names)
     units = _units(head, names_line, form)
     # Read the numbers.
     columns = list(zip(*form.rows, strict=True))
@@ -216,11 +216,11 @@ def read_table(
     count = 0
     odd_rows = 0
     for lines in itertools.chain([first[len(head) :]], blocks):
-        found, odd = form.numbers(lines, is_date)
-        values[:, count : count + found.shape[1]] = found
-        count += found.shape[1]
+        block_values, odd = form.numbers(lines, is_date)
+        values[:, count : count + block_values.shape[1]] = block_values
+        count += block_values.shape[1]
         odd_rows += odd
-    if count < FEWEST_ROWS:
+    if count < MIN_ROWS:
         raise LogError(f"{path} has only {count} rows of numbers.")
     dates = frozenset(itertools.compress(names, is_date))
     has_names = bool(names_line or form.labels)
@@ -230,7 +230,7 @@ def read_table(
     )  # fmt: skip
 
 
-def split(line: str, delimiter: str) -> list[str]:
+def split_cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line; delimiters within quotes are text."""
     character = DELIMITERS[delimiter]
     if not character:
@@ -241,15 +241,15 @@ def split(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def unique(names: Iterable[str]) -> list[str]:
+def unique_names(names: Iterable[str]) -> list[str]:
     """Return a name for each column, none twice; ``column_3`` for the third if it has none."""
-    seen: Counter[str] = Counter()
-    found = []
-    for number_, given in enumerate(names, 1):
-        name = given or f"column_{number_}"
-        seen[name] += 1
-        found.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
-    return found
+    counts: Counter[str] = Counter()
+    names_so_far = []
+    for number_, name_or_empty in enumerate(names, 1):
+        name = name_or_empty or f"column_{number_}"
+        counts[name] += 1
+        names_so_far.append(name if counts[name] == 1 else f"{name}_{counts[name]}")
+    return names_so_far
 
 
 def _is_written(cell: str, mark: str) -> bool:
@@ -264,16 +264,17 @@ def _is_of_moments(cells: tuple[str, ...], decimal: str) -> bool:
     return of_moments > sum(is_number(cell, decimal) for cell in full)
 
 
-def _survey(path: Path) -> tuple[str, int]:
+def _survey_encoding(path: Path) -> tuple[str, int]:
     """Return the encoding of a log, and the most lines that it can have."""
     encoding = "utf-8-sig"
     num_lines = 1
     decoder = codecs.getincrementaldecoder("utf-8")()
     with path.open("rb") as file:
         start = file.read(4096)
-        if own := re.match(rb"(?:\xef\xbb\xbf)?# limb (\w+), format ", start):
+        if header := re.match(rb"(?:\xef\xbb\xbf)?# limb (\w+), format ", start):
             raise LogError(
-                f"{path} is no log, but a {own[1].decode()} of soft-limb, which is read as it is."
+                f"{path} is no log, but a {header[1].decode()} of soft-limb, which is read as it "
+                "is."
             )
         # Half of the bytes of text in UTF-16 are zero, always the same half.
         zeros = start.count(b"\0")
@@ -295,7 +296,7 @@ def _survey(path: Path) -> tuple[str, int]:
     return encoding, num_lines
 
 
-def _blocks(path: Path, encoding: str) -> Iterator[list[str]]:
+def _line_blocks(path: Path, encoding: str) -> Iterator[list[str]]:
     """Yield the lines of a log in blocks."""
     size = round(path.stat().st_size / 1e6, 1)
     with (
@@ -303,7 +304,7 @@ def _blocks(path: Path, encoding: str) -> Iterator[list[str]]:
         io.TextIOWrapper(raw, encoding, errors="replace") as file,
         Progress(f"reading {path.name}", size, "MB") as progress,
     ):
-        while lines := file.readlines(BLOCK):
+        while lines := file.readlines(BLOCK_CHARACTERS):
             yield lines
             progress.update(raw.tell() / 1e6)
 
@@ -312,14 +313,14 @@ def _head(lines: list[str], form: _Form, names_line: int, path: str | Path) -> l
     """Return the rows before the numbers, as cells."""
     head: list[list[str]] = []
     in_a_row = 0
-    for line in lines[:LONGEST_HEAD]:
+    for line in lines[:MAX_HEAD_LINES]:
         row = form.cells(line)
         full = [cell for cell in row if cell]
-        known = sum(is_number(cell, form.decimal) or is_moment(cell) for cell in full)
-        is_of_numbers = len(row) == form.width and known >= max(2, 0.3 * len(full))
+        num_numbers = sum(is_number(cell, form.decimal) or is_moment(cell) for cell in full)
+        is_of_numbers = len(row) == form.width and num_numbers >= max(2, 0.3 * len(full))
         in_a_row = in_a_row + 1 if is_of_numbers and len(head) >= names_line else 0
         head.append(row)
-        if in_a_row == FIRST_ROWS:
+        if in_a_row == MIN_FIRST_ROWS:
             break
     if not in_a_row:
         raise LogError(f"{path} has no rows of numbers between delimiters; is it a log?")
@@ -333,7 +334,7 @@ def _names_line(head: list[list[str]], width: int) -> int:
             row = head[line - 1]
             full = [cell for cell in row if cell]
             num_units = sum(
-                cell.strip(" []()-1") == "" or bool(known_unit(cell)[0]) for cell in row
+                cell.strip(" []()-1") == "" or bool(parse_unit(cell)[0]) for cell in row
             )
             has_names_above = line > 1 and len(head[line - 2]) == len(row)
             is_of_units = num_units >= (0.5 if has_names_above else 1.0) * len(row)
@@ -362,10 +363,12 @@ def _names(head: list[list[str]], names_line: int, form: _Form, row: list[str]) 
         names[0] = "time"
     # Names that are there twice, such as X and Y of points, begin with what a row above says.
     repeated = {name for name, count in Counter(names).items() if count > 1 and name}
-    above = [own for own in head[: names_line - 1] if len(own) == len(names)]
-    above.sort(key=lambda own: not {"name", "bodyparts"} & {cell.lower() for cell in own[:2]})
-    for own in above if repeated else ():
-        pairs = zip(own, names, strict=True)
+    above = [row_above for row_above in head[: names_line - 1] if len(row_above) == len(names)]
+    above.sort(
+        key=lambda row_above: not {"name", "bodyparts"} & {cell.lower() for cell in row_above[:2]}
+    )
+    for row_above in above if repeated else ():
+        pairs = zip(row_above, names, strict=True)
         joined = [f"{x} {name}".strip() if name in {*repeated, ""} else name for x, name in pairs]
         if len(set(joined) - {""}) == len(joined) - joined.count(""):
             return joined
@@ -374,15 +377,15 @@ def _names(head: list[list[str]], names_line: int, form: _Form, row: list[str]) 
 
 def _units(head: list[list[str]], names_line: int, form: _Form) -> list[str]:
     """Return the units of columns: of a row below the names or above them, or in each cell."""
-    found = [""] * form.width
+    units_by_column = [""] * form.width
     for row in [*head[names_line:], *head[: max(0, names_line - 1)][::-1]]:
-        num_units = sum(bool(known_unit(cell)[0]) for cell in row)
+        num_units = sum(bool(parse_unit(cell)[0]) for cell in row)
         if len(row) == form.width and num_units >= max(2, 0.5 * sum(map(bool, row))):
-            found = [cell if known_unit(cell)[0] else "" for cell in row]
+            units_by_column = [cell if parse_unit(cell)[0] else "" for cell in row]
             break
     for index, cells in enumerate(zip(*form.rows, strict=True)):
         amounts = [AMOUNT.fullmatch(cell) for cell in cells]
-        units = [match[2] for match in amounts if match and known_unit(match[2])[0]]
-        if units and not found[index]:
-            found[index] = units[0]
-    return found
+        units = [match[2] for match in amounts if match and parse_unit(match[2])[0]]
+        if units and not units_by_column[index]:
+            units_by_column[index] = units[0]
+    return units_by_column

@@ -23,19 +23,7 @@ _DATA = yaml.safe_load(Path(__file__).with_name("dictionary.yaml").read_text(enc
 WORDS: dict[str, list[str]] = {
     key: words.split() for key, words in (_DATA["words"] | _DATA["quantities"]).items()
 }
-_NAME_WORDS = (
-    "in",
-    "min",
-    "rh",
-    "a",
-    "g",
-    "s",
-    "m",
-    "h",
-    "d",
-    "n",
-    "j",
-)
+_NAME_WORDS = ("in", "min", "rh", "a", "g", "s", "m", "h", "d", "n", "j")
 _PER_SECOND = re.compile(r"(?<![a-z])(deg|rad|°|mm|m|c|k)[_ ]?(per|p|/|_)_?s(ec)?\b")
 _PARTS = re.compile(r"[A-ZÄÖÜ]?[a-zäöüßéèê]+|[A-ZÄÖÜ]+(?![a-zäöüé])|\d+|%|[^\x00-ɏ]+")
 
@@ -47,12 +35,12 @@ class Dictionary:
         own: further words of a lab, by the keys of `WORDS`, such as ``{"duty": ["Brenner"]}``.
     """
 
-    def __init__(self, own: Mapping[str, Iterable[str]] | None = None):
+    def __init__(self, lab_words: Mapping[str, Iterable[str]] | None = None):
         self.words = {key: list(words) for key, words in WORDS.items()}
-        for key, more in (own or {}).items():
+        for key, further in (lab_words or {}).items():
             if key not in self.words:
                 raise LimbError(f"the dictionary has no {key!r}; it has {', '.join(self.words)}.")
-            self.words[key] += [str(word).lower() for word in more]
+            self.words[key] += [str(word).lower() for word in further]
         self.known = {word for words in self.words.values() for word in words} | {"t"}
 
     @classmethod
@@ -63,12 +51,14 @@ class Dictionary:
             LimbError: with one sentence, if it is of another form.
         """
         try:
-            own = yaml.safe_load(read_text(path, "dictionary", LimbError))
+            lab_words = yaml.safe_load(read_text(path, "dictionary", LimbError))
         except yaml.YAMLError as error:
             raise LimbError(f"{path}: not valid YAML: {' '.join(str(error).split())}.") from error
-        if not isinstance(own, dict) or not all(isinstance(words, list) for words in own.values()):
+        if not isinstance(lab_words, dict) or not all(
+            isinstance(words, list) for words in lab_words.values()
+        ):
             raise LimbError(f"{path} must have lists of words, such as 'duty: [brenner]'.")
-        return cls(own)
+        return cls(lab_words)
 
     def has(self, key: str, words: Iterable[str]) -> bool:
         """Return whether one of some words says this."""
@@ -77,10 +67,10 @@ class Dictionary:
     def split(self, name: str) -> list[str]:
         """Return the words and numbers of a name, in small letters."""
         plain = re.sub(r"(?i)max(6675|318\d\d)", " thermocouple ", name)  # chips
-        found: list[str] = []
+        pieces: list[str] = []
         for part in _PARTS.findall(re.sub("([左右])", r" \1 ", plain)):
-            found += self._pieces(part)
-        return found
+            pieces += self._pieces(part)
+        return pieces
 
     def _pieces(self, part: str) -> list[str]:
         """Return the known words that a word is made of, or the word: "leftpwm", "tempL", "TL"."""
@@ -110,7 +100,7 @@ def plain_unit(text: str) -> str:
 
 
 @functools.lru_cache(maxsize=4096)
-def known_unit(text: str) -> tuple[str, str]:
+def parse_unit(text: str) -> tuple[str, str]:
     """Return the quantity of a unit, and the unit as mappings have it; empty if not known."""
     plain = plain_unit(text)
     for quantity, units in _DATA["units"].items():
@@ -122,7 +112,7 @@ def known_unit(text: str) -> tuple[str, str]:
 
 @dataclasses.dataclass(frozen=True)
 class Name:
-    """What the name of a column says.
+    """The meaning of a column's name.
 
     - ``text``: the name.
     - ``words``: its words in small letters, without numbers.
@@ -148,40 +138,44 @@ class Name:
     is_measured: bool
 
     @classmethod
-    def of(cls, text: str, unit: str, others: Iterable[str], known: Dictionary) -> "Name":
+    def of(
+        cls, text: str, unit: str, column_names: Iterable[str], dictionary: Dictionary
+    ) -> "Name":
         """Return what a name says.
 
         Args:
             unit: unit in a row of units or in the cells; empty if there is none.
-            others: names of all columns, which show whether a last letter is a unit or a wire's.
+            column_names: all columns' names; they tell whether a last letter is a unit or a wire.
         """
-        bare, own_unit = _without_unit(text, others)
-        quantity, unit = known_unit(unit or own_unit)
-        tokens = known.split(bare)
+        bare, own_unit = _without_unit(text, column_names)
+        quantity, unit = parse_unit(unit or own_unit)
+        tokens = dictionary.split(bare)
         words = [token for token in tokens if not token.isdigit()]
         # Find the wire's label: a side, the last number, or a letter; long numbers are of chips.
         numbers = [token for token in tokens if token.isdigit() and len(token) < 3]
         letters = [word for word in words if word in LABEL_LETTERS and len(tokens) > 1]
-        used = numbers[-1:] or letters[-1:]
-        label = (numbers[-1].lstrip("0") or "0") if numbers else "".join(used)
+        label_words = numbers[-1:] or letters[-1:]
+        label = (numbers[-1].lstrip("0") or "0") if numbers else "".join(label_words)
         for side in (LEFT, RIGHT, "1", "2"):
-            own = [word for word in words if word in known.words[side]]
-            if own and not (numbers and words in (["l"], ["r"])):
+            side_words = [word for word in words if word in dictionary.words[side]]
+            if side_words and not (numbers and words in (["l"], ["r"])):
                 label = side
-                used = [*numbers[-1:], *own]
+                label_words = [*numbers[-1:], *side_words]
         axes = [word for word in words if word in ("x", "y", "z")][-1:]
-        stem = [token for token in tokens if token not in (*used, *axes)]
+        stem = [token for token in tokens if token not in (*label_words, *axes)]
         # Find what the column is.
-        quantity = quantity or _quantity(text, words, known)
-        measured = not known.has("not measured", words)
-        role = _role(bare, words, quantity, known) if measured else ""
+        quantity = quantity or _quantity_of_name(text, words, dictionary)
+        measured = not dictionary.has("not measured", words)
+        role = _role_of_name(bare, words, quantity, dictionary) if measured else ""
         ranks = (
-            [known.words[role].index(w) for w in words if w in known.words[role]] if role else []
+            [dictionary.words[role].index(w) for w in words if w in dictionary.words[role]]
+            if role
+            else []
         )
         if not unit:  # words may say the unit of the time or of temperatures
-            by_words = [known_unit(w) for w in words if len(w) > 1 or len(words) == 1]
-            wanted = {BEND: "angle", TEMPERATURE: TEMPERATURE}.get(role, TIME)
-            unit = next((own for of, own in by_words if of == wanted), "")
+            by_words = [parse_unit(w) for w in words if len(w) > 1 or len(words) == 1]
+            quantity_wanted = {BEND: "angle", TEMPERATURE: TEMPERATURE}.get(role, TIME)
+            unit = next((side_words for of, side_words in by_words if of == quantity_wanted), "")
         axis = "".join(axes)
         rank = min(ranks, default=99)
         return cls(
@@ -194,36 +188,38 @@ class Name:
         return self.label if self.label in (LEFT, RIGHT) else ""
 
 
-def _without_unit(text: str, others: Iterable[str]) -> tuple[str, str]:
+def _without_unit(text: str, column_names: Iterable[str]) -> tuple[str, str]:
     """Return a name without the unit in it, and the unit; empty if it has none."""
     for match in re.finditer(r"[\[(]([^\])]*)[\])]", text):
-        if known_unit(match[1])[0]:
+        if parse_unit(match[1])[0]:
             return text.replace(match[0], " "), match[1]
     if _PER_SECOND.search(text.lower()):
         return text, "deg/s"
     start, mark, last = text.rpartition("_" if "_" in text else " ")
     # A last letter is a wire's if other columns end in "a" or "b".
-    siblings = {other.lower() for other in others}
+    siblings = {column_name.lower() for column_name in column_names}
     is_lettered = len(last) == 1 and bool({f"{start}{mark}{x}".lower() for x in "ab"} & siblings)
     is_word = last.lower() in _NAME_WORDS and last.lower() not in ("s", "m")
-    if not mark or is_word or is_lettered or not known_unit(last)[0]:
+    if not mark or is_word or is_lettered or not parse_unit(last)[0]:
         return text, ""
     return start, last
 
 
-def _quantity(text: str, words: list[str], known: Dictionary) -> str:
+def _quantity_of_name(text: str, words: list[str], dictionary: Dictionary) -> str:
     """Return the quantity that the words of a name say; empty if they say none."""
     symbol = text.strip("0123456789_ ")
     if symbol in ("V", "I"):
         return "voltage" if symbol == "V" else "current"
-    if known.has("rate", words):
+    if dictionary.has("rate", words):
         return "rate"
-    return next((quantity for quantity in _DATA["quantities"] if known.has(quantity, words)), "")
+    return next(
+        (quantity for quantity in _DATA["quantities"] if dictionary.has(quantity, words)), ""
+    )
 
 
-def _role(text: str, words: list[str], quantity: str, known: Dictionary) -> str:
+def _role_of_name(text: str, words: list[str], quantity: str, dictionary: Dictionary) -> str:
     """Return the signal that a name is of; empty if its words and unit say none, or two."""
-    roles = [role for role in (TEMPERATURE, DUTY, BEND, TIME, FRAME) if known.has(role, words)]
+    roles = [role for role in (TEMPERATURE, DUTY, BEND, TIME, FRAME) if dictionary.has(role, words)]
     if text.strip().lower() == "x_value":  # LabVIEW's name for the time
         return TIME
     if by_unit := {TIME: TIME, TEMPERATURE: TEMPERATURE, "angle": BEND}.get(quantity):

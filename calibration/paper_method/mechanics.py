@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from calibration.estimate import Estimate, pooled_spread, standard_error
 from calibration.recordings.kinds import bend_sensor_of, only_segment, title_of
-from calibration.recordings.repair import filled, part
+from calibration.recordings.repair import fill_gaps, select_samples
 from calibration.remarks import CalibrationError, Remark, remarks_on_estimate
 from limb_systems import (
     BendSensor,
@@ -31,32 +31,47 @@ from limb_systems.simulation import swing_accuracy
 from limb_systems.statics import static_equilibrium
 
 RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
-MOST_OFF = 10.0  # factor between the described stiffness and that of any such limb
-OFF_SENSOR = 0.15  # logarithm of frequencies, beyond which the sensor is in doubt
-STILL = np.deg2rad(1.0)  # by which the bend angle may move in that time
+MAX_STIFFNESS_RATIO = 10.0  # factor between the described stiffness and any such limb's
+MAX_SENSOR_MISMATCH = 0.15  # logarithm of frequencies, beyond which the sensor is in doubt
+MAX_RESTING_MOTION = np.deg2rad(1.0)  # by which the bend angle may move in that time
 GRAVITY = 9.81  # m/s²
 # Sag under a payload, if it grew in proportion; in truth it is some 15°, far beyond a sensor's
 # drift, and rubber hardly stiffens.
-SAG = np.deg2rad(18.0)
-OWN_SAG = 5.0  # times the drift of the bend sensor: ten trials then tell k to 6%
+LOADED_SAG = np.deg2rad(18.0)
+MIN_OWN_SAG = 5.0  # times the drift of the bend sensor: ten trials then tell k to 6%
 GAIN_ERROR = 0.02  # standard error of a bend sensor's gain, ours: two degrees at a right angle
 # Share by which a limb is stiffer in a ring-down than in a sag, and its standard error, ours:
 # silicones relax by some 5 to 15% within seconds, and cold wires need not follow fast motions.
-FAST, FAST_ERROR = 0.10, 0.06
+FAST_STIFFENING = 0.10
+FAST_STIFFENING_ERROR = 0.06
 RING_DOWN_ERROR = 0.05  # standard error of k by a single ring-down
-WELL_KNOWN = 0.05  # share of k, to which gaits and loads need it
-SCATTER = 0.2  # share of k by which trials may leave it unknown: as a mounting 2° off of 10° does
-RIGID = 100.0  # times the described stiffness, with which limbs sag in proportion to their weight
+WELL_KNOWN_SHARE = 0.05  # share of k, to which gaits and loads need it
+MAX_SCATTER = (
+    0.2  # share of k by which trials may leave it unknown: as a mounting 2° off of 10° does
+)
+RIGID_STIFFNESS_RATIO = (
+    100.0  # times the described stiffness, with which limbs sag in proportion to their weight
+)
 
 MODEL_RATE = 100.0  # Hz, at least, of the model's ring-down
-FEWEST = 20  # samples of a ring-down
-PER_PERIOD = 3.0  # samples, below which noise and an alias of the oscillation look alike
-MOVING = 0.5  # of the fastest motion, from which on a limb counts as released
-OUTLIER, UNLIKE = 6.0, 0.3  # robust standard deviations, and share of the swing, of a glitch
-LEAST_DECAY, MOST_DECAY = 1e-4, 1.0  # decay rate over angular frequency of what rings
-OFF = 2.0  # factor between the frequencies of limb and model, beyond which one of them is wrong
-MOST_RELEASED = np.pi / 2  # rad, of the model's release
-STEPS, ALIKE = 8, 1e-3  # of the search for σ, and relative difference of decays at its end
+MIN_SAMPLES = 20  # samples of a ring-down
+MIN_SAMPLES_PER_PERIOD = (
+    3.0  # samples, below which noise and an alias of the oscillation look alike
+)
+RELEASE_PACE_SHARE = 0.5  # of the fastest motion, from which on a limb counts as released
+# robust standard deviations, and share of the swing, of a glitch
+OUTLIER_DEVIATIONS = 6.0
+OUTLIER_SWING_SHARE = 0.3
+# decay rate over angular frequency of what rings
+MIN_DECAY_RATIO = 1e-4
+MAX_DECAY_RATIO = 1.0
+MAX_FREQUENCY_RATIO = (
+    2.0  # factor between the frequencies of limb and model, beyond which one of them is wrong
+)
+MAX_RELEASE_BEND = np.pi / 2  # rad, of the model's release
+# of the search for σ, and relative difference of decays at its end
+MAX_DAMPING_STEPS = 8
+DECAY_TOLERANCE = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,7 +110,7 @@ class StiffnessFit:
 
 
 def shape_factors(links: int, load: float = 0.0) -> np.ndarray:
-    """b_i of eqn (9), (links,): the shares of the joints in a sag.
+    """Return the shares of the joints in a sag, b_i of eqn (9) (links,).
 
     The denominator is Σ (N - j + 1)², not Σ (N - j)² as printed.
 
@@ -107,35 +122,36 @@ def shape_factors(links: int, load: float = 0.0) -> np.ndarray:
     return torques / torques.sum()
 
 
-def sag_payload(described: LimbParameters, enough: float = OWN_SAG) -> float:
+def sag_payload(described: LimbParameters, min_own_sag: float = MIN_OWN_SAG) -> float:
     """Return the payload with which to record the sag of a planar limb, kg.
 
     It is zero if the limb's own sag is ``enough``, and else bends the limb by some 15°.
 
     Args:
         described: the limb, of one segment, with the stiffness that is expected of it.
-        enough: own sag over the drift of the bend sensor, from which on no payload is needed.
+        min_own_sag: own sag over the drift of the bend sensor, from which on no payload is needed.
     """
     segment = only_segment(described)
-    sensor, k = segment.bend_sensor, segment.stiffness
+    sensor = segment.bend_sensor
+    k = segment.stiffness
     loads = (described.payload, described.payload + segment.mass)
     limbs = [_mounted(described, [0.0, GRAVITY, 0.0], load) for load in loads]
-    own, loaded = (_compliance(limb, sensor) / k / sensor.gain for limb in limbs)
-    if own >= min(enough * sensor.drift / sensor.gain, SAG):
+    own_sag, loaded_sag = (_compliance(limb, sensor) / k / sensor.gain for limb in limbs)
+    if own_sag >= min(min_own_sag * sensor.drift / sensor.gain, LOADED_SAG):
         return 0.0
-    return float(f"{(SAG - own) / (loaded - own) * segment.mass:.2g}")
+    return float(f"{(LOADED_SAG - own_sag) / (loaded_sag - own_sag) * segment.mass:.2g}")
 
 
 def further_sag(limb: LimbParameters, stiffness: Estimate | None) -> str:
-    """The recording of a planar limb's sag that tells most of k, in words; empty if k is known.
+    """Return the most informative recording of a sag, in words; empty if k is known.
 
     Args:
         limb: the limb, with the stiffness that is known.
         stiffness: k as it was calibrated; None if there is no recording of the sag.
     """
-    if stiffness and stiffness.standard_error <= WELL_KNOWN * stiffness.value:
+    if stiffness and stiffness.standard_error <= WELL_KNOWN_SHARE * stiffness.value:
         return ""
-    load = sag_payload(limb, np.inf if stiffness else OWN_SAG)
+    load = sag_payload(limb, np.inf if stiffness else MIN_OWN_SAG)
     by = f" with {1000 * load:.3g} g at the tip (payload: {load:g} in its header)" if load else ""
     return f"record the sag under gravity{by}, to one side and to the other, which tells k"
 
@@ -143,12 +159,12 @@ def further_sag(limb: LimbParameters, stiffness: Estimate | None) -> str:
 def fit_stiffness(
     parameters: LimbParameters, recordings: Sequence[Recording], rest_error: float = 0.0
 ) -> StiffnessFit:
-    """k of Sec. V-A, by which the limb's equilibria under gravity are those of the recordings.
+    """Fit k to the limb's recorded equilibria under gravity (Sec. V-A).
 
     Recordings of the same mounting are averaged. k and the rest angle are fitted by least
     squares to what the bend sensor shows in each mounting; of one mounting that is what the
-    iteration of Sec. V-A leads to. λ of eqn (9) is that of the first recording. The standard error
-    contains that of the trials, of the rest angle and of the sensor's gain.
+    iteration of Sec. V-A leads to. λ of eqn (9) is of the first recording. The standard error
+    contains the errors of the trials, of the rest angle and of the sensor's gain.
 
     Args:
         parameters: geometry, mass and rest angle of the limb; of one segment.
@@ -166,7 +182,8 @@ def fit_stiffness(
         raise CalibrationError("There is no recording of the limb's sag under gravity.")
     for recording in recordings:
         recording.check_plausible()
-    recordings = [part(recording, ~recording.missing) for recording in recordings]
+    recordings = [select_samples(recording, ~recording.missing) for recording in recordings]
+    # Read the sags, all by one sensor.
     sags = np.array([_resting_angle(recording) for recording in recordings])
     sensor = bend_sensor_of(recordings[0])
     for recording in recordings[1:]:
@@ -177,14 +194,16 @@ def fit_stiffness(
             )
     limbs = [_mounted(parameters, r.parameters.gravity, r.parameters.payload) for r in recordings]
     estimate, rest = _stiffness_of_sags(limbs, sensor, sags, rest_error)
-    stiffness, described = estimate.value, only_segment(parameters).stiffness
-    if not described / MOST_OFF < stiffness < described * MOST_OFF:
+    stiffness = estimate.value
+    described = only_segment(parameters).stiffness
+    if not described / MAX_STIFFNESS_RATIO < stiffness < described * MAX_STIFFNESS_RATIO:
         largest = np.abs(sensor.corrected(sags) - only_segment(parameters).rest_angle).max()
         raise CalibrationError(
             f"A sag of {np.rad2deg(largest):.1f}° makes the stiffness {stiffness:.2g} N·m/rad, "
             f"where the description has {described:.2g} N·m/rad; look at mass, length and payload "
             "in the description, and at what the bend sensor reads while the limb is straight."
         )
+    # Say what is missing.
     remarks = []
     if len(sags) < 3:
         sentence = (
@@ -193,98 +212,117 @@ def fit_stiffness(
         )
         remarks.append(Remark("few", sentence))
     remarks += remarks_on_estimate("the stiffness", estimate)
-    simulated = np.array([_sag(limb, sensor, stiffness, rest)[0] for limb in limbs])
-    held, segment = _sag(limbs[0], sensor, stiffness, rest)[1], only_segment(limbs[0])
-    at_rest = joint_angles_from_bend_angle(limbs[0], [rest])
+    # Compute λ of eqn (9) from the fitted equilibrium.
+    simulated = np.array([_sag_of(limb, sensor, stiffness, rest)[0] for limb in limbs])
+    sagging_angles = _sag_of(limbs[0], sensor, stiffness, rest)[1]
+    segment = only_segment(limbs[0])
+    rest_joints = joint_angles_from_bend_angle(limbs[0], [rest])
     shape = shape_factors(segment.links, limbs[0].payload / segment.mass * segment.links)
-    shown, chord = (float(of(held)) - rest for of in (sensor.exact_bend_angle, chord_angle))
-    correction = float(shape @ (held - at_rest) / (shape @ shape) / shown)
+    sensor_bend, chord_bend = (
+        float(of(sagging_angles)) - rest for of in (sensor.exact_bend_angle, chord_angle)
+    )
+    correction = float(shape @ (sagging_angles - rest_joints) / (shape @ shape) / sensor_bend)
     return StiffnessFit(
-        estimate, estimate, correction, correction * shown / chord, sags, simulated, remarks
+        estimate,
+        estimate,
+        correction,
+        correction * sensor_bend / chord_bend,
+        sags,
+        simulated,
+        remarks,
     )
 
 
 def _stiffness_of_sags(
     limbs: Sequence[LimbParameters], sensor: BendSensor, sags: np.ndarray, rest_error: float
 ) -> tuple[Estimate, float]:
-    """k and the rest angle, rad, from the sags (K,), rad, that a sensor showed of mounted limbs."""
+    """Return k and the rest angle, rad, by the sags (K,), rad, of mounted limbs at a sensor."""
+    # Average trials of the same mounting.
     loads = np.array([[*limb.gravity, limb.payload] for limb in limbs])
     _, first, group = np.unique(loads.round(9), axis=0, return_index=True, return_inverse=True)
     counts = np.bincount(group)
     # Of means: in a fit to each trial their scatter would count as sag, and k be too small.
     means = np.bincount(group, sags) / counts
-    kinds, rest = [limbs[index] for index in first], only_segment(limbs[0]).rest_angle
-    compliances = np.array([_compliance(limb, sensor) for limb in kinds])
-    away = means - sensor.apparent_bend_angle(rest_joint_angles(limbs[0]))
-    if not (counts * compliances) @ away > 0:
+    mounted_limbs = [limbs[index] for index in first]
+    rest = only_segment(limbs[0]).rest_angle
+    # Start from a limb that sags in proportion to its softness.
+    compliances = np.array([_compliance(limb, sensor) for limb in mounted_limbs])
+    sag_means = means - sensor.apparent_bend_angle(rest_joint_angles(limbs[0]))
+    if not (counts * compliances) @ sag_means > 0:
         heaviest = np.argmax(np.abs(compliances))
         raise CalibrationError(
-            f"The limb sags by {np.rad2deg(away[heaviest] / sensor.gain):.1f}° where gravity along "
-            f"E2 is {kinds[heaviest].gravity[1]:g} m/s²: it bends upwards. Is the bend sensor "
-            "reversed, or gravity in the header?"
+            f"The limb sags by {np.rad2deg(sag_means[heaviest] / sensor.gain):.1f}° where gravity "
+            f"along E2 is {mounted_limbs[heaviest].gravity[1]:g} m/s²: it bends upwards. Is the "
+            "bend sensor reversed, or gravity in the header?"
         )
-    softness = (counts * compliances) @ away / ((counts * compliances) @ compliances)
+    softness = (counts * compliances) @ sag_means / ((counts * compliances) @ compliances)
     # Trials that are all the same say nothing of the sensor's drift.
     spread = sensor.drift
     if np.ptp(scatter := sags - means[group]) > 1e-9:
         spread = pooled_spread(scatter, len(counts))
     weights = np.sqrt(counts) / max(spread, 1e-9)
 
+    # Fit log k and the rest angle to the means.
     def residuals(unknown: np.ndarray) -> np.ndarray:
-        k, angle = np.exp(unknown[0]), rest + rest_error * unknown[1]
-        shown = [_sag(limb, sensor, k, angle)[0] for limb in kinds]
-        return np.append(weights * (shown - means), unknown[1])
+        k = np.exp(unknown[0])
+        angle = rest + rest_error * unknown[1]
+        simulated = [_sag_of(limb, sensor, k, angle)[0] for limb in mounted_limbs]
+        return np.append(weights * (simulated - means), unknown[1])
 
     try:
         fit = least_squares(residuals, [-np.log(softness), 0.0], x_scale=[0.1, 1.0])
     except LimbError as error:
         raise CalibrationError(
-            f"No spring constant explains a sag of {np.rad2deg(np.abs(away).max()):.1f}° with "
+            f"No spring constant explains a sag of {np.rad2deg(np.abs(sag_means).max()):.1f}° with "
             f"this mass and length: {error}"
         ) from error
-    of_trials = np.linalg.inv(fit.jac.T @ fit.jac)[0, 0]
-    k, angle = float(np.exp(fit.x[0])), float(rest + rest_error * fit.x[1])
-    return Estimate(k, k * float(np.hypot(np.sqrt(of_trials), GAIN_ERROR)), "N·m/rad"), angle
+    trial_variance = np.linalg.inv(fit.jac.T @ fit.jac)[0, 0]
+    k = float(np.exp(fit.x[0]))
+    angle = float(rest + rest_error * fit.x[1])
+    return Estimate(k, k * float(np.hypot(np.sqrt(trial_variance), GAIN_ERROR)), "N·m/rad"), angle
 
 
 def _mounted(
     parameters: LimbParameters, gravity: Sequence[float], payload: float
 ) -> LimbParameters:
     mounted = copy.deepcopy(parameters)
-    mounted.gravity, mounted.payload = list(gravity), payload
+    mounted.gravity = list(gravity)
+    mounted.payload = payload
     return mounted
 
 
-def _sag(
+def _sag_of(
     mounted: LimbParameters, sensor: BendSensor, stiffness: float, rest: float | None = None
 ) -> tuple[float, np.ndarray]:
-    """What a sensor shows of a limb at rest, rad, and its joint angles (n,)."""
+    """Return what a sensor shows of a limb at rest, rad, and its joint angles (n,)."""
     limb = copy.deepcopy(mounted)
     segment = only_segment(limb)
     segment.stiffness = stiffness
     segment.rest_angle = segment.rest_angle if rest is None else rest
-    held, _ = static_equilibrium(limb)
-    return float(sensor.apparent_bend_angle(held)), held
+    joint_angles, _ = static_equilibrium(limb)
+    return float(sensor.apparent_bend_angle(joint_angles)), joint_angles
 
 
 def _compliance(mounted: LimbParameters, sensor: BendSensor) -> float:
-    """Sag times k of a limb that hardly sags, as a sensor shows it, N·m."""
-    stiff = RIGID * only_segment(mounted).stiffness
-    shown, _ = _sag(mounted, sensor, stiff)
-    return stiff * (shown - float(sensor.apparent_bend_angle(rest_joint_angles(mounted))))
+    """Return sag times k of a limb that is almost rigid, as a sensor shows it, N·m."""
+    rigid = RIGID_STIFFNESS_RATIO * only_segment(mounted).stiffness
+    stiff_sag, _ = _sag_of(mounted, sensor, rigid)
+    return rigid * (stiff_sag - float(sensor.apparent_bend_angle(rest_joint_angles(mounted))))
 
 
 def _resting_angle(recording: Recording) -> float:
-    """Mean bend angle over the end of a recording, rad."""
-    last = recording.time >= recording.time[-1] - RESTING_TIME
-    angle = recording.bend_angle[0, last]
+    """Return the mean bend angle over the end of a recording, rad."""
+    is_end = recording.time >= recording.time[-1] - RESTING_TIME
+    angle = recording.bend_angle[0, is_end]
     first, second = np.array_split(angle, 2)
-    drifts = abs(first.mean() - second.mean())
-    swings = np.median(np.abs(angle - np.median(angle)))
-    if drifts > STILL or swings > max(STILL, 2 * bend_sensor_of(recording).noise):
+    drift = abs(first.mean() - second.mean())
+    swing = np.median(np.abs(angle - np.median(angle)))
+    if drift > MAX_RESTING_MOTION or swing > max(
+        MAX_RESTING_MOTION, 2 * bend_sensor_of(recording).noise
+    ):
         raise CalibrationError(
             f"The limb does not rest at the end of {title_of(recording)}: its bend still moves by "
-            f"{np.rad2deg(max(drifts, swings)):.1f}°."
+            f"{np.rad2deg(max(drift, swing)):.1f}°."
         )
     return float(angle.mean())
 
@@ -316,7 +354,7 @@ class DampedSinusoid:
         return self.natural_frequency * np.sqrt(1 - self.damping_ratio**2) / (2 * np.pi)
 
     def __call__(self, times: ArrayLike) -> np.ndarray:
-        """The sinusoid at times (K,), s."""
+        """Return the sinusoid at times (K,), s."""
         since = np.asarray(times, float) - self.start
         turns = 2 * np.pi * self.frequency * since + self.phase
         decay = np.exp(-self.damping_ratio * self.natural_frequency * since)
@@ -346,7 +384,7 @@ class DampingFit:
 def fit_damped_sinusoid(
     time: ArrayLike, signal: ArrayLike, band: tuple[float, float] = (0.0, np.inf)
 ) -> DampedSinusoid:
-    """fitDS of Algorithm 1: a damped sinusoid with an offset, by least squares.
+    """Fit a damped sinusoid with an offset by least squares, fitDS of Algorithm 1.
 
     The fit starts where the signal first passes its final level after the release,
     so that a hold by hand is left out, and the shock of the release, in which a limb
@@ -363,42 +401,49 @@ def fit_damped_sinusoid(
     Raises:
         CalibrationError: if the signal does not oscillate.
     """
-    time, signal = np.asarray(time, float), np.asarray(signal, float)
-    if time.shape != signal.shape or len(time) < FEWEST:
-        raise CalibrationError(f"A ring-down needs at least {FEWEST} samples, and a time for each.")
-    shown = ~np.isnan(signal)
-    signal = filled(time, signal)
+    time = np.asarray(time, float)
+    signal = np.asarray(signal, float)
+    if time.shape != signal.shape or len(time) < MIN_SAMPLES:
+        raise CalibrationError(
+            f"A ring-down needs at least {MIN_SAMPLES} samples, and a time for each."
+        )
+    is_read = ~np.isnan(signal)
+    signal = fill_gaps(time, signal)
     if not np.ptp(signal) > 0:
         raise CalibrationError("The signal does not move; there is no ring-down in it.")
+    # Start where the signal first passes its final level.
     period = (time[-1] - time[0]) / (len(time) - 1)
-    start = _passing(signal, _release(signal))
-    since, values = time[start:] - time[start], signal[start:]
-    if len(values) < FEWEST:
+    start = _first_passing(signal, _release_index(signal))
+    since = time[start:] - time[start]
+    values = signal[start:]
+    if len(values) < MIN_SAMPLES:
         raise CalibrationError(
             f"The signal moves fastest at {time[start]:.2f} s, at its end; there is no ring-down "
             "after it."
         )
-    shown = shown[start:]
-    good = shown.copy()
+    is_read = is_read[start:]
+    is_used = is_read.copy()
 
-    lowest, highest = max(band[0], 1.0 / since[-1]), min(band[1], 0.5 / period)
+    lowest = max(band[0], 1.0 / since[-1])
+    highest = min(band[1], 0.5 / period)
     if not lowest < highest:
         raise CalibrationError(
             f"The ring-down lasts {since[-1]:.2f} s at {1 / period:.3g} Hz, which shows no "
             f"oscillation of {band[0]:.3g} Hz to {band[1]:.3g} Hz."
         )
 
+    # Amplitudes and offset are linear, so only ratio and frequency are searched.
     def basis(logarithms: np.ndarray) -> np.ndarray:
-        ratio, turning = np.exp(logarithms)
-        envelope = np.exp(-ratio * turning * since)
-        waves = [envelope * np.sin(turning * since), envelope * np.cos(turning * since)]
+        ratio, omega = np.exp(logarithms)
+        envelope = np.exp(-ratio * omega * since)
+        waves = [envelope * np.sin(omega * since), envelope * np.cos(omega * since)]
         return np.column_stack([*waves, np.ones_like(since)])
 
     def weights(logarithms: np.ndarray) -> np.ndarray:
-        return np.linalg.lstsq(basis(logarithms)[good], values[good], rcond=None)[0]
+        return np.linalg.lstsq(basis(logarithms)[is_used], values[is_used], rcond=None)[0]
 
     def residuals(logarithms: np.ndarray) -> np.ndarray:
-        return basis(logarithms)[good] @ weights(logarithms) - values[good]
+        return basis(logarithms)[is_used] @ weights(logarithms) - values[is_used]
 
     # Several starts around the peak of the spectrum; the best fit is taken.
     padded = 8 * len(values)
@@ -408,27 +453,35 @@ def fit_damped_sinusoid(
     peak = np.clip(frequencies[np.argmax(spectrum)], 1.001 * lowest, 0.999 * highest)
     starts = [np.log([ratio, 2 * np.pi * peak]) for ratio in (0.01, 0.03, 0.1, 0.3)]
     best = min(starts, key=lambda x: np.sum(residuals(x) ** 2))
-    ends = np.log([(LEAST_DECAY, 2 * np.pi * lowest), (MOST_DECAY, 2 * np.pi * highest)])
+    ends = np.log([(MIN_DECAY_RATIO, 2 * np.pi * lowest), (MAX_DECAY_RATIO, 2 * np.pi * highest)])
     fit = least_squares(residuals, best, x_scale=0.1, bounds=ends)
-    away, swing = np.abs(fit.fun), np.hypot(*weights(fit.x)[:2])
-    swing = swing * np.exp(-np.exp(fit.x.sum()) * since[shown])
+    # Leave out glitches, and fit again.
+    residual_sizes = np.abs(fit.fun)
+    envelope_now = np.hypot(*weights(fit.x)[:2])
+    envelope_now = envelope_now * np.exp(-np.exp(fit.x.sum()) * since[is_read])
     # Where the limb swings far it differs from a sinusoid by more than noise.
-    good[shown] = away <= OUTLIER * 1.48 * np.median(away) + UNLIKE * swing
+    is_used[is_read] = (
+        residual_sizes
+        <= OUTLIER_DEVIATIONS * 1.48 * np.median(residual_sizes)
+        + OUTLIER_SWING_SHARE * envelope_now
+    )
     fit = least_squares(residuals, fit.x, x_scale=0.1, bounds=ends)
 
-    ratio, turning = np.exp(fit.x)
-    decay = ratio * turning
+    ratio, omega = np.exp(fit.x)
+    decay = ratio * omega
     sine, cosine, offset = weights(fit.x)
-    amplitude, rms = np.hypot(sine, cosine), np.sqrt(np.mean(fit.fun**2))
+    amplitude = np.hypot(sine, cosine)
+    rms = np.sqrt(np.mean(fit.fun**2))
     if not amplitude > 3 * rms or np.isclose(fit.x, ends, rtol=0.0, atol=1e-3).any():
         raise CalibrationError(
             f"No oscillation between {lowest:.3g} Hz and {highest:.3g} Hz stands out after "
             f"{time[start]:.2f} s: its amplitude would be {amplitude:.3g}, compared with residuals "
             f"of {rms:.3g}."
         )
+    # Standard errors, and the parameters in the usual form.
     # Of the decay's logarithm, which is the sum of both.
     error = np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac).sum()) * rms
-    natural = np.hypot(decay, turning)
+    natural = np.hypot(decay, omega)
     return DampedSinusoid(
         damping_ratio=float(decay / natural),
         natural_frequency=float(natural),
@@ -441,23 +494,23 @@ def fit_damped_sinusoid(
     )
 
 
-def _release(signal: np.ndarray) -> int:
-    """The first sample of fast motion; a glitch of one sample is none."""
+def _release_index(signal: np.ndarray) -> int:
+    """Return the first sample of fast motion; a glitch of one sample is none."""
     around = np.lib.stride_tricks.sliding_window_view(np.pad(signal, 1, mode="edge"), 3)
     pace = np.abs(np.diff(np.median(around, axis=1)))
-    return int(np.argmax(pace > MOVING * pace.max()))
+    return int(np.argmax(pace > RELEASE_PACE_SHARE * pace.max()))
 
 
-def _passing(signal: np.ndarray, release: int) -> int:
-    """The first sample after the release on the other side of the final level than before."""
+def _first_passing(signal: np.ndarray, release: int) -> int:
+    """Return the first sample after the release that is beyond the final level."""
     level = np.median(signal[release + 3 * (len(signal) - release) // 4 :])
     side = np.sign(np.median(signal[max(0, release - 4) : release + 1]) - level)
-    beyond = np.flatnonzero(side * (signal[release:] - level) < 0)
-    return release + int(beyond[0]) if len(beyond) else release
+    passed = np.flatnonzero(side * (signal[release:] - level) < 0)
+    return release + int(passed[0]) if len(passed) else release
 
 
 def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> DampingFit:
-    """fitData of Algorithm 1: σ with which the model rings down like the limb.
+    """Fit σ, with which the model rings down as the limb does, fitData of Algorithm 1.
 
     Args:
         parameters: the limb, with its calibrated stiffness.
@@ -469,22 +522,25 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     """
     if not recordings:
         raise CalibrationError("There is no recording of a ring-down.")
+    # Fit each trial; trials scatter.
     fits = [_fit_recording(parameters, recording) for recording in recordings]
     values = np.array([value for value, _, _, _ in fits])
-    within = np.array([error for _, error, _, _ in fits])
+    trial_errors = np.array([error for _, error, _, _ in fits])
     # Trials scatter at least by the noise in each.
-    error = float(np.sqrt(np.mean(within**2) / len(values)))
+    error = float(np.sqrt(np.mean(trial_errors**2) / len(values)))
     if len(values) > 1:
         error = max(error, standard_error(values))
-    measured, simulated = [fit[2] for fit in fits], [fit[3] for fit in fits]
+    measured = [fit[2] for fit in fits]
+    simulated = [fit[3] for fit in fits]
     remarks = []
+    # Compare the frequencies of limb and model.
     ratios = [m.frequency / s.frequency for m, s in zip(measured, simulated, strict=True)]
-    worst = int(np.argmax(np.abs(np.log(ratios))))
-    if not 1 / OFF < ratios[worst] < OFF:
+    worst_index = int(np.argmax(np.abs(np.log(ratios))))
+    if not 1 / MAX_FREQUENCY_RATIO < ratios[worst_index] < MAX_FREQUENCY_RATIO:
         raise CalibrationError(
-            f"The limb rings at {measured[worst].frequency:.2f} Hz, but its model with this "
-            f"stiffness at {simulated[worst].frequency:.2f} Hz; look at mass and length in the "
-            "description, at the sag, and whether the ring-down's times are right."
+            f"The limb rings at {measured[worst_index].frequency:.2f} Hz, but its model with this "
+            f"stiffness at {simulated[worst_index].frequency:.2f} Hz; look at mass and length in "
+            "the description, at the sag, and whether the ring-down's times are right."
         )
     if abs(np.mean(ratios) - 1) > 0.05:
         sentence = (
@@ -499,41 +555,45 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     estimate = Estimate(float(values.mean()), error, "N·m·s/rad")
     remarks += remarks_on_estimate("the damping", estimate)
     first = recordings[0]
-    return DampingFit(estimate, measured, simulated, first.time, _swing(first)[1], remarks)
+    return DampingFit(estimate, measured, simulated, first.time, _release_swing(first)[1], remarks)
 
 
-def _swing(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Direction in which the limb was released, unit (F,), and the bend along it (K,), rad."""
+def _release_swing(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Return the direction of the release, unit (F,), and the bend along it (K,), rad."""
     if len(recording.bend_angle) == 1:
         return np.ones(1), recording.bend_angle[0]
-    bends = np.array([filled(recording.time, bend) for bend in recording.bend_angle])
-    away = bends - np.median(bends[:, -FEWEST // 2 :], axis=1, keepdims=True)
-    widest = away[:, np.argmax(np.linalg.norm(away, axis=0))]
-    towards = widest / max(np.linalg.norm(widest), 1e-9)
-    return towards, towards @ recording.bend_angle
+    bends = np.array([fill_gaps(recording.time, bend) for bend in recording.bend_angle])
+    deviations = bends - np.median(bends[:, -MIN_SAMPLES // 2 :], axis=1, keepdims=True)
+    widest_deviation = deviations[:, np.argmax(np.linalg.norm(deviations, axis=0))]
+    direction = widest_deviation / max(np.linalg.norm(widest_deviation), 1e-9)
+    return direction, direction @ recording.bend_angle
 
 
 def _fit_recording(parameters, recording: Recording):
-    """σ and its standard error, and the sinusoids of limb and model."""
+    """Return σ and its standard error, and the sinusoids of limb and model."""
     recording.check_plausible()
-    sensor, (towards, seen_angle) = bend_sensor_of(recording), _swing(recording)
-    signal = filled(recording.time, seen_angle)
-    gravity = recording.parameters.gravity if len(towards) > 1 else [0.0, 0.0, 0.0]
-    if len(signal) < FEWEST or not np.ptp(signal) > 0:
+    sensor = bend_sensor_of(recording)
+    (direction, measured_bend) = _release_swing(recording)
+    signal = fill_gaps(recording.time, measured_bend)
+    gravity = recording.parameters.gravity if len(direction) > 1 else [0.0, 0.0, 0.0]
+    if len(signal) < MIN_SAMPLES or not np.ptp(signal) > 0:
         fit_damped_sinusoid(recording.time, signal)  # which says so
-    release = _release(signal)
-    held = np.median(signal[max(0, release - 4) : release + 1])
-    released = float(abs(held - np.median(signal[-FEWEST // 2 :])) / sensor.gain)
+    # Find the release, and how far the limb was bent.
+    release = _release_index(signal)
+    held_level = np.median(signal[max(0, release - 4) : release + 1])
+    released = float(abs(held_level - np.median(signal[-MIN_SAMPLES // 2 :])) / sensor.gain)
     duration = recording.time[-1] - recording.time[release]
     rate = max(MODEL_RATE, recording.sample_rate)
 
+    # The model of the cold limb rings down with a given σ.
     def ring_down(damping: float, released: float) -> DampedSinusoid:
         limb = copy.deepcopy(parameters)
-        limb.gravity, limb.segments[0].damping = list(gravity), float(damping)
+        limb.gravity = list(gravity)
+        limb.segments[0].damping = float(damping)
         for wire in limb.wires:  # they stay cold, and laws with memory take four times as long
             wire.law = LinearLaw()
         room = np.full(len(limb.wires), limb.ambient_temperature)
-        swing = joint_angles_from_bend_angle(limb, released * towards)
+        swing = joint_angles_from_bend_angle(limb, released * direction)
         angles = rest_joint_angles(limb) + swing
         cold = LimbModel.of(limb).wires.cold_states
         state = np.concatenate([angles, np.zeros_like(angles), cold, room])
@@ -546,37 +606,44 @@ def _fit_recording(parameters, recording: Recording):
             initial_state=state,
         )
         assert model.joint_state is not None  # a model's
-        seen = sensor.apparent_bends(limb.segments[0].chain, model.joint_state[: limb.num_joints])
-        return fit_damped_sinusoid(model.time, towards @ seen)
+        bends = sensor.apparent_bends(limb.segments[0].chain, model.joint_state[: limb.num_joints])
+        return fit_damped_sinusoid(model.time, direction @ bends)
 
+    # Fit the sinusoid near the model's frequency.
     described = ring_down(only_segment(parameters).damping, released)
-    if recording.sample_rate < PER_PERIOD * described.frequency:
+    if recording.sample_rate < MIN_SAMPLES_PER_PERIOD * described.frequency:
         raise CalibrationError(
             f"The ring-down was recorded at {recording.sample_rate:g} Hz, but the limb's model "
             f"rings at {described.frequency:.1f} Hz; record it at "
-            f"{np.ceil(2 * PER_PERIOD * described.frequency):.0f} Hz or more."
+            f"{np.ceil(2 * MIN_SAMPLES_PER_PERIOD * described.frequency):.0f} Hz or more."
         )
-    factor = np.sqrt(MOST_OFF)  # of frequencies, for k
+    factor = np.sqrt(MAX_STIFFNESS_RATIO)  # of frequencies, for k
     band = described.frequency / factor, described.frequency * factor
-    measured = fit_damped_sinusoid(recording.time, seen_angle, band)
+    measured = fit_damped_sinusoid(recording.time, measured_bend, band)
     # Decay is about proportional to σ.
-    logarithm, model = np.log(only_segment(parameters).damping), described
-    moved, slope, last = 0.0, 1.0, 0.0
-    for _ in range(STEPS):
+    logarithm = np.log(only_segment(parameters).damping)
+    model = described
+    step = 0.0
+    slope = 1.0
+    previous_mismatch = 0.0
+    for _ in range(MAX_DAMPING_STEPS):
         mismatch = np.log(model.decay_rate.value / measured.decay_rate.value)
-        if abs(moved) > 10 * ALIKE:
-            slope = (mismatch - last) / moved
-        alike = abs(mismatch) < ALIKE and abs(measured.amplitude / model.amplitude - 1) < 0.01
-        if alike or not 0.2 < slope < 5.0:
+        if abs(step) > 10 * DECAY_TOLERANCE:
+            slope = (mismatch - previous_mismatch) / step
+        is_converged = (
+            abs(mismatch) < DECAY_TOLERANCE and abs(measured.amplitude / model.amplitude - 1) < 0.01
+        )
+        if is_converged or not 0.2 < slope < 5.0:
             break
-        moved, last = -mismatch / slope, mismatch
-        logarithm += moved
-        released = min(released * measured.amplitude / model.amplitude, MOST_RELEASED)
+        step = -mismatch / slope
+        previous_mismatch = mismatch
+        logarithm += step
+        released = min(released * measured.amplitude / model.amplitude, MAX_RELEASE_BEND)
         try:
             model = ring_down(np.exp(logarithm), released)
         except LimbError:
             break
-    if abs(mismatch) >= ALIKE:
+    if abs(mismatch) >= DECAY_TOLERANCE:
         raise CalibrationError(
             f"No damping constant near {np.exp(logarithm):.2g} N·m·s/rad makes the model decay "
             f"with {measured.decay_rate.value:.2f} 1/s as the limb does."
@@ -589,36 +656,37 @@ def _fit_recording(parameters, recording: Recording):
 def with_ringing(fit: StiffnessFit, damping: DampingFit) -> StiffnessFit:
     """Return a fit with k by sag and ring-down together, weighted by their variances.
 
-    The ring-down tells k by the square of its frequency, of rubber that is stiffer than in a sag by
-    `FAST` ± `FAST_ERROR`. If the two differ by more than chance, the standard error of k is larger
-    by as much.
+    k follows from the square of the ring-down's frequency. Rubber is stiffer in a ring-down than in
+    a sag by `FAST_STIFFENING` ± `FAST_STIFFENING_ERROR`. If the two estimates of k differ by more
+    than chance, the standard error of k is larger by as much.
 
     Args:
         fit: k by the sag.
-        damping: ring-downs, with those of the model with this k.
+        damping: ring-downs of the limb, and of the model with this k.
     """
+    # log k by the ring-down, relative to log k by the sag.
     pairs = zip(damping.measured, damping.simulated, strict=True)
     ratios = np.array([2 * np.log(m.natural_frequency / s.natural_frequency) for m, s in pairs])
     scatter = standard_error(ratios) if len(ratios) > 1 else RING_DOWN_ERROR
-    k, error = fit.by_sag.value, fit.by_sag.standard_error / fit.by_sag.value
-    precisions = 1 / np.array([error**2, FAST_ERROR**2 + scatter**2])
-    away = float(ratios.mean() - np.log(1 + FAST))  # of the logarithms of k
-    weight, total = precisions[1] / precisions.sum(), precisions.sum()
-    beyond = max(1.0, abs(away) / (1.96 * float(np.sqrt((1 / precisions).sum()))))
-    k = float(k * np.exp(weight * away))
-    both = Estimate(k, float(k * beyond / np.sqrt(total)), fit.by_sag.unit)
-    return dataclasses.replace(fit, stiffness=both)
+    k = fit.by_sag.value
+    error = fit.by_sag.standard_error / fit.by_sag.value
+    # Weight both by their precisions, and widen if they disagree.
+    precisions = 1 / np.array([error**2, FAST_STIFFENING_ERROR**2 + scatter**2])
+    log_difference = float(ratios.mean() - np.log(1 + FAST_STIFFENING))  # of the logarithms of k
+    weight = precisions[1] / precisions.sum()
+    total = precisions.sum()
+    widening = max(1.0, abs(log_difference) / (1.96 * float(np.sqrt((1 / precisions).sum()))))
+    k = float(k * np.exp(weight * log_difference))
+    combined = Estimate(k, float(k * widening / np.sqrt(total)), fit.by_sag.unit)
+    return dataclasses.replace(fit, stiffness=combined)
 
 
 def remarks_on_sensor(
-    limb: LimbParameters,
-    sags: Sequence[Recording],
-    stiffness: StiffnessFit,
-    damping: DampingFit,
+    limb: LimbParameters, sags: Sequence[Recording], stiffness: StiffnessFit, damping: DampingFit
 ) -> list[Remark]:
-    """A remark if sag and ring-down agree with another bend sensor than the header names.
+    """Return a remark if sag and ring-down agree with another bend sensor than the header names.
 
-    The frequency is that of k and the mass, whatever the sensor, and the sag gives k by what
+    The frequency follows from k and the mass, whatever the sensor. The sag gives k by what
     the sensor shows: a tip tangent that is taken for a chord makes k half as large again.
 
     Args:
@@ -626,27 +694,30 @@ def remarks_on_sensor(
         sags: recordings of its sag.
         stiffness, damping: the fits.
     """
-    named = bend_sensor_of(sags[0])
-    others = {TipTangentSensor: ChordSensor, ChordSensor: TipTangentSensor}
-    if type(named) not in others:
+    header_sensor = bend_sensor_of(sags[0])
+    alternatives = {TipTangentSensor: ChordSensor, ChordSensor: TipTangentSensor}
+    if type(header_sensor) not in alternatives:
         return []
-    other = others[type(named)](**dataclasses.asdict(named))
+    alternative = alternatives[type(header_sensor)](**dataclasses.asdict(header_sensor))
+    # k, and the frequency with it, if the sensor were the other kind.
     limbs = [_mounted(limb, r.parameters.gravity, r.parameters.payload) for r in sags]
     try:
-        k = _stiffness_of_sags(limbs, other, stiffness.sags, 0.0)[0].value
+        k = _stiffness_of_sags(limbs, alternative, stiffness.sags, 0.0)[0].value
     except CalibrationError:
         return []
-    measured, simulated = damping.measured[0].frequency, damping.simulated[0].frequency
+    measured = damping.measured[0].frequency
+    simulated = damping.simulated[0].frequency
     expected = simulated * np.sqrt(k / stiffness.by_sag.value)
-    away, less = abs(np.log(measured / simulated)), abs(np.log(measured / expected))
-    if away < OFF_SENSOR or less > away / 2:
+    mismatch = abs(np.log(measured / simulated))
+    alternative_mismatch = abs(np.log(measured / expected))
+    if mismatch < MAX_SENSOR_MISMATCH or alternative_mismatch > mismatch / 2:
         return []
     return [
         Remark(
             "sensor",
             f"The limb rings at {measured:.2f} Hz; its sag makes that {simulated:.2f} Hz if the "
-            f"bend was read by {type(named).__name__}, as the header says, and {expected:.2f} Hz "
-            f"if by {type(other).__name__}: correct the header's bend_sensor, or else the mass "
-            "and the length.",
+            f"bend was read by {type(header_sensor).__name__}, as the header says, and "
+            f"{expected:.2f} Hz if by {type(alternative).__name__}: correct the header's "
+            "bend_sensor, or else the mass and the length.",
         )
     ]

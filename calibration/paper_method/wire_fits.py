@@ -10,33 +10,35 @@ from scipy.optimize import least_squares
 from calibration.estimate import Estimate, clustered_covariance, standard_error
 from calibration.recordings.at_rest import first_readings
 from calibration.recordings.kinds import bend_sensor_of, only_segment
-from calibration.recordings.repair import at_sample_times, despiked, interpolated
+from calibration.recordings.repair import at_sample_times, with_interpolated_gaps, without_spikes_in
 from calibration.remarks import CalibrationError, Remark, remarks_on_estimate, remarks_on_start
 from limb_systems import LimbParameters, LinearLaw, Recording, joint_angles_from_bend_angle
 from limb_systems.files.signal_table import stretches
 from limb_systems.low_pass import low_pass
 
-RATES = {"a1": "1/s", "a2": "°C/s", "a3": "1/s"}
-WINDOW = 2.0  # s, least duration of an equilibrium
-BLOCK = 30.0  # s, after which residuals count as independent
-FEWEST_BLOCKS = 5
+RATE_UNITS = {"a1": "1/s", "a2": "°C/s", "a3": "1/s"}
+MIN_EQUILIBRIUM_TIME = 2.0  # s, least duration of an equilibrium
+RESIDUAL_BLOCK_TIME = 30.0  # s, after which residuals count as independent
+MIN_BLOCKS = 5
 READOUT_DELAY = 0.05, 0.03  # s, mean and deviation where anything up to 0.1 s is as likely
-REWEIGHTINGS = 2
-LONGEST_DELAY = 5.0  # s
-ANGLE_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 1.0  # rad and °C of equal weight at first
+NUM_REWEIGHTINGS = 2
+MAX_DELAY = 5.0  # s
+# rad and °C of equal weight at first
+ANGLE_SCALE = np.deg2rad(1.0)
+TEMPERATURE_SCALE = 1.0
 
 # Bounds of the logarithms of -a1, a2 and -a3 in a fit, and of its start.
 _LOWEST, _HIGHEST = np.log([[1e-3, 0.1, 0.02], [2.0, 1000.0, 10.0]])
 _INNER_LOWEST, _INNER_HIGHEST = np.log([[2e-3, 0.2, 0.05], [1.0, 500.0, 5.0]])
 _SIGNS = np.array([-1.0, 1.0, -1.0])
-AT_BOUND = 0.01  # by which a logarithm may stay inside its bound and count as at it
+BOUND_MARGIN = 0.01  # by which a logarithm may stay inside its bound and count as at it
 
 
 # Of equilibria, and of the bend sensor.
 BEND_DRIFT_TIME = 120.0  # s, within which a bend sensor's drift changes
-STILL = np.deg2rad(0.5)  # rad/s, below which φ̇ ≈ 0
-STEADY = 0.5  # °C/s, below which Ṫ ≈ 0
-LUKEWARM = 10.0  # °C above ambient, below which a torque is hidden by noise
+STILL_BEND_RATE = np.deg2rad(0.5)  # rad/s, below which φ̇ ≈ 0
+STEADY_HEATING_RATE = 0.5  # °C/s, below which Ṫ ≈ 0
+MIN_TORQUE_RISE = 10.0  # °C above ambient, below which a torque is hidden by noise
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,11 +87,11 @@ def simulate_heat(
     initial: tuple[float, float],
     delay: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """T and V of a wire, eqns (6)-(7), at the samples (K,), °C, exactly for duty held between them.
+    """Return T and V of a wire (K,), °C, by eqns (6)-(7); exact for duty held between samples.
 
     Args:
         law: law of the wire.
-        duty: D (K,), in force at each sample and since the one before.
+        duty: D (K,), in force at each sample and since the sample before.
         period: s between samples.
         ambient: T0, °C.
         initial: T and V at the first sample, °C.
@@ -118,7 +120,7 @@ def fit_heat_transfer(
     *,
     rest_angle: float = 0.0,
 ) -> HeatFit:
-    """a1, a2, a3 of one wire by Sec. V-C1, with wire temperature from the bend.
+    """Fit a1, a2, a3 of one wire by Sec. V-C1, with wire temperature from the bend.
 
     At the most promising equilibrium b = (V^eq - T0) / φ^eq, and T = b φ + T0
     throughout. A two-stage collocation gives a start: the smoothed records in
@@ -141,14 +143,18 @@ def fit_heat_transfer(
             the bound of its fit, which any wire is within.
     """
     recording.check_plausible()
-    late = recording.applied_duty is None or recording.sample_age is None
-    shown = ~recording.missing
-    recording = interpolated(despiked(at_sample_times(recording)))
-    duty, measured = recording.duty[index], recording.measured_temperature[index]
+    # Take readings at their sample times, without spikes and gaps.
+    fits_delay = recording.applied_duty is None or recording.sample_age is None
+    is_read = ~recording.missing
+    recording = with_interpolated_gaps(without_spikes_in(at_sample_times(recording)))
+    duty = recording.duty[index]
+    readings = recording.measured_temperature[index]
     recording.bend_angle = recording.bend_angle - bend_sensor_of(recording).gain * rest_angle
-    angle = recording.bend_angle[0]
-    period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
-    _check_excitation(name, duty, measured, ambient, period)
+    bend = recording.bend_angle[0]
+    period = 1 / recording.sample_rate
+    name = recording.parameters.wire_names[index]
+    _check_excitation(name, duty, readings, ambient, period)
+    # Estimate T from the bend by the best equilibrium, and start from it.
     angle_eq, measured_eq = _most_promising_equilibrium(recording, index, ambient)
     b = (measured_eq - ambient) / angle_eq
     if abs(angle_eq) < np.deg2rad(3.0):
@@ -156,98 +162,108 @@ def fit_heat_transfer(
             f"The {name} wire bends the limb by {np.rad2deg(angle_eq):.1f}° where it is "
             f"{measured_eq:.0f} °C; that is too little to estimate its temperature."
         )
-    wire_start = b * angle + ambient
-    start = _two_stage(duty, wire_start, measured, period, ambient)
+    wire_start = b * bend + ambient
+    start = _collocate(duty, wire_start, readings, period, ambient)
 
+    # Simulate T, V and φ with x: logarithms of the rates, 1/b, T and V at the start, delay.
     def simulated(x: np.ndarray, room: float = ambient):
-        delay = x[6] if late else 0.0
-        wire, sensed = simulate_heat(LinearLaw(*_rates(x)), duty, period, room, (x[4], x[5]), delay)
-        return wire, sensed, (wire - room) * x[3]
+        delay = x[6] if fits_delay else 0.0
+        simulated_wire, simulated_readings = simulate_heat(
+            LinearLaw(*_rates(x)), duty, period, room, (x[4], x[5]), delay
+        )
+        return simulated_wire, simulated_readings, (simulated_wire - room) * x[3]
 
     weights = [1 / TEMPERATURE_SCALE, 1 / ANGLE_SCALE]
 
     def residuals(x: np.ndarray, room: float = ambient) -> np.ndarray:
-        _, sensed, bent = simulated(x, room)
-        prior = [(x[6] - READOUT_DELAY[0]) / READOUT_DELAY[1]] if late else []
+        _, simulated_readings, simulated_bend = simulated(x, room)
+        prior = [(x[6] - READOUT_DELAY[0]) / READOUT_DELAY[1]] if fits_delay else []
         return np.concatenate(
-            [weights[0] * (sensed - measured)[shown], weights[1] * (bent - angle)[shown], prior]
+            [
+                weights[0] * (simulated_readings - readings)[is_read],
+                weights[1] * (simulated_bend - bend)[is_read],
+                prior,
+            ]
         )
 
-    first = [first_readings(recording)[index]] * 2
-    guess = [*np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST), 1 / b, *first]
-    guess += [0.05] * late
-    scale = [0.1, 0.1, 0.1, 0.1 / abs(b), 1.0, 1.0] + [0.1] * late
+    # Fit from the two-stage start, within bounds.
+    initial = [first_readings(recording)[index]] * 2
+    guess = [*np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST), 1 / b, *initial]
+    guess += [0.05] * fits_delay
+    scale = [0.1, 0.1, 0.1, 0.1 / abs(b), 1.0, 1.0] + [0.1] * fits_delay
     bounds = (
-        [*_LOWEST, -np.inf, -np.inf, -np.inf] + [0.0] * late,
-        [*_HIGHEST, np.inf, np.inf, np.inf] + [LONGEST_DELAY] * late,
+        [*_LOWEST, -np.inf, -np.inf, -np.inf] + [0.0] * fits_delay,
+        [*_HIGHEST, np.inf, np.inf, np.inf] + [MAX_DELAY] * fits_delay,
     )
     fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
     # Then weight each signal by the standard deviation of its residuals. A sensor that drifts gets
     # less weight than one with the same noise that does not drift.
-    blocks = _blocks(recording.time)[shown]
-    for _ in range(REWEIGHTINGS):
-        _, sensed, bent = simulated(fit.x)
-        away = (sensed - measured)[shown], (bent - angle)[shown]
-        weights = [1 / _worth(residual, blocks) for residual in away]
+    blocks = _block_numbers(recording.time)[is_read]
+    for _ in range(NUM_REWEIGHTINGS):
+        _, simulated_readings, simulated_bend = simulated(fit.x)
+        residual_pair = (simulated_readings - readings)[is_read], (simulated_bend - bend)[is_read]
+        weights = [1 / _independent_deviation(residual, blocks) for residual in residual_pair]
         fit = least_squares(residuals, fit.x, bounds=bounds, x_scale=scale)
-    wire, sensed, bent = simulated(fit.x)
+    simulated_wire, simulated_readings, simulated_bend = simulated(fit.x)
+    # Standard errors by the jackknife over blocks, and by the error of T0.
     clusters = np.tile(blocks, 2)
     count = len(clusters)
-    prior = fit.jac[-1] if late else None
+    prior = fit.jac[-1] if fits_delay else None
     covariance = clustered_covariance(fit.jac[:count], fit.fun[:count], clusters, prior)
-    covariance += _by_ambient(fit, residuals(fit.x, ambient + 1.0), ambient_error)
+    covariance += _covariance_by_ambient(fit, residuals(fit.x, ambient + 1.0), ambient_error)
     values = _rates(fit.x)
-    together = covariance[:3, :3] * np.outer(values, values)
+    value_covariance = covariance[:3, :3] * np.outer(values, values)
     a1, a2, a3 = (
         Estimate(float(value), float(abs(value) * np.sqrt(covariance[i, i])), unit)
-        for i, (value, unit) in enumerate(zip(values, RATES.values(), strict=True))
+        for i, (value, unit) in enumerate(zip(values, RATE_UNITS.values(), strict=True))
     )
+    # Put the result together.
     delay = None
-    if late:  # a delay at its bound ends just inside it
+    if fits_delay:  # a delay at its bound ends just inside it
         delay = Estimate(round(fit.x[6], 6), float(np.sqrt(covariance[6, 6])), "s")
     return HeatFit(
         wire=name,
         a1=a1,
         a2=a2,
         a3=a3,
-        covariance=(together + together.T) / 2,  # rounding is not symmetric
+        covariance=(value_covariance + value_covariance.T) / 2,  # rounding is not symmetric
         delay=delay,
         ambient=ambient,
         angle_per_degree=Estimate(fit.x[3], float(np.sqrt(covariance[3, 3])), "rad/°C"),
         time=recording.time,
-        recorded_temperature=measured,
-        recorded_angle=angle,
-        wire_temperature=wire,
-        measured_temperature=sensed,
-        bend_angle=bent,
-        temperature_residual=_rms((sensed - measured)[shown]),
-        angle_residual=_rms((bent - angle)[shown]),
+        recorded_temperature=readings,
+        recorded_angle=bend,
+        wire_temperature=simulated_wire,
+        measured_temperature=simulated_readings,
+        bend_angle=simulated_bend,
+        temperature_residual=_rms((simulated_readings - readings)[is_read]),
+        angle_residual=_rms((simulated_bend - bend)[is_read]),
         remarks=[
-            *_remarks(name, duty, measured - ambient, fit.x, covariance),
-            *remarks_on_start(f"the {name} wire", wire[0], ambient, measured),
+            *_remarks_on_rates(name, duty, readings - ambient, fit.x, covariance),
+            *remarks_on_start(f"the {name} wire", simulated_wire[0], ambient, readings),
         ],
     )
 
 
 def _rates(x: np.ndarray) -> np.ndarray:
-    """a1, a2, a3 whose logarithms come first in x."""
+    """Return a1, a2, a3, whose logarithms come first in x."""
     return _SIGNS * np.exp(x[:3])
 
 
-def _by_ambient(fit, warmer: np.ndarray, ambient_error: float) -> np.ndarray:
-    """Covariance that T0's error adds to a fit, from its residuals with T0 1 °C higher."""
-    shift = np.linalg.pinv(fit.jac) @ (warmer - fit.fun) * ambient_error
+def _covariance_by_ambient(fit, residuals_warmer: np.ndarray, ambient_error: float) -> np.ndarray:
+    """Return the covariance due to the error of T0, by residuals with T0 1 °C higher."""
+    shift = np.linalg.pinv(fit.jac) @ (residuals_warmer - fit.fun) * ambient_error
     return np.outer(shift, shift)
 
 
-def _blocks(time: np.ndarray) -> np.ndarray:
-    """Numbers (K,) of the blocks of time that samples are in; at least some blocks."""
+def _block_numbers(time: np.ndarray) -> np.ndarray:
+    """Return the numbers of the samples' blocks of time (K,); at least some blocks."""
     since = time - time[0]
-    return (since / min(BLOCK, since[-1] / FEWEST_BLOCKS)).astype(int)
+    return (since / min(RESIDUAL_BLOCK_TIME, since[-1] / MIN_BLOCKS)).astype(int)
 
 
-def _worth(residual: np.ndarray, blocks: np.ndarray) -> float:
-    """Standard deviation of independent noise whose block means scatter as much."""
+def _independent_deviation(residual: np.ndarray, blocks: np.ndarray) -> float:
+    """Return the standard deviation of independent noise whose block means scatter as much."""
     means = np.array([residual[blocks == block].mean() for block in np.unique(blocks)])
     return max(_rms(residual), _rms(means) * np.sqrt(len(residual) / len(means)))
 
@@ -264,9 +280,9 @@ def _check_excitation(name: str, duty, measured, ambient: float, period: float) 
 
 
 def _most_promising_equilibrium(recording, index: int, ambient: float) -> tuple[float, float]:
-    """(φ^eq, V^eq): where V has rested, the warmer the better."""
+    """Return φ^eq, rad, and V^eq, °C, where V rests and is warm."""
     period = 1 / recording.sample_rate
-    width = max(3, int(WINDOW / period))
+    width = max(3, int(MIN_EQUILIBRIUM_TIME / period))
     kernel = np.ones(width) / width
     measured = np.convolve(recording.measured_temperature[index], kernel, "valid")
     angle = np.convolve(recording.bend_angle[0], kernel, "valid")
@@ -276,8 +292,8 @@ def _most_promising_equilibrium(recording, index: int, ambient: float) -> tuple[
     return float(angle[best]), float(measured[best])
 
 
-def _two_stage(duty, wire, measured, period: float, ambient: float) -> tuple[float, float, float]:
-    """a1, a2, a3 by two-stage collocation: smooth, then least squares in (6), (7).
+def _collocate(duty, wire, measured, period: float, ambient: float) -> tuple[float, float, float]:
+    """Return a1, a2, a3 by two-stage collocation: smooth, then least squares in (6), (7).
 
     The equations are integrated over a second each, which spares the
     differentiation of noise.
@@ -285,6 +301,7 @@ def _two_stage(duty, wire, measured, period: float, ambient: float) -> tuple[flo
     # As above.
     from scipy.signal import savgol_filter
 
+    # Smooth both temperatures.
     window = 2 * int(1.0 / period) + 1
     wire = savgol_filter(wire - ambient, window, 2)
     measured = savgol_filter(measured - ambient, window, 2)
@@ -293,6 +310,7 @@ def _two_stage(duty, wire, measured, period: float, ambient: float) -> tuple[flo
     def integrate(values: np.ndarray) -> np.ndarray:
         return np.diff(np.cumsum(values)[::stride]) * period
 
+    # Solve the integrated (6) for a1 and a2, and (7) for a3.
     heat = np.column_stack([integrate(wire), integrate(duty)])
     a1, a2 = np.linalg.lstsq(heat, np.diff(wire[::stride]), rcond=None)[0]
     lag = integrate(measured - wire)
@@ -300,8 +318,9 @@ def _two_stage(duty, wire, measured, period: float, ambient: float) -> tuple[flo
     return min(a1, -1e-3), max(a2, 0.1), min(a3, -0.05)
 
 
-def _remarks(name: str, duty, rise, x, covariance) -> Iterator[Remark]:
-    at_limit, highest = (duty >= 0.99).mean(), np.percentile(rise, 99)
+def _remarks_on_rates(name: str, duty, rise, x, covariance) -> Iterator[Remark]:
+    at_limit = (duty >= 0.99).mean()
+    highest = np.percentile(rise, 99)
     if at_limit > 0.2:
         yield Remark(
             "range",
@@ -315,15 +334,15 @@ def _remarks(name: str, duty, rise, x, covariance) -> Iterator[Remark]:
             f"The {name} wire is never more than {highest:.0f} °C above ambient; its parameters "
             "hold for that range; record wider bends.",
         )
-    for i, rate in enumerate(RATES):
+    for i, rate in enumerate(RATE_UNITS):
         error = np.sqrt(covariance[i, i])  # of the logarithm
-        if rate == "a3" and x[i] > _HIGHEST[i] - AT_BOUND:
+        if rate == "a3" and x[i] > _HIGHEST[i] - BOUND_MARGIN:
             yield Remark(
                 "lag",
                 f"No lag of the {name} thermocouple is seen against the bend: a3 is at the fit's "
                 "limit; expect measured temperatures to be late.",
             )
-        elif not _LOWEST[i] + AT_BOUND < x[i] < _HIGHEST[i] - AT_BOUND:
+        elif not _LOWEST[i] + BOUND_MARGIN < x[i] < _HIGHEST[i] - BOUND_MARGIN:
             raise CalibrationError(
                 f"{rate} of the {name} wire is at the fit's limit of {_rates(x)[i]:.3g}, as its "
                 "temperature does not follow its duty; are both of this wire, and does the duty "
@@ -364,13 +383,9 @@ class ForceFit:
 
 
 def fit_force(
-    parameters: LimbParameters,
-    recording: Recording,
-    index: int,
-    heat: HeatFit,
-    stiffness: Estimate,
+    parameters: LimbParameters, recording: Recording, index: int, heat: HeatFit, stiffness: Estimate
 ) -> ForceFit:
-    """β of one wire: the mean of Γ = k θ^eq / (T^eq - T0) over equilibria, (13).
+    """Fit β of one wire, the mean of Γ = k θ^eq / (T^eq - T0) over equilibria, (13).
 
     Equilibria are where the bend angle and the simulated wire temperature
     rest, each averaged over as long as it rests. Where there are three or more
@@ -388,23 +403,25 @@ def fit_force(
         CalibrationError: if there are no equilibria in it.
     """
     recording.check_plausible()
-    shown = ~recording.missing
-    recording = interpolated(despiked(recording))
+    is_read = ~recording.missing
+    recording = with_interpolated_gaps(without_spikes_in(recording))
     side = only_segment(parameters).wires[index].lever[0]
-    starts, ends = _equilibria(recording, shown, heat, parameters.temperature_limits.warm)
+    # Find equilibria, above T_warm if there are enough.
+    starts, ends = _equilibria(recording, is_read, heat, parameters.temperature_limits.warm)
     if len(starts) < 3:
-        starts, ends = _equilibria(recording, shown, heat, heat.ambient + LUKEWARM)
+        starts, ends = _equilibria(recording, is_read, heat, heat.ambient + MIN_TORQUE_RISE)
     if len(starts) == 0:
         raise CalibrationError(
             f"The limb never rests while the {heat.wire} wire is warm; hold it longer at each "
             "bend angle."
         )
+    # Average over each equilibrium, and compute Γ.
     spans = list(zip(starts, ends, strict=True))
     wire = np.array([heat.wire_temperature[a:b].mean() for a, b in spans])
     angle = np.array([recording.bend_angle[0, a:b].mean() for a, b in spans])
     times = np.array([recording.time[a:b].mean() for a, b in spans])
-    bent = bend_sensor_of(recording).corrected(angle) - only_segment(parameters).rest_angle
-    theta = joint_angles_from_bend_angle(parameters, bent[np.newaxis])[0]
+    bend = bend_sensor_of(recording).corrected(angle) - only_segment(parameters).rest_angle
+    theta = joint_angles_from_bend_angle(parameters, bend[np.newaxis])[0]
     ratios = stiffness.value * theta / (side * (wire - heat.ambient))
     if not ratios.mean() > 0:
         raise CalibrationError(
@@ -413,9 +430,11 @@ def fit_force(
         )
     # Errors that all ratios share: of k, and of T^eq - T0 = -a2 D / a1.
     log_slopes = np.array([-1 / heat.a1.value, 1 / heat.a2.value, 0.0])
-    shared = log_slopes @ heat.covariance @ log_slopes
-    relative = np.sqrt((stiffness.standard_error / stiffness.value) ** 2 + shared)
-    mean, count = float(ratios.mean()), len(ratios)
+    shared_variance = log_slopes @ heat.covariance @ log_slopes
+    relative = np.sqrt((stiffness.standard_error / stiffness.value) ** 2 + shared_variance)
+    mean = float(ratios.mean())
+    count = len(ratios)
+    # Add the scatter of the equilibria and the sensor's drift.
     remarks = []
     if count < 3:
         sentence = f"Of the {heat.wire} wire there are {count} equilibria; record at least five."
@@ -423,9 +442,9 @@ def fit_force(
         error = mean * max(relative, 0.1)
     else:
         # The sensor's drift is much the same in equilibria that follow each other.
-        shares = ratios / bent / count
-        alike = np.exp(-np.abs(times[:, None] - times) / BEND_DRIFT_TIME)
-        drift = bend_sensor_of(recording).drift * np.sqrt(shares @ alike @ shares)
+        shares = ratios / bend / count
+        drift_correlation = np.exp(-np.abs(times[:, None] - times) / BEND_DRIFT_TIME)
+        drift = bend_sensor_of(recording).drift * np.sqrt(shares @ drift_correlation @ shares)
         error = np.hypot(max(standard_error(ratios), drift), relative * mean)
         if (scatter := ratios.std(ddof=1) / mean) > 0.15:
             sentence = (
@@ -439,24 +458,29 @@ def fit_force(
 
 
 def _equilibria(
-    recording: Recording, shown: np.ndarray, heat: HeatFit, warm: float
+    recording: Recording, is_read: np.ndarray, heat: HeatFit, warm: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First and last sample of each stretch of rest with the wire above ``warm``, °C.
+    """Return the first and last sample of each stretch of rest with the wire above ``warm``, °C.
 
     None is missing in it, as ``shown`` (K,) has it.
     """
     period = 1 / recording.sample_rate
-    width = max(3, int(WINDOW / period))
+    width = max(3, int(MIN_EQUILIBRIUM_TIME / period))
     kernel = np.ones(width) / width
     angle = np.convolve(recording.bend_angle[0], kernel, "same")
     # The slope between averages over a window each, in which noise hardly counts.
-    moving = np.full_like(angle, np.inf)
+    bend_rate = np.full_like(angle, np.inf)
     half = width // 2
-    moving[half:-half] = np.abs(angle[2 * half :] - angle[: -2 * half]) / (2 * half * period)
+    bend_rate[half:-half] = np.abs(angle[2 * half :] - angle[: -2 * half]) / (2 * half * period)
     heating = np.abs(np.gradient(heat.wire_temperature, period))
-    rest = (moving < STILL) & (heating < STEADY) & (heat.wire_temperature > warm)
-    rest &= shown
-    rest[:width] = rest[-width:] = False
-    starts, ends = stretches(rest).T
-    long = ends - starts >= width
-    return starts[long], ends[long]
+    # Rest is where bend and temperature stand still and the wire is warm.
+    is_resting = (
+        (bend_rate < STILL_BEND_RATE)
+        & (heating < STEADY_HEATING_RATE)
+        & (heat.wire_temperature > warm)
+    )
+    is_resting &= is_read
+    is_resting[:width] = is_resting[-width:] = False
+    starts, ends = stretches(is_resting).T
+    is_long = ends - starts >= width
+    return starts[is_long], ends[is_long]

@@ -7,6 +7,7 @@ import numpy as np
 from calibration.prediction.heated_run import STEP, HeatedRun
 from limb_systems.low_pass import low_pass
 
+MEAN = "the mean"
 DELAYS = (2.0, 4.0, 8.0, 16.0, 32.0)  # s, time constants that are tried
 
 
@@ -29,34 +30,38 @@ def baselines(
     heat of each wire, after the delay that fits best.
     """
     mean = np.nanmean(np.concatenate([run.bend for run in fitted]), axis=0)
-    by_lag = min((_lag(fitted, delay) for delay in DELAYS), key=lambda lag: lag[0])
+    # Take the time constant with which a lag fits best.
+    by_lag = min((_fit_lag(fitted, delay) for delay in DELAYS), key=lambda lag: lag[0])
     _, delay, gains = by_lag
     return {
-        "the mean": [mean] * len(judges),
-        "a lag of each wire": [_factors(run, delay) @ gains for run in judges],
+        MEAN: [mean] * len(judges),
+        "a lag of each wire": [_lag_factors(run, delay) @ gains for run in judges],
     }
 
 
 def baseline_errors(fitted: Sequence[HeatedRun], judges: Sequence[HeatedRun]) -> dict[str, float]:
     """Return by name how far `baselines` miss the bends of runs, rad."""
-    return {name: _error(judges, bends) for name, bends in baselines(fitted, judges).items()}
+    return {name: _mean_error(judges, bends) for name, bends in baselines(fitted, judges).items()}
 
 
-def _factors(run: HeatedRun, delay: float) -> np.ndarray:
-    """What a lag adds up at the samples (M, W + 1)."""
+def _lag_factors(run: HeatedRun, delay: float) -> np.ndarray:
+    """Return what a lag adds up at the samples (M, W + 1)."""
     return np.column_stack([heat_by_duty(run, delay), np.ones(len(run.times))])
 
 
-def _lag(runs: Sequence[HeatedRun], delay: float) -> tuple[float, float, np.ndarray]:
+def _fit_lag(runs: Sequence[HeatedRun], delay: float) -> tuple[float, float, np.ndarray]:
     """Return the misfit of a lag, its delay and its gains (W + 1, F), rad."""
-    factors = np.concatenate([_factors(run, delay) for run in runs])
+    factors = np.concatenate([_lag_factors(run, delay) for run in runs])
     bends = np.concatenate([run.bend for run in runs])
-    shown = ~np.isnan(bends).any(axis=1)
-    gains = np.linalg.lstsq(factors[shown], bends[shown], rcond=None)[0]
-    return float(((bends - factors @ gains)[shown] ** 2).sum()), delay, gains
+    is_read = ~np.isnan(bends).any(axis=1)
+    # The gains follow from linear least squares.
+    gains = np.linalg.lstsq(factors[is_read], bends[is_read], rcond=None)[0]
+    return float(((bends - factors @ gains)[is_read] ** 2).sum()), delay, gains
 
 
-def _error(runs: Sequence[HeatedRun], bends: Sequence[np.ndarray]) -> float:
+def _mean_error(runs: Sequence[HeatedRun], bends: Sequence[np.ndarray]) -> float:
     """Return the mean distance from the bends of runs, rad, as `Candidate.bend_error`."""
-    away = [np.linalg.norm(run.bend - bend, axis=1) for run, bend in zip(runs, bends, strict=True)]
-    return float(np.mean([np.nanmean(each) for each in away]))
+    distances = [
+        np.linalg.norm(run.bend - bend, axis=1) for run, bend in zip(runs, bends, strict=True)
+    ]
+    return float(np.mean([np.nanmean(each) for each in distances]))

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from calibration.recordings.at_rest import START, before_heat, first_readings
+from calibration.recordings.at_rest import START_TIME, before_heat, first_readings
 from calibration.recordings.kinds import bend_sensor_of, title_of
-from calibration.recordings.repair import at_sample_times, despiked
+from calibration.recordings.repair import at_sample_times, without_spikes_in
 from limb_systems import Recording
 from limb_systems.files.signal_table import doses
 
@@ -41,35 +41,38 @@ class HeatedRun:
 
     @classmethod
     def of(cls, recording: Recording) -> "HeatedRun":
-        """A recording without readings that are missing, or far from their neighbours."""
-        recording = despiked(at_sample_times(recording))
+        """Return a recording without readings that are missing, or far from their neighbours."""
+        recording = without_spikes_in(at_sample_times(recording))
         bends = bend_sensor_of(recording).corrected_bends(recording.bend_angle)
+        # Average the duty over even steps.
         times = recording.time - recording.time[0]
         num_steps = max(1, int(np.ceil(times[-1] / STEP - 1e-6)))
         edges = STEP * np.arange(num_steps + 1)
         # The duty at a sample was in force since the sample before.
         duty = doses(recording.duty[:, 1:], times, edges) / STEP
+        # Average the readings in each step, where there are any.
         temperature = recording.measured_temperature
-        shown = ~np.isnan([*bends, *temperature])
-        every = np.vstack([shown.any(axis=0), shown])
+        is_read = ~np.isnan([*bends, *temperature])
+        is_row_read = np.vstack([is_read.any(axis=0), is_read])
         bins = (times / STEP).astype(int)
-        counts = np.array([np.bincount(bins, there) for there in every])
+        counts = np.array([np.bincount(bins, is_present) for is_present in is_row_read])
         filled = counts[0] > 0
 
-        def means(values: np.ndarray, there: np.ndarray, count: np.ndarray) -> np.ndarray:
-            sums = np.bincount(bins, np.where(there, values, 0.0))[filled]
+        def means(values: np.ndarray, is_present: np.ndarray, count: np.ndarray) -> np.ndarray:
+            sums = np.bincount(bins, np.where(is_present, values, 0.0))[filled]
             return np.where(count[filled] > 0, sums / np.maximum(count[filled], 1), np.nan)
 
-        signals = zip([*bends, *temperature], shown, counts[1:], strict=True)
-        averaged = np.array([means(*signal) for signal in signals]).T
+        signal_rows = zip([*bends, *temperature], is_read, counts[1:], strict=True)
+        averaged = np.array([means(*signal) for signal in signal_rows]).T
 
-        soon = before_heat(recording) & (times <= max(3 * START, 5.0 / recording.sample_rate))
-        soon &= shown[len(bends) :]
-        slope = [_slope(times[s], v[s]) for v, s in zip(temperature, soon, strict=True)]
+        # Fit the rate at which readings change before the first heat.
+        early = before_heat(recording) & (times <= max(3 * START_TIME, 5.0 / recording.sample_rate))
+        early &= is_read[len(bends) :]
+        slope = [_initial_slope(times[s], v[s]) for v, s in zip(temperature, early, strict=True)]
         return cls(
             source=title_of(recording),
             duty=duty.T,
-            times=means(times, every[0], counts[0]),
+            times=means(times, is_row_read[0], counts[0]),
             temperature=averaged[:, len(bends) :],
             bend=averaged[:, : len(bends)],
             counts=counts[1:, filled].T,
@@ -89,41 +92,41 @@ class HeatedRun:
         return np.column_stack([self.bend, self.temperature])
 
     def interpolated(self, signals: np.ndarray) -> np.ndarray:
-        """Signals at the ends of steps (K + 1, ...), or of more steps, at the samples (M, ...)."""
+        """Interpolate signals from the ends of steps (K + 1, ...) to the samples (M, ...)."""
         steps = self.times / STEP
         before = np.minimum(steps.astype(int), len(signals) - 2)
         after = (steps - before).reshape(-1, *[1] * (signals.ndim - 1))
         return signals[before] * (1 - after) + signals[before + 1] * after
 
-    def last_part(self, least: float, most: float) -> float:
+    def last_part(self, min_share: float, max_share: float) -> float:
         """Return when the last part begins, s.
 
         It is a share of the time, or the same share of the heat if that begins earlier: the end of
         a recording may show a limb at rest alone.
 
         Args:
-            least: share of time and heat.
-            most: share of the time, beyond which the heat does not count.
+            min_share: share of time and heat.
+            max_share: share of the time, beyond which the heat does not count.
         """
         heat = np.cumsum(self.duty.sum(axis=1))
-        late = STEP * float(np.searchsorted(heat, (1 - least) * heat[-1]))
+        late = STEP * float(np.searchsorted(heat, (1 - min_share) * heat[-1]))
         end = self.times[-1]
-        return float(np.clip(late, (1 - most) * end, (1 - least) * end))
+        return float(np.clip(late, (1 - max_share) * end, (1 - min_share) * end))
 
     def without(self, start: float, end: float) -> tuple["HeatedRun", "HeatedRun"]:
-        """Return all samples but those of a span, s, and those; both have the duty of all."""
+        """Return the samples outside and inside of a span, s; both parts have the whole duty."""
         inside = (self.times >= start) & (self.times < end)
         names = ("times", "temperature", "bend", "counts")
         rest, part = (
-            dataclasses.replace(self, **{name: getattr(self, name)[which] for name in names})
-            for which in (~inside, inside)
+            dataclasses.replace(self, **{name: getattr(self, name)[chosen] for name in names})
+            for chosen in (~inside, inside)
         )
         return rest, part
 
 
-def _slope(times: np.ndarray, values: np.ndarray) -> float:
-    """Slope of the line through samples; nan if they show less than a second."""
-    if len(times) < 2 or np.ptp(times) < 0.99 * START:
+def _initial_slope(times: np.ndarray, values: np.ndarray) -> float:
+    """Return the slope of the line through samples; nan if they show less than a second."""
+    if len(times) < 2 or np.ptp(times) < 0.99 * START_TIME:
         return np.nan
     since = times - times.mean()
     return float(since @ values / (since @ since))

@@ -21,12 +21,14 @@ from limb_systems.smooth_function import SmoothFunction
 from limb_systems.symbolic_chain import Chain
 
 DEGREE = 8  # of the polynomial, which is within 0.03° of equilibria in all plans
-MOST = np.deg2rad(78.0)  # bend that both torques hold, at most; no tip tangent shows 90°
-STEPS, TOLERANCE = 12, 1e-6  # of Newton's method, whose step after such a one is 1e-12, and rad
+MAX_HELD_BEND = np.deg2rad(78.0)  # bend that both torques hold, at most; no tip tangent shows 90°
+# of Newton's method, whose step after such a one is 1e-12, and rad
+MAX_NEWTON_STEPS = 12
+STEP_TOLERANCE = 1e-6
 
 
 def _disc() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points in a disc of radius 1 (P, 2), terms of polynomials, and their weights by values."""
+    """Return points in a unit disc (P, 2), terms of polynomials, and their weights by values."""
     rings = np.cos(np.pi / (DEGREE + 2) * (np.arange(DEGREE // 2 + 1) + 0.5))
     turns = np.exp(2j * np.pi * np.arange(2 * DEGREE + 2) / (2 * DEGREE + 2))
     points = np.multiply.outer(rings, turns).ravel()
@@ -59,12 +61,15 @@ class OpenLoopInSpace(OpenLoop):
         lengths: Sequence[int] | None = None,
     ):
         super().__init__(duty, step, segment, lengths)
+        # A straight segment with k = 1 has the balance of all sets, scaled.
         unit = copy.deepcopy(segment)
         unit.stiffness = unit.stiffening = unit.stiffness_ratio = 1.0
         unit.rest_angle = unit.rest_angle_e3 = 0.0
         unit.rest_memory = None
         self._mechanics = LimbModel.of(LimbParameters(segments=[unit])).mechanics
-        self._sensor, self._disc = segment.bend_sensor, _disc()
+        self._sensor = segment.bend_sensor
+        self._disc = _disc()
+        # Runs with the same gravity and payload share a balance.
         kinds, self._mounting = np.unique(np.round(loads, 9), axis=0, return_inverse=True)
         self._balances = [_balance(unit, gravity, payload) for *gravity, payload in kinds.tolist()]
 
@@ -74,6 +79,7 @@ class OpenLoopInSpace(OpenLoop):
         rubber: Mapping[str, np.ndarray],
         bent: Callable[[int, np.ndarray], np.ndarray] | None,
     ) -> np.ndarray:
+        # Add the wires' torques, over k, towards E2 and E3.
         levers = np.stack([np.cos(rubber["angle"]), np.sin(rubber["angle"])], axis=-1)
         pulls = torques.swapaxes(0, 1) @ levers[:, None]
         pulls /= rubber["stiffness"][:, None, None, None]
@@ -81,12 +87,13 @@ class OpenLoopInSpace(OpenLoop):
             ratio = _springs(rubber)[:, None, None]
             shifts = self._rest_shifts(torques, levers, rubber).swapaxes(0, 1)
             pulls += ratio * shifts / self._chain.bend_by_equal_angle
+        # Find the bends in each mounting, and turn them as the sensor is rolled.
         bends = np.empty_like(pulls)
         for number, balance in enumerate(self._balances):
             runs = np.flatnonzero(self._mounting == number)
             bends[:, :, runs] = self._interpolated(balance, pulls[:, :, runs], rubber)
-        read = roll_bends(bends.transpose(3, 1, 0, 2), rubber["roll"][:, None])
-        return np.moveaxis(read, 0, -1)
+        read_bends = roll_bends(bends.transpose(3, 1, 0, 2), rubber["roll"][:, None])
+        return np.moveaxis(read_bends, 0, -1)
 
     def _rest_shifts(
         self, torques: np.ndarray, levers: np.ndarray, rubber: Mapping[str, np.ndarray]
@@ -107,53 +114,61 @@ class OpenLoopInSpace(OpenLoop):
         towards = rubber["shift"][:, None, None] * (progress @ levers)
         remaining = 1 / (1 + progress.sum(axis=-1, keepdims=True))
         shifts = np.zeros((*torques.shape[:-1], 2))
-        for number, (drawn, share) in enumerate(zip(towards, remaining, strict=True)):
-            shifts[number + 1] = share * (shifts[number] + drawn)
+        for number, (drawn_shift, share) in enumerate(zip(towards, remaining, strict=True)):
+            shifts[number + 1] = share * (shifts[number] + drawn_shift)
         return shifts
 
     def _interpolated(
         self, balance: SmoothFunction, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Bends (B, ..., 2) held by torques towards E2 and E3 over k (B, ..., 2), rad."""
+        """Return the bends (B, ..., 2), rad, by torques over k towards E2 and E3 (B, ..., 2)."""
+        # Solve equilibria at points in the disc of torques that occur.
         sizes = np.linalg.norm(pulls, axis=-1, keepdims=True)
-        most = np.minimum(sizes.max(axis=(1, 2, 3)), MOST * self._mechanics.shape.max()) + 1e-9
-        ranges = most[:, None, None, None]
+        max_pulls = (
+            np.minimum(sizes.max(axis=(1, 2, 3)), MAX_HELD_BEND * self._mechanics.shape.max())
+            + 1e-9
+        )
+        ranges = max_pulls[:, None, None, None]
         points, terms, weights = self._disc
-        held = self.held(balance, ranges[:, 0] * points, rubber)
+        held_bends = self.held(balance, ranges[:, 0] * points, rubber)
+        # Evaluate the polynomial through these points at all torques.
         coefficients = np.zeros((len(pulls), 2, *terms.shape))
-        coefficients[:, :, terms] = (weights @ held).swapaxes(1, 2)
-        within = (pulls / np.maximum(sizes, ranges)).reshape(len(pulls), 1, -1, 2)
-        series = chebvander(within, DEGREE)
+        coefficients[:, :, terms] = (weights @ held_bends).swapaxes(1, 2)
+        scaled_pulls = (pulls / np.maximum(sizes, ranges)).reshape(len(pulls), 1, -1, 2)
+        series = chebvander(scaled_pulls, DEGREE)
         bends = ((series[..., 0, :] @ coefficients) * series[..., 1, :]).sum(axis=-1)
         return bends.swapaxes(1, 2).reshape(pulls.shape)
 
     def held(
         self, balance: SmoothFunction, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Bends (B, P, 2), rad, as exact equilibria of `_interpolated`; nan where there is none."""
+        """Return exact bends (B, P, 2), rad, for `_interpolated`; nan without an equilibrium."""
         mechanics = self._mechanics
         towards = (mechanics.shape > 0).astype(float)  # joints by bends (n, 2)
-        k, ratio = rubber["stiffness"], _springs(rubber)
+        # Set springs, rest angles and forces of all joints.
+        k = rubber["stiffness"]
+        ratio = _springs(rubber)
         # A twist joint keeps its own share of k.
         springs = ratio @ towards.T + mechanics.stiffness * (1 - towards.sum(axis=-1))
         rest_bends = np.stack([rubber["rest_angle"], rubber["rest_angle_e3"]], axis=-1)
         rest = rest_bends @ mechanics.shape.T
         stiffening = np.broadcast_to(rubber.get("stiffening", 0.0), k.shape)
-        of_sets = np.column_stack([springs, rest, k, stiffening])
+        set_inputs = np.column_stack([springs, rest, k, stiffening])
         force = pulls @ towards.T
-        given = np.concatenate(
-            [force, np.repeat(of_sets[:, None], force.shape[1], axis=1)], axis=-1
+        balance_inputs = np.concatenate(
+            [force, np.repeat(set_inputs[:, None], force.shape[1], axis=1)], axis=-1
         )
         angles = rest[:, None] + force / springs[:, None]
-        for _ in range(STEPS):
-            residual, slopes = balance.first(angles, given)
+        # Solve for the joint angles by Newton's method, with limited steps.
+        for _ in range(MAX_NEWTON_STEPS):
+            residual, slopes = balance.first(angles, balance_inputs)
             step = -np.linalg.solve(slopes, residual[..., None])[..., 0]
             angles = angles + np.clip(step, -0.5, 0.5)
-            if np.abs(step).max() < TOLERANCE:
+            if np.abs(step).max() < STEP_TOLERANCE:
                 break
-        angles = np.where(np.abs(step).max(axis=-1, keepdims=True) < TOLERANCE, angles, np.nan)
-        seen = self._sensor.exact_bends(mechanics.chains[0], np.moveaxis(angles, -1, 0))
-        return np.moveaxis(seen, 0, -1)
+        angles = np.where(np.abs(step).max(axis=-1, keepdims=True) < STEP_TOLERANCE, angles, np.nan)
+        read_bends = self._sensor.exact_bends(mechanics.chains[0], np.moveaxis(angles, -1, 0))
+        return np.moveaxis(read_bends, 0, -1)
 
 
 def _springs(rubber: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -163,7 +178,7 @@ def _springs(rubber: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _balance(unit: SegmentParameters, gravity: Sequence[float], payload: float) -> SmoothFunction:
-    """Torques on the joints over k (n,) of θ, which are zero at rest.
+    """Return the torques on the joints over k (n,) of θ, which are zero at rest.
 
     Its parameters are the wires' force over k (n,), the springs over k (n,), their rest angles
     (n,), k and the stiffening.
@@ -172,7 +187,9 @@ def _balance(unit: SegmentParameters, gravity: Sequence[float], payload: float) 
     mechanics = LimbModel.of(limb).mechanics
     n = mechanics.layout.num_joints
     q, force, springs, rest = (ca.SX.sym(name, n) for name in ("q", "f", "K", "r"))
-    k, stiffening, still = ca.SX.sym("k"), ca.SX.sym("s"), ca.SX(n, 1)
+    k = ca.SX.sym("k")
+    stiffening = ca.SX.sym("s")
+    still = ca.SX(n, 1)
     weight = Chain(mechanics, q).inverse_dynamics(still, still, ca.DM(gravity)) / k
     cubic = NonlinearRubber(limb, mechanics).forces(ca.SX(0, 1), q - rest)
     residual = springs * (q - rest) + weight - stiffening * cubic - force

@@ -20,8 +20,8 @@ from calibration.estimate import Estimate, record_of
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.unknowns import (
-    ABSENT,
-    FORMER,
+    ABSENT_VALUES,
+    FORMER_FIELDS,
     Unknown,
     prior_factor,
     slopes_of,
@@ -43,20 +43,23 @@ MEMORY_SPREAD = 0.05  # of other states than temperatures, in typical changes, o
 TEMPERATURE_NOISE = (0.3, 0.5, 300.0)
 BEND_DRIFT_TIME = 120.0  # s
 # Of what the law's form leaves of bends, rad, and of readings, °C, before it is fitted, and least.
-FORMS, LEAST_FORMS = (np.deg2rad(0.7), 1.0), (np.deg2rad(0.2), 0.3)
+INITIAL_FORM_SIZES = (np.deg2rad(0.7), 1.0)
+MIN_FORM_SIZES = (np.deg2rad(0.2), 0.3)
 FORM_TIME = 8.0  # s, within which it stays alike, before that is fitted
 FORM_TIMES = (0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # s, that are tried
-LONGEST_LAG = 16.0  # s, of residuals that are compared
-PASSES = 2, 4  # least and most, as what the form leaves is fitted after each
-SAME_FORM = 1.5  # ratio of sizes, within which another pass changes little
-BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
-OUTLIER = 6.0  # robust standard deviations
+MAX_LAG = 16.0  # s, of residuals that are compared
+NUM_PASSES = 2, 4  # least and most, as what the form leaves is fitted after each
+SAME_SIZE_RATIO = 1.5  # ratio of sizes, within which another pass changes little
+# rad and °C of error that weigh the same
+BEND_SCALE = np.deg2rad(1.0)
+TEMPERATURE_SCALE = 3.0
+OUTLIER_DEVIATIONS = 6.0  # robust standard deviations
 RELATIVE_STEP = 1e-4  # of finite differences, in spreads of the prior
 TOLERANCE = 1e-4  # relative, at which iterations end
-MOST_ITERATIONS = 40
-STEPS_OF_A_FIT = 10  # that take as long as its first, roughly
-KNOWN = 0.5  # share of what was unknown beforehand, below which more of it tells little
-STARTS = 16  # of a fit, of which the best is taken
+MAX_ITERATIONS = 40
+NUM_FIT_STEPS = 10  # that take as long as its first, roughly
+KNOWN_SHARE = 0.5  # share of what was unknown beforehand, below which more of it tells little
+NUM_STARTS = 16  # of a fit, of which the best is taken
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,10 +96,10 @@ class LawFit:
     - ``fitted``: values of the unknowns (P), as `Unknown` has them.
     - ``covariance``: covariance of these values (P, P).
     - ``ambient``: T0, °C.
-    - ``nuisances``: T0 and the initial states of the wires in each recording (R, Q).
+    - ``initial_conditions``: T0 and the initial states of the wires in each recording (R, Q).
     - ``predicted``: the recordings of the fit, as they are predicted from there.
     - ``hottest``: highest T of each wire in these predictions (W,), °C.
-    - ``untold``: quantities that recordings tell nothing of, which stay as expected.
+    - ``unidentified``: quantities that recordings tell nothing of, which stay as expected.
     """
 
     law: type[WireLaw]
@@ -105,10 +108,10 @@ class LawFit:
     fitted: np.ndarray
     covariance: np.ndarray
     ambient: float
-    nuisances: np.ndarray
+    initial_conditions: np.ndarray
     predicted: list[Predicted]
     hottest: np.ndarray
-    untold: list[Unknown] = dataclasses.field(default_factory=list)
+    unidentified: list[Unknown] = dataclasses.field(default_factory=list)
 
     @property
     def measures_heat(self) -> bool:
@@ -128,20 +131,23 @@ class LawFit:
     def apply(self, limb: LimbParameters) -> None:
         """Give the segment of a limb these laws and this rubber."""
         (segment,) = limb.segments
+        # Set the law and the memory first, then their numbers.
         for wire in segment.wires:
             wire.law = self.law()
-        every = [*self.unknowns, *self.untold]
-        if any(unknown.field == "shift" for unknown in every):
+        all_unknowns = [*self.unknowns, *self.unidentified]
+        if any(unknown.field == "shift" for unknown in all_unknowns):
             segment.rest_memory = RestMemory()
-        fitted = [*self.fitted, *(u.center for u in self.untold)]
-        for unknown, value in zip(every, map(float, values_of(every, fitted)), strict=True):
+        all_values = [*self.fitted, *(u.center for u in self.unidentified)]
+        for unknown, value in zip(
+            all_unknowns, map(float, values_of(all_unknowns, all_values)), strict=True
+        ):
             owner, field = parameter_owner(limb, unknown.name)
             setattr(owner, field, value)
 
     def calibrated(self, described: LimbParameters) -> LimbParameters:
-        """A described limb with these laws, rubber and ambient temperature, and how known they are.
+        """Return a limb with the fitted laws, rubber and ambient temperature, and their record.
 
-        Its stiffness is that of the fit, and its mechanics as described.
+        Its stiffness is the fit's, and its other mechanics are as described.
         """
         limb = copy.deepcopy(described)
         limb.ambient_temperature = self.ambient
@@ -173,7 +179,7 @@ class LawFit:
         return slopes @ self.covariance @ slopes.T
 
     def predict(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
-        """Predicts recordings open loop, each from the initial state that suits it best.
+        """Predict recordings open loop, each from the initial state that suits it best.
 
         That state is not recorded: a limb that is not quite cold has warm silicone.
         """
@@ -181,33 +187,33 @@ class LawFit:
         problem.num_moved = 0
         size = len(self.fitted)
 
-        def whole(nuisances: np.ndarray) -> np.ndarray:
-            return np.concatenate([self.fitted, nuisances])
+        def full_vector(initial_conditions: np.ndarray) -> np.ndarray:
+            return np.concatenate([self.fitted, initial_conditions])
 
         solution = least_squares(
-            lambda n: problem.residuals(whole(n)),
-            problem.nuisance_center,
-            lambda n: problem.jacobian(whole(n))[:, size:],
+            lambda n: problem.residuals(full_vector(n)),
+            problem.initial_center,
+            lambda n: problem.jacobian(full_vector(n))[:, size:],
             x_scale=problem.spread[size:],
             ftol=10 * TOLERANCE,
             xtol=TOLERANCE,
-            max_nfev=MOST_ITERATIONS,
+            max_nfev=MAX_ITERATIONS,
         )
-        return problem.predicted(whole(solution.x))
+        return problem.predicted(full_vector(solution.x))
 
-    def foresee(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
-        """Predicts recordings open loop from what is read at their start, as a plan begins."""
+    def roll_out(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
+        """Predict recordings open loop from what is read at their start, as a plan begins."""
         problem = self._problem(runs)
-        return problem.predicted(np.concatenate([self.fitted, problem.nuisance_center]))
+        return problem.predicted(np.concatenate([self.fitted, problem.initial_center]))
 
     def continued(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
-        """Predicts other samples of the recordings of the fit, from the same initial states."""
+        """Predict other samples of the recordings of the fit, from the same initial states."""
         problem = self._problem(runs)
-        return problem.predicted(np.concatenate([self.fitted, self.nuisances.ravel()]))
+        return problem.predicted(np.concatenate([self.fitted, self.initial_conditions.ravel()]))
 
-    def _problem(self, runs: Sequence[HeatedRun]) -> "_Problem":
+    def _problem(self, runs: Sequence[HeatedRun]) -> "_FitProblem":
         known = self.law, runs, self.segment, self.ambient
-        return _Problem(*known, self.unknowns, self.untold)
+        return _FitProblem(*known, self.unknowns, self.unidentified)
 
 
 def fit_law(
@@ -218,32 +224,34 @@ def fit_law(
     *,
     rubber: tuple[str, ...] = (),
     start: LawFit | None = None,
-    tell: Callable[[str], object] = lambda remark: None,
+    report: Callable[[str], object] = lambda remark: None,
 ) -> LawFit:
     """Fit a law to recordings by their open-loop prediction.
 
-    A law that contains that of the start predicts the same recordings no worse than it.
+    A law that contains the start's law predicts the same recordings no worse.
 
     Args:
         law: class of the law of all wires.
         runs: the recordings.
         segment: the described one; its stiffness counts, and its wires' laws as what
             is expected.
-        ambient: T0, °C, about which that of each recording is.
+        ambient: T0, °C, about which each recording has its own.
         rubber: as for `unknowns_of`.
         start: a fit of this or another law, of which values of the same name are taken.
-        tell: is called in each iteration with a remark on it.
+        report: is called in each iteration with a remark on it.
     """
+    # Fit what the recordings can identify.
     heated = np.any([run.duty.any(axis=0) for run in runs], axis=0)
     read = np.any([run.counts[:, segment.axes :].any(axis=0) for run in runs], axis=0)
-    unknowns, untold = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
-    problem = _Problem(law, runs, segment, ambient, unknowns, untold)
-    known = {u.name: u.center for u in unknowns}
+    unknowns, unidentified = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
+    problem = _FitProblem(law, runs, segment, ambient, unknowns, unidentified)
+    start_values = {u.name: u.center for u in unknowns}
     if start is not None:
-        known |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
+        start_values |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
 
     def fitted_from(x: np.ndarray) -> LawFit:
-        for number in range(PASSES[1]):
+        for number in range(NUM_PASSES[1]):
+            # Fit, then weight residuals by what the law's form leaves, and fit again.
             solution = least_squares(
                 problem.residuals,
                 x,
@@ -253,57 +261,70 @@ def fit_law(
                 ftol=TOLERANCE if number else 10 * TOLERANCE,
                 xtol=TOLERANCE,
                 gtol=1e-10,
-                max_nfev=MOST_ITERATIONS,
-                callback=lambda intermediate_result: tell(f"cost {intermediate_result.cost:.0f}"),
+                max_nfev=MAX_ITERATIONS,
+                callback=lambda intermediate_result: report(f"cost {intermediate_result.cost:.0f}"),
             )
             x = solution.x
             changed = problem.reweigh(x)
-            if number + 1 >= PASSES[0] and changed < SAME_FORM:
+            if number + 1 >= NUM_PASSES[0] and changed < SAME_SIZE_RATIO:
                 break
         return problem.fit_at(x)
 
-    fit = fitted_from(problem.best_start([known[u.name] for u in unknowns]))
+    fit = fitted_from(problem.best_start([start_values[u.name] for u in unknowns]))
     # No worse than a law that it contains.
-    contained = problem.contained(start) if start else None
-    if start is None or contained is None or not _is_of(start, runs):
+    start_in_law = problem.contained(start) if start else None
+    if start is None or start_in_law is None or not _is_fit_to(start, runs):
         return fit
     if fit.misfit > start.misfit:
-        fit = min(fit, fitted_from(contained), key=lambda each: each.misfit)
-    return fit if fit.misfit <= start.misfit else problem.fit_at(contained)
+        fit = min(fit, fitted_from(start_in_law), key=lambda each: each.misfit)
+    return fit if fit.misfit <= start.misfit else problem.fit_at(start_in_law)
 
 
-def _is_of(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
+def _is_fit_to(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
     """Return whether a fit is to these very recordings."""
-    own = [predicted.run for predicted in fit.predicted]
-    return len(own) == len(runs) and all(one is other for one, other in zip(own, runs, strict=True))
+    fitted_runs = [predicted.run for predicted in fit.predicted]
+    return len(fitted_runs) == len(runs) and all(
+        one is other for one, other in zip(fitted_runs, runs, strict=True)
+    )
 
 
 def fitting_time(
     law: type[WireLaw], runs: Sequence[HeatedRun], segment: SegmentParameters, ambient: float
 ) -> float:
-    """About how long `fit_law` takes on this machine, s, by a first step of it."""
+    """Estimate the time that `fit_law` takes on this machine, s, by its first step."""
     start = time.monotonic()
-    problem = _Problem(law, runs, segment, ambient, unknowns_of(law, segment), [])
+    problem = _FitProblem(law, runs, segment, ambient, unknowns_of(law, segment), [])
     problem.residuals(problem.center)
-    return STEPS_OF_A_FIT * (time.monotonic() - start)
+    return NUM_FIT_STEPS * (time.monotonic() - start)
 
 
-class _Problem:
-    """Whitened residuals of all recordings, and of what was known beforehand, and their Jacobian.
+class _FitProblem:
+    """The whitened residuals of all recordings and of the prior, and their Jacobian.
 
-    x is the unknowns (P), then for each of R recordings its nuisances (Q): its
-    T0, and the states of its wires at the start, those of all wires for each
+    x is the unknowns (P), then for each of R recordings its initial_conditions (Q): its
+    T0, and the states of its wires at the start, all wires for each
     state in turn. The Jacobian is zero for unknowns from ``num_moved`` on.
     """
 
     def __init__(
-        self, law, runs, segment, ambient: float, unknowns: list[Unknown], untold: list[Unknown]
+        self,
+        law,
+        runs,
+        segment,
+        ambient: float,
+        unknowns: list[Unknown],
+        unidentified: list[Unknown],
     ):
-        self._law, self._runs, self._unknowns, self._ambient = law, runs, unknowns, ambient
+        self._law = law
+        self._runs = runs
+        self._unknowns = unknowns
+        self._ambient = ambient
         self._segment = segment
-        self._untold = untold
-        self._num_wires, self._stiffness = len(segment.wires), segment.stiffness
+        self._untold = unidentified
+        self._num_wires = len(segment.wires)
+        self._stiffness = segment.stiffness
         self.num_moved = len(unknowns)
+        # Simulate all runs at once, in arrays as long as the longest run.
         lengths = [len(run.duty) for run in runs]
         duty = np.zeros((max(lengths), len(runs), self._num_wires))
         for number, run in enumerate(runs):
@@ -314,77 +335,88 @@ class _Problem:
             else OpenLoopInSpace(duty, STEP, segment, [run.load for run in runs], lengths)
         )
         self._num_bends = segment.axes
+        # Center, spread and bounds of x.
         self._prior = prior_factor(unknowns)
-        centers, spreads = zip(*[self._nuisances(run, ambient) for run in runs], strict=True)
-        self.nuisance_center = np.concatenate(centers)
-        self._nuisance_spread = np.concatenate(spreads)
-        self._num_nuisances = len(centers[0])
-        self.center = np.concatenate([[u.center for u in unknowns], self.nuisance_center])
-        self.spread = np.concatenate([[u.spread for u in unknowns], self._nuisance_spread])
-        free = np.full(len(self.nuisance_center), np.inf)
+        centers, spreads = zip(*[self._initial_prior(run, ambient) for run in runs], strict=True)
+        self.initial_center = np.concatenate(centers)
+        self._initial_spread = np.concatenate(spreads)
+        self._num_initial = len(centers[0])
+        self.center = np.concatenate([[u.center for u in unknowns], self.initial_center])
+        self.spread = np.concatenate([[u.spread for u in unknowns], self._initial_spread])
+        free = np.full(len(self.initial_center), np.inf)
         self.bounds = (
             np.concatenate([[u.low for u in unknowns], -free]),
             np.concatenate([[u.high for u in unknowns], free]),
         )
-        self._shown = [run.counts.T > 0 for run in runs]
-        self.num_readings = int(sum(shown.sum() for shown in self._shown))
+        # Noise of the sensors, and errors of the law's form, by which residuals are whitened.
+        self._is_read = [run.counts.T > 0 for run in runs]
+        self.num_readings = int(sum(shown.sum() for shown in self._is_read))
         sensor = segment.bend_sensor
         self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
         # Size and time of what the form leaves, of bends and of readings.
-        self._forms = [(size, FORM_TIME) for size in FORMS]
-        self._outliers = [np.zeros_like(shown) for shown in self._shown]
+        self._forms = [(size, FORM_TIME) for size in INITIAL_FORM_SIZES]
+        self._outliers = [np.zeros_like(shown) for shown in self._is_read]
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
         self._whiten()
 
-    def _nuisances(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
-        """Expected values of a recording's (Q,), and their spreads."""
-        centers, spreads = [np.array([ambient])], [np.array([AMBIENT_SPREAD])]
+    def _initial_prior(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the expected initial conditions of a recording (Q,), and their spreads (Q,)."""
+        centers = [np.array([ambient])]
+        spreads = [np.array([AMBIENT_SPREAD])]
+        # Wires without a thermocouple may be as warm as the warmest.
         first = self._first(run, ambient)
         warmth = np.abs(first - ambient)
         warmth[np.isnan(run.first)] = warmth.max()  # as warm as another is, or not at all
-        unread = 0.0
+        unread_warmth = 0.0
         if not run.is_read:
-            unread = UNREAD_WARMTH
-            warmth += unread
+            unread_warmth = UNREAD_WARMTH
+            warmth += unread_warmth
+        # The initial state is the less certain the faster a wire cools.
         slope = np.where(np.isnan(run.slope), COOLING_RATE * warmth, np.abs(run.slope))
         change = COOLING_TIME * slope
         cold_states = self._law().cold_states(0.0)
         for cold, (name, scale) in zip(cold_states, self._law.states.items(), strict=True):
             if self._law.is_temperature(name):
-                unknown = 0.3 * warmth if len(centers) > 1 else unread  # all but the wire itself
+                unknown_warmth = (
+                    0.3 * warmth if len(centers) > 1 else unread_warmth
+                )  # all but the wire itself
                 centers.append(first)
-                spreads.append(READING_SPREAD + change + unknown)
+                spreads.append(READING_SPREAD + change + unknown_warmth)
             else:
                 centers.append(np.full(self._num_wires, cold))
                 spreads.append(scale * (MEMORY_SPREAD + warmth / 100.0))
         return np.concatenate(centers), np.concatenate(spreads)
 
     def _first(self, run: HeatedRun, ambient: float) -> np.ndarray:
-        """V at the beginning of a recording (W,), °C, and T0 where it is not read."""
+        """Return V at the beginning of a recording (W,), °C, and T0 where it is not read."""
         return np.where(np.isnan(run.first), ambient, run.first)
 
     def _whiten(self) -> None:
-        """Factors of the residuals' covariances, for bend and each wire of each recording."""
+        """Set the factors of the residuals' covariances, for each signal of each recording."""
         self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by these factors
         self._factors = []
-        for run, outliers, shown in zip(self._runs, self._outliers, self._shown, strict=True):
+        for run, outliers, is_read in zip(self._runs, self._outliers, self._is_read, strict=True):
+            # Correlations by how far samples are apart.
             lags = np.abs(run.times[:, None] - run.times)
             times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
-            within = {time: np.exp(-lags / time) for time in times}
+            correlations = {time: np.exp(-lags / time) for time in times}
             factors: list[np.ndarray] = []
-            alike: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
-            for signal, there in enumerate(shown):
-                of_wire = int(signal >= self._num_bends)
-                sample, drift, drift_time = self._noises[of_wire]
-                form, form_time = self._forms[of_wire]
-                own = sample**2 / np.maximum(run.counts[:, signal], 1)
-                own = own + (100 * sample * outliers[signal]) ** 2
-                if (key := (of_wire, there.tobytes(), own.tobytes())) not in alike:
-                    covariance = drift**2 * within[drift_time]
-                    covariance += form**2 * within[form_time]
-                    np.einsum("ii->i", covariance)[:] += own + 1e-12
-                    alike[key] = np.linalg.cholesky(covariance[np.ix_(there, there)])
-                factors.append(alike[key])
+            by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
+            for signal, is_present in enumerate(is_read):
+                # Variance of each mean; outliers count for almost nothing.
+                is_reading = int(signal >= self._num_bends)
+                sample, drift, drift_time = self._noises[is_reading]
+                form, form_time = self._forms[is_reading]
+                sample_variance = sample**2 / np.maximum(run.counts[:, signal], 1)
+                sample_variance = sample_variance + (100 * sample * outliers[signal]) ** 2
+                if (
+                    key := (is_reading, is_present.tobytes(), sample_variance.tobytes())
+                ) not in by_noise:
+                    covariance = drift**2 * correlations[drift_time]
+                    covariance += form**2 * correlations[form_time]
+                    np.einsum("ii->i", covariance)[:] += sample_variance + 1e-12
+                    by_noise[key] = np.linalg.cholesky(covariance[np.ix_(is_present, is_present)])
+                factors.append(by_noise[key])
             self._factors.append(factors)
 
     def reweigh(self, x: np.ndarray) -> float:
@@ -393,7 +425,8 @@ class _Problem:
         Returns:
             the larger ratio of its sizes before and after.
         """
-        lags = np.arange(round(LONGEST_LAG / STEP))
+        # Sum products of residuals that are apart by each lag.
+        lags = np.arange(round(MAX_LAG / STEP))
         sums = np.zeros((2, 2, len(lags)))  # of bends and readings: products, and their number
         for predicted, outliers in zip(self.predicted(x), self._outliers, strict=True):
             errors = np.column_stack([predicted.bend, predicted.temperature])
@@ -402,18 +435,18 @@ class _Problem:
                     continue
                 around = error - np.nanmedian(error)
                 spread = 1.48 * np.nanmedian(np.abs(around)) + 1e-9
-                outliers[signal] = ~(np.abs(around) <= OUTLIER * spread)
+                outliers[signal] = ~(np.abs(around) <= OUTLIER_DEVIATIONS * spread)
                 # Products of residuals that are apart by each lag.
                 steps = (predicted.run.times / STEP).astype(int)
-                even = np.full(steps[-1] + 1, np.nan)
-                even[steps] = np.where(outliers[signal], np.nan, around)
-                even -= np.nanmean(even)
-                of_kind = sums[int(signal >= self._num_bends)]
-                for lag in lags[: len(even)]:
-                    products = even[lag:] * even[: len(even) - lag]
-                    of_kind[0, lag] += np.nansum(products)
-                    of_kind[1, lag] += (~np.isnan(products)).sum()
-        changed = 1.0
+                even_residuals = np.full(steps[-1] + 1, np.nan)
+                even_residuals[steps] = np.where(outliers[signal], np.nan, around)
+                even_residuals -= np.nanmean(even_residuals)
+                kind_sums = sums[int(signal >= self._num_bends)]
+                for lag in lags[: len(even_residuals)]:
+                    products = even_residuals[lag:] * even_residuals[: len(even_residuals) - lag]
+                    kind_sums[0, lag] += np.nansum(products)
+                    kind_sums[1, lag] += (~np.isnan(products)).sum()
+        change = 1.0
         for kind, (products, counts) in enumerate(sums):
             if not counts[0]:
                 continue
@@ -422,15 +455,17 @@ class _Problem:
             shapes = np.exp(-STEP * lags / np.array(FORM_TIMES)[:, None])
             scales = (shapes * counts) @ covariances / ((shapes**2) @ counts)
             misfits = ((covariances - scales[:, None] * shapes) ** 2) @ counts
-            size = max(float(np.sqrt(covariances[0])), LEAST_FORMS[kind])
-            changed = max(changed, size / self._forms[kind][0], self._forms[kind][0] / size)
+            size = max(float(np.sqrt(covariances[0])), MIN_FORM_SIZES[kind])
+            change = max(change, size / self._forms[kind][0], self._forms[kind][0] / size)
             self._forms[kind] = (size, FORM_TIMES[int(np.argmin(misfits))])
         self._whiten()
-        return changed
+        return change
 
     def fit_at(self, x: np.ndarray) -> LawFit:
-        """Return the fit whose parameters and nuisances are x."""
-        jacobian, residuals = self.jacobian(x), self.residuals(x)
+        """Return the fit whose parameters and initial_conditions are x."""
+        # The covariance follows from the Jacobian, widened by the misfit.
+        jacobian = self.jacobian(x)
+        residuals = self.residuals(x)
         misfit = max(1.0, float((residuals[: -len(x)] ** 2).sum() / self.num_readings))
         covariance = misfit * np.linalg.pinv(jacobian.T @ jacobian)
         size = len(self._unknowns)
@@ -448,44 +483,47 @@ class _Problem:
         )
 
     def contained(self, fit: LawFit) -> np.ndarray | None:
-        """Return x with which the law is that of a fit, if the law contains it; else None."""
-        former = dict(zip([u.name for u in fit.unknowns], fit.fitted, strict=True))
+        """Return x with which the law equals a fit's law, if it contains that law; else None."""
+        other_values = dict(zip([u.name for u in fit.unknowns], fit.fitted, strict=True))
         x = self.center.copy()
         for index, unknown in enumerate(self._unknowns):
             name = unknown.name
             owner, _, field = name.rpartition(".")
-            if name not in former and field in FORMER:
-                name = f"{owner}.{FORMER[field]}"
-            x[index] = former.pop(name, ABSENT.get(field, x[index]))
-        if former:
+            if name not in other_values and field in FORMER_FIELDS:
+                name = f"{owner}.{FORMER_FIELDS[field]}"
+            x[index] = other_values.pop(name, ABSENT_VALUES.get(field, x[index]))
+        if other_values:
             return None
         size = len(self._unknowns)
         margin = 1e-6 * (self.bounds[1][:size] - self.bounds[0][:size])
         x[:size] = np.clip(x[:size], self.bounds[0][:size] + margin, self.bounds[1][:size] - margin)
-        if len(fit.nuisances) == len(self._runs):
+        if len(fit.initial_conditions) == len(self._runs):
             # The ambient temperature, and the states that both laws have.
-            nuisances = x[size:].reshape(len(self._runs), -1)
-            nuisances[:, 0] = fit.nuisances[:, 0]
-            states = nuisances[:, 1:].reshape(len(self._runs), -1, self._num_wires)
-            former_states = fit.nuisances[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+            initial_conditions = x[size:].reshape(len(self._runs), -1)
+            initial_conditions[:, 0] = fit.initial_conditions[:, 0]
+            states = initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+            former = fit.initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
             for row, state in enumerate(self._law.states):
                 if state in fit.law.states:
-                    states[:, row] = former_states[:, list(fit.law.states).index(state)]
-            nuisances[:, 1:] = states.reshape(len(self._runs), -1)
+                    states[:, row] = former[:, list(fit.law.states).index(state)]
+            initial_conditions[:, 1:] = states.reshape(len(self._runs), -1)
         return x
 
     def hottest(self, x: np.ndarray) -> np.ndarray:
         """Return the highest T of each wire (W,), °C, for one x."""
-        return self._roll_out(x[None])[0].max(axis=(0, 1, 2))
+        return self._simulate_states(x[None])[0].max(axis=(0, 1, 2))
 
-    def _roll_out(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return T, V and φ as `OpenLoop.simulate`, for parameters and nuisances (B, P + R Q)."""
-        size, num_wires, num_sets = len(self._unknowns), self._num_wires, len(x)
+    def _simulate_states(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return T, V and φ as `OpenLoop.simulate` does, for parameter sets x (B, P + R Q)."""
+        size = len(self._unknowns)
+        num_wires = self._num_wires
+        num_sets = len(x)
         fields: dict[str, np.ndarray] = {}
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
+        # Sort the values into fields of the laws and of the rubber.
         columns = [*x.T[:size], *(np.full(num_sets, u.center) for u in self._untold)]
-        every = [*self._unknowns, *self._untold]
-        for unknown, value in zip(every, values_of(every, columns), strict=True):
+        all_unknowns = [*self._unknowns, *self._untold]
+        for unknown, value in zip(all_unknowns, values_of(all_unknowns, columns), strict=True):
             if unknown.wire is None:
                 rubber[unknown.field] = value
             elif unknown.field == "angle":
@@ -493,18 +531,18 @@ class _Problem:
             else:
                 array = fields.setdefault(unknown.field, np.empty((num_sets, 1, num_wires)))
                 array[:, 0, unknown.wire] = value
-        nuisances = x[:, size:].reshape(num_sets, len(self._runs), self._num_nuisances)
+        initial_conditions = x[:, size:].reshape(num_sets, len(self._runs), self._num_initial)
         states = np.moveaxis(
-            nuisances[:, :, 1:].reshape(num_sets, len(self._runs), -1, num_wires), 2, 0
+            initial_conditions[:, :, 1:].reshape(num_sets, len(self._runs), -1, num_wires), 2, 0
         )
         first = np.array([self._first(run, self._ambient) for run in self._runs])
         initial = [*states, np.broadcast_to(first, states[0].shape)]
         law = with_fields(self._law, fields)
-        return self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
+        return self._open_loop.simulate(law, initial_conditions[:, :, 0], initial, rubber)
 
     def _simulate(self, x: np.ndarray) -> list[np.ndarray]:
-        """φ and V of each recording (M, B, F + W), for parameters and nuisances (B, P + R Q)."""
-        _, readings, bends = self._roll_out(x)
+        """Simulate φ and V of each recording (M, B, F + W) for parameter sets x (B, P + R Q)."""
+        _, readings, bends = self._simulate_states(x)
         bends = bends.reshape(*readings.shape[:-1], self._num_bends)
         signals = np.concatenate([bends, readings], axis=-1)
         return [
@@ -513,9 +551,9 @@ class _Problem:
         ]
 
     def predicted(self, x: np.ndarray) -> list[Predicted]:
-        """All recordings, for one x."""
-        known, signals = self._simulated
-        if not np.array_equal(known, x):
+        """Return all recordings, for one x."""
+        simulated_x, signals = self._simulated
+        if not np.array_equal(simulated_x, x):
             signals = self._simulate(x[None])
         simulated = zip(self._runs, signals, strict=True)
         count = self._num_bends
@@ -525,38 +563,41 @@ class _Problem:
         ]
 
     def _whitened(self, simulated: list[np.ndarray]) -> np.ndarray:
-        """Residuals of each recording: of φ, then of each V, over their factors (all M, B).
+        """Return the residuals of φ, then of each V, over their factors (all M, B).
 
         Those that are missing are left out.
 
         Args:
-            simulated: φ and V of each recording, as of `_simulate`.
+            simulated: φ and V of each recording, by `_simulate`.
         """
         parts = []
-        for run, factors, shown, signals in zip(
-            self._runs, self._factors, self._shown, simulated, strict=True
+        for run, factors, is_read, signals in zip(
+            self._runs, self._factors, self._is_read, simulated, strict=True
         ):
             errors = np.moveaxis(signals - run.signals[:, None], 2, 0)
-            for factor, there, error in zip(factors, shown, errors, strict=True):
-                if there.any():
-                    each = error[there]
-                    parts.append(solve_triangular(factor, each, lower=True, check_finite=False))
+            for factor, is_present, error in zip(factors, is_read, errors, strict=True):
+                if is_present.any():
+                    valid = error[is_present]
+                    parts.append(solve_triangular(factor, valid, lower=True, check_finite=False))
         return np.concatenate(parts)
 
     def _beforehand(self, x: np.ndarray) -> np.ndarray:
-        size, away = len(self._unknowns), x - self.center
-        return np.concatenate([self._prior @ away[:size], away[size:] / self._nuisance_spread])
+        size = len(self._unknowns)
+        offset = x - self.center
+        return np.concatenate([self._prior @ offset[:size], offset[size:] / self._initial_spread])
 
-    def best_start(self, known: Sequence[float]) -> np.ndarray:
+    def best_start(self, expected: Sequence[float]) -> np.ndarray:
         """Return the best of what is known of the unknowns (P), what is expected, and random."""
         size = len(self._unknowns)
-        starts = np.tile(self.center, (STARTS, 1))
-        starts[0, :size] = known
-        random = np.random.default_rng(0).standard_normal((STARTS - 2, size))
+        # The expected values, a former fit's and random draws from the prior.
+        starts = np.tile(self.center, (NUM_STARTS, 1))
+        starts[0, :size] = expected
+        random = np.random.default_rng(0).standard_normal((NUM_STARTS - 2, size))
         starts[2:, :size] += random * self.spread[:size]
         low, high = (bound[:size] for bound in self.bounds)
         margin = 1e-6 * (high - low)
         starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
+        # Simulate all starts at once, and take the start with the least cost.
         with np.errstate(all="ignore"):  # of values that nobody has
             readings = self._whitened(self._simulate(starts))
             costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
@@ -569,46 +610,54 @@ class _Problem:
         return self._around(x)[1]
 
     def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals, as many as matter, and their Jacobian by differences, in one simulation.
+        """Return the residuals at x and their Jacobian by differences, in one simulation.
 
         One set of parameters takes more than half of the time of all, and nearly every x is
         asked for both. A nuisance is moved in all recordings at once, as each only moves its
         own.
         """
-        known, values = self._evaluated
-        if np.array_equal(known, x):
+        evaluated_x, values = self._evaluated
+        if np.array_equal(evaluated_x, x):
             return values
-        size, count, num_moved = len(self._unknowns), self._num_nuisances, self.num_moved
+        size = len(self._unknowns)
+        count = self._num_initial
+        num_moved = self.num_moved
+        # Simulate x and a small step along each unknown.
         step = RELATIVE_STEP * self.spread
         if not np.array_equal(self._simulated[0], x):
-            moved = np.tile(x, (1 + num_moved + count, 1))
+            moved_x = np.tile(x, (1 + num_moved + count, 1))
             for index in range(num_moved):
-                moved[1 + index, index] += step[index]
+                moved_x[1 + index, index] += step[index]
             for index in range(count):
-                moved[1 + num_moved + index, size + index :: count] += step[size + index :: count]
-            self._simulated = x.copy(), self._simulate(moved)
+                moved_x[1 + num_moved + index, size + index :: count] += step[size + index :: count]
+            self._simulated = x.copy(), self._simulate(moved_x)
         # Steps into what cannot be simulated are refused by the solver if they are far off.
         with np.errstate(over="ignore", invalid="ignore"):
             whitened = self._whitened(self._simulated[1])
+        # Reduce each run's residuals to as many rows as it has unknowns.
         readings = np.nan_to_num(whitened[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
         change = whitened[:, 1:] - whitened[:, :1]
-        errors, rows, row, column = [], [], 0, size
-        for shown in self._shown:
-            of_run = slice(row, row := row + int(shown.sum()))
+        errors = []
+        rows = []
+        row = 0
+        column = size
+        for is_read in self._is_read:
+            run_rows = slice(row, row := row + int(is_read.sum()))
             columns = slice(column, column := column + count)
-            slopes = change[of_run] / np.concatenate([step[:num_moved], step[columns]])
+            slopes = change[run_rows] / np.concatenate([step[:num_moved], step[columns]])
             # Turned, the residuals of a run are as many as what they depend on, and their squares
             # and slopes say the same.
-            together = np.column_stack([slopes, readings[of_run]])
-            turned = np.asarray(np.linalg.qr(together, mode="r"))
-            block = np.zeros((len(turned), len(x)))
-            block[:, :num_moved] = turned[:, :num_moved]
-            block[:, columns] = turned[:, num_moved:-1]
+            stacked_residuals = np.column_stack([slopes, readings[run_rows]])
+            rotated = np.asarray(np.linalg.qr(stacked_residuals, mode="r"))
+            block = np.zeros((len(rotated), len(x)))
+            block[:, :num_moved] = rotated[:, :num_moved]
+            block[:, columns] = rotated[:, num_moved:-1]
             rows.append(block)
-            errors.append(turned[:, -1])
-        beforehand = np.zeros((len(x), len(x)))
-        beforehand[:size, :size] = self._prior
-        beforehand[size:, size:] = np.diag(1 / self._nuisance_spread)
-        result = np.concatenate([*errors, self._beforehand(x)]), np.vstack([*rows, beforehand])
+            errors.append(rotated[:, -1])
+        # Append the residuals of the prior.
+        prior_rows = np.zeros((len(x), len(x)))
+        prior_rows[:size, :size] = self._prior
+        prior_rows[size:, size:] = np.diag(1 / self._initial_spread)
+        result = np.concatenate([*errors, self._beforehand(x)]), np.vstack([*rows, prior_rows])
         self._evaluated = x.copy(), result
         return result

@@ -8,19 +8,19 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from calibration.prediction.baselines import baseline_errors
+from calibration.prediction.baselines import MEAN, baseline_errors
+from calibration.prediction.expected_plan_error import next_recording
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.law_fit import (
     BEND_SCALE,
-    KNOWN,
+    KNOWN_SHARE,
     TEMPERATURE_SCALE,
     LawFit,
     Predicted,
     fit_law,
     fitting_time,
 )
-from calibration.prediction.outlook import next_recording
-from calibration.prediction.unknowns import LAG, OF_READINGS
+from calibration.prediction.unknowns import LAG_FIELD, READING_FIELDS
 from calibration.remarks import CalibrationError, Remark, remarks_on_start
 from limb_systems import (
     CoupledLaw,
@@ -45,14 +45,17 @@ LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
 )
 # Options of the rubber, which are tried with the best law.
 OPTIONS = ("stiffening", "rest_memory")
-HELD_OUT = 0.12, 0.4  # of each recording, of its time and heat: least and most that judges
-MOST_HEAT = 0.6  # of a wire's heat, which judges at most
-BLOCK = 10.0  # s, after which errors of prediction count as independent
-AT_BOUND = 0.02  # by which a fitted value may stay inside its bound and count as at it
-WORSE = 1.05, np.deg2rad(0.3)  # share, and rad, by which a law may be worse than a baseline
-NUM_PARTS = 3  # that are left out in turn, at most
-MOST_TRIED = 3  # laws that are judged by each part left out in turn
-WORTH = 0.1  # of a scale: laws that differ by less predict alike
+LEFT_OUT_SHARES = 0.12, 0.4  # of each recording, of its time and heat: least and most that judges
+MAX_HEAT_SHARE = 0.6  # of a wire's heat, which judges at most
+ERROR_BLOCK_TIME = 10.0  # s, after which errors of prediction count as independent
+BOUND_MARGIN = 0.02  # by which a fitted value may stay inside its bound and count as at it
+BASELINE_ALLOWANCE = (
+    1.05,
+    np.deg2rad(0.3),
+)  # share, and rad, by which a law may be worse than a baseline
+MAX_PARTS = 3  # that are left out in turn, at most
+MAX_TRIED_LAWS = 3  # laws that are judged by each part left out in turn
+MIN_ERROR_REDUCTION = 0.1  # of a scale: laws that differ by less predict alike
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -69,7 +72,7 @@ class Candidate:
     @property
     def name(self) -> str:
         """The law's, with what was fitted of the rubber besides the rest angle."""
-        return " + ".join([self.fit.law.__name__, *rubber_of(self.fit)])
+        return " + ".join([self.fit.law.__name__, *rubber_options(self.fit)])
 
     @property
     def bend_error(self) -> float:
@@ -86,13 +89,13 @@ class Candidate:
     def errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean errors in blocks of time, of bend and readings together, in their scales.
 
-        Those of the recordings that judge, and those of the recordings of the fit.
+        First of the recordings that judge, then of the recordings of the fit.
         """
-        return _errors(self.judged), _errors(self.fit.predicted)
+        return _block_errors(self.judged), _block_errors(self.fit.predicted)
 
 
-def _errors(recordings: Sequence[Predicted]) -> np.ndarray:
-    """Mean errors in the blocks of all recordings, one after the other."""
+def _block_errors(recordings: Sequence[Predicted]) -> np.ndarray:
+    """Return the mean errors in the blocks of all recordings, one after the other."""
     blocks = []
     for predicted in recordings:
         run = predicted.run
@@ -100,33 +103,34 @@ def _errors(recordings: Sequence[Predicted]) -> np.ndarray:
         reading = np.ma.masked_invalid(predicted.temperature - run.temperature)
         heat = np.abs(reading).mean(axis=1) / TEMPERATURE_SCALE
         error = np.ma.filled(np.abs(bend).mean(axis=1), 0.0) + np.ma.filled(heat, 0.0)
-        numbers = (run.times / BLOCK).astype(int)
+        numbers = (run.times / ERROR_BLOCK_TIME).astype(int)
+        # Average in blocks of time, which count as independent.
         blocks += [error[numbers == number].mean() for number in np.unique(numbers)]
     return np.array(blocks)
 
 
-def nearer_by(other: Candidate, simple: Candidate) -> tuple[float, float]:
-    """Lead of another law in prediction, and the standard error of that, in their scales.
+def error_reduction(better: Candidate, simple: Candidate) -> tuple[float, float]:
+    """Return the error that another law saves, and its standard error, in their scales.
 
     What judges and what was fitted have the same weight: few motions tell laws apart badly, and
     what a law of few parameters leaves of its own recordings tells as much.
     """
-    differences = [a - b for a, b in zip(simple.errors, other.errors, strict=True)]
+    differences = [a - b for a, b in zip(simple.errors, better.errors, strict=True)]
     spreads = [
         float(np.std(d, ddof=1)) / np.sqrt(len(d)) if len(d) > 1 else 0.0 for d in differences
     ]
     return float(np.mean([d.mean() for d in differences])), float(np.linalg.norm(spreads) / 2)
 
 
-def beaten(simple: Candidate, other: Candidate) -> bool:
-    """Whether another law predicts better by more than one standard error, and enough to matter.
+def is_beaten(simple: Candidate, better: Candidate) -> bool:
+    """Return whether another law predicts better by one standard error, and enough to matter.
 
     The one-standard-error rule (Breiman et al., Classification and Regression Trees, 1984). Two
     would be too many: a few motions of a minute tell laws apart by little more than one, and a
     law that is too simple costs more than one that has a parameter too many.
     """
-    difference, error = nearer_by(other, simple)
-    return difference > max(error, WORTH)
+    difference, error = error_reduction(better, simple)
+    return difference > max(error, MIN_ERROR_REDUCTION)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -137,16 +141,18 @@ class Prediction:
     - ``best``: the simplest of them that no other beats.
     - ``fit``: the best law, fitted to all recordings.
     - ``judges``: recordings that the laws were judged by, in words.
-    - ``foreseen``: parts that were left out, as this fit predicts them from their start, as plans.
+    - ``rollouts``: parts that were left out, as this fit predicts them from their start, as plans.
     - ``parts``: parts that were left out in turn, as the best law predicts them from the others.
+    - ``mean_error``: mean error of the mean bend in these parts, rad.
     """
 
     candidates: list[Candidate]
     best: Candidate
     fit: LawFit
     judges: str
-    foreseen: list[Predicted]
+    rollouts: list[Predicted]
     parts: list[Predicted]
+    mean_error: float
 
     @property
     def bend_error(self) -> float:
@@ -155,30 +161,34 @@ class Prediction:
 
     @property
     def choice(self) -> str:
-        """Why the best law is used, and what of another that has smaller errors, in sentences."""
-        said = (
+        """The reason for the best law, and for leaving a law with smaller errors, in sentences."""
+        sentences = (
             "Used (*) is the simplest law that none after it beats: by more than a standard error "
             "of the difference, in blocks of 10 s, of the errors of bend and V together, those of "
             "what judged and those of what was fitted."
         )
-        least = min(self.candidates, key=lambda candidate: candidate.bend_error)
-        if least.bend_error < self.best.bend_error:
-            better, error = nearer_by(least, self.best)
-            said += f" {least.name} is nearer to what judged, but in all "
-            said += (
+        nearest = min(self.candidates, key=lambda candidate: candidate.bend_error)
+        if nearest.bend_error < self.best.bend_error:
+            better, error = error_reduction(nearest, self.best)
+            sentences += f" {nearest.name} is nearer to what judged, but in all "
+            sentences += (
                 f"by {better:.2f} ± {error:.2f} alone (1° and 3 °C count as 1), "
                 f"{'which may be chance' if better <= error else 'too little to matter'}."
                 if better > 0
                 else "not nearer."
             )
-        return said
+        return sentences
 
     @property
     def remarks(self) -> list[Remark]:
         """Remarks on judges, mountings, impossible starts, wires not told of, and parameters."""
-        found = (self._remarks_on_starts(), self._remarks_on_wires(), self._remarks_on_parameters())
-        judged = *self._remarks_on_judges(), *self._remarks_on_mountings()
-        return [*judged, *itertools.chain(*found)]
+        remarks_on_fit = (
+            self._remarks_on_starts(),
+            self._remarks_on_wires(),
+            self._remarks_on_parameters(),
+        )
+        remarks_on_data = *self._remarks_on_judges(), *self._remarks_on_mountings()
+        return [*remarks_on_data, *itertools.chain(*remarks_on_fit)]
 
     def _remarks_on_mountings(self) -> Iterator[Remark]:
         loads = np.array([predicted.run.load for predicted in self.fit.predicted])
@@ -192,8 +202,10 @@ class Prediction:
             )
 
     def _remarks_on_judges(self) -> Iterator[Remark]:
-        judged = [p.run.duty[int(p.run.times[0] / STEP) :].sum() for p in self.best.judged]
-        if sum(judged) < 0.5 * HELD_OUT[0] * sum(p.run.duty.sum() for p in self.best.judged):
+        judged_heat = [p.run.duty[int(p.run.times[0] / STEP) :].sum() for p in self.best.judged]
+        if sum(judged_heat) < 0.5 * LEFT_OUT_SHARES[0] * sum(
+            p.run.duty.sum() for p in self.best.judged
+        ):
             yield Remark(
                 "not validated",
                 "What judges the laws is a limb that cools, and shows no heat: how well motions "
@@ -209,37 +221,42 @@ class Prediction:
                 "this limb; boards refuse to heat without thermocouples.",
             )
         for index, wire in enumerate(self.fit.segment.wires):
-            untold = {unknown.field for unknown in self.fit.untold if unknown.wire == index}
-            if not self.fit.measures_heat and untold <= {*OF_READINGS}:
+            fields = {unknown.field for unknown in self.fit.unidentified if unknown.wire == index}
+            if not self.fit.measures_heat and fields <= {*READING_FIELDS}:
                 continue
-            if untold == {LAG}:
+            if fields == {LAG_FIELD}:
                 yield Remark(
                     "unread",
-                    f"The {wire.name} wire has no thermocouple: its {LAG} stays as described, and "
-                    "its heat is told by the bend alone, and by the other wires.",
+                    f"The {wire.name} wire has no thermocouple: its {LAG_FIELD} stays as "
+                    "described, and its heat is told by the bend alone, and by the other wires.",
                 )
-            elif untold:
-                new = sorted(untold - set(vars(wire.law)))
-                law = f", and its {', '.join(new)} as expected of such wires" if new else ""
+            elif fields:
+                new_fields = sorted(fields - set(vars(wire.law)))
+                law = (
+                    f", and its {', '.join(new_fields)} as expected of such wires"
+                    if new_fields
+                    else ""
+                )
                 yield Remark(
                     "unheated",
                     f"The {wire.name} wire is heated in no recording: it stays as described{law}.",
                 )
 
     def _remarks_on_parameters(self) -> Iterator[Remark]:
-        estimates, shares = self.fit.estimates.values(), self.fit.unknown_shares
+        estimates = self.fit.estimates.values()
+        shares = self.fit.unknown_shares
         for unknown, x, estimate, share in zip(
             self.fit.unknowns, self.fit.fitted, estimates, shares, strict=True
         ):
             may_be_absent = unknown.low == 0.0 and not unknown.form  # a part of a law
             low = -np.inf if may_be_absent else unknown.low
-            if not low + AT_BOUND < x < unknown.high - AT_BOUND:
+            if not low + BOUND_MARGIN < x < unknown.high - BOUND_MARGIN:
                 yield Remark(
                     "bound",
                     f"{unknown.name} is at the fit's limit, {estimate.value:.3g} {unknown.unit}: "
                     "the recordings are not as the law would have it; look at their pictures.",
                 )
-            elif unknown.form and min(share, estimate.relative_error) > KNOWN:
+            elif unknown.form and min(share, estimate.relative_error) > KNOWN_SHARE:
                 yield Remark(
                     "uncertain",
                     f"The recordings hardly determine {unknown.name}: it is what is expected of "
@@ -247,17 +264,21 @@ class Prediction:
                 )
 
     def _remarks_on_starts(self) -> Iterator[Remark]:
-        law, names = self.fit.law, [wire.name for wire in self.fit.segment.wires]
-        for predicted, nuisances in zip(self.fit.predicted, self.fit.nuisances, strict=True):
-            run, room = predicted.run, float(nuisances[0])
+        law = self.fit.law
+        names = [wire.name for wire in self.fit.segment.wires]
+        for predicted, initial_conditions in zip(
+            self.fit.predicted, self.fit.initial_conditions, strict=True
+        ):
+            run = predicted.run
+            room = float(initial_conditions[0])
             for state, values in zip(
-                law.states, nuisances[1:].reshape(len(law.states), -1), strict=True
+                law.states, initial_conditions[1:].reshape(len(law.states), -1), strict=True
             ):
                 for name, value in zip(names, values, strict=True):
                     if law.is_temperature(state):
-                        what = f"the {name} wire's {state} in the recording of {run.source}"
+                        start_name = f"the {name} wire's {state} in the recording of {run.source}"
                         readings = run.temperature if run.is_read else predicted.temperature
-                        yield from remarks_on_start(what, value, room, readings)
+                        yield from remarks_on_start(start_name, value, room, readings)
 
 
 def fit_by_prediction(
@@ -266,10 +287,10 @@ def fit_by_prediction(
     segment: SegmentParameters,
     ambient: float,
     *,
-    tell: Callable[[str], object] = lambda remark: None,
+    report: Callable[[str], object] = lambda remark: None,
     announce: Callable[[str], object] = lambda said: None,
 ) -> Prediction:
-    """The wires' law and its parameters from all heated recordings.
+    """Return the wires' law and its parameters from all heated recordings.
 
     Laws are judged by how they predict the motions. Where there are none, they are judged
     by the recordings of all wires, or else by the last part of each recording. What judged
@@ -280,29 +301,32 @@ def fit_by_prediction(
         recordings: heated ones by kind.
         segment: the described one, with its stiffness as calibrated.
         ambient: T0, °C.
-        tell: is called with what is being done.
+        report: is called with what is being done.
         announce: is called with how long it will take, in words, if it takes long: by the first
             step of a fit, and again by the first fits.
 
     Raises:
         CalibrationError: if no law predicts what judges as well as the mean and a lag of each wire.
     """
+    # Split the recordings into folds.
     runs = {kind: [HeatedRun.of(r) for r in group] for kind, group in recordings.items() if group}
-    fitted, folds = _left_out_in_turn(runs)
+    fitted, folds = _make_folds(runs)
     rest, judges = folds.parts[0]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
-        tell("how long it takes")
+        report("how long it takes")
+        # Announce the time, estimated by a first step of each law.
         times = {law: fitting_time(law, rest, segment, ambient) for law in laws}
         # One law is fitted again with each option, without each part, and to all.
-        further = len(OPTIONS) + len(folds.parts)
-        expected = sum(times.values()) + further * float(np.mean([*times.values()]))
-        if expected > MIN_ANNOUNCED_TIME:
+        num_further_fits = len(OPTIONS) + len(folds.parts)
+        expected_time = sum(times.values()) + num_further_fits * float(np.mean([*times.values()]))
+        if expected_time > MIN_ANNOUNCED_TIME:
             heated = sum(run.times[-1] for run in fitted) / 60
             announce(
                 f"comparing {len(laws)} law{'s' * (len(laws) > 1)} of the wires by {heated:.0f} "
-                f"min of heated recordings takes about {float(f'{expected:.1g}'):.0f} s"
+                f"min of heated recordings takes about {float(f'{expected_time:.1g}'):.0f} s"
             )
-        time_left = TimeLeft(expected, announce)
+        time_left = TimeLeft(expected_time, announce)
+        # Compare the laws by the first fold, and the best laws by all folds.
         candidates, best = compare_laws(
             laws,
             rest,
@@ -310,15 +334,19 @@ def fit_by_prediction(
             segment,
             ambient,
             continued=folds.continued,
-            tell=tell,
+            report=report,
             fitted=lambda law: time_left.add(times[law]),
         )
-        best, parts = _as_good_as_baselines(candidates, best, folds, runs, tell)
+        baselines = _baseline_errors(folds)
+        best, parts = _best_law_by_folds(candidates, best, folds, baselines, runs, report)
+        # Fit the best law to all recordings.
         fit = best.fit
-        tell(f"{best.name}, all recordings")
-        fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
-        foreseen = fit.foresee([predicted.run for predicted in parts])
-    return Prediction(candidates, best, fit, folds.words, foreseen, parts)
+        report(f"{best.name}, all recordings")
+        fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_options(fit), start=fit)
+        rollouts = fit.roll_out([predicted.run for predicted in parts])
+    return Prediction(
+        candidates, best, fit, folds.words, rollouts, parts, mean_error=baselines[MEAN]
+    )
 
 
 class _Folds(NamedTuple):
@@ -334,93 +362,102 @@ class _Folds(NamedTuple):
     words: str
 
 
-def _left_out_in_turn(runs: Mapping[str, list[HeatedRun]]) -> tuple[list[HeatedRun], _Folds]:
+def _make_folds(runs: Mapping[str, list[HeatedRun]]) -> tuple[list[HeatedRun], _Folds]:
     """Return all runs, and what judges; recordings judge only wires that others heat."""
-    motions, both = runs.get("motion", []), runs.get("both", [])
+    motions = runs.get("motion", [])
+    joint = runs.get("both", [])
     heated = [run for kind, group in runs.items() if kind != "motion" for run in group]
     fitted = [*heated, *motions]
     # Motions judge, or else what shows all wires.
-    if motions and _heated(motions) <= _heated(heated):
+    if motions and _heated_wires(motions) <= _heated_wires(heated):
         words = f"{len(motions)} motion{'s' * (len(motions) != 1)}, fitted last"
         return fitted, _Folds([(heated, motions)], False, words)
-    single = [run for run in fitted if run not in both]
-    if both and _heated(both) <= _heated(single):
-        return fitted, _Folds([(single, both)], False, "what shows all wires heated, fitted last")
+    single = [run for run in fitted if run not in joint]
+    if joint and _heated_wires(joint) <= _heated_wires(single):
+        return fitted, _Folds([(single, joint)], False, "what shows all wires heated, fitted last")
     # Or else the last recordings, then others in turn.
-    if latest := _latest(fitted):
+    if latest := _latest_runs(fitted):
         groups = [latest, *([run] for run in reversed(fitted) if run not in latest)]
         parts = [([run for run in fitted if run not in group], group) for group in groups]
-        parts = [(rest, group) for rest, group in parts if _heated(group) <= _heated(rest)]
+        parts = [
+            (rest, group) for rest, group in parts if _heated_wires(group) <= _heated_wires(rest)
+        ]
         count = f"{len(latest)} " * (len(latest) > 1)
         words = f"the last {count}of {len(fitted)} heated recordings or pieces, fitted last"
-        return fitted, _Folds(parts[:NUM_PARTS], False, words)
+        return fitted, _Folds(parts[:MAX_PARTS], False, words)
     # Or else the last part of each recording, then the parts before it.
-    ends = [run.last_part(*HELD_OUT) for run in fitted]
-    shares = [(1.0, np.inf), *itertools.pairwise(np.linspace(0.0, 1.0, NUM_PARTS))]
+    last_parts = [run.last_part(*LEFT_OUT_SHARES) for run in fitted]
+    shares = [(1.0, np.inf), *itertools.pairwise(np.linspace(0.0, 1.0, MAX_PARTS))]
     parts = []
     for begin, stop in shares:
         pairs = [
-            run.without(begin * end, stop * end) for run, end in zip(fitted, ends, strict=True)
+            run.without(begin * end, stop * end)
+            for run, end in zip(fitted, last_parts, strict=True)
         ]
         parts.append(([rest for rest, _ in pairs], [part for _, part in pairs]))
     return fitted, _Folds(parts, True, "the last part of each recording, fitted last")
 
 
-def _as_good_as_baselines(
+def _baseline_errors(folds: _Folds) -> dict[str, float]:
+    """Return by name the mean error of each baseline over all parts left out, rad."""
+    errors = [baseline_errors(rest, judges) for rest, judges in folds.parts]
+    return {name: float(np.mean([each[name] for each in errors])) for name in errors[0]}
+
+
+def _best_law_by_folds(
     candidates: Sequence[Candidate],
     best: Candidate,
     folds: _Folds,
+    baselines: Mapping[str, float],
     kinds: Iterable[str],
-    tell: Callable[[str], object],
+    report: Callable[[str], object],
 ) -> tuple[Candidate, list[Predicted]]:
     """Return the best law that predicts parts left out in turn as well as baselines, and these.
 
     Raises:
         CalibrationError: if there is none.
     """
-    # The better baseline, over all parts.
-    errors = [baseline_errors(rest, judges) for rest, judges in folds.parts]
-    baselines = {name: float(np.mean([each[name] for each in errors])) for name in errors[0]}
     baseline, error = min(baselines.items(), key=lambda item: item[1])
-    allowed = max(WORSE[0] * error, error + WORSE[1])
+    allowed = max(BASELINE_ALLOWANCE[0] * error, error + BASELINE_ALLOWANCE[1])
     # The best law, or the nearest others, each fitted without each part.
-    nearest = sorted(candidates, key=lambda candidate: candidate.bend_error)
-    tried = [best, *(candidate for candidate in nearest if candidate is not best)][:MOST_TRIED]
-    least = np.inf
+    by_error = sorted(candidates, key=lambda candidate: candidate.bend_error)
+    tried = [best, *(candidate for candidate in by_error if candidate is not best)][:MAX_TRIED_LAWS]
+    least_error = np.inf
     for candidate in tried:
-        fit, parts = candidate.fit, list(candidate.judged)
+        fit = candidate.fit
+        parts = list(candidate.judged)
         law_errors = [candidate.bend_error]
         for number, (rest, judges) in enumerate(folds.parts[1:], 1):
-            tell(f"{candidate.name}, part {number} left out")
-            rubber = rubber_of(fit)
-            other = fit_law(fit.law, rest, fit.segment, fit.ambient, rubber=rubber, start=fit)
-            judged = other.continued(judges) if folds.continued else other.predict(judges)
+            report(f"{candidate.name}, part {number} left out")
+            rubber = rubber_options(fit)
+            refit = fit_law(fit.law, rest, fit.segment, fit.ambient, rubber=rubber, start=fit)
+            judged = refit.continued(judges) if folds.continued else refit.predict(judges)
             law_errors.append(float(np.mean([part.bend_error for part in judged])))
             parts += judged
         if np.mean(law_errors) <= allowed:
             return candidate, parts
-        least = min(least, float(np.mean(law_errors)))
+        least_error = min(least_error, float(np.mean(law_errors)))
     # None is as good: say what to record.
-    by_law, by_baseline = np.rad2deg([least, error])
-    further = next_recording(best.fit, [*kinds]) or "record more motions like those you plan"
+    by_law, by_baseline = np.rad2deg([least_error, error])
+    next_step = next_recording(best.fit, [*kinds]) or "record more motions like those you plan"
     raise CalibrationError(
         f"These recordings tell no model: {baseline} misses the bend by {by_baseline:.0f}° "
-        f"in parts that are left out in turn, and the best law by {by_law:.0f}°. Next, {further}."
+        f"in parts that are left out in turn, and the best law by {by_law:.0f}°. Next, {next_step}."
     )
 
 
-def _latest(runs: Sequence[HeatedRun]) -> list[HeatedRun]:
-    """The last runs that heat each wire; none if too little heat is left to fit."""
+def _latest_runs(runs: Sequence[HeatedRun]) -> list[HeatedRun]:
+    """Return the last runs that heat each wire; none if too little heat is left to fit."""
     latest: list[HeatedRun] = []
-    for wire in _heated(runs):
-        if wire not in _heated(latest):
+    for wire in _heated_wires(runs):
+        if wire not in _heated_wires(latest):
             latest.append(next(run for run in reversed(runs) if run.duty[:, wire].any()))
-    heat, late = (sum(run.duty.sum(axis=0) for run in group) for group in (runs, latest))
-    return latest if np.all(late <= MOST_HEAT * heat) else []
+    total, latest_heat = (sum(run.duty.sum(axis=0) for run in group) for group in (runs, latest))
+    return latest if np.all(latest_heat <= MAX_HEAT_SHARE * total) else []
 
 
-def _heated(runs: Sequence[HeatedRun]) -> set[int]:
-    """Indices of the wires that are heated in recordings."""
+def _heated_wires(runs: Sequence[HeatedRun]) -> set[int]:
+    """Return the indices of the wires that are heated in recordings."""
     return {int(wire) for run in runs for wire in np.flatnonzero(run.duty.any(axis=0))}
 
 
@@ -433,19 +470,19 @@ def compare_laws(
     *,
     options: Sequence[str] = OPTIONS,
     continued: bool = False,
-    tell: Callable[[str], object] = lambda remark: None,
+    report: Callable[[str], object] = lambda remark: None,
     fitted: Callable[[type[WireLaw]], object] = lambda law: None,
 ) -> tuple[list[Candidate], Candidate]:
-    """Fits laws, then the best of them with options of the rubber, and judges all.
+    """Fit laws, then the best of them with options of the rubber, and judges all.
 
     Args:
-        laws: from the simplest on; each starts from the one before.
+        laws: from the simplest on; each starts from the law before.
         runs: recordings to fit to.
         judges: recordings to predict.
         segment, ambient: as for `fit_law`.
         options: options of the rubber that are tried.
         continued: whether the judges are other samples of the same recordings, in their order.
-        tell: is called with what is being done.
+        report: is called with what is being done.
         fitted: is called with each law when it is fitted and judged.
 
     Returns:
@@ -455,7 +492,7 @@ def compare_laws(
 
     def add(law: type[WireLaw], rubber: tuple[str, ...], start: LawFit | None) -> Candidate:
         name = " + ".join([law.__name__, *rubber])
-        tell(name)
+        report(name)
         fit = fit_law(
             law,
             runs,
@@ -463,33 +500,34 @@ def compare_laws(
             ambient,
             rubber=rubber,
             start=start,
-            tell=lambda remark: tell(f"{name}, {remark}"),
+            report=lambda remark: report(f"{name}, {remark}"),
         )
-        judged = fit.continued(judges) if continued else fit.predict(judges)
-        candidates.append(Candidate(fit, judged))
+        judged_runs = fit.continued(judges) if continued else fit.predict(judges)
+        candidates.append(Candidate(fit, judged_runs))
         fitted(law)
         return candidates[-1]
 
+    # Fit the laws, each from the law before, then the best with options of the rubber.
     for law in laws:
         add(law, (), candidates[-1].fit if candidates else None)
-    best = simplest_unbeaten(candidates)
+    best = simplest_unbeaten_law(candidates)
     for option in options:
-        rubber = (*rubber_of(best.fit), option)
-        other = add(best.fit.law, rubber, best.fit)
-        if beaten(best, other):
-            best = other
+        rubber = (*rubber_options(best.fit), option)
+        with_option = add(best.fit.law, rubber, best.fit)
+        if is_beaten(best, with_option):
+            best = with_option
     return candidates, best
 
 
-def simplest_unbeaten(candidates: Sequence[Candidate]) -> Candidate:
-    """The first that none of those after it beats."""
+def simplest_unbeaten_law(candidates: Sequence[Candidate]) -> Candidate:
+    """Return the first that none of those after it beats."""
     return next(
         candidate
         for index, candidate in enumerate(candidates)
-        if not any(beaten(candidate, other) for other in candidates[index + 1 :])
+        if not any(is_beaten(candidate, other) for other in candidates[index + 1 :])
     )
 
 
-def rubber_of(fit: LawFit) -> tuple[str, ...]:
-    """Options of the rubber that were fitted."""
-    return tuple(o for o in OPTIONS if any(o in u.name for u in fit.unknowns))
+def rubber_options(fit: LawFit) -> tuple[str, ...]:
+    """Return the options of the rubber that were fitted."""
+    return tuple(option for option in OPTIONS if any(option in u.name for u in fit.unknowns))

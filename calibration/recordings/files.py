@@ -14,14 +14,14 @@ from calibration.recordings.recording_checks import (
     check_without_gaps,
     frozen_since,
 )
-from calibration.recordings.repair import in_pieces, part
+from calibration.recordings.repair import in_pieces, select_samples
 from calibration.remarks import CalibrationError, Remark
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.progress import Progress
 
 
-class Usable(NamedTuple):
+class UsableRecordings(NamedTuple):
     """Recordings that a limb can be fitted to.
 
     - ``recordings``: recordings by kind, each of them whole.
@@ -35,17 +35,17 @@ class Usable(NamedTuple):
     left_out: list[Remark]
 
 
-def leaving_out(what: str, why: object) -> Remark:
-    """A remark on a recording that is not used."""
-    return Remark("left out", f"{what} is left out: {why}")
+def left_out_remark(recording_name: str, reason: object) -> Remark:
+    """Return a remark on a recording that is not used."""
+    return Remark("left out", f"{recording_name} is left out: {reason}")
 
 
-def usable(
+def select_usable(
     recordings: Mapping[str, Sequence[Recording]],
     described: LimbParameters | None = None,
     *,
     whole: bool = False,
-) -> Usable:
+) -> UsableRecordings:
     """Check recordings by kind, and cut heated ones in pieces unless they stay ``whole``.
 
     Recordings that are not cut must be without gaps: unheated ones, and all if ``whole``.
@@ -56,46 +56,48 @@ def usable(
     Raises:
         CalibrationError: if the described limb has no such kind of recording.
     """
-    found = Usable({}, {}, [])
+    result = UsableRecordings({}, {}, [])
     names, kinds = (described.wire_names, all_kinds(described)) if described else ([], recordings)
     for kind, group in recordings.items():
         for recording in group:
-            own, pieces = recording.parameters.wire_names, [recording] * bool(recording.duty.any())
-            if kind not in kinds and own == names:
+            wire_names = recording.parameters.wire_names
+            pieces = [recording] * bool(recording.duty.any())
+            if kind not in kinds and wire_names == names:
                 raise CalibrationError(f"{kind!r} is no kind of recording: {', '.join(kinds)}.")
+            # Check the recording, and cut it before a frozen sensor and in pieces.
             try:
-                if described and own != names:
+                if described and wire_names != names:
                     raise CalibrationError(
-                        f"it is of the wires {', '.join(own)}, but the limb is described with "
-                        f"{', '.join(names)}, in this order."
+                        f"it is of the wires {', '.join(wire_names)}, but the limb is described "
+                        f"with {', '.join(names)}, in this order."
                     )
                 if recording.interrupted:  # its last equilibrium is none
                     reason = recording.interrupted.rstrip(".")
                     raise CalibrationError(f"this was interrupted ({reason}), so record it again.")
                 if frozen := frozen_since(recording):
                     start, sentence = frozen
-                    recording = part(recording, np.arange(start))
+                    recording = select_samples(recording, np.arange(start))
                     pieces = [recording]
                     remark = f"Of {title_of(recording)}, the rest is left out: {sentence}."
-                    found.left_out.append(Remark("left out", remark))
+                    result.left_out.append(Remark("left out", remark))
                 check_recording(recording, kind)
                 if whole or not pieces:
                     check_without_gaps(recording)
                 else:
                     pieces, remarks = in_pieces(recording)
-                    found.left_out.extend(remarks)
+                    result.left_out.extend(remarks)
             except LimbError as error:
-                found.left_out.append(leaving_out(title_of(recording), error))
+                result.left_out.append(left_out_remark(title_of(recording), error))
                 continue
-            found.recordings.setdefault(kind, []).append(recording)
+            result.recordings.setdefault(kind, []).append(recording)
             if pieces:
-                told = "heated" if len(pieces) > 1 and kind != "motion" else kind
-                found.heated.setdefault(told, []).extend(pieces)
-    return found
+                piece_kind = "heated" if len(pieces) > 1 and kind != "motion" else kind
+                result.heated.setdefault(piece_kind, []).extend(pieces)
+    return result
 
 
 def folder_of_limb(folder: str | Path) -> Path:
-    """The folder that has recordings: the given one, or else the only one in it that has some.
+    """Return the folder that has recordings: the given folder, or the only such folder in it.
 
     Raises:
         CalibrationError: if there is no such folder, or if recordings are in several in it.
@@ -113,7 +115,7 @@ def folder_of_limb(folder: str | Path) -> Path:
 
 
 def read_folder(folder: str | Path) -> tuple[dict[str, list[Recording]], list[Remark]]:
-    """The recordings in a folder by kind, and remarks on files that are left out.
+    """Return the recordings in a folder by kind, and remarks on files that are left out.
 
     See `folder_of_limb` and `kind_of`. Unfinished files (``right.unfinished.csv``) are ignored.
 
@@ -122,6 +124,7 @@ def read_folder(folder: str | Path) -> tuple[dict[str, list[Recording]], list[Re
     """
     recordings: dict[str, list[Recording]] = {}
     remarks: list[Remark] = []
+    # Read each file, and note why it is left out.
     paths = [p for p in sorted(folder_of_limb(folder).glob("*.csv")) if not is_unfinished(p)]
     with Progress("reading", len(paths), "recordings") as progress:
         for number, path in enumerate(paths):
@@ -130,14 +133,14 @@ def read_folder(folder: str | Path) -> tuple[dict[str, list[Recording]], list[Re
                 recording = dataclasses.replace(Recording.load(path), title=path.name)
                 kind = kind_of(recording, path.stem)
             except LimbError as error:
-                remarks.append(leaving_out(path.name, str(error).removeprefix(f"{path}: ")))
+                remarks.append(left_out_remark(path.name, str(error).removeprefix(f"{path}: ")))
                 continue
             recordings.setdefault(kind, []).append(recording)
     return recordings, remarks
 
 
 def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
-    """The recordings in a folder that a limb can be fitted to, by kind; see `read_folder`.
+    """Return the recordings in a folder that a limb can be fitted to, by kind; see `read_folder`.
 
     A warning says what is left out.
 
@@ -145,10 +148,10 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
         CalibrationError: as `folder_of_limb`.
     """
     recordings, remarks = read_folder(folder)
-    found = usable(recordings)
-    for remark in [*remarks, *found.left_out]:
+    usable_by_kind = select_usable(recordings)
+    for remark in [*remarks, *usable_by_kind.left_out]:
         warnings.warn(str(remark), stacklevel=2)
-    return found.recordings
+    return usable_by_kind.recordings
 
 
 def save_recordings(recordings: dict[str, list[Recording]], folder: str | Path) -> list[Path]:

@@ -14,18 +14,19 @@ from limb_systems import (
     SegmentParameters,
 )
 
-SWING = np.deg2rad(10.0)  # least, of a ring-down that nobody has named
+MIN_RING_DOWN_SWING = np.deg2rad(10.0)  # least, of a ring-down that nobody has named
 GRAVITY_HINT = "; does its header's gravity say how the limb was mounted"
 FREE_KINDS = ("heated", "motion")  # of heated recordings of any wires
 # Names of recordings of the kind "heated" that collecting makes.
-FIRST_CONTACT, WARM_UP = "first_contact", "warm_up"
-TURNS = (0, 90, 180, 270)  # degrees, of the mountings of a limb that bends in space
-MOUNTINGS = tuple(f"mounting_{turned}" for turned in TURNS)
+FIRST_CONTACT = "first_contact"
+WARM_UP = "warm_up"
+MOUNTING_ANGLES = (0, 90, 180, 270)  # degrees, of the mountings of a limb that bends in space
+MOUNTINGS = tuple(f"mounting_{turned}" for turned in MOUNTING_ANGLES)
 HEATED_NAMES = (FIRST_CONTACT, WARM_UP, "conditioning", "pulses", "ramps", "random", *MOUNTINGS)
 
 
 def only_segment(parameters: LimbParameters) -> SegmentParameters:
-    """The limb's one segment; segments are calibrated one by one."""
+    """Return the limb's one segment; segments are calibrated one by one."""
     if len(parameters.segments) != 1:
         raise LimbError(
             f"This limb has {len(parameters.segments)} segments; calibrate each of them alone, as "
@@ -35,15 +36,15 @@ def only_segment(parameters: LimbParameters) -> SegmentParameters:
 
 
 def title_of(recording: Recording) -> str:
-    """What messages call a recording: the name of its file, or else its source."""
+    """Return what messages call a recording: the name of its file, or else its source."""
     return recording.title or recording.source
 
 
 def bend_sensor_of(recording: Recording, segment: int = 0) -> BendSensor:
-    """The sensor that read the bend of a segment, as the recording's parameters say.
+    """Return the sensor that read the bend of a segment, as the recording's parameters say.
 
     A recording of the model itself, which has its joint states, was read by no
-    sensor: its bend angle is that of the chord.
+    sensor: its bend angle is the chord's.
     """
     if recording.joint_state is not None:
         return ChordSensor()
@@ -51,7 +52,7 @@ def bend_sensor_of(recording: Recording, segment: int = 0) -> BendSensor:
 
 
 def kinds_of(parameters: LimbParameters) -> dict[str, list[int]]:
-    """The kinds of recordings of a limb of one segment, in the order of collecting.
+    """Return the kinds of recordings of a limb of one segment, in the order of collecting.
 
     Returns:
         for each kind the indices of the wires that are heated: none for
@@ -74,12 +75,12 @@ def kinds_of(parameters: LimbParameters) -> dict[str, list[int]]:
 
 
 def heated_kinds(parameters: LimbParameters) -> dict[str, list[int]]:
-    """The kinds of `kinds_of` in which wires are heated."""
+    """Return the kinds of `kinds_of` in which wires are heated."""
     return {kind: wires for kind, wires in kinds_of(parameters).items() if wires}
 
 
 def heated_wires(parameters: LimbParameters, actuated: str) -> list[int]:
-    """Indices of the wires that are heated in recordings of a kind.
+    """Return the indices of the wires that are heated in recordings of a kind.
 
     Raises:
         LimbError: if there is no such kind.
@@ -91,12 +92,12 @@ def heated_wires(parameters: LimbParameters, actuated: str) -> list[int]:
 
 
 def all_kinds(parameters: LimbParameters) -> list[str]:
-    """The kinds of recordings of a limb: those of `kinds_of`, "heated" and "motion"."""
+    """Return the kinds of a limb's recordings: `kinds_of`, "heated" and "motion"."""
     return [*kinds_of(parameters), *FREE_KINDS]
 
 
 def kind_of(recording: Recording, name: str = "") -> str:
-    """The kind of a recording: what its header says, or else what it shows.
+    """Return the kind of a recording: what its header says, or else what it shows.
 
     Args:
         name: name of a file without its ending, by which heat is of the kind "heated" or
@@ -113,23 +114,26 @@ def kind_of(recording: Recording, name: str = "") -> str:
                 f"its kind is {recording.kind!r}; it must be one of {', '.join(kinds)}."
             )
         return recording.kind
-    named = "heated" if name in HEATED_NAMES else _named_kind(name, kinds)
-    if named in FREE_KINDS and recording.duty.any():
-        return named
-    shown, bends = shown_kind(recording), recording.bend_angle[~np.isnan(recording.bend_angle)]
-    if shown == "ring_down" != named and not (len(bends) and np.ptp(bends) >= SWING):
-        hint = GRAVITY_HINT * (named == "sag")
+    kind_by_name = "heated" if name in HEATED_NAMES else _named_kind(name, kinds)
+    if kind_by_name in FREE_KINDS and recording.duty.any():
+        return kind_by_name
+    shown_kind = kind_by_signals(recording)
+    bends = recording.bend_angle[~np.isnan(recording.bend_angle)]
+    if shown_kind == "ring_down" != kind_by_name and not (
+        len(bends) and np.ptp(bends) >= MIN_RING_DOWN_SWING
+    ):
+        hint = GRAVITY_HINT * (kind_by_name == "sag")
         raise CalibrationError(f"it shows a limb at rest, which tells nothing{hint}.")
-    return shown
+    return shown_kind
 
 
 def _named_kind(name: str, kinds: Iterable[str]) -> str:
-    """The longest kind that a file's name begins with; empty if it does with none."""
+    """Return the longest kind that a file's name begins with; empty if it does with none."""
     return max((kind for kind in kinds if name.startswith(kind)), key=len, default="")
 
 
-def shows(parameters: LimbParameters, kind: str) -> str:
-    """What a recording of a kind shows, in words."""
+def content_in_words(parameters: LimbParameters, kind: str) -> str:
+    """Return what a recording of a kind shows, in words."""
     if kind == "sag":
         return "the limb's sag under gravity, without heat"
     if kind == "ring_down":
@@ -140,8 +144,8 @@ def shows(parameters: LimbParameters, kind: str) -> str:
     return f"{wires} heated" if kind == "both" else f"only the {kind} wire heated"
 
 
-def shown_kind(recording: Recording) -> str:
-    """What a recording shows: one of `kinds_of` its limb, or "heated"."""
+def kind_by_signals(recording: Recording) -> str:
+    """Return what a recording shows: one of `kinds_of` its limb, or "heated"."""
     parameters = recording.parameters
     heated = np.flatnonzero(recording.duty.max(axis=1) > 0).tolist()
     if not heated:
@@ -151,7 +155,7 @@ def shown_kind(recording: Recording) -> str:
 
 
 def gravity_bends(parameters: LimbParameters) -> bool:
-    """Whether the limb is mounted so that gravity bends it; one in space that hangs is straight."""
+    """Return whether gravity bends the limb; a limb in space that hangs is straight."""
     gravity = parameters.gravity
     bending = gravity[:2] if only_segment(parameters).axes == 1 else gravity[1:]
     return bool(np.linalg.norm(bending) > 1.0)

@@ -8,48 +8,52 @@ from calibration.import_logs.evidence import correlation
 from calibration.recordings.kinds import (
     FREE_KINDS,
     GRAVITY_HINT,
+    content_in_words,
     gravity_bends,
+    kind_by_signals,
     only_segment,
-    shown_kind,
-    shows,
 )
 from calibration.recordings.repair import (
-    FEWEST,
-    SHORTEST,
-    despiked,
-    first_read,
-    gaps_of,
-    interpolated,
+    MIN_DURATION,
+    MIN_SAMPLES,
+    first_read_index,
+    unknown_gaps,
+    with_interpolated_gaps,
+    without_spikes_in,
 )
 from calibration.remarks import CalibrationError
 from limb_systems import Recording
 from limb_systems.files.signal_table import stretches
 from limb_systems.low_pass import low_pass
 
-HEATED = 2.0  # s of full duty, after which a wire must have warmed
-RISE = 3.0  # °C
-HOTTEST = 200.0  # °C above ambient, below which wires are at some time
-REST, SLOWEST_COOLING = 2.0, 1 / 200  # s, and 1/s: less than by this rate no warm wire cools
-BENT = np.deg2rad(2.0)
-EARTH = 9.5, 10.1  # m/s²
+MIN_WARMING_DOSE = 2.0  # s of full duty, after which a wire must have warmed
+MIN_RISE = 3.0  # °C
+MAX_COLDEST_RISE = 200.0  # °C above ambient, below which wires are at some time
+# s, and 1/s: less than by this rate no warm wire cools
+REST_TIME = 2.0
+MIN_COOLING_RATE = 1 / 200
+MIN_BEND = np.deg2rad(2.0)
+GRAVITY_RANGE = 9.5, 10.1  # m/s²
 COOLING_TIME = 15.0  # s, of a wire, roughly
-SMOOTH = 1.0  # s, over which signals are averaged
-COLDER = 10.0  # °C, by which a connected thermocouple is not colder than all others
-JUMPS = 5.0  # °C, by which its readings do not differ from one to the next
-SLOWEST = 5.0  # s, between samples
-WARMTH = 300.0  # °C of a wire at full duty, roughly
-STEEPEST = 0.05, 10.0  # °C/s that a wire exceeds somewhere, if it is heated by so many °C
-FROZEN = 10.0  # s, for which a sensor that froze repeats a reading at least
-WINDOW = 5.0  # s, within which heat moves a reading
-LEAST_CHANCE = 1e-9  # by which readings stand that are alive
-MUCH_HEAT = (
+SMOOTHING_TIME = 1.0  # s, over which signals are averaged
+DISCONNECTED_BELOW = 10.0  # °C, by which a connected thermocouple is not colder than all others
+MAX_JUMP = 5.0  # °C, by which its readings do not differ from one to the next
+MAX_SAMPLE_PERIOD = 5.0  # s, between samples
+FULL_DUTY_RISE = 300.0  # °C of a wire at full duty, roughly
+MIN_STEEPEST_SLOPE = 0.05, 10.0  # °C/s that a wire exceeds somewhere, if it is heated by so many °C
+MIN_FROZEN_TIME = 10.0  # s, for which a sensor that froze repeats a reading at least
+HEAT_WINDOW = 5.0  # s, within which heat moves a reading
+MIN_STANDING_CHANCE = 1e-9  # by which readings stand that are alive
+DRIVING_HEAT_SHARE = (
     0.1  # of the largest change of a wire's heat in a window, from which on readings must move
 )
-FEWEST_MOVES, MOST_MOVE = 3, 0.9  # windows with as much heat before, and share that moved
+# windows with as much heat before, and share that moved
+MIN_DRIVEN_WINDOWS = 3
+MIN_MOVED_SHARE = 0.9
 
 
 def check_recording(recording: Recording, expected: str | None = None) -> str:
-    """Refuses recordings that calibration must not use.
+    """Refuse recordings that calibration must not use.
 
     Args:
         expected: its kind, if it is known; any if None.
@@ -67,16 +71,17 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     recording.check_plausible()
     _check_missing(recording)
     _check_zeros(recording)
-    recording = despiked(interpolated(recording))
+    recording = without_spikes_in(with_interpolated_gaps(recording))
     _check_duration(recording)
     _check_gravity(recording)
-    kind = shown_kind(recording)
+    # Compare with the kind that is expected.
+    kind = kind_by_signals(recording)
     if expected in FREE_KINDS and recording.duty.any():
         kind = expected
     if expected and kind != expected:
-        wanted, shown = (shows(recording.parameters, k) for k in (expected, kind))
+        expectation, content = (content_in_words(recording.parameters, k) for k in (expected, kind))
         hint = GRAVITY_HINT * (expected == "sag")
-        raise CalibrationError(f"this should show {wanted}, but shows {shown}{hint}.")
+        raise CalibrationError(f"this should show {expectation}, but shows {content}{hint}.")
     if frozen := frozen_since(recording):
         raise CalibrationError(f"{frozen[1]} while wires are heated; cut the file there.")
     if recording.duty.any():
@@ -87,18 +92,20 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
 
 
 def _check_time(recording: Recording) -> None:
-    steps, period = np.diff(recording.time), 1 / recording.sample_rate
-    if len(steps) < FEWEST:
+    steps = np.diff(recording.time)
+    period = 1 / recording.sample_rate
+    if len(steps) < MIN_SAMPLES:
         raise CalibrationError(f"there are only {len(recording.time)} samples.")
-    typical, mean = float(np.median(steps)), float(steps.mean())
-    # Of irregular samples the rate may be that of most, or the number in a second.
+    typical = float(np.median(steps))
+    mean = float(steps.mean())
+    # The rate of irregular samples may be of most samples, or their number in a second.
     if not (0.9 < typical / period < 1.1 or 0.9 < mean / period < 1.1):
         hint = " Is time in milliseconds?" if 900 < typical / period < 1100 else ""
         raise CalibrationError(
             f"samples come every {typical:g} s, but the sample rate in the header is "
             f"{recording.sample_rate:g} Hz.{hint}"
         )
-    if typical > SLOWEST:
+    if typical > MAX_SAMPLE_PERIOD:
         raise CalibrationError(
             f"samples come every {typical:g} s, but wires heat and cool within seconds; is time in "
             "milliseconds?"
@@ -106,18 +113,19 @@ def _check_time(recording: Recording) -> None:
 
 
 def check_without_gaps(recording: Recording) -> None:
-    """Refuses recordings whose duty is not known throughout, for what needs them in one piece.
+    """Refuse recordings whose duty is not known throughout, for what needs them in one piece.
 
     Raises:
         CalibrationError: one sentence that says from where to where it can be used.
     """
-    first, time = first_read(recording), recording.time
+    first = first_read_index(recording)
+    time = recording.time
     if recording.duty[:, 1 : first + 1].any():
         raise CalibrationError(
             f"no reading is there before {time[first]:.2f} s, when wires were already heated; "
             "where they started is not known, so leave the beginning out."
         )
-    for gap in gaps_of(recording):
+    for gap in unknown_gaps(recording):
         raise CalibrationError(
             f"there is a gap in the samples, of {time[gap + 1] - time[gap]:.2f} s after "
             f"{time[gap]:.2f} s, and what duty there was is not known: cut the file there, or add "
@@ -131,38 +139,45 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
     A frozen sensor repeats one reading to the last digit while a wire is heated as much as moved
     the reading before. Readings may stand where the limb rests, or where the sensor is coarse.
     """
-    heat = _heat(recording)
-    window = max(1, round(WINDOW * recording.sample_rate))
+    # See how much each wire's heat changes within a window.
+    heat = _wire_heat(recording)
+    window = max(1, round(HEAT_WINDOW * recording.sample_rate))
     if len(recording.time) <= window:
         return None
     rises = np.abs(heat[:, window:] - heat[:, :-window])
+    # A thermocouple is driven by its own wire, a bend sensor by all.
     names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
     signals = list(zip(names, recording.measured_temperature, rises[:, None], strict=True))
     signals += [("the bend sensor", bend, rises) for bend in recording.bend_angle]
     frozen = []
-    for name, signal, of_wires in signals:
+    for name, signal, wire_rises in signals:
         # Missing readings neither stand nor move.
-        shown = np.flatnonzero(~np.isnan(signal))
-        changes = np.diff(signal[shown]) != 0
+        read_rows = np.flatnonzero(~np.isnan(signal))
+        changes = np.diff(signal[read_rows]) != 0
         moves = np.zeros(len(signal))
-        moves[shown[1:]] = changes
-        moved = np.convolve(moves, np.ones(window), "valid")[1:] > 0.5
-        rise = of_wires.max(axis=0)
-        driven = rise > MUCH_HEAT * rise.max()
+        moves[read_rows[1:]] = changes
+        is_moved = np.convolve(moves, np.ones(window), "valid")[1:] > 0.5
+        rise = wire_rises.max(axis=0)
+        # Find stretches in which a reading stands.
+        is_driven = rise > DRIVING_HEAT_SHARE * rise.max()
         first = np.arange(len(rise))
         num_changes = np.cumsum(changes)
-        still = stretches(~changes)
-        durations = np.diff(recording.time[shown[still]], axis=1)[:, 0]
-        for from_change, to_change in still[durations >= FROZEN]:
-            start, end = shown[[from_change, to_change]]
+        still_spans = stretches(~changes)
+        durations = np.diff(recording.time[read_rows[still_spans]], axis=1)[:, 0]
+        for from_change, to_change in still_spans[durations >= MIN_FROZEN_TIME]:
+            start, end = read_rows[[from_change, to_change]]
             # How improbable it is that so many readings stand, by what the sensor did before.
-            usual = num_changes[from_change - 1] / from_change if from_change else 0.0
-            chance = (1.0 - usual) ** (to_change - from_change)
-            if chance > LEAST_CHANCE:
+            usual_share = num_changes[from_change - 1] / from_change if from_change else 0.0
+            chance = (1.0 - usual_share) ** (to_change - from_change)
+            if chance > MIN_STANDING_CHANCE:
                 continue
-            during = driven & (first >= start) & (first + window <= end)
-            before = moved[driven & (first + window <= start)]
-            if during.any() and len(before) >= FEWEST_MOVES and before.mean() > MOST_MOVE:
+            during = is_driven & (first >= start) & (first + window <= end)
+            before = is_moved[is_driven & (first + window <= start)]
+            if (
+                during.any()
+                and len(before) >= MIN_DRIVEN_WINDOWS
+                and before.mean() > MIN_MOVED_SHARE
+            ):
                 frozen.append((int(start), name))
                 break
     if not frozen:
@@ -172,10 +187,10 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
 
 
 def _check_missing(recording: Recording) -> None:
-    """Whether enough readings of the bend are there."""
+    """Return whether enough readings of the bend are there."""
     count = len(recording.time)
     bends = int((~np.isnan(recording.bend_angle)).sum(axis=1).min())
-    if bends < FEWEST:
+    if bends < MIN_SAMPLES:
         raise CalibrationError(
             f"the bend angle is there in {bends} of {count} samples, which tell nothing; leave "
             "this recording out, and see whether the column is the right one."
@@ -183,11 +198,11 @@ def _check_missing(recording: Recording) -> None:
 
 
 def _check_zeros(recording: Recording) -> None:
-    """Whether loggers or cameras wrote zeros where they had no reading."""
+    """Return whether loggers or cameras wrote zeros where they had no reading."""
     names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
     signals = np.vstack([recording.measured_temperature, np.rad2deg(recording.bend_angle)])
     count = len(recording.bend_angle)
-    jumps = [*[JUMPS] * len(names), *[np.rad2deg(BENT)] * count]
+    jumps = [*[MAX_JUMP] * len(names), *[np.rad2deg(MIN_BEND)] * count]
     names += ["the bend sensor"] * count
     for name, signal, jump in zip(names, signals, jumps, strict=True):
         signal, time = signal[~np.isnan(signal)], recording.time[~np.isnan(signal)]
@@ -195,28 +210,28 @@ def _check_zeros(recording: Recording) -> None:
         steps = np.abs(np.diff(signal[signal != 0]))
         jump = max(jump, 2 * np.quantile(steps, 0.98) if len(steps) else 0.0)
         for start, end in stretches(signal == 0):
-            around = [*signal[start - 1 : start], *signal[end : end + 1]]
-            if end - start > 1 and around and np.abs(around).max() > jump:
+            neighbours = [*signal[start - 1 : start], *signal[end : end + 1]]
+            if end - start > 1 and neighbours and np.abs(neighbours).max() > jump:
                 raise CalibrationError(
                     f"{name} reads exactly 0 from {time[start]:.2f} s to {time[end - 1]:.2f} s, "
-                    f"and {max(around, key=abs):.1f} beside it: if it had no reading, leave its "
-                    "cells empty."
+                    f"and {max(neighbours, key=abs):.1f} beside it: if it had no reading, leave "
+                    "its cells empty."
                 )
 
 
 def _check_duration(recording: Recording) -> None:
-    """Whether wires heat and cool for long enough to be seen."""
-    if recording.duty.any() and recording.duration < SHORTEST:
+    """Return whether wires heat and cool for long enough to be seen."""
+    if recording.duty.any() and recording.duration < MIN_DURATION:
         raise CalibrationError(
             f"wires are heated for {recording.duration:.1f} s only; they take seconds to heat and "
-            f"to cool, so record {SHORTEST:.0f} s at least."
+            f"to cool, so record {MIN_DURATION:.0f} s at least."
         )
 
 
 def _check_gravity(recording: Recording) -> None:
     gravity = recording.parameters.gravity
     size = float(np.linalg.norm(gravity))
-    if size and not EARTH[0] < size < EARTH[1]:
+    if size and not GRAVITY_RANGE[0] < size < GRAVITY_RANGE[1]:
         raise CalibrationError(
             f"the header's gravity is {size:.3g} m/s², but it must be 9.81 m/s², or zero for a "
             "limb that lies level; correct the header."
@@ -230,10 +245,12 @@ def _check_gravity(recording: Recording) -> None:
 
 
 def _check_thermocouples(recording: Recording) -> None:
-    """Whether each is connected, reads °C, and rises and falls as fast as wires do."""
-    ambient, times = recording.parameters.ambient_temperature, recording.time
-    window, (steepest, rise) = max(1, len(times) // 200), STEEPEST
-    typical = np.median(recording.measured_temperature, axis=1)
+    """Return whether each is connected, reads °C, and rises and falls as fast as wires do."""
+    ambient = recording.parameters.ambient_temperature
+    times = recording.time
+    window = max(1, len(times) // 200)
+    (steepest, rise) = MIN_STEEPEST_SLOPE
+    typical_readings = np.median(recording.measured_temperature, axis=1)
     signals = zip(recording.duty, recording.measured_temperature, strict=True)
     for index, (duty, measured) in enumerate(signals):
         name = recording.parameters.wire_names[index]
@@ -243,7 +260,7 @@ def _check_thermocouples(recording: Recording) -> None:
                 f"the {name} wire warms by {np.ptp(measured):.0f} °C, but nowhere faster than "
                 f"{np.abs(slope).max():.3f} °C/s; is time in milliseconds?"
             )
-        if measured.min() > ambient + HOTTEST:
+        if measured.min() > ambient + MAX_COLDEST_RISE:
             raise CalibrationError(
                 f"the {name} thermocouple reads {measured.min():.0f} at the lowest; it seems to be "
                 "in kelvin, but must be in °C."
@@ -256,12 +273,15 @@ def _check_thermocouples(recording: Recording) -> None:
             )
         if not recording.duty.any():
             continue
-        if typical[index] < np.fmin.reduce([ambient, *np.delete(typical, index)]) - COLDER:
+        if (
+            typical_readings[index]
+            < np.fmin.reduce([ambient, *np.delete(typical_readings, index)]) - DISCONNECTED_BELOW
+        ):
             raise CalibrationError(
-                f"the {name} thermocouple reads {typical[index]:.0f} °C, far below ambient and the "
-                "others; is it connected?"
+                f"the {name} thermocouple reads {typical_readings[index]:.0f} °C, far below "
+                "ambient and the others; is it connected?"
             )
-        if (jump := np.median(np.abs(np.diff(measured)))) > JUMPS:
+        if (jump := np.median(np.abs(np.diff(measured)))) > MAX_JUMP:
             raise CalibrationError(
                 f"readings of the {name} thermocouple jump by {jump:.0f} °C from one to the next; "
                 "is it connected?"
@@ -269,10 +289,10 @@ def _check_thermocouples(recording: Recording) -> None:
 
 
 def _check_bend(recording: Recording) -> None:
-    """Whether the bend sensor is connected, and its angles are in degrees in their file."""
+    """Return whether the bend sensor is connected, and its angles are in degrees in their file."""
     largest = np.ptp(recording.bend_angle, axis=1).max()
     warmed = np.fmax.reduce(np.ptp(recording.measured_temperature, axis=1))
-    if recording.duty.sum(axis=1).max() / recording.sample_rate <= HEATED:
+    if recording.duty.sum(axis=1).max() / recording.sample_rate <= MIN_WARMING_DOSE:
         return
     if warmed > 20.0 and 1e-3 < largest < np.deg2rad(1.6):
         raise CalibrationError(
@@ -289,26 +309,28 @@ def _check_bend(recording: Recording) -> None:
 def _resting_level(
     duty: np.ndarray, measured: np.ndarray, sample_rate: float, ambient: float
 ) -> float:
-    """The lowest readings (K,) where they rest without heat, °C, as no warm wire does; else nan."""
-    half = max(2, round(REST / 2 * sample_rate))
+    """Return the lowest level, °C, at which readings rest without heat; nan if they never do."""
+    half = max(2, round(REST_TIME / 2 * sample_rate))
     if len(measured) < 2 * half:
         return np.nan
     means = np.convolve(measured, np.ones(half) / half, "valid")
-    level, change = (means[:-half] + means[half:]) / 2, np.abs(means[half:] - means[:-half])
+    level = (means[:-half] + means[half:]) / 2
+    change = np.abs(means[half:] - means[:-half])
     off = np.convolve(duty > 0, np.ones(2 * half), "valid") < 0.5
-    cooling = SLOWEST_COOLING * half / sample_rate * (level - ambient)
-    rests = off & (change < cooling) & (level < level.min() + RISE)
+    cooling = MIN_COOLING_RATE * half / sample_rate * (level - ambient)
+    rests = off & (change < cooling) & (level < level.min() + MIN_RISE)
     return float(level[rests].min()) if rests.any() else np.nan
 
 
-def _heat(recording: Recording) -> np.ndarray:
-    """How warm wires are by their duty (W, K), as a share of what full duty comes to."""
+def _wire_heat(recording: Recording) -> np.ndarray:
+    """Return how warm wires are by their duty (W, K), as a share of what full duty comes to."""
     return low_pass(recording.duty, np.exp(-1 / recording.sample_rate / COOLING_TIME))
 
 
-def _exchanged(recording: Recording) -> tuple[int, int] | None:
-    """Two wires, if any, each of which is as warm as the duty of the other would have it."""
-    heat, warmth = _heat(recording), recording.measured_temperature
+def _exchanged_pair(recording: Recording) -> tuple[int, int] | None:
+    """Return two wires, if any, whose readings follow each other's duty."""
+    heat = _wire_heat(recording)
+    warmth = recording.measured_temperature
     heated = [i for i in range(len(heat)) if np.ptp(heat[i]) > 0 and np.ptp(warmth[i]) > 0]
     for one, other in itertools.combinations(heated, 2):
         agreement = np.corrcoef(heat[[one, other]], warmth[[one, other]])[:2, 2:]
@@ -318,12 +340,12 @@ def _exchanged(recording: Recording) -> tuple[int, int] | None:
 
 
 def _window(recording: Recording) -> int:
-    """Samples of a second, at least one."""
-    return max(1, min(round(SMOOTH * recording.sample_rate), len(recording.time) // 2))
+    """Return the samples of a second, at least one."""
+    return max(1, min(round(SMOOTHING_TIME * recording.sample_rate), len(recording.time) // 2))
 
 
 def _check_wires(recording: Recording) -> None:
-    """Whether each wire warms its own thermocouple and bends the limb to its side."""
+    """Return whether each wire warms its own thermocouple and bends the limb to its side."""
     names = recording.parameters.wire_names
     measured = recording.measured_temperature
     dose = recording.duty.sum(axis=1) / recording.sample_rate
@@ -334,39 +356,43 @@ def _check_wires(recording: Recording) -> None:
     # A wire may be hot at the start, and cool from there: it has moved, and it has not climbed.
     moved = np.ptp(smooth, axis=1)
     climb = (smooth - np.minimum.accumulate(smooth, axis=1)).max(axis=1)
-    heat = _heat(recording)[:, width - 1 :]
+    heat = _wire_heat(recording)[:, width - 1 :]
     axes = len(recording.bend_angle)
     levers = np.array([wire.lever[:axes] for wire in recording.parameters.wires])
     for index, name in enumerate(names):
-        if dose[index] < HEATED or not climb[index] < RISE:
+        if dose[index] < MIN_WARMING_DOSE or not climb[index] < MIN_RISE:
             continue
-        other = int(np.nanargmax(np.where(dose < HEATED, climb, -np.inf)))
+        other = int(np.nanargmax(np.where(dose < MIN_WARMING_DOSE, climb, -np.inf)))
         of_other, own = (correlation(heat[index], smooth[i]) for i in (other, index))
-        if dose[other] < HEATED and climb[other] >= RISE and of_other > own:
-            hottest, coldest = np.argmax(smooth[other]), np.argmin(smooth[other])
+        if dose[other] < MIN_WARMING_DOSE and climb[other] >= MIN_RISE and of_other > own:
+            hottest = np.argmax(smooth[other])
+            coldest = np.argmin(smooth[other])
             bent = signal[:, hottest] - signal[:, coldest]
-            side, what = "", "thermocouples"
-            if levers[index] @ bent < -BENT * np.linalg.norm(levers[index]):
-                side, what = " and bends the limb away from its own side", "wires' outputs"
+            side = ""
+            what = "thermocouples"
+            if levers[index] @ bent < -MIN_BEND * np.linalg.norm(levers[index]):
+                side = " and bends the limb away from its own side"
+                what = "wires' outputs"
             raise CalibrationError(
                 f"duty for the {name} wire warms the {names[other]} thermocouple{side}: the {what} "
                 "are swapped."
             )
-        if moved[index] >= RISE:
+        if moved[index] >= MIN_RISE:
             continue
         raise CalibrationError(
             f"the {name} thermocouple is dead: it moves by {moved[index]:.1f} °C while "
             f"its wire gets {dose[index]:.1f} s of full duty in all."
         )
     unread = ~recording.has_thermocouple
-    smooth[unread] = WARMTH * heat[unread]
+    smooth[unread] = FULL_DUTY_RISE * heat[unread]
     drive = levers.T @ smooth
-    moves = np.ptp(signal, axis=1).max() > 2 * BENT and np.ptp(drive) > 0
+    moves = np.ptp(signal, axis=1).max() > 2 * MIN_BEND and np.ptp(drive) > 0
     driving, bent = (rows - rows.mean(axis=1, keepdims=True) for rows in (drive, signal))
     agreement = correlation(driving.ravel(), bent.ravel()) if moves else 0.0
-    swapped = _exchanged(recording)
+    swapped = _exchanged_pair(recording)
     if swapped and abs(agreement) > 0.5:
-        pair, what = " and ".join(names[index] for index in swapped), "thermocouples"
+        pair = " and ".join(names[index] for index in swapped)
+        what = "thermocouples"
         if agreement > 0:
             what = "duty columns or the wires' outputs"
         raise CalibrationError(

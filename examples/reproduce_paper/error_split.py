@@ -21,7 +21,7 @@ import numpy as np
 from calibration.calibrate import Calibration
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import fit_law
-from calibration.prediction.selection import rubber_of
+from calibration.prediction.selection import rubber_options
 from limb_systems import Limb, simulate
 from limb_systems.tracking import true_bend
 from reproduce_paper.driving import PlanWithRollouts
@@ -58,7 +58,7 @@ def error_split(
     truths = [true_bend(way.rollouts[0]) for way in motions.values()]
     runs = [HeatedRun.of(truth) for truth in truths]
     best = fit_law(
-        fit.law, runs, fit.segment, fit.ambient, rubber=rubber_of(fit), start=fit
+        fit.law, runs, fit.segment, fit.ambient, rubber=rubber_options(fit), start=fit
     ).predicted
     result = {}
     for (name, way), truth, hindsight in zip(motions.items(), truths, best, strict=True):

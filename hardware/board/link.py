@@ -304,6 +304,17 @@ def check_fit(limb: LimbParameters, board: BoardInfo, port: str) -> None:
         )
 
 
+def check_heat_is_measured(limb: LimbParameters) -> None:
+    """Raise HardwareError if a limb was calibrated without thermocouples, so that none may heat."""
+    if not limb.heat_is_measured:
+        raise HardwareError(
+            "The limb, or a limb of the robot, was calibrated without thermocouples, so that "
+            "nobody knows how hot its wires get, and boards refuse to heat it. Bond thermocouples, "
+            "collect recordings with the description from before this calibration, and calibrate "
+            "and plan again. What is planned with this calibration can be simulated."
+        )
+
+
 def pulls_of(limb: LimbParameters) -> list[int]:
     """Return the pull of each wire (W), a number that `protocol.shares` decodes."""
     pulls = []

@@ -7,7 +7,13 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from hardware.board.link import MAX_SAMPLE_AGE, Closeable, HardwareError, check_fit
+from hardware.board.link import (
+    MAX_SAMPLE_AGE,
+    Closeable,
+    HardwareError,
+    check_fit,
+    check_heat_is_measured,
+)
 from hardware.board.several_boards import Ports, SeveralBoards, open_link
 from limb_systems import LimbModel, LimbParameters, NoBoard, SerialBoard
 from limb_systems.drake_python import declare_state_output, weak_method
@@ -80,11 +86,14 @@ class SerialLimb(LeafSystem, Closeable):
 
         Raises:
             HardwareError: if no board with a known firmware answers.
+            HardwareError: if it is heated, and was calibrated without thermocouples.
             LimbError: if the limb has not as many wires and bend angles as the board.
         """
         super().__init__()
         # Connect to the board, and see that it is made for the limb.
         self.parameters = LimbParameters.of(parameters)
+        if heated:
+            check_heat_is_measured(self.parameters)
         self.link = open_link(port, self.parameters)
         try:
             self.info = self.link.info()

@@ -17,7 +17,7 @@ from calibration import (
 )
 from calibration.calibrate import METHODS
 from calibration.collecting.measurement_protocol import PROTOCOLS
-from calibration.recordings.files import folder_of_limb, read_folder, usable
+from calibration.recordings.files import folder_of_limb, read_folder, select_usable
 from calibration.recordings.recording_checks import check_recording, check_without_gaps
 from calibration.wire_directions import WrongDescriptionError
 from hardware import LimbTwin, SerialLimb
@@ -160,7 +160,7 @@ def _limbs_to_record(
 
 def _next_step(folder: Path, limb_folders: Sequence[Path]) -> Summary:
     """Return the command that fits the limbs to a folder; empty if a limb has no heated wire."""
-    has_heat = [usable(read_folder(limb_folder)[0]).heated for limb_folder in limb_folders]
+    has_heat = [select_usable(read_folder(limb_folder)[0]).heated for limb_folder in limb_folders]
     name = "limb" if list(limb_folders) == [folder] else "robot_calibrated"
     line = fit_command(folder, name) if all(has_heat) else ""
     return Summary.of({"next": line}, {})
@@ -206,6 +206,7 @@ def _fit(options: argparse.Namespace) -> int:
     # Fit one limb after the other.
     summaries = {}
     limbs = {}
+    forbidden: list[str] = []
     for name, folder in folders.items():
         described = None
         if options.limb:
@@ -240,13 +241,15 @@ def _fit(options: argparse.Namespace) -> int:
         if name in reports:
             data = {path.stem: path for path in recorded[name]}
             write_report(calibration, reports[name], {"calibrated limb": options.output, **data})
+        if not calibration.may_be_planned_with:
+            forbidden.append(name)
         limbs[name] = calibration.parameters
         summaries[name] = calibration_summary(calibration)
     # Write the limb last, so that Ctrl-C before leaves none.
     if robot is None:
         limbs[""].save(options.output)
         print_summary(options, summaries[""], outputs)
-        return 0
+        return _exit_status(options.output, forbidden)
     robot.with_limbs(limbs).save(options.output)
     # Print the result of each limb, and the next commands.
     not_fitted = [limb.name for limb in robot.limbs if limb.name not in limbs]
@@ -255,7 +258,19 @@ def _fit(options: argparse.Namespace) -> int:
     for words in robot.commands_after_fit(options.output):
         entries.append(Entry("next", sentence=shell_command(*words)))
     print_summary(options, Summary(entries), outputs)
-    return 0
+    return _exit_status(options.output, forbidden)
+
+
+def _exit_status(output: Path, forbidden: list[str]) -> int:
+    """Return 1, and print why, if there are limbs whose verdict forbids plans; 0 otherwise."""
+    for name in forbidden:
+        limb = f"the limb {name} in {output}" if name else str(output)
+        print(
+            f"error: Do not plan with {limb}: its remarks that begin with stop say why, and what "
+            "to record or mend. The file is for looking at.",
+            file=sys.stderr,
+        )
+    return 1 if forbidden else 0
 
 
 def _recorded_robot(options: argparse.Namespace) -> ConnectedLimbs | None:

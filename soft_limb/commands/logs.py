@@ -10,7 +10,7 @@ from calibration.import_logs.importing import ImportedLog, import_logs
 from calibration.import_logs.mapping import LogMapping
 from calibration.import_logs.table import LogError
 from calibration.import_logs.words import Dictionary
-from calibration.recordings.files import Usable, leaving_out, usable
+from calibration.recordings.files import UsableRecordings, left_out_remark, select_usable
 from calibration.recordings.kinds import kind_of
 from calibration.remarks import Remark
 from limb_systems import LimbError, LimbParameters, Recording
@@ -26,12 +26,12 @@ def shell_command(*words: str | Path) -> str:
     return shlex.join(["soft-limb", *map(str, words)])
 
 
-def usable_recordings(recordings: Iterable[Recording]) -> Usable:
+def usable_recordings(recordings: Iterable[Recording]) -> UsableRecordings:
     """Sort recordings by the kinds in their headers, and leave out those that no fit can use."""
     by_kind: dict[str, list[Recording]] = {}
     for recording in recordings:
         by_kind.setdefault(recording.kind, []).append(recording)
-    return usable(by_kind)
+    return select_usable(by_kind)
 
 
 def fit_command(folder: Path, name: str = "limb") -> str:
@@ -139,7 +139,7 @@ def _set_kinds(log: ImportedLog, kind: str | None) -> Iterator[Remark]:
         except LimbError as error:
             if kind:
                 raise
-            yield leaving_out(recording.title, error)
+            yield left_out_remark(recording.title, error)
 
 
 def _next_commands(

@@ -20,8 +20,8 @@ from calibration import (
     kinds_of,
     validate,
 )
-from calibration.recordings.repair import part
-from calibration.remarks import Severity, remarks_on_estimate
+from calibration.recordings.repair import select_samples
+from calibration.remarks import Remark, Severity, remarks_on_estimate
 from hardware import LimbTwin
 from limb_systems import (
     HystereticLaw,
@@ -86,7 +86,7 @@ def test_description_keeps_what_is_not_calibrated(model_recordings):
     (left,), (right,) = model_recordings["left"], model_recordings["right"]
     of_a_board = copy.deepcopy(right)
     of_a_board.parameters.board = SerialBoard("twin0007")
-    of_a_board = part(of_a_board, np.arange(len(right.time)) % 10 != 5)
+    of_a_board = select_samples(of_a_board, np.arange(len(right.time)) % 10 != 5)
     recordings = {"left": [left], "right": [of_a_board, right]}
     calibration = calibrate(recordings, description, method="paper")
     assert calibration.parameters.wires[1].law.a1 == pytest.approx(-0.07, rel=0.03)
@@ -175,7 +175,7 @@ def test_a_limb_with_one_wire_is_calibrated():
 
 def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb, model_recordings):
     (whole,) = model_recordings["both"]
-    both = part(whole, whole.time < 30.0)
+    both = select_samples(whole, whole.time < 30.0)
     assert np.rad2deg(validate(true_limb, both).mean) < 0.1
     wrong = copy.deepcopy(true_limb)
     wrong.segments[0].wire("left").law.beta *= 1.2
@@ -191,7 +191,7 @@ def test_validation_may_start_warm(true_limb):
         [0.0, 10.0, 70.0], [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
     )
     recording = simulate(Limb(limb), levels, 70.0, sample_rate=5.0)
-    warm = part(recording, recording.time >= 14.0)
+    warm = select_samples(recording, recording.time >= 14.0)
     assert validate(limb, warm).temperature_mean < 1.0
 
 
@@ -291,6 +291,21 @@ def test_remarks_are_ranked(emulated_folder, capsys, tmp_path):
     (told,) = re.findall(r"^validation +.*: mean ([\d.]+)°", said, re.MULTILINE)
     assert f"{again['bend_angle_mean_deg']:.2f}" == told
     assert found.calibration.validation.startswith(f"bend angle off by {told} deg on average")
+
+
+def test_a_limb_that_must_not_be_planned_with_is_no_success(
+    by_the_paper, capsys, monkeypatch, tmp_path
+):
+    """The file is kept for looking at, and the exit status is 1."""
+    stop = dataclasses.replace(by_the_paper, left_out=[Remark("start", "It starts at 900 °C.")])
+    fit = ["fit", str(tmp_path), "-o", str(tmp_path / "limb.yaml"), "--force"]
+    for calibration, status in ((by_the_paper, 0), (stop, 1)):
+        found = mock.Mock(return_value=calibration)
+        monkeypatch.setattr("soft_limb.commands.calibration.calibrate", found)
+        assert main(fit) == status
+        printed = capsys.readouterr()
+        assert ("Do not plan with" in printed.err) == bool(status)
+    assert "Do not plan with this: a recording starts" in printed.out
 
 
 def test_wires_on_the_wrong_side_are_a_question(emulated_folder, capsys, tmp_path):

@@ -26,9 +26,9 @@ from calibration import (
     validate,
 )
 from calibration.prediction.heated_run import HeatedRun
-from calibration.recordings.files import read_folder, usable
+from calibration.recordings.files import read_folder, select_usable
 from calibration.recordings.recording_checks import frozen_since
-from calibration.recordings.repair import part
+from calibration.recordings.repair import select_samples
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
 from soft_limb.results.summaries import validation_summary
 
@@ -153,7 +153,7 @@ def test_wires_may_be_hot_at_the_start(right):
     measured = right.measured_temperature[1]
     for level in (77.0, measured.max() - 15.0):
         start = np.flatnonzero((abs(measured - level) < 3.0) & (right.time > 10.0))[0]
-        warm = part(right, right.time >= right.time[start])
+        warm = select_samples(right, right.time >= right.time[start])
         assert check_recording(warm, "right") == "right"
         for trouble in ("dead", "fahrenheit", "swapped thermocouples", "reversed bend"):
             signals, message = TROUBLES[trouble]
@@ -217,7 +217,7 @@ def test_what_cannot_be_used_is_left_out_and_named(model_recordings, true_limb, 
     """Interrupted recordings calibrate nothing, but validate; unfinished files are ignored."""
     right, both = (
         dataclasses.replace(
-            part(whole, whole.time < 20.0), interrupted="The cable is cut.", kind=kind
+            select_samples(whole, whole.time < 20.0), interrupted="The cable is cut.", kind=kind
         )
         for kind in ("right", "both")
         for whole in model_recordings[kind]
@@ -239,7 +239,9 @@ def test_what_cannot_be_used_is_left_out_and_named(model_recordings, true_limb, 
         swing, time=2.5 * swing.time, sample_rate=swing.sample_rate / 2.5, source="slow"
     )
     coarse = dataclasses.replace(
-        part(swing, np.arange(len(swing.time)) % 10 == 0), sample_rate=10.0, source="coarse"
+        select_samples(swing, np.arange(len(swing.time)) % 10 == 0),
+        sample_rate=10.0,
+        source="coarse",
     )
     swings = {"ring_down": [still, swing, slow, coarse]}
     wires = {wire: model_recordings[wire] for wire in ("right", "left")}
@@ -255,8 +257,8 @@ def test_what_cannot_be_used_is_left_out_and_named(model_recordings, true_limb, 
 
 
 BREAKS = {
-    "one sample": lambda r: part(r, r.time < r.time[1]),
-    "a second": lambda r: part(r, r.time < 1.2),
+    "one sample": lambda r: select_samples(r, r.time < r.time[1]),
+    "a second": lambda r: select_samples(r, r.time < 1.2),
     "huge bend": lambda r: changed(r, bend_angle=lambda r: np.clip(4.0 * r.bend_angle, -3.1, 3.1)),
     "noise": lambda r: changed(
         r, bend_angle=lambda r: np.random.default_rng(0).uniform(-1.0, 1.0, r.bend_angle.shape)
@@ -292,11 +294,11 @@ def test_a_broken_recording_is_fitted_or_refused_in_one_sentence(
     model_recordings, monkeypatch, name
 ):
     """A minute of each kind. Some iterations by prediction are enough to break."""
-    monkeypatch.setattr("calibration.prediction.law_fit.MOST_ITERATIONS", 2)
+    monkeypatch.setattr("calibration.prediction.law_fit.MAX_ITERATIONS", 2)
     for kind in ("right", "sag", "ring_down"):
         (whole,) = model_recordings[kind]
         short = changed(
-            part(whole, whole.time < 60.0),
+            select_samples(whole, whole.time < 60.0),
             measured_temperature=lambda r: r.measured_temperature + noise(0.2)(r.time),
         )
         for fit in (lambda r, k=kind: by_the_paper(k, r), *[by_prediction] * (kind == "right")):
@@ -327,6 +329,6 @@ def test_a_sensor_that_freezes_on_the_way_is_cut_there(emulated_folder):
         frozen = dataclasses.replace(motion, **{name: readings})
         with pytest.raises(CalibrationError, match="repeats one reading from 25"):
             check_recording(frozen)
-        found = usable({"motion": [frozen]})
+        found = select_usable({"motion": [frozen]})
         assert found.heated["motion"][0].time[-1] < 25.0
         assert "repeats one reading" in str(found.left_out[0])

@@ -240,15 +240,16 @@ def short_excitations(monkeypatch):
 def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     short_excitations, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.SAG_TRIALS", 1)
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.RING_DOWNS", 1)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.NUM_SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.NUM_RING_DOWNS", 1)
     waited, asked, told = [], [], []
     limb, described = LimbParameters(), LimbParameters()
     for each in (limb, described):  # of two links, which are simulated fast
         each.segments[0].links, each.segments[0].stiffness = 2, 0.0623
     limb.wires[1].law.a2 = 22.0
     monkeypatch.setattr(
-        "calibration.collecting.measurement_protocol._wait", lambda pause, _: waited.append(pause)
+        "calibration.collecting.measurement_protocol._wait_with_progress",
+        lambda pause, _: waited.append(pause),
     )
     monkeypatch.setattr("calibration.collecting.measurement_protocol.Knowledge.LAW", TwoMassLaw)
 
@@ -283,8 +284,8 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
 def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_path):
     """With the model in place of a robot, which a context manager closes alike."""
     protocol = "calibration.collecting.measurement_protocol"
-    short_excitations.setattr(f"{protocol}.SAG_TRIALS", 2)
-    short_excitations.setattr(f"{protocol}.RING_DOWNS", 1)
+    short_excitations.setattr(f"{protocol}.NUM_SAG_TRIALS", 2)
+    short_excitations.setattr(f"{protocol}.NUM_RING_DOWNS", 1)
     in_use, asked = [], []
 
     class Closing(Limb):
@@ -351,8 +352,8 @@ def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_p
 def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitations, tmp_path):
     """Nor is it ever told more than it needs: any wire, and little duty."""
     protocol = "calibration.collecting.measurement_protocol"
-    short_excitations.setattr(f"{protocol}.SAG_TRIALS", 0)
-    short_excitations.setattr(f"{protocol}.RING_DOWNS", 0)
+    short_excitations.setattr(f"{protocol}.NUM_SAG_TRIALS", 0)
+    short_excitations.setattr(f"{protocol}.NUM_RING_DOWNS", 0)
     connected = []
 
     def connect(known):
@@ -372,8 +373,8 @@ def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitat
 def test_a_limb_in_space_is_mounted_by_hand_for_each_excitation(short_excitations, tmp_path):
     """The weight is hung to it, it is turned, and the weight is taken off for the motion."""
     protocol, whole = "calibration.collecting.measurement_protocol", mountings
-    short_excitations.setattr(f"{protocol}.RING_DOWNS", 0)
-    short_excitations.setattr(f"{protocol}._wait", lambda pause, _: None)
+    short_excitations.setattr(f"{protocol}.NUM_RING_DOWNS", 0)
+    short_excitations.setattr(f"{protocol}._wait_with_progress", lambda pause, _: None)
     short_excitations.setattr(f"{protocol}.Knowledge.LAW", LinearLaw)
     short_excitations.setattr(
         f"{protocol}.mountings",
@@ -410,8 +411,8 @@ def test_a_limb_in_space_is_mounted_by_hand_for_each_excitation(short_excitation
 def test_a_short_limb_sags_under_a_weight_to_both_sides(tmp_path, monkeypatch):
     """The operator is told the weight, the recordings say it, and together they tell k."""
     protocol = "calibration.collecting.measurement_protocol"
-    monkeypatch.setattr(f"{protocol}.SAG_TRIALS", 2)
-    monkeypatch.setattr(f"{protocol}.RING_DOWNS", 1)
+    monkeypatch.setattr(f"{protocol}.NUM_SAG_TRIALS", 2)
+    monkeypatch.setattr(f"{protocol}.NUM_RING_DOWNS", 1)
     segment = SegmentParameters(links=2, length=0.06, mass=0.015, stiffness=0.104)
     segment.bend_sensor = ChordSensor()  # what the model shows
     limb, asked = LimbParameters(segments=[segment]), []
@@ -461,8 +462,8 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
 def test_command_collects_three_wires_from_a_robot_as_four_kinds(short_excitations, tmp_path):
     """With the model in place of the robot. Two of the wires are on one side."""
     monkeypatch = short_excitations
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.SAG_TRIALS", 1)
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.RING_DOWNS", 1)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.NUM_SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.NUM_RING_DOWNS", 1)
     ports, asked = [], []
 
     def connect(port, parameters, board=None):

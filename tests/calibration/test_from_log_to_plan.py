@@ -10,9 +10,11 @@ import pytest
 from logged_limb import OwnLimb
 
 from calibration import calibrate
-from hardware.replaying import ReplayError, _check_robot
+from hardware import HardwareError, SerialLimb
+from hardware.replaying import _check_robot
 from limb_systems import LimbParameters, Recording, SaturatingLaw, Trajectory
 from soft_limb.command import main
+from walking import RobotLimb, RobotParameters
 
 LEFT, RIGHT = 0, 1
 
@@ -129,8 +131,17 @@ def test_a_log_without_thermocouples_becomes_a_plan_that_boards_refuse(
     assert main(["replay", "plan.csv", "--emulated", "0", "-o", "replayed.csv"]) == 0
     assert main(["validate", "limb.yaml", "recordings/bends.csv"]) == 0
     assert "not measured" in capsys.readouterr().out
-    with pytest.raises(ReplayError, match="calibrated without thermocouples"):
+    rear = RobotLimb("rear", parameters=LimbParameters())
+    robot = RobotParameters(limbs=[rear, RobotLimb("front", parameters=limb)])
+    robot.as_single_limb.save("robot_limb.yaml")
+    refused = functools.partial(pytest.raises, HardwareError, match="without thermocouples")
+    with refused():
         _check_robot(planned, mock.Mock())
+    for heated in (limb, planned.parameters, "limb.yaml", robot.as_single_limb, "robot_limb.yaml"):
+        with refused():
+            SerialLimb("no port", heated)
+    with pytest.raises(HardwareError, match="no port"):
+        SerialLimb("no port", limb, heated=False)
 
     assert main(["fit", "recordings", "-o", "no.yaml", "--method", "paper"]) == 1
     assert not Path("no.yaml").exists()

@@ -12,7 +12,7 @@ from calibration import CalibrationError
 from calibration.collecting.collect import (
     collect_first_contact,
     collect_warm_up,
-    for_first_contact,
+    limb_for_first_contact,
 )
 from calibration.collecting.measurement_protocol import CONTACT_MARGIN, WARM_UP_MARGIN
 from calibration.heat_bounds_fit import check_first_contact, fit_heat_bounds, heat_remarks
@@ -125,7 +125,7 @@ def test_first_contact_takes_in_any_limb(rates):
     """Of the published ends of all rates: it stays cool, within the bounds, then is known."""
     limb = Limb(described_by(**rates))
     recording = collect_first_contact(limb)
-    careful = for_first_contact(LimbParameters())
+    careful = limb_for_first_contact(LimbParameters())
     assert careful.total_duty == 0.3
     check_first_contact(recording, LimbParameters(), Path("first_contact.csv"))
     fitted = fit_heat_bounds([recording], LimbParameters(), CONTACT_MARGIN)
@@ -159,7 +159,7 @@ def test_what_is_unlike_the_other_wire_or_the_description_is_told():
         assert remark.startswith(f"the {side} thermocouple lags by 5 s")
     half = showing(simulate(Limb(nominal), duty, 60.0), 0.5)
     (remark,) = heat_remarks([half], nominal)
-    assert remark.startswith("the left wire shows 50% of the heat of the one that shows most")
+    assert remark.startswith("the left wire shows 50% of the heat of the wire that shows most")
     weak = simulate(Limb(described_by(a2=10.0)), duty, 60.0)
     (remark,) = heat_remarks([weak], nominal)
     assert remark.startswith("the wires show 50% of the heat that their description says")

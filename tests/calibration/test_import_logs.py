@@ -286,8 +286,8 @@ def test_a_warm_log_of_another_encoding_and_clock(tmp_path, clock, encoding):
 def test_a_long_log_is_read_in_blocks_and_cut_where_it_is_cold(tmp_path, truth, monkeypatch):
     path = write(tmp_path / "log.csv", NAMES, signals(truth))
     _, (whole,), _ = read(path)
-    monkeypatch.setattr(table, "BLOCK", 1000)
-    monkeypatch.setattr(reading, "MOST", 1500)
+    monkeypatch.setattr(table, "BLOCK_CHARACTERS", 1000)
+    monkeypatch.setattr(reading, "MAX_SAMPLES", 1500)
     _, parts, remarks = read(path)
     assert [round(part.time[-1]) for part in parts] == [125, 115]
     assert any("no part has more than 1500 samples" in remark for remark in remarks)

@@ -9,13 +9,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration import calibrate
-from calibration.collecting.measurement_protocol import mounted
+from calibration import CalibrationError, calibrate
+from calibration.calibrate import _check_better_than_mean
+from calibration.collecting.measurement_protocol import mounted_limb
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.law_fit import fit_law
 from calibration.recordings.at_rest import rest_angles
-from calibration.recordings.kinds import TURNS
+from calibration.recordings.kinds import MOUNTING_ANGLES
 from calibration.wire_directions import WrongDescriptionError, check_directions, wire_directions
 from limb_systems import LimbModel, LimbParameters, LinearLaw, Recording, RestMemory
 from limb_systems.monte_carlo import draw_limbs, stack_limbs
@@ -53,7 +54,7 @@ def true_limb() -> LimbParameters:
 
 def recording_of(turned: float | None, seed: int, levels: list[list[float]]) -> Recording:
     """Each level held for 15 s, then 15 s without duty, as a noisy, drifting sensor shows it."""
-    limb = mounted(true_limb(), turned)
+    limb = mounted_limb(true_limb(), turned)
     wires, random = LimbModel.of(limb).wires, np.random.default_rng(seed)
     parts = np.array([[0.0] * 3, *(row for level in levels for row in (level, [0.0] * 3))])
     times = np.arange(0.0, 15.0 * len(parts), 1 / RATE)
@@ -75,7 +76,7 @@ def recording_of(turned: float | None, seed: int, levels: list[list[float]]) -> 
         duty=np.concatenate([duty[:1], duty[:-1]]).T,
         measured_temperature=np.array(readings).T + 0.3 * random.standard_normal((3, len(times))),
         bend_angle=seen + noise + DRIFT * random.standard_normal((2, 1)),
-        parameters=mounted(described(), turned),
+        parameters=mounted_limb(described(), turned),
         source=f"limb turned by {turned}°",
         sample_rate=RATE,
     )
@@ -90,7 +91,7 @@ def motion() -> Recording:
 
 
 def test_four_mountings_tell_directions_gains_and_stiffness(motion):
-    heated = [recording_of(turned, seed, STAIRS) for seed, turned in enumerate(TURNS)]
+    heated = [recording_of(turned, seed, STAIRS) for seed, turned in enumerate(MOUNTING_ANGLES)]
     calibration = calibrate({"heated": heated, "motion": [motion]}, laws=[LinearLaw])
     off = {}
     for name, true in TRUE.items():
@@ -118,7 +119,7 @@ def test_the_open_loop_in_space_shows_exact_equilibria():
     limb, (own,) = true_limb(), true_limb().segments
     limb.segments = [own]
     own.stiffening, own.twists = 0.1, True
-    limbs = [mounted(limb, turned) for turned in (None, 0, 90)]
+    limbs = [mounted_limb(limb, turned) for turned in (None, 0, 90)]
     hot = np.random.default_rng(0).uniform(25.0, 110.0, (40, 3))
     loads = [[*each.gravity, each.payload] for each in limbs for _ in hot]
     law, ambient, rubber = stack_limbs([limb])
@@ -142,7 +143,7 @@ def test_thermocouples_are_those_of_their_own_wires():
     recording = recording_of(0, 0, STAIRS[:3])
     recording.measured_temperature[:2] = np.nan
     fit = fit_law(LinearLaw, [HeatedRun.of(recording)], described().segments[0], 22.0)
-    assert [unknown.name for unknown in fit.untold] == ["wire_1.a3", "wire_2.a3"]
+    assert [unknown.name for unknown in fit.unidentified] == ["wire_1.a3", "wire_2.a3"]
 
 
 def test_the_angle_at_rest_is_told_towards_both_axes(motion):
@@ -192,10 +193,13 @@ def test_bends_alone_tell_a_limb_that_bends_in_space(motion):
     other = recording_of(None, 11, [[0, 0.25, 0.1], [0.3, 0, 0.1]])
     calibration = calibrate({"heated": [alone]}, laws=[LinearLaw], counted_limit=80.0)
     run = HeatedRun.of(other)
-    (predicted,) = calibration.prediction.fit.foresee([run])
+    (predicted,) = calibration.prediction.fit.roll_out([run])
     assert np.rad2deg(predicted.bend_error) < 1.5
     assert np.rad2deg(np.nanmax(np.abs(run.bend))) > 15.0
     assert calibration.plan_miss.low < predicted.bend_error < calibration.plan_miss.high
+    no_better = dataclasses.replace(calibration.prediction, mean_error=np.deg2rad(0.1))
+    with pytest.raises(CalibrationError, match=r"tell no model: .* misses such a motion by 0\.1°"):
+        _check_better_than_mean(dataclasses.replace(calibration, prediction=no_better))
     limb = calibration.parameters
     assert limb.temperature_limits.maximum == 80.0
     assert [wire.law.a2 for wire in limb.wires] == pytest.approx(3 * [LinearLaw().a2])

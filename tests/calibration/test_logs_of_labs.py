@@ -13,7 +13,7 @@ from loggers import logged
 from calibration import CalibrationError, calibrate
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import fit_law
-from calibration.recordings.repair import in_pieces, part
+from calibration.recordings.repair import in_pieces, select_samples
 from limb_systems import LimbParameters, LinearLaw, Recording, SaturatingLaw, SegmentParameters
 from soft_limb.reports.calibration_report import write_report
 from soft_limb.results.summaries import calibration_summary
@@ -52,7 +52,9 @@ def poor(log) -> Recording:
     in_heat = log.time - 2 * PERIOD - 8.0  # of the third
     kept[(in_heat > 2.0) & (in_heat < 6.1)] = False
     kept[0] = True
-    return part(dataclasses.replace(log, bend_angle=bend, measured_temperature=measured), kept)
+    return select_samples(
+        dataclasses.replace(log, bend_angle=bend, measured_temperature=measured), kept
+    )
 
 
 def test_a_long_log_is_cut_where_it_rests(log, monkeypatch):
@@ -65,9 +67,9 @@ def test_a_long_log_is_cut_where_it_rests(log, monkeypatch):
     dose = sum(HeatedRun.of(piece).duty.sum(axis=0) * 0.5 for piece in pieces)
     np.testing.assert_allclose(dose, log.duty.sum(axis=1) * 0.2, atol=0.02)
 
-    monkeypatch.setattr("calibration.recordings.repair.PAUSE", 1000.0)
+    monkeypatch.setattr("calibration.recordings.repair.PAUSE_TIME", 1000.0)
     assert len(in_pieces(log)[0]) == 1
-    monkeypatch.setattr("calibration.recordings.repair.LONGEST", 270.0)
+    monkeypatch.setattr("calibration.recordings.repair.MAX_PIECE_DURATION", 270.0)
     pieces = in_pieces(log)[0]
     assert [piece.time[0] for piece in pieces] == pytest.approx([0.0, 283.0, 556.0], abs=15.0)
     for piece in pieces:
@@ -84,13 +86,13 @@ def test_a_gap_is_cut_where_the_duty_is_not_known(poor):
     steady = dataclasses.replace(poor, duty=np.where(poor.time > 8.0, [[0.0], [0.1]], 0.0))
     assert len(in_pieces(steady)[0]) == 1  # as the duty is the same on both sides
     with pytest.raises(CalibrationError, match="nothing is left of it to fit"):
-        in_pieces(part(poor, abs(poor.time - 2 * PERIOD - 14.0) < 6.0))
+        in_pieces(select_samples(poor, abs(poor.time - 2 * PERIOD - 14.0) < 6.0))
 
 
 def test_what_one_thermocouple_tells(poor, log, tmp_path):
     """Of a file that has any name: it predicts what it never saw, and says what is not known."""
     poor.save(tmp_path / "log of march.csv")
-    part(poor, poor.time < 7.0).save(tmp_path / "log of april.csv")
+    select_samples(poor, poor.time < 7.0).save(tmp_path / "log of april.csv")
     calibration = calibrate(tmp_path, laws=[SaturatingLaw])
     assert calibration.prediction.judges.startswith("the last 2 of 5 heated recordings or")
     assert calibration.as_described == ["stiffness", "damping", "left.a3"]
@@ -128,7 +130,7 @@ def test_heat_from_the_beginning_leaves_the_start_at_the_room(pulses):
     recorded, again = pulses
     segment = LimbParameters().segments[0]
     fit = fit_law(SaturatingLaw, [HeatedRun.of(r) for r in recorded], segment, 22.0)
-    assert np.abs(fit.nuisances - 22.0).max() < 8.0
+    assert np.abs(fit.initial_conditions - 22.0).max() < 8.0
     for predicted in fit.predict([HeatedRun.of(recording) for recording in again]):
         assert np.rad2deg(predicted.bend_error) < 2.0
         assert predicted.temperature_error < 2.0
@@ -140,7 +142,7 @@ def with_holes(recording):
     bend[0, 200:300] = bend[0, 400::3] = np.nan
     measured[1, 100:130] = np.nan
     holes = dataclasses.replace(recording, bend_angle=bend, measured_temperature=measured)
-    return part(holes, ~np.isin(np.arange(bend.size), [150, 151, 350]))
+    return select_samples(holes, ~np.isin(np.arange(bend.size), [150, 151, 350]))
 
 
 def test_what_is_missing_is_fitted_without(pulses):
@@ -184,7 +186,7 @@ def test_laws_are_within_their_errors(true_limb, model_recordings, change):
     random, heated = np.random.default_rng(0), []
     for kind in ("right", "left"):
         (whole,) = model_recordings[kind]
-        recording = logged(part(whole, whole.time <= 120.0), 20.0)
+        recording = logged(select_samples(whole, whole.time <= 120.0), 20.0)
         noisy = {
             name: getattr(recording, name)
             + size * random.normal(size=getattr(recording, name).shape)

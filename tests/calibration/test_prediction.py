@@ -9,15 +9,15 @@ import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.collecting.excitation import excitations
+from calibration.prediction.expected_plan_error import PlanMiss, plan_miss, remarks_on_coverage
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
-from calibration.prediction.outlook import PlanMiss, plan_miss, remarks_on_coverage
 from calibration.prediction.selection import (
     Prediction,
-    beaten,
     compare_laws,
     fit_by_prediction,
-    simplest_unbeaten,
+    is_beaten,
+    simplest_unbeaten_law,
 )
 from calibration.prediction.unknowns import slopes_of, unknowns_of, values_of
 from calibration.remarks import CalibrationError, remarks_on_start
@@ -127,15 +127,15 @@ def test_the_simplest_law_that_predicts_as_well_is_used():
     assert [c.name for c in candidates][:3] == ["LinearLaw", "TwoMassLaw", "SaturatingLaw"]
     assert candidates[-1].name == "TwoMassLaw + rest_memory"
     assert best.name == "TwoMassLaw"
-    assert beaten(candidates[0], candidates[1])
-    chosen = Prediction(candidates, best, best.fit, "", [], [])
+    assert is_beaten(candidates[0], candidates[1])
+    chosen = Prediction(candidates, best, best.fit, "", [], [], 0.0)
     assert ("is nearer to what judged" in chosen.choice) == (
         min(candidates, key=lambda c: c.bend_error) is not best
     )
     memory = candidates[-1].fit
     assert memory.misfit <= best.fit.misfit  # the law that it contains
-    assert not beaten(candidates[1], candidates[2])
-    assert simplest_unbeaten(candidates[1:3]) is candidates[1]
+    assert not is_beaten(candidates[1], candidates[2])
+    assert simplest_unbeaten_law(candidates[1:3]) is candidates[1]
 
 
 def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
@@ -192,7 +192,7 @@ def test_a_plan_is_expected_to_miss_by_what_is_left_and_by_what_is_unknown():
     def miss(error: float, share: float = 1.0) -> PlanMiss:
         smaller = dataclasses.replace(run, bend=share * run.bend)
         predicted = [Predicted(smaller, run.temperature, smaller.bend + error)]
-        return plan_miss(limb, predicted, predicted, [error])
+        return plan_miss(limb, predicted, predicted, [error], 2.0 * error)
 
     unknown = miss(0.0).expected
     assert np.deg2rad(0.3) < unknown < np.deg2rad(4.0)  # the sensor's drift is 1°

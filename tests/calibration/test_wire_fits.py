@@ -85,8 +85,8 @@ def test_what_a_board_says_of_its_samples_takes_the_place_of_a_delay(model_recor
     fit = fit_heat_transfer(dataclasses.replace(recording, **seen, **told), 1, 23.0)
     assert fit.delay is None
     assert fit.a3.value == pytest.approx(-0.8, rel=0.03)
-    untold = fit_heat_transfer(dataclasses.replace(recording, **seen), 1, 23.0)
-    assert untold.delay.value == pytest.approx(0.31, abs=0.03)
+    unidentified = fit_heat_transfer(dataclasses.replace(recording, **seen), 1, 23.0)
+    assert unidentified.delay.value == pytest.approx(0.31, abs=0.03)
 
 
 def reading(recording, wires, change):

@@ -62,7 +62,7 @@ def demo(tmp_path_factory):
             COUNTS=experiments.COUNTS | {LEARNING: 2},
             PAUSE=20.0,
         ),
-        mock.patch("calibration.prediction.law_fit.MOST_ITERATIONS", 4),
+        mock.patch("calibration.prediction.law_fit.MAX_ITERATIONS", 4),
         mock.patch("reproduce_paper.driving.PAUSE", 20.0),
         mock.patch.object(sys, "argv", ["demo.py", str(folder)]),
         contextlib.redirect_stdout(said),

@@ -7,8 +7,8 @@ from calibration.import_logs.clock import DAY
 from calibration.import_logs.mapping import (
     BEND_ANGLE,
     CHORD,
-    OPEN,
     TIP_TANGENT,
+    UNKNOWN,
     BendColumns,
     LogMapping,
     TimeColumn,
@@ -19,8 +19,13 @@ from calibration.import_logs.table import LogTable
 from calibration.import_logs.words import Dictionary
 
 TIMESTAMP = "Timestamp (millisec since midnight today)"
-SIDES = {"left": "rev", "right": "fwd"}  # which of both is on which side is ours
-USUAL = {(0, "rev"): 0, (0, "fwd"): 1, (1, "rev"): 3, (1, "fwd"): 2}  # MCPtemp of limb and wire
+WIRE_BY_SIDE = {"left": "rev", "right": "fwd"}  # which of both is on which side is ours
+USUAL_SENSORS = {
+    (0, "rev"): 0,
+    (0, "fwd"): 1,
+    (1, "rev"): 3,
+    (1, "fwd"): 2,
+}  # MCPtemp of limb and wire
 
 
 def known_logger(table: LogTable) -> list[Proposal]:
@@ -32,7 +37,7 @@ def known_logger(table: LogTable) -> list[Proposal]:
         heated = [proposal for proposal in proposals if proposal.is_heated]
         return heated or proposals
     if TIMESTAMP in table.names and any(n.startswith("MPRpressure_") for n in table.names):
-        return _pneumatic(table)
+        return _pneumatic_limbs(table)
     return []
 
 
@@ -49,9 +54,9 @@ def _shape_memory(table: LogTable, limbs: list[int], limb: int) -> Proposal:
     sensors = [name for name in by_name if name.startswith("MCPtemp_") and by_name[name].span]
     columns.temperatures = [by_name[name] for name in sensors]
     order = [limb, *(other for other in limbs if other != limb)]
-    ways = [(own, side) for own in order for side in SIDES]
+    ways = [(own, side) for own in order for side in WIRE_BY_SIDE]
     for own, side in ways:
-        duty = f"pwm_duty_limb{own}_{SIDES[side]}"
+        duty = f"pwm_duty_limb{own}_{WIRE_BY_SIDE[side]}"
         table.numbers(duty)  # or an error that names the column
         columns.duties.append(by_name[duty])
         columns.wires.append(WireColumns(side, duty))
@@ -62,9 +67,9 @@ def _shape_memory(table: LogTable, limbs: list[int], limb: int) -> Proposal:
     taken = [wire.temperature for wire in columns.wires]
     fields = [f"wires[{index}].temperature" for index in (0, 1)]
     for index, wire in enumerate(columns.wires):
-        usual = f"MCPtemp_{USUAL.get((limb, SIDES[wire.name]))}"
+        usual = f"MCPtemp_{USUAL_SENSORS.get((limb, WIRE_BY_SIDE[wire.name]))}"
         if not columns.duties[index].span:
-            if wire.temperature in ("", OPEN):
+            if wire.temperature in ("", UNKNOWN):
                 wire.temperature = usual if usual in sensors and usual not in taken else ""
             wire.unit = "C"
             fields.remove(f"wires[{index}].temperature")
@@ -105,13 +110,13 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
     return bend, f"{said} of the base in the picture, bend.zero"
 
 
-def _pneumatic(table: LogTable) -> list[Proposal]:
+def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
     """Return the pneumatic limbs: no heat, but the half angles of the limbs' tips, in degrees."""
     angles = [name for name in table.names if re.fullmatch(r"theta_\d", name)]
     tags = [name for name in table.names if re.fullmatch(r"tagid_x_\d+", name)]
     found = []
     for angle in angles:
-        wires = [WireColumns(name, "") for name in SIDES]
+        wires = [WireColumns(name, "") for name in WIRE_BY_SIDE]
         # The angle is 0 while the camera does not see the tags.
         bend = BendColumns(angle, measures=BEND_ANGLE, seen=tags[-1] if tags else "")
         mapping = LogMapping.of(table, TimeColumn(TIMESTAMP, "ms", DAY), wires, bend)
