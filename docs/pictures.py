@@ -38,6 +38,7 @@ from soft_limb.command import main as main_command
 from soft_limb.live_page import LivePage
 from urdf import limb_urdf
 from walking import Gait, Robot, RobotParameters, plan_gait
+from walking.gait_set import schedules_on_the_spot
 from walking.walk_trajectory import walk
 
 FOLDER = Path(__file__).parent
@@ -94,7 +95,9 @@ def make_walk(_: Path) -> None:
 def make_walk_in_space(_: Path) -> None:
     """A robot of four limbs that walks ahead, heats its wires for a turn, and turns on the spot."""
     robot = RobotParameters.in_space()
-    ahead, around = (plan_gait(robot, turn=turn, spread=False) for turn in (0.0, np.inf))
+    ahead = plan_gait(robot, spread=False)
+    schedule = schedules_on_the_spot(robot)[0]
+    around = plan_gait(robot, turn=0.2, stride=0.0, schedule=schedule, spread=False)
     save_moments(ahead, FOLDER / "robot_in_space.png")
     duty = ahead.duty_trajectory(3)
     turn = walk(around, 3, heat=ahead.initial_heat, bend=ahead.bend_angle[:, 0]).duty_trajectory()
