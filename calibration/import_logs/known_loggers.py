@@ -33,7 +33,7 @@ def known_logger(table: LogTable) -> list[Proposal]:
     found = [re.match(r"pwm_duty_limb(\d)_", name) for name in table.names]
     limbs = sorted({int(match[1]) for match in found if match})
     if limbs:
-        proposals = [_shape_memory(table, limbs, limb) for limb in limbs]
+        proposals = [_shape_memory_limb(table, limbs, limb) for limb in limbs]
         heated = [proposal for proposal in proposals if proposal.is_heated]
         return heated or proposals
     if TIMESTAMP in table.names and any(n.startswith("MPRpressure_") for n in table.names):
@@ -41,14 +41,15 @@ def known_logger(table: LogTable) -> list[Proposal]:
     return []
 
 
-def _shape_memory(table: LogTable, limbs: list[int], limb: int) -> Proposal:
+def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal:
     """Return the columns of a limb with two shape-memory wires; the log may have more limbs.
 
     All limbs of the log are in series, with the numbers ``limbs``.
     """
     time = TimeColumn("Test time", "s")
     if TIMESTAMP in table.names:
-        time = TimeColumn(TIMESTAMP, "ms", wraps_after=DAY)
+        time = TimeColumn(TIMESTAMP, "ms", wraps_after=DAY)  # it begins anew at midnight
+    # Without a description (None) the limb is the nominal one, with a left and a right wire.
     columns = Columns(table, limb=None, dictionary=Dictionary(), time=time)
     # Ignore the numbers in the columns' names: they do not say which wire has which thermocouple.
     for column in columns.columns:
