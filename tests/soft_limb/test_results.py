@@ -19,6 +19,7 @@ from limb_systems import (
     Trajectory,
     joint_angles_from_bend_angle,
 )
+from limb_systems.connected_limbs import CONNECTED_FIELDS
 from soft_limb.command import main
 from soft_limb.reports import page
 from soft_limb.results import folder as folder_of_results
@@ -133,7 +134,7 @@ def test_kinds_of_limb_and_robot_cover_all_fields():
         {f.name for f in dataclasses.fields(c)} for c in (LimbParameters, RobotParameters)
     )
     assert limb == folder_of_results._LIMB
-    assert robot - limb == folder_of_results.FIELDS
+    assert robot - limb == CONNECTED_FIELDS
 
 
 def damaged(text: str) -> str:

@@ -67,7 +67,8 @@ def test_limbs_of_a_robot_are_fitted_one_by_one_and_put_back(tmp_path, capsys, m
     monkeypatch.setattr(f"{commands}.calibrate", fit)
     monkeypatch.setattr(f"{commands}.write_report", lambda *given: reports.append(given[1].name))
     words = ["fit", str(tmp_path / "rec"), "-o", str(tmp_path / "robot.yaml"), "--method", "paper"]
-    assert main([*words, "--report", str(tmp_path / "fit.html"), "--json"]) == 0
+    # These recordings ring as no limb with their sag does, so that a plan is not advised.
+    assert main([*words, "--report", str(tmp_path / "fit.html"), "--json"]) == 1
     said = json.loads(capsys.readouterr().out)
     assert described == [("rear", None, "paper"), ("front", None, "paper")]
     fitted = RobotParameters.load(tmp_path / "robot.yaml")
