@@ -11,45 +11,51 @@ from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import QuasiStaticProgram
 
 NUM_INTERVALS = 4  # of the drawn Jacobian; it repeats from interval to interval
+MIN_DRAWN_DEFECT = 1e-17  # below rounding errors: a logarithmic axis has no place for zero
 
 
 def plot_diagnostics(trajectory: Trajectory) -> Figure:
     """Draw a solution: violation of the dynamics, distance to the bounds, and the Jacobian.
 
-    Everything is scaled as for the solver. The Jacobian is drawn for the first intervals; all
-    others look the same.
+    A defect is the error of the collocation equations (17) in an interval between two knots: how
+    far the solution violates the dynamics there. Everything is scaled as for the solver. The
+    Jacobian is drawn for the first intervals; all others look the same.
     """
     figure = Figure(figsize=(WIDTH, 8.5), layout="constrained")
     defects_axis, bounds_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
     _plot_bounds(bounds_axis, trajectory)
 
-    # Evaluate the defects (17), and sort the rows of the Jacobian by interval.
+    # Evaluate the defects (row, interval), and give rows of the Jacobian places by interval.
     time = trajectory.time
     num_intervals = len(time) - 1
     model = trajectory.model
     num_joints = model.layout.num_joints
-    sizes = {"wires": model.wires.num_states, "V": model.wires.num_wires}
+    # Numbers of rows by kind; V are the thermocouples' readings.
+    num_rows = {"wires": model.wires.num_states, "V": model.wires.num_wires}
     program: TrajectoryProgram | QuasiStaticProgram
     block: ConstraintBlock
     if model.layout.is_planar:
         program = TrajectoryProgram(model, time)
         block = program.defects
         x = program.variables(trajectory.state, trajectory.duty)
-        motion, heat = (block.evaluate(x) for block in program.blocks)
+        motion, heat = (each_block.evaluate(x) for each_block in program.blocks)
         defects = np.vstack([motion.reshape(2 * num_joints, -1), heat.reshape(num_intervals, -1).T])
-        row_places = block.rows % num_intervals * 2 * num_joints + block.rows // num_intervals
-        sizes = {"θ": num_joints, "θ̇": num_joints, **sizes}
+        # The block has all intervals of one row of θ or θ̇, then of the next; draw by interval.
+        interval = block.rows % num_intervals
+        row_in_interval = block.rows // num_intervals
+        row_places = interval * 2 * num_joints + row_in_interval
+        num_rows = {"θ": num_joints, "θ̇": num_joints, **num_rows}
     else:  # a program of the heat alone
         program = QuasiStaticProgram(model, time, model.statics, Task())
         block = program.blocks[0]
         x = program.variables(trajectory.state[2 * num_joints :], trajectory.duty)
         defects = block.evaluate(x).reshape(num_intervals, -1).T
-        row_places = block.rows
+        row_places = block.rows  # in the order of intervals already
 
     # Draw the largest defect of each kind.
-    ends = np.cumsum([*sizes.values()])[:-1]
-    for label, rows in zip(sizes, np.split(np.abs(defects), ends), strict=True):
-        largest = np.maximum(rows.max(axis=0), 1e-17)
+    ends = np.cumsum([*num_rows.values()])[:-1]
+    for label, rows in zip(num_rows, np.split(np.abs(defects), ends), strict=True):
+        largest = np.maximum(rows.max(axis=0), MIN_DRAWN_DEFECT)
         defects_axis.semilogy(time[:-1], largest, linewidth=1.0, label=f"largest of {label}")
     defects_axis.set_ylabel("violation of the\ndynamics (17), scaled")
     for axis in (defects_axis, bounds_axis):
@@ -57,9 +63,10 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
         axis.set_xlabel("time (s)")
         apply_axis_style(axis)
 
-    # Draw the nonzeros of the first intervals.
+    # Draw the nonzeros of the first intervals, without the columns of the (fixed) time steps.
     is_drawn = row_places < NUM_INTERVALS * len(block.lower) // num_intervals
-    is_drawn &= ~np.isin(block.columns, program.time_steps)
+    time_step_columns = program.time_steps
+    is_drawn &= ~np.isin(block.columns, time_step_columns)
     _, columns = np.unique(block.columns[is_drawn], return_inverse=True)
     jacobian_axis.plot(columns, row_places[is_drawn], "s", color="0.25", markersize=2.0)
     share = len(block.rows) / (len(block.lower) * program.prog.num_vars())

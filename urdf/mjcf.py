@@ -186,8 +186,15 @@ def _section(root: Element, name: str) -> Element:
     return SubElement(root, name) if section is None else section
 
 
-def _add_bodies(parent: Element, robot, first: str, springs: dict) -> Element:
-    """Add a link of a URDF and all links that hang on it, and return its body."""
+def _add_bodies(parent: Element, robot, root_link: str, joint_attributes: dict) -> Element:
+    """Add a link of a URDF and all links that hang on it to the MJCF, and return its body.
+
+    Args:
+        parent: element of the MJCF.
+        robot: element of the URDF.
+        root_link: name of the link.
+        joint_attributes: MJCF attributes of each joint by its name, those of spring and damper.
+    """
     links = {link.get("name"): link for link in robot.findall("link")}
     joints = robot.findall("joint")
 
@@ -205,17 +212,17 @@ def _add_bodies(parent: Element, robot, first: str, springs: dict) -> Element:
         for joint in turning_joints:
             joint_name = joint.get("name")
             axis = joint.find("axis").get("xyz")
-            _add(body, "joint", name=joint_name, axis=axis, **springs[joint_name])
+            _add(body, "joint", name=joint_name, axis=axis, **joint_attributes[joint_name])
         _add_inertia(body, link)
         for shape in (*link.findall("visual"), *link.findall("collision")):
             _add_shape(body, shape, name)
         # Add the children.
         for joint in child_joints:
-            turning_joints = [] if joint.get("type") == "fixed" else [joint]
-            add(body, joint.find("child").get("link"), _place(joint), turning_joints)
+            joints_of_child = [] if joint.get("type") == "fixed" else [joint]
+            add(body, joint.find("child").get("link"), _place(joint), joints_of_child)
         return body
 
-    body = add(parent, first, {}, [])
+    body = add(parent, root_link, place={}, turning_joints=[])
     # Add the frames as sites.
     for frame in robot.findall("frame"):
         link_name = frame.get("link")

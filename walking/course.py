@@ -58,34 +58,38 @@ def check_course(robot: RobotParameters, course: Course) -> None:
         raise PlanningError("A gait without a stride must turn; ask for a turn, or for a stride.")
     if course.on_the_spot and speed is not None:
         raise PlanningError("A gait on the spot has no speed; ask for a turn alone.")
-    furthest = _furthest_step(robot)
-    if stride and stride > furthest:
+    longest_step = _longest_step_of_all_limbs(robot)
+    if stride and stride > longest_step:
         raise PlanningError(
             f"A stride of {1e3 * stride:.3g} mm cannot be had: between wires at T_max on either "
-            f"side, the feet are at most {1e3 * furthest:.3g} mm apart."
+            f"side, the feet are at most {1e3 * longest_step:.3g} mm apart."
         )
     arm = min(math.hypot(limb.position[0], limb.position[1]) for limb in robot.limbs)
-    most = min(MAX_TURN, 2 * np.arcsin(min(1.0, furthest / 2 / max(arm, 1e-6))))
+    most = min(MAX_TURN, 2 * np.arcsin(min(1.0, longest_step / 2 / max(arm, 1e-6))))
     if np.isfinite(turn) and abs(turn) > most:
         raise PlanningError(
             f"A turn of {np.rad2deg(turn):.3g}° in a cycle cannot be had: between wires at T_max "
-            f"on either side, the feet go at most {1e3 * furthest:.3g} mm, which turns the body by "
-            f"{np.rad2deg(most):.3g}°."
+            f"on either side, the feet go at most {1e3 * longest_step:.3g} mm, which turns the "
+            f"body by {np.rad2deg(most):.3g}°."
         )
 
 
-def _furthest_step(robot: RobotParameters) -> float:
-    """Return the longest step of the limb that bends least, from side to side at T_max, m."""
-    steps = []
+def _longest_step_of_all_limbs(robot: RobotParameters) -> float:
+    """Return the longest step that every limb reaches, m: the smallest of the limbs' longest.
+
+    A limb's longest step is between two of its tips, each with one wire at T_max.
+    """
+    longest_steps = []
     for limb in robot.limbs:
         parameters = limb.parameters
         wires = LimbModel.of(parameters).wires
         hottest = parameters.temperature_limits.maximum
         cold = np.full(wires.num_wires, parameters.ambient_temperature)
+        # Heat one wire at a time, and find the tips; [1:] drops E1, along the straight limb.
         heated = [
             np.where(np.arange(len(cold)) == wire, hottest, cold) for wire in range(len(cold))
         ]
         states = np.array([wires.settled_states(heat) for heat in heated])
         tips = tip_position(parameters, LimbModel.of(parameters).statics.angles(states).T)[1:]
-        steps.append(max(np.linalg.norm(a - b) for a in tips.T for b in tips.T))
-    return float(min(steps))
+        longest_steps.append(max(np.linalg.norm(a - b) for a in tips.T for b in tips.T))
+    return float(min(longest_steps))

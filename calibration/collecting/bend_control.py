@@ -11,8 +11,9 @@ from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.simulation import PERIOD
 from limb_systems.wires import Wires
 
-DUTY_TAPER = 15.0  # °C
+DUTY_TAPER = 15.0  # °C below the cut-out, over which the largest duty falls to zero
 CUT_OUT_MARGIN = 5.0  # °C below T_max, where a wire is switched off
+CUT_OUT_HYSTERESIS = 5.0  # °C, by which it then cools before it is switched on again
 MAX_DUTY = 0.5
 CO_CONTRACTION_DUTY = 0.08
 
@@ -65,12 +66,14 @@ class BendAngleController(LeafSystem):
         gain = segment.chain.bend_by_equal_angle * abs(steady) / segment.stiffness
         # Choose gains for a loop gain of 1.5 and a zero at the slowest pole.
         slowest = np.abs(np.diag(wires.affine_rates()[0])[: wires.num_wires]).min()
-        self._proportional = 1.5 / gain
-        self._integral = 1.5 / gain * slowest
+        self._proportional_gain = 1.5 / gain
+        self._integral_gain = 1.5 / gain * slowest
         sides = np.sign([wire.lever[0] for wire in segment.wires])
-        self._direction = np.where(np.isin(np.arange(wires.num_wires), heated_indices), sides, 0.0)
+        # 1 or -1 of a wire that bends towards or away from +E2; 0 of a wire that is not actuated.
+        is_actuated = np.isin(np.arange(wires.num_wires), heated_indices)
+        self._bend_sign = np.where(is_actuated, sides, 0.0)
         self._co_contraction = CO_CONTRACTION_DUTY if len(heated_indices) > 1 else 0.0
-        self._cut_out = parameters.temperature_limits.maximum - CUT_OUT_MARGIN
+        self._cut_out_temperature = parameters.temperature_limits.maximum - CUT_OUT_MARGIN
         # Declare ports and state.
         self.DeclareVectorInputPort("bend_angle", 1)
         self.DeclareVectorInputPort("measured_temperature", wires.num_wires)
@@ -85,23 +88,27 @@ class BendAngleController(LeafSystem):
     def _update(self, context, discrete_state):
         state = context.get_discrete_state_vector().value()
         integral = state[0]
-        was_cut_out = state[1 : 1 + len(self._direction)] > 0.5
-        bend_angle, measured, set_point = (self.get_input_port(i).Eval(context) for i in range(3))
+        was_cut_out = state[1 : 1 + len(self._bend_sign)] > 0.5
+        bend_angle, measured_temperature, set_point = (
+            self.get_input_port(i).Eval(context) for i in range(3)
+        )
         # Limit the duty by the temperature.
         error = set_point[0] - bend_angle[0]
-        cut_out = measured >= self._cut_out - 5.0 * was_cut_out
-        taper = np.minimum(np.maximum((self._cut_out - measured) / DUTY_TAPER, 0.0), 1.0)
+        switching_temperature = self._cut_out_temperature - CUT_OUT_HYSTERESIS * was_cut_out
+        is_cut_out = measured_temperature >= switching_temperature
+        room = self._cut_out_temperature - measured_temperature  # °C
+        taper = np.minimum(np.maximum(room / DUTY_TAPER, 0.0), 1.0)
         taper = np.nan_to_num(taper)  # no duty without a reading
-        limit = np.where(cut_out, 0.0, MAX_DUTY * taper) * np.abs(self._direction)
+        limit = np.where(is_cut_out, 0.0, MAX_DUTY * taper) * np.abs(self._bend_sign)
         # Compute the PI command, and integrate unless it is at its limit.
-        command = self._proportional * error + self._integral * integral
+        command = self._proportional_gain * error + self._integral_gain * integral
         error_sign = np.sign(error)
-        available_duty = limit[self._direction == error_sign].max(initial=0.0)
+        available_duty = limit[self._bend_sign == error_sign].max(initial=0.0)
         if not error_sign * command > available_duty:
             integral += PERIOD * error
-        wanted_duty = self._co_contraction + self._direction * command
+        wanted_duty = self._co_contraction + self._bend_sign * command
         duty = np.minimum(np.maximum(wanted_duty, 0.0), limit)
-        discrete_state.set_value(np.concatenate([[integral], cut_out, duty]))
+        discrete_state.set_value(np.concatenate([[integral], is_cut_out, duty]))
 
 
 def _holding_torque_and_duty(wires: Wires, temperature: np.ndarray) -> tuple[float, float]:

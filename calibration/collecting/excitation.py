@@ -23,6 +23,13 @@ from limb_systems.simulation import PERIOD
 
 NUM_LIMBS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 MOUNTED_LEVELS = (0.12, 0.2, 0.28, 0.36)  # of duty
+# Durations in a mounting, s: before the first heat, of a level of one wire and of a pair of wires,
+# of cooling after a wire or a pair, and without heat before the recording.
+MOUNTED_START_TIME = 10.0
+MOUNTED_WIRE_TIME = 15.0
+MOUNTED_PAIR_TIME = 30.0
+MOUNTED_COOLING_TIME = 40.0
+MOUNTED_PAUSE = 60.0
 REACTION_TIME = 0.5  # s, within which a wire may reach the highest temperature
 RISE_TAPER_SHARE = 0.2  # share of a rise, over which the duty is reduced
 NUM_MOTIONS = 3  # times that the motion is repeated
@@ -59,19 +66,25 @@ class Excitation:
 def mountings(num_wires: int) -> list[Excitation]:
     """Return excitations of a limb turned about its axis under gravity by 0°, 90°, 180° and 270°.
 
-    Each wire is held at four levels, then each pair of neighbours. From gravity's direction,
-    which turns, and the wires', which do not, follow these, the stiffness, and what the sensor
-    takes for E2; in one mounting they cannot be told apart.
+    Each wire is held at four levels of duty, then each pair of neighbours at one. The direction of
+    gravity turns with the mounting, and the wires' directions do not. So the recordings of all
+    mountings identify three things that one mounting cannot separate: the wires' directions, the
+    stiffness, and which direction across the limb the bend sensor takes for its first axis, E2.
     """
     unit_levels = np.eye(num_wires)
-    pairs = unit_levels + np.roll(unit_levels, 1, axis=1)
-    parts = [(10.0, 0 * unit_levels[0])]
+    off = np.zeros(num_wires)
+    # The parts of the duty: durations, s, and duties (W,).
+    parts = [(MOUNTED_START_TIME, off)]
     for wire in unit_levels:
-        parts += [(15.0, level * wire) for level in MOUNTED_LEVELS] + [(40.0, 0 * wire)]
+        parts += [(MOUNTED_WIRE_TIME, level * wire) for level in MOUNTED_LEVELS]
+        parts.append((MOUNTED_COOLING_TIME, off))
+    pairs = unit_levels + np.roll(unit_levels, 1, axis=1)
+    # Two wires are neighbours twice, on both sides, but are one pair: np.unique drops the second.
     for pair in np.unique(pairs, axis=0) if num_wires > 1 else ():
-        parts += [(30.0, MOUNTED_LEVELS[1] * pair), (40.0, 0 * pair)]
+        parts.append((MOUNTED_PAIR_TIME, MOUNTED_LEVELS[1] * pair))
+        parts.append((MOUNTED_COOLING_TIME, off))
     return [
-        Excitation(name, "heated", 60.0, _held_levels(parts), turned=turned)
+        Excitation(name, "heated", pause=MOUNTED_PAUSE, duty=_held_levels(parts), turned=turned)
         for name, turned in zip(MOUNTINGS, MOUNTING_ANGLES, strict=True)
     ]
 

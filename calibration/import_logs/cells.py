@@ -7,7 +7,7 @@ import re
 
 from calibration.import_logs.words import parse_unit
 
-_SWITCHED = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0, "ein": 1.0, "aus": 0.0}
+_SWITCH_STATES = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0, "ein": 1.0, "aus": 0.0}
 AMOUNT = re.compile(r"([-+.,\d]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)")
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?")
 _MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
@@ -23,9 +23,12 @@ _MOMENT = re.compile(
 )
 
 
-def number(text: str, decimal: str = ".") -> float:
-    """Return the number in a cell; nan if it has none, or one that is not finite."""
-    if decimal == "," and text.count(",") == 1 and text.rfind(".") < text.find(","):
+def number(text: str, decimal_mark: str = ".") -> float:
+    """Return the number in a cell, without its unit; nan if it has none, or one not finite.
+
+    With a decimal comma "1.234,5" is 1234.5; but "1.234" has no comma, and is 1.234.
+    """
+    if decimal_mark == "," and text.count(",") == 1 and text.rfind(".") < text.find(","):
         text = text.replace(".", "").replace(",", ".")
     try:
         value = float(text)
@@ -36,7 +39,7 @@ def number(text: str, decimal: str = ".") -> float:
         amount = AMOUNT.fullmatch(text)
         if amount and parse_unit(amount[2])[0]:
             return number(amount[1])
-        return _SWITCHED.get(text.lower(), math.nan)
+        return _SWITCH_STATES.get(text.lower(), math.nan)
     return value if math.isfinite(value) else math.nan
 
 

@@ -33,7 +33,7 @@ def known_logger(table: LogTable) -> list[Proposal]:
     found = [re.match(r"pwm_duty_limb(\d)_", name) for name in table.names]
     limbs = sorted({int(match[1]) for match in found if match})
     if limbs:
-        proposals = [_shape_memory(table, limbs, limb) for limb in limbs]
+        proposals = [_shape_memory_limb(table, limbs, limb) for limb in limbs]
         heated = [proposal for proposal in proposals if proposal.is_heated]
         return heated or proposals
     if TIMESTAMP in table.names and any(n.startswith("MPRpressure_") for n in table.names):
@@ -41,48 +41,56 @@ def known_logger(table: LogTable) -> list[Proposal]:
     return []
 
 
-def _shape_memory(table: LogTable, limbs: list[int], limb: int) -> Proposal:
-    """Return a limb with two shape-memory wires, among others in series."""
+def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal:
+    """Return the columns of a limb with two shape-memory wires; the log may have more limbs.
+
+    All limbs of the log are in series, with the numbers ``limbs``.
+    """
     time = TimeColumn("Test time", "s")
     if TIMESTAMP in table.names:
-        time = TimeColumn(TIMESTAMP, "ms", DAY)
-    columns = Columns(table, None, Dictionary(), time)
-    # See which thermocouple each wire of all limbs warms; numbers in names say nothing.
+        time = TimeColumn(TIMESTAMP, "ms", wraps_after=DAY)  # it begins anew at midnight
+    # Without a description (None) the limb is the nominal one, with a left and a right wire.
+    columns = Columns(table, limb=None, dictionary=Dictionary(), time=time)
+    # Ignore the numbers in the columns' names: they do not say which wire has which thermocouple.
     for column in columns.columns:
         column.name = dataclasses.replace(column.name, label="")
     by_name = {column.text: column for column in columns.columns}
+    # A thermocouple whose readings never change (span 0) is not connected.
     sensors = [name for name in by_name if name.startswith("MCPtemp_") and by_name[name].span]
     columns.temperatures = [by_name[name] for name in sensors]
-    order = [limb, *(other for other in limbs if other != limb)]
-    ways = [(own, side) for own in order for side in WIRE_BY_SIDE]
-    for own, side in ways:
-        duty = f"pwm_duty_limb{own}_{WIRE_BY_SIDE[side]}"
-        table.numbers(duty)  # or an error that names the column
+    # Pair the wires of all limbs, this limb's first, with the thermocouples that they warm.
+    this_limb_first = [limb, *(other for other in limbs if other != limb)]
+    limbs_and_sides = [(number, side) for number in this_limb_first for side in WIRE_BY_SIDE]
+    for number, side in limbs_and_sides:
+        duty = f"pwm_duty_limb{number}_{WIRE_BY_SIDE[side]}"
+        table.numbers(duty)  # raises an error that names the column if it is missing
         columns.duties.append(by_name[duty])
         columns.wires.append(WireColumns(side, duty))
-    columns.pair()
-    # The other limbs' wires have told what they can; a wire that was not heated has the usual one.
+    columns.pair_wires_with_thermocouples()
+    # Keep this limb's two wires; the others were there to claim their own thermocouples.
     columns.duties = columns.duties[:2]
     columns.wires = columns.wires[:2]
     taken = [wire.temperature for wire in columns.wires]
     fields = [f"wires[{index}].temperature" for index in (0, 1)]
+    # A wire that was not heated warms none: it gets its usual thermocouple, or "", which is none.
     for index, wire in enumerate(columns.wires):
         usual = f"MCPtemp_{USUAL_SENSORS.get((limb, WIRE_BY_SIDE[wire.name]))}"
         if not columns.duties[index].span:
-            if wire.temperature in ("", UNKNOWN):
+            if wire.temperature in ("", UNKNOWN):  # UNKNOWN if pairing asks the user
                 wire.temperature = usual if usual in sensors and usual not in taken else ""
             wire.unit = "C"
             fields.remove(f"wires[{index}].temperature")
     columns.questions = [question for question in columns.questions if question.field in fields]
+    # Add the bend, and turn its sign so that each wire bends the limb to its own side.
     bend, note = _bend_of_limb(table, limb, limbs)
-    found = LogMapping.of(table, time, columns.wires, bend)
-    columns.find_sign(found)
+    mapping = LogMapping.of(table, time, columns.wires, bend)
+    columns.set_bend_sign(mapping)
     columns.notes |= {
         f"limb {limb}": "of a logger of limbs with shape-memory alloy",
         "bend": note,
         "left": "its wire rev, and right is fwd; exchange the names if they are not",
     }
-    return columns.proposal(f"limb_{limb}" if len(limbs) > 1 else "", found)
+    return columns.proposal(f"limb_{limb}" if len(limbs) > 1 else "", mapping)
 
 
 def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendColumns, str]:
@@ -119,7 +127,7 @@ def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
         wires = [WireColumns(name, "") for name in WIRE_BY_SIDE]
         # The angle is 0 while the camera does not see the tags.
         bend = BendColumns(angle, measures=BEND_ANGLE, seen=tags[-1] if tags else "")
-        mapping = LogMapping.of(table, TimeColumn(TIMESTAMP, "ms", DAY), wires, bend)
+        mapping = LogMapping.of(table, TimeColumn(TIMESTAMP, "ms", wraps_after=DAY), wires, bend)
         lines = [
             f"limb {angle[-1]} of a logger of pneumatic limbs: nothing in it heats a wire, so that "
             "calibration cannot use it",

@@ -370,7 +370,7 @@ class Columns:
         what = "the temperature of a wire"
         self.temperatures = named or self._with_similar(warmed, "wires[0].temperature", what)
 
-    def pair(self) -> None:
+    def pair_wires_with_thermocouples(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
         unpaired = list(self.temperatures)
         if not self.duties:
@@ -610,7 +610,7 @@ class Columns:
         self.notes[column.text] = f"the bend ({measures}), {scale:.4g} degrees a unit"
         return BendColumns(column.text, zero=zero, scale=scale, measures=measures)
 
-    def find_sign(self, found: LogMapping) -> None:
+    def set_bend_sign(self, found: LogMapping) -> None:
         """Turn the bend so that it grows where the right wire is heated, if all wires say so."""
         bend = found.bend
         wires = found.wires[: len(self.duties)]
@@ -695,7 +695,7 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     columns.find_duties()
     columns.find_temperatures()
     full = columns.full_duty()
-    columns.pair()
+    columns.pair_wires_with_thermocouples()
     columns.find_units()
     bend = columns.bend()
     columns.ask_about_the_rest()
@@ -703,7 +703,7 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     found = LogMapping.of(
         columns.table, columns.time, columns.wires, bend, full=full, missing=missing
     )
-    columns.find_sign(found)
+    columns.set_bend_sign(found)
     return columns.proposal("", found)
 
 

@@ -98,7 +98,7 @@ class HeatedRun:
         after = (steps - before).reshape(-1, *[1] * (signals.ndim - 1))
         return signals[before] * (1 - after) + signals[before + 1] * after
 
-    def last_part(self, min_share: float, max_share: float) -> float:
+    def last_part_start(self, min_share: float, max_share: float) -> float:
         """Return when the last part begins, s.
 
         It is a share of the time, or the same share of the heat if that begins earlier: the end of

@@ -53,7 +53,7 @@ BASELINE_ALLOWANCE = (
     1.05,
     np.deg2rad(0.3),
 )  # share, and rad, by which a law may be worse than a baseline
-MAX_PARTS = 3  # that are left out in turn, at most
+MAX_FOLDS = 3  # of the validation, at most
 MAX_TRIED_LAWS = 3  # laws that are judged by each part left out in turn
 MIN_ERROR_REDUCTION = 0.1  # of a scale: laws that differ by less predict alike
 
@@ -311,13 +311,13 @@ def fit_by_prediction(
     # Split the recordings into folds.
     runs = {kind: [HeatedRun.of(r) for r in group] for kind, group in recordings.items() if group}
     fitted, folds = _make_folds(runs)
-    rest, judges = folds.parts[0]
+    rest, judges = folds.folds[0]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
         report("how long it takes")
         # Announce the time, estimated by a first step of each law.
         times = {law: fitting_time(law, rest, segment, ambient) for law in laws}
         # One law is fitted again with each option, without each part, and to all.
-        num_further_fits = len(OPTIONS) + len(folds.parts)
+        num_further_fits = len(OPTIONS) + len(folds.folds)
         expected_time = sum(times.values()) + num_further_fits * float(np.mean([*times.values()]))
         if expected_time > MIN_ANNOUNCED_TIME:
             heated = sum(run.times[-1] for run in fitted) / 60
@@ -350,57 +350,63 @@ def fit_by_prediction(
 
 
 class _Folds(NamedTuple):
-    """Recordings to fit to and parts to judge by, of which each is left out in turn.
+    """Folds of a cross-validation: the runs to fit, and the runs left out for validation.
 
-    - ``parts``: what is fitted, and what is left out; the first is what laws are compared by.
-    - ``continued``: whether what is left out are other samples of the same recordings.
-    - ``words``: what laws are compared by, in words.
+    - ``folds``: (fitted runs, validation runs) each; laws are compared by the first fold.
+    - ``continued``: whether validation runs are other samples of the same recordings.
+    - ``words``: the validation runs of the first fold, in words.
     """
 
-    parts: list[tuple[list[HeatedRun], list[HeatedRun]]]
+    folds: list[tuple[list[HeatedRun], list[HeatedRun]]]
     continued: bool
     words: str
 
 
 def _make_folds(runs: Mapping[str, list[HeatedRun]]) -> tuple[list[HeatedRun], _Folds]:
-    """Return all runs, and what judges; recordings judge only wires that others heat."""
+    """Return all runs, and the folds of the validation.
+
+    Each wire that validation runs heat is heated in the fitted runs, too.
+    """
     motions = runs.get("motion", [])
-    joint = runs.get("both", [])
+    runs_with_all_wires = runs.get("both", [])
     heated = [run for kind, group in runs.items() if kind != "motion" for run in group]
     fitted = [*heated, *motions]
-    # Motions judge, or else what shows all wires.
+    # Validate by the motions, or else by the runs with all wires.
     if motions and _heated_wires(motions) <= _heated_wires(heated):
         words = f"{len(motions)} motion{'s' * (len(motions) != 1)}, fitted last"
-        return fitted, _Folds([(heated, motions)], False, words)
-    single = [run for run in fitted if run not in joint]
-    if joint and _heated_wires(joint) <= _heated_wires(single):
-        return fitted, _Folds([(single, joint)], False, "what shows all wires heated, fitted last")
-    # Or else the last recordings, then others in turn.
+        return fitted, _Folds([(heated, motions)], continued=False, words=words)
+    others = [run for run in fitted if run not in runs_with_all_wires]
+    if runs_with_all_wires and _heated_wires(runs_with_all_wires) <= _heated_wires(others):
+        words = "what shows all wires heated, fitted last"
+        return fitted, _Folds([(others, runs_with_all_wires)], continued=False, words=words)
+    # Or else by the last recordings, then by others in turn.
     if latest := _latest_runs(fitted):
         groups = [latest, *([run] for run in reversed(fitted) if run not in latest)]
-        parts = [([run for run in fitted if run not in group], group) for group in groups]
-        parts = [
-            (rest, group) for rest, group in parts if _heated_wires(group) <= _heated_wires(rest)
+        folds = [([run for run in fitted if run not in group], group) for group in groups]
+        folds = [
+            (rest, group) for rest, group in folds if _heated_wires(group) <= _heated_wires(rest)
         ]
         count = f"{len(latest)} " * (len(latest) > 1)
         words = f"the last {count}of {len(fitted)} heated recordings or pieces, fitted last"
-        return fitted, _Folds(parts[:MAX_PARTS], False, words)
-    # Or else the last part of each recording, then the parts before it.
-    last_parts = [run.last_part(*LEFT_OUT_SHARES) for run in fitted]
-    shares = [(1.0, np.inf), *itertools.pairwise(np.linspace(0.0, 1.0, MAX_PARTS))]
-    parts = []
-    for begin, stop in shares:
+        return fitted, _Folds(folds[:MAX_FOLDS], continued=False, words=words)
+    # Or else by the last part of each recording, then by spans of the time before it.
+    last_part_starts = [run.last_part_start(*LEFT_OUT_SHARES) for run in fitted]
+    # Spans in multiples of the start of the last part: 1 to inf is the last part itself.
+    spans = [(1.0, np.inf), *itertools.pairwise(np.linspace(0.0, 1.0, MAX_FOLDS))]
+    folds = []
+    for span_start, span_end in spans:
         pairs = [
-            run.without(begin * end, stop * end)
-            for run, end in zip(fitted, last_parts, strict=True)
+            run.without(span_start * start, span_end * start)
+            for run, start in zip(fitted, last_part_starts, strict=True)
         ]
-        parts.append(([rest for rest, _ in pairs], [part for _, part in pairs]))
-    return fitted, _Folds(parts, True, "the last part of each recording, fitted last")
+        folds.append(([rest for rest, _ in pairs], [left_out for _, left_out in pairs]))
+    words = "the last part of each recording, fitted last"
+    return fitted, _Folds(folds, continued=True, words=words)
 
 
 def _baseline_errors(folds: _Folds) -> dict[str, float]:
     """Return by name the mean error of each baseline over all parts left out, rad."""
-    errors = [baseline_errors(rest, judges) for rest, judges in folds.parts]
+    errors = [baseline_errors(rest, judges) for rest, judges in folds.folds]
     return {name: float(np.mean([each[name] for each in errors])) for name in errors[0]}
 
 
@@ -427,7 +433,7 @@ def _best_law_by_folds(
         fit = candidate.fit
         parts = list(candidate.judged)
         law_errors = [candidate.bend_error]
-        for number, (rest, judges) in enumerate(folds.parts[1:], 1):
+        for number, (rest, judges) in enumerate(folds.folds[1:], 1):
             report(f"{candidate.name}, part {number} left out")
             rubber = rubber_options(fit)
             refit = fit_law(fit.law, rest, fit.segment, fit.ambient, rubber=rubber, start=fit)

@@ -100,7 +100,7 @@ def add_physics(
     if body_pose:
         readings.append(camera(body_pose.size()))
     (draws,) = state.get("draws", [0.0])
-    sampled = SampledSensors(readings, specimen.noise, int(draws))
+    sampled = SampledSensors(readings, specimen.noise, num_used=int(draws))
     sensors = builder.AddNamedSystem("sensors", sampled)
     measurement = sensors.GetOutputPort("measurement")
 

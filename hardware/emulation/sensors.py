@@ -96,12 +96,12 @@ class SampledSensors(LeafSystem):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(self, sensors: Sequence[Sensor], noise: Noise, start: int = 0):
+    def __init__(self, sensors: Sequence[Sensor], random_numbers: Noise, num_used: int = 0):
         """
         Args:
             sensors: one or more; those that are due at the same time draw in this order.
-            noise: numbers for noise and drift.
-            start: count of the numbers of the noise that were used before.
+            random_numbers: standard normal numbers, for noise and drift.
+            num_used: count of these numbers that were used before.
         """
         super().__init__()
         # In a period a drift decays by a factor, and moves by a random step.
@@ -115,9 +115,10 @@ class SampledSensors(LeafSystem):
             self._sensors.append(dataclasses.replace(sensor, noise=sigma, drift=delta))
             self._drift_decays.append(decay)
             self._drift_steps.append(delta * np.sqrt(1 - decay**2))
-        self._noise = noise
-        self._parts = slices([sensor.size for sensor in sensors])
-        size = self._parts[-1].stop
+        self._random_numbers = random_numbers
+        # The elements of each sensor in the measurement, and in the drift.
+        self._sensor_slices = slices([sensor.size for sensor in sensors])
+        size = self._sensor_slices[-1].stop
         # Declare the states: readings of each sensor, drifts of all, and the count of draws.
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
         for index, sensor in enumerate(sensors):
@@ -128,14 +129,16 @@ class SampledSensors(LeafSystem):
             reading = self.DeclareDiscreteState(sensor.size)
             self.DeclareStateOutputPort(sensor.name, reading)
         self.DeclareDiscreteState(size)
-        draws = self.DeclareDiscreteState([float(start)])
+        draws = self.DeclareDiscreteState([float(num_used)])
         self.DeclareVectorOutputPort(
             "measurement", size, weak_method(self._calc_measurement), {self.xd_ticket()}
         )
         self.DeclareStateOutputPort("draws", draws)
 
     def _start(self, context, state):
-        for index, (sensor, part) in enumerate(zip(self._sensors, self._parts, strict=True)):
+        for index, (sensor, part) in enumerate(
+            zip(self._sensors, self._sensor_slices, strict=True)
+        ):
             drift = state.get_mutable_value(len(self._sensors))
             drift[part] = sensor.drift * self._draw(state, sensor.size)
             self._sample(index, context, state)
@@ -148,7 +151,7 @@ class SampledSensors(LeafSystem):
         sensor = self._sensors[index]
         signal = sensor.response(self.get_input_port(index).Eval(context))
         noise, random_step = self._draw(state, 2 * sensor.size).reshape(2, -1)
-        drift = state.get_mutable_value(len(self._sensors))[self._parts[index]]
+        drift = state.get_mutable_value(len(self._sensors))[self._sensor_slices[index]]
         drift[:] = self._drift_decays[index] * drift + self._drift_steps[index] * random_step
         noisy = signal + sensor.noise * noise + drift
         state.set_value(index, sensor.step * np.rint(noisy / sensor.step))
@@ -158,7 +161,7 @@ class SampledSensors(LeafSystem):
         draws = state.get_mutable_value(len(self._sensors) + 1)
         start = int(draws[0])
         draws[0] = start + count
-        return self._noise.read(start, count)
+        return self._random_numbers.read(start, count)
 
     def _calc_measurement(self, context, output):
         groups = range(len(self._sensors))

@@ -40,14 +40,15 @@ RANGES = {  # a value outside these is a mistake, of units or of a sensor
 
 
 def column_names(
-    parameters: LimbParameters, robot: ConnectedLimbs | None = None
+    parameters: LimbParameters, connected: ConnectedLimbs | None = None
 ) -> dict[str, list[str]]:
     """Return the names of the columns of each signal; the unit is in the name.
 
     Signals of joints are split into angles and rates. Columns of wires have the
     wires' names. With several segments, the number of the segment follows; with
     several bends of a segment, their axes follow. The signal ``other_wire_state`` is
-    there only if wires have states other than T. Connected limbs have further signals.
+    there only if wires have states other than their temperature T, as in a law of two
+    masses. Connected limbs, such as a robot's, have further signals.
     """
     wires = parameters.wire_names
     suffixes = parameters.bend_suffixes
@@ -56,10 +57,10 @@ def column_names(
     others = LimbModel.of(parameters).wires.state_names[len(wires) :]
     return {
         "time": ["time_s"],
-        "duty": [f"duty_{wire}" for wire in wires],
-        "applied_duty": [f"applied_duty_{wire}" for wire in wires],
-        "board_time": ["board_time_s"],
-        "sample_age": ["sample_age_s"],
+        "duty": [f"duty_{wire}" for wire in wires],  # as commanded
+        "applied_duty": [f"applied_duty_{wire}" for wire in wires],  # as the board reports it
+        "board_time": ["board_time_s"],  # by the board's own clock
+        "sample_age": ["sample_age_s"],  # since the sample arrived
         "measured_temperature": [f"measured_temperature_{wire}_c" for wire in wires],
         "bend_angle": [f"bend_angle{suffix}_deg" for suffix in suffixes],
         "reference": [f"reference_angle{suffix}_deg" for suffix in suffixes],
@@ -67,7 +68,7 @@ def column_names(
         "joint_state": [f"joint_angle_{i}_deg" for i in joints]
         + [f"joint_rate_{i}_deg_s" for i in joints],
         **({"other_wire_state": [f"wire_state_{name}" for name in others]} if others else {}),
-        **(robot.signal_columns() if robot else {}),
+        **(connected.signal_columns() if connected else {}),
     }
 
 

@@ -383,23 +383,29 @@ def linear_limb(parameters: LimbParameters) -> LimbParameters:
 def integrate_readings(
     wires: Wires, states: np.ndarray, initial_readings: np.ndarray, times: np.ndarray
 ) -> np.ndarray:
-    """Return V (K, W) along states (K, N) at times (K,), s, by (7).
+    """Return the thermocouples' readings V (K, W), °C, by (7): K times, W wires.
 
     It is the exact solution of V̇ = λ V + c(t) for c linear between the times.
+
+    Args:
+        wires: whose readings decay at rates λ below zero, never at zero.
+        states: of the wires at the times (K, N), N in all.
+        initial_readings: V at the first time (W,), °C.
+        times: (K,), s.
     """
     # λ and c at the times, as the rates are affine in V.
     zero = np.zeros((len(states), wires.num_wires))
     c = wires.reading_rates(zero, states)
-    lag = wires.reading_rates(zero + 1.0, states) - c
+    decay_rates = wires.reading_rates(zero + 1.0, states) - c  # λ, 1/s
     readings = np.empty_like(zero)
     readings[0] = initial_readings
     for k, step in enumerate(np.diff(times)):
-        rate = 0.5 * (lag[k] + lag[k + 1])
-        # The particular solution follows the settled readings with a delay.
-        settled = -c[k : k + 2] / rate
-        delay = (settled[1] - settled[0]) / step / rate
-        offset = readings[k] - settled[0] - delay
-        readings[k + 1] = settled[1] + delay + np.exp(rate * step) * offset
+        decay_rate = 0.5 * (decay_rates[k] + decay_rates[k + 1])
+        # The particular solution is a constant offset, °C, behind the settled readings.
+        settled = -c[k : k + 2] / decay_rate
+        lag_offset = (settled[1] - settled[0]) / step / decay_rate
+        transient = readings[k] - settled[0] - lag_offset
+        readings[k + 1] = settled[1] + lag_offset + np.exp(decay_rate * step) * transient
     return readings
 
 
