@@ -388,8 +388,8 @@ def integrate_readings(
     It is the exact solution of V̇ = λ V + c(t) for c linear between the times.
 
     Args:
-        wires: whose readings decay at rates λ below zero, never at zero.
-        states: of the wires at the times (K, N), N in all.
+        wires: the wires; their readings decay at rates λ below zero, never at zero.
+        states: all N states of the wires at the times (K, N).
         initial_readings: V at the first time (W,), °C.
         times: (K,), s.
     """
