@@ -97,7 +97,7 @@ def make_walk_in_space(_: Path) -> None:
     robot = RobotParameters.in_space()
     ahead = plan_gait(robot, spread=False)
     schedule = schedules_on_the_spot(robot)[0]
-    around = plan_gait(robot, turn=0.2, stride=0.0, schedule=schedule, spread=False)
+    around = plan_gait(robot, turn=0.4, stride=0.0, schedule=schedule, spread=False)
     save_moments(ahead, FOLDER / "robot_in_space.png")
     duty = ahead.duty_trajectory(3)
     turn = walk(around, 3, heat=ahead.initial_heat, bend=ahead.bend_angle[:, 0]).duty_trajectory()
