@@ -354,6 +354,7 @@ class _FitProblem:
         sensor = segment.bend_sensor
         self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
         # Size and time of what the form leaves, of bends and of readings.
+        self._reads_heat = any(run.is_read for run in self._runs)
         self._forms = [(size, FORM_TIME) for size in INITIAL_FORM_SIZES]
         self._outliers = [np.zeros_like(shown) for shown in self._is_read]
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
@@ -457,7 +458,9 @@ class _FitProblem:
             misfits = ((covariances - scales[:, None] * shapes) ** 2) @ counts
             size = max(float(np.sqrt(covariances[0])), MIN_FORM_SIZES[kind])
             change = max(change, size / self._forms[kind][0], self._forms[kind][0] / size)
-            self._forms[kind] = (size, FORM_TIMES[int(np.argmin(misfits))])
+            # With thermocouples the memory is kept: fitted ones made feedback follow the drift.
+            memory = FORM_TIME if self._reads_heat else FORM_TIMES[int(np.argmin(misfits))]
+            self._forms[kind] = (size, memory)
         self._whiten()
         return change
 
