@@ -48,7 +48,7 @@ MIN_FORM_SIZES = (np.deg2rad(0.2), 0.3)
 FORM_TIME = 8.0  # s, within which it stays alike, before that is fitted
 FORM_TIMES = (0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # s, that are tried
 MAX_LAG = 16.0  # s, of residuals that are compared
-NUM_PASSES = 2, 4  # least and most, as what the form leaves is fitted after each
+NUM_PASSES = 2, 4  # with thermocouples, and at most without, as residuals are weighed after each
 SAME_SIZE_RATIO = 1.5  # ratio of sizes, within which another pass changes little
 # rad and °C of error that weigh the same
 BEND_SCALE = np.deg2rad(1.0)
@@ -212,8 +212,9 @@ class LawFit:
         return problem.predicted(np.concatenate([self.fitted, self.initial_conditions.ravel()]))
 
     def _problem(self, runs: Sequence[HeatedRun]) -> "_FitProblem":
-        known = self.law, runs, self.segment, self.ambient
-        return _FitProblem(*known, self.unknowns, self.unidentified)
+        return _FitProblem(
+            self.law, runs, self.segment, self.ambient, self.unknowns, self.unidentified
+        )
 
 
 def fit_law(
@@ -266,7 +267,7 @@ def fit_law(
             )
             x = solution.x
             changed = problem.reweigh(x)
-            if number + 1 >= NUM_PASSES[0] and changed < SAME_SIZE_RATIO:
+            if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
                 break
         return problem.fit_at(x)
 
@@ -320,7 +321,7 @@ class _FitProblem:
         self._unknowns = unknowns
         self._ambient = ambient
         self._segment = segment
-        self._untold = unidentified
+        self._unidentified = unidentified
         self._num_wires = len(segment.wires)
         self._stiffness = segment.stiffness
         self.num_moved = len(unknowns)
@@ -353,8 +354,8 @@ class _FitProblem:
         self.num_readings = int(sum(shown.sum() for shown in self._is_read))
         sensor = segment.bend_sensor
         self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
+        self.reads_heat = any(run.is_read for run in runs)
         # Size and time of what the form leaves, of bends and of readings.
-        self._reads_heat = any(run.is_read for run in self._runs)
         self._forms = [(size, FORM_TIME) for size in INITIAL_FORM_SIZES]
         self._outliers = [np.zeros_like(shown) for shown in self._is_read]
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
@@ -459,7 +460,7 @@ class _FitProblem:
             size = max(float(np.sqrt(covariances[0])), MIN_FORM_SIZES[kind])
             change = max(change, size / self._forms[kind][0], self._forms[kind][0] / size)
             # With thermocouples the memory is kept: fitted ones made feedback follow the drift.
-            memory = FORM_TIME if self._reads_heat else FORM_TIMES[int(np.argmin(misfits))]
+            memory = FORM_TIME if self.reads_heat else FORM_TIMES[int(np.argmin(misfits))]
             self._forms[kind] = (size, memory)
         self._whiten()
         return change
@@ -482,7 +483,7 @@ class _FitProblem:
             x[size:].reshape(len(self._runs), -1),
             self.predicted(x),
             self.hottest(x),
-            self._untold,
+            self._unidentified,
         )
 
     def contained(self, fit: LawFit) -> np.ndarray | None:
@@ -524,8 +525,8 @@ class _FitProblem:
         fields: dict[str, np.ndarray] = {}
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
         # Sort the values into fields of the laws and of the rubber.
-        columns = [*x.T[:size], *(np.full(num_sets, u.center) for u in self._untold)]
-        all_unknowns = [*self._unknowns, *self._untold]
+        columns = [*x.T[:size], *(np.full(num_sets, u.center) for u in self._unidentified)]
+        all_unknowns = [*self._unknowns, *self._unidentified]
         for unknown, value in zip(all_unknowns, values_of(all_unknowns, columns), strict=True):
             if unknown.wire is None:
                 rubber[unknown.field] = value

@@ -108,7 +108,7 @@ def test_what_one_thermocouple_tells(poor, log, tmp_path):
     # The third heat, most of which was lost.
     (predicted,) = calibration.prediction.fit.predict([HeatedRun.of(in_pieces(log)[0][2])])
     assert np.rad2deg(predicted.bend_error) < 2.0
-    assert predicted.temperature_error < 2.5
+    assert predicted.temperature_error < 2.0
 
 
 PULSES = ((RIGHT, 0.9, 2.0), (LEFT, 0.8, 2.2))  # wire, duty and duration
