@@ -136,7 +136,7 @@ class EquilibriumSchedule(LeafSystem):
 
     AVERAGING_TIME = 4.0  # s
     SLOW = 0.1  # °C/s
-    NEAR = np.deg2rad(3.0)
+    NEAR_ANGLE = np.deg2rad(3.0)
     SETTLED_TIME = 5.0  # s
 
     def __init__(self, angles: Sequence[float], longest: float = 60.0, *, num_wires: int = 2):
@@ -176,7 +176,7 @@ class EquilibriumSchedule(LeafSystem):
         # Average the inputs, and see whether the limb has settled.
         average = average + PERIOD / self.AVERAGING_TIME * (present - average)
         slope = (present[1:] - average[1:]) / self.AVERAGING_TIME  # of a ramp, in the end
-        is_near = np.abs(average[0] - self._angle(index)) < self.NEAR
+        is_near = np.abs(average[0] - self._angle(index)) < self.NEAR_ANGLE
         is_quiet = is_near and (np.abs(slope) < self.SLOW).all()
         time_held = time_held + PERIOD
         time_settled = time_settled + PERIOD if is_quiet else 0.0

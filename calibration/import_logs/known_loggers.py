@@ -30,8 +30,8 @@ USUAL_SENSORS = {
 
 def known_logger(table: LogTable) -> list[Proposal]:
     """Return the limbs in a log of a known logger; none if the logger is not known."""
-    found = [re.match(r"pwm_duty_limb(\d)_", name) for name in table.names]
-    limbs = sorted({int(match[1]) for match in found if match})
+    matches = [re.match(r"pwm_duty_limb(\d)_", name) for name in table.names]
+    limbs = sorted({int(match[1]) for match in matches if match})
     if limbs:
         proposals = [_shape_memory_limb(table, limbs, limb) for limb in limbs]
         heated = [proposal for proposal in proposals if proposal.is_heated]
@@ -122,7 +122,7 @@ def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
     """Return the pneumatic limbs: no heat, but the half angles of the limbs' tips, in degrees."""
     angles = [name for name in table.names if re.fullmatch(r"theta_\d", name)]
     tags = [name for name in table.names if re.fullmatch(r"tagid_x_\d+", name)]
-    found = []
+    proposals = []
     for angle in angles:
         wires = [WireColumns(name, "") for name in WIRE_BY_SIDE]
         # The angle is 0 while the camera does not see the tags.
@@ -135,5 +135,5 @@ def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
             "soft-limb plan takes the recording as a reference",
         ]
         name = f"limb_{angle[-1]}" if len(angles) > 1 else ""
-        found.append(Proposal(name, mapping, lines, columns=table.names))
-    return found
+        proposals.append(Proposal(name, mapping, lines, columns=table.names))
+    return proposals

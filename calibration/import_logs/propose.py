@@ -700,11 +700,11 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     bend = columns.bend()
     columns.ask_about_the_rest()
     missing = [str(value) for value in columns.missing]
-    found = LogMapping.of(
+    mapping = LogMapping.of(
         columns.table, columns.time, columns.wires, bend, full=full, missing=missing
     )
-    columns.set_bend_sign(found)
-    return columns.proposal("", found)
+    columns.set_bend_sign(mapping)
+    return columns.proposal("", mapping)
 
 
 def _bends_from_first(points: list[tuple[Column, Column]]) -> bool:
@@ -779,10 +779,10 @@ def base_direction(points: list[list[np.ndarray]]) -> float:
         points: x and y (K,) of two or more points, the base first.
     """
     x, y = np.moveaxis(np.array(points), 1, 0)
-    shown = ~((x == 0) & (y == 0)).any(axis=0) & ~np.isnan(x + y).any(axis=0)
-    if not shown.any():
+    is_seen = ~((x == 0) & (y == 0)).any(axis=0) & ~np.isnan(x + y).any(axis=0)
+    if not is_seen.any():
         return 0.0
-    links = np.arctan2(-np.diff(y[:, shown], axis=0), np.diff(x[:, shown], axis=0))
+    links = np.arctan2(-np.diff(y[:, is_seen], axis=0), np.diff(x[:, is_seen], axis=0))
     links = np.unwrap(links, axis=0)
     base = links[0] if len(links) < 2 else 1.5 * links[0] - 0.5 * links[1]
     return round(float(np.rad2deg(np.median(base))), 2)

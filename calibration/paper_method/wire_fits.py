@@ -462,7 +462,7 @@ def _equilibria(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and last sample of each stretch of rest with the wire above ``warm``, °C.
 
-    None is missing in it, as ``shown`` (K,) has it.
+    All its samples are read, by ``is_read`` (K,).
     """
     period = 1 / recording.sample_rate
     width = max(3, int(MIN_EQUILIBRIUM_TIME / period))

@@ -351,13 +351,13 @@ class _FitProblem:
         )
         # Noise of the sensors, and errors of the law's form, by which residuals are whitened.
         self._is_read = [run.counts.T > 0 for run in runs]
-        self.num_readings = int(sum(shown.sum() for shown in self._is_read))
+        self.num_readings = int(sum(is_read.sum() for is_read in self._is_read))
         sensor = segment.bend_sensor
         self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
         self.reads_heat = any(run.is_read for run in runs)
         # Size and time of what the form leaves, of bends and of readings.
         self._forms = [(size, FORM_TIME) for size in INITIAL_FORM_SIZES]
-        self._outliers = [np.zeros_like(shown) for shown in self._is_read]
+        self._outliers = [np.zeros_like(is_read) for is_read in self._is_read]
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
         self._whiten()
 
