@@ -71,7 +71,6 @@ class Reading:
     - ``applied_duty``: applied duty of each wire; or None.
     - ``reference``: reference of the bend angles, rad; or None.
     - ``board``: state of a robot's board; or None.
-    - ``cooling``: whether the run has ended, and its wires cool.
     """
 
     time: float
@@ -81,7 +80,6 @@ class Reading:
     applied_duty: list[float] | None = None
     reference: list[float] | None = None
     board: BoardReading | None = None
-    cooling: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -69,7 +69,6 @@ PING_INTERVAL = 10  # s, within which a browser must answer, or its connection i
 
 NUM_POINTS = 1500  # of a curve, for a whole run or for `WINDOW`
 WINDOW = 600.0  # s, drawn of a run without an end
-ENDLESS_STRIDE = math.ceil(WINDOW / PERIOD / NUM_POINTS)
 SILENCE_TIMEOUT = 1.0  # s without a reading, after which the page says so
 NEAR_LIMIT = 10.0  # °C below T_max; a wire above that is called near T_max
 LIMIT_COLOR = "#c62828"
@@ -277,9 +276,8 @@ class Run:
             return
         self.reading = message.reading
         self.highest = np.fmax(self.highest, message.reading.measured_temperature)
-        # Keep every n-th reading; cooling may last much longer than the run itself.
-        stride = max(self._stride, ENDLESS_STRIDE) if message.reading.cooling else self._stride
-        if self._num_received % stride == 0:
+        # Keep every n-th reading.
+        if self._num_received % self._stride == 0:
             self.readings.append(message.reading)
             self.num_readings += 1
         self._num_received += 1
@@ -324,7 +322,6 @@ class Page:
         self._run = run
         self._drawn_header: RunHeader | None = None
         self._num_drawn = 0  # readings
-        self._x_range: Range1d | DataRange1d | None = None
         self._num_updates = 0
         self._state = Div(name="state", stylesheets=[TEXT_STYLE], sizing_mode="stretch_width")
         self._facts = Div(name="facts", stylesheets=[TEXT_STYLE], sizing_mode="stretch_width")
@@ -357,8 +354,7 @@ class Page:
             self._drawn_header = header
             self._num_drawn = 0
             self.source = ColumnDataSource(columns(header, []), name="readings")
-            self._x_range = new_x_range(header)
-            self._curves.children = figures(header, self.source, self._x_range)
+            self._curves.children = figures(header, self.source, new_x_range(header))
         # Append the new readings to the curves.
         num_new = min(run.num_readings - self._num_drawn, len(run.readings))
         self._num_drawn = run.num_readings
@@ -366,18 +362,12 @@ class Page:
             first = len(run.readings) - num_new
             new_readings = itertools.islice(run.readings, first, None)
             self.source.stream(columns(header, new_readings), rollover=2 * NUM_POINTS)
-            # Extend the axis for a limb that is shown after its run.
-            last = run.readings[-1].time
-            if isinstance(self._x_range, Range1d) and last > self._x_range.end:
-                self._x_range.end = last + 15.0
 
     def _update_texts(self) -> None:
         run = self._run
         self._state.text = state(run)
         self._facts.text = facts(run)
-        if run.reading is not None and run.reading.cooling:
-            self._button.label = "End"  # of the cool-down: the run itself has ended
-        elif math.isfinite(run.last_stop):
+        if math.isfinite(run.last_stop):
             self._button.label = "STOP again"
         self._button.disabled = bool(run.end_reason)
         # Count for the page's script, which sees by it that this process lives.
@@ -491,8 +481,6 @@ def state(run: Run) -> str:
     elif silence > SILENCE_TIMEOUT:
         kind = "bad"
         text = f"No reading of the limb for {silence:.0f} s"
-    elif run.reading is not None and run.reading.cooling:
-        text = "The run has ended: wires are off and cooling"
     elif board is None:
         kind = "armed"
         text = "Running"
@@ -565,7 +553,7 @@ def _bend_lines(header: RunHeader, reading: Reading) -> list[str]:
     """Return a line for each bend: its reading, and the angles of plan and reference."""
     angles = [("", reading.bend_angle)]
     plan = header.plan
-    if plan is not None and not reading.cooling:
+    if plan is not None:
         for name, rows in (("plan ", plan.bend_angle), ("reference ", plan.reference)):
             angles.append((name, [np.interp(reading.time, plan.time, row) for row in rows]))
     if reading.reference is not None:
@@ -578,7 +566,7 @@ def _bend_lines(header: RunHeader, reading: Reading) -> list[str]:
 
 
 def _time_line(run: Run, header: RunHeader, reading: Reading) -> str:
-    if header.duration is None or reading.cooling:
+    if header.duration is None:
         return f"{reading.time:.1f} s"
     left = f", {max(0.0, header.duration - reading.time):.1f} s left" if run.is_running else ""
     return f"{reading.time:.1f} s of {header.duration:g} s{left}"

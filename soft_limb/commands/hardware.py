@@ -6,7 +6,6 @@ import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from serial.tools import list_ports
@@ -50,7 +49,6 @@ from soft_limb.commands.options import (
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary, troubles
 from soft_limb.runs import repetitions
-from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.plan_run import (
     FOLLOW_FILES,
     NAMED_REFERENCES,
@@ -58,10 +56,7 @@ from soft_limb.runs.plan_run import (
     load_task,
     plan_and_follow,
 )
-from soft_limb.runs.rollout import DEFAULT_FEEDBACK, Rollout, roll_out
-
-if TYPE_CHECKING:  # Bokeh takes long to import
-    from soft_limb.live_page import LivePage
+from soft_limb.runs.rollout import DEFAULT_FEEDBACK, roll_out
 
 SIMULATION_SPEED = 20.0  # times real time, for an emulated limb on an idle computer
 MAX_TEACHING_TIME = 3600.0  # s
@@ -264,16 +259,9 @@ def _replay(options: argparse.Namespace) -> int:
             data = {"plan": options.trajectory, "recording": options.output}
             write_rollout_report(rollout, summary, options.report, data)
         print_summary(options, summary, outputs)
-        _end_page(live, rollout, options)
+        if live:
+            live.end(rollout.recording.interrupted or DONE)
     return 1 if rollout.recording.interrupted else 0  # an emulated limb may cut out
-
-
-def _end_page(live: "LivePage | None", rollout: Rollout, options: argparse.Namespace) -> None:
-    """End the live page, if there is one, after the cool-down that the command was given."""
-    if live:
-        if rollout.limb:
-            cool_down(rollout.limb, rollout.recording, live, options.cool_down)
-        live.end(rollout.recording.interrupted or DONE)
 
 
 def _limb(planned: LimbParameters, options: argparse.Namespace) -> LimbSystem:
@@ -329,7 +317,8 @@ def _follow(options: argparse.Namespace) -> int:
             live=live,
         )
         print_summary(options, summary, outputs)
-        _end_page(live, rollout, options)
+        if live:
+            live.end(rollout.recording.interrupted or DONE)
     return 1 if rollout.recording.interrupted else 0
 
 
@@ -505,7 +494,7 @@ COMMANDS = {
         "without a port an emulated limb or the plan's model in simulated time. Each sample is "
         "written when it arrives, to NAME.unfinished.csv, which becomes NAME.csv at the end of the "
         "plan. For a robot, the summary counts the commands that were sent more than 5 ms late.",
-        "trajectory output driven controller plot report live cool json force",
+        "trajectory output driven controller plot report live json force",
         examples=[
             "soft-limb replay out/plan.csv -o out/recording.csv --plot out/tracking.png",
             "soft-limb replay out/plan.csv -o out/recording.csv -p /dev/ttyACM0",
@@ -517,7 +506,7 @@ COMMANDS = {
         "feedback, and drive the limb with a controller; a robot in real time. The default "
         "controller aims at the taught motion itself, the others at the plan. Writes plan.csv, "
         "recording.csv, tracking.png and report.html to the folder.",
-        "reference folder limb driven smooth knot-rate live cool json force",
+        "reference folder limb driven smooth knot-rate live json force",
         [
             shared("controller", default=DEFAULT_FEEDBACK),
             shared("task", help=f"{TASK_HELP}; closed-loop if left out"),

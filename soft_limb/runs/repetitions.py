@@ -20,7 +20,6 @@ from limb_systems.files.output import OutputError, check_folder
 from limb_systems.files.table_writer import unfinished_files
 from limb_systems.progress import Progress
 from soft_limb.reports.plan_report import write_learning_report
-from soft_limb.runs.cooling import COOL_TOLERANCE
 from soft_limb.runs.rollout import record_replay
 
 STATE_FILE, LEARNED_FILE = "learning.txt", "learned.csv"
@@ -28,6 +27,7 @@ PICTURE_FILE, REPORT_FILE = "learning.png", "learning.html"
 REST_TIME = 300.0  # s without heat between two repetitions on an emulated limb
 MAX_REST_TIME = 1200.0  # s
 READ_PERIOD = 1.0  # s
+COOL_TOLERANCE = 3.0  # °C; a wire that is warmer than at the start by less is cool
 _NAME = re.compile(r"repetition_[0-9]+\.csv")
 
 

@@ -29,7 +29,6 @@ from planners import plan, references
 from soft_limb import live_page
 from soft_limb.command import main
 from soft_limb.live_page import LivePage, Page, Run
-from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.repetitions import repeat
 from soft_limb.runs.rollout import roll_out
 
@@ -399,7 +398,7 @@ def tell(run, *readings):
 
 
 def test_curves_are_thinned_to_the_whole_run_or_its_last_minutes(monkeypatch, motion):
-    """All of a run with an end, also while its wires cool; minutes of what has no end."""
+    """All of a run with an end; minutes of what has no end."""
     monkeypatch.setattr(live_page, "NUM_POINTS", 150)  # a tenth, in a tenth of the time
     monkeypatch.setattr(live_page, "WINDOW", 60.0)
     run = Run(0)
@@ -421,12 +420,6 @@ def test_curves_are_thinned_to_the_whole_run_or_its_last_minutes(monkeypatch, mo
             assert times[0] == pytest.approx(first)
             assert times[-1] == pytest.approx(last, abs=0.5)
             np.testing.assert_allclose(np.diff(times), times[1] - times[0])
-    run.begin(RunHeader("a limb", motion.parameters, 110.0, 5.0))
-    for step in range(1300):
-        tell(run, Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2, cooling=step >= 100))
-    early.update()
-    assert early.source.data["time"][:2] == [0.0, 0.05]
-    assert len(early.source.data["time"]) == 100 + 150
 
 
 def test_a_value_that_is_missing_is_a_gap_and_charts_that_fail_leave_the_texts(monkeypatch, motion):
@@ -467,22 +460,6 @@ def test_alarms_say_which_wire_is_hot(motion):
             assert kind == expected_kind
             assert sentence.startswith(f"right: {temperature:.1f} °C, {word}")
             assert sentence in live_page.state(run)
-
-
-def test_a_limb_is_shown_while_it_cools(virtual_time, motion):
-    told, twin = Told(), LimbTwin(seed=1)
-    recording = replay(motion, twin)
-    cool_down(twin, recording, told, 0.5)
-    assert not told.phases  # the curves go on
-    assert told.rested == 1
-    assert [reading.time for reading in told.readings] == pytest.approx(
-        recording.time[-1] + np.arange(11) / 20
-    )
-    assert all(reading.cooling and reading.duty == [0.0, 0.0] for reading in told.readings)
-    warm = recording.measured_temperature[1, -1]
-    assert warm - 5.0 < told.readings[-1].measured_temperature[1] < warm + 1.0
-    cool_down(LimbTwin(seed=1), recording, told, 5.0)  # which is cool
-    assert len(told.readings) == 12
 
 
 def test_an_emulated_limb_that_is_stopped_on_the_page_leaves_its_recording(
