@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -14,11 +13,11 @@ from controllers.learner import Repetition
 from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
 from hardware.board import board_check
 from hardware.board.arm_check import check_supply, check_wires
-from hardware.board.link import SerialPort, check_fit
+from hardware.board.link import SerialPort
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
 from hardware.emulation.twin import EmulatedSystem
-from hardware.live_feed import DONE, LiveView, Reading, RunHeader, board_reading
+from hardware.live_feed import DONE
 from limb_systems import (
     Limb,
     LimbError,
@@ -30,7 +29,6 @@ from limb_systems import (
 )
 from limb_systems.connected_limbs import ConnectedLimbs, connected
 from limb_systems.files.output import check_outputs
-from limb_systems.simulation import PERIOD
 from limb_systems.summary import Summary
 from limb_systems.views.panels import tracking_panels
 from planners.plan_check import far_from_reference
@@ -73,8 +71,8 @@ def _serial_ports() -> Summary:
 
 def _status(options: argparse.Namespace) -> int:
     if options.port is None:
-        if options.clear or options.live:
-            raise LimbError("--clear and --live need the PORT of a board.")
+        if options.clear:
+            raise LimbError("--clear needs the PORT of a board.")
         print_summary(options, _serial_ports())
         return 0
     limb = LimbParameters.of(options.limb)
@@ -83,10 +81,6 @@ def _status(options: argparse.Namespace) -> int:
         if options.clear:
             link.clear()
         print_summary(options, _board_summary(info, link.sample(), limb))
-        with live_page(options) as live:
-            if live:
-                check_fit(limb, info, options.port)
-                _show_board(link, info, limb, live)
     return 0
 
 
@@ -124,25 +118,6 @@ def _board_summary(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Sum
         "duty": sample.duty.tolist(),
     }
     return Summary.of(texts, values)
-
-
-def _show_board(link: BoardLink, info: BoardInfo, limb: LimbParameters, live: LiveView) -> None:
-    """Show the readings of a board, which is not armed, until a signal ends the command."""
-    live.say("State of the board; this program does not arm it")
-    live.begin(RunHeader(f"board {info.serial_number}", limb, info.temperature_limit))
-    start = time.monotonic()
-    while True:
-        sample = link.sample()
-        live.show(
-            Reading(
-                time.monotonic() - start,
-                bend_angle_from_tip_tangent(sample.tip_tangent).tolist(),
-                sample.temperature.tolist(),
-                sample.duty.tolist(),
-                board=board_reading(link),
-            )
-        )
-        time.sleep(PERIOD)
 
 
 def _print_check(options: argparse.Namespace, outcome: str, sentence: str) -> None:
@@ -447,7 +422,6 @@ COMMANDS = {
         "limb json",
         [
             shared("board", nargs="?"),
-            shared("live", help="plot the readings on a web page of this computer, until Ctrl-C"),
             Option("--clear", action="store_true", help="clear a latched fault of the board"),
         ],
         examples=["soft-limb status", "soft-limb status /dev/ttyACM0"],
