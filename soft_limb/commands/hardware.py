@@ -479,7 +479,7 @@ COMMANDS = {
         "Teach and go: plan a taught motion from the present state of the limb, with margins for "
         "feedback, and drive the limb with a controller; a robot in real time. The default "
         "controller aims at the taught motion itself, the others at the plan. Writes plan.csv, "
-        "recording.csv, tracking.png and report.html to the folder.",
+        "recording.csv and report.html to the folder.",
         "reference folder limb driven smooth knot-rate live json force",
         [
             shared("controller", default=DEFAULT_FEEDBACK),
@@ -492,7 +492,7 @@ COMMANDS = {
         "Replay a trajectory repeatedly, a robot in real time, and let the wires cool in between. "
         "After each repetition the duty is corrected to bring the limb nearer to the reference; a "
         "correction that made it worse is undone. Learning ends early when further repetitions do "
-        "not pay. Writes to the folder a recording of each repetition, a picture, a report, the "
+        "not pay. Writes to the folder a recording of each repetition, a report, the "
         "best duty as a trajectory (learned.csv), and the state of learning: run the command again "
         "to continue.",
         "trajectory folder driven live json force",
