@@ -14,7 +14,7 @@ from limb_systems.files.duty_export import write_c_header, write_rows
 from limb_systems.files.output import OutputError, check_outputs, write_atomically
 from limb_systems.summary import Summary
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
-from soft_limb.results.comparison import compare
+from soft_limb.results.comparison import compare, comparison_page
 from soft_limb.results.overview import overview_page
 from soft_limb.results.read_result import LIMB, TRAJECTORY, read_result
 from soft_limb.results.summaries import troubles
@@ -78,7 +78,10 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    check_outputs([options.output], inputs=options.runs, force=options.force)
     comparison = compare([read_result(path) for path in options.runs])
+    if options.output:
+        write_atomically(options.output, comparison_page(comparison))
     if not options.json:
         for title, rows in comparison.tables().items():
             print_table(title, rows)
@@ -86,7 +89,7 @@ def _compare(options: argparse.Namespace) -> int:
             print_table("what changed", comparison.changes_table())
         else:
             print("nothing changed")
-    print_summary(options, Summary.of({}, comparison.to_json()))
+    print_summary(options, Summary.of({}, comparison.to_json()), [options.output])
     return 0
 
 
@@ -153,10 +156,17 @@ COMMANDS = {
         "Compare results with the first of them: their origin, their parameters, and the signals "
         "of plans and recordings over the time that they have in common. The results are all limbs "
         "(.yaml), or all plans and recordings (.csv), such as a plan and its recordings.",
-        "json",
-        [Option("runs", nargs="+", metavar="RUN", type=Path, help="two or more results")],
+        "json force",
+        [
+            Option("runs", nargs="+", metavar="RUN", type=Path, help="two or more results"),
+            shared(
+                "output",
+                required=False,
+                help="page to write, all results in one chart (.html)",
+            ),
+        ],
         stopped=STOPPED,
-        examples=["soft-limb compare out/plan.csv out/recording.csv"],
+        examples=["soft-limb compare out/plan.csv out/recording.csv -o out/comparison.html"],
     ),
     "runs": Command(
         _runs,
