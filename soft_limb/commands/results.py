@@ -13,6 +13,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.duty_export import write_c_header, write_rows
 from limb_systems.files.output import OutputError, check_outputs, write_atomically
 from limb_systems.summary import Summary
+from limb_systems.wire_callback import wire_callback
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
 from soft_limb.results.comparison import compare, comparison_page
 from soft_limb.results.overview import overview_page
@@ -25,20 +26,23 @@ def _write_model(write: Callable[..., str], limb: LimbParameters, path: Path) ->
     write_atomically(path, write(limb.segments, path.stem, payload=limb.payload))
 
 
-def _write_mjcf(limb: LimbParameters, path: Path) -> None:
+def _write_mjcf(limb: LimbParameters, path: Path, callback: Path | None) -> None:
     try:
-        model = limb_mjcf(limb)
+        model = limb_mjcf(limb, callback=callback is not None)
     except ValueError as error:
         raise LimbError(str(error)) from error
+    if callback:
+        write_atomically(callback, wire_callback(limb))
     write_atomically(path, model)
 
 
+MJCF = "mjcf"
 _FORMATS: dict[str, tuple[str, str, Callable]] = {  # suffix, kind of the result, writer
     "csv": (".csv", TRAJECTORY, write_rows),
     "c-header": (".h", TRAJECTORY, write_c_header),
     "sdf": (".sdf", LIMB, functools.partial(_write_model, limb_sdf)),
     "urdf": (".urdf", LIMB, functools.partial(_write_model, limb_urdf)),
-    "mjcf": (".xml", LIMB, _write_mjcf),
+    MJCF: (".xml", LIMB, _write_mjcf),
 }
 
 
@@ -108,7 +112,13 @@ def _export(options: argparse.Namespace) -> int:
     outputs = [options.output]
     if not is_single:
         outputs = [options.output / f"{path.stem}{suffix}" for path in options.files]
-    check_outputs(outputs, inputs=options.files, force=options.force)
+    if options.callback and (name != MJCF or not is_single):
+        raise OutputError(
+            "--callback writes the C code of the wires of one limb; give one limb, and an output "
+            "that ends with .xml."
+        )
+    callbacks = [options.callback] if options.callback else []
+    check_outputs(outputs + callbacks, inputs=options.files, force=options.force)
     # Read and convert.
     results = [read_result(path) for path in options.files]
     for result in results:
@@ -117,9 +127,11 @@ def _export(options: argparse.Namespace) -> int:
                 f"{result.path} is a {result.kind}; only a {kind} can be exported as {name}."
             )
     settings: tuple[Any, ...] = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
+    if name == MJCF:
+        settings = (options.callback,)
     for result, path in zip(results, outputs, strict=True):
         write(result.value, path, *settings)
-    print_summary(options, Summary([]), outputs)
+    print_summary(options, Summary([]), outputs + callbacks)
     return 0
 
 
@@ -214,6 +226,13 @@ COMMANDS = {
                 type=float,
                 default=20.0,
                 help="rows per second (default %(default)g)",
+            ),
+            Option(
+                "--callback",
+                metavar="FILE.c",
+                type=Path,
+                help="for one limb as .xml: C code to write for MuJoCo, for laws of wires that "
+                "MJCF cannot express",
             ),
             Option(
                 "--duty-max",
