@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from limb_systems.files.output import check_outputs
@@ -76,17 +76,7 @@ class Command:
                     group.add_argument(*option.names, **option.settings)
             else:
                 parser.add_argument(*entry.names, **entry.settings)
-        # Explain an option of earlier versions.
-        parser.add_argument("--board", type=_refuse_text_board, help=argparse.SUPPRESS)
         return parser
-
-
-def _refuse_text_board(path: str) -> NoReturn:
-    """Raise ArgumentTypeError: ``--board FILE`` described boards that are no longer supported."""
-    raise argparse.ArgumentTypeError(
-        f"{path} describes a board with a text protocol, which is no longer supported: put the "
-        "firmware on yours as docs/firmware_in_c.md says, and leave --board out"
-    )
 
 
 def shared(key: str, **settings: Any) -> Option:

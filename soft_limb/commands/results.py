@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from limb_systems import LimbParameters, Recording
 from limb_systems.errors import LimbError
@@ -33,12 +32,12 @@ def _write_mjcf(limb: LimbParameters, path: Path) -> None:
     write_atomically(path, model)
 
 
-_FORMATS: dict[str, tuple[str, str, Callable]] = {  # suffix, kind of the result, writer
-    "csv": (".csv", TRAJECTORY, write_rows),
-    "c-header": (".h", TRAJECTORY, write_c_header),
-    "sdf": (".sdf", LIMB, functools.partial(_write_model, limb_sdf)),
-    "urdf": (".urdf", LIMB, functools.partial(_write_model, limb_urdf)),
-    "mjcf": (".xml", LIMB, _write_mjcf),
+_FORMATS: dict[str, tuple[str, Callable]] = {  # kind of the result and writer, by suffix
+    ".csv": (TRAJECTORY, write_rows),
+    ".h": (TRAJECTORY, write_c_header),
+    ".sdf": (LIMB, functools.partial(_write_model, limb_sdf)),
+    ".urdf": (LIMB, functools.partial(_write_model, limb_urdf)),
+    ".xml": (LIMB, _write_mjcf),
 }
 
 
@@ -91,32 +90,24 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
-    # Choose the format: by --format, or by the name of the output.
-    is_single = len(options.files) == 1
-    by_suffix = {suffix: name for name, (suffix, *_) in _FORMATS.items()}
-    name = options.format or (by_suffix.get(options.output.suffix) if is_single else "csv")
-    if name is None:
+    # The end of the output's name tells its format.
+    if options.output.suffix not in _FORMATS:
         raise OutputError(
             f"The name of {options.output} does not tell its format; let it end with "
-            f"{' or '.join(by_suffix)}, or give --format."
+            f"{' or '.join(_FORMATS)}."
         )
-    suffix, kind, write = _FORMATS[name]
-    # Check all outputs before the first is written.
-    outputs = [options.output]
-    if not is_single:
-        outputs = [options.output / f"{path.stem}{suffix}" for path in options.files]
-    check_outputs(outputs, inputs=options.files, force=options.force)
+    kind, write = _FORMATS[options.output.suffix]
+    check_outputs([options.output], inputs=[options.file], force=options.force)
     # Read and convert.
-    results = [read_result(path) for path in options.files]
-    for result in results:
-        if result.kind != kind:
-            raise LimbError(
-                f"{result.path} is a {result.kind}; only a {kind} can be exported as {name}."
-            )
-    settings: tuple[Any, ...] = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
-    for result, path in zip(results, outputs, strict=True):
-        write(result.value, path, *settings)
-    print_summary(options, Summary([]), outputs)
+    result = read_result(options.file)
+    if result.kind != kind:
+        raise LimbError(
+            f"{result.path} is a {result.kind}; only a {kind} can be exported as "
+            f"{options.output.suffix}."
+        )
+    settings = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
+    write(result.value, options.output, *settings)
+    print_summary(options, Summary([]), [options.output])
     return 0
 
 
@@ -179,26 +170,14 @@ COMMANDS = {
     ),
     "export": Command(
         _export,
-        "Convert trajectories and limbs for other programs. The duty of a trajectory is written as "
+        "Convert a trajectory or a limb for other programs. The duty of a trajectory is written as "
         "CSV or as a C header, for your own program that holds each row for one period: a row is "
         "the mean duty of the plan over the period. A limb is written as SDFormat, with its "
         "springs; as URDF, without springs; or as MJCF for MuJoCo, with springs and heat.",
         "force",
         [
-            Option(
-                "files",
-                nargs="+",
-                metavar="FILE",
-                type=Path,
-                help="trajectories (.csv) or limbs (.yaml)",
-            ),
-            shared("output", help="file to write; the folder to write to if there are several"),
-            Option(
-                "--format",
-                choices=list(_FORMATS),
-                help="format to write; if left out, the end of the output's name tells it: .csv, "
-                ".h, .sdf, .urdf or .xml; csv for several files",
-            ),
+            Option("file", metavar="FILE", type=Path, help="trajectory (.csv) or limb (.yaml)"),
+            shared("output", help="file to write: .csv, .h, .sdf, .urdf or .xml"),
             Option(
                 "--rate",
                 type=float,
