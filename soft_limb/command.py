@@ -35,7 +35,7 @@ COMMANDS = {
     "arm-check": ("hardware", "test sensors and wires one by one"),
     "board-check": ("hardware", "test the safety rules of a board"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
-    "sweep": ("sweep", "plan and drive many emulated limbs, motions, tasks and controllers"),
+    "sweep": ("sweep", "plan and drive many emulated limbs, motions and controllers"),
     "show": ("results", "print the contents and the origin of result files"),
     "compare": ("results", "print the differences between plans, recordings or limbs"),
     "export": ("results", "convert plans and limbs for your own programs"),

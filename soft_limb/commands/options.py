@@ -218,14 +218,11 @@ def live_page(options: argparse.Namespace) -> Iterator["LivePage | None"]:
         yield live
 
 
-def checked_outputs(
-    options: argparse.Namespace, *inputs: Path | str | None, goes_on: bool = False
-) -> list[Path | None]:
+def checked_outputs(options: argparse.Namespace, *inputs: Path | str | None) -> list[Path | None]:
     """Return the files that a command will write: its table, pictures and report.
 
     Args:
         inputs: files that the command reads; a text that names no file is allowed.
-        goes_on: whether the command appends to a table that exists.
 
     Raises:
         OutputError: if a file must not or cannot be written.
@@ -238,7 +235,7 @@ def checked_outputs(
         inputs=[Path(name) for name in inputs if name],
         pictures=pictures,
         tables=[options.output],
-        force=options.force or goes_on,
+        force=options.force,
     )
     return outputs
 
