@@ -161,7 +161,7 @@ def test_a_click_in_the_legend_hides_a_curve_and_the_pointer_shows_values(tmp_pa
     page.write_page(tmp_path / "p.html", "One", [page.chart(panels, "φ")])
     shown = browser.new_page(viewport={"width": 900, "height": 600})
     shown.goto((tmp_path / "p.html").as_uri())
-    entry = shown.get_by_text("φ", exact=True)
+    entry = shown.locator(".bk-label")
     entry.wait_for()
     visible = "Bokeh.documents[0].get_model_by_name('φ').visible"
     assert shown.evaluate(visible)
