@@ -1,10 +1,8 @@
 """Each firmware keeps the rules of a board, and one line that is changed breaks one of them."""
 
 import json
-import struct
 import sys
 import types
-import zlib
 from pathlib import Path
 
 import pytest
@@ -99,12 +97,6 @@ MUTANTS = [
     ("little-heat-after-a-start", "heat", "LITTLE_DUTY = 0.12", "LITTLE_DUTY = 0.2"),
     ("reading-above-110-c-latches", "guard", "LIMIT = 110.0", "LIMIT = 130.0"),
 ]  # fmt: skip
-
-
-@pytest.fixture(autouse=True)
-def fast_checksum(monkeypatch):
-    """The same one, as firmware_checks.py tests; it would take a third of the time."""
-    monkeypatch.setattr(protocol, "crc32", lambda data: struct.pack("<I", zlib.crc32(data)))
 
 
 def broken(outcomes):
