@@ -259,7 +259,7 @@ def test_status_without_a_port_lists_the_serial_ports(monkeypatch, capsys):
     text, as_json = said.out.splitlines()
     assert text.split() == ["/dev/ttyACM0", "J-Link"]
     assert json.loads(as_json)["ports"] == [{"port": "/dev/ttyACM0", "description": "J-Link"}]
-    assert "need the PORT of a board" in said.err
+    assert "needs the PORT of a board" in said.err
 
 
 def test_status_says_how_the_board_is(virtual_time, emulator, capsys):
