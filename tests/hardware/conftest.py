@@ -40,9 +40,14 @@ MOST_STARTS = 50
 SETTLING_TIME = 0.6  # s, of a board that was switched on, before it can be armed
 
 
-def small_twin(seed=0) -> LimbTwin:
-    """Return an emulated limb of one link, which is simulated in less time than the nominal."""
-    return LimbTwin(LimbParameters(segments=[SegmentParameters(links=1)]), seed=seed)
+def small_limb() -> LimbParameters:
+    """Return a limb that bends as the nominal one, and is simulated in less time."""
+    return LimbParameters(segments=[SegmentParameters(links=2, stiffness=0.0623)])
+
+
+def small_twin(seed=0, **options) -> LimbTwin:
+    """Return an emulated limb like `small_limb`."""
+    return LimbTwin(small_limb(), seed=seed, **options)
 
 
 @pytest.fixture(autouse=True)
