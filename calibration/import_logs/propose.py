@@ -53,8 +53,10 @@ ROOM_RANGES = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # whe
 READING_RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
 MAX_COLD = 35.0  # below which the readings of a log that starts warm are in °C
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
-LONG_LOG_TIME = 150.0  # s of a log in which wires become cold at some time ...
-MAX_COLD_SPREAD = 25.0  # ... and their coldest readings differ by less, °C
+LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
+MAX_COLD_SPREADS = (0.2, 1.0)  # of coldest readings, in shares of warming: of long and short logs
+MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
+SLOWEST_COOLING = 200.0  # s, in which wires and silicone lose most of their heat
 MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
 MIN_HEAT_CORRELATION = 0.5  # correlation of a column with the heat that it follows
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
@@ -453,17 +455,37 @@ class Columns:
             coldest, warmest, hottest = READING_RANGES.get(unit, (-np.inf, np.inf, np.inf))
             is_possible = coldest < column.low < warmest and column.high < hottest
             is_possible &= not (is_at_rest and rooms and unit_in_name and unit_in_name not in rooms)
-            # In a long log all wires are in one room at some time.
-            if unit != UNKNOWN and self.times[-1] - self.times[0] > LONG_LOG_TIME:
-                coldest_readings = [np.quantile(c.present, 0.003) for c in similar if c.span]
-                is_possible &= max(coldest_readings, default=0.0) < ROOM_RANGES[unit][1]
-                is_possible &= np.ptp(coldest_readings or [0.0]) < MAX_COLD_SPREAD
+            is_possible &= unit == UNKNOWN or self._are_in_one_room(similar, unit)
             wire.unit = unit if is_possible else UNKNOWN
             if wire.unit == UNKNOWN:
                 text = f"unit of {column.text}: C, F or K? It reads {column.low:.3g} to "
                 text += f"{column.present.max():.3g}"
                 text += ", which does not tell, or contradicts its name or the others"
                 self.ask(f"wires[{index}].unit", text, list(READING_RANGES), bool(unit_in_name))
+
+    def _are_in_one_room(self, sensors: list[Column], unit: str) -> bool:
+        """Return whether thermocouples become as cold as a room and each other, or may do so.
+
+        A thermocouple that has an offset stays apart from others, and does not cool.
+        """
+        moving = [column for column in sensors if column.span]
+        coldest = [float(np.quantile(column.present, 0.003)) for column in moving]
+        is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
+        if not moving or (is_long and max(coldest) > ROOM_RANGES[unit][1]):
+            return not moving
+        min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
+        share = MAX_COLD_SPREADS[0 if is_long else 1]
+        largest = max(min_offset, share * max(column.span for column in moving))
+        # Before the first heat, a wire that is warmer than others cools.
+        warmest = max(moving, key=lambda column: column.means[0])
+        num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
+        halves = np.array_split(warmest.means[:num_steps], 2)
+        lead = warmest.means[0] - min(column.means[0] for column in moving)
+        if num_steps > 5 and lead > min_offset:
+            cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
+            if np.nanmean(halves[0]) - np.nanmean(halves[1]) < cooling:
+                return False
+        return np.ptp(coldest) < largest
 
     # The bend.
 
