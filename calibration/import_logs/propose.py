@@ -7,6 +7,7 @@ Where names say nothing, numbers decide with a margin.
 import dataclasses
 import functools
 import re
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -66,6 +67,7 @@ HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in 
 FIXED_POINT_SHARE = 0.02  # movement of a point that is fixed, in shares of the tip's
 MIN_HEATED_TIME = 1.0  # s of full duty, with which a wire counts as heated
 MIN_FIRST_TURN = 0.85  # of the turn of a limb's first link, if it were bent evenly
+CONTRADICTIONS = ("inverted", "mixed units", "named thermocouple", "named unit")  # questions
 DEGREES_PER_UNIT = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "mdeg": 1e-3}
 
 
@@ -208,11 +210,10 @@ class Columns:
             heats[index] = duty.heat(self.wires[index].sign)
         return heats
 
-    def ask(
-        self, field: str, text: str, choices: list[str] | None = None, contradicts: bool = False
-    ) -> None:
-        """Ask for a field of the mapping."""
-        self.questions.append(Question(field, text, choices or [], contradicts))
+    def ask(self, kind: str, field: str, choices: Iterable[str] = (), **facts: object) -> None:
+        """Ask for a field of the mapping, by the dictionary's question of a kind."""
+        text = words.QUESTIONS[kind].format(**facts)
+        self.questions.append(Question(field, text, list(choices), kind in CONTRADICTIONS))
 
     def proposal(self, name: str, log_mapping: LogMapping) -> Proposal:
         """Return a mapping with the notes and questions."""
@@ -236,33 +237,42 @@ class Columns:
         if found.column:
             self.notes[found.column] = f"time, {found.unit}; it increases as a clock does"
             if found.unit == UNKNOWN:
-                text = f"unit of {found.column}? Its rows are too far apart, or near, for its name"
-                self.ask("time.unit", text, ["s", "ms", "us"])
+                self.ask("time unit", "time.unit", ["s", "ms", "us"], column=found.column)
             return found
         counters = [name.text for name in names if name.role == FRAME]
         frames = [text for text in counters if (np.diff(self.table.numbers(text)) > 0).all()]
         what = f"the frames in {frames[0]}" if frames else "the rows"
-        text = f"no column is a time that increases: give the rate of {what}, Hz, or time.column"
-        self.ask("rate", text, ["10.0"])
+        self.ask("rate", "rate", ["10.0"], what=what)
         return TimeColumn(frames[0], mapping.FRAMES) if frames else found
+
+    def _find(self, role: str, seem: Callable[[Column], bool]) -> list[Column]:
+        """Return the columns of a role by their names, else like columns that seem to be of it."""
+        named = [c for c in self._of_role(role) if role == DUTY or c.name.quantity != "counts"]
+        if named:
+            return named
+        chosen = [column for column in self._unnamed() if seem(column)]
+        stems = {column.name.stem for column in chosen}
+        similar = [column for column in self._unnamed() if column.name.stem in stems]
+        if len(stems) > 1 or (len(similar) > len(chosen) and self.table.has_names):
+            texts = [column.text for column in similar]
+            self.ask("like columns", f"wires[0].{role}", texts, columns=_list(similar), role=role)
+            return []
+        return chosen
 
     # Duty.
 
     def find_duties(self) -> None:
         """Find the duties and their wires; columns whose names say nothing must be followed."""
-        named = self._of_role(DUTY)
-        best = min((column.name.rank for column in named), default=0)
-        self.duties = [column for column in named if column.name.rank == best]
-        if not named:
-            followed = [c for c in self._unnamed() if c.looks_like_heat and self._is_followed(c)]
-            self.duties = self._with_similar(followed, "wires[0].duty", "the duty of a wire")
+        found = self._find(DUTY, lambda c: c.looks_like_heat and self._is_followed(c))
+        best = min((column.name.rank for column in found), default=0)
+        self.duties = [column for column in found if column.name.rank == best]
         self.duties.sort(key=lambda column: column.name.order)
         for column in self.duties:
-            self.notes[column.text] = "duty, by its name" if named else "duty, which others follow"
+            reason = "by its name" if column.name.role else "which others follow"
+            self.notes[column.text] = f"duty, {reason}"
         if not self.duties:
-            text = "no column seems to be a duty, which is 0 while wires are off: give each "
-            text += "wire's, '' for a wire that was not heated, or join the file of the heaters"
-            self.ask("wires[0].duty", text, [c.text for c in self.columns if c.looks_like_heat])
+            choices = [column.text for column in self.columns if column.looks_like_heat]
+            self.ask("no duty", "wires[0].duty", choices)
             self.wires = [WireColumns(name, UNKNOWN) for name in self.limb.wire_names]
             return
         # Numbers with a sign heat two wires.
@@ -280,16 +290,6 @@ class Columns:
             wire_name = known[labels[index]] if is_named else UNKNOWN
             self.wires.append(WireColumns(wire_name, column.text, signs[index % len(signs)]))
 
-    def _with_similar(self, chosen: list[Column], field: str, meaning: str) -> list[Column]:
-        """Return columns, if all like columns are among them; else ask."""
-        stems = {column.name.stem for column in chosen}
-        similar = [column for column in self._unnamed() if column.name.stem in stems]
-        if len(stems) <= 1 and (len(similar) == len(chosen) or not self.table.has_names):
-            return chosen
-        texts = [column.text for column in similar]
-        self.ask(field, f"which of {_list(similar)} is {meaning}? Names do not tell", texts)
-        return []
-
     def _is_followed(self, duty: Column) -> bool:
         """Return whether another column clearly follows the heat of what may be a duty."""
         heat = duty.heat()[None]
@@ -299,42 +299,38 @@ class Columns:
     def full_duty(self) -> float:
         """Return the number of full duty; 0 and a question if nothing tells it."""
         duties = list(dict.fromkeys(self.duties))
-        tops = [float(np.abs(column.present).max()) for column in duties if column.span]
-        if not tops:
+        levels = [np.unique(np.abs(column.present)) for column in duties if column.span]
+        if not levels:
             return 1.0
-        levels = np.unique(np.concatenate([np.abs(column.present) for column in duties]))
-        levels = levels[levels > 0]
+        tops = [float(own_levels.max()) for own_levels in levels]
+        most = max(tops)
         own = set()
         ranges = set()
+        is_inverted = False
         for column in duties:
             own |= {*column.name.words, column.name.unit}
             ranges |= set(re.findall(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", column.text))
-        # A wire that is at its most while it rests or cools is off there.
-        is_inverted = False
-        for column in duties:
+            # A wire that is at its most while it rests or cools is off there.
             rests = (column.present == column.present.max()).mean() > 0.05
             is_inverted |= (rests and column.present.min() > 0) or self._cools(column)
         # Like columns have one unit.
-        is_switched = any(len(np.unique(c.present)) == 2 and c.present.max() == 1 for c in duties)
-        is_mixed = max(tops) > MAX_DUTY_RATIO * min(tops) or (is_switched and min(tops) < 1.0)
+        is_switched = any(list(own_levels) == [0.0, 1.0] for own_levels in levels)
+        is_mixed = most > MAX_DUTY_RATIO * min(tops) or (is_switched and min(tops) < 1.0)
         # Names may have a range, such as 0..255, or a unit; else numbers tell.
-        full = _full_by_numbers(levels, own)
-        if own & PERCENT_WORDS:
-            full = 100.0 if 1.0 < max(tops) <= 100.1 else 0.0
         if len(ranges) == 1:
-            full = float(min(ranges)) if max(tops) <= 1.001 * float(min(ranges)) else 0.0
-        elif own & POWER_WORDS:
-            full = 0.0
-        text = f"the most in {_list(duties)} is {' and '.join(f'{top:g}' for top in tops)}: "
-        if is_inverted:
-            text += "the duty looks inverted, for it is at its most where wires rest or cool: give "
-            text += "full, and inverted: true if wires are off there"
-        elif is_mixed:
-            text += "are they of one unit, and what is full duty?"
-        elif full:
+            full = float(min(ranges))
+            full = full if most <= 1.001 * full else 0.0
+        elif own & PERCENT_WORDS:
+            full = 100.0 if 1.0 < most <= 100.1 else 0.0
+        else:
+            numbers = np.unique(np.concatenate(levels))
+            full = 0.0 if own & POWER_WORDS else _full_by_numbers(numbers[numbers > 0], own)
+        if full and not is_inverted and not is_mixed:
             return full
-        likely = [f"{scale:g}" for scale in FULL_SCALES if max(tops) <= 1.001 * scale][:3]
-        self.ask("full", f"{text}what is full duty?", likely, is_inverted or is_mixed)
+        kind = "inverted" if is_inverted else "mixed units" if is_mixed else "full duty"
+        likely = [f"{scale:g}" for scale in FULL_SCALES if most <= 1.001 * scale][:3]
+        texts = " and ".join(f"{top:g}" for top in sorted(set(tops), key=tops.index))
+        self.ask(kind, "full", likely, columns=_list(duties), tops=texts)
         return 0.0
 
     def _cools(self, duty: Column) -> bool:
@@ -346,16 +342,14 @@ class Columns:
 
     def find_temperatures(self) -> None:
         """Find the thermocouples; columns whose names say nothing must be warmed."""
-        self.temperatures = [c for c in self._of_role(TEMPERATURE) if c.name.quantity != "counts"]
-        if self.temperatures or not self.duties:
-            return
-        warmed = []
-        for column in self._unnamed():
-            if -10.0 < column.low < 320.0 and column.present.max() < 620.0:
-                votes = column.votes(self.heats)
-                warmed += [column] if votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE else []
-        what = "the temperature of a wire"
-        self.temperatures = self._with_similar(warmed, "wires[0].temperature", what)
+
+        def is_warmed(column: Column) -> bool:
+            if not self.duties or not -10.0 < column.low < 320.0 or column.present.max() > 620.0:
+                return False
+            votes = column.votes(self.heats)
+            return bool(votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE)
+
+        self.temperatures = self._find(TEMPERATURE, is_warmed)
 
     def pair_wires_with_thermocouples(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
@@ -378,10 +372,10 @@ class Columns:
                 self._set_temperature(wire, named[0], "by its name")
                 unpaired.remove(named[0])
             elif named:
-                reason = f"several have the name of {wire.name}"
+                reason = f"Several have the name of {wire.name}"
                 if len(named) == 1 and warmed:
-                    reason = f"names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
-                self._ask_temperature(index, [*named, *filter(None, [warmed])], reason, True)
+                    reason = f"Names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
+                self._ask_temperature(index, [*named, *filter(None, [warmed])], reason)
                 unpaired = [column for column in unpaired if column not in named]
             elif warmed in unpaired and self._may_have(wire, warmed):
                 self._set_temperature(wire, warmed, f"it warms with {wire.duty}")
@@ -397,7 +391,7 @@ class Columns:
             if is_last and len(unpaired) == len(candidates) == 1:
                 self._set_temperature(wire, unpaired.pop(), "the only one that is left")
             elif candidates:
-                self._ask_temperature(index, candidates, "neither names nor heat tell", False)
+                self._ask_temperature(index, candidates)
         # Wires whose own names have no side have the side of their thermocouples.
         side_of_column = {column.text: column.name.side for column in self.temperatures}
         sides = [side_of_column.get(wire.temperature, "") for wire in self.wires]
@@ -411,9 +405,8 @@ class Columns:
             if column.text not in asked:
                 wire = WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN)
                 self.wires.append(wire)
-                text = f"{column.text} is a temperature of no wire that has a duty: give name and "
-                text += "duty of its wire ('' if it was not heated), or leave out this wire"
-                self.ask(f"wires[{len(self.wires) - 1}].duty", text, ["''", "none"])
+                field = f"wires[{len(self.wires) - 1}].duty"
+                self.ask("no wire", field, ["''", "none"], column=column.text)
 
     def _may_have(self, wire: WireColumns, column: Column) -> bool:
         """Return whether a thermocouple's name does not say that it is of another wire."""
@@ -423,18 +416,17 @@ class Columns:
         wire.temperature = column.text
         self.notes[column.text] = f"temperature of the wire that {wire.duty} heats, {reason}"
 
-    def _ask_temperature(
-        self, index: int, choices: list[Column], reason: str, contradicts: bool
-    ) -> None:
+    def _ask_temperature(self, index: int, choices: list[Column], contradiction: str = "") -> None:
         wire = self.wires[index]
         wire.temperature = UNKNOWN
-        texts = list(dict.fromkeys(column.text for column in choices))
-        text = f"which is the thermocouple of the wire that {wire.duty} heats, "
-        text += f"{' and '.join(texts)}? {reason}"
-        self.ask(f"wires[{index}].temperature", text, texts, contradicts)
         units = {column.name.unit for column in choices}
         wire.unit = units.pop() if len(units) == 1 and units <= set(READING_RANGES) else UNKNOWN
+        texts = list(dict.fromkeys(column.text for column in choices))
         self.notes |= dict.fromkeys(texts, "a temperature, see the question")
+        kind = "named thermocouple" if contradiction else "thermocouple"
+        field = f"wires[{index}].temperature"
+        columns = " and ".join(texts)
+        self.ask(kind, field, texts, duty=wire.duty, columns=columns, reason=contradiction)
 
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the unit of their room."""
@@ -458,10 +450,9 @@ class Columns:
             is_possible &= unit == UNKNOWN or self._are_in_one_room(similar, unit)
             wire.unit = unit if is_possible else UNKNOWN
             if wire.unit == UNKNOWN:
-                text = f"unit of {column.text}: C, F or K? It reads {column.low:.3g} to "
-                text += f"{column.present.max():.3g}"
-                text += ", which does not tell, or contradicts its name or the others"
-                self.ask(f"wires[{index}].unit", text, list(READING_RANGES), bool(unit_in_name))
+                kind = "named unit" if unit_in_name else "unit"
+                facts = {"column": column.text, "low": column.low, "high": column.present.max()}
+                self.ask(kind, f"wires[{index}].unit", READING_RANGES, **facts)
 
     def _are_in_one_room(self, sensors: list[Column], unit: str) -> bool:
         """Return whether thermocouples become as cold as a room and each other, or may do so.
@@ -517,19 +508,18 @@ class Columns:
             rated = [c for c in plain if c in follows or (len(plain) == 1 and not self.duties)]
             hints = [c for c in follows if c not in plain][:3]
         if not rated:
-            text = "no column seems to be the bend, which is an angle: give its column, or the "
-            text += "points of a picture, or join the camera's file"
+            hint = ""
             for column in hints:
-                text += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
-            self.ask("bend.column", text, [c.text for c in hints])
+                hint += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
+            self.ask("no bend", "bend.column", [c.text for c in hints], hints=hint)
             return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(rated, key=lambda c: c.name.rank)
         for column in rated:
             is_alike = 0.9 < column.span / first.span < 1.1
             if not is_alike or abs(correlation(first.means, column.means)) < MIN_SAME_CORRELATION:
-                text = f"which is the bend, {_list(rated)}? Each may be.{self.hint}"
-                self.ask("bend.column", text, [c.text for c in rated])
+                texts = [c.text for c in rated]
+                self.ask("bend", "bend.column", texts, columns=_list(rated), hint=self.hint)
                 return BendColumns(UNKNOWN)
         return self._bend_column(first)
 
@@ -563,8 +553,7 @@ class Columns:
             # In the picture, the limb's right is clockwise.
             return BendColumns(line=line, zero=zero, scale=-1.0, measures=mapping.CHORD)
         choices = [f"[{', '.join([x.text, y.text, *tip])}]" for x, y in points[:-1]]
-        text = "which point is the limb's base, and which its tip? Give x and y of the base, then "
-        self.ask("bend.line", text + "x and y of the tip", choices)
+        self.ask("base", "bend.line", choices)
         return BendColumns(line=[UNKNOWN, UNKNOWN, *tip], scale=-1.0, measures=mapping.CHORD)
 
     def _bend_column(self, column: Column) -> BendColumns:
@@ -575,8 +564,7 @@ class Columns:
             measures = mapping.TIP_TANGENT
         elif self.dictionary.has("orientation", name.words):
             measures = UNKNOWN
-            text = f"{column.text} is an orientation: of the tip's tangent, which is halved?"
-            self.ask("bend.measures", text, list(mapping.MEASURES))
+            self.ask("orientation", "bend.measures", mapping.MEASURES, column=column.text)
         # Numbers that stay small while wires are hot are radians.
         rest = float(np.median(column.present[:10]))
         is_small = float(np.abs(column.present - np.median(column.present)).max()) < MAX_RADIANS
@@ -593,9 +581,7 @@ class Columns:
             scale = 0.0
         zero = rest if not scale or abs(rest) * scale > MAX_REST_BEND else 0.0
         if not scale:
-            text = f"how many degrees is a unit of {column.text}? Negative if the limb bends "
-            text += "towards the right wire when its numbers fall"
-            self.ask("bend.scale", text, ["1.0", "57.29578"])
+            self.ask("scale", "bend.scale", ["1.0", "57.29578"], column=column.text)
         self.notes[column.text] = f"the bend ({measures}), {scale:.4g} degrees a unit"
         return BendColumns(column.text, zero=zero, scale=scale, measures=measures)
 
@@ -635,10 +621,8 @@ class Columns:
                 self.notes["sign"] = f"each wire bends the limb {side}, as the column counts it"
             else:
                 sides = np.array([])
-                text = f"the sign of {' and '.join(bend.columns)}: names and heat do not tell that "
-                text += "each wire bends the limb to its side; negative if the right wire bends it "
-                text += "to where numbers fall"
-                self.ask("bend.scale", text, [f"{bend.scale:g}", f"{-bend.scale:g}"])
+                choices = [f"{bend.scale:g}", f"{-bend.scale:g}"]
+                self.ask("sign", "bend.scale", choices, columns=" and ".join(bend.columns))
                 bend.scale = 0.0
         # Name wires by their sides, or ask.
         for index, wire in enumerate(wires):
@@ -649,18 +633,18 @@ class Columns:
                 wire.name = RIGHT if sides[index] > 0 else LEFT
                 self.notes[f"{wire.name} wire"] = f"{numbers}{wire.duty}, by the bend's sign"
             elif wire.name == UNKNOWN:
-                text = f"which wire is heated by {numbers}{wire.duty}?{self.hint}"
-                self.ask(f"wires[{index}].name", text, self.limb.wire_names)
+                facts = {"numbers": numbers, "duty": wire.duty, "hint": self.hint}
+                self.ask("wire", f"wires[{index}].name", self.limb.wire_names, **facts)
 
     def _are_heated(self, found: LogMapping) -> np.ndarray:
-        """Return which wires get heat enough to bend the limb (W,)."""
-        is_heated = np.zeros(len(self.duties), bool)
+        """Return which wires get heat enough to bend the limb, or as much as there is (W,)."""
+        most = max((float(np.abs(column.present).max()) for column in self.duties), default=1.0)
+        doses = np.zeros(len(self.duties))
         for index, column in enumerate(self.duties):
             duty = np.clip(found.wires[index].sign * forward_fill(column.values), 0.0, None)
-            most = max(float(np.abs(other.present).max()) for other in self.duties)
-            dose = np.trapezoid(duty, self.times) / (found.full or most or 1.0)
-            is_heated[index] = dose > MIN_HEATED_TIME
-        return is_heated
+            doses[index] = np.trapezoid(duty, self.times) / (found.full or most or 1.0)
+        is_enough = doses > MIN_HEATED_TIME
+        return is_enough if is_enough.any() else doses > 0.0
 
     def _bend_votes(self, found: LogMapping) -> np.ndarray:
         """Return how clearly wires bend the limb to their sides, or to positive angles (W,)."""
@@ -693,15 +677,14 @@ class Columns:
                 if not self._is_explained(column) and (is_duty or self._is_followed(column)):
                     self.wires.append(WireColumns(UNKNOWN, column.text))
                     what = f" is a {name.quantity}, but" if name.quantity else ""
-                    text = f"{column.text}{what} may be the heat of a wire: give the wire's name, "
-                    text += "or leave out this wire"
                     field = f"wires[{len(self.wires) - 1}].name"
-                    self.ask(field, text, [*self.limb.wire_names, "none"])
+                    choices = [*self.limb.wire_names, "none"]
+                    self.ask("heat", field, choices, column=column.text, what=what)
             elif bare and name.role in ("", TEMPERATURE):
                 votes = column.votes(self.heats[bare])
                 index = bare[int(votes.argmax())]
                 if votes.max() > MIN_VOTE and correlation(self.heats[index], column.means) > 0.6:
-                    self._ask_temperature(index, [column], "it warms with it", False)
+                    self._ask_temperature(index, [column])
 
     def _is_explained(self, column: Column) -> bool:
         """Return whether a column shows no more than the duties, as a current or a sum does."""

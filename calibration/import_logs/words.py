@@ -25,6 +25,7 @@ _DATA = yaml.safe_load(Path(__file__).with_name("dictionary.yaml").read_text(enc
 WORDS: dict[str, list[str]] = {
     key: words.split() for key, words in (_DATA["words"] | _DATA["quantities"]).items()
 }
+QUESTIONS: dict[str, str] = _DATA["questions"]
 _NAME_WORDS = ("in", "min", "rh", "a", "g", "h", "d", "n", "j")  # units that names end in as words
 _PER_SECOND = re.compile(r"(?<![a-z])(deg|rad|°|mm|m|c|k)[_ ]?(per|p|/|_)_?s(ec)?\b")
 _CHUNKS = re.compile(r"[^\W\d_]+|\d+|%")
