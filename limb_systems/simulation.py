@@ -416,8 +416,8 @@ def advance(
 ) -> None:
     """Simulate from time 0 to the end, s, in parts; other arguments as in `RecordOptions`.
 
-    Steps of the integrator end just before each jump of the duty, and begin again just after it:
-    error control would step over pulses that are shorter than its steps.
+    Unless in real time, steps of the integrator end just before each jump of the duty, and begin
+    again just after it: error control would step over pulses that are shorter than its steps.
 
     Raises:
         SimulationError: if the integrator fails.
@@ -427,6 +427,7 @@ def advance(
         simulator.Initialize()
         # In real time each part begins when its events are due, and ends halfway to the next.
         # Waiting here and not in the Simulator lets other threads and signals come through.
+        # Else parts of 1 s are short enough for the progress bar, and for ``until``.
         part = PERIOD if real_time else 1.0
         ahead = PERIOD / 2 if real_time else 0.0
         stops = np.arange(0.0, end - 1e-9, part)
