@@ -172,6 +172,8 @@ def test_load_and_friction_by_balance_where_the_ground_rises_and_a_foot_is_dragg
             forces[2, 0] = -drag
             point = np.concatenate([y, temperatures, forces.ravel(), np.zeros(3)])
             balance = balance_at.values(point[None])[0, :d]
+            if np.abs(balance).max() < 1e-12:
+                break
             step = np.linalg.solve(standing.stiffness(point[None])[0], balance)
             y = y - step / max(1.0, np.abs(step).max() / 0.05)
         assert np.abs(balance).max() < 1e-9
@@ -201,6 +203,12 @@ def test_three_limbs_slide_one_by_one_as_planned_in_drake():
     made = simulate_gait(gait, "", robot, 2)
     assert not made.fall
     assert made.strides == pytest.approx([1.0, 1.0], abs=0.05)
+
+
+@pytest.fixture(scope="module")
+def coarse() -> Gait:
+    """The gait of the crawler on few knots."""
+    return plan_gait(check=False, intervals=8)
 
 
 @pytest.fixture(scope="module", params=[0.3, pytest.param(0.6, marks=pytest.mark.whole)])
@@ -255,7 +263,7 @@ def test_a_gait_that_fails_its_check_is_planned_steadier(monkeypatch):
     assert "a stride is 90.0% of the planned one" in gait.check.remark
 
 
-def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(monkeypatch):
+def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(coarse, monkeypatch):
     def check_gait(gait, spread):
         return dataclasses.replace(
             gait, check=dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
@@ -266,7 +274,7 @@ def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(monkeypatch
 
     monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
     monkeypatch.setattr("walking.gait_planning.simulate_gait", simulate_gait)
-    coarse, gait = plan_gait(intervals=8, check=False), plan_gait(intervals=8)
+    gait = plan_gait(intervals=8)
     assert gait.intervals == [2 * number for number in coarse.intervals]
     assert gait.passed  # with its constraints
     assert gait.check.iterations < coarse.check.iterations  # as it begins from the coarse one
@@ -361,12 +369,12 @@ def test_speed_is_in_proportion_to_cooling():
     np.testing.assert_allclose(strides, strides[0], rtol=1e-3)
 
 
-def test_gait_minimizes_the_requested_objective():
+def test_gait_minimizes_the_requested_objective(coarse):
     """Heat by distance is least where it is asked for, and speed where that is, or nothing."""
-    fast, frugal = (plan_gait(objective=o, intervals=8, check=False) for o in ("speed", "energy"))
+    frugal = plan_gait(objective="energy", intervals=8, check=False)
 
     def distance_by_heat(gait: Gait) -> float:
         return gait.stride / float(np.diff(gait.time) @ gait.duty[:, :-1].sum(axis=0))
 
-    assert fast.speed > 1.5 * frugal.speed
-    assert distance_by_heat(frugal) > 1.2 * distance_by_heat(fast)
+    assert coarse.speed > 1.5 * frugal.speed
+    assert distance_by_heat(frugal) > 1.2 * distance_by_heat(coarse)

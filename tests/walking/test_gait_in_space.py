@@ -38,9 +38,8 @@ def gaits() -> dict[str, Gait]:
     ahead = plan_gait(THREE, **few)
     near = {"near": ahead, "schedule": ahead.schedule, "explain": False, **few}
     left = plan_gait(THREE, turn=0.2, begins_as=ahead, **near)
-    right = plan_gait(THREE, turn=-0.2, **near)
     spot = plan_gait(THREE, turn=-0.4, stride=0.0, schedule=ahead.schedule, **few)
-    return {"ahead": ahead, "left": left, "right": right, "spot": spot}
+    return {"ahead": ahead, "left": left, "spot": spot}
 
 
 def test_potential_and_feet_match_drakes_plant():
@@ -154,7 +153,7 @@ def test_cycles_one_after_the_other_are_moved_and_turned(gaits):
 )
 def test_impossible_request_is_refused_in_a_sentence(robot, request_, said):
     with pytest.raises(PlanningError, match=said):
-        plan_gait(robot, check=False, explain=False, **request_)
+        plan_gait(robot, check=False, explain=False, intervals=12, **request_)
 
 
 def test_a_robot_walks_to_a_place_with_contact(tmp_path, capsys):
@@ -203,6 +202,10 @@ def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
     The first cycle after another gait makes half as much, and goes aside by 8 mm.
     """
     goals = [(0.15, 0.0), (0.15, 0.1, math.pi / 2), (0.0, 0.0)]
+    ahead = gaits["ahead"]
+    few = {"schedule": ahead.schedule, "check": False, "intervals": 12}
+    right = plan_gait(THREE, turn=-0.2, near=ahead, explain=False, **few)
+    gaits = {**gaits, "right": right}
     finder = Wayfinder(gaits, goals)
     course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
     pose, visited = np.zeros(3), []
@@ -226,7 +229,7 @@ def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
 
 
 def test_stalled_robot_is_stopped_after_five_cycles(gaits):
-    finder = Wayfinder(gaits, [(0.15, 0.0)])
+    finder = Wayfinder({"ahead": gaits["ahead"]}, [(0.15, 0.0)])
     course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
     course[1], course[4:7] = 0, 0.0  # it does not begin from cold
     for made in (0.1, 0.1, 0.5, 0.1, 0.1, 0.1, 0.1, 0.1):

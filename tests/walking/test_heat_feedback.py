@@ -6,19 +6,23 @@ import numpy as np
 import pytest
 
 from hardware import replay
-from limb_systems import Limb
+from limb_systems import Limb, LimbParameters, SegmentParameters
+from planners import plan, references
 from walking import HeatFeedback, Robot, RobotParameters, plan_gait, walk
 
 
-def test_wires_that_heat_otherwise_than_described_have_the_heat_of_the_plan(fig5_plan):
-    other = copy.deepcopy(fig5_plan.parameters)
+def test_wires_that_heat_otherwise_than_described_have_the_heat_of_the_plan():
+    limb = LimbParameters(segments=[SegmentParameters(links=1)])
+    reference = references.from_samples([0.0, 20.0, 23.0, 30.0], [0.0, 0.0, 0.2, -0.1])
+    planned = plan(limb, reference, knot_rate=5.0)
+    other = copy.deepcopy(limb)
     for wire, share in zip(other.wires, (0.9, 1.1), strict=True):
         wire.law.a2 *= share
     missed = []
-    for controller in (None, HeatFeedback(fig5_plan)):
-        recording = replay(fig5_plan, Limb(other), controller=controller)
-        planned = [np.interp(recording.time, fig5_plan.time, T) for T in fig5_plan.wire_temperature]
-        apart = recording.wire_temperature - planned
+    for controller in (None, HeatFeedback(planned)):
+        recording = replay(planned, Limb(other), controller=controller)
+        heat = [np.interp(recording.time, planned.time, T) for T in planned.wire_temperature]
+        apart = recording.wire_temperature - heat
         missed.append(np.sqrt((apart**2).mean(axis=1)))
     open_loop, held = missed
     assert (held < 0.35 * open_loop).all()

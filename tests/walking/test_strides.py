@@ -15,7 +15,7 @@ QUICK = 8.0  # times, that wires heat and cool faster, so that cycles are so muc
 
 @pytest.fixture(scope="module")
 def walked():
-    """A gait, two strides of another robot by it, the start of the first, and the robot."""
+    """A gait, two strides of another robot by it, and the start of the first."""
     robot = RobotParameters()
     for wire in (wire for limb in robot.limbs for wire in limb.parameters.wires):
         wire.law.a1, wire.law.a2, wire.law.a3 = (
@@ -29,11 +29,11 @@ def walked():
         wire.law.a2 *= 1.2
     plan = walk(gait, 2)
     recording = replay(plan, Robot(other), controller=GaitFeedback(gait, 2), unchecked=True)
-    return gait, recording, plan.duration - 2 * gait.period, other
+    return gait, recording, plan.duration - 2 * gait.period
 
 
 def test_strides_fit_recovers_friction_torque_and_heat(walked):
-    gait, recording, start, other = walked
+    gait, recording, start = walked
     fit = fit_strides(gait, recording, start, 2)
     found = {name: estimate.value for name, estimate in fit.estimates.items()}
     assert found["friction"] == pytest.approx(0.7, abs=0.12)
@@ -47,12 +47,10 @@ def test_strides_fit_recovers_friction_torque_and_heat(walked):
         gait.robot.ground.friction * found["friction"]
     )
     assert fit.heat[:4] == pytest.approx(recording.wire_temperature[:, -1], abs=2.0)
-    planned, true = plan_gait(fit.robot, check=False), plan_gait(other, check=False)
-    assert planned.speed == pytest.approx(true.speed, rel=0.1)
 
 
 def test_recording_without_sliding_feet_is_refused(walked):
-    gait, recording, start, _ = walked
+    gait, recording, start = walked
     still = copy.copy(recording)
     still.bend_angle = np.zeros_like(recording.bend_angle)
     with pytest.raises(CalibrationError, match="No foot slides as planned"):
