@@ -14,10 +14,13 @@ from soft_limb.command import main
 @pytest.fixture
 def sweep(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.csv").write_text("0,0\n21,0\n23,8\n25,8\n")
+    (tmp_path / "mine.csv").write_text("0,0\n1,0\n3,8\n5,8\n")
+    limb = LimbParameters()
+    limb.temperature_limits.warm_up_time = 1000.0
+    limb.save(tmp_path / "limb.yaml")
 
     def run(*words):
-        return main(["sweep", "mine.csv", "-j", "1", "-o", "sweep.csv", *words])
+        return main(["sweep", "mine.csv", "-l", "limb.yaml", "-j", "1", "-o", "sweep.csv", *words])
 
     return run
 
@@ -31,12 +34,12 @@ def test_a_row_agrees_with_plan_and_replay(sweep, tmp_path, capsys):
     words = ("--vary", "segments.0.stiffness=0.11,0.12", "--seeds")
     assert sweep("--vary", "segments.0.stiffness=0.11", "--seeds", "3") == 0
     (only,) = rows(tmp_path)
-    limb = LimbParameters()
+    limb = LimbParameters.load("limb.yaml")
     limb.segments[0].stiffness = 0.11
     trajectory = plan(limb, references.load("mine.csv"))
     recording = replay(trajectory, LimbTwin(limb, seed=3, truth=True))
     bend = 3 * recording.joint_state[:5].mean(axis=0)  # (11), of the true joints
-    wanted = np.interp(recording.time, [21.0, 23.0], np.deg2rad([0.0, 8.0]))
+    wanted = np.interp(recording.time, [1.0, 3.0], np.deg2rad([0.0, 8.0]))
     error = np.rad2deg(np.abs(wanted - bend).mean())
     assert float(only["reference_deg"]) == pytest.approx(error, abs=0.05)
     assert float(only["highest_wire_c"]) == pytest.approx(recording.wire_temperature.max(), abs=0.1)
