@@ -50,7 +50,6 @@ from soft_limb.runs import repetitions
 from soft_limb.runs.plan_run import (
     FOLLOW_FILES,
     NAMED_REFERENCES,
-    load_reference,
     load_task,
     plan_and_follow,
 )
@@ -352,13 +351,9 @@ def _limb_to_teach(options: argparse.Namespace) -> tuple[LimbSystem, float]:
     limb = LimbParameters.of(options.limb)
     # A robot is moved by the operator.
     if options.emulated is None:
-        if options.hand:
-            raise LimbError("--hand moves an emulated limb; give its seed: --emulated SEED.")
         return SerialLimb(options.port, limb, heated=False), options.time
     # An emulated limb is moved along a reference.
-    if options.hand:
-        motion = load_reference(options.hand, 0.5)
-    elif LimbModel.of(limb).layout.is_planar:
+    if LimbModel.of(limb).layout.is_planar:
         times = np.linspace(0.0, 60.0, 601)
         motion = from_samples(times, np.deg2rad(15.0) * np.sin(times / 4.0))
     else:
@@ -525,12 +520,6 @@ COMMANDS = {
                 "emulated",
                 default=None,
                 help="seed of an emulated limb, moved by an emulated hand, in place of a port",
-            ),
-            Option(
-                "--hand",
-                metavar="REFERENCE",
-                help="motion of the emulated hand, as for soft-limb plan; a motion of 60 s within "
-                "±15° if left out",
             ),
         ],
         examples=[

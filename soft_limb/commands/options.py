@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from limb_systems.files.output import check_outputs
@@ -76,17 +76,7 @@ class Command:
                     group.add_argument(*option.names, **option.settings)
             else:
                 parser.add_argument(*entry.names, **entry.settings)
-        # Explain an option of earlier versions.
-        parser.add_argument("--board", type=_refuse_text_board, help=argparse.SUPPRESS)
         return parser
-
-
-def _refuse_text_board(path: str) -> NoReturn:
-    """Raise ArgumentTypeError: ``--board FILE`` described boards that are no longer supported."""
-    raise argparse.ArgumentTypeError(
-        f"{path} describes a board with a text protocol, which is no longer supported: put the "
-        "firmware on yours as docs/firmware_in_c.md says, and leave --board out"
-    )
 
 
 def shared(key: str, **settings: Any) -> Option:
@@ -228,14 +218,11 @@ def live_page(options: argparse.Namespace) -> Iterator["LivePage | None"]:
         yield live
 
 
-def checked_outputs(
-    options: argparse.Namespace, *inputs: Path | str | None, goes_on: bool = False
-) -> list[Path | None]:
+def checked_outputs(options: argparse.Namespace, *inputs: Path | str | None) -> list[Path | None]:
     """Return the files that a command will write: its table, pictures and report.
 
     Args:
         inputs: files that the command reads; a text that names no file is allowed.
-        goes_on: whether the command appends to a table that exists.
 
     Raises:
         OutputError: if a file must not or cannot be written.
@@ -248,7 +235,7 @@ def checked_outputs(
         inputs=[Path(name) for name in inputs if name],
         pictures=pictures,
         tables=[options.output],
-        force=options.force or goes_on,
+        force=options.force,
     )
     return outputs
 

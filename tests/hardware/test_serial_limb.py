@@ -242,11 +242,9 @@ def test_an_emulated_hand_teaches(tmp_path, capsys):
     np.testing.assert_allclose(at, [15.0, 5.7], atol=3.0)  # 15° sin(t / 4), and the sensor
     assert main(teach) == 1
     assert main([*teach, "port", "--emulated", "3"]) == 1
-    assert main([*teach, "--emulated", "3", "--hand", "circle"]) == 1
     said = capsys.readouterr()
     assert "An emulated hand moves the limb" in said.out
     assert said.err.count("Give the PORT of a board, or --emulated SEED") == 2
-    assert "The hand moves 2 bend angles, but the limb has 1" in said.err
 
 
 def test_status_without_a_port_lists_the_serial_ports(monkeypatch, capsys):
