@@ -11,8 +11,8 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 
-from limb_systems import CoupledLaw, LimbModel, LimbParameters, SegmentParameters
-from walking import Gait, GaitVariation, RobotLimb, RobotParameters, add_robot, plan_gait
+from limb_systems import CoupledLaw, LimbModel, LimbParameters, SegmentParameters, simulate
+from walking import Gait, GaitVariation, Robot, RobotLimb, RobotParameters, add_robot, plan_gait
 from walking.gait_check import simulate_gait
 from walking.gait_planning import _infeasibility_reason, standing_start
 from walking.gait_program import STEADINESS, Course, GaitProgram
@@ -20,6 +20,8 @@ from walking.robot_parameters import walking_limb
 from walking.schedules import parse_schedule
 from walking.standing import FrictionGain, Stability, make_balance
 from walking.walker import Walker
+
+from .conftest import with_quick_wires
 
 VELOCITIES = JacobianWrtVariable.kV
 
@@ -378,3 +380,37 @@ def test_gait_minimizes_the_requested_objective(coarse):
 
     assert coarse.speed > 1.5 * frugal.speed
     assert distance_by_heat(frugal) > 1.2 * distance_by_heat(coarse)
+
+
+@pytest.mark.whole
+def test_diagonal_pairs_lift_their_feet_clear_of_the_ground_in_drake():
+    """A robot with two pairs of limbs, in the order around its body."""
+    corners = {"rear_left": -1, "front_left": 1, "front_right": 1, "rear_right": -1}
+    limbs = [
+        RobotLimb(name, position=[0.03 * x, 0.0, 0.0], parameters=walking_limb())
+        for name, x in corners.items()
+    ]
+    robot = with_quick_wires(RobotParameters(limbs=limbs), 4.0)
+    schedule = parse_schedule("lsls ssss slsl ssss", 4)
+    gait = plan_gait(robot, schedule=schedule, intervals=12, check=False)
+    swing = gait.phases[1].start
+    recording = simulate(
+        Robot(robot),
+        gait.duty_trajectory(),
+        swing,
+        initial_state=gait.initial_state,
+        sample_rate=100,
+    )
+    # Before, it starts from rest; after, contact gives way, so that feet land a little early.
+    within = (recording.time > 0.2 * swing) & (recording.time < 0.9 * swing)
+    loads = recording.contact_force[1::2, within]
+    planar = Walker(robot)
+    assert np.all(loads[::2] == 0)
+    assert loads.sum(axis=0).mean() == pytest.approx(-planar.weight[2], rel=0.01)
+    joints = recording.joint_state[: robot.as_single_limb.num_joints]
+    feet = planar.feet(np.vstack([recording.body_pose, joints])[:, within].T)
+    lifted = feet[:, ::2, 1] - planar.radius
+    assert lifted.min() > 0.1e-3
+    assert lifted.max() > 1e-3
+    landing = np.argmin(np.abs(gait.time - swing))
+    assert recording.body_pose[0, -1] == pytest.approx(gait.body_pose[0, landing], rel=0.05)

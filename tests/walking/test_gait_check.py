@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from limb_systems import LimbError, Recording, RestMemory, simulate
-from walking import Gait, GaitVariation, Robot, RobotParameters, check_gait, plan_gait, walk
+from walking import Gait, GaitVariation, Robot, check_gait, plan_gait, walk
 from walking.gait_check import (
     find_fall,
     measure_strides,
@@ -17,18 +17,13 @@ from walking.gait_check import (
 )
 from walking.in_mujoco import simulate_in_mujoco
 
-QUICK = 4.0  # times, that wires heat and cool faster: cycles are so much shorter
+from .conftest import with_quick_wires
 
 
 @pytest.fixture(scope="module")
 def gait() -> Gait:
     """A crawl of the nominal robot with quick wires, 28 mm in 4 s, not checked."""
-    robot = RobotParameters()
-    for limb in robot.limbs:
-        for wire in limb.parameters.wires:
-            wire.law.a1 *= QUICK
-            wire.law.a2 *= QUICK
-    return plan_gait(robot, check=False)
+    return plan_gait(with_quick_wires(factor=4.0), check=False)
 
 
 @pytest.fixture(scope="module")

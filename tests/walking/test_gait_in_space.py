@@ -29,6 +29,8 @@ from walking.walk_trajectory import walk
 from walking.walker import Walker
 from walking.wayfinder import STALLED, STALLED_CYCLES
 
+from .conftest import with_quick_wires
+
 THREE = RobotParameters.in_space(3)
 
 
@@ -159,9 +161,7 @@ def test_impossible_request_is_refused_in_a_sentence(robot, request_, said):
 def test_a_robot_walks_to_a_place_with_contact(tmp_path, capsys):
     """By a folder of gaits and the command, from cold wires, which are eight times as quick."""
     folder, output, picture = (tmp_path / name for name in ("gaits", "walk.csv", "way.png"))
-    robot = RobotParameters.in_space(3)
-    for law in (wire.law for limb in robot.limbs for wire in limb.parameters.wires):
-        law.a1, law.a2, law.a3 = 8 * law.a1, 8 * law.a2, 8 * law.a3
+    robot = with_quick_wires(RobotParameters.in_space(3))
     gait = plan_gait(robot, temperature_margin=5.0, check=False, intervals=12)
     check = dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
     gait = dataclasses.replace(gait, check=check)
