@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from calibration.import_logs.table import DELIMITERS, LogError, LogTable
+from limb_systems.bend_sensor import ChordSensor, TipTangentSensor
 from limb_systems.errors import reraise_as
 from limb_systems.files.input import read_text
 from limb_systems.files.output import write_atomically
@@ -28,7 +29,7 @@ TEMPERATURE_UNITS = {
 BEND_ANGLE = "bend_angle"
 CHORD = "chord"
 TIP_TANGENT = "tip_tangent"
-MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
+MEASURES = {BEND_ANGLE: None, CHORD: ChordSensor, TIP_TANGENT: TipTangentSensor}
 UNKNOWN = "?"  # in place of what is not known
 
 
@@ -165,14 +166,18 @@ class LogMapping(Strict):
         return (own | set(self.join.align if self.join else ())) - {""}
 
     @property
+    def has_rows_at_rate(self) -> bool:
+        """Whether rows or frames come at ``rate``: no column is a time."""
+        return not self.time.column or self.time.unit == FRAMES
+
+    @property
     def open_fields(self) -> list[str]:
         """The fields that the mapping leaves open, such as "wires[0].duty"."""
         bend_columns = "bend.line" if self.bend.line else "bend.column"
-        has_rows_at_rate = not self.time.column or self.time.unit == FRAMES
         is_open = {
             "time.column": self.time.column == UNKNOWN,
             "time.unit": self.time.unit == UNKNOWN,
-            "rate": has_rows_at_rate and not self.rate,
+            "rate": self.has_rows_at_rate and not self.rate,
             "full": not self.full and any(wire.duty for wire in self.wires),
             bend_columns: UNKNOWN in self.bend.columns,
             "bend.scale": not self.bend.scale,

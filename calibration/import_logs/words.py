@@ -185,6 +185,11 @@ class Name:
         return self.label if self.label in SIDES else ""
 
     @property
+    def place(self) -> tuple[tuple[str, ...], str]:
+        """The point that it is a coordinate of."""
+        return self.stem, self.label
+
+    @property
     def order(self) -> tuple[bool, str]:
         """The place of its wire among others: left, right, then by numbers or letters."""
         return not self.side, self.label.zfill(3) if self.label.isdigit() else self.label

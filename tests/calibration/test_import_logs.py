@@ -482,7 +482,7 @@ def cases(truth):
         ("two units", "is 0.5 and 128: are they of one unit"),
         ("switch and levels", "are they of one unit"),
         ("inverted", "looks inverted"),
-        ("swapped", "names say T_left_C, but T_right_C warms with pwm_left"),
+        ("swapped", "Names say T_left_C, but T_right_C warms with pwm_left"),
         ("relay", "relay_2 may be the heat of a wire"),
         ("dropped", "T_right_C is a temperature of no wire"),
         ("mixed units", "unit of T_left: C, F or K"),
