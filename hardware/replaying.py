@@ -1,7 +1,6 @@
 """Replay of a planned trajectory, and recording of a limb that is moved by hand."""
 
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +91,6 @@ def watch(
     limb: LimbSystem,
     duration: float,
     *,
-    until: Callable[[np.ndarray], bool] | None = None,
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
     live: LiveView | None = None,
@@ -103,7 +101,6 @@ def watch(
 
     Args:
         duration: longest duration, s.
-        until: function of V (W), °C; the recording ends when it is true.
         limb, sample_rate, journal, live: as for `replay`.
 
     Raises:
@@ -112,9 +109,7 @@ def watch(
     """
     with closing(check_limb(limb)):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-        return _record_with(
-            limb, off, duration, sample_rate, journal, live, until=until, ended_by_hand=True
-        )
+        return _record_with(limb, off, duration, sample_rate, journal, live, ended_by_hand=True)
 
 
 def present_readings(limb: LimbSystem) -> np.ndarray:
@@ -259,7 +254,6 @@ def _record_with(
     live: LiveView | None,
     plan: Trajectory | None = None,
     *,
-    until: Callable[[np.ndarray], bool] | None = None,
     ended_by_hand: bool = False,
 ) -> Recording:
     """Record a limb that a controller drives; the arguments are as for `replay` and `watch`."""
@@ -278,11 +272,6 @@ def _record_with(
     if may_cut_out:
         cut_out_end = builder.AddSystem(_EndAtCutOut())
         builder.Connect(limb.GetOutputPort("cut_out"), cut_out_end.get_input_port())
-
-    def is_over(root: Context) -> bool:
-        measured = limb.GetOutputPort("measured_temperature")
-        assert until
-        return until(measured.Eval(limb.GetMyContextFromRoot(root)))
 
     # Simulate and record, with a journal and on a page.
     provenance = Provenance.now(limb.parameters)
@@ -305,7 +294,6 @@ def _record_with(
             duty,
             duration,
             RecordOptions(
-                until=is_over if until else None,
                 real_time=live is not None,
                 sample_rate=sample_rate,
                 remark=_progress_remark(limb) if limb.real_time else None,

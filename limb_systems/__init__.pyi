@@ -45,7 +45,7 @@ from .plan_band import Band, band
 from .simulation import simulate
 from .statics import resting_state
 from .views.limb_view import wire_color
-from .views.limb_visualizer import LimbVisualizer, WireColors
+from .views.live_wire_colors import WireColors
 from .views.replay_page import write_meshcat_replay
 from .wire_blocks import JouleHeating, ThermocoupleLag, TorqueMap
 from .wire_laws.coupled import CoupledLaw
@@ -73,7 +73,6 @@ __all__ = [
     "LimbModel",
     "LimbParameters",
     "LimbSystem",
-    "LimbVisualizer",
     "LinearLaw",
     "NoBoard",
     "PlanCheck",

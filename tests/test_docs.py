@@ -43,7 +43,6 @@ from limb_systems import (
     Limb,
     LimbActuation,
     LimbParameters,
-    LimbVisualizer,
     LinearLaw,
     RestMemory,
     SegmentParameters,
@@ -292,7 +291,6 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, meshcat, station):
     limb, twin = Limb(), LimbTwin(hand=course, extra=["memory"])
     made = [*limb.GetSystems(), *twin.GetSystems(), limb, LimbTwin(), Robot(), RobotTwin()]
     made += [
-        LimbVisualizer(nominal, meshcat),
         BendAngleController(nominal, "right"),
         EquilibriumSchedule([0.1]),
         LimitedDuty(known, excitations(2)[0].duty),

@@ -21,7 +21,7 @@ from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.folder import guess_file_kind
 from soft_limb.runs.rollout import DEFAULT_FEEDBACK, Rollout, roll_out
 
-FOLLOW_FILES = ("plan.csv", "recording.csv", "tracking.png", "report.html")  # of `plan_and_follow`
+FOLLOW_FILES = ("plan.csv", "recording.csv", "report.html")  # of `plan_and_follow`
 NAMED_REFERENCES = {
     "ramps": references.ramps,
     "fig5": references.step_and_decaying_sine,
@@ -117,7 +117,7 @@ def plan_and_follow(
         ReplayError, HardwareError, OutputError: see `hardware.replaying.replay`.
         LimbError: if a file cannot be read.
     """
-    plan_file, recording_file, picture, report = (Path(folder) / name for name in FOLLOW_FILES)
+    plan_file, recording_file, report = (Path(folder) / name for name in FOLLOW_FILES)
     say = live.say if live else lambda _: None
     # Read the temperatures at which the plan will start.
     say(f"Planning {reference}")
@@ -145,11 +145,7 @@ def plan_and_follow(
         real_time=real_time,
         live=live,
     )
-    # Write picture and report. Importing Matplotlib takes as long as importing everything else.
-    from limb_systems.views.plots import plot_tracking, save_figure
-
-    save_figure(plot_tracking(trajectory, [rollout.recording]), picture)
     summary = rollout.summary()
-    data = {"plan": plan_file, "recording": recording_file, "picture": picture}
+    data = {"plan": plan_file, "recording": recording_file}
     write_rollout_report(rollout, summary, report, data)
     return rollout, summary

@@ -20,14 +20,14 @@ from limb_systems.files.output import OutputError, check_folder
 from limb_systems.files.table_writer import unfinished_files
 from limb_systems.progress import Progress
 from soft_limb.reports.plan_report import write_learning_report
-from soft_limb.runs.cooling import COOL_TOLERANCE
 from soft_limb.runs.rollout import record_replay
 
 STATE_FILE, LEARNED_FILE = "learning.txt", "learned.csv"
-PICTURE_FILE, REPORT_FILE = "learning.png", "learning.html"
+REPORT_FILE = "learning.html"
 REST_TIME = 300.0  # s without heat between two repetitions on an emulated limb
 MAX_REST_TIME = 1200.0  # s
 READ_PERIOD = 1.0  # s
+COOL_TOLERANCE = 3.0  # °C; a wire that is warmer than at the start by less is cool
 _NAME = re.compile(r"repetition_[0-9]+\.csv")
 
 
@@ -221,7 +221,7 @@ def load_or_create_learner(folder: Path, trajectory: Trajectory, *, force: bool 
 
 
 def report_repetitions(learner: Learner, folder: Path) -> list[Path]:
-    """Write picture and report of all repetitions, if there are recordings; return the paths."""
+    """Write the report of all repetitions, if there are recordings; return its path."""
     complete = {
         number: path
         for number in range(1, len(learner.repetitions) + 1)
@@ -229,7 +229,5 @@ def report_repetitions(learner: Learner, folder: Path) -> list[Path]:
     }
     if not complete:
         return []
-    write_learning_report(
-        learner, complete, folder / STATE_FILE, folder / PICTURE_FILE, folder / REPORT_FILE
-    )
-    return [folder / PICTURE_FILE, folder / REPORT_FILE]
+    write_learning_report(learner, complete, folder / STATE_FILE, folder / REPORT_FILE)
+    return [folder / REPORT_FILE]

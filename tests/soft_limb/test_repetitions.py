@@ -39,7 +39,7 @@ def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch):
         r"repetition  1: as read mean \|φ_ref - φ\| \d\.\d\d°, \|φ\* - φ\| \d\.\d\d°", lines[0]
     )
     assert lines[1].startswith("repetition  2: ")
-    written = ["learning.txt", "learned.csv", "learning.png", "learning.html"]
+    written = ["learning.txt", "learned.csv", "learning.html"]
     assert lines[2].startswith("reference   mean distance: measured ")
     assert lines[3].startswith("errors      mean |φ* - φ| ")
     assert lines[4] == f"written     {', '.join(str(folder / name) for name in written)}"
