@@ -7,11 +7,10 @@ import dataclasses
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import yaml
 
-from calibration.import_logs.table import DELIMITERS, LogError, LogTable
+from calibration.import_logs.table import DELIMITERS, LogError
 from limb_systems.bend_sensor import ChordSensor, TipTangentSensor
 from limb_systems.errors import reraise_as
 from limb_systems.files.input import read_text
@@ -143,19 +142,6 @@ class LogMapping(Strict):
                     f"the column {column!r} is given for {other_signal} and for {signal}; give "
                     "each its own."
                 )
-
-    @classmethod
-    def of(
-        cls,
-        table: LogTable,
-        time: TimeColumn,
-        wires: list[WireColumns],
-        bend: BendColumns,
-        **more: Any,
-    ) -> "LogMapping":
-        """Return a mapping of these columns, in the table's form."""
-        form = {name: getattr(table, name) for name in ("delimiter", "decimal", "names_line")}
-        return cls(time, wires, bend, **form, **more)
 
     @property
     def columns(self) -> set[str]:

@@ -678,9 +678,7 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     bend = columns.bend()
     columns.ask_about_the_rest()
     missing = [str(value) for value in columns.missing]
-    found = LogMapping.of(
-        columns.table, columns.time, columns.wires, bend, full=full, missing=missing
-    )
+    found = LogMapping(columns.time, columns.wires, bend, full, missing=missing, **table.form)
     columns.find_sides(found)
     return columns.proposal("", found)
 

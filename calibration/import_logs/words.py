@@ -106,6 +106,11 @@ def parse_unit(text: str) -> tuple[str, str]:
     return "", ""
 
 
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit."""
+    return bool(parse_unit(text)[0])
+
+
 @dataclasses.dataclass(frozen=True)
 class Name:
     """The meaning of a column's name.
@@ -198,7 +203,7 @@ class Name:
 def _without_unit(text: str, column_names: Collection[str]) -> tuple[str, str]:
     """Return a name without the unit in it, and the unit; empty if it has none."""
     for match in re.finditer(r"[\[(]([^\])]*)[\])]", text):
-        if parse_unit(match[1])[0]:
+        if is_unit(match[1]):
             return text.replace(match[0], " "), match[1]
     if _PER_SECOND.search(text.lower()):
         return text, "deg/s"
@@ -206,7 +211,7 @@ def _without_unit(text: str, column_names: Collection[str]) -> tuple[str, str]:
     # A last letter is a wire's if other columns end in "a" or "b".
     siblings = {f"{start}{mark}a".lower(), f"{start}{mark}b".lower()}
     is_lettered = len(last) == 1 and not siblings.isdisjoint(map(str.lower, column_names))
-    if not mark or last.lower() in _NAME_WORDS or is_lettered or not parse_unit(last)[0]:
+    if not mark or last.lower() in _NAME_WORDS or is_lettered or not is_unit(last):
         return text, ""
     return start, last
 
