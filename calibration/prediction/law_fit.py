@@ -9,6 +9,7 @@ whitened by its covariance, so that they count for what they are worth.
 import copy
 import dataclasses
 import time
+import weakref
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -272,6 +273,11 @@ def fitting_time(
     return NUM_FIT_STEPS * (time.monotonic() - start)
 
 
+# By recording: what weighs residuals, and their factors, as fits begin with them.
+_FIRST_FACTORS: weakref.WeakKeyDictionary[HeatedRun, tuple[Any, list[np.ndarray]]]
+_FIRST_FACTORS = weakref.WeakKeyDictionary()
+
+
 class _FitProblem:
     """The whitened residuals of all recordings and of the prior, and their Jacobian.
 
@@ -370,29 +376,38 @@ class _FitProblem:
         """Set the factors of the residuals' covariances, for each signal of each recording."""
         self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by these factors
         self._factors = []
-        for run, outliers, is_read in zip(self._runs, self._outliers, self._is_read, strict=True):
-            # Correlations by how far samples are apart.
-            lags = np.abs(run.times[:, None] - run.times)
-            times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
-            correlations = {time: np.exp(-lags / time) for time in times}
-            factors: list[np.ndarray] = []
-            by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
-            for signal, is_present in enumerate(is_read):
-                # Variance of each mean; outliers count for almost nothing.
-                is_reading = int(signal >= self._num_bends)
-                sample, drift, drift_time = self._noises[is_reading]
-                form, form_time = self._forms[is_reading]
-                sample_variance = sample**2 / np.maximum(run.counts[:, signal], 1)
-                sample_variance = sample_variance + (100 * sample * outliers[signal]) ** 2
-                if (
-                    key := (is_reading, is_present.tobytes(), sample_variance.tobytes())
-                ) not in by_noise:
-                    covariance = drift**2 * correlations[drift_time]
-                    covariance += form**2 * correlations[form_time]
-                    np.einsum("ii->i", covariance)[:] += sample_variance + 1e-12
-                    by_noise[key] = np.linalg.cholesky(covariance[np.ix_(is_present, is_present)])
-                factors.append(by_noise[key])
+        key = (self._noises, *self._forms)
+        for run, outliers in zip(self._runs, self._outliers, strict=True):
+            # All fits of a recording begin with the same factors.
+            known_key, factors = _FIRST_FACTORS.get(run, (None, []))
+            if outliers.any() or known_key != key:
+                factors = self._signal_factors(run, outliers)
+                _FIRST_FACTORS.setdefault(run, (key, factors))
             self._factors.append(factors)
+
+    def _signal_factors(self, run: HeatedRun, outliers: np.ndarray) -> list[np.ndarray]:
+        """Return the Cholesky factor of the residuals of each signal of a recording."""
+        # Correlations by how far samples are apart.
+        lags = np.abs(run.times[:, None] - run.times)
+        times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
+        correlations = {time: np.exp(-lags / time) for time in times}
+        factors: list[np.ndarray] = []
+        by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
+        for signal, is_present in enumerate(run.counts.T > 0):
+            # Variance of each mean; outliers count for almost nothing.
+            is_reading = int(signal >= self._num_bends)
+            sample, drift, drift_time = self._noises[is_reading]
+            form, form_time = self._forms[is_reading]
+            sample_variance = sample**2 / np.maximum(run.counts[:, signal], 1)
+            sample_variance = sample_variance + (100 * sample * outliers[signal]) ** 2
+            key = (is_reading, is_present.tobytes(), sample_variance.tobytes())
+            if key not in by_noise:
+                covariance = drift**2 * correlations[drift_time]
+                covariance += form**2 * correlations[form_time]
+                np.einsum("ii->i", covariance)[:] += sample_variance + 1e-12
+                by_noise[key] = np.linalg.cholesky(covariance[np.ix_(is_present, is_present)])
+            factors.append(by_noise[key])
+        return factors
 
     def reweigh(self, x: np.ndarray) -> float:
         """Fit to the residuals at x what the form leaves, and see which means are outliers.
