@@ -312,6 +312,7 @@ class Planner:
             self.task,
             warm_up_time,
             self._margin,
+            is_start=True,
         )
         heat = solution.x[quasi_static.heat].T
         duty = solution.x[quasi_static.duty].T
