@@ -88,6 +88,7 @@ class Compiled:
         self._function = ca.Function("function", list(inputs), dense)
         self._sizes = [output.numel() for output in dense]
         self._is_long = self._function.n_instructions() > LONG_EXPRESSION
+        self._mapped: dict[int, ca.Function] = {}  # by the number of points
 
     def __call__(self, *inputs: np.ndarray) -> list[np.ndarray]:
         """Evaluate the expressions at any number of points.
@@ -132,8 +133,11 @@ class Compiled:
         """Return a function that evaluates the expressions from some arrays into others.
 
         Args:
-            arrays: the values of the inputs, then of the outputs, each (size, points).
+            arrays: the values of the inputs, then of the outputs, each (size, points), contiguous.
         """
+        num_points = arrays[0].shape[1]
+        if num_points < FEW_POINTS:
+            return self._bound_in_casadi(num_points, arrays)
         rows = self._rows(arrays)
         calls: list[tuple[Callable[..., Any], tuple]] = []
         for operation, first, second, target in self._array_code[2]:
@@ -145,6 +149,27 @@ class Compiled:
                 operation(*operands)
 
         return evaluate
+
+    def _bound_in_casadi(
+        self, num_points: int, arrays: Sequence[np.ndarray]
+    ) -> Callable[[], None]:
+        """Return a function as `bound` does, which CasADi evaluates point after point."""
+        # CasADi has a point in each column, in memory one after the other.
+        if num_points not in self._mapped:
+            sizes = [self._function.numel_in(k) for k in range(self._function.n_in())]
+            inputs = [ca.MX.sym("i", num_points, size) for size in sizes]
+            outputs = self._function.map(num_points).call([each.T for each in inputs])
+            self._mapped[num_points] = ca.Function("mapped", inputs, [each.T for each in outputs])
+        buffer, evaluate = self._mapped[num_points].buffer()
+        for number, values in enumerate(arrays[: len(arrays) - len(self._sizes)]):
+            buffer.set_arg(number, memoryview(values))
+        for number, values in enumerate(arrays[-len(self._sizes) :]):
+            buffer.set_res(number, memoryview(values))
+
+        def evaluate_at_points(_memory: object = (buffer, arrays)) -> None:  # which CasADi uses
+            evaluate()
+
+        return evaluate_at_points
 
     def _fill(self, arrays: Sequence[np.ndarray]) -> None:
         """Evaluate the expressions once, as `bound` does."""

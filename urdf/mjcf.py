@@ -28,6 +28,7 @@ def limb_mjcf(
     thermocouples: bool = True,
     timestep: float = 0.002,
     integrator: str = "implicitfast",
+    callback: bool = False,
 ) -> str:
     """Return MJCF text of a limb that bends by the heat of its wires, clamped at its base.
 
@@ -42,6 +43,8 @@ def limb_mjcf(
         thermocouples: whether readings V are simulated.
         timestep: s; the bend is right to 0.001° at 1 ms, and to 0.01° at 10 ms.
         integrator: MuJoCo's name of its integrator; with "RK4" the stiff links blow up.
+        callback: whether wires of laws that MJCF cannot express are written for the C code of
+            `limb_systems.wire_callback`. Their activations are [x, V], minus their cold values.
 
     Raises:
         ValueError: if MJCF cannot express the law of a wire, or the rubber's memory.
@@ -53,7 +56,7 @@ def limb_mjcf(
     names = [f"joint_{number}" for number in range(1, parameters.num_joints + 1)]
     _add_bodies(world, element, "base", _springs(parameters, names))
     _add_stiffening(root, parameters, names)
-    _add_wires(root, world, parameters, names, thermocouples)
+    _add_wires(root, world, parameters, names, thermocouples, callback)
     return document(root)
 
 
@@ -95,7 +98,7 @@ def robot_mjcf(robot: Any, *, wires: bool = True, timestep: float = 0.002) -> st
     # Add nonlinear rubber and wires.
     _add_stiffening(root, limb_of_all, names)
     if wires:
-        _add_wires(root, world, limb_of_all, names, thermocouples=True)
+        _add_wires(root, world, limb_of_all, names, thermocouples=True, callback=False)
     return document(root)
 
 
@@ -318,6 +321,7 @@ def _add_wires(
     parameters: Any,
     names: Sequence[str],
     thermocouples: bool,
+    callback: bool,
 ) -> None:
     """Add a tendon and actuators for each wire, and the hinge of its thermocouple."""
     links = _joints_of_links(parameters, names)
@@ -329,12 +333,15 @@ def _add_wires(
                 f"segments[{number}] has rest_memory, which MJCF cannot express; leave it out of a "
                 "copy of the description."
             )
-    for (segment_number, wire), name in zip(wires, parameters.wire_names, strict=True):
+    for index, ((segment_number, wire), name) in enumerate(
+        zip(wires, parameters.wire_names, strict=True)
+    ):
         linear_wire = _LinearWire.of(wire.law)
-        if linear_wire is None:
+        if linear_wire is None and not callback:
             raise ValueError(
                 f"The wire {name} has the law {type(wire.law).__name__}, which MJCF cannot "
-                "express; fit the limb with --method paper, whose law MJCF can express."
+                "express; write its C code as well (--callback FILE.c), or fit the limb with "
+                "--method paper, whose law MJCF can express."
             )
         # Add the tendon, whose length is the sum of the joints' angles times the wire's lever.
         tendon = _add(_section(root, "tendon"), "fixed", name=f"wire_{name}")
@@ -346,9 +353,15 @@ def _add_wires(
             for kind, joint in joints:
                 if levers[kind]:
                     _add(tendon, "joint", joint=joint, coef=levers[kind])
-        # Add an actuator for each pole of the heat.
+        # Add the actuators: one for the C code, or a filter for each pole of the heat.
         actuators = _section(root, "actuator")
         actuator = {"tendon": f"wire_{name}", "ctrlrange": (0, 1)}
+        if linear_wire is None:
+            num_activations = len(wire.law.states) + 1
+            dynamics = {"dyntype": "user", "dynprm": index, "actdim": str(num_activations)}
+            force = {"gainprm": 0, "biastype": "user"}
+            _add(actuators, "general", name=f"wire_{name}", **actuator, **dynamics, **force)
+            continue
         poles = zip(linear_wire.rates, linear_wire.warmths, strict=True)
         for number, (rate, warmth) in enumerate(poles, 1):
             suffix = f"_{number}" if number > 1 else ""

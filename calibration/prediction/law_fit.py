@@ -250,35 +250,33 @@ def fit_law(
     if start is not None:
         start_values |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
 
-    def fitted_from(x: np.ndarray) -> LawFit:
-        for number in range(NUM_PASSES[1]):
-            # Fit, then weight residuals by what the law's form leaves, and fit again.
-            solution = least_squares(
-                problem.residuals,
-                x,
-                problem.jacobian,
-                bounds=problem.bounds,
-                x_scale=problem.spread,
-                ftol=TOLERANCE if number else 10 * TOLERANCE,
-                xtol=TOLERANCE,
-                gtol=1e-10,
-                max_nfev=MAX_ITERATIONS,
-                callback=lambda intermediate_result: report(f"cost {intermediate_result.cost:.0f}"),
-            )
-            x = solution.x
-            changed = problem.reweigh(x)
-            if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
-                break
-        return problem.fit_at(x)
-
-    fit = fitted_from(problem.best_start([start_values[u.name] for u in unknowns]))
+    # Start from the optimum of a law that this law contains, or from a likelier start.
+    start_in_law = None
+    if start is not None and _is_fit_to(start, runs):
+        start_in_law = problem.contained(start)
+    x = problem.best_start([start_values[u.name] for u in unknowns], start_in_law)
+    for number in range(NUM_PASSES[1]):
+        # Fit, then weight residuals by what the law's form leaves, and fit again.
+        solution = least_squares(
+            problem.residuals,
+            x,
+            problem.jacobian,
+            bounds=problem.bounds,
+            x_scale=problem.spread,
+            ftol=TOLERANCE if number else 10 * TOLERANCE,
+            xtol=TOLERANCE,
+            gtol=1e-10,
+            max_nfev=MAX_ITERATIONS,
+            callback=lambda intermediate_result: report(f"cost {intermediate_result.cost:.0f}"),
+        )
+        x = solution.x
+        changed = problem.reweigh(x)
+        if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
+            break
+    fit = problem.fit_at(x)
     # No worse than a law that it contains.
-    start_in_law = problem.contained(start) if start else None
-    if start is None or start_in_law is None or not _is_fit_to(start, runs):
-        return fit
-    if fit.misfit > start.misfit:
-        fit = min(fit, fitted_from(start_in_law), key=lambda each: each.misfit)
-    return fit if fit.misfit <= start.misfit else problem.fit_at(start_in_law)
+    is_worse = start_in_law is not None and start is not None and fit.misfit > start.misfit
+    return problem.fit_at(start_in_law) if is_worse else fit
 
 
 def _is_fit_to(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
@@ -517,7 +515,9 @@ class _FitProblem:
         """Return the highest T of each wire (W,), °C, for one x."""
         return self._simulate_states(x[None])[0].max(axis=(0, 1, 2))
 
-    def _simulate_states(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _simulate_states(
+        self, x: np.ndarray, *, near_first: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return T, V and φ as `OpenLoop.simulate` does, for parameter sets x (B, P + R Q)."""
         size = len(self._unknowns)
         num_wires = self._num_wires
@@ -542,11 +542,13 @@ class _FitProblem:
         first = np.array([self._first(run, self._ambient) for run in self._runs])
         initial = [*states, np.broadcast_to(first, states[0].shape)]
         law = with_fields(self._law, fields)
-        return self._open_loop.simulate(law, initial_conditions[:, :, 0], initial, rubber)
+        return self._open_loop.simulate(
+            law, initial_conditions[:, :, 0], initial, rubber, near_first=near_first
+        )
 
-    def _simulate(self, x: np.ndarray) -> list[np.ndarray]:
+    def _simulate(self, x: np.ndarray, *, near_first: bool = False) -> list[np.ndarray]:
         """Simulate φ and V of each recording (M, B, F + W) for parameter sets x (B, P + R Q)."""
-        _, readings, bends = self._simulate_states(x)
+        _, readings, bends = self._simulate_states(x, near_first=near_first)
         bends = bends.reshape(*readings.shape[:-1], self._num_bends)
         signals = np.concatenate([bends, readings], axis=-1)
         return [
@@ -590,14 +592,16 @@ class _FitProblem:
         offset = x - self.center
         return np.concatenate([self._prior @ offset[:size], offset[size:] / self._initial_spread])
 
-    def best_start(self, expected: Sequence[float]) -> np.ndarray:
-        """Return the best of what is known of the unknowns (P), what is expected, and random."""
+    def best_start(self, known: Sequence[float], contained: np.ndarray | None) -> np.ndarray:
+        """Return the best x of known unknowns (P), `contained`, the expected, and random ones."""
         size = len(self._unknowns)
         # The expected values, a former fit's and random draws from the prior.
         starts = np.tile(self.center, (NUM_STARTS, 1))
-        starts[0, :size] = expected
-        random = np.random.default_rng(0).standard_normal((NUM_STARTS - 2, size))
-        starts[2:, :size] += random * self.spread[:size]
+        starts[0, :size] = known
+        if contained is not None:
+            starts[-1] = contained
+        random = np.random.default_rng(0).standard_normal((NUM_STARTS - 3, size))
+        starts[2:-1, :size] += random * self.spread[:size]
         low, high = (bound[:size] for bound in self.bounds)
         margin = 1e-6 * (high - low)
         starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
@@ -634,7 +638,7 @@ class _FitProblem:
                 moved_x[1 + index, index] += step[index]
             for index in range(count):
                 moved_x[1 + num_moved + index, size + index :: count] += step[size + index :: count]
-            self._simulated = x.copy(), self._simulate(moved_x)
+            self._simulated = x.copy(), self._simulate(moved_x, near_first=True)
         # Steps into what cannot be simulated are refused by the solver if they are far off.
         with np.errstate(over="ignore", invalid="ignore"):
             whitened = self._whitened(self._simulated[1])

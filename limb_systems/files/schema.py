@@ -62,6 +62,11 @@ def rare(default: Any) -> Any:
     return dataclasses.field(default=default, metadata={"rare": True})
 
 
+def word(default: Any, words: collections.abc.Iterable, *, rare: bool = False) -> Any:
+    """Return a dataclass field that has one of some words, or of some numbers."""
+    return dataclasses.field(default=default, metadata={"words": list(words), "rare": rare})
+
+
 class Strict:
     """A dataclass that refuses an attribute for which it has no field or property."""
 
@@ -265,6 +270,12 @@ def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NO_M
         is_made = isinstance(data, tuple(choices))
         schema = type(data) if is_made else _chosen_class(data, choices, where)
     # Convert a single value.
+    if "words" in metadata:
+        value = _parse_number(data, float) if schema is float and isinstance(data, str) else data
+        if value not in metadata["words"]:
+            words = ", ".join(map(str, metadata["words"]))
+            raise SchemaError(f"{path} is {short_repr(data)}; it must be one of {words}.")
+        return value
     if dataclasses.is_dataclass(schema):
         return _convert_fields(data, typing.cast(type, schema), path, where)
     if schema is str:

@@ -6,14 +6,16 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from limb_systems import LimbParameters, Recording
 from limb_systems.errors import LimbError
 from limb_systems.files.duty_export import write_c_header, write_rows
 from limb_systems.files.output import OutputError, check_outputs, write_atomically
 from limb_systems.summary import Summary
+from limb_systems.wire_callback import wire_callback
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
-from soft_limb.results.comparison import compare
+from soft_limb.results.comparison import compare, comparison_page
 from soft_limb.results.overview import overview_page
 from soft_limb.results.read_result import LIMB, TRAJECTORY, read_result
 from soft_limb.results.summaries import troubles
@@ -24,20 +26,23 @@ def _write_model(write: Callable[..., str], limb: LimbParameters, path: Path) ->
     write_atomically(path, write(limb.segments, path.stem, payload=limb.payload))
 
 
-def _write_mjcf(limb: LimbParameters, path: Path) -> None:
+def _write_mjcf(limb: LimbParameters, path: Path, callback: Path | None) -> None:
     try:
-        model = limb_mjcf(limb)
+        model = limb_mjcf(limb, callback=callback is not None)
     except ValueError as error:
         raise LimbError(str(error)) from error
+    if callback:
+        write_atomically(callback, wire_callback(limb))
     write_atomically(path, model)
 
 
+MJCF = ".xml"
 _FORMATS: dict[str, tuple[str, Callable]] = {  # kind of the result and writer, by suffix
     ".csv": (TRAJECTORY, write_rows),
     ".h": (TRAJECTORY, write_c_header),
     ".sdf": (LIMB, functools.partial(_write_model, limb_sdf)),
     ".urdf": (LIMB, functools.partial(_write_model, limb_urdf)),
-    ".xml": (LIMB, _write_mjcf),
+    MJCF: (LIMB, _write_mjcf),
 }
 
 
@@ -77,7 +82,10 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    check_outputs([options.output], inputs=options.runs, force=options.force)
     comparison = compare([read_result(path) for path in options.runs])
+    if options.output:
+        write_atomically(options.output, comparison_page(comparison))
     if not options.json:
         for title, rows in comparison.tables().items():
             print_table(title, rows)
@@ -85,7 +93,7 @@ def _compare(options: argparse.Namespace) -> int:
             print_table("what changed", comparison.changes_table())
         else:
             print("nothing changed")
-    print_summary(options, Summary.of({}, comparison.to_json()))
+    print_summary(options, Summary.of({}, comparison.to_json()), [options.output])
     return 0
 
 
@@ -96,18 +104,27 @@ def _export(options: argparse.Namespace) -> int:
             f"The name of {options.output} does not tell its format; let it end with "
             f"{' or '.join(_FORMATS)}."
         )
-    kind, write = _FORMATS[options.output.suffix]
-    check_outputs([options.output], inputs=[options.file], force=options.force)
+    suffix = options.output.suffix
+    kind, write = _FORMATS[suffix]
+    if options.callback and suffix != MJCF:
+        raise OutputError(
+            "--callback writes the C code of a limb's wires; give an output that ends with .xml."
+        )
+    outputs = [options.output]
+    if options.callback:
+        outputs.append(options.callback)
+    check_outputs(outputs, inputs=[options.file], force=options.force)
     # Read and convert.
     result = read_result(options.file)
     if result.kind != kind:
         raise LimbError(
-            f"{result.path} is a {result.kind}; only a {kind} can be exported as "
-            f"{options.output.suffix}."
+            f"{result.path} is a {result.kind}; only a {kind} can be exported as {suffix}."
         )
-    settings = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
+    settings: tuple[Any, ...] = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
+    if suffix == MJCF:
+        settings = (options.callback,)
     write(result.value, options.output, *settings)
-    print_summary(options, Summary([]), [options.output])
+    print_summary(options, Summary([]), outputs)
     return 0
 
 
@@ -144,10 +161,17 @@ COMMANDS = {
         "Compare results with the first of them: their origin, their parameters, and the signals "
         "of plans and recordings over the time that they have in common. The results are all limbs "
         "(.yaml), or all plans and recordings (.csv), such as a plan and its recordings.",
-        "json",
-        [Option("runs", nargs="+", metavar="RUN", type=Path, help="two or more results")],
+        "json force",
+        [
+            Option("runs", nargs="+", metavar="RUN", type=Path, help="two or more results"),
+            shared(
+                "output",
+                required=False,
+                help="page to write, all results in one chart (.html)",
+            ),
+        ],
         stopped=STOPPED,
-        examples=["soft-limb compare out/plan.csv out/recording.csv"],
+        examples=["soft-limb compare out/plan.csv out/recording.csv -o out/comparison.html"],
     ),
     "runs": Command(
         _runs,
@@ -183,6 +207,13 @@ COMMANDS = {
                 type=float,
                 default=20.0,
                 help="rows per second (default %(default)g)",
+            ),
+            Option(
+                "--callback",
+                metavar="FILE.c",
+                type=Path,
+                help="for one limb as .xml: C code to write for MuJoCo, for laws of wires that "
+                "MJCF cannot express",
             ),
             Option(
                 "--duty-max",

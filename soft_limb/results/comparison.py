@@ -1,4 +1,4 @@
-"""The differences between results, in origin, parameters and signals, ready to print."""
+"""The differences between results, in origin, parameters and signals, ready to print or draw."""
 
 import dataclasses
 import itertools
@@ -10,18 +10,25 @@ import numpy as np
 
 from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import LimbError
+from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import CalibrationRecord, LimbParameters
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
-from limb_systems.views.panels import SIGNALS
+from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
+from limb_systems.views.panels import SIGNALS, Curve, Panel
 from planners import nearest_bend_angle
+from soft_limb.reports import page
 from soft_limb.results.read_result import LIMB, RECORDING, TRAJECTORY, ResultFile
 from soft_limb.results.summaries import distances_summary
 
 NO_VALUE = "-"  # in place of a value that a run does not have
 MAX_TEXT_LENGTH = 60  # characters of a value in a table
+_COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
+_STYLES = tuple(  # of wires
+    (dash, width) for width in (1.5, 3.0) for dash in ("solid", "dashed", "dotted", "dashdot")
+)
 _RUN_KINDS = (RECORDING, TRAJECTORY)
 _FIT_FIELDS = ("names", "values", "standard_errors", "covariance", "provenance")  # also in laws
 
@@ -72,9 +79,24 @@ class Difference:
     percentile_90: float
 
 
+@dataclasses.dataclass(frozen=True)
+class Curves:
+    """The signals of a run over time, by name, in degrees and °C.
+
+    - ``time``, ``signals``: times since the start of the plan (K,), s, and values (rows, K).
+    - ``common``, ``differences``: times (M,), s, and differences from the first run (rows, M);
+      empty for the first.
+    """
+
+    time: np.ndarray
+    signals: dict[str, np.ndarray]
+    common: np.ndarray
+    differences: dict[str, np.ndarray]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
-    """The differences between results of one kind, ready to print.
+    """The differences between results of one kind, ready to print or draw.
 
     - ``results``: the results (R); the others are compared with the first.
     - ``changes``: values that differ between the results.
@@ -82,6 +104,7 @@ class Comparison:
     - ``distances``: mean distances of each recording from the reference, by the number of the
       run; empty unless there is exactly one plan.
     - ``tracking``: |φ* - φ| of each recording; empty unless there is exactly one plan.
+    - ``curves``: signals of each run.
     """
 
     results: Sequence[ResultFile]
@@ -89,9 +112,10 @@ class Comparison:
     differences: list[Difference]
     distances: dict[int, ReferenceDistances]
     tracking: list[Difference]
+    curves: list[Curves]
 
     def to_json(self) -> dict[str, Any]:
-        """Return all of it, for JSON."""
+        """Return all but the curves, for JSON."""
         return {
             "runs": [str(result.path) for result in self.results],
             "kinds": [result.kind for result in self.results],
@@ -106,8 +130,14 @@ class Comparison:
 
     @property
     def names(self) -> list[str]:
-        """The paths of the runs."""
-        return [str(result.path) for result in self.results]
+        """Names of the runs: the shortest ends of their paths that differ between the runs."""
+        parts = [result.path.parts or (".",) for result in self.results]
+        num_paths = len(set(parts))
+        for length in range(1, max(map(len, parts)) + 1):
+            names = ["/".join(part[-length:]).replace("//", "/") for part in parts]
+            if len(set(names)) == num_paths:
+                break
+        return names
 
     def tables(self) -> dict[str, list[list[str]]]:
         """Return the tables of distances and differences by title, each with a header."""
@@ -181,11 +211,17 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
     limbs = [r.value if r.kind == LIMB else r.value.robot or r.value.parameters for r in results]
     changes += _changed([flattened(limb) for limb in limbs])
     if first.kind == LIMB:
-        return Comparison(results, changes, [], {}, [])
+        return Comparison(results, changes, [], {}, [], [])
     # Compare the signals of plans and recordings.
     _check_shapes(results)
-    differences = _differences([result.value for result in results])
-    return Comparison(results, changes, differences, *_tracking(results))
+    curves = _curves([result.value for result in results])
+    differences = []
+    for run, run_curves in enumerate(curves[1:], 1):
+        for name, values in run_curves.differences.items():
+            size = np.abs(values)
+            numbers = [size.mean(), np.median(size), np.percentile(size, 90)]
+            differences.append(Difference(run, name, SIGNALS[name].unit, *map(float, numbers)))
+    return Comparison(results, changes, differences, *_tracking(results), curves)
 
 
 def flattened(parameters: LimbParameters | ConnectedLimbs) -> dict[str, tuple[Any, str]]:
@@ -271,26 +307,26 @@ def _check_shapes(results: Sequence[ResultFile]) -> None:
             raise ComparisonError(f"{result.path} has fewer than two samples to compare.")
 
 
-def _differences(runs: Sequence[Recording | Trajectory]) -> list[Difference]:
-    """Return the differences of the signals of all runs from the first, over their common time."""
+def _curves(runs: Sequence[Recording | Trajectory]) -> list[Curves]:
+    """Return the signals of all runs, and their differences from the first at their samples."""
     runs = [run.since_start() if isinstance(run, Trajectory) else run for run in runs]
-    first = runs[0]
-    found = []
-    for number, run in enumerate(runs[1:], 1):
+    curves: list[Curves] = []
+    for number, run in enumerate(runs):
         # Find the samples in the time of the first run.
         time, signals = _signals(run)
-        common = (time >= first.time[0]) & (time <= first.time[-1])
-        if not common.any():
+        common = (time >= runs[0].time[0]) & (time <= runs[0].time[-1]) & (number > 0)
+        if number and not common.any():
             raise ComparisonError(
                 f"Run {number + 1} lasts from {time[0]:g} s to {time[-1]:g} s, and the first from "
-                f"{first.time[0]:g} s to {first.time[-1]:g} s: they have no time in common."
+                f"{runs[0].time[0]:g} s to {runs[0].time[-1]:g} s: they have no time in common."
             )
-        expected = _interpolated_signals(first, time[common])
-        for name, values in signals.items():
-            size = np.abs(values[:, common] - expected[name])
-            numbers = [size.mean(), np.median(size), np.percentile(size, 90)]
-            found.append(Difference(number, name, SIGNALS[name].unit, *map(float, numbers)))
-    return found
+        # Round, so that rounding errors do not look like differences in a chart.
+        first = _interpolated_signals(runs[0], time[common])
+        differences = {
+            name: np.round(values[:, common] - first[name], 9) for name, values in signals.items()
+        }
+        curves.append(Curves(time, signals, time[common], differences))
+    return curves
 
 
 def _signals(run: Recording | Trajectory) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -361,3 +397,81 @@ def _text(value: Any, digits: int) -> str:
 
 def _degrees(angle: float | None) -> str:
     return NO_VALUE if angle is None else f"{np.rad2deg(angle):.2f}°"
+
+
+def comparison_page(comparison: Comparison) -> str:
+    """Return the comparison as a page, HTML, with all runs in one chart."""
+    # List the runs with their origin.
+    names = comparison.names
+    runs = []
+    for name, result in zip(names, comparison.results, strict=True):
+        made = result.provenance
+        by = f"soft-limb {made.version} {made.commit}".strip() if made else "not known"
+        runs.append([name, result.kind, by, made.time if made else ""])
+    parts: list[page.Part] = [page.section("Runs", page.table(["", "kind", "made by", "at"], runs))]
+    # Add the differences of their signals.
+    if comparison.curves:
+        tables = [
+            page.table(header, rows, f"{title[0].upper()}{title[1:]}.")
+            for title, (header, *rows) in comparison.tables().items()
+        ]
+        text = f"Below each signal is its difference Δ from {names[0]}."
+        chart = page.chart(_panels(comparison), f"All runs, and their differences from {names[0]}")
+        parts.append(page.section("Distances and differences", *tables))
+        parts.append(page.section("All runs", page.paragraph(text), chart))
+    # Add the changes of single values.
+    header, *rows = comparison.changes_table()
+    caption = f"In brackets: the relative difference from {names[0]}."
+    changed = page.table(header, rows, caption) if rows else page.paragraph("Nothing changed.")
+    parts.append(page.section("Changes", changed))
+    others = names[1] if len(names) == 2 else f"{len(names) - 1} others"
+    return page.make_page(f"{names[0]} compared with {others}", parts, Provenance.now())
+
+
+def _panels(comparison: Comparison) -> list[Panel]:
+    """Return a panel for each bend and each segment's wires, each above a panel of differences."""
+    results = comparison.results
+    names = comparison.names
+    parameters = results[0].value.parameters
+    layout = LimbModel.of(parameters).layout
+    # List the panels: name of the signal, its rows, suffix of the title.
+    drawn: list[tuple[str, list[int], str]] = []
+    for bends, wires, suffix in zip(
+        layout.bends_of, layout.wires_of, parameters.segment_suffixes, strict=True
+    ):
+        for bend in range(bends.start, bends.stop):
+            drawn.append(("bend_angle", [bend], parameters.bend_suffixes[bend]))
+        wire_rows = list(range(wires.start, wires.stop))
+        drawn += [("measured_temperature", wire_rows, suffix), ("duty", wire_rows, suffix)]
+    # Draw the runs in their colours and the wires in their styles.
+    panels = []
+    for signal, rows, suffix in drawn:
+        is_bend = signal == "bend_angle"
+        values = _references(results, rows[0]) if is_bend else []
+        differences = []
+        for number, curves in enumerate(comparison.curves):
+            color = _COLORS[number % len(_COLORS)]
+            for row, style in zip(rows, itertools.cycle(_STYLES), strict=False):
+                wire = "" if is_bend else parameters.wire_names[row]
+                name = ", ".join(filter(None, [names[number], wire]))
+                values.append(Curve(name, curves.time, curves.signals[signal][row], color, *style))
+                if number:
+                    difference = curves.differences[signal][row]
+                    differences.append(Curve(name, curves.common, difference, color, *style))
+        kind = SIGNALS[signal]
+        panels.append(kind.panel(values, suffix, y_range=None))
+        unit = f" ({kind.unit})" * bool(kind.unit)
+        panels.append(Panel(f"Δ{kind.symbol}{unit}", differences, height=170))
+    return panels
+
+
+def _references(results: Sequence[ResultFile], bend: int) -> list[Curve]:
+    """Return the references of the plans; equal references are drawn once."""
+    drawn: list[Curve] = []
+    for result in results:
+        if result.kind == TRAJECTORY:
+            plan = result.value.since_start()
+            angle = np.rad2deg(plan.reference[bend])
+            if not any(np.array_equal(curve.y, angle) for curve in drawn):
+                drawn.append(Curve("reference φ_REF", plan.time, angle, REFERENCE_COLOR))
+    return drawn

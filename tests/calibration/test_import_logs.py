@@ -395,7 +395,7 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
         ("scale: 1.0", "scale: 1000.0", r"bend would be up to .*correct bend\.scale"),
         ("unit: C", "unit: K", "'temp_c' is beyond -60 to 600 °C .* correct its unit"),
         ("temperature: temp_c", "temperature: duty", "'duty' is given for duty of the right wire"),
-        ("sign: 1.0", "sign: 0.5", "sign of the right wire is 0.5; it must be one of 1, -1"),
+        ("sign: 1.0", "sign: 0.5", r"wires\[0\]\.sign is '0\.5'; it must be one of 1\.0, -1\.0"),
     ):
         assert right in text
         (tmp_path / "m.yaml").write_text(text.replace(right, wrong))
@@ -443,6 +443,9 @@ def cases(truth):
             "time_s u T1 T2 bend_deg",
             [truth.time, truth.duty[0] - truth.duty[1], *temperatures, degrees],
         ),
+        "1 and 2": ("time_s pwm_1 pwm_2 T_1 T_2 bend_deg", crossed),
+        "raw 1 and 2": ("time_s pwm_1 pwm_2 T_1 T_2 flex_raw", base),
+        "noise 1 and 2": ("time_s pwm_1 pwm_2 T_1 T_2 bend_deg", [*base[:5], 20 * noise[0]]),
         "offset": (names, [*base[:3], temperatures[0] + 40.0, *base[4:]]),
         "two units": (names, [truth.time, truth.duty[0], counts[1], *base[3:]]),
         "switch and levels": (
@@ -472,9 +475,9 @@ def cases(truth):
     [
         ("coil", ""), ("warm", ""), ("single", ""), ("ros", ""), ("matlab", ""),
         ("base", ""), ("control", ""),
-        ("things", ""),
-        ("no names", "which wire does column_2 heat.*the sign of column_6"),
-        ("signed", "which wire do negative numbers of u heat"),
+        ("things", ""), ("no names", ""), ("signed", ""), ("1 and 2", ""),
+        ("raw 1 and 2", "degrees is a unit of flex_raw.*which wire is heated by pwm_1"),
+        ("noise 1 and 2", "the sign of bend_deg.*which wire is heated by pwm_1"),
         ("offset", "unit of T_left_C: C, F or K.*unit of T_right_C"),
         ("two units", "is 0.5 and 128: are they of one unit"),
         ("switch and levels", "are they of one unit"),
@@ -502,8 +505,7 @@ def test_forms_of_practitioners_are_right_or_asked_about(tmp_path, truth, cases,
 @pytest.mark.parametrize(
     ("case", "answers"),
     [
-        ("no names", {"wires[0].name": "left", "wires[1].name": "right", "bend.scale": "1"}),
-        ("signed", {"wires[0].name": "right", "wires[1].name": "left", "bend.scale": "1"}),
+        ("raw 1 and 2", {"wires[0].name": "left", "wires[1].name": "right", "bend.scale": "1"}),
         ("inverted", {"full": "255", "inverted": "true", "bend.scale": "1"}),
         ("swapped", {"wires[0].temperature": "T_right_C", "wires[1].temperature": "T_left_C"}),
         ("frames", {"rate": "10"}),

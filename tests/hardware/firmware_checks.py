@@ -9,6 +9,7 @@ import sys
 
 from hardware.firmware import firmware, from_host, guard, heat, protocol, readings
 from hardware.firmware.firmware import Firmware
+from hardware.firmware.protocol import crc32
 
 ROOM = 25.0  # °C
 
@@ -438,7 +439,7 @@ def test_clock_that_stands_still_switches_off():
 
 
 def test_checksum_is_the_usual_one():
-    assert protocol.crc32(b"123456789") == b"\x26\x39\xf4\xcb"  # CBF43926, low byte first
+    assert crc32(b"123456789") == b"\x26\x39\xf4\xcb"  # CBF43926, low byte first
 
 
 def test_thermocouple_bytes_of_the_datasheet():

@@ -5,11 +5,11 @@ import struct
 
 from hardware.board.link import pulls_of
 from hardware.emulation.emulator import Emulation
-from hardware.emulation.twin import LimbTwin
 from hardware.firmware import firmware
 from hardware.firmware.firmware import Firmware
 from limb_systems import LimbModel, LimbParameters
 
+from .conftest import small_twin
 from .firmware_checks import ROOM, PaperBoard
 
 STEP = 10  # ms, of the loop
@@ -139,7 +139,7 @@ class EmulatedCable:
     def __init__(self):
         self.milliseconds = 0
         self.to_board, self.to_host = b"", b""
-        self.emulation = Emulation(LimbTwin(seed=1), self, clock=self.now)
+        self.emulation = Emulation(small_twin(seed=1), self, clock=self.now)
 
     def read(self):
         data, self.to_board = self.to_board, b""

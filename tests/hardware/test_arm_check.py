@@ -8,7 +8,7 @@ import pytest
 from other_limbs import OtherLimb
 from simulated_board import SimulatedBoard, SimulatedLink
 
-from hardware import BoardLink, HardwareError, LimbTwin
+from hardware import BoardLink, HardwareError
 from hardware.board import arm_check
 from hardware.board.arm_check import check_supply, check_wires
 from hardware.board.board_check import Host
@@ -39,7 +39,7 @@ def test_arm_check_passes_a_limb_of_another_physics():
 
 
 def test_arm_check_finds_a_thermocouple_that_shows_a_share():
-    passed, failures, hottest = check(LimbTwin(seed=1), "share right 0.6")
+    passed, failures, hottest = check(OtherLimb(1), "share right 0.6")
     assert not passed
     assert "Either its thermocouple shows a share of its rise" in failures[0]
     assert hottest < 90.0
@@ -47,7 +47,7 @@ def test_arm_check_finds_a_thermocouple_that_shows_a_share():
 
 def test_the_board_ends_arm_check_where_no_heat_shows():
     with pytest.raises(LimbError, match="does not show it: it is off the wire or badly bonded"):
-        check(LimbTwin(seed=1), "detach left")
+        check(OtherLimb(1), "detach left")
 
 
 @pytest.mark.parametrize(

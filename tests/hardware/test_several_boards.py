@@ -166,8 +166,10 @@ def test_boards_go_off_together(virtual_time, ports, boards, robot, record_prope
         assert not link.sample().armed
 
 
-@pytest.mark.parametrize("kind", ["robot", "station"])
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(
+    ("fault", "kind"),
+    [*((fault, "robot") for fault in FAULTS), ("unplug", "station"), ("open left", "station")],
+)
 def test_a_board_that_fails_switches_the_other_off_at_once(
     fault, kind, virtual_time, ports, boards, robot, monkeypatch, record_property
 ):

@@ -45,10 +45,10 @@ def scenario(tmp_path):
 
 
 def test_simulated_limbs_bend_as_each_alone(scenario):
-    seen = drive(Station(scenario), DUTY, 3.0, sample_rate=10.0)
+    seen = drive(Station(scenario), DUTY, 2.0, sample_rate=10.0)
     for name in ("finger", "thumb"):
         alone = Limb(scenario.with_name(f"{name}.yaml"))
-        alone = simulate(alone, DUTY[f"{name}.duty"], 3.0, sample_rate=10.0)
+        alone = simulate(alone, DUTY[f"{name}.duty"], 2.0, sample_rate=10.0)
         for signal, tolerance in (("bend_angle", 2e-3), ("wire_temperature", 0.02)):
             found = seen[f"{name}.{signal}"]
             np.testing.assert_allclose(found, getattr(alone, signal), atol=tolerance)
@@ -78,9 +78,9 @@ def test_the_wires_that_meshcat_shows_have_the_colour_of_their_heat(scenario, me
 
 
 def test_emulated_limbs_are_those_of_their_seeds(scenario):
-    seen = drive(Station(scenario, "emulated"), DUTY, 3.0)
+    seen = drive(Station(scenario, "emulated"), DUTY, 1.0)
     twin = LimbTwin(scenario.with_name("thumb.yaml"), seed=4, truth=True)
-    alone = simulate(twin, DUTY["thumb.duty"], 3.0)
+    alone = simulate(twin, DUTY["thumb.duty"], 1.0)
     np.testing.assert_allclose(seen["thumb.bend_angle"], alone.bend_angle, atol=1e-4)
     assert "thumb.contact_force" not in seen
 
@@ -149,36 +149,34 @@ def test_bodies_that_no_parser_would_keep_are_refused(scenario):
 
 
 def test_inputs_that_do_not_fit_are_refused(scenario):
-    with pytest.raises(LimbError, match=r"no input thum\.duty; it has finger\.duty, th"):
-        drive(Station(scenario), {"thum.duty": "a"}, 1.0)
-    with pytest.raises(LimbError, match=r"thumb\.duty has 2 numbers, but its signal 3"):
-        drive(Station(scenario), DUTY | {"thumb.duty": [0.0, 0.0, 0.0]}, 1.0)
-    with pytest.raises(LimbError, match=r"thumb\.duty is missing"):
-        drive(Station(scenario), {"finger.duty": [0.0, 0.0]}, 1.0)
-    with pytest.raises(LimbError, match="duty reaches from 0 to"):
-        drive(Station(scenario), DUTY | {"thumb.duty": [0.0, 1.2]}, 1.0)
-    with pytest.raises(LimbError, match=r"thumb\.duty add up to 1\.60, but .* total_duty is 1\.5"):
-        drive(Station(scenario), DUTY | {"thumb.duty": [0.8, 0.8]}, 1.0)
     of_two = [[0.1, 0.1], [0.0, 0.0]]
     of_matrices = PiecewisePolynomial.ZeroOrderHold([0.0, 2.0], [np.zeros((2, 2))] * 2)
     late = PiecewisePolynomial.ZeroOrderHold([5.0, 9.0], of_two)
-    for given, said in (
+    short = PiecewisePolynomial.ZeroOrderHold([0.0, 0.5], of_two)
+    for thumb, said in (
+        ([0.0, 0.0, 0.0], r"thumb\.duty has 2 numbers, but its signal 3"),
+        ([0.0, 1.2], "duty reaches from 0 to"),
+        ([0.8, 0.8], r"thumb\.duty add up to 1\.60, but .* total_duty is 1\.5"),
         ([], r"thumb\.duty is \[\]; it must be a plan, a trajectory or a list of finite numbers"),
         (of_two, r"thumb\.duty is \[\[0\.1, 0\.1\]"),
         ([0.1, np.nan], r"thumb\.duty is \[0\.1, nan\]"),
         (PiecewisePolynomial(), r"thumb\.duty is a trajectory of 0 x 0 numbers"),
         (of_matrices, r"thumb\.duty is a trajectory of 2 x 2 numbers"),
         (late, r"thumb\.duty starts at 5 s, but a run begins at 0 s"),
+        (short, r"thumb\.duty ends at 0\.5 s, before the 1 s of the run"),
     ):
-        with pytest.raises(StationError, match=said):
-            drive(Station(scenario), DUTY | {"thumb.duty": given}, 1.0)
-    short = PiecewisePolynomial.ZeroOrderHold([0.0, 0.5], [[0.1, 0.1], [0.0, 0.0]])
-    with pytest.raises(LimbError, match=r"thumb\.duty ends at 0\.5 s, before the 1 s of the run"):
-        drive(Station(scenario), DUTY | {"thumb.duty": short}, 1.0)
+        with pytest.raises(LimbError, match=said):
+            drive(Station(scenario), DUTY | {"thumb.duty": thumb}, 1.0)
+    for inputs, said in (
+        ({"thum.duty": "a"}, r"no input thum\.duty; it has finger\.duty, th"),
+        ({"finger.duty": [0.0, 0.0]}, r"thumb\.duty is missing"),
+    ):
+        with pytest.raises(LimbError, match=said):
+            drive(Station(scenario), inputs, 1.0)
     used = Station(scenario)
     assert drive(used, DUTY, 0.15)["time"] == pytest.approx([0.0, 0.05, 0.1, 0.15])
     with pytest.raises(LimbError, match="part of a diagram already"):
-        assert drive(used, DUTY, 0.15)["time"] == pytest.approx([0.0, 0.05, 0.1, 0.15])
+        drive(used, DUTY, 0.15)
     with pytest.raises(LimbError, match="finger has no port"):
         Station(scenario, "board")
 

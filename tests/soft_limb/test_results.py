@@ -215,11 +215,16 @@ def test_show_reads_a_reference(tmp_path, capsys):
     assert "list.csv is no file that soft-limb writes, and no reference" in said.err
 
 
-def test_compare_prints_tables_of_all_runs(folder, capsys):
+def test_the_page_has_all_runs_and_their_origin(folder, capsys):
     make_recording(1.0).save("shifted.csv")
-    assert main(["compare", "plan.csv", "recording.csv", "shifted.csv"]) == 0
-    said = capsys.readouterr().out
-    for line in ("mean distance from the plan's reference:", "  shifted.csv    |Δφ|  1.00°"):
-        assert line in said
-    assert main(["compare", "limb.yaml", "limb.yaml"]) == 0
-    assert "nothing changed" in capsys.readouterr().out
+    order = ["compare", "plan.csv", "recording.csv", "shifted.csv", "-o", "compare.html"]
+    assert main(order) == 0
+    text = (folder / "compare.html").read_text()
+    for name in ("Δφ (°)", "reference φ_REF", "shifted.csv, right", "|Δφ|", "1.00°"):
+        assert name in text or json.dumps(name)[1:-1] in text, name
+    capsys.readouterr()
+    assert shown(["compare.html"], capsys)["compare.html"]["provenance"]["version"]
+    assert main(order) == 1
+    assert "exists; give another name, or --force" in capsys.readouterr().err
+    assert main(["compare", "limb.yaml", "limb.yaml", "-o", "limbs.html"]) == 0
+    assert "Nothing changed." in (folder / "limbs.html").read_text()

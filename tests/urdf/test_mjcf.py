@@ -1,5 +1,8 @@
 """Limbs and robots in MuJoCo, against the equations of motion, Drake, and MuJoCo's own figures."""
 
+import ctypes
+import shutil
+import subprocess
 from pathlib import Path
 
 import mujoco
@@ -181,16 +184,11 @@ def test_the_checked_in_file_is_the_mjcf_of_the_nominal_limb():
     assert path.read_text(encoding="utf-8") == limb_mjcf(LimbParameters())
 
 
-def test_laws_that_mjcf_cannot_express_are_refused_with_a_remedy(tmp_path, capsys):
+def test_laws_that_mjcf_cannot_express_are_refused_with_a_remedy():
     limb = LimbParameters()
     limb.segments[0].wires[1].law = HystereticLaw()
-    with pytest.raises(
-        ValueError, match=r"The wire right has the law HystereticLaw.*--method paper"
-    ):
+    with pytest.raises(ValueError, match=r"The wire right has the law HystereticLaw.*--callback"):
         limb_mjcf(limb)
-    limb.save(tmp_path / "limb.yaml")
-    assert main(["export", str(tmp_path / "limb.yaml"), "-o", str(tmp_path / "limb.xml")]) == 1
-    assert "--method paper" in capsys.readouterr().err
     limb = LimbParameters()
     limb.segments[0].rest_memory = RestMemory()
     with pytest.raises(ValueError, match="rest_memory"):
@@ -216,3 +214,44 @@ def test_a_robot_stands_on_feet_of_their_stiffness_and_creep(robot):
     assert (normal > 0).all()
     depth = -data.contact.dist
     assert depth == pytest.approx(normal / robot.contact_stiffness, rel=0.02)
+
+
+@pytest.mark.whole
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+def test_hysteretic_wires_heat_and_pull_by_c_code(tmp_path, capsys):
+    limb = LimbParameters()
+    for wire in limb.segments[0].wires:
+        wire.law = HystereticLaw()
+    limb.save(tmp_path / "limb.yaml")
+    files = [tmp_path / name for name in ("limb.yaml", "limb.xml", "limb.c")]
+    yaml, xml, code = map(str, files)
+    assert main(["export", yaml, "-o", xml]) == 1
+    assert "--callback" in capsys.readouterr().err
+    assert main(["export", yaml, "-o", xml, "--callback", code]) == 0
+    library = str(tmp_path / "limb.so")
+    include = f"-I{mujoco.HEADERS_DIR}/.."
+    subprocess.run(
+        ["cc", "-O1", "-shared", "-fPIC", include, f"-I{mujoco.HEADERS_DIR}", code, "-o", library],
+        check=True,
+    )
+    callbacks = ctypes.CDLL(library)
+    model = mujoco.MjModel.from_xml_path(xml)
+    data, wires = mujoco.MjData(model), LimbModel.of(limb).wires
+    duty = np.array([0.1, 0.5])
+    mujoco.set_mjcb_act_dyn(callbacks.wire_rates)
+    mujoco.set_mjcb_act_bias(callbacks.wire_torque)
+    try:
+        data.ctrl[:] = duty
+        for _ in range(2000):
+            mujoco.mj_step(model, data)
+    finally:
+        mujoco.set_mjcb_act_dyn(None)
+        mujoco.set_mjcb_act_bias(None)
+    states = wires.integrate_states(
+        wires.cold_states, np.tile(duty, (2, 1)), np.array([0.0, 4.0]), 0.01
+    )
+    expected = (states[-1] - wires.cold_states).reshape(-1, 2).T
+    np.testing.assert_allclose(data.act.reshape(2, -1)[:, :-1], expected, rtol=5e-3, atol=5e-3)
+    held = wires.forces(states[-1], np.zeros(limb.num_joints))
+    np.testing.assert_allclose(data.qfrc_actuator, held, rtol=1e-2)
+    assert np.abs(held).max() > 1e-3
