@@ -25,7 +25,6 @@ class RunHeader:
     """The description of a recording before it begins, with new curves.
 
     - ``source``: name of the limb, as in recordings.
-    - ``parameters``: description of the limb.
     - ``limit``: reading at which the heaters are switched off, °C.
     - ``duration``: longest duration, s.
     - ``plan``, ``band``: plan that the limb follows, and its band; or None.
@@ -41,10 +40,8 @@ class RunHeader:
 
 @dataclasses.dataclass(frozen=True)
 class BoardReading:
-    """The state of a board and its cable at a time.
+    """The state of a board and its cable: whether it is armed, or else the reason in words.
 
-    - ``armed``: whether the wires may be heated.
-    - ``reason``: reason why not, in words.
     - ``warmest``: highest temperature of each wire by its duty, °C.
     - ``lost_samples``: number of samples that did not arrive.
     """
@@ -57,14 +54,11 @@ class BoardReading:
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """The state of a limb at a time.
+    """The state of a limb at a time, s since the recording began.
 
-    - ``time``: time since the recording began, s.
-    - ``bend_angle``: φ of each bend, rad.
+    - ``bend_angle``, ``reference``: φ of each bend and its reference, rad, or None.
     - ``measured_temperature``: V of each wire, °C.
-    - ``duty``: commanded duty of each wire.
-    - ``applied_duty``: applied duty of each wire; or None.
-    - ``reference``: reference of the bend angles, rad; or None.
+    - ``duty``, ``applied_duty``: commanded and applied duty of each wire, or None.
     - ``board``: state of a robot's board; or None.
     """
 
@@ -79,11 +73,7 @@ class Reading:
 
 @dataclasses.dataclass(frozen=True)
 class Message:
-    """A message to the view. The file of a new `RunHeader` goes with it.
-
-    - ``activity``: sentence about the present run.
-    - ``reading``: newest reading; None while no limb runs.
-    """
+    """A message to the view; a new `RunHeader` goes with it. Without a reading no limb runs."""
 
     activity: str
     reading: Reading | None
@@ -118,12 +108,6 @@ class Feed(LeafSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, live: LiveView, limb: LimbSystem, *, has_reference: bool = False):
-        """
-        Args:
-            live: the page.
-            limb: system whose outputs are connected.
-            has_reference: whether there is an input for the reference of the bend angle.
-        """
         super().__init__()
         layout = LimbModel.of(limb.parameters).layout
         sizes = dict.fromkeys(("duty", "measured_temperature"), layout.num_wires)
@@ -169,9 +153,7 @@ def live_display(
 
     Args:
         builder: builder of the diagram, which has the limb already, so that its command is first.
-        live: the page.
-        limb: system that runs.
-        duty: port that drives it.
+        duty: port that drives the limb.
         duration: longest duration, s.
         plan: trajectory that the limb follows.
         reference: port of the reference of the bend angle.
