@@ -79,11 +79,7 @@ class ConnectedLimbs(Described):
         raise NotImplementedError
 
     def limb(self, name: str) -> LimbParameters:
-        """Return the parameters of a limb as part of the whole.
-
-        Raises:
-            ParameterError: if there is no limb of this name.
-        """
+        """Return the parameters of a limb as part of the whole; ParameterError if there is none."""
         raise NotImplementedError
 
     def limb_alone(self, name: str) -> LimbParameters:
@@ -112,14 +108,7 @@ class ConnectedLimbs(Described):
 
 
 def load_description(path: str | Path | None) -> LimbParameters | ConnectedLimbs:
-    """Load a YAML file that describes a limb or connected limbs.
-
-    Args:
-        path: the file; the nominal limb if None.
-
-    Raises:
-        ParameterError: with one sentence naming the file and the field.
-    """
+    """Load a YAML file that describes a limb or connected limbs; the nominal limb if None."""
     if path is None:
         return LimbParameters()
     if not describes_connected(read_text(path, "parameters", ParameterError)):

@@ -59,9 +59,7 @@ class LimbSystem(Protocol):
 def check_limb(system: System) -> LimbSystem:
     """Check that a system can stand in for a limb, and set attributes that it leaves out.
 
-    Raises:
-        LimbError: if ports or attributes are missing, or if the parameters or the source are
-            invalid; one sentence names them.
+    Raise LimbError if ports or attributes are missing, or if parameters or source are invalid.
     """
     # Collect the missing ports and attributes.
     missing = []
@@ -90,12 +88,8 @@ def wrap_controller(part: System, controller: System) -> Diagram:
     """Return a controller with another system between it and a limb, with a controller's ports.
 
     Output ports of each system are connected to the input ports of the other that have the same
-    name. All other inputs are inputs of the diagram. Its output ``duty`` is the part's, or
-    the controller's if the part has none.
-
-    Args:
-        part: such as a supervisor of duty, or sensors with a fault; it becomes part of the diagram.
-        controller: with the output ``duty``; it becomes part of the diagram.
+    name. All other inputs are inputs of the diagram. Its output ``duty`` is the part's, or the
+    controller's if the part, such as a supervisor or faulty sensors, has none.
     """
     builder = DiagramBuilder()
     builder.AddSystem(part)

@@ -45,12 +45,10 @@ def collect_equilibria(
 ) -> Recording:
     """Return the datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
 
-    The angles are uniform between zero and 45° towards the actuated wire, or to
-    both sides.
+    The angles are uniform between zero and 45° towards the actuated wire, or to both sides.
 
     Args:
-        limb: a `LimbTwin` or any other `LimbSystem`, of one segment; it
-            cannot be used again.
+        limb: a `LimbTwin` or any other `LimbSystem`, of one segment; it cannot be used again.
         actuated: name of the wire, or "both" for all of them.
         num_angles: number of equilibria.
         seed: seed of the random angles.
@@ -59,9 +57,6 @@ def collect_equilibria(
 
     Returns:
         A recording with the set points φ_eq as its ``reference``.
-
-    Raises:
-        LimbError: if an argument makes no sense.
     """
     check_limb(limb)
     heated = heated_wires(limb.parameters, actuated)
@@ -152,9 +147,7 @@ def collect_excitation(
 ) -> Recording:
     """Return one of `excitations`, with duty that is limited by what is known of the limb so far.
 
-    Args:
-        known: the limb as it is calibrated so far.
-        limb, journal, live: as for `collect_equilibria`.
+    The limb ``known`` is calibrated so far; other arguments are as for `collect_equilibria`.
     """
     source = LimitedDuty(known, excitation.duty)
     duration = excitation.duty.end_time()

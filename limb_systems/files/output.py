@@ -17,9 +17,7 @@ class OutputError(LimbError):
 def write_atomically(path: str | Path, content: str | bytes | Iterator[str]) -> None:
     """Write a file, text, its parts or bytes, whole or not at all, also if the process dies.
 
-    Raises:
-        OutputError: if it cannot be written, for example on a full disk; an existing file
-            is unchanged.
+    Raise OutputError if it cannot be written; an existing file is unchanged.
     """
     path = Path(path)
     with raising_output_error(path):
@@ -56,16 +54,13 @@ def check_outputs(
     tables: Sequence[Path | None] = (),
     force: bool = False,
 ) -> None:
-    """Refuse outputs that a command cannot or should not write, before it starts.
+    """Refuse outputs that a command cannot or should not write, before it starts, by OutputError.
 
     Args:
         outputs: files to be written; None for those that were not asked for.
         inputs: files that are read, which are never replaced.
         pictures, tables: the outputs that are pictures, or CSV.
         force: whether files that exist may be replaced.
-
-    Raises:
-        OutputError: with one sentence naming the file.
     """
     # Check the formats.
     for picture in filter(None, pictures):
@@ -105,11 +100,7 @@ def _is_same(path: Path, other: Path) -> bool:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder that cannot be created or written to.
-
-    Raises:
-        OutputError: with one sentence naming the obstacle.
-    """
+    """Raise OutputError, which names the obstacle, if a folder cannot be created or written to."""
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     if not existing.is_dir():
         raise OutputError(f"{existing} is a file, but a folder is needed there.")
@@ -118,11 +109,7 @@ def check_folder(folder: Path) -> None:
 
 
 def check_picture(path: Path) -> None:
-    """Refuse a picture whose name ends with no known format.
-
-    Raises:
-        OutputError: with one sentence naming the formats.
-    """
+    """Raise OutputError if the name of a picture ends with no known format."""
     # Matplotlib takes as long to import as all the rest.
     from matplotlib.backend_bases import FigureCanvasBase
 

@@ -15,11 +15,9 @@ _CHECK_FIELDS += ["largest_defect", "largest_difference_deg", "tolerance_deg"]
 
 
 def plan_statements(trajectory: Any, nearest: str = "") -> Summary:
-    """Return the statements about a plan.
+    """Return the statements about a `Trajectory`.
 
-    Args:
-        trajectory: `Trajectory`.
-        nearest: the distance of the best plan within the limits, in words, if known.
+    ``nearest`` is the distance of the best plan within the limits, in words, if known.
     """
     check = trajectory.check
     parameters = trajectory.parameters

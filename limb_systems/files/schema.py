@@ -87,9 +87,7 @@ class Tagged(Strict):
 def dump_typed(value: Any) -> str:
     """Return the YAML text of a dataclass, with all fields but rare ones, and every float exact.
 
-    Raises:
-        SchemaError: if `load_typed` would not read it: a text that cannot be
-            printed, or more than the largest size.
+    Raise SchemaError if `load_typed` would not read it.
     """
     text = yaml_dump(_plain(value))
     _check_size(text)
@@ -115,20 +113,12 @@ def load_typed(schema: type[T], text: str) -> T:
 
 
 def load_fields(schema: type, text: str) -> dict[str, Any]:
-    """Read YAML text as `load_typed`, and return the values of a dataclass's fields by names.
-
-    Raises:
-        SchemaError: with one sentence naming the field, or the line.
-    """
+    """Read YAML text as `load_typed`, and return the values of a dataclass's fields by names."""
     return _field_values(_parse(text), schema, "", "the document")
 
 
 def validate(target: Any, path: str = "") -> None:
-    """Check the types of a dataclass's fields, and its numbers against their ranges.
-
-    Raises:
-        SchemaError: for the first field that is wrong, with one sentence.
-    """
+    """Raise SchemaError for the first field of a dataclass of a wrong type or out of its range."""
     _convert(target, type(target), path)
 
 
@@ -237,11 +227,7 @@ def _parse(text: str) -> Any:
 def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NO_METADATA) -> Any:
     """Convert lists, dicts and texts to a value of a type, or check such a value.
 
-    Args:
-        data: the parsed document, or a value of the type.
-        schema: the type.
-        path: place of the data in the document, for errors; empty for the whole.
-        metadata: metadata of the dataclass field.
+    ``path`` is the place of the data in the document, for errors; empty for the whole.
     """
     schema = schema.registered() if hasattr(schema, "registered") else schema
     origin = typing.get_origin(schema)

@@ -51,13 +51,8 @@ _NUM_CAMERA_POSES = 60  # poses of a motion that the camera must see
 def wire_color(parameters: LimbParameters, temperature: ArrayLike) -> np.ndarray:
     """Return the colour of a wire: greyish blue at ambient temperature, orange at T_max.
 
-    Args:
-        parameters: limb whose ambient and maximum temperature span the colours;
-            beyond them the colour does not change further.
-        temperature: °C, any shape.
-
-    Returns:
-        (..., 3): red, green and blue (sRGB) in [0, 1], in a new last axis.
+    Temperatures, °C, have any shape. Colours are red, green and blue (sRGB) in [0, 1] in a new last
+    axis; beyond T_max and ambient they do not change further.
     """
     ambient = parameters.ambient_temperature
     maximum = parameters.temperature_limits.maximum
@@ -73,13 +68,7 @@ def linear_wire_color(parameters: LimbParameters, temperature: np.ndarray) -> np
 
 
 def wire_paths(limb: LimbParameters, bodies: str, model: str) -> list[list[str]]:
-    """Return the Meshcat paths of each wire (W), one on each body of its segment.
-
-    Args:
-        limb: description of the limb.
-        bodies: beginning of the paths of the limb's bodies.
-        model: name of the model that the bodies are of.
-    """
+    """Return the Meshcat paths of each wire (W), one on each body of its segment."""
     paths = []
     pieces_of = LimbModel.of(limb).mechanics.pieces
     for segment, pieces in zip(limb.segments, pieces_of, strict=True):
@@ -173,15 +162,7 @@ def _shape_in_words(parameters: LimbParameters) -> str:
 
 
 def view_of(described: LimbParameters | ConnectedLimbs, ghosts: Sequence[Ghost] = ()) -> "LimbView":
-    """Return the view of a limb, or of connected limbs.
-
-    Args:
-        described: description of the limb or the limbs.
-        ghosts: poses to compare the limb's with.
-
-    Raises:
-        LimbError: if connected limbs are to have ghosts.
-    """
+    """Return the view of a limb, or of connected limbs, which have no ghosts (LimbError)."""
     if isinstance(described, LimbParameters):
         return LimbView(described, ghosts)
     if described.is_limb:
@@ -203,11 +184,6 @@ class LimbView:
     LIGHT = (-6.0, -2.0, 10.0)
 
     def __init__(self, parameters: LimbParameters, ghosts: Sequence[Ghost] = ()):
-        """
-        Args:
-            parameters: the limb.
-            ghosts: poses to compare the limb's with.
-        """
         self._parameters = parameters
         self._ghosts = ghosts
         self._is_planar = LimbModel.of(parameters).layout.is_planar
@@ -255,12 +231,7 @@ class LimbView:
         return plant, scene_graph
 
     def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
-        """Put the limb into a scene.
-
-        Args:
-            base_pose: pose of the limb's frame (E1, E2, E3) in the world; the world's origin if
-                None.
-        """
+        """Put the limb into a scene, its frame (E1, E2, E3) at a pose in the world."""
         self._base_pose = base_pose or RigidTransform()
         for folder in ("visualizer", "ghosts", "ground"):
             meshcat.SetTransform(folder, self._base_pose)
@@ -325,13 +296,9 @@ class LimbView:
         time: float,
         body_pose: np.ndarray | None = None,
     ) -> None:
-        """Move limb and ghosts; a recording by Meshcat shows them at this time, too.
+        """Move limb and ghosts; a recording by Meshcat shows them at this time, s, too.
 
-        Args:
-            joint_angles: θ (n), rad.
-            time: time for the ghosts, s.
-            body_pose: pose of the body that limbs are on, as in `Recording`; the default pose if
-                None.
+        Joint angles θ are (n), rad. The pose of the body that limbs are on is as in `Recording`.
         """
         self._set_positions(joint_angles, body_pose)
         for body in self._bodies:
@@ -349,13 +316,9 @@ class LimbView:
         joint_angles: np.ndarray,
         body_pose: np.ndarray | None = None,
     ) -> None:
-        """Set the background, the lights, and a camera that shows a whole motion.
+        """Set the background, the lights, and a camera that shows a whole motion; after `add_to`.
 
-        Call it after `add_to`.
-
-        Args:
-            joint_angles: θ, (n, K), rad.
-            body_pose: pose of the body that limbs are on (3 or 6, K), as far as it is known.
+        Joint angles θ are (n, K), rad, and poses of the body that limbs are on (3 or 6, K).
         """
         # Set the background and the lights.
         for path in (
