@@ -35,10 +35,11 @@ class ContactForces(LeafSystem):
         groups: Sequence[Sequence[BodyIndex]],
         axes: Sequence[int] = (0, 1, 2),
     ):
-        """Args:
-        plant: finalized, registered with a SceneGraph.
-        groups: bodies whose forces are added up.
-        axes: axes of the world along which forces are output: 0 for x, 1 for y, 2 for z.
+        """
+        Args:
+            plant: finalized, registered with a SceneGraph.
+            groups: bodies whose forces are added up.
+            axes: axes of the world along which forces are output: 0 for x, 1 for y, 2 for z.
         """
         super().__init__()
         self._axes = list(axes)

@@ -217,7 +217,11 @@ def is_model(system: LimbSystem) -> bool:
 
 
 def build(builder: DiagramBuilder) -> Diagram:
-    """Build the diagram of a builder; SimulationError if a system in it is part of another one."""
+    """Build the diagram of a builder.
+
+    Raises:
+        SimulationError: if a system in it is part of another diagram.
+    """
     try:
         return builder.Build()
     except RuntimeError as error:
@@ -237,7 +241,11 @@ def discrete_simulator_config() -> SimulatorConfig:
 
 
 def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulator:
-    """Return Drake's Simulator for a limb; accuracy is None for mechanics in discrete steps."""
+    """Return Drake's Simulator with the integrator that a limb needs.
+
+    Args:
+        accuracy: accuracy of the integrator; None for mechanics in discrete steps.
+    """
     simulator = Simulator(system)
     # Mechanics in discrete steps needs no error control.
     if accuracy is None:
@@ -406,8 +414,10 @@ def advance(
     """Simulate from time 0 to the end, s, in parts; other arguments as in `RecordOptions`.
 
     Steps of the integrator end just before each jump of the duty, and begin again just after it:
-    error control would step over pulses that are shorter than its steps. Raise SimulationError if
-    the integrator fails.
+    error control would step over pulses that are shorter than its steps.
+
+    Raises:
+        SimulationError: if the integrator fails.
     """
     context = simulator.get_context()
     with raising_simulation_error(simulator, end):

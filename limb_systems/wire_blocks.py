@@ -43,7 +43,13 @@ class JouleHeating(AffineSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters | LimbModel):
-        """Raise ParameterError if the heat of a wire is not linear."""
+        """
+        Args:
+            parameters: the limb or its description.
+
+        Raises:
+            ParameterError: if the heat of a wire is not linear.
+        """
         wires = _affine(parameters, "rates_are_affine", "heat")
         A, B, _ = wires.affine_rates()
         N, W = B.shape
@@ -64,7 +70,13 @@ class ThermocoupleLag(AffineSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters | LimbModel):
-        """Raise ParameterError if the heat of a wire is not linear."""
+        """
+        Args:
+            parameters: the limb or its description.
+
+        Raises:
+            ParameterError: if the heat of a wire is not linear.
+        """
         wires = _affine(parameters, "rates_are_affine", "heat")
         N = wires.num_states
         W = wires.num_wires
@@ -94,7 +106,13 @@ class TorqueMap(AffineSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters | LimbModel):
-        """Raise ParameterError if the torque of a wire is not linear."""
+        """
+        Args:
+            parameters: the limb or its description.
+
+        Raises:
+            ParameterError: if the torque of a wire is not linear.
+        """
         wires = _affine(parameters, "torque_is_affine", "torque")
         states = np.zeros(wires.num_states)
         straight = np.zeros(len(wires.levers))
@@ -160,7 +178,7 @@ VectorFunction = VectorFunction_[None]
 
 
 class LawDynamics(Diagram):
-    """A block with ẋ = f(x, u) for arrays of any of Drake's scalar types, and x as its output.
+    """A block with ẋ = f(x, u), and the state as its output.
 
     - state, continuous: x
     - input 0 ``u``: u
@@ -175,6 +193,12 @@ class LawDynamics(Diagram):
         num_inputs: int,
         initial: np.ndarray,
     ):
+        """
+        Args:
+            rates: f, for arrays of any of Drake's scalar types.
+            num_inputs: size of u.
+            initial: x of the default state.
+        """
         super().__init__()
         builder = DiagramBuilder()
         size = len(initial)

@@ -189,7 +189,11 @@ def _section(root: Element, name: str) -> Element:
 def _add_bodies(parent: Element, robot, root_link: str, joint_attributes: dict) -> Element:
     """Add a link of a URDF and all links that hang on it to the MJCF, and return its body.
 
-    ``joint_attributes`` are the MJCF attributes of each joint by its name: spring and damper.
+    Args:
+        parent: element of the MJCF.
+        robot: element of the URDF.
+        root_link: name of the link.
+        joint_attributes: MJCF attributes of each joint by its name, those of spring and damper.
     """
     links = {link.get("name"): link for link in robot.findall("link")}
     joints = robot.findall("joint")
