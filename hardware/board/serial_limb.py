@@ -75,7 +75,8 @@ class SerialLimb(LeafSystem, Closeable):
         *,
         heated: bool = True,
     ):
-        """Args:
+        """
+        Args:
             port: name of a serial port, or any URL that pyserial accepts; or the ports of
                 several boards by the names of their limbs.
             parameters: parameters of the limb, or their YAML file; the nominal limb if None;
@@ -84,8 +85,8 @@ class SerialLimb(LeafSystem, Closeable):
                 and its ``duty`` ignored, for example for teaching.
 
         Raises:
-            HardwareError: if no board with a known firmware answers, or if it is heated, and was
-                calibrated without thermocouples.
+            HardwareError: if no board with a known firmware answers.
+            HardwareError: if it is heated, and was calibrated without thermocouples.
             LimbError: if the limb has not as many wires and bend angles as the board.
         """
         super().__init__()
