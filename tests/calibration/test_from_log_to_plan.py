@@ -112,7 +112,7 @@ def test_a_log_without_thermocouples_becomes_a_plan_that_boards_refuse(
     without_temperatures(logs[0], Path("bends.csv"))
     assert main(["import", "bends.csv", "-o", "recordings"]) == 0
     capsys.readouterr()
-    assert main(["fit", "recordings", "-o", "limb.yaml", "--report", "fit.html"]) == 0
+    assert main(["fit", "recordings", "-o", "limb.yaml"]) == 0
     printed = capsys.readouterr().out
     assert "boards refuse to heat without thermocouples" in printed
     assert "right.a2" in next(x for x in printed.splitlines() if x.startswith("as_described"))

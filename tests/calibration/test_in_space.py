@@ -92,10 +92,11 @@ def motion() -> Recording:
 
 def test_four_mountings_tell_directions_gains_and_stiffness(motion):
     heated = [recording_of(turned, seed, STAIRS) for seed, turned in enumerate(MOUNTING_ANGLES)]
-    calibration = calibrate({"heated": heated, "motion": [motion]}, laws=[LinearLaw])
+    runs = [HeatedRun.of(recording) for recording in (*heated, motion)]
+    fit = fit_law(LinearLaw, runs, described().segments[0], described().ambient_temperature)
     off = {}
     for name, true in TRUE.items():
-        estimate = calibration.estimates[name]
+        estimate = fit.estimates[name]
         off[name] = abs(estimate.value - true)
         assert off[name] < 3.0 * estimate.standard_error, name
         allowed = np.deg2rad(1.5) if estimate.unit == "rad" else 0.04 * true
@@ -104,14 +105,12 @@ def test_four_mountings_tell_directions_gains_and_stiffness(motion):
     assert np.rad2deg(np.mean(angles)) < 1.0
     for name in ("stiffness", "wire_1.beta", "wire_2.beta", "wire_3.beta"):
         assert off[name] / TRUE[name] < 0.02, name
-    assert np.rad2deg(calibration.validation.mean) < 0.7  # of two angles with 0.3° of noise each
-    assert not {remark.kind for remark in calibration.remarks} & {"mounted", "bound", "start"}
-    limb = calibration.parameters
+    assert np.rad2deg(fit.predicted[-1].bend_error) < 0.7  # of two angles with 0.3° of noise each
+    limb = fit.calibrated(described())
     assert limb.segments[0].wires[1].angle == pytest.approx(TRUE["wire_2.angle"], abs=0.03)
-    assert limb.gravity == motion.parameters.gravity
     drawn = draw_limbs(limb, 50)
     spread = np.std([each.segments[0].wires[0].angle for each in drawn])
-    assert spread == pytest.approx(calibration.estimates["wire_1.angle"].standard_error, rel=0.4)
+    assert spread == pytest.approx(fit.estimates["wire_1.angle"].standard_error, rel=0.4)
 
 
 def test_the_open_loop_in_space_shows_exact_equilibria():
