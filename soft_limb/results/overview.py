@@ -53,12 +53,8 @@ _DETAILS = {"rate", "samples", "limb", "solver", "limits", "title", "recordings"
 def overview_page(folder: Path, output: Path) -> str:
     """Return the page of a folder and the folders below, HTML.
 
-    Args:
-        folder: folder of the results.
-        output: file that the page is for; links are relative to it, and it is not listed.
-
-    Raises:
-        LimbError: if the folder cannot be listed.
+    Links are relative to the file ``output``, which is not listed. Raise LimbError if the folder
+    cannot be listed.
     """
     # Find which file was made from which.
     files, troubles = _read_files(folder, output.resolve())
