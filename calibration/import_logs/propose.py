@@ -145,6 +145,7 @@ class Columns:
     ):
         self.table = table
         self.limb = limb or LimbParameters()
+        self.has_sides = self.limb.wire_names == [LEFT, RIGHT]
         self.hint = "" if limb else " Describe a limb of other wires or axes with -l"
         self.dictionary = dictionary
         self.questions: list[Question] = []
@@ -184,10 +185,19 @@ class Columns:
             heats[index] = duty.heat(self.wires[index].sign)
         return heats
 
-    def ask(self, kind: str, field: str, choices: Iterable[str] = (), **facts: object) -> None:
-        """Ask for a field of the mapping, by the dictionary's question of a kind."""
+    def ask(
+        self, kind: str, field: str, choices: Iterable["str | Column"] = (), **facts: object
+    ) -> None:
+        """Ask for a field of the mapping, by the dictionary's question of a kind.
+
+        Args:
+            choices: answers that seem possible, or columns that do.
+            facts: what the question says; ``columns`` are the choices if left out.
+        """
+        texts = [choice.text if isinstance(choice, Column) else choice for choice in choices]
+        facts = {"columns": " and ".join(texts), "hint": self.hint, **facts}
         text = words.QUESTIONS[kind].format(**facts)
-        self.questions.append(Question(field, text, list(choices), kind in CONTRADICTIONS))
+        self.questions.append(Question(field, text, texts, kind in CONTRADICTIONS))
 
     def proposal(self, name: str, log_mapping: LogMapping) -> Proposal:
         """Return a mapping with the notes and questions."""
@@ -228,8 +238,7 @@ class Columns:
         stems = {column.name.stem for column in chosen}
         similar = [column for column in self._unnamed() if column.name.stem in stems]
         if len(stems) > 1 or (len(similar) > len(chosen) and self.table.has_names):
-            texts = [column.text for column in similar]
-            self.ask("like columns", f"wires[0].{role}", texts, columns=_list(similar), role=role)
+            self.ask("like columns", f"wires[0].{role}", similar, role=role)
             return []
         return chosen
 
@@ -245,8 +254,7 @@ class Columns:
             reason = "by its name" if column.name.role else "which others follow"
             self.notes[column.text] = f"duty, {reason}"
         if not self.duties:
-            choices = [column.text for column in self.columns if column.looks_like_heat]
-            self.ask("no duty", "wires[0].duty", choices)
+            self.ask("no duty", "wires[0].duty", [c for c in self.columns if c.looks_like_heat])
             self.wires = [WireColumns(name, UNKNOWN) for name in self.limb.wire_names]
             return
         # Numbers with a sign heat two wires.
@@ -304,7 +312,8 @@ class Columns:
         kind = "inverted" if is_inverted else "mixed units" if is_mixed else "full duty"
         likely = [f"{scale:g}" for scale in FULL_SCALES if most <= 1.001 * scale][:3]
         texts = " and ".join(f"{top:g}" for top in sorted(set(tops), key=tops.index))
-        self.ask(kind, "full", likely, columns=_list(duties), tops=texts)
+        columns = " and ".join(column.text for column in duties)
+        self.ask(kind, "full", likely, columns=columns, tops=texts)
         return 0.0
 
     def _cools(self, duty: Column) -> bool:
@@ -366,21 +375,28 @@ class Columns:
                 self._set_temperature(wire, unpaired.pop(), "the only one that is left")
             elif candidates:
                 self._ask_temperature(index, candidates)
-        # Wires whose own names have no side have the side of their thermocouples.
-        side_of_column = {column.text: column.name.side for column in self.temperatures}
-        sides = [side_of_column.get(wire.temperature, "") for wire in self.wires]
-        if all(wire.name == UNKNOWN for wire in self.wires) and sorted(sides) == sorted(SIDES):
-            for wire, side in zip(self.wires, sides, strict=True):
-                wire.name = side
-                self.notes[wire.temperature] = f"temperature of the {side} wire, by its name"
+        self._name_by_thermocouples()
         # Ask about thermocouples without a wire.
-        asked = {choice for q in self.questions if "temperature" in q.field for choice in q.choices}
         for column in unpaired:
-            if column.text not in asked:
+            if column.text not in self.notes:
                 wire = WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN)
                 self.wires.append(wire)
                 field = f"wires[{len(self.wires) - 1}].duty"
                 self.ask("no wire", field, ["''", "none"], column=column.text)
+
+    def _name_by_thermocouples(self) -> None:
+        """Give wires without a side in their names the side of their thermocouples' names."""
+        side_of_column = {column.text: column.name.side for column in self.temperatures}
+        sides = [side_of_column.get(wire.temperature, "") for wire in self.wires]
+        is_clear = self.has_sides and sides.count(LEFT) < 2 and sides.count(RIGHT) < 2
+        if not is_clear or any(wire.name != UNKNOWN for wire in self.wires):
+            return
+        for wire, side in zip(self.wires, sides, strict=True):
+            wire.name = side or UNKNOWN
+            self.notes |= {wire.temperature: f"temperature of the {side} wire"} if side else {}
+        # Of two wires, the other one is on the other side.
+        if len(sides) == 2 and "" in sides and any(sides):
+            self.wires[sides.index("")].name = LEFT if RIGHT in sides else RIGHT
 
     def _may_have(self, wire: WireColumns, column: Column) -> bool:
         """Return whether a thermocouple's name does not say that it is of another wire."""
@@ -395,12 +411,11 @@ class Columns:
         wire.temperature = UNKNOWN
         units = {column.name.unit for column in choices}
         wire.unit = units.pop() if len(units) == 1 and units <= set(READING_RANGES) else UNKNOWN
-        texts = list(dict.fromkeys(column.text for column in choices))
-        self.notes |= dict.fromkeys(texts, "a temperature, see the question")
+        for column in choices:
+            self.notes[column.text] = "a temperature, see the question"
         kind = "named thermocouple" if contradiction else "thermocouple"
         field = f"wires[{index}].temperature"
-        columns = " and ".join(texts)
-        self.ask(kind, field, texts, duty=wire.duty, columns=columns, reason=contradiction)
+        self.ask(kind, field, dict.fromkeys(choices), duty=wire.duty, reason=contradiction)
 
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the unit of their room."""
@@ -483,15 +498,14 @@ class Columns:
             hint = ""
             for column in hints:
                 hint += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
-            self.ask("no bend", "bend.column", [c.text for c in hints], hints=hint)
+            self.ask("no bend", "bend.column", hints, hints=hint)
             return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(rated, key=lambda c: c.name.rank)
         for column in rated:
             is_alike = 0.9 < column.span / first.span < 1.1
             if not is_alike or abs(correlation(first.means, column.means)) < MIN_SAME_CORRELATION:
-                texts = [c.text for c in rated]
-                self.ask("bend", "bend.column", texts, columns=_list(rated), hint=self.hint)
+                self.ask("bend", "bend.column", rated)
                 return BendColumns(UNKNOWN)
         return self._bend_column(first)
 
@@ -573,7 +587,7 @@ class Columns:
         )
         is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
         is_nameless = all(wire.name == UNKNOWN for wire in wires) and len(wires) <= 2
-        is_nameless &= self.limb.wire_names == [LEFT, RIGHT]
+        is_nameless &= self.has_sides
         sides = np.array([])  # of the wires, as -1 and 1, if they have no names
         if wires and not is_heated.any():
             self.notes["sign"] = "no heat shows which way the limb bends; check bend.scale's sign"
@@ -609,8 +623,8 @@ class Columns:
                 wire.name = RIGHT if sides[index] > 0 else LEFT
                 self.notes[f"{wire.name} wire"] = f"{numbers}{wire.duty}, by the bend's sign"
             elif wire.name == UNKNOWN:
-                facts = {"numbers": numbers, "duty": wire.duty, "hint": self.hint}
-                self.ask("wire", f"wires[{index}].name", self.limb.wire_names, **facts)
+                field = f"wires[{index}].name"
+                self.ask("wire", field, self.limb.wire_names, numbers=numbers, duty=wire.duty)
 
     def _bend_votes(self, found: LogMapping) -> np.ndarray:
         """Return how clearly wires bend the limb to their sides, or to positive angles (W,)."""
@@ -727,10 +741,6 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
             fits.append(full)
     enough = 2 if (most > 100.0 or "pwm" in own) and not is_in_fives else 8
     return fits[0] if len(fits) == 1 and len(levels) > enough else 0.0
-
-
-def _list(columns: list[Column]) -> str:
-    return " and ".join(column.text for column in columns)
 
 
 def _stands_out(values: np.ndarray, value: float) -> bool:
