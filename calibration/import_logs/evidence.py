@@ -4,8 +4,6 @@ Numbers decide by one rule: an effect is larger than its rivals by a factor, and
 standard errors.
 """
 
-import dataclasses
-
 import numpy as np
 from scipy.signal import lfilter
 
@@ -35,7 +33,6 @@ def correlation(first: np.ndarray, second: np.ndarray) -> float:
     return coefficient if np.isfinite(coefficient) else 0.0
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class Steps:
     """Even steps to which the signals of a log are reduced to be compared.
 
@@ -44,16 +41,12 @@ class Steps:
     - ``step``: s.
     """
 
-    step_of_row: np.ndarray
-    times: np.ndarray
-    step: float
-
-    @classmethod
-    def of(cls, times: np.ndarray) -> "Steps":
-        """Return steps for rows at some times (K,), s, increasing."""
-        step = max(MIN_STEP, (times[-1] - times[0]) / MAX_STEPS, float(np.median(np.diff(times))))
-        step_of_row = ((times - times[0]) // step).astype(int)
-        return cls(step_of_row, step * np.arange(step_of_row[-1] + 1), step)
+    def __init__(self, row_times: np.ndarray):
+        """Make steps for rows at some times (K,), s, increasing."""
+        since = row_times - row_times[0]
+        self.step = max(MIN_STEP, since[-1] / MAX_STEPS, float(np.median(np.diff(row_times))))
+        self.step_of_row = (since // self.step).astype(int)
+        self.times = self.step * np.arange(self.step_of_row[-1] + 1)
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """Return the mean of a signal (K,) in each step (N,); nan in steps without a reading."""

@@ -1,6 +1,5 @@
 """Known loggers: `ezloophw-py`, of limbs with two wires each, and its pneumatic successor."""
 
-import dataclasses
 import re
 
 from calibration.import_logs.clock import DAY
@@ -57,7 +56,7 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
     # Ignore the numbers in the columns' names: they do not say which wire has which thermocouple.
     by_name = {}
     for column in columns.columns:
-        column.name = dataclasses.replace(column.name, label="")
+        column.name.label = ""
         by_name[column.text] = column
         # A thermocouple whose readings never change is not connected.
         if column.text.startswith("MCPtemp_") and column.span:

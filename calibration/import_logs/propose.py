@@ -153,8 +153,9 @@ class Columns:
         self.duties: list[Column] = []
         self.temperatures: list[Column] = []
         self.wires: list[WireColumns] = []  # the first ones have the duties
-        pairs = zip(table.names, table.units, strict=True)
-        names = [Name.of(name, unit, table.names, dictionary) for name, unit in pairs]
+        names = []
+        for text, unit in zip(table.names, table.units, strict=True):
+            names.append(Name(text, dictionary, unit, table.names))
         self.time = time or self._time(names)
         # To see what follows what, rows without a time come at any rate.
         try:
@@ -162,7 +163,7 @@ class Columns:
         except LogError:
             self.times = 0.1 * np.arange(table.values.shape[1])
             self.rows = slice(None)
-        self.steps = Steps.of(self.times)
+        self.steps = Steps(self.times)
         # Find what stands for no reading, and leave it out.
         names = [n for n in names if n.text not in (self.time.column, self.time.fraction)]
         numbers = [table.numbers(name.text)[self.rows] for name in names]
@@ -266,7 +267,7 @@ class Columns:
         labels = [column.name.label for column in self.duties]
         known = {}
         for wire_name in self.limb.wire_names:
-            known[Name.of(wire_name, "", (), self.dictionary).label or wire_name] = wire_name
+            known[Name(wire_name, self.dictionary).label or wire_name] = wire_name
         is_named = len(set(labels)) == len(labels) and set(labels) <= set(known)
         for index, column in enumerate(self.duties):
             wire_name = known[labels[index]] if is_named else UNKNOWN
@@ -559,7 +560,7 @@ class Columns:
         if name.quantity not in ("", "angle") or column.span * scale > MAX_BEND_RANGE:
             scale = 0.0
         elif is_small and not name.unit:
-            says_angle = name.role == BEND and name.words != ("tip",)
+            says_angle = name.role == BEND and name.words != ["tip"]
             is_plain = not name.role and abs(rest) < 1.0
             scale = DEGREES_PER_UNIT["rad"] if is_hot and (says_angle or is_plain) else 0.0
         elif is_small and name.unit == "deg" and is_hot and column.span < 1.5:
