@@ -100,6 +100,7 @@ def _regression(
         gains, _, rank, _ = np.linalg.lstsq(left_side, right_side, rcond=1e-9)
         residuals = signal - causes @ gains
         memory = min(max(correlation(residuals[1:], residuals[:-1]), 0.0), 0.99)
+    # The scatter of what is left over gives the standard errors.
     freedom = len(right_side) - len(gains)
     if rank < len(gains) or freedom < 3:
         return np.zeros(num_heats), np.full(num_heats, np.inf)
@@ -117,10 +118,12 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
     Args:
         gains, errors: warming of M thermocouples by W wires, and its standard error (M, W).
     """
+    # Wires without heat warm none.
     pairs: list[int | None] = [None] * gains.shape[1]
     is_open = np.isfinite(errors) & np.isfinite(errors).all(axis=0)
     while True:
         for sensor, wire in np.argwhere(is_open & (gains > MIN_VOTE * errors)):
+            # Compare with other thermocouples of the wire, and other wires of the thermocouple.
             leads = []
             for line, own in ((np.s_[:, wire], sensor), (np.s_[sensor], wire)):
                 is_rival = is_open[line].copy()
@@ -131,6 +134,7 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
                 is_ahead = bool((lead > 0.0).all())
                 is_certain = bool((lead > MIN_VOTE * error[is_rival]).all())
                 leads.append((is_ahead, is_certain, len(lead)))
+            # Take out the pair, and begin again with what is left.
             is_certain = any(certain for _, certain, count in leads if count)
             is_alone = not any(count for _, _, count in leads)
             if all(ahead for ahead, _, _ in leads) and (is_certain or is_alone):

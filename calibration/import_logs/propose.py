@@ -144,6 +144,7 @@ class Columns:
         time: mapping.TimeColumn | None = None,
     ):
         self.table = table
+        # Begin with names, and the time.
         self.limb = limb or LimbParameters()
         self.has_sides = self.limb.wire_names == [LEFT, RIGHT]
         self.hint = "" if limb else " Describe a limb of other wires or axes with -l"
@@ -250,6 +251,7 @@ class Columns:
         found = self._find(DUTY, lambda c: c.looks_like_heat and self._is_followed(c))
         best = min((column.name.rank for column in found), default=0)
         self.duties = [column for column in found if column.name.rank == best]
+        # Left comes before right.
         self.duties.sort(key=lambda column: column.name.order)
         for column in self.duties:
             reason = "by its name" if column.name.role else "which others follow"
@@ -339,6 +341,7 @@ class Columns:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
         if not self.duties:
             return
+        # Find the thermocouples that clearly warm with each wire.
         unpaired = list(self.temperatures)
         signals = np.array([column.means for column in unpaired])
         warmed_sensors = evidence.clear_pairs(*self.steps.responses(self.heats, signals))
@@ -346,6 +349,7 @@ class Columns:
         labels = [column.name.label for column in self.duties]
         sensor_labels = [column.name.label for column in self.temperatures]
         are_same = len(set(labels)) == len(labels) and sorted(labels) == sorted(sensor_labels)
+        # Names decide, if heat does not contradict them; else heat does.
         open_wires = []
         for index, wire in enumerate(self.wires):
             label = wire.name if wire.name in SIDES else labels[index] if are_same else ""
@@ -434,11 +438,13 @@ class Columns:
             rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
             unit = "C" if max(lowest) < MAX_COLD else "K" if min(lowest) > 250.0 else UNKNOWN
             unit = unit_in_name or ((rooms or [UNKNOWN])[0] if is_at_rest else unit)
+            # Readings must be possible in this unit.
             coldest, warmest, hottest = READING_RANGES.get(unit, (-np.inf, np.inf, np.inf))
             is_possible = coldest < column.low < warmest and column.high < hottest
             is_possible &= not (is_at_rest and rooms and unit_in_name and unit_in_name not in rooms)
             is_possible &= unit == UNKNOWN or self._are_in_one_room(similar, unit)
             wire.unit = unit if is_possible else UNKNOWN
+            # Ask if they are not.
             if wire.unit == UNKNOWN:
                 kind = "named unit" if unit_in_name else "unit"
                 facts = {"column": column.text, "low": column.low, "high": column.present.max()}
@@ -475,6 +481,7 @@ class Columns:
         points = self._points()
         places = {x.name.place for x, _ in points}
         of_points = [c for c in self.columns if c.name.axis and c.name.place in places]
+        # Take what names say: angles, or else points.
         rated = [c for c in self._of_role(BEND) if c not in of_points and c.span]
         if points and not rated:
             return self._line(points)
@@ -486,6 +493,7 @@ class Columns:
                 bend, column="", e2=first.text, e3=second.text, zero_e3=bend_e3.zero,
                 scale_e3=bend_e3.scale,
             )  # fmt: skip
+        # Without names, it is what follows the heat.
         hints: list[Column] = []
         if not rated:
             used = [*self.duties, *self.temperatures, *of_points]
@@ -544,6 +552,7 @@ class Columns:
 
     def _bend_column(self, column: Column) -> BendColumns:
         """Return how the bend is read from its column; the scale is 0 if that is not known."""
+        # Names say what the angle is of.
         name = column.name
         measures = mapping.CHORD if "chord" in name.words else mapping.BEND_ANGLE
         if self.dictionary.has("tip tangent", name.words):
@@ -647,6 +656,7 @@ class Columns:
 
     def ask_about_the_rest(self) -> None:
         """Ask about what is left over and could be heat, or a wire's temperature."""
+        # Wires without a thermocouple may have what warms with them.
         bare = [i for i in range(len(self.duties)) if not self.wires[i].temperature]
         for column in self.columns:
             name = column.name
@@ -655,6 +665,7 @@ class Columns:
             )
             if not is_signal or column.text in self.notes:
                 continue
+            # Heat that duties do not explain is of another wire.
             is_duty = name.role == DUTY
             if column.looks_like_heat or is_duty:
                 if not self._is_explained(column) and (is_duty or self._is_followed(column)):
@@ -718,13 +729,14 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
     """Return the number of full duty by what numbers there are of duty; 0 if they do not tell.
 
     Programs set duty in hundredths: whole numbers that are all rounded hundredths of 255 are
-    counts of 8 bits, and not by chance if there are some of them. So are those of a "pwm"
+    counts of 8 bits, and not by chance if there are some of them. So are numbers of a "pwm"
     beyond 100.
 
     Args:
         levels: the numbers but 0.
         own: words and units in the names.
     """
+    # Full scales, and shares with a fraction, tell it themselves.
     most = float(levels.max())
     is_in_fives = bool((levels % 5 == 0).all())
     if most in FULL_SCALES or most <= 1.0:
@@ -735,6 +747,7 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
         return 255.0
     if most <= 100.0 and own & SHARE_WORDS and len(levels) > 3 and is_in_fives:
         return 100.0
+    # Else all numbers are hundredths of one full scale alone.
     fits = []
     for full in FULL_SCALES[2:]:
         hundredths = full * np.round(levels * 100 / full) / 100
