@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from calibration.remarks import CalibrationError
+from controllers import PlanFeedback
 from hardware import replay
-from walking import GaitFeedback, Robot, RobotParameters, plan_gait, walk
+from walking import Robot, RobotParameters, plan_gait, walk
 from walking.strides import fit_strides
 
 QUICK = 8.0  # times, that wires heat and cool faster, so that cycles are so much shorter
@@ -28,7 +29,7 @@ def walked():
     for wire in other.limb("rear").wires:
         wire.law.a2 *= 1.2
     plan = walk(gait, 2)
-    recording = replay(plan, Robot(other), controller=GaitFeedback(gait, 2), unchecked=True)
+    recording = replay(plan, Robot(other), controller=PlanFeedback(plan), unchecked=True)
     return gait, recording, plan.duration - 2 * gait.period, other
 
 
