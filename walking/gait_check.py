@@ -6,7 +6,6 @@ import itertools
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from limb_systems import LimbParameters, Recording, simulate
 from limb_systems.simulation import PERIOD, SimulationError
@@ -179,7 +178,7 @@ def simulate_in_drake(gait: Gait, robot: RobotParameters, cycles: int) -> Record
 
 
 def measure_strides(
-    recording: Recording, gait: Gait, starts: ArrayLike
+    recording: Recording, gait: Gait, starts: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the travel of the body in each cycle (C,), as shares of the planned stride.
 

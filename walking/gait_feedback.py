@@ -6,6 +6,7 @@ heat of the gait, larger errors of bends are corrected, and the gait waits for l
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,10 +37,11 @@ class GaitFeedback(PlanFeedback):
 
     Within a cycle the F bends of the limbs are to be φ̄ + a (φ* - φ̄), with φ̄ the mean of each
     planned bend over the cycle. Their errors e in the coming 0.5 s are predicted as by
-    `PlanFeedback`. Wires are held to the heat of the gait's limit cycle, and errors beyond 1° are
-    corrected in addition:
+    `PlanFeedback`. Wires are held to the heat of the gait's limit cycle. In addition errors beyond
+    1° are corrected, and wires make the amplitude:
 
-        D = D* + k (T* - T) / a2 + λ g,   bend rate by λ g = k_p (e - clip(e, -1°, 1°))
+        D = D* + k (T* - T) / a2 + λ g
+        bend rate by λ g = k_p (e - clip(e, -1°, 1°)) + k (a - 1) (φ* - φ̄)
 
     with k of `HeatFeedback` and the rest of `PlanFeedback`. No wire is heated to more than 2 °C
     beyond the gait's heat and what holds bends that the gait's ground does not make. The pace of
@@ -141,15 +143,17 @@ class GaitFeedback(PlanFeedback):
     def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         # Hold the heat of the plan at the clock's pace.
         model = self._estimator.model
-        duty = self._planned(np.array([time]), state)[-1][0]
+        (bend,), _, (duty,) = self._planned(np.array([time]), state)
         colder = self._plan.temperature[self._plan.index(time)] - model.temperatures(estimate.heat)
         duty = duty + HEAT_GAIN * colder / model.heating_rates
         if time < self._begin:
             return duty, np.zeros(model.num_bends)
-        # Correct bends that are far from the plan's.
+        # Correct bends that are far from the plan's, and make the corrected amplitude.
         error = self._predicted_error(time, estimate, state)
         beyond = error - np.clip(error, -MAX_ERROR, MAX_ERROR)
-        return duty, self._proportional * beyond
+        amplitude = state.value(2)[AMPLITUDE]
+        wider = (1 - 1 / amplitude) * (bend - self._mean_bend)
+        return duty, self._proportional * beyond + HEAT_GAIN * wider
 
     def _unplanned_offset(self, time: float, estimate: StateEstimate) -> np.ndarray:
         return estimate.offset - self._planned_offset[self._plan.index(time)]
@@ -191,7 +195,7 @@ class GaitFeedback(PlanFeedback):
 def _with_heat_of_gait(trajectory: Trajectory, gait: Gait, start: float) -> Trajectory:
     """Return a walk with the heat of its gait's limit cycle, from the start of its cycles on, s."""
     since = trajectory.time - start
-    changed = {}
+    changed: dict[str, Any] = {}
     for name in ("wire_temperature", "measured_temperature", "other_wire_state"):
         values = getattr(gait, name)
         if values is not None:

@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from limb_systems.files.recording import Recording
 from limb_systems.summary import Entry, Summary
@@ -58,7 +57,7 @@ def gait_summary(gait: Gait) -> Summary:
     )
 
 
-def walk_summary(gait: Gait, recording: Recording, starts: ArrayLike) -> Summary:
+def walk_summary(gait: Gait, recording: Recording, starts: np.ndarray) -> Summary:
     """Summarize a walk: the travel and duration of its cycles, its heat, and its fall, if any.
 
     Args:
@@ -69,7 +68,6 @@ def walk_summary(gait: Gait, recording: Recording, starts: ArrayLike) -> Summary
         return summary
 
     # Measure the cycles that ended before a fall.
-    starts = np.asarray(starts)
     fall, end = find_fall(recording, gait, starts[0])
     completed = starts[starts <= end + 1e-6]
     planned = gait.turn if gait.on_the_spot else gait.stride
