@@ -67,6 +67,7 @@ _OPERATION_BY_CODE = {
 
 # CasADi evaluates fewer points than these: numpy takes half a microsecond for each instruction.
 FEW_POINTS = 40
+FEW_BOUND_POINTS = 100  # of a bound function, which has no overhead
 # CasADi evaluates so many points before numpy does: listing an instruction takes as long.
 POINTS_BEFORE_LISTING = 1000
 CHUNK = 1024  # points that numpy evaluates at once, so that they stay in the processor's cache
@@ -85,6 +86,7 @@ class Compiled:
         self._function = ca.Function("function", list(inputs), dense)
         self._sizes = [output.numel() for output in dense]
         self._num_points_by_casadi = 0
+        self._mapped = {1: self._function}  # by the number of points
 
     def __call__(self, *inputs: np.ndarray) -> list[np.ndarray]:
         """Evaluate the expressions at any number of points.
@@ -124,34 +126,29 @@ class Compiled:
 
     def _evaluate_point(self, inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Evaluate the expressions at a single point, without CasADi's own arrays."""
-        arguments, results, evaluate, _ = self._buffer
+        arguments, results, evaluate = self._bound_point
         for argument, values in zip(arguments, inputs, strict=True):
-            argument[:] = values
+            argument[:, 0] = values
         evaluate()
-        return [values.copy() for values in results]
+        return [values[:, 0].copy() for values in results]
 
     @functools.cached_property
-    def _buffer(self) -> tuple[list[np.ndarray], list[np.ndarray], Callable[[], None], Any]:
-        """The arrays that a call of the function reads, the arrays that it fills, and the call.
-
-        CasADi's buffer, the last of them, must not be deleted before.
-        """
+    def _bound_point(self) -> tuple[list[np.ndarray], list[np.ndarray], Callable[[], None]]:
+        """The arrays that a bound function of one point reads and fills, and the function."""
         function = self._function
-        buffer, evaluate = function.buffer()
-        arguments = [np.zeros(function.numel_in(k)) for k in range(function.n_in())]
-        results = [np.zeros(size) for size in self._sizes]
-        for k, argument in enumerate(arguments):
-            buffer.set_arg(k, memoryview(argument))
-        for k, values in enumerate(results):
-            buffer.set_res(k, memoryview(values))
-        return arguments, results, evaluate, buffer
+        arguments = [np.zeros((function.numel_in(k), 1)) for k in range(function.n_in())]
+        results = [np.zeros((size, 1)) for size in self._sizes]
+        return arguments, results, self.bound(*arguments, *results)
 
     def bound(self, *arrays: np.ndarray) -> Callable[[], None]:
         """Return a function that evaluates the expressions from some arrays into others.
 
         Args:
-            arrays: the values of the inputs, then of the outputs, each (size, points).
+            arrays: the values of the inputs, then of the outputs, each (size, points), contiguous.
         """
+        num_points = arrays[0].shape[1]
+        if num_points < FEW_BOUND_POINTS:
+            return self._bound_in_casadi(num_points, arrays)
         rows = self._rows(arrays)
         calls: list[tuple[Callable[..., Any], tuple]] = []
         for operation, first, second, target in self._array_code[2]:
@@ -163,6 +160,25 @@ class Compiled:
                 operation(*operands)
 
         return evaluate
+
+    def _bound_in_casadi(self, num_points: int, arrays: Sequence[np.ndarray]) -> Callable[[], None]:
+        """Return a function as `bound` does, which CasADi evaluates point after point."""
+        # CasADi has a point in each column, in memory one after the other.
+        if num_points not in self._mapped:
+            sizes = [self._function.numel_in(k) for k in range(self._function.n_in())]
+            inputs = [ca.MX.sym("i", num_points, size) for size in sizes]
+            outputs = self._function.map(num_points).call([each.T for each in inputs])
+            self._mapped[num_points] = ca.Function("mapped", inputs, [each.T for each in outputs])
+        buffer, evaluate = self._mapped[num_points].buffer()
+        for number, values in enumerate(arrays[: len(arrays) - len(self._sizes)]):
+            buffer.set_arg(number, memoryview(values))
+        for number, values in enumerate(arrays[-len(self._sizes) :]):
+            buffer.set_res(number, memoryview(values))
+
+        def evaluate_at_points(_memory: object = (buffer, arrays)) -> None:  # which CasADi uses
+            evaluate()
+
+        return evaluate_at_points
 
     def _fill(self, arrays: Sequence[np.ndarray]) -> None:
         """Evaluate the expressions once, as `bound` does."""

@@ -38,11 +38,8 @@ class ResultError(LimbError):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ResultFile:
-    """A file of soft-limb.
+    """A file of soft-limb: its path, and its kind, such as "recording" or "limb".
 
-    - ``path``: path of the file.
-    - ``kind``: "recording", "trajectory", "gait", "learning", "limb", "robot", "task", "report" or
-      "reference".
     - ``summary``: key figures of the contents, without the provenance.
     - ``provenance``: program and time that made the file; None if it is not in the file.
     - ``value``: a `Recording`, a `Trajectory`, `LimbParameters`, or an object of another

@@ -63,6 +63,13 @@ def test_a_port_without_a_board_is_named(pseudo_terminal, monkeypatch):
         link.sample()
 
 
+def test_a_second_program_on_a_port_is_refused(pseudo_terminal, capsys):
+    _, port = pseudo_terminal
+    with BoardLink(port):
+        assert main(["status", port]) == 1
+    assert capsys.readouterr().err == f"error: {port} is in use by another program.\n"
+
+
 def test_a_write_that_times_out_is_told_from_a_cable_that_is_gone(pseudo_terminal):
     """Nobody reads; the terminal keeps some KiB."""
     _, port = pseudo_terminal

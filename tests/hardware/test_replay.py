@@ -160,13 +160,13 @@ def beginning(trajectory, num_knots):
 
 
 def test_command_replays_and_writes_a_recording(fig5_plan, tmp_path, capsys):
-    planned = beginning(fig5_plan, 101)
+    planned = beginning(fig5_plan, 41)
     planned.save(tmp_path / "plan.csv")
     output, picture = tmp_path / "recording.csv", tmp_path / "tracking.png"
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output), "--emulated", "3"]
     assert main([*arguments, "--plot", str(picture)]) == 0
     recording = Recording.load(output)
-    assert len(recording.time) == 201
+    assert len(recording.time) == 81
     said = capsys.readouterr().out
     assert "emulated" in said
     assert f"written     {output}, {picture}" in said
@@ -189,7 +189,7 @@ def test_a_plan_of_a_limb_of_ones_own_is_not_followed_by_another_in_silence(
     fig5_plan, tmp_path, capsys
 ):
     """An emulated limb stands in with a warning, and the calibrated model on request."""
-    planned = beginning(fig5_plan, 101)
+    planned = beginning(fig5_plan, 41)
     parameters = dataclasses.replace(
         planned.parameters, calibration=CalibrationRecord([], [], [], [])
     )

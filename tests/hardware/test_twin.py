@@ -25,15 +25,17 @@ from limb_systems import (
 )
 from limb_systems.limb_parameters import EmulatedLimb
 
+from .conftest import small_limb, small_twin
+
 
 def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):
     for wire in range(4):
         duty = 0.3 * np.eye(4)[wire]
-        recording = simulate(LimbTwin(two_segments, seed=4), duty, 20.0)
+        recording = simulate(LimbTwin(two_segments, seed=4), duty, 12.0)
         rise = recording.measured_temperature[:, -1] - recording.measured_temperature[:, 0]
         assert np.argmax(rise) == wire
         assert rise[wire] > 20.0
-        bent = recording.bend_angle[:, -40:].mean(axis=1)
+        bent = recording.bend_angle[:, -20:].mean(axis=1)
         assert np.argmax(np.abs(bent)) == wire // 2
         assert np.sign(bent[wire // 2]) == (1.0 if wire % 2 else -1.0)
 
@@ -41,7 +43,8 @@ def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):
 def test_readings_are_the_model_with_the_stated_noise():
     course = ([0.0, 0.3], 120.0)
     sensed, model = (
-        simulate(limb, *course, sample_rate=5.0) for limb in (SensedLimb(Limb(), seed=3), Limb())
+        simulate(limb, *course, sample_rate=5.0)
+        for limb in (SensedLimb(Limb(small_limb()), seed=3), Limb(small_limb()))
     )
     error = np.rad2deg(sensed.bend_angle - model.bend_angle)[0]
     # White noise of 0.5°, on top of a drift that hardly moves from sample to sample.
@@ -53,7 +56,7 @@ def test_readings_are_the_model_with_the_stated_noise():
 
 
 def test_a_limb_that_was_hot_is_still_warm():
-    twin = LimbTwin(seed=2)
+    twin = small_twin(seed=2)
     cold = simulate(twin, [0.0, 0.3], 30.0)
     now = simulate(twin.after_rest(), [0.0, 0.0], 5.0)
     later = simulate(twin.after_rest(300.0), [0.0, 0.0], 5.0)
@@ -66,7 +69,7 @@ def test_a_limb_that_was_hot_is_still_warm():
     room = cold.measured_temperature[1, 0]
     assert room + 0.5 < later.measured_temperature[1].mean() < room + 10.0
     # Another limb of the same kind has not been heated.
-    assert simulate(LimbTwin(seed=2), [0.0, 0.0], 1.0).measured_temperature[1, 0] < room + 1.5
+    assert simulate(small_twin(seed=2), [0.0, 0.0], 1.0).measured_temperature[1, 0] < room + 1.5
 
 
 def test_a_sagging_limb_shows_what_its_sensor_is_made_for():
@@ -125,8 +128,8 @@ def test_an_emulated_limb_is_made_again_from_its_identity():
 
 
 def test_a_limb_that_is_measured_too_hot_cuts_out_until_its_next_use():
-    twin = LimbTwin(seed=0)
-    recording = simulate(twin, [0.0, 1.0], 30.0)
+    twin = small_twin()
+    recording = simulate(twin, [0.0, 1.0], 20.0)
     hot = np.argmax(recording.measured_temperature[1] >= guard.TEMPERATURE_LIMIT)
     assert hot > 0
     assert (recording.applied_duty[1, :hot] == 1.0).all()
