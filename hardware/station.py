@@ -79,7 +79,8 @@ class Station(Diagram, Closeable):
         *,
         meshcat: Meshcat | None = None,
     ):
-        """Args:
+        """
+        Args:
             scenario: the scenario, or its YAML file.
             limbs: "simulated", "emulated" or "board". Emulated limbs, `LimbTwin`, and limbs on
                 boards, `SerialLimb`, are alone, without the plant.

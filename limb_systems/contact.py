@@ -35,7 +35,8 @@ class ContactForces(LeafSystem):
         groups: Sequence[Sequence[BodyIndex]],
         axes: Sequence[int] = (0, 1, 2),
     ):
-        """Args:
+        """
+        Args:
         plant: finalized, registered with a SceneGraph.
         groups: bodies whose forces are added up.
         axes: axes of the world along which forces are output: 0 for x, 1 for y, 2 for z.

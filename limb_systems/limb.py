@@ -70,10 +70,11 @@ class Limb(Diagram):
     is_model = True
 
     def __init__(self, parameters: LimbParameters | str | Path | None = None, *, name: str = ""):
-        """Args:
-        parameters: description of the limb, or its YAML file; the nominal limb if None. The
-            limb keeps a copy, its attribute ``parameters``.
-        name: name of the system; Drake gives it one in a diagram if empty.
+        """
+        Args:
+            parameters: description of the limb, or its YAML file; the nominal limb if None. The
+                limb keeps a copy, its attribute ``parameters``.
+            name: name of the system; Drake gives it one in a diagram if empty.
         """
         super().__init__()
         self.parameters = parameters = LimbParameters.of(parameters)
@@ -104,7 +105,10 @@ class LimbActuation(Diagram):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters | str | Path | None = None, *, name: str = ""):
-        """Make the wires of a limb; the arguments are as for `Limb`."""
+        """
+        Args:
+            parameters, name: as for `Limb`.
+        """
         super().__init__()
         self.parameters = parameters = LimbParameters.of(parameters)
         builder = DiagramBuilder()

@@ -43,7 +43,10 @@ class JouleHeating(AffineSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters | LimbModel):
-        """Raise ParameterError if the heat of a wire is not linear."""
+        """
+        Args:
+            parameters: the limb or its description; its heat is linear, or else ParameterError.
+        """
         wires = _affine(parameters, "rates_are_affine", "heat")
         A, B, _ = wires.affine_rates()
         N, W = B.shape
@@ -64,7 +67,10 @@ class ThermocoupleLag(AffineSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters | LimbModel):
-        """Raise ParameterError if the heat of a wire is not linear."""
+        """
+        Args:
+            parameters: the limb or its description; its heat is linear, or else ParameterError.
+        """
         wires = _affine(parameters, "rates_are_affine", "heat")
         N = wires.num_states
         W = wires.num_wires
@@ -94,7 +100,10 @@ class TorqueMap(AffineSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters | LimbModel):
-        """Raise ParameterError if the torque of a wire is not linear."""
+        """
+        Args:
+            parameters: the limb or its description; its torque is linear, or else ParameterError.
+        """
         wires = _affine(parameters, "torque_is_affine", "torque")
         states = np.zeros(wires.num_states)
         straight = np.zeros(len(wires.levers))

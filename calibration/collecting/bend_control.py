@@ -42,7 +42,11 @@ class BendAngleController(LeafSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, parameters: LimbParameters, actuated: str):
-        """Control a limb of one segment by a wire, or by "both", all of them; else LimbError."""
+        """
+        Args:
+            parameters: the limb, as far as it is known, of one segment.
+            actuated: name of the wire, or "both" for all of them.
+        """
         super().__init__()
         segment = only_segment(parameters)
         heated_indices = heated_wires(parameters, actuated)
@@ -133,7 +137,12 @@ class EquilibriumSchedule(LeafSystem):
     SETTLED_TIME = 5.0  # s
 
     def __init__(self, angles: Sequence[float], longest: float = 60.0, *, num_wires: int = 2):
-        """Hold angles φ_eq, rad, one after the other, each at most for the longest time, s."""
+        """
+        Args:
+            angles: φ_eq one after the other, rad.
+            longest: time limit for each of them, s.
+            num_wires: W.
+        """
         super().__init__()
         self._angles = np.asarray(angles, float)
         self._longest = longest

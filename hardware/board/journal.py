@@ -48,7 +48,8 @@ class Journal(LeafSystem):
         kind: str = "",
         may_wait: bool = False,
     ):
-        """Args:
+        """
+        Args:
         path, may_wait: as for `TableWriter`, whose errors are raised.
         limb, sample_rate, provenance, kind: as in the header of the `Recording`.
         has_reference: whether there is an input for the reference of the bend angle.

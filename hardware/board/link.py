@@ -336,7 +336,8 @@ class BoardLink(Closeable):
     """
 
     def __init__(self, port: str, limb: LimbParameters | None = None):
-        """Args:
+        """
+        Args:
             port: name of a serial port, or any URL of pyserial's.
             limb: limb on the board; the nominal one if None.
 

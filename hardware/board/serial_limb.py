@@ -75,7 +75,8 @@ class SerialLimb(LeafSystem, Closeable):
         *,
         heated: bool = True,
     ):
-        """Args:
+        """
+        Args:
             port: name of a serial port, or any URL that pyserial accepts; or the ports of
                 several boards by the names of their limbs.
             parameters: parameters of the limb, or their YAML file; the nominal limb if None;

@@ -83,7 +83,8 @@ class SeveralBoards(Closeable):
     """
 
     def __init__(self, ports: Mapping[str, str], robot: LimbParameters):
-        """Args:
+        """
+        Args:
             ports: port of each limb by its name.
             robot: all limbs as one, see `RobotParameters.as_single_limb`.
 

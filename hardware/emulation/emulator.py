@@ -155,7 +155,8 @@ class Emulation:
         clock: Callable[[], float] = time.monotonic,
         limb: str = "",
     ):
-        """Args:
+        """
+        Args:
         twin: the limb, or the robot with all its limbs on the board.
         cable: board's end of the cable to the host.
         on_event: called for each event with ``event``, ``time`` (s, of the clock) and more.

@@ -60,7 +60,8 @@ class TableWriter:
         *,
         may_wait: bool = False,
     ):
-        """Args:
+        """
+        Args:
             path: path of the finished file; `finish` replaces an existing one.
             kind, header, names: as for `TableText`.
             may_wait: whether `append` may wait for the disk, as a simulation can, which is faster
