@@ -46,8 +46,15 @@ def ApplyDriverConfig(
 ) -> None:
     """Add the wires of a limb to a simulation, and export its ports with its name.
 
-    The arguments are those of Drake's drivers. Raise ParameterError if the limb in the plant does
-    not fit its description.
+    Args:
+        driver_config: the driver.
+        model_instance_name: name of the model in the plant.
+        sim_plant: the finalized plant with the model.
+        models_from_directives, lcms: arguments that only Drake's drivers use.
+        builder: builder of the diagram that has the plant.
+
+    Raises:
+        ParameterError: if the limb in the plant does not fit its description.
     """
     limb = sim_plant.GetModelInstanceByName(model_instance_name)
     wires = add_limb_actuation(builder, sim_plant, limb, driver_config.parameters)

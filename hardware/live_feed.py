@@ -25,6 +25,7 @@ class RunHeader:
     """The description of a recording before it begins, with new curves.
 
     - ``source``: name of the limb, as in recordings.
+    - ``parameters``: description of the limb.
     - ``limit``: reading at which the heaters are switched off, °C.
     - ``duration``: longest duration, s.
     - ``plan``, ``band``: plan that the limb follows, and its band; or None.
@@ -40,8 +41,10 @@ class RunHeader:
 
 @dataclasses.dataclass(frozen=True)
 class BoardReading:
-    """The state of a board and its cable: whether it is armed, or else the reason in words.
+    """The state of a board and its cable at a time.
 
+    - ``armed``: whether the wires may be heated.
+    - ``reason``: reason why not, in words.
     - ``warmest``: highest temperature of each wire by its duty, °C.
     - ``lost_samples``: number of samples that did not arrive.
     """
@@ -54,11 +57,14 @@ class BoardReading:
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """The state of a limb at a time, s since the recording began.
+    """The state of a limb at a time.
 
-    - ``bend_angle``, ``reference``: φ of each bend and its reference, rad, or None.
+    - ``time``: time since the recording began, s.
+    - ``bend_angle``: φ of each bend, rad.
     - ``measured_temperature``: V of each wire, °C.
-    - ``duty``, ``applied_duty``: commanded and applied duty of each wire, or None.
+    - ``duty``: commanded duty of each wire.
+    - ``applied_duty``: applied duty of each wire; or None.
+    - ``reference``: reference of the bend angles, rad; or None.
     - ``board``: state of a robot's board; or None.
     """
 
@@ -73,7 +79,11 @@ class Reading:
 
 @dataclasses.dataclass(frozen=True)
 class Message:
-    """A message to the view; a new `RunHeader` goes with it. Without a reading no limb runs."""
+    """A message to the view. The file of a new `RunHeader` goes with it.
+
+    - ``activity``: sentence about the present run.
+    - ``reading``: newest reading; None while no limb runs.
+    """
 
     activity: str
     reading: Reading | None
@@ -108,6 +118,12 @@ class Feed(LeafSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, live: LiveView, limb: LimbSystem, *, has_reference: bool = False):
+        """
+        Args:
+            live: the page.
+            limb: system whose outputs are connected.
+            has_reference: whether there is an input for the reference of the bend angle.
+        """
         super().__init__()
         layout = LimbModel.of(limb.parameters).layout
         sizes = dict.fromkeys(("duty", "measured_temperature"), layout.num_wires)
@@ -153,7 +169,9 @@ def live_display(
 
     Args:
         builder: builder of the diagram, which has the limb already, so that its command is first.
-        duty: port that drives the limb.
+        live: the page.
+        limb: system that runs.
+        duty: port that drives it.
         duration: longest duration, s.
         plan: trajectory that the limb follows.
         reference: port of the reference of the bend angle.

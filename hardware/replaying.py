@@ -54,29 +54,34 @@ def replay(
 ) -> Recording:
     """Drive a limb along a trajectory and record it.
 
-    A `SerialLimb` is driven in real time and closed at the end, also after an error, so that the
-    wires are off. Other limbs are simulated, in real time if they are shown. A `LimbTwin` that cuts
-    out ends the recording, which says so.
+    A `SerialLimb` is driven in real time and closed at the end, also after an
+    error, so that the wires are off. Other limbs are simulated, in real time if
+    they are shown. A `LimbTwin` that cuts out ends the recording, which says so.
 
     Args:
         trajectory: a plan that passed its check.
-        limb: a `SerialLimb`, a `LimbTwin`, a `Limb` or any other `LimbSystem`; it becomes part of a
-            diagram and cannot be replayed on twice.
+        limb: a `SerialLimb`, a `LimbTwin`, a `Limb` or any other `LimbSystem`;
+            it becomes part of a diagram and cannot be replayed on twice.
         controller: a system with the output port ``duty`` (W), in [0, 1], and any of the input
             ports ``measured_temperature`` (W), °C, ``bend_angle`` (F), rad, ``measurement``, both
             of them, and the ``body_pose`` of a robot. Its time begins with the plan. If None, the
             trajectory's duty drives the limb in open loop.
         unchecked: whether to replay a plan without a check, for example from another program.
+            A plan that failed its check is always refused.
         sample_rate: rate of the recording's samples, Hz.
         journal: file of the recording, to which each sample is written when it arrives. Until the
-            plan has ended it has a `TableWriter`'s preliminary name.
+            plan has ended it has a `TableWriter`'s preliminary name; then it replaces a file of
+            this name.
         live: page on which to show its curves while it runs.
 
     Raises:
-        ReplayError: if the trajectory failed its check, was planned for another limb, is too hot
-            for this limb or starts at another temperature; or if the controller has other ports.
-        OutputError: if the journal cannot be written.
-        HardwareError: if the robot fails on the way, or gets a duty that is out of range.
+        ReplayError: if the trajectory failed its check, was planned for another limb, is hotter
+            than this limb allows (also within its band), or starts at another temperature than its
+            wires have; or if the controller has other ports.
+        OutputError: if the disk is full or stalled, or the journal cannot be
+            written for another reason.
+        HardwareError: if the robot fails on the way, or gets a duty that is
+            out of range.
         LimbError: if the duty was out of range; if the limb is no `LimbSystem`.
     """
     with closing(check_limb(limb)):
@@ -100,7 +105,14 @@ def watch(
     """Record a limb with its wires off, while it hangs, swings or is moved by hand.
 
     If Ctrl-C ends it, the journal gets its name and says so, and KeyboardInterrupt is raised.
-    Arguments and errors are as for `replay`; the longest duration is in s.
+
+    Args:
+        duration: longest duration, s.
+        limb, sample_rate, journal, live: as for `replay`.
+
+    Raises:
+        HardwareError: if the robot fails on the way.
+        OutputError: as for `replay`.
     """
     with closing(check_limb(limb)):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
@@ -110,8 +122,10 @@ def watch(
 def present_readings(limb: LimbSystem) -> np.ndarray:
     """Return V (W,), °C: a robot's present readings, or another limb's at the start of simulations.
 
-    `limb_systems.resting_state` makes the initial state of a plan from them. Raise HardwareError if
-    the robot does not answer, or one of its wires has no reading.
+    `limb_systems.resting_state` makes the initial state of a plan from them.
+
+    Raises:
+        HardwareError: if the robot does not answer, or one of its wires has no reading.
     """
     if isinstance(limb, SerialLimb):
         return present_temperature(limb.link)

@@ -170,7 +170,8 @@ def drive(
         "time" (K,), s, and the samples (size, K) of all output ports by name.
 
     Raises:
-        StationError: if an input is unknown or does not fit, or a limb has no fitting duty.
+        StationError: if the station has no such port, an input has another size, or a limb has no
+            duty, a duty that ends before the duration, or a duty beyond its ``total_duty``.
         ReplayError: if a plan must not be replayed on its limb, see `check_replayable`.
         LimbError: if duty leaves [0, 1], or the simulation or a board fails.
     """
@@ -233,7 +234,11 @@ def _simulator(station: Station, diagram: Diagram) -> Simulator:
 
 
 def _as_trajectory(name: str, value: Any, duration: float) -> trajectories.Trajectory:
-    """Return the value of an input as a column from time 0; StationError if it is none."""
+    """Return the value of an input as a trajectory with one column, from time 0.
+
+    Raises:
+        StationError: if it is no plan, trajectory or list of numbers.
+    """
     if isinstance(value, Trajectory):
         return value.since_start().duty_trajectory()
     # A Drake trajectory must be a column, and begin with the run.
@@ -334,7 +339,10 @@ def _add_plant(
 
 @contextlib.contextmanager
 def _refuse_replaced_inertia() -> Iterator[None]:
-    """Raise StationError if the parser replaces an inertia by a ball of water's, by its log."""
+    """Raise StationError if Drake's parser replaces a body's inertia by a ball of water's.
+
+    It does so where moments break the triangle inequality, with only a message in its log.
+    """
     records: list[logging.LogRecord] = []
 
     class RecordKeeper(logging.Handler):

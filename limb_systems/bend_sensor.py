@@ -22,15 +22,24 @@ def bend_angle_from_tip_tangent(tip_tangent: ArrayLike) -> np.ndarray:
 
 
 def chord_angle(joint_angles: ArrayLike) -> np.ndarray:
-    """Return the angle () or (K,), rad, of the chord from base to tip, φ = atan2(t·E2, t·E1).
+    """Return the angle of the chord from the base of a segment to its tip, φ = atan2(t·E2, t·E1).
 
-    Joint angles θ of the segment are (n,) or (n, K); numbers, AutoDiffXd or Expression.
+    Args:
+        joint_angles: θ of the segment, (n,) or (n, K); numbers, AutoDiffXd or
+            Expression.
+
+    Returns:
+        rad, in (-π, π], () or (K,).
     """
     return _planar_chain(joint_angles).bend_angle(joint_angles)[0]
 
 
 def roll_bends(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
-    """Return bends (axes, ...) towards E2 and E3 about axes that are rolled about E1, rad."""
+    """Return bends (axes, ...) towards E2 and E3 as bends towards axes that are turned about E1.
+
+    Args:
+        roll: angle by which the axes are turned, rad.
+    """
     if len(bends) == 1:
         return bends
     cosine = np.cos(roll)
@@ -75,9 +84,14 @@ class BendSensor(Tagged, abc.ABC):
 
     @abc.abstractmethod
     def exact_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
-        """Return recorded bends (axes,) or (axes, K), rad, without gain, offset, noise and drift.
+        """Return the recorded bends of a segment without gain, offset, noise and drift.
 
-        They are φ if all joint angles (n,) or (n, K) of the segment are equal.
+        Args:
+            chain: the segment's kinematics.
+            joint_angles: θ of the segment, (n,) or (n, K); numbers or AutoDiffXd.
+
+        Returns:
+            rad, (axes,) or (axes, K); φ if all joint angles are equal.
         """
 
     def exact_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
@@ -85,7 +99,14 @@ class BendSensor(Tagged, abc.ABC):
         return self.exact_bends(_planar_chain(joint_angles), joint_angles)[0]
 
     def apparent_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """Return the recorded bend of the paper's segment, with gain and offset."""
+        """Return the recorded bend angle of the paper's planar segment, with gain and offset.
+
+        Args:
+            joint_angles: θ of the segment, (n,) or (n, K); numbers or AutoDiffXd.
+
+        Returns:
+            rad, () or (K,).
+        """
         return self.gain * self.exact_bend_angle(joint_angles) + self.offset
 
     def apparent_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:

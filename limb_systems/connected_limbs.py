@@ -79,7 +79,11 @@ class ConnectedLimbs(Described):
         raise NotImplementedError
 
     def limb(self, name: str) -> LimbParameters:
-        """Return the parameters of a limb as part of the whole; ParameterError if there is none."""
+        """Return the parameters of a limb as part of the whole.
+
+        Raises:
+            ParameterError: if there is no limb of this name.
+        """
         raise NotImplementedError
 
     def limb_alone(self, name: str) -> LimbParameters:
@@ -108,7 +112,14 @@ class ConnectedLimbs(Described):
 
 
 def load_description(path: str | Path | None) -> LimbParameters | ConnectedLimbs:
-    """Load a YAML file that describes a limb or connected limbs; the nominal limb if None."""
+    """Load a YAML file that describes a limb or connected limbs.
+
+    Args:
+        path: the file; the nominal limb if None.
+
+    Raises:
+        ParameterError: with one sentence naming the file and the field.
+    """
     if path is None:
         return LimbParameters()
     if not describes_connected(read_text(path, "parameters", ParameterError)):

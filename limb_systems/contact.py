@@ -37,9 +37,9 @@ class ContactForces(LeafSystem):
     ):
         """
         Args:
-        plant: finalized, registered with a SceneGraph.
-        groups: bodies whose forces are added up.
-        axes: axes of the world along which forces are output: 0 for x, 1 for y, 2 for z.
+            plant: finalized, registered with a SceneGraph.
+            groups: bodies whose forces are added up.
+            axes: axes of the world along which forces are output: 0 for x, 1 for y, 2 for z.
         """
         super().__init__()
         self._axes = list(axes)

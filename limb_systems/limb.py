@@ -72,9 +72,12 @@ class Limb(Diagram):
     def __init__(self, parameters: LimbParameters | str | Path | None = None, *, name: str = ""):
         """
         Args:
-            parameters: description of the limb, or its YAML file; the nominal limb if None. The
-                limb keeps a copy, its attribute ``parameters``.
+            parameters: description of the limb, or its YAML file; the nominal limb if
+                None. The limb keeps a copy, its attribute ``parameters``.
             name: name of the system; Drake gives it one in a diagram if empty.
+
+        Raises:
+            ParameterError: if a parameter is out of its range.
         """
         super().__init__()
         self.parameters = parameters = LimbParameters.of(parameters)
@@ -107,7 +110,11 @@ class LimbActuation(Diagram):
     def __init__(self, parameters: LimbParameters | str | Path | None = None, *, name: str = ""):
         """
         Args:
-            parameters, name: as for `Limb`.
+            parameters: description of the limb, or its YAML file; the nominal limb if None.
+            name: name of the system; Drake gives it one in a diagram if empty.
+
+        Raises:
+            ParameterError: if a parameter is out of its range.
         """
         super().__init__()
         self.parameters = parameters = LimbParameters.of(parameters)
@@ -215,7 +222,11 @@ def _joints(plant: MultibodyPlant, limb: ModelInstanceIndex) -> list[RevoluteJoi
 def _checked_joints(
     plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
 ) -> list[RevoluteJoint]:
-    """Return the revolute joints of a limb; ParameterError if their number is another one."""
+    """Return the revolute joints of a limb.
+
+    Raises:
+        ParameterError: if the limb has another number of joints than its description.
+    """
     joints = _joints(plant, limb)
     if len(joints) != parameters.num_joints:
         raise ParameterError(
@@ -276,10 +287,15 @@ def _check_model(
 def check_time_step(
     plant: MultibodyPlant, joints: Sequence[RevoluteJoint], parameters: LimbParameters
 ) -> None:
-    """Raise ParameterError if explicit spring forces are unstable at a discrete plant's time step.
+    """Raise ParameterError if explicit spring forces are unstable at the plant's time step.
 
     Drake takes the springs' forces at the beginning of a step and the damping at its end. A mode
     of mass m, stiffness k and damping σ is then stable at steps h if 4 m + 2 h σ > h² k.
+
+    Args:
+        plant: finalized and discrete.
+        joints: the joints (n) that the parameters describe.
+        parameters: description of the limb.
     """
     import scipy.linalg  # takes long to import
 
@@ -301,9 +317,10 @@ def check_time_step(
 
 
 def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:
-    """Return the finalized continuous-time plant of eqns (1)-(2), with the limb's gravity.
+    """Return the finalized continuous-time plant of eqns (1)-(2).
 
-    State [θ (n), θ̇ (n)] in rad and rad/s; input ``applied_generalized_force`` (n) in N·m.
+    State [θ (n), θ̇ (n)] in rad and rad/s; input ``applied_generalized_force``
+    (n) in N·m. The plant has the gravity of the parameters.
     """
     plant = MultibodyPlant(time_step=0.0)
     add_limb(plant, parameters)
@@ -313,9 +330,14 @@ def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:
 
 
 def to_paper_state(parameters: LimbParameters, state: ArrayLike) -> np.ndarray:
-    """Return the paper's x = [θ, V, θ̇, V̇], eqn (14), from states of `Limb` (2n + 2W,) or (.., K).
+    """Return the paper's x = [θ, V, θ̇, V̇], eqn (14), from a state of `Limb`.
 
-    Angles are in rad, temperatures in °C. The wires must have the paper's law.
+    Args:
+        parameters: description of a limb whose wires have the paper's law.
+        state: [θ, θ̇, T, V], (2n + 2W,) or (2n + 2W, K).
+
+    Returns:
+        same shape, in rad, °C, rad/s and °C/s.
     """
     angles, rates, wire, measured = split_state(parameters, state)
     measured_rate = _a3(parameters, measured) * (measured - wire)

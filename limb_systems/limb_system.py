@@ -59,7 +59,9 @@ class LimbSystem(Protocol):
 def check_limb(system: System) -> LimbSystem:
     """Check that a system can stand in for a limb, and set attributes that it leaves out.
 
-    Raise LimbError if ports or attributes are missing, or if parameters or source are invalid.
+    Raises:
+        LimbError: if ports or attributes are missing, or if the parameters or the source are
+            invalid; one sentence names them.
     """
     # Collect the missing ports and attributes.
     missing = []
@@ -88,8 +90,12 @@ def wrap_controller(part: System, controller: System) -> Diagram:
     """Return a controller with another system between it and a limb, with a controller's ports.
 
     Output ports of each system are connected to the input ports of the other that have the same
-    name. All other inputs are inputs of the diagram. Its output ``duty`` is the part's, or the
-    controller's if the part, such as a supervisor or faulty sensors, has none.
+    name. All other inputs are inputs of the diagram. Its output ``duty`` is the part's, or
+    the controller's if the part has none.
+
+    Args:
+        part: such as a supervisor of duty, or sensors with a fault; it becomes part of the diagram.
+        controller: with the output ``duty``; it becomes part of the diagram.
     """
     builder = DiagramBuilder()
     builder.AddSystem(part)

@@ -61,9 +61,11 @@ def temperature_margin(parameters: LimbParameters) -> float:
 def band(trajectory: Trajectory) -> Band | None:
     """Return the band about a plan, from the covariance of its limb's calibration.
 
-    It includes the error of the law's form: the errors with which the calibration predicted motions
-    that it was not fitted to. It is None if the limb is not calibrated by prediction, or has
-    several bends.
+    The band includes the error of the law's form: the errors with which the
+    calibration predicted motions that it was not fitted to.
+
+    Returns:
+        None if the limb is not calibrated by prediction, or has several bends.
     """
     parameters = trajectory.parameters
     plan = trajectory.since_start()

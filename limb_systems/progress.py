@@ -23,9 +23,14 @@ def progress_prefix(name: str) -> Iterator[None]:
 
 
 class TimeLeft:
-    """Announces, in words, the remaining time of some work once, estimated from its first tenth."""
+    """Announces the remaining time of some work once, estimated from its first tenth."""
 
     def __init__(self, total: float, announce: Callable[[str], object]):
+        """
+        Args:
+            total: amount of work, in any unit.
+            announce: is called with the remaining time in words, if it is long.
+        """
         self._total = total
         self._announce = announce
         self._start = time.monotonic()
@@ -45,9 +50,15 @@ class TimeLeft:
 
 
 class Progress:
-    """Shows the progress of a long task on stderr, and clears it at the end; a context manager.
+    """Shows the progress of a long task on stderr, and clears it at the end.
 
-    Nothing is shown for work that ends within a second, and nothing where stderr is no terminal.
+    Nothing is shown for work that ends within a second, and nothing where stderr
+    is no terminal: in logs, notebooks and tests nobody watches a line.
+
+    Use as a context manager::
+
+        with Progress("simulating", 60.0, "s") as progress:
+            progress.update(12.5, "more to say")
     """
 
     def __init__(self, label: str, total: float | None, unit: str):

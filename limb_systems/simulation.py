@@ -214,7 +214,11 @@ def is_model(system: LimbSystem) -> bool:
 
 
 def build(builder: DiagramBuilder) -> Diagram:
-    """Build the diagram of a builder; SimulationError if a system in it is part of another one."""
+    """Build the diagram of a builder.
+
+    Raises:
+        SimulationError: if a system in it is part of another diagram.
+    """
     try:
         return builder.Build()
     except RuntimeError as error:
@@ -234,7 +238,11 @@ def discrete_simulator_config() -> SimulatorConfig:
 
 
 def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulator:
-    """Return Drake's Simulator for a limb; accuracy is None for mechanics in discrete steps."""
+    """Return Drake's Simulator with the integrator that a limb needs.
+
+    Args:
+        accuracy: accuracy of the integrator; None for mechanics in discrete steps.
+    """
     simulator = Simulator(system)
     # Mechanics in discrete steps needs no error control.
     if accuracy is None:
@@ -381,15 +389,18 @@ def advance(
 ) -> None:
     """Simulate from time 0 to the end, s, in parts; other arguments as in `RecordOptions`.
 
-    Steps of the integrator end just before each jump of the duty, and begin again just after it:
-    error control would step over pulses that are shorter than its steps. Raise SimulationError if
-    the integrator fails.
+    Unless in real time, steps of the integrator end just before each jump of the duty, and begin
+    again just after it: error control would step over pulses that are shorter than its steps.
+
+    Raises:
+        SimulationError: if the integrator fails.
     """
     context = simulator.get_context()
     with raising_simulation_error(simulator, end):
         simulator.Initialize()
         # In real time each part begins when its events are due, and ends halfway to the next.
         # Waiting here and not in the Simulator lets other threads and signals come through.
+        # Else parts of 1 s are short enough for the progress bar, and for ``until``.
         part = PERIOD if real_time else 1.0
         ahead = PERIOD / 2 if real_time else 0.0
         stops = np.arange(0.0, end - 1e-9, part)

@@ -44,9 +44,14 @@ class ReferenceDistances:
 def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> TrackingErrors:
     """Return statistics of the tracking error |φ* - φ| of rollouts, as in Table I.
 
-    Samples after the end of the plan and samples without a bend do not count. Implausible samples
-    do not count, with a warning. An interrupted rollout counts until its end. Raise LimbError if
-    there is nothing to compare.
+    Args:
+        trajectory: the plan φ*.
+        recordings: recordings of one or more rollouts. Samples after the end of the plan and
+            samples without a bend do not count. Implausible samples do not count, with a
+            warning. An interrupted rollout counts until its end.
+
+    Raises:
+        LimbError: if there is nothing to compare.
     """
     # Warn of samples that are left out.
     for recording in recordings:
@@ -105,7 +110,11 @@ def reference_distances(
 
 
 def true_bend(recording: Recording) -> Recording:
-    """Return an emulated limb's recording with the bends that sensors without errors read."""
+    """Return a recording whose bend angles are replaced by the readings of sensors without errors.
+
+    Args:
+        recording: recording of an emulated limb, with its ``joint_state``.
+    """
     assert recording.joint_state is not None
     # Calculate the bends from the joint angles.
     angles = recording.joint_state[: recording.parameters.num_joints]

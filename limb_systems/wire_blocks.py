@@ -45,7 +45,10 @@ class JouleHeating(AffineSystem):
     def __init__(self, parameters: LimbParameters | LimbModel):
         """
         Args:
-            parameters: the limb or its description; its heat is linear, or else ParameterError.
+            parameters: the limb or its description.
+
+        Raises:
+            ParameterError: if the heat of a wire is not linear.
         """
         wires = _affine(parameters, "rates_are_affine", "heat")
         A, B, _ = wires.affine_rates()
@@ -69,7 +72,10 @@ class ThermocoupleLag(AffineSystem):
     def __init__(self, parameters: LimbParameters | LimbModel):
         """
         Args:
-            parameters: the limb or its description; its heat is linear, or else ParameterError.
+            parameters: the limb or its description.
+
+        Raises:
+            ParameterError: if the heat of a wire is not linear.
         """
         wires = _affine(parameters, "rates_are_affine", "heat")
         N = wires.num_states
@@ -102,7 +108,10 @@ class TorqueMap(AffineSystem):
     def __init__(self, parameters: LimbParameters | LimbModel):
         """
         Args:
-            parameters: the limb or its description; its torque is linear, or else ParameterError.
+            parameters: the limb or its description.
+
+        Raises:
+            ParameterError: if the torque of a wire is not linear.
         """
         wires = _affine(parameters, "torque_is_affine", "torque")
         states = np.zeros(wires.num_states)
@@ -169,7 +178,7 @@ VectorFunction = VectorFunction_[None]
 
 
 class LawDynamics(Diagram):
-    """A block with ẋ = f(x, u) for arrays of any of Drake's scalar types, and x as its output.
+    """A block with ẋ = f(x, u), and the state as its output.
 
     - state, continuous: x
     - input 0 ``u``: u
@@ -184,6 +193,12 @@ class LawDynamics(Diagram):
         num_inputs: int,
         initial: np.ndarray,
     ):
+        """
+        Args:
+            rates: f, for arrays of any of Drake's scalar types.
+            num_inputs: size of u.
+            initial: x of the default state.
+        """
         super().__init__()
         builder = DiagramBuilder()
         size = len(initial)

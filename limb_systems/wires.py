@@ -147,6 +147,24 @@ class Wires:
                     force[joints] += levers * law.torque(wire_states, T0, ca.dot(levers, q[joints]))
         return force
 
+    def equal_wires(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the groups of wires that have equal laws and are heated by no other wire.
+
+        A memory of the rubber depends on all wires, which are then one group of one.
+
+        Returns:
+            For each group of G, the indices of the states (G, ...) and of the wires (G, ...).
+        """
+        if self._rubber.remembers:
+            return [(np.arange(self.num_states)[None], np.arange(self.num_wires)[None])]
+        groups: dict[tuple[type, str], list[int]] = {}
+        for wire, law in enumerate(self._laws):
+            groups.setdefault((type(law), repr(law)), []).append(wire)
+        return [
+            (np.array([self._columns[wire] for wire in group]), np.array(group)[:, None])
+            for group in groups.values()
+        ]
+
     def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Return ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
         return self._rates.values(_joined(states, duty))

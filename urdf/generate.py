@@ -87,14 +87,16 @@ def robot_urdf(robot: Any) -> str:
 
     Names of a limb's parts begin with its name, as in ``rear_base``, ``rear_joint_1``,
     ``rear_link_1`` and ``rear_foot``. The body and the feet collide with other objects, with the
-    friction of the ground. The body's frame has x forward and z up. The robot is such as
-    `limb_systems.RobotParameters`.
+    friction of the ground. The body's frame has x forward and z up.
+
+    Args:
+        robot: such as `limb_systems.RobotParameters`.
     """
     return document(robot_element(robot))
 
 
 def robot_element(robot: Any) -> Element:
-    """Return the root of `robot_urdf`."""
+    """Return the root of `robot_urdf`, with its argument."""
     element = _root("robot")
     # Add the body.
     body = robot.body
@@ -266,10 +268,11 @@ def _add_joint(
 def _add_link_visuals(link, length: float, segment) -> None:
     """Add the silicone, the shape that fills its gap to the link before, and the wires.
 
-    A segment that bends in a plane is a box with discs. Its wires are half sunk along the top,
-    where a view from above shows them however it bends; wires below the axis (e3 < 0) are along the
-    bottom. A segment that bends in space is of clear silicone, a cylinder with balls if its section
-    is a square, and its wires are where they run. They overlap from link to link.
+    A segment that bends in a plane is a box with discs. Its wires are half sunk along the
+    top, where a view from above shows them however it bends; wires below the axis
+    (e3 < 0) are along the bottom. A segment that bends in space is of clear silicone, a
+    cylinder with balls if its section is a square, and its wires are where they run. They
+    overlap from link to link.
     """
     thickness = segment.thickness
     width = segment.width

@@ -17,8 +17,11 @@ def limb_sdf(
 ) -> str:
     """Return the SDFormat text of the model of `urdf.limb_urdf`, with the springs of the joints.
 
-    Each joint has an actuator without a limit, through which the wires' torque enters. Segments
-    also have ``stiffness``, N·m/rad, and ``joint_rest_angles`` by kind of joint, rad.
+    Each joint has an actuator without a limit, through which the wires' torque enters.
+
+    Args:
+        segments, name, payload, negligible_mass: as for `urdf.limb_urdf`; segments also with
+            ``stiffness``, N·m/rad, and ``joint_rest_angles`` by kind of joint, rad.
     """
     robot = limb_element(segments, name, payload, negligible_mass)
     sdf = ElementTree.Element("sdf", {"version": "1.9", "xmlns:drake": "drake.mit.edu"})

@@ -46,6 +46,9 @@ class BendAngleController(LeafSystem):
         Args:
             parameters: the limb, as far as it is known, of one segment.
             actuated: name of the wire, or "both" for all of them.
+
+        Raises:
+            LimbError: if the limb has several segments, or no such wire.
         """
         super().__init__()
         segment = only_segment(parameters)

@@ -45,10 +45,12 @@ def collect_equilibria(
 ) -> Recording:
     """Return the datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
 
-    The angles are uniform between zero and 45° towards the actuated wire, or to both sides.
+    The angles are uniform between zero and 45° towards the actuated wire, or to
+    both sides.
 
     Args:
-        limb: a `LimbTwin` or any other `LimbSystem`, of one segment; it cannot be used again.
+        limb: a `LimbTwin` or any other `LimbSystem`, of one segment; it
+            cannot be used again.
         actuated: name of the wire, or "both" for all of them.
         num_angles: number of equilibria.
         seed: seed of the random angles.
@@ -57,6 +59,9 @@ def collect_equilibria(
 
     Returns:
         A recording with the set points φ_eq as its ``reference``.
+
+    Raises:
+        LimbError: if an argument makes no sense.
     """
     check_limb(limb)
     heated = heated_wires(limb.parameters, actuated)
@@ -147,7 +152,9 @@ def collect_excitation(
 ) -> Recording:
     """Return one of `excitations`, with duty that is limited by what is known of the limb so far.
 
-    The limb ``known`` is calibrated so far; other arguments are as for `collect_equilibria`.
+    Args:
+        known: the limb as it is calibrated so far.
+        limb, journal, live: as for `collect_equilibria`.
     """
     source = LimitedDuty(known, excitation.duty)
     duration = excitation.duty.end_time()

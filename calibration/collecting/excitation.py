@@ -92,7 +92,9 @@ def mountings(num_wires: int) -> list[Excitation]:
 def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
     """Return all of them in their order; with two wires 13 minutes, and 6 of rest between them.
 
-    Durations and levels that are random have a seed.
+    Args:
+        num_wires: W.
+        seed: seed of durations and levels that are random.
     """
     random = np.random.default_rng(seed)
     unit_levels = np.eye(num_wires)
@@ -282,7 +284,11 @@ class DutyUntilWarm(_DutyByReadings):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, duty: PiecewisePolynomial, rise: float):
-        """Give a duty, a row for each wire, which is zero at a rise of the readings, °C."""
+        """
+        Args:
+            duty: a row for each wire.
+            rise: rise of the readings at which there is no duty, °C.
+        """
         # A robot has read nothing yet when it is initialized.
         super().__init__(duty, np.full(duty.rows(), np.nan))
         self._rise = rise

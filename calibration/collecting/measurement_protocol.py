@@ -153,9 +153,15 @@ def planned_recordings(
     ring_downs: int,
     emulated: bool,
 ) -> list[PlannedRecording]:
-    """Return the recordings of a protocol in their order; LimbError if there is no such protocol.
+    """Return the recordings of a protocol in their order.
 
-    An emulated limb needs no first contact. Other arguments are as for `collect_from_twin`.
+    Args:
+        limb: description of the limb, of one segment.
+        emulated: whether the limb is emulated, which needs no first contact.
+        protocol, seed, num_angles, longest, sag_trials, ring_downs: as for `collect_from_twin`.
+
+    Raises:
+        LimbError: if there is no such protocol for the limb.
     """
     planar = only_segment(limb).axes == 1
     if protocol not in PROTOCOLS:
@@ -235,11 +241,14 @@ def protocol_excitations(limb: LimbParameters, seed: int, protocol: str) -> list
 
 
 def mounted_limb(limb: LimbParameters, turned: float | None) -> LimbParameters:
-    """Copy a limb as it is mounted: turned about E1 by an angle, °, under gravity, or unbent by it.
+    """Copy a limb as it is mounted: turned about E1 under gravity, or unbent by gravity.
 
     A limb that is turned has a weight at its tip, as bend sensors drift by a good part of its own
     sag. In space the weight is as heavy as the segment, with which it sags four times as far. A
     planar limb has the weight of `sag_payload`, which is zero if its own sag is large enough.
+
+    Args:
+        turned: angle about E1, degrees; None if gravity does not bend the limb.
     """
     limb = copy.deepcopy(limb)
     segment = only_segment(limb)
@@ -286,12 +295,15 @@ def collect_from_twin(
         sag_trials, ring_downs: numbers of recordings.
         protocol: "paper" for the recordings of Sec. V, "excitation" for `excitations` in
             place of equilibria, or "all".
-        tell: is called with sentences on the number of recordings, the time that is left, and how
-            well each excitation was predicted.
+        tell: is called with how many recordings there are, after the first of them with about
+            how long the others take, and after each excitation with how well it was predicted.
         live: page on which the limb is shown, in real time: for an hour.
 
     Returns:
         recordings by kind, as `calibrate` takes them.
+
+    Raises:
+        LimbError: if there is no such protocol.
     """
     described = copy.deepcopy(twin.parameters)
     # Plan the recordings, and estimate the work of each.
@@ -362,20 +374,24 @@ def collect_from_robot(
 ) -> None:
     """Return all recordings that calibration wants, from a robot, one file after the other.
 
-    Before the other heated recordings the wires are warmed by some degrees, with a little duty and
-    bounds so wide that the board takes any limb, and then warmed up, to tell the board what to
-    expect of these wires.
+    Before the other heated recordings the wires are warmed by some degrees, with a little duty
+    and bounds so wide that the board takes any limb, and then warmed up, to tell the board
+    what to expect of these wires. What a wire or thermocouple shows that is unlike the others
+    or the description is told.
 
-    Each sample goes to a file when it arrives, which gets its name when the recording is complete.
-    Complete recordings are kept when collecting is started again. A recording that was interrupted
-    is made again; its samples stay in the unfinished file, with a warning.
+    Each sample goes to a file when it arrives, which gets its name when the recording is
+    complete. Complete recordings are kept when collecting is started again. A recording that
+    was interrupted is made again; its samples stay in the unfinished file, with a warning.
 
     Args:
         connect: makes a `SerialLimb` with the given description.
         parameters: the limb's description, of one segment.
         folder: folder of the recordings, named after their kinds.
         ask: shows an instruction to the operator, and returns when it is done.
-        seed, num_angles, longest, protocol, tell, live: as for `collect_from_twin`.
+        seed, num_angles, longest: as for `collect_equilibria`.
+        protocol: as for `collect_from_twin`.
+        tell: is called with how long wires are heated in all, and as by `collect_from_twin`.
+        live: page on which the limb is shown, and what is done.
 
     Raises:
         LimbError: if there is no such protocol, or if a thermocouple shows no heat.
@@ -460,7 +476,11 @@ def _warn_of_unfinished(path: Path) -> None:
 
 
 def _instruction(limb: LimbParameters, plan: PlannedRecording, remount: bool) -> str:
-    """Return what the operator is to do for a recording, after its name, also to remount it."""
+    """Return what the operator is to do for a recording, after its name.
+
+    Args:
+        remount: whether an excitation needs another mounting than the recording before it.
+    """
     segment = only_segment(limb)
     planar = segment.axes == 1
     load = sag_payload(limb) if planar else 0.0

@@ -3,7 +3,7 @@
 import math
 import re
 
-from calibration.import_logs.words import parse_unit
+from calibration.import_logs.words import is_unit
 
 AMOUNT = re.compile(r"([-+.,\d]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)")  # a number and its unit
 _SWITCH_STATES = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0, "ein": 1.0, "aus": 0.0}
@@ -26,7 +26,7 @@ def number(text: str, decimal_mark: str = ".") -> float:
     except ValueError:
         text = text.strip()
         amount = AMOUNT.fullmatch(text)
-        if amount and parse_unit(amount[2])[0]:
+        if amount and is_unit(amount[2]):
             return number(amount[1])
         return _SWITCH_STATES.get(text.lower(), math.nan)
     return value if math.isfinite(value) else math.nan

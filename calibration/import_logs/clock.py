@@ -93,10 +93,11 @@ def _time_unit(name: Name, present: np.ndarray) -> str:
 
 def times_of(
     table: LogTable, column: TimeColumn, rate: float = 0.0
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray | slice, bool]:
     """Return the times of rows (K,), s by their clock, and which rows those are.
 
-    Each row is later than the row before. Times of a coarse clock are made even.
+    Each row is later than the row before, also if the newest row of the table comes first. Times
+    of a coarse clock are made even; the last value says so.
 
     Args:
         rate: rate of the rows or frames, Hz, if the log has no time or counts frames.
@@ -105,19 +106,23 @@ def times_of(
         LogError: if there are too few.
     """
     times = row_times(table, column, rate)
+    direction = -1 if is_reversed(times) else 1
+    times = times[::direction]
     # Let times that begin anew for good go on much later.
     rows_with_time = np.flatnonzero(~np.isnan(times))
     for row in rows_with_time[1:][np.diff(times[rows_with_time]) < 0]:
         before = float(np.nanmax(times[:row]))
         if (times[row:] < before).sum() > MIN_ROWS:
             times[row:] += before + RESTART_GAP - times[row]
-    if is_coarse(times):
+    if is_coarse := _is_coarse(times[rows_with_time]):
         times[rows_with_time] = _smooth_times(times[rows_with_time])
     latest = np.fmax.accumulate(np.where(np.isnan(times), -np.inf, times))
-    kept = ~np.isnan(times) & (times > np.append(-np.inf, latest[:-1]))
+    kept = times > np.append(-np.inf, latest[:-1])
     if kept.sum() < 2:
         raise LogError(f"the column {column.column!r} holds no time that increases.")
-    return times[kept], kept
+    if kept.all():
+        return times, slice(None, None, direction), is_coarse  # long logs are not copied
+    return times[kept], np.arange(len(times))[::direction][kept], is_coarse
 
 
 def row_times(table: LogTable, column: TimeColumn, rate: float = 0.0) -> np.ndarray:
@@ -161,9 +166,9 @@ def usual_rate(times: np.ndarray) -> float:
     return rate
 
 
-def is_coarse(times: np.ndarray) -> bool:
+def _is_coarse(times: np.ndarray) -> bool:
     """Return whether a clock's step is as long as rows are apart: seconds, single precision."""
-    steps = np.diff(times[~np.isnan(times)])
+    steps = np.diff(times)
     if len(steps) < MIN_ROWS or (steps > 0).sum() < 2:
         return False
     return bool((steps == 0).mean() > MIN_REPEATED_SHARE) or _clock_step(steps) > 0.0

@@ -89,7 +89,7 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
     columns.questions = [question for question in columns.questions if question.field in fields]
     # Add the bend, and turn its sign so that each wire bends the limb to its own side.
     bend, note = _bend_of_limb(table, limb, limbs)
-    mapping = LogMapping.of(table, time, columns.wires, bend)
+    mapping = LogMapping(time, columns.wires, bend, **table.form)
     columns.find_sides(mapping)
     columns.notes |= {
         f"limb {limb}": "of a logger of limbs with shape-memory alloy",
@@ -131,7 +131,8 @@ def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
         wires = [WireColumns(name, "") for name in WIRE_BY_SIDE]
         # The angle is 0 while the camera does not see the tags.
         bend = BendColumns(f"theta_{number}", seen=f"tagid_x_{tags[-1]}" if tags else "")
-        mapping = LogMapping.of(table, TimeColumn(TIMESTAMP, "ms", wraps_after=DAY), wires, bend)
+        time = TimeColumn(TIMESTAMP, "ms", wraps_after=DAY)
+        mapping = LogMapping(time, wires, bend, **table.form)
         notes = [
             f"limb {number} of a logger of pneumatic limbs: nothing in it heats a wire, so that "
             "calibration cannot use it",

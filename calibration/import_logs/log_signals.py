@@ -10,21 +10,9 @@ import numpy as np
 
 from calibration.import_logs import cells, clock
 from calibration.import_logs.evidence import forward_fill
-from calibration.import_logs.mapping import (
-    CHORD,
-    FRAMES,
-    TEMPERATURE_UNITS,
-    TIME_OF_DAY,
-    TIP_TANGENT,
-    LogMapping,
-)  # fmt: skip
+from calibration.import_logs.mapping import MEASURES, TEMPERATURE_UNITS, TIP_TANGENT, LogMapping
 from calibration.import_logs.table import LogError, LogTable, read_table, unique_names
-from limb_systems.bend_sensor import (
-    ChordSensor,
-    TipTangentSensor,
-    bend_angle_from_tip_tangent,
-    roll_bends,
-)  # fmt: skip
+from limb_systems import bend_sensor
 from limb_systems.errors import reraise_as
 from limb_systems.files.signal_table import doses
 from limb_systems.limb_parameters import LimbParameters
@@ -96,7 +84,7 @@ def described_limb(mapping: LogMapping, parameters: LimbParameters | None) -> Li
         )
     if parameters is None:
         segment.wires = [wire for wire in segment.wires if wire.name in names]
-    kind = {CHORD: ChordSensor, TIP_TANGENT: TipTangentSensor}.get(mapping.bend.measures)
+    kind = MEASURES[mapping.bend.measures]
     if kind and not isinstance(segment.bend_sensor, kind):
         segment.bend_sensor = kind()
     return limb
@@ -117,18 +105,15 @@ class _Signals:
         if table.odd_rows:
             self.remarks.append(f"{_n_rows(table.odd_rows)} with another number of cells left out.")
         # Keep rows whose time increases.
-        clock_times = clock.row_times(table, mapping.time, mapping.rate)
-        if clock.is_reversed(clock_times):
-            table = table.rows(slice(None, None, -1))
-        if clock.is_coarse(clock_times[:: -1 if clock.is_reversed(clock_times) else 1]):
+        times, rows, is_coarse = clock.times_of(table, mapping.time, mapping.rate)
+        if is_coarse:
             self.remarks.append("The clock is coarse; its times are spread evenly.")
-        times, kept = clock.times_of(table, mapping.time, mapping.rate)
-        if lost := int(len(kept) - kept.sum()):
+        if lost := table.values.shape[1] - len(times):
             why = "whose time is missing, repeated or earlier than before"
             self.remarks.append(f"{_n_rows(lost)} left out, {why}.")
-            table = table.rows(kept)
-        is_rate_of_rows = not mapping.time.column or mapping.time.unit == FRAMES
-        self.rate = (0.0 if is_rate_of_rows else mapping.rate) or clock.usual_rate(times)
+        table = table.rows(rows)
+        given_rate = 0.0 if mapping.has_rows_at_rate else mapping.rate
+        self.rate = given_rate or clock.usual_rate(times)
         if mapping.join:
             times, table = _joined(times, table, mapping, path)
         times = times - times[0]
@@ -253,8 +238,8 @@ def _joined(
     join = mapping.join
     assert join
     other = read_table(path.parent / join.file)
-    other_times, kept = clock.times_of(other, join.time, join.rate)
-    other = other.rows(kept)
+    other_times, rows, _ = clock.times_of(other, join.time, join.rate)
+    other = other.rows(rows)
     # Set the clock of the second file by the log's.
     if join.offset is not None:
         offset = times[0] + join.offset - other_times[0]
@@ -263,7 +248,7 @@ def _joined(
         since = times - times[0], other_times - other_times[0]
         offset = clock.aligned_offset(since[0], signals[0], since[1], signals[1])
         offset += times[0] - other_times[0]
-    elif mapping.time.unit == join.time.unit == TIME_OF_DAY:
+    elif mapping.time.unit == join.time.unit == clock.TIME_OF_DAY:
         offset = clock.DAY * round((times[0] - other_times[0]) / clock.DAY)
     elif min(times[0], other_times[0]) > MIN_EPOCH_TIME:
         offset = 0.0
@@ -367,8 +352,8 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
     angles[:, is_beyond] = np.nan
     bends = np.deg2rad(angles)
     if bend.measures == TIP_TANGENT:
-        bends = bend_angle_from_tip_tangent(bends)
-    return roll_bends(bends, -np.deg2rad(bend.roll))
+        bends = bend_sensor.bend_angle_from_tip_tangent(bends)
+    return bend_sensor.roll_bends(bends, -np.deg2rad(bend.roll))
 
 
 def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:

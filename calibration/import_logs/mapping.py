@@ -7,11 +7,11 @@ import dataclasses
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import yaml
 
-from calibration.import_logs.table import DELIMITERS, LogError, LogTable
+from calibration.import_logs.table import DELIMITERS, LogError
+from limb_systems.bend_sensor import ChordSensor, TipTangentSensor
 from limb_systems.errors import reraise_as
 from limb_systems.files.input import read_text
 from limb_systems.files.output import write_atomically
@@ -28,7 +28,7 @@ TEMPERATURE_UNITS = {
 BEND_ANGLE = "bend_angle"
 CHORD = "chord"
 TIP_TANGENT = "tip_tangent"
-MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
+MEASURES = {BEND_ANGLE: None, CHORD: ChordSensor, TIP_TANGENT: TipTangentSensor}
 UNKNOWN = "?"  # in place of what is not known
 
 
@@ -143,19 +143,6 @@ class LogMapping(Strict):
                     "each its own."
                 )
 
-    @classmethod
-    def of(
-        cls,
-        table: LogTable,
-        time: TimeColumn,
-        wires: list[WireColumns],
-        bend: BendColumns,
-        **more: Any,
-    ) -> "LogMapping":
-        """Return a mapping of these columns, in the table's form."""
-        form = {name: getattr(table, name) for name in ("delimiter", "decimal", "names_line")}
-        return cls(time, wires, bend, **form, **more)
-
     @property
     def columns(self) -> set[str]:
         """The columns that it names, of both files."""
@@ -165,14 +152,18 @@ class LogMapping(Strict):
         return (own | set(self.join.align if self.join else ())) - {""}
 
     @property
+    def has_rows_at_rate(self) -> bool:
+        """Whether rows or frames come at ``rate``: no column is a time."""
+        return not self.time.column or self.time.unit == FRAMES
+
+    @property
     def open_fields(self) -> list[str]:
         """The fields that the mapping leaves open, such as "wires[0].duty"."""
         bend_columns = "bend.line" if self.bend.line else "bend.column"
-        has_rows_at_rate = not self.time.column or self.time.unit == FRAMES
         is_open = {
             "time.column": self.time.column == UNKNOWN,
             "time.unit": self.time.unit == UNKNOWN,
-            "rate": has_rows_at_rate and not self.rate,
+            "rate": self.has_rows_at_rate and not self.rate,
             "full": not self.full and any(wire.duty for wire in self.wires),
             bend_columns: UNKNOWN in self.bend.columns,
             "bend.scale": not self.bend.scale,

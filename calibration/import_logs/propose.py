@@ -11,35 +11,12 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from calibration.import_logs import clock, mapping, words
-from calibration.import_logs.evidence import (
-    MIN_VOTE,
-    Steps,
-    clear_pairs,
-    clear_votes,
-    correlation,
-    forward_fill,
-)  # fmt: skip
+from calibration.import_logs import clock, evidence, mapping, words
+from calibration.import_logs.evidence import MIN_VOTE, Steps, correlation
 from calibration.import_logs.log_signals import base_direction, bends_of
-from calibration.import_logs.mapping import (
-    UNKNOWN,
-    BendColumns,
-    LogMapping,
-    TimeColumn,
-    WireColumns,
-)  # fmt: skip
+from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
 from calibration.import_logs.table import LogError, LogTable
-from calibration.import_logs.words import (
-    BEND,
-    DUTY,
-    FRAME,
-    LEFT,
-    RIGHT,
-    SIDES,
-    TEMPERATURE,
-    TIME,
-    Name,
-)  # fmt: skip
+from calibration.import_logs.words import BEND, DUTY, LEFT, RIGHT, SIDES, TEMPERATURE, Name
 from limb_systems.limb_parameters import LimbParameters
 
 FULL_SCALES = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
@@ -164,7 +141,7 @@ class Columns:
         table: LogTable,
         limb: LimbParameters | None,
         dictionary: words.Dictionary,
-        time: TimeColumn | None = None,
+        time: mapping.TimeColumn | None = None,
     ):
         self.table = table
         self.limb = limb or LimbParameters()
@@ -180,17 +157,14 @@ class Columns:
         self.time = time or self._time(names)
         # To see what follows what, rows without a time come at any rate.
         try:
-            if clock.is_reversed(clock.row_times(table, self.time, 10.0)):
-                self.table = table.rows(slice(None, None, -1))
-            self.times, kept = clock.times_of(self.table, self.time, 10.0)
+            self.times, self.rows, _ = clock.times_of(table, self.time, 10.0)
         except LogError:
             self.times = 0.1 * np.arange(table.values.shape[1])
-            kept = np.ones(len(self.times), bool)
-        self.kept = slice(None) if kept.all() else kept  # long logs are not copied
+            self.rows = slice(None)
         self.steps = Steps.of(self.times)
         # Find what stands for no reading, and leave it out.
         names = [n for n in names if n.text not in (self.time.column, self.time.fraction)]
-        numbers = [self.table.numbers(name.text)[self.kept] for name in names]
+        numbers = [table.numbers(name.text)[self.rows] for name in names]
         self.missing = [v for v in MISSING_CODES if any(_stands_out(row, v) for row in numbers)]
         self.columns: list[Column] = []
         for name, values in zip(names, numbers, strict=True):
@@ -231,7 +205,7 @@ class Columns:
         unnamed = [c for c in self._of_role("") if c.name.quantity in ("", "counts")]
         return [c for c in unnamed if c.span and c.text not in self.notes]
 
-    def _time(self, names: list[Name]) -> TimeColumn:
+    def _time(self, names: list[Name]) -> mapping.TimeColumn:
         """Return the column that increases as a clock does; a question if there is none."""
         found = clock.find_time(self.table, names)
         if found.column:
@@ -239,11 +213,11 @@ class Columns:
             if found.unit == UNKNOWN:
                 self.ask("time unit", "time.unit", ["s", "ms", "us"], column=found.column)
             return found
-        counters = [name.text for name in names if name.role == FRAME]
+        counters = [name.text for name in names if name.role == words.FRAME]
         frames = [text for text in counters if (np.diff(self.table.numbers(text)) > 0).all()]
         what = f"the frames in {frames[0]}" if frames else "the rows"
         self.ask("rate", "rate", ["10.0"], what=what)
-        return TimeColumn(frames[0], mapping.FRAMES) if frames else found
+        return mapping.TimeColumn(frames[0], mapping.FRAMES) if frames else found
 
     def _find(self, role: str, seem: Callable[[Column], bool]) -> list[Column]:
         """Return the columns of a role by their names, else like columns that seem to be of it."""
@@ -357,7 +331,7 @@ class Columns:
             return
         unpaired = list(self.temperatures)
         signals = np.array([column.means for column in unpaired])
-        warmed_sensors = clear_pairs(*self.steps.responses(self.heats, signals))
+        warmed_sensors = evidence.clear_pairs(*self.steps.responses(self.heats, signals))
         # Numbers and letters are names if duties and thermocouples have the same ones.
         labels = [column.name.label for column in self.duties]
         sensor_labels = [column.name.label for column in self.temperatures]
@@ -483,10 +457,8 @@ class Columns:
     def bend(self) -> BendColumns:
         """Return the columns of the bend: by name, else points, else what follows the heat."""
         points = self._points()
-        places = {(x.name.stem, x.name.label) for x, _ in points}
-        of_points = [
-            c for c in self.columns if c.name.axis and (c.name.stem, c.name.label) in places
-        ]
+        places = {x.name.place for x, _ in points}
+        of_points = [c for c in self.columns if c.name.axis and c.name.place in places]
         rated = [c for c in self._of_role(BEND) if c not in of_points and c.span]
         if points and not rated:
             return self._line(points)
@@ -527,13 +499,12 @@ class Columns:
         """Return the columns x and y of points in a picture; none if there is one point only."""
         by_place = {}
         for column in self.columns:
-            name = column.name
-            if name.is_measured and name.quantity in ("", "counts", "length"):
-                by_place[name.stem, name.label, name.axis] = column
+            if column.name.is_measured and column.name.quantity in ("", "counts", "length"):
+                by_place[column.name.place, column.name.axis] = column
         pairs = []
-        for (stem, label, axis), column in by_place.items():
-            if axis == "x" and (stem, label, "y") in by_place:
-                pairs.append((column, by_place[stem, label, "y"]))
+        for (place, axis), column in by_place.items():
+            if axis == "x" and (place, "y") in by_place:
+                pairs.append((column, by_place[place, "y"]))
         return pairs if len(pairs) > 1 else []
 
     def _line(self, points: list[tuple[Column, Column]]) -> BendColumns:
@@ -595,7 +566,12 @@ class Columns:
         """
         bend = found.bend
         wires = found.wires[: len(self.duties)]
-        is_heated = self._are_heated(found)
+        # Heat in seconds of full duty shows which wires bend the limb.
+        tops = np.array([np.abs(column.present).max() for column in self.duties])
+        doses = (
+            self.heats.sum(axis=1) * self.steps.step * tops / (found.full or max(tops, default=1))
+        )
+        is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
         is_nameless = all(wire.name == UNKNOWN for wire in wires) and len(wires) <= 2
         is_nameless &= self.limb.wire_names == [LEFT, RIGHT]
         sides = np.array([])  # of the wires, as -1 and 1, if they have no names
@@ -636,20 +612,10 @@ class Columns:
                 facts = {"numbers": numbers, "duty": wire.duty, "hint": self.hint}
                 self.ask("wire", f"wires[{index}].name", self.limb.wire_names, **facts)
 
-    def _are_heated(self, found: LogMapping) -> np.ndarray:
-        """Return which wires get heat enough to bend the limb, or as much as there is (W,)."""
-        most = max((float(np.abs(column.present).max()) for column in self.duties), default=1.0)
-        doses = np.zeros(len(self.duties))
-        for index, column in enumerate(self.duties):
-            duty = np.clip(found.wires[index].sign * forward_fill(column.values), 0.0, None)
-            doses[index] = np.trapezoid(duty, self.times) / (found.full or most or 1.0)
-        is_enough = doses > MIN_HEATED_TIME
-        return is_enough if is_enough.any() else doses > 0.0
-
     def _bend_votes(self, found: LogMapping) -> np.ndarray:
         """Return how clearly wires bend the limb to their sides, or to positive angles (W,)."""
         plain = dataclasses.replace(found.bend, measures=mapping.BEND_ANGLE)
-        rows = bends_of(self.table, dataclasses.replace(found, bend=plain))[:, self.kept]
+        rows = bends_of(self.table, dataclasses.replace(found, bend=plain))[:, self.rows]
         bends = np.array([self.steps.means(row) for row in rows])
         lever_of_wire = {wire.name: wire.lever for wire in self.limb.wires}
         levers = np.ones((len(rows), len(self.heats)))
@@ -660,7 +626,7 @@ class Columns:
             for column in self.temperatures:
                 if column.text == wire.temperature and column.span:
                     warmth[index] = column.means
-        return clear_votes(self.steps, [self.heats, warmth], bends, levers)
+        return evidence.clear_votes(self.steps, [self.heats, warmth], bends, levers)
 
     # What is left over.
 
@@ -669,7 +635,9 @@ class Columns:
         bare = [i for i in range(len(self.duties)) if not self.wires[i].temperature]
         for column in self.columns:
             name = column.name
-            is_signal = column.span and name.is_measured and name.role not in (TIME, FRAME)
+            is_signal = (
+                column.span and name.is_measured and name.role not in (words.TIME, words.FRAME)
+            )
             if not is_signal or column.text in self.notes:
                 continue
             is_duty = name.role == DUTY
@@ -688,9 +656,9 @@ class Columns:
 
     def _is_explained(self, column: Column) -> bool:
         """Return whether a column shows no more than the duties, as a current or a sum does."""
-        rows = [forward_fill(duty.means) for duty in dict.fromkeys(self.duties)]
+        rows = [evidence.forward_fill(duty.means) for duty in dict.fromkeys(self.duties)]
         causes = np.vstack([*rows, np.ones(len(column.means))]).T
-        values = forward_fill(column.means)
+        values = evidence.forward_fill(column.means)
         left = values - causes @ np.linalg.lstsq(causes, values, rcond=None)[0]
         return bool(rows) and bool(left.std() < 0.3 * values.std())
 
@@ -710,9 +678,7 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     bend = columns.bend()
     columns.ask_about_the_rest()
     missing = [str(value) for value in columns.missing]
-    found = LogMapping.of(
-        columns.table, columns.time, columns.wires, bend, full=full, missing=missing
-    )
+    found = LogMapping(columns.time, columns.wires, bend, full, missing=missing, **table.form)
     columns.find_sides(found)
     return columns.proposal("", found)
 

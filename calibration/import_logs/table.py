@@ -1,6 +1,7 @@
 """Read a log as a table of numbers, whatever wrote it."""
 
 import codecs
+import contextlib
 import csv
 import dataclasses
 import io
@@ -9,11 +10,12 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from calibration.import_logs.cells import AMOUNT, is_name, is_number, is_time, number, time_of_day
-from calibration.import_logs.words import parse_unit
+from calibration.import_logs.words import is_unit
 from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TABLE, check_file
 from limb_systems.progress import Progress
@@ -54,9 +56,8 @@ class LogTable:
     - ``units``: units from a row of units or from the cells; empty texts if there are none.
     - ``values``: the number in each cell (N, K); nan where a cell has none.
     - ``times_of_day``: names of columns whose numbers are times of day, s.
-    - ``delimiter``: what is between cells, one of `DELIMITERS`.
-    - ``decimal``: decimal mark of numbers.
-    - ``names_line``: number of the line of names, from 1; 0 if there is none.
+    - ``form``: ``delimiter``, one of `DELIMITERS`; ``decimal``, the decimal mark; ``names_line``,
+      the number of the line of names, from 1, or 0 if there is none.
     - ``has_names``: whether columns have names, in a line or in each cell.
     - ``odd_rows``: number of rows with another number of cells, which were left out.
     """
@@ -65,9 +66,7 @@ class LogTable:
     units: list[str]
     values: np.ndarray
     times_of_day: frozenset[str]
-    delimiter: str = ","
-    decimal: str = "."
-    names_line: int = 1
+    form: dict[str, Any] = dataclasses.field(default_factory=dict)
     has_names: bool = True
     odd_rows: int = 0
 
@@ -98,18 +97,22 @@ class LogTable:
 class _Form:
     """The form of a log's lines: a delimiter between cells, and what is around numbers.
 
-    - ``delimiter``, ``decimal``: as in `LogTable`.
+    - ``delimiter``, ``decimal``, ``names_line``: as in `LogTable.form`.
     - ``is_stamped``: whether a terminal wrote the time before each line.
     - ``labels``: names, if each cell is ``label:value``.
     - ``width``: number of cells of most lines.
     - ``columns``: cells of these lines, column by column.
+    - ``is_time``: whether each column has times of day.
     - ``score``: how well the form fits, 0 to 1.
+    - ``head``: cells of the lines before the numbers, once they are read.
     """
 
     def __init__(self, lines: list[str], delimiter: str, decimal: str):
         """Find the form of lines; they show the decimal mark if it is empty."""
         self.delimiter = delimiter
         self.decimal = decimal or "."
+        self.names_line = 0
+        self.head: list[list[str]] = []
         self.score = 0.0
         # Terminals write a time before each line; sketches write a label before each number.
         self.is_stamped = sum(map(bool, map(_STAMP.match, lines))) > 0.9 * len(lines)
@@ -124,9 +127,9 @@ class _Form:
         if self.width < 2 or not cells:
             return
         for mark in [decimal] if decimal else [".", ","]:
-            score = sum(_is_written(cell, mark) for cell in cells) / len(cells) * count / len(lines)
-            if score > self.score:
-                self.score = score
+            share = sum(_is_written(cell, mark) for cell in cells) / len(cells)
+            if share * count / len(lines) > self.score:
+                self.score = share * count / len(lines)
                 self.decimal = mark
         self.is_time = []
         for column in self.columns:
@@ -161,27 +164,109 @@ class _Form:
         """Return the numbers in lines (N, K), and how many lines have other numbers of cells."""
         # Read lines of numbers and nothing else at once.
         if not (self.is_stamped or self.labels or any(self.is_time)) and self.decimal == ".":
-            try:
-                mark = DELIMITERS[self.delimiter]
+            mark = DELIMITERS[self.delimiter]
+            with contextlib.suppress(ValueError):
                 parsed = np.loadtxt(lines, comments=None, delimiter=mark, ndmin=2)
-            except ValueError:
-                parsed = np.empty((0, 0))
-            if parsed.shape[1] == self.width:
-                parsed[~np.isfinite(parsed)] = np.nan
-                return parsed.T, 0
+                if parsed.shape[1] == self.width:
+                    parsed[~np.isfinite(parsed)] = np.nan
+                    return parsed.T, 0
         # Read others cell by cell.
         rows = list(filter(any, map(self.cells, lines)))
         full = [row for row in rows if len(row) == self.width]
         values = np.empty((self.width, len(full)))
         for index, column in enumerate(zip(*full, strict=True)):
-            number_of_cell = {}
-            for cell in set(column):
-                is_of_time = self.is_time[index]
-                number_of_cell[cell] = (
-                    time_of_day(cell) if is_of_time else number(cell, self.decimal)
-                )
+            read = time_of_day if self.is_time[index] else self._number
+            number_of_cell = {cell: read(cell) for cell in set(column)}
             values[index] = [number_of_cell[cell] for cell in column]
         return values, len(rows) - len(full)
+
+    def _number(self, cell: str) -> float:
+        return number(cell, self.decimal)
+
+    def read_head(self, lines: list[str], names_line: int | None) -> bool:
+        """Read the lines before the numbers; return whether there are numbers.
+
+        Args:
+            names_line: as in `LogTable.form`; the head shows it if None.
+        """
+        num_rows = 0
+        for line in lines[:MAX_HEAD_LINES]:
+            row = self.cells(line)
+            full = list(filter(None, row))
+            num_numbers = sum(is_number(cell, self.decimal) or is_time(cell) for cell in full)
+            is_row = len(row) == self.width and num_numbers >= max(2, 0.3 * len(full))
+            num_rows = num_rows + 1 if is_row and len(self.head) >= (names_line or 0) else 0
+            self.head.append(row)
+            if num_rows == MIN_FIRST_ROWS:
+                break
+        if not num_rows:
+            return False
+        del self.head[-num_rows:]
+        self.names_line = names_line or 0
+        if names_line is None and not self.labels:
+            self.names_line = self._find_names_line()
+        return True
+
+    def _find_names_line(self) -> int:
+        """Return the number of the last line that has names for all cells; 0 if there is none."""
+        width = self.width
+        for widths in ((width,), (width - 1, width + 1)):  # it may lack a cell, or begin with "#"
+            for line in range(len(self.head), 0, -1):
+                row = self.head[line - 1]
+                num_units = sum(not cell.strip(" []()-1") or is_unit(cell) for cell in row)
+                has_names_above = line > 1 and len(self.head[line - 2]) == len(row)
+                is_of_units = num_units >= (0.5 if has_names_above else 1.0) * len(row)
+                num_names = sum(map(is_name, row))
+                if len(row) in widths and not is_of_units and num_names > 0.5 * sum(map(bool, row)):
+                    return line
+        return 0
+
+    def names(self, row: list[str]) -> list[str]:
+        """Return the names of the columns, as many as the head has, above the first row."""
+        time_name = ["time"] if self.is_stamped else [""]
+        if self.labels:
+            return [*filter(None, time_name), *self.labels]
+        if not self.names_line:
+            return [*time_name, *[""] * (self.width - 1)]
+        names = [name.lstrip("#% ").strip("\"'") for name in self.head[self.names_line - 1]]
+        # The line may have begun with a "#", rows may end with a delimiter or begin with a date.
+        begins_plain = bool(re.fullmatch(r"[-+]?\d*[.,]?\d+", row[0]))
+        if len(names) > len(row):
+            names = list(filter(None, names))
+        elif len(names) == len(row) - 1 and not row[-1]:
+            names = [*names, ""]
+        elif len(names) == len(row) - 1 and (self.delimiter == "space" or not begins_plain):
+            names = [*time_name, *names]
+        if self.is_stamped and is_time(names[0]):
+            names[0] = "time"
+        # Names that are there twice, such as X and Y of points, begin with what a row above says.
+        repeated = {name for name, count in Counter(names).items() if count > 1 and name}
+        above = [row for row in self.head[: self.names_line - 1] if len(row) == len(names)]
+        above.sort(key=lambda cells: {"name", "bodyparts"}.isdisjoint(map(str.lower, cells[:2])))
+        for row_above in above if repeated else ():
+            joined = list(names)
+            for index, name in enumerate(names):
+                if name in {*repeated, ""}:
+                    joined[index] = f"{row_above[index]} {name}".strip()
+            if len(set(joined) - {""}) == len(joined) - joined.count(""):
+                return joined
+        return names
+
+    def units(self) -> list[str]:
+        """Return the units of columns: of a row below the names or above them, or in each cell."""
+        units = [""] * self.width
+        above = self.head[: max(0, self.names_line - 1)]
+        for row in [*self.head[self.names_line :], *reversed(above)]:
+            known = [cell if is_unit(cell) else "" for cell in row]
+            num_known = sum(map(bool, known))
+            if len(row) == self.width and num_known >= max(2, 0.5 * sum(map(bool, row))):
+                units = known
+                break
+        for index, column in enumerate(self.columns):
+            for amount in filter(None, map(AMOUNT.fullmatch, column)):
+                if not units[index] and is_unit(amount[2]):
+                    units[index] = amount[2]
+        return units
 
 
 def read_table(
@@ -190,45 +275,40 @@ def read_table(
     """Read a log whatever wrote it, and show the progress on a terminal.
 
     Args:
-        delimiter, decimal, names_line: as in `LogTable`; the log itself shows them if left out.
+        delimiter, decimal, names_line: as in `LogTable.form`; the log shows them if left out.
 
     Raises:
         LogError: with one sentence, if it is no table of text with rows of numbers.
     """
     check_file(path, "log", LARGEST_TABLE, LogError)
-    encoding, num_lines = _survey(Path(path))
-    size = round(Path(path).stat().st_size / 1e6, 1)
+    path = Path(path)
+    encoding, num_lines = _survey(path)
+    size = round(path.stat().st_size / 1e6, 1)
     with (
-        Path(path).open("rb") as raw,
+        path.open("rb") as raw,
         io.TextIOWrapper(raw, encoding, errors="cp1252") as file,
-        Progress(f"reading {Path(path).name}", size, "MB") as progress,
+        Progress(f"reading {path.name}", size, "MB") as progress,
     ):
-        # Find the form of the lines in the middle of the first block.
+        # Find the form of the lines in the middle of the first block, and read the head.
         lines = file.readlines(BLOCK_CHARACTERS)
         full_lines = [line for line in lines if line.strip() and len(line) < MAX_LINE_LENGTH]
         middle = max(0, (len(full_lines) - SAMPLE_ROWS) // 2)
         sample = full_lines[middle : middle + SAMPLE_ROWS] or [""]
-        forms = [
-            _Form(sample, mark, decimal) for mark in ([delimiter] if delimiter else DELIMITERS)
-        ]
-        form = max(forms, key=lambda form: form.score)
-        if not form.score:
+        delimiters = [delimiter] if delimiter else DELIMITERS
+        form = max((_Form(sample, mark, decimal) for mark in delimiters), key=lambda f: f.score)
+        if not form.score or not form.read_head(lines, names_line):
             raise LogError(f"{path} has no rows of numbers between delimiters; is it a log?")
-        # Read its head, up to where the numbers begin.
-        head = _head(lines, form, names_line or 0, path)
-        if names_line is None:
-            names_line = 0 if form.labels else _names_line(head, form.width)
-        names = _names(head, names_line, form, form.cells(lines[len(head)]))
+        lines = lines[len(form.head) :]
+        names = form.names(form.cells(lines[0]))
         if len(names) != form.width:
             raise LogError(
-                f"{path} has {len(names)} names in line {names_line}, but {form.width} cells in "
-                "the rows below; give each column a name, or none in the line."
+                f"{path} has {len(names)} names in line {form.names_line}, but {form.width} cells "
+                "in the rows below; give each column a name, or none in the line."
             )
         # Read the numbers.
         values = np.empty((form.width, num_lines))
         count = 0
         odd_rows = 0
-        lines = lines[len(head) :]
         while lines:
             block, num_odd = form.numbers(lines)
             values[:, count : count + block.shape[1]] = block
@@ -239,11 +319,11 @@ def read_table(
     if count < MIN_ROWS:
         raise LogError(f"{path} has only {count} rows of numbers.")
     names = unique_names(names)
-    return LogTable(
-        names, _units(head, names_line, form), values[:, :count],
-        frozenset(itertools.compress(names, form.is_time)), form.delimiter, form.decimal,
-        names_line, bool(names_line or form.labels), odd_rows,
-    )  # fmt: skip
+    times_of_day = frozenset(itertools.compress(names, form.is_time))
+    own_form = {"delimiter": form.delimiter, "decimal": form.decimal, "names_line": form.names_line}
+    has_names = bool(form.names_line or form.labels)
+    values = values[:, :count]
+    return LogTable(names, form.units(), values, times_of_day, own_form, has_names, odd_rows)
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
@@ -293,84 +373,3 @@ def _survey(path: Path) -> tuple[str, int]:
         while piece := file.read(2**20):
             num_lines += max(piece.count(b"\n"), piece.count(b"\r"))
     return encoding, num_lines
-
-
-def _head(lines: list[str], form: _Form, names_line: int, path: str | Path) -> list[list[str]]:
-    """Return the rows before the numbers, as cells."""
-    head: list[list[str]] = []
-    in_a_row = 0
-    for line in lines[:MAX_HEAD_LINES]:
-        row = form.cells(line)
-        full = list(filter(None, row))
-        num_numbers = sum(is_number(cell, form.decimal) or is_time(cell) for cell in full)
-        is_of_numbers = len(row) == form.width and num_numbers >= max(2, 0.3 * len(full))
-        in_a_row = in_a_row + 1 if is_of_numbers and len(head) >= names_line else 0
-        head.append(row)
-        if in_a_row == MIN_FIRST_ROWS:
-            break
-    if not in_a_row:
-        raise LogError(f"{path} has no rows of numbers between delimiters; is it a log?")
-    return head[:-in_a_row]
-
-
-def _names_line(head: list[list[str]], width: int) -> int:
-    """Return the number of the last line that has names for all cells; 0 if there is none."""
-    for widths in ((width,), (width - 1, width + 1)):  # it may lack a cell, or begin with "#"
-        for line in range(len(head), 0, -1):
-            row = head[line - 1]
-            num_units = sum(
-                cell.strip(" []()-1") == "" or bool(parse_unit(cell)[0]) for cell in row
-            )
-            has_names_above = line > 1 and len(head[line - 2]) == len(row)
-            is_of_units = num_units >= (0.5 if has_names_above else 1.0) * len(row)
-            num_names = sum(map(is_name, row))
-            if len(row) in widths and not is_of_units and num_names > 0.5 * sum(map(bool, row)):
-                return line
-    return 0
-
-
-def _names(head: list[list[str]], names_line: int, form: _Form, row: list[str]) -> list[str]:
-    """Return the names of the columns, as many as the head has."""
-    time_name = ["time"] if form.is_stamped else [""]
-    if form.labels:
-        return [*filter(None, time_name), *form.labels]
-    if not names_line:
-        return [*time_name, *[""] * (form.width - 1)]
-    names = [name.lstrip("#% ").strip("\"'") for name in head[names_line - 1]]
-    # The line may have begun with a "#", rows may end with a delimiter or begin with a date.
-    begins_plain = bool(re.fullmatch(r"[-+]?\d*[.,]?\d+", row[0]))
-    if len(names) > len(row):
-        names = list(filter(None, names))
-    elif len(names) == len(row) - 1 and not row[-1]:
-        names = [*names, ""]
-    elif len(names) == len(row) - 1 and (form.delimiter == "space" or not begins_plain):
-        names = [*time_name, *names]
-    if form.is_stamped and is_time(names[0]):
-        names[0] = "time"
-    # Names that are there twice, such as X and Y of points, begin with what a row above says.
-    repeated = {name for name, count in Counter(names).items() if count > 1 and name}
-    above = [row_above for row_above in head[: names_line - 1] if len(row_above) == len(names)]
-    above.sort(key=lambda cells: {"name", "bodyparts"}.isdisjoint(map(str.lower, cells[:2])))
-    for row_above in above if repeated else ():
-        joined = list(names)
-        for index, name in enumerate(names):
-            if name in {*repeated, ""}:
-                joined[index] = f"{row_above[index]} {name}".strip()
-        if len(set(joined) - {""}) == len(joined) - joined.count(""):
-            return joined
-    return names
-
-
-def _units(head: list[list[str]], names_line: int, form: _Form) -> list[str]:
-    """Return the units of columns: of a row below the names or above them, or in each cell."""
-    units = [""] * form.width
-    for row in [*head[names_line:], *head[: max(0, names_line - 1)][::-1]]:
-        known = [cell if parse_unit(cell)[0] else "" for cell in row]
-        if len(row) == form.width and sum(map(bool, known)) >= max(2, 0.5 * sum(map(bool, row))):
-            units = known
-            break
-    for index, column in enumerate(form.columns):
-        for amount in filter(None, map(AMOUNT.fullmatch, column)):
-            if not units[index] and parse_unit(amount[2])[0]:
-                units[index] = amount[2]
-    return units

@@ -106,6 +106,11 @@ def parse_unit(text: str) -> tuple[str, str]:
     return "", ""
 
 
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit."""
+    return bool(parse_unit(text)[0])
+
+
 @dataclasses.dataclass(frozen=True)
 class Name:
     """The meaning of a column's name.
@@ -185,6 +190,11 @@ class Name:
         return self.label if self.label in SIDES else ""
 
     @property
+    def place(self) -> tuple[tuple[str, ...], str]:
+        """The point that it is a coordinate of."""
+        return self.stem, self.label
+
+    @property
     def order(self) -> tuple[bool, str]:
         """The place of its wire among others: left, right, then by numbers or letters."""
         return not self.side, self.label.zfill(3) if self.label.isdigit() else self.label
@@ -193,7 +203,7 @@ class Name:
 def _without_unit(text: str, column_names: Collection[str]) -> tuple[str, str]:
     """Return a name without the unit in it, and the unit; empty if it has none."""
     for match in re.finditer(r"[\[(]([^\])]*)[\])]", text):
-        if parse_unit(match[1])[0]:
+        if is_unit(match[1]):
             return text.replace(match[0], " "), match[1]
     if _PER_SECOND.search(text.lower()):
         return text, "deg/s"
@@ -201,7 +211,7 @@ def _without_unit(text: str, column_names: Collection[str]) -> tuple[str, str]:
     # A last letter is a wire's if other columns end in "a" or "b".
     siblings = {f"{start}{mark}a".lower(), f"{start}{mark}b".lower()}
     is_lettered = len(last) == 1 and not siblings.isdisjoint(map(str.lower, column_names))
-    if not mark or last.lower() in _NAME_WORDS or is_lettered or not parse_unit(last)[0]:
+    if not mark or last.lower() in _NAME_WORDS or is_lettered or not is_unit(last):
         return text, ""
     return start, last
 

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -110,9 +111,12 @@ class StiffnessFit:
 
 
 def shape_factors(links: int, load: float = 0.0) -> np.ndarray:
-    """Return the shares of the joints in a sag, b_i of eqn (9) (links,), by payload over link mass.
+    """Return the shares of the joints in a sag, b_i of eqn (9) (links,).
 
     The denominator is Σ (N - j + 1)², not Σ (N - j)² as printed.
+
+    Args:
+        load: payload at the tip over the mass of a link.
     """
     beyond = np.arange(links, 0, -1.0)
     torques = beyond**2 + 2 * load * beyond
@@ -122,8 +126,11 @@ def shape_factors(links: int, load: float = 0.0) -> np.ndarray:
 def sag_payload(described: LimbParameters, min_own_sag: float = MIN_OWN_SAG) -> float:
     """Return the payload with which to record the sag of a planar limb, kg.
 
-    It is zero if the own sag of the limb, as it is expected, is enough times the drift of the bend
-    sensor, and else bends the limb by some 15°.
+    It is zero if the limb's own sag is ``enough``, and else bends the limb by some 15°.
+
+    Args:
+        described: the limb, of one segment, with the stiffness that is expected of it.
+        min_own_sag: own sag over the drift of the bend sensor, from which on no payload is needed.
     """
     segment = only_segment(described)
     sensor = segment.bend_sensor
@@ -137,7 +144,12 @@ def sag_payload(described: LimbParameters, min_own_sag: float = MIN_OWN_SAG) -> 
 
 
 def further_sag(limb: LimbParameters, stiffness: Estimate | None) -> str:
-    """Return the most informative recording of a sag, in words; empty if k is known well."""
+    """Return the most informative recording of a sag, in words; empty if k is known.
+
+    Args:
+        limb: the limb, with the stiffness that is known.
+        stiffness: k as it was calibrated; None if there is no recording of the sag.
+    """
     if stiffness and stiffness.standard_error <= WELL_KNOWN_SHARE * stiffness.value:
         return ""
     load = sag_payload(limb, np.inf if stiffness else MIN_OWN_SAG)
@@ -251,11 +263,13 @@ def _stiffness_of_sags(
         spread = pooled_spread(scatter, len(counts))
     weights = np.sqrt(counts) / max(spread, 1e-9)
 
-    # Fit log k and the rest angle to the means.
+    # Fit log k and the rest angle to the means; a rest angle that is known moves no sag.
+    @functools.cache
+    def simulated_sags(k: float, angle: float) -> np.ndarray:
+        return np.array([_sag_of(limb, sensor, k, angle)[0] for limb in mounted_limbs])
+
     def residuals(unknown: np.ndarray) -> np.ndarray:
-        k = np.exp(unknown[0])
-        angle = rest + rest_error * unknown[1]
-        simulated = [_sag_of(limb, sensor, k, angle)[0] for limb in mounted_limbs]
+        simulated = simulated_sags(np.exp(unknown[0]), rest + rest_error * unknown[1])
         return np.append(weights * (simulated - means), unknown[1])
 
     try:
@@ -501,9 +515,13 @@ def _first_passing(signal: np.ndarray, release: int) -> int:
 def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> DampingFit:
     """Fit σ, with which the model rings down as the limb does, fitData of Algorithm 1.
 
-    The limb has its calibrated stiffness. Recordings are passive oscillations after a release from
-    about 45°; the hold before may be part of them. Raise CalibrationError if there is no ring-down,
-    or no σ explains it.
+    Args:
+        parameters: the limb, with its calibrated stiffness.
+        recordings: passive oscillation after a release from about 45°; the
+            hold before may be part of them.
+
+    Raises:
+        CalibrationError: if there is no ring-down, or no σ explains it.
     """
     if not recordings:
         raise CalibrationError("There is no recording of a ring-down.")
@@ -641,10 +659,13 @@ def _fit_recording(parameters, recording: Recording):
 def with_ringing(fit: StiffnessFit, damping: DampingFit) -> StiffnessFit:
     """Return a fit with k by sag and ring-down together, weighted by their variances.
 
-    k follows from the square of the ring-down's frequency, of limb and of the model with the k of
-    the sag. Rubber is stiffer in a ring-down than in a sag by `FAST_STIFFENING` ±
-    `FAST_STIFFENING_ERROR`. If the two estimates of k differ by more than chance, the standard
-    error of k is larger by as much.
+    k follows from the square of the ring-down's frequency. Rubber is stiffer in a ring-down than in
+    a sag by `FAST_STIFFENING` ± `FAST_STIFFENING_ERROR`. If the two estimates of k differ by more
+    than chance, the standard error of k is larger by as much.
+
+    Args:
+        fit: k by the sag.
+        damping: ring-downs of the limb, and of the model with this k.
     """
     # log k by the ring-down, relative to log k by the sag.
     pairs = zip(damping.measured, damping.simulated, strict=True)
@@ -668,8 +689,13 @@ def remarks_on_sensor(
 ) -> list[Remark]:
     """Return a remark if sag and ring-down agree with another bend sensor than the header names.
 
-    The frequency follows from k and the mass, whatever the sensor. The sag gives k by what the
-    sensor shows: a tip tangent that is taken for a chord makes k half as large again.
+    The frequency follows from k and the mass, whatever the sensor. The sag gives k by what
+    the sensor shows: a tip tangent that is taken for a chord makes k half as large again.
+
+    Args:
+        limb: the calibrated limb.
+        sags: recordings of its sag.
+        stiffness, damping: the fits.
     """
     header_sensor = bend_sensor_of(sags[0])
     alternatives = {TipTangentSensor: ChordSensor, ChordSensor: TipTangentSensor}

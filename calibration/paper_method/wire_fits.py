@@ -90,6 +90,7 @@ def simulate_heat(
     """Return T and V of a wire (K,), °C, by eqns (6)-(7); exact for duty held between samples.
 
     Args:
+        law: law of the wire.
         duty: D (K,), in force at each sample and since the sample before.
         period: s between samples.
         ambient: T0, °C.
@@ -386,13 +387,15 @@ def fit_force(
 ) -> ForceFit:
     """Fit β of one wire, the mean of Γ = k θ^eq / (T^eq - T0) over equilibria, (13).
 
-    Equilibria are where the bend angle and the simulated wire temperature rest, each averaged over
-    as long as it rests. Where there are three or more above T_warm, only these count, as the model
-    fits better there (Sec. VI).
+    Equilibria are where the bend angle and the simulated wire temperature
+    rest, each averaged over as long as it rests. Where there are three or more
+    above T_warm, only these count, as the model fits better there (Sec. VI).
 
     Args:
-        parameters: the limb; its number of links and the wire's direction count.
-        recording, index: C^r or C^l, in which this wire alone is heated.
+        parameters: the limb; its number of links and the wire's direction
+            count.
+        recording: C^r or C^l, in which this wire alone is heated.
+        index: index of the wire.
         heat: heat transfer of the wire, whose simulated T is used.
         stiffness: k, N·m/rad.
 

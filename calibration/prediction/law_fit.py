@@ -9,6 +9,7 @@ whitened by its covariance, so that they count for what they are worth.
 import copy
 import dataclasses
 import time
+import weakref
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -185,21 +186,8 @@ class LawFit:
         """
         problem = self._problem(runs)
         problem.num_moved = 0
-        size = len(self.fitted)
-
-        def full_vector(initial_conditions: np.ndarray) -> np.ndarray:
-            return np.concatenate([self.fitted, initial_conditions])
-
-        solution = least_squares(
-            lambda n: problem.residuals(full_vector(n)),
-            problem.initial_center,
-            lambda n: problem.jacobian(full_vector(n))[:, size:],
-            x_scale=problem.spread[size:],
-            ftol=10 * TOLERANCE,
-            xtol=TOLERANCE,
-            max_nfev=MAX_ITERATIONS,
-        )
-        return problem.predicted(full_vector(solution.x))
+        x = np.concatenate([self.fitted, problem.initial_center])
+        return problem.predicted(problem.optimum(x, free=slice(len(self.fitted), None)))
 
     def roll_out(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
         """Predict recordings open loop from what is read at their start, as a plan begins."""
@@ -257,19 +245,7 @@ def fit_law(
     x = problem.best_start([start_values[u.name] for u in unknowns], start_in_law)
     for number in range(NUM_PASSES[1]):
         # Fit, then weight residuals by what the law's form leaves, and fit again.
-        solution = least_squares(
-            problem.residuals,
-            x,
-            problem.jacobian,
-            bounds=problem.bounds,
-            x_scale=problem.spread,
-            ftol=TOLERANCE if number else 10 * TOLERANCE,
-            xtol=TOLERANCE,
-            gtol=1e-10,
-            max_nfev=MAX_ITERATIONS,
-            callback=lambda intermediate_result: report(f"cost {intermediate_result.cost:.0f}"),
-        )
-        x = solution.x
+        x = problem.optimum(x, tolerance=TOLERANCE if number else 10 * TOLERANCE, report=report)
         changed = problem.reweigh(x)
         if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
             break
@@ -295,6 +271,11 @@ def fitting_time(
     problem = _FitProblem(law, runs, segment, ambient, unknowns_of(law, segment), [])
     problem.residuals(problem.center)
     return NUM_FIT_STEPS * (time.monotonic() - start)
+
+
+# By recording: what weighs residuals, and their factors, as fits begin with them.
+_FIRST_FACTORS: weakref.WeakKeyDictionary[HeatedRun, tuple[Any, list[np.ndarray]]]
+_FIRST_FACTORS = weakref.WeakKeyDictionary()
 
 
 class _FitProblem:
@@ -395,29 +376,38 @@ class _FitProblem:
         """Set the factors of the residuals' covariances, for each signal of each recording."""
         self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by these factors
         self._factors = []
-        for run, outliers, is_read in zip(self._runs, self._outliers, self._is_read, strict=True):
-            # Correlations by how far samples are apart.
-            lags = np.abs(run.times[:, None] - run.times)
-            times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
-            correlations = {time: np.exp(-lags / time) for time in times}
-            factors: list[np.ndarray] = []
-            by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
-            for signal, is_present in enumerate(is_read):
-                # Variance of each mean; outliers count for almost nothing.
-                is_reading = int(signal >= self._num_bends)
-                sample, drift, drift_time = self._noises[is_reading]
-                form, form_time = self._forms[is_reading]
-                sample_variance = sample**2 / np.maximum(run.counts[:, signal], 1)
-                sample_variance = sample_variance + (100 * sample * outliers[signal]) ** 2
-                if (
-                    key := (is_reading, is_present.tobytes(), sample_variance.tobytes())
-                ) not in by_noise:
-                    covariance = drift**2 * correlations[drift_time]
-                    covariance += form**2 * correlations[form_time]
-                    np.einsum("ii->i", covariance)[:] += sample_variance + 1e-12
-                    by_noise[key] = np.linalg.cholesky(covariance[np.ix_(is_present, is_present)])
-                factors.append(by_noise[key])
+        key = (self._noises, *self._forms)
+        for run, outliers in zip(self._runs, self._outliers, strict=True):
+            # All fits of a recording begin with the same factors.
+            known_key, factors = _FIRST_FACTORS.get(run, (None, []))
+            if outliers.any() or known_key != key:
+                factors = self._signal_factors(run, outliers)
+                _FIRST_FACTORS.setdefault(run, (key, factors))
             self._factors.append(factors)
+
+    def _signal_factors(self, run: HeatedRun, outliers: np.ndarray) -> list[np.ndarray]:
+        """Return the Cholesky factor of the residuals of each signal of a recording."""
+        # Correlations by how far samples are apart.
+        lags = np.abs(run.times[:, None] - run.times)
+        times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
+        correlations = {time: np.exp(-lags / time) for time in times}
+        factors: list[np.ndarray] = []
+        by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
+        for signal, is_present in enumerate(run.counts.T > 0):
+            # Variance of each mean; outliers count for almost nothing.
+            is_reading = int(signal >= self._num_bends)
+            sample, drift, drift_time = self._noises[is_reading]
+            form, form_time = self._forms[is_reading]
+            sample_variance = sample**2 / np.maximum(run.counts[:, signal], 1)
+            sample_variance = sample_variance + (100 * sample * outliers[signal]) ** 2
+            key = (is_reading, is_present.tobytes(), sample_variance.tobytes())
+            if key not in by_noise:
+                covariance = drift**2 * correlations[drift_time]
+                covariance += form**2 * correlations[form_time]
+                np.einsum("ii->i", covariance)[:] += sample_variance + 1e-12
+                by_noise[key] = np.linalg.cholesky(covariance[np.ix_(is_present, is_present)])
+            factors.append(by_noise[key])
+        return factors
 
     def reweigh(self, x: np.ndarray) -> float:
         """Fit to the residuals at x what the form leaves, and see which means are outliers.
@@ -500,14 +490,17 @@ class _FitProblem:
         margin = 1e-6 * (self.bounds[1][:size] - self.bounds[0][:size])
         x[:size] = np.clip(x[:size], self.bounds[0][:size] + margin, self.bounds[1][:size] - margin)
         if len(fit.initial_conditions) == len(self._runs):
-            # The ambient temperature, and the states that both laws have.
+            # The ambient temperature, the states that both laws have, and others of cold wires.
             initial_conditions = x[size:].reshape(len(self._runs), -1)
-            initial_conditions[:, 0] = fit.initial_conditions[:, 0]
+            initial_conditions[:, 0] = fit_T0 = fit.initial_conditions[:, 0]
             states = initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
             former = fit.initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+            cold_states = np.transpose([self._law().cold_states(T0) for T0 in fit_T0])
             for row, state in enumerate(self._law.states):
                 if state in fit.law.states:
                     states[:, row] = former[:, list(fit.law.states).index(state)]
+                else:
+                    states[:, row] = cold_states[row][:, None]
             initial_conditions[:, 1:] = states.reshape(len(self._runs), -1)
         return x
 
@@ -610,6 +603,44 @@ class _FitProblem:
             readings = self._whitened(self._simulate(starts))
             costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
         return starts[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
+
+    def optimum(
+        self,
+        x: np.ndarray,
+        *,
+        free: slice = slice(None),
+        tolerance: float = 10 * TOLERANCE,
+        report: Callable[[str], object] = lambda remark: None,
+    ) -> np.ndarray:
+        """Return the x with the least cost, by a trust region from a given x.
+
+        Args:
+            x: the start.
+            free: what of x is free; the rest stays.
+            tolerance: relative change of the cost, at which iterations end.
+            report: is called in each iteration with a remark on it.
+        """
+        # Count in spreads from the center, as the trust region and its tolerance do not scale.
+        center = self.center[free]
+        spread = self.spread[free]
+
+        def full_vector(distances: np.ndarray) -> np.ndarray:
+            result = x.copy()
+            result[free] = center + spread * distances
+            return result
+
+        solution = least_squares(
+            lambda z: self.residuals(full_vector(z)),
+            (x[free] - center) / spread,
+            lambda z: self.jacobian(full_vector(z))[:, free] * spread,
+            bounds=[(bound[free] - center) / spread for bound in self.bounds],
+            ftol=tolerance,
+            xtol=TOLERANCE,
+            gtol=1e-10,
+            max_nfev=MAX_ITERATIONS,
+            callback=lambda intermediate_result: report(f"cost {intermediate_result.cost:.0f}"),
+        )
+        return full_vector(solution.x)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         return self._around(x)[0]

@@ -56,14 +56,16 @@ def first_readings(recording: Recording) -> np.ndarray:
 def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     """Estimate T0 by the readings of thermocouples while their wires are cold.
 
-    From each recording in which a wire stays unheated its median, and from each of others its first
-    second, or its coldest if all of them start warm. Those within 3 °C of the lowest count, as
-    others were not cold. If all start warm and none becomes as cold as the ambient temperature in
-    their headers, that one counts: wires do not cool below the room. A thermocouple far below the
-    others is disconnected, and one that never moves is dead, unless it agrees with others. T0 is
-    the mean over thermocouples of the median of each. The standard error follows from their
-    scatter, and from the difference of two thermocouples. Without any thermocouple, T0 is what the
-    headers say.
+    From each recording in which a wire stays unheated its median, and from each of
+    others its first second, or its coldest if all of them start warm. Those within 3 °C of
+    the lowest count, as others were not cold. If all start warm and none becomes as cold as the
+    ambient temperature in their headers, that one counts: wires do not cool below the room. A
+    thermocouple far below the others is
+    disconnected, and one that never moves is dead, unless it agrees with others. T0 is the
+    mean over thermocouples of the median of each. The standard error follows from their
+    scatter, and from the difference of two thermocouples, as one reads alike in all recordings.
+
+    Without any thermocouple, T0 is what the headers say.
 
     Raises:
         CalibrationError: if no thermocouple shows it, or if no room is as warm.

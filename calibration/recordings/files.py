@@ -49,8 +49,12 @@ def select_usable(
     """Check recordings by kind, and cut heated ones in pieces unless they stay ``whole``.
 
     Recordings that are not cut must be without gaps: unheated ones, and all if ``whole``.
-    Recordings must be of the described limb's wires; any wires if None. Raise CalibrationError if
-    the described limb has no such kind of recording.
+
+    Args:
+        described: the limb's description, whose wires recordings must be of; any wires if None.
+
+    Raises:
+        CalibrationError: if the described limb has no such kind of recording.
     """
     result = UsableRecordings({}, {}, [])
     names, kinds = (described.wire_names, all_kinds(described)) if described else ([], recordings)
@@ -93,7 +97,11 @@ def select_usable(
 
 
 def folder_of_limb(folder: str | Path) -> Path:
-    """Return the folder that has recordings: the given one, or the only one in it; or raise."""
+    """Return the folder that has recordings: the given folder, or the only such folder in it.
+
+    Raises:
+        CalibrationError: if there is no such folder, or if recordings are in several in it.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         raise CalibrationError(f"There is no folder {folder}.")
@@ -110,6 +118,9 @@ def read_folder(folder: str | Path) -> tuple[dict[str, list[Recording]], list[Re
     """Return the recordings in a folder by kind, and remarks on files that are left out.
 
     See `folder_of_limb` and `kind_of`. Unfinished files (``right.unfinished.csv``) are ignored.
+
+    Raises:
+        CalibrationError: as `folder_of_limb`.
     """
     recordings: dict[str, list[Recording]] = {}
     remarks: list[Remark] = []
@@ -129,7 +140,13 @@ def read_folder(folder: str | Path) -> tuple[dict[str, list[Recording]], list[Re
 
 
 def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
-    """Return the usable recordings in a folder by kind, and warn of what is left out."""
+    """Return the recordings in a folder that a limb can be fitted to, by kind; see `read_folder`.
+
+    A warning says what is left out.
+
+    Raises:
+        CalibrationError: as `folder_of_limb`.
+    """
     recordings, remarks = read_folder(folder)
     usable_by_kind = select_usable(recordings)
     for remark in [*remarks, *usable_by_kind.left_out]:

@@ -54,9 +54,13 @@ def bend_sensor_of(recording: Recording, segment: int = 0) -> BendSensor:
 def kinds_of(parameters: LimbParameters) -> dict[str, list[int]]:
     """Return the kinds of recordings of a limb of one segment, in the order of collecting.
 
-    For each kind there are the indices of the wires that are heated: none for "sag" and
-    "ring_down"; one for each wire, by its name, those that bend towards +E2 first; and all for
-    "both", if there are several. Raise CalibrationError if a wire has the name of another kind.
+    Returns:
+        for each kind the indices of the wires that are heated: none for
+        "sag" and "ring_down"; one for each wire, by its name, those that bend
+        towards +E2 first; and all for "both", if there are several.
+
+    Raises:
+        CalibrationError: if a wire has the name of another kind.
     """
     wires = only_segment(parameters).wires
     kinds: dict[str, list[int]] = {"sag": [], "ring_down": []}
@@ -76,7 +80,11 @@ def heated_kinds(parameters: LimbParameters) -> dict[str, list[int]]:
 
 
 def heated_wires(parameters: LimbParameters, actuated: str) -> list[int]:
-    """Return the wires that are heated in recordings of a kind; LimbError if there is none."""
+    """Return the indices of the wires that are heated in recordings of a kind.
+
+    Raises:
+        LimbError: if there is no such kind.
+    """
     kinds = heated_kinds(parameters)
     if actuated not in kinds:
         raise LimbError(f"actuated is {actuated!r}; it must be one of {', '.join(kinds)}.")
@@ -91,9 +99,13 @@ def all_kinds(parameters: LimbParameters) -> list[str]:
 def kind_of(recording: Recording, name: str = "") -> str:
     """Return the kind of a recording: what its header says, or else what it shows.
 
-    By the name of its file, without its ending, heat is of the kind "heated" or "motion", and a
-    limb that hardly moves rings down, where the header says nothing. Raise LimbError if its limb is
-    not calibrated, its header's kind is none, or it shows a limb at rest.
+    Args:
+        name: name of a file without its ending, by which heat is of the kind "heated" or
+            "motion", and a limb that hardly moves rings down, where the header says nothing.
+
+    Raises:
+        LimbError: if its limb is one that is not calibrated, if its header's kind is none, or if
+            it shows a limb at rest.
     """
     kinds = all_kinds(recording.parameters)
     if recording.kind:

@@ -53,11 +53,19 @@ MIN_MOVED_SHARE = 0.9
 
 
 def check_recording(recording: Recording, expected: str | None = None) -> str:
-    """Refuse recordings that calibration must not use, and return what a recording shows.
+    """Refuse recordings that calibration must not use.
 
-    Raise CalibrationError, one sentence that names the trouble: too few samples, times in another
-    unit, values that are not plausible, a dead thermocouple, swapped wires, thermocouples or bend
-    sensor, other units, or another kind than expected, if that is given.
+    Args:
+        expected: its kind, if it is known; any if None.
+
+    Returns:
+        what it shows.
+
+    Raises:
+        CalibrationError: one sentence that names the trouble: too few samples, times in
+            another unit, values that are not plausible, a dead thermocouple,
+            swapped wires, thermocouples or bend sensor, other units, or another
+            kind than expected.
     """
     _check_time(recording)
     recording.check_plausible()
@@ -105,7 +113,11 @@ def _check_time(recording: Recording) -> None:
 
 
 def check_without_gaps(recording: Recording) -> None:
-    """Raise CalibrationError, with what can be used, if the duty is not known throughout."""
+    """Refuse recordings whose duty is not known throughout, for what needs them in one piece.
+
+    Raises:
+        CalibrationError: one sentence that says from where to where it can be used.
+    """
     first = first_read_index(recording)
     time = recording.time
     if recording.duty[:, 1 : first + 1].any():

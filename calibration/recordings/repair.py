@@ -165,8 +165,11 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
     """Return the pieces of a heated recording, and what is left out of it, in words.
 
     It is cut before the heat that follows a pause in which all wires have cooled, after a quarter
-    of an hour without, and at gaps in the samples whose duty is not known. What comes after such a
-    gap begins where wires rest. Raise CalibrationError if no piece is left.
+    of an hour without, and at gaps in the samples whose duty is not known. What comes after
+    such a gap begins where wires rest.
+
+    Raises:
+        CalibrationError: if no piece is left.
     """
     time = recording.time
     # Cut unbroken stretches after pauses, and where they are too long.

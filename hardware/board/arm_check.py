@@ -61,6 +61,9 @@ def check_supply(
         voltage: measured voltage of the supply, V; None if nobody answered.
         cut_off: whether a thermal cut-off is in series with the wires; None if nobody answered.
         report: takes whether it is good, and a sentence.
+
+    Raises:
+        LimbError: if the voltage is no positive number.
     """
     # The voltage must be given. If the limb was calibrated, it must be the voltage from then.
     if voltage is None:
@@ -133,11 +136,13 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
     in its segment. The board is disarmed at the end.
 
     Args:
+        link: connection to the board.
         report: takes whether it was good, and a sentence, for each thing that was looked at.
         parameters: the limb's description; the nominal limb if None.
 
     Raises:
-        HardwareError: if the limb was calibrated without thermocouples, or the board fails.
+        HardwareError: if the limb was calibrated without thermocouples, or the board fails on
+            the way.
         LimbError: if the board has not as many channels as the limb has wires.
     """
     parameters = parameters or LimbParameters()

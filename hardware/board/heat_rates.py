@@ -76,11 +76,14 @@ def detectable_bounds(bounds: HeatBounds) -> HeatBounds:
 
 
 def fit_heat_rates(heatings: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> HeatRates | None:
-    """Return the rates that come closest to the readings of a wire; None if it was not heated.
+    """Return the rates that come closest to the readings of a wire.
 
     Args:
         heatings: a row for each heating: duty (K), rise of the reading after each step (K), °C,
             and interval of the steps, s.
+
+    Returns:
+        The rates; None if the wire was not heated.
     """
     if not any(duty.any() for duty, _, _ in heatings):
         return None

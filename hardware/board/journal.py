@@ -50,9 +50,16 @@ class Journal(LeafSystem):
     ):
         """
         Args:
-        path, may_wait: as for `TableWriter`, whose errors are raised.
-        limb, sample_rate, provenance, kind: as in the header of the `Recording`.
-        has_reference: whether there is an input for the reference of the bend angle.
+            path: name of the finished file.
+            limb: limb whose ``parameters`` and ``source`` go into the header.
+            sample_rate: Hz.
+            has_reference: whether there is an input for the reference of the bend angle.
+            provenance: origin of the recording; None if it is not known.
+            kind: kind of the recording, see `Recording`.
+            may_wait: as for `TableWriter`.
+
+        Raises:
+            OutputError: if no file can be made there.
         """
         super().__init__()
         # The header comes from a recording without samples.
@@ -106,13 +113,17 @@ def open_journal(
 ) -> Iterator[TableWriter | None]:
     """Write a journal of a limb in a context in which its diagram is built and run.
 
-    It yields the writer of the file, or None without a path. The file gets its name when the
-    context ends. After an error the file says so and keeps its unfinished name. A robot is closed
-    before waiting for the disk.
+    It yields the writer of the file, or None. The file gets its name when the context ends. After
+    an error the file says so and keeps its unfinished name. A robot is closed before waiting for
+    the disk.
 
     Args:
         builder: builder of the diagram, to which the journal is added.
-        duty, reference: ports that drive the limb, and of the reference of the bend angle.
+        path: file; no journal if None.
+        limb, sample_rate: as for `Journal`.
+        duty: port that drives the limb.
+        reference: port of the reference of the bend angle.
+        provenance, kind, may_wait: as for `Journal`.
         ended_by_hand: whether Ctrl-C is a regular end, after which the file gets its name.
 
     Raises:

@@ -194,7 +194,13 @@ class SerialPort(Closeable):
     """The host's end of a cable: a serial port that this program alone has."""
 
     def __init__(self, port: str):
-        """Open a serial port, or any URL of pyserial's; HardwareError if it cannot be opened."""
+        """
+        Args:
+            port: name of a serial port, or any URL of pyserial's.
+
+        Raises:
+            HardwareError: if it cannot be opened, or another program has it.
+        """
         self.port = port
         try:
             self._serial = serial.serial_for_url(
@@ -262,7 +268,11 @@ def _switched_off_message(port: str, sample: Sample) -> str:
 
 
 def present_temperature(link: Any) -> np.ndarray:
-    """Return V (W,), °C, of the newest sample with all readings; HardwareError after 0.5 s."""
+    """Return V (W,), °C, of a link's newest sample in which every wire has a reading.
+
+    Raises:
+        HardwareError: if a wire has none for 0.5 s, or as `BoardLink.sample`.
+    """
     end = time.monotonic() + READING_TIME
     while np.isnan((sample := link.sample()).temperature).any():
         if time.monotonic() > end:
@@ -372,7 +382,11 @@ class BoardLink(Closeable):
             thread.start()
 
     def info(self) -> BoardInfo:
-        """Return the board's description; HardwareError if it does not answer as expected."""
+        """Request the board's description.
+
+        Raises:
+            HardwareError: if it does not answer, or speaks another protocol.
+        """
         self._send_until([protocol.encode(protocol.HELLO)], lambda: self._info, ANSWER_TIME)
         return self._checked_answer(self._info, "a greeting")
 
@@ -400,7 +414,11 @@ class BoardLink(Closeable):
         return sample
 
     def next_sample(self) -> Sample:
-        """Wait for the sample after the newest one, and return it; errors as in `sample`."""
+        """Wait for the sample after the newest one, and return it.
+
+        Raises:
+            HardwareError: see `sample`.
+        """
         newest = self.sample()
         self._wait_for(lambda: self._sample is not newest, MAX_SAMPLE_AGE)
         return self.sample()
@@ -494,13 +512,21 @@ class BoardLink(Closeable):
             )
 
     def disarm(self, reason: str = "") -> None:
-        """Switch the wires off at once; the next command raises the reason, if there is one."""
+        """Switch the wires off; do not wait, and never raise.
+
+        Args:
+            reason: sentence that the next command raises, if another board is the cause.
+        """
         self._off_reason = self._off_reason or reason
         with contextlib.suppress(HardwareError):
             self._send(protocol.encode(protocol.DISARM))
 
     def clear(self) -> None:
-        """Clear a latched fault; HardwareError if it is still there. The board stays off."""
+        """Clear a latched fault; the board stays off until it is armed.
+
+        Raises:
+            HardwareError: if the fault is still there.
+        """
         sample = self.sample()
         if not sample.latched:
             return

@@ -85,8 +85,8 @@ class SerialLimb(LeafSystem, Closeable):
                 and its ``duty`` ignored, for example for teaching.
 
         Raises:
-            HardwareError: if no board with a known firmware answers, or if it is heated, and was
-                calibrated without thermocouples.
+            HardwareError: if no board with a known firmware answers.
+            HardwareError: if it is heated, and was calibrated without thermocouples.
             LimbError: if the limb has not as many wires and bend angles as the board.
         """
         super().__init__()

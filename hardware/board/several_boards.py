@@ -31,8 +31,10 @@ Ports = str | Mapping[str, str]  # port of a board, or ports of the boards of li
 def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParameters]:
     """Return the limbs of a robot by name, with their segments of `as_single_limb`.
 
-    A segment has the name of its limb, with a number if the limb has several. Raise LimbError if a
-    limb has no name in ``names``, or a name no limb.
+    A segment has the name of its limb, with a number if the limb has several.
+
+    Raises:
+        LimbError: if a limb has no name in ``names``, or a name no limb.
     """
     # Find the limb of each segment by the segment's name.
     segment_names = [suffix[1:] or "1" for suffix in robot.segment_suffixes]
@@ -52,7 +54,12 @@ def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParam
 
 
 def open_link(port: Ports, limb: LimbParameters) -> "Link":
-    """Open the link to the board of a limb, or to several boards; see `SeveralBoards`."""
+    """Open the link to the board of a limb, or the links to several boards, one for each limb.
+
+    Raises:
+        HardwareError: if a port cannot be opened.
+        LimbError: if there are several ports, but not for all limbs.
+    """
     return BoardLink(port, limb) if isinstance(port, str) else SeveralBoards(port, limb)
 
 
@@ -111,7 +118,11 @@ class SeveralBoards(Closeable):
         return sum(link.lost_samples for link in self._links)
 
     def info(self) -> BoardInfo:
-        """Return the boards as one, with all serial numbers; LimbError if one does not fit."""
+        """Return the boards as one, with all serial numbers and the lowest temperature limit.
+
+        Raises:
+            LimbError: if a board has not as many wires and bend angles as its limb.
+        """
         infos = [link.info() for link in self._links]
         for limb, info, link in zip(self._limbs.values(), infos, self._links, strict=True):
             check_fit(limb, info, link.port)

@@ -29,12 +29,13 @@ SUPPLY_TIME = 0.1  # s, for which the charge pump holds the supply's relay
 class Thermocouple:
     """The faults of a thermocouple, none by default.
 
-    - ``faults``, ``word``: fault bits of its amplifier, and a constant word from it.
+    - ``faults``: fault bits of its amplifier.
     - ``frozen``: constant reading, °C.
     - ``share``: reading above the room over the temperature above the room; -1 if it is reversed,
       0 if it has come off the wire.
-    - ``offset``, ``drift``, ``noise``: error of the reading, °C, its growth, °C/s, and additional
-      noise, °C.
+    - ``offset``, ``drift``: error of the reading, °C, and rate at which the error grows, °C/s.
+    - ``noise``: standard deviation of additional noise, °C.
+    - ``word``: constant word from its amplifier.
     - ``bad_frames``: number of next frames that are as from an open thermocouple.
     """
 
@@ -99,9 +100,12 @@ class EmulatedBoard:
     """A board for `firmware.Firmware`, with the wires and bend angles of a limb or a robot.
 
     A robot's limb, by name, may also have this board while other limbs have boards of their own.
-    ``on_duty(duty)`` is called with the duties of all wires whenever a pin changes; ``clock()``
-    returns the time, s, along which the limb is simulated. Raise LimbError if the limb has more
-    wires or bend angles than a board may have.
+    ``on_duty(duty)`` is called with the duties of all wires whenever a pin changes;
+    ``clock()`` returns the time, s, along which the limb is simulated.
+
+    Raises:
+        LimbError: at construction, if the limb has more wires or bend angles than a
+            board may have.
     """
 
     def __init__(
@@ -171,8 +175,9 @@ class EmulatedBoard:
     def advance(self) -> None:
         """Simulate the limb up to the last multiple of `LIMB_PERIOD`.
 
-        Other times would lead to tiny steps between the updates of the twin's parts, which the
-        integrator makes explicitly; a few of them in a row lead to nan, because the limb is stiff.
+        Other times would lead to steps below the integrator's smallest step between the updates of
+        the twin's parts. The integrator makes such steps explicitly, and a few of them in a row
+        lead to nan, because the limb is stiff.
         """
         self._heat()
         periods = int((self._clock() - self._start) / LIMB_PERIOD + 1e-6)
@@ -222,16 +227,21 @@ class EmulatedBoard:
     def read_bend(self) -> bytes:
         if self.bend_is_silent:
             return b""
+        if self.frozen_bend is not None:
+            return self.frozen_bend
+        # A byte 0, then each angle of the tip's tangent in 1/64 degree, as `firmware` says.
         data = b"\0"
-        for angle, bend_angle in enumerate(self.reading("bend_angle")):
-            sensor = self._sensors[angle]
-            tangent = np.rad2deg(sensor.reading(bend_angle))
+        for index, bend_angle in enumerate(self.reading("bend_angle")):
+            sensor = self._sensors[index]
             if self.stuck_bend:
-                noise = float(np.rad2deg(sensor.reading(sensor.noise)))
-                tangent = self.stuck_bend[angle] + random.gauss(0.0, noise)
-            tangent += random.gauss(0.0, 0.05)  # below the twin's steps, like every converter's
-            data += struct.pack("<h", round(64 * tangent))
-        return data if self.frozen_bend is None else self.frozen_bend
+                noise_deg = float(np.rad2deg(sensor.reading(sensor.noise)))  # of the tangent
+                tangent_deg = self.stuck_bend[index] + random.gauss(0.0, noise_deg)
+            else:
+                tangent_deg = np.rad2deg(sensor.reading(bend_angle))
+            # An emulated limb moves in steps; a converter's noise changes the last bits between.
+            tangent_deg += random.gauss(0.0, 0.05)
+            data += struct.pack("<h", round(64 * tangent_deg))
+        return data
 
     def set_duty(self, wire: int, duty: float) -> None:
         self._duty[wire] = duty

@@ -89,6 +89,11 @@ class RestShift(LeafSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, specimen: Specimen, period: float):
+        """
+        Args:
+            specimen: the limb, with the state after its last use.
+            period: s, of the steps.
+        """
         super().__init__()
         parameters = specimen.description
         mechanics = LimbModel.of(specimen.mechanics()).mechanics

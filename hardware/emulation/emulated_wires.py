@@ -60,6 +60,11 @@ class ShapeMemoryWires(LeafSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, specimen: Specimen, period: float = PERIOD):
+        """
+        Args:
+            specimen: the limb, with the state after its last use.
+            period: s, after which duty, bend and torque are updated.
+        """
         super().__init__()
         self._num_steps = max(1, round(period / LONGEST_STEP))
         self._step_size = period / self._num_steps
@@ -188,8 +193,9 @@ def _logistic(x: float) -> float:
 def _heat_rates(fast_time: float, slow_time: float, share: float) -> tuple[float, float, float]:
     """Return c, d and e, 1/s, of a wire that cools with two time constants.
 
-    In a lasting heat the silicone warms by ``share`` = d / (d + e) of the wire. The characteristic
-    polynomial has c + d + e = p + q and c e = p q, where p, q are the rates 1/time.
+    In a lasting heat the silicone warms by ``share`` = d / (d + e) of the
+    wire. The characteristic polynomial has c + d + e = p + q and
+    c e = p q, where p, q are the rates 1/time.
     """
     rate_sum = 1 / fast_time + 1 / slow_time
     product = 1 / (fast_time * slow_time * (1 - share))

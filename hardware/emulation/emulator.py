@@ -128,8 +128,9 @@ class PseudoTerminal:
 class BoardClock:
     """A clock for the board, which goes on by 50 ms at most in a pass of its loop.
 
-    If the computer is too busy for a while, the board catches up afterwards in short passes.
-    Heartbeat and relay then end heat in time.
+    If the computer is too busy for this process for a while, the board catches up afterwards in
+    short passes. Heartbeat and relay then end heat in time, and the limb is never simulated for
+    long with the same duty.
     """
 
     def __init__(self, clock: Callable[[], float]):
@@ -157,11 +158,12 @@ class Emulation:
     ):
         """
         Args:
-        twin: the limb, or the robot with all its limbs on the board.
-        cable: board's end of the cable to the host.
-        on_event: called for each event with ``event``, ``time`` (s, of the clock) and more.
-        clock: returns the time, s; a test's may be faster than the computer's.
-        limb: name of the robot's limb on the board; all limbs if empty.
+            twin: the limb, or the robot with all its limbs on the board.
+            cable: board's end of the cable to the host.
+            on_event: called for each event with keyword arguments: ``event``, ``time`` (s, of the
+                clock) and more.
+            clock: returns the time, s. A test may have a clock that is faster than the computer's.
+            limb: name of the robot's limb on the board; all limbs if empty.
         """
         self._cable = cable
         self._on_event = on_event
@@ -193,7 +195,11 @@ class Emulation:
             self._cable.write(data)
 
     def inject_fault(self, order: str) -> None:
-        """Carry out an order such as "corrupt 0.01" or "open right"; LimbError if it is none."""
+        """Carry out an order such as "corrupt 0.01" or "open right".
+
+        Raises:
+            LimbError: if the order is not understood.
+        """
         try:
             self._carry_out(order.split())
         except ValueError as error:
@@ -311,6 +317,9 @@ def emulate(
         orders: orders to carry out at the start, see `Emulation.inject_fault`.
         log: file with a line of JSON for each change of duty and each order.
         limbs: names of a robot's limbs that have a board each; one board for all if empty.
+
+    Raises:
+        LimbError: if an order at the start is not understood.
     """
     with open(log or os.devnull, "w", encoding="utf-8") as file:
 
@@ -363,7 +372,11 @@ def emulate(
 
 @contextlib.contextmanager
 def emulated_port(seed: int = 0) -> Iterator[str]:
-    """Return a context with the port of an emulated board and limb in a separate process."""
+    """Return a context with the port of an emulated board and limb in a separate process.
+
+    Args:
+        seed: seed of the limb.
+    """
     program = (
         f"from hardware import LimbTwin; from {__name__} import emulate; "
         f"emulate(LimbTwin(seed={seed}), [])"

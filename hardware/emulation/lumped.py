@@ -180,6 +180,11 @@ class CutOut(LeafSystem):
     __slots__ = ()  # see limb_systems.drake_python
 
     def __init__(self, num_wires: int, period: float):
+        """
+        Args:
+            num_wires: number of wires, W.
+            period: s, between two checks of the temperatures.
+        """
         super().__init__()
         state = self.DeclareDiscreteState(1)
         self.DeclareNumericParameter(BasicVector([guard.TEMPERATURE_LIMIT]))

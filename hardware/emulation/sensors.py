@@ -98,9 +98,9 @@ class SampledSensors(LeafSystem):
     def __init__(self, sensors: Sequence[Sensor], random_numbers: Noise, num_used: int = 0):
         """
         Args:
-        sensors: one or more; those that are due at the same time draw in this order.
-        random_numbers: standard normal numbers, for noise and drift.
-        num_used: count of these numbers that were used before.
+            sensors: one or more; those that are due at the same time draw in this order.
+            random_numbers: standard normal numbers, for noise and drift.
+            num_used: count of these numbers that were used before.
         """
         super().__init__()
         # In a period a drift decays by a factor, and moves by a random step.
@@ -191,6 +191,7 @@ def limb_sensors(
     """Return the robot's sensors ``measured_temperature`` and ``bend_angle`` for `SampledSensors`.
 
     Args:
+        parameters: description of the limb.
         bend_rate: rate at which bend sensors are read, Hz.
         thermocouple_period: time between readings of a thermocouple, s.
         bend_response: function from exact bend angles (F,), rad, to readings of the sensors.

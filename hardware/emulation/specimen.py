@@ -275,7 +275,11 @@ class Specimen:
 
     @classmethod
     def of(cls, board: EmulatedLimb) -> Self:
-        """Return the unused limb with an identity; LimbError if the identity is invalid."""
+        """Return the limb with an identity, unused.
+
+        Raises:
+            LimbError: if the identity is invalid.
+        """
         text = board.description
         description = cls.kind.from_yaml(text) if text else cls.kind()
         specimen = cls(description, board.seed, board.extra).without(*board.absent)

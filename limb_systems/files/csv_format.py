@@ -61,13 +61,19 @@ class Table(NamedTuple):
 
 
 class TableText:
-    """The text of a table's file of a kind such as "recording", in parts to be written in order.
+    """The text of a table's file, in parts that are to be written in order.
 
-    - ``head``: all lines before the rows: YAML text that describes the table, and the names.
+    - ``head``: all lines before the rows.
     - ``num_rows``: number of rows so far.
     """
 
     def __init__(self, kind: str, header: str, names: Iterable[str]):
+        """
+        Args:
+            kind: such as "recording".
+            header: YAML text that describes the table.
+            names: names of the columns.
+        """
         self.num_rows = 0
         self._size = 0
         self._digest = hashlib.sha256()
@@ -76,13 +82,21 @@ class TableText:
         self.head = self._counted("\n".join([*lines, ",".join(names)]) + "\n")
 
     def rows(self, columns: Mapping[str, np.ndarray]) -> str:
-        """Return the text of further rows; FileFormatError above the size limit."""
+        """Return the text of further rows, of columns as `format_rows` takes them.
+
+        Raises:
+            FileFormatError: if the file would be larger than the limit for reading.
+        """
         text = self._counted(format_rows(columns))
         self.num_rows += text.count("\n")
         return text
 
     def end(self, interrupted: str = "") -> str:
-        """Return the lines after the rows, with the reason if the table ended early."""
+        """Return the lines after the rows.
+
+        Args:
+            interrupted: the reason why the table ended early; empty if it did not.
+        """
         if interrupted:
             # One line, of which no character moves a cursor or starts another line.
             line = "".join(c if c.isprintable() else "?" for c in " ".join(interrupted.split()))
@@ -103,9 +117,11 @@ class TableText:
 
 
 def format_rows(columns: Mapping[str, np.ndarray]) -> str:
-    """Return the rows of a table as text, of columns (K,) by name.
+    """Return the rows of a table as text.
 
-    Names ending in ``_deg`` or ``_deg_s`` are converted from rad or rad/s.
+    Args:
+        columns: name to values (K,). Names ending in ``_deg`` or ``_deg_s`` are converted from
+            rad or rad/s.
     """
     cells = [_format_cells(name, values) for name, values in columns.items()]
     return "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
@@ -114,12 +130,16 @@ def format_rows(columns: Mapping[str, np.ndarray]) -> str:
 def parse_table(
     data: bytes, kind: str, *, unfinished: bool = False, readings: tuple[str, ...] = ()
 ) -> Table:
-    """Parse the contents of a file into a table; FileFormatError says what is wrong and where.
+    """Parse the contents of a file into a table.
 
     Args:
-        unfinished: whether the end line may be missing, because the program that wrote the table
-            died; an incomplete last line is then left out, and the table is an interrupted one.
+        unfinished: whether the end line may be missing, because the program
+            that wrote the table died; an incomplete last line is then left
+            out, and the table is an interrupted one.
         readings: prefixes of the names of columns whose values may be missing.
+
+    Raises:
+        FileFormatError: one sentence that says what is wrong and where.
     """
     try:
         text = data.decode().replace("\r\n", "\n")  # as some ways of copying text leave it

@@ -25,7 +25,11 @@ class Described(Strict):
 
     @classmethod
     def of(cls, described: Self | str | Path | None) -> Self:
-        """Return a valid copy of parameters, of those in a YAML file, or of the defaults."""
+        """Return a valid copy of parameters, of a YAML file, or of the default parameters for None.
+
+        Raises:
+            ParameterError: if it is none of these, or out of its range.
+        """
         if isinstance(described, str | Path):
             return cls.load(described)
         if not isinstance(described, cls | None):
@@ -42,9 +46,11 @@ class Described(Strict):
     def load(cls, path: str | Path) -> Self:
         """Read and validate a YAML file, with warnings for implausible values.
 
-        Raise ParameterError with one sentence naming the file and the field.
+        Raises:
+            ParameterError: with one sentence naming the file and the field.
         """
         text = read_text(path, "parameters", ParameterError)
+        # Other files of the package say in their first line what they are.
         if line := first_line(text):
             raise ParameterError(
                 f"{path} is a {line.kind}; a limb is described by a YAML file, such as soft-limb "
@@ -58,7 +64,11 @@ class Described(Strict):
 
     @classmethod
     def from_yaml(cls, text: str) -> Self:
-        """Parse YAML text; ParameterError names a field that is unknown or out of range."""
+        """Parse YAML text; missing fields have their defaults, unknown fields are refused.
+
+        Raises:
+            ParameterError: with one sentence naming the field.
+        """
         with reraise_as(ParameterError):
             parameters = load_typed(cls, text)
         parameters.validate()
@@ -108,11 +118,13 @@ def check_density(mass: float, sizes: dict[str, float], where: str) -> None:
 
 
 def check_name(names: list[str], index: int, where: str, thing: str, taken: str = "") -> None:
-    """Raise ParameterError if a name is malformed, reserved, or not unique among those before it.
+    """Raise ParameterError if a name is malformed, or not unique among the names before it.
 
     Args:
-        names, index: the names of all things of one kind, and the index of the name to check.
-        where, thing: place and kind of the thing in the description, for the message.
+        names: the names of all things of one kind.
+        index: index of the name to check.
+        where: place of the thing in the description, for the message.
+        thing: kind of the thing, for the message.
         taken: a name that is reserved; empty if there is none.
     """
     name = names[index]

@@ -21,10 +21,13 @@ def zero_order_hold_duty(plan: Trajectory, rate: float, duty_max: int = 1) -> np
     end of each period the sum is within half a count of the plan's.
 
     Args:
-        plan: a plan that passed its check, or LimbError is raised.
+        plan: a plan that passed its check.
         rate: columns per second, Hz.
         duty_max: number that stands for a duty of 1; 1 for duty itself, and whole numbers
             up to 65535 for counts, such as 255.
+
+    Raises:
+        LimbError: if the plan did not pass its check, or a number is out of range.
     """
     if failure := plan.check.failure():
         raise LimbError(f"This trajectory must not drive a limb: {failure}")
@@ -47,7 +50,11 @@ def zero_order_hold_duty(plan: Trajectory, rate: float, duty_max: int = 1) -> np
 
 
 def write_rows(plan: Trajectory, path: str | Path, rate: float, duty_max: int = 1) -> None:
-    """Write a CSV file: comments, then time and `zero_order_hold_duty` in rows."""
+    """Write a CSV file: comments that start with #, then time and `zero_order_hold_duty` in rows.
+
+    Raises:
+        LimbError: as `zero_order_hold_duty` does.
+    """
     scale = "" if duty_max == 1 else f"_of_{duty_max}"
     columns = zero_order_hold_duty(plan, rate, duty_max)
     lines = [f"# {line}" for line in _comment_lines(plan, rate, duty_max)]
@@ -64,6 +71,9 @@ def write_c_header(plan: Trajectory, path: str | Path, rate: float, duty_max: in
     """Write a C header: `zero_order_hold_duty` as an array of rows, its rate, size and wire names.
 
     Numbers are of the smallest type that has them: uint8_t, uint16_t, or float for duty itself.
+
+    Raises:
+        LimbError: as `zero_order_hold_duty` does.
     """
     columns = zero_order_hold_duty(plan, rate, duty_max)
     # Choose the type of the numbers, and format the rows.

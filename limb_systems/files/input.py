@@ -15,7 +15,16 @@ LARGEST_TEXT = 250_000  # bytes of a YAML document; more would take seconds
 def read_bytes(
     path: str | os.PathLike, file_kind: str, largest: int, error_type: type[LimbError]
 ) -> bytes:
-    """Read an input file whole, but no device, no pipe and no file beyond a limit; or raise."""
+    """Read an input file whole, but no device, no pipe and no file beyond a limit.
+
+    Args:
+        file_kind: kind of the file, such as "recording", for the error.
+        largest: largest size that is read, bytes.
+        error_type: type of the error.
+
+    Raises:
+        LimbError: of that type, with one sentence naming the file.
+    """
     check_file(path, file_kind, largest, error_type)
     try:
         with open(path, "rb") as file:
@@ -29,7 +38,10 @@ def read_bytes(
 def check_file(
     path: str | os.PathLike, file_kind: str, largest: int, error_type: type[LimbError]
 ) -> None:
-    """Refuse a path that is no file, or a file beyond a limit, before it is opened."""
+    """Refuse a path that is no file, or a file beyond a limit, before it is opened.
+
+    Arguments and errors as in `read_bytes`.
+    """
     try:
         # Opening a pipe waits, and opening a port resets its board.
         status = os.stat(path)
@@ -70,7 +82,12 @@ def read_text(
 
 
 class FirstLine(NamedTuple):
-    """The contents of a file's first line: kind, version of its format, and text after these."""
+    """The contents of a file's first line.
+
+    - ``kind``: such as "recording".
+    - ``format``: version of the file's format.
+    - ``more``: text after these, such as a checksum; empty if there is none.
+    """
 
     kind: str
     format: int

@@ -17,7 +17,9 @@ class OutputError(LimbError):
 def write_atomically(path: str | Path, content: str | bytes | Iterator[str]) -> None:
     """Write a file, text, its parts or bytes, whole or not at all, also if the process dies.
 
-    Raise OutputError if it cannot be written; an existing file is unchanged.
+    Raises:
+        OutputError: if it cannot be written, for example on a full disk; an existing file
+            is unchanged.
     """
     path = Path(path)
     with raising_output_error(path):
@@ -54,13 +56,16 @@ def check_outputs(
     tables: Sequence[Path | None] = (),
     force: bool = False,
 ) -> None:
-    """Refuse outputs that a command cannot or should not write, before it starts, by OutputError.
+    """Refuse outputs that a command cannot or should not write, before it starts.
 
     Args:
         outputs: files to be written; None for those that were not asked for.
         inputs: files that are read, which are never replaced.
         pictures, tables: the outputs that are pictures, or CSV.
         force: whether files that exist may be replaced.
+
+    Raises:
+        OutputError: with one sentence naming the file.
     """
     # Check the formats.
     for picture in filter(None, pictures):
@@ -100,7 +105,11 @@ def _is_same(path: Path, other: Path) -> bool:
 
 
 def check_folder(folder: Path) -> None:
-    """Raise OutputError, which names the obstacle, if a folder cannot be created or written to."""
+    """Refuse a folder that cannot be created or written to.
+
+    Raises:
+        OutputError: with one sentence naming the obstacle.
+    """
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     if not existing.is_dir():
         raise OutputError(f"{existing} is a file, but a folder is needed there.")
@@ -109,8 +118,12 @@ def check_folder(folder: Path) -> None:
 
 
 def check_picture(path: Path) -> None:
-    """Raise OutputError if the name of a picture ends with no known format."""
-    # Matplotlib takes as long to import as all the rest.
+    """Refuse a picture whose name ends with no known format.
+
+    Raises:
+        OutputError: with one sentence naming the formats.
+    """
+    # Matplotlib takes as long to import as the rest of the package.
     from matplotlib.backend_bases import FigureCanvasBase
 
     formats = FigureCanvasBase.get_supported_filetypes()

@@ -15,9 +15,11 @@ _CHECK_FIELDS += ["largest_defect", "largest_difference_deg", "tolerance_deg"]
 
 
 def plan_statements(trajectory: Any, nearest: str = "") -> Summary:
-    """Return the statements about a `Trajectory`.
+    """Return the statements about a plan.
 
-    ``nearest`` is the distance of the best plan within the limits, in words, if known.
+    Args:
+        trajectory: `Trajectory`.
+        nearest: the distance of the best plan within the limits, in words, if known.
     """
     check = trajectory.check
     parameters = trajectory.parameters

@@ -46,10 +46,14 @@ class Provenance:
 
     @classmethod
     def now(cls, parameters: Any = None, seed: int | None = None) -> "Provenance":
-        """Return the provenance of a result that this program makes, of a limb and a seed, if any.
+        """Return the provenance of a result that this program is making.
 
         The first call in a process asks git, which takes some milliseconds: make it before a
         loop that has to keep time.
+
+        Args:
+            parameters: `LimbParameters` of the limb; None if there is no limb.
+            seed: seed of the random numbers in the experiment, if there are any.
         """
         version, commit = version_and_commit()
         return cls(
@@ -64,7 +68,11 @@ class Provenance:
 
     @classmethod
     def from_json(cls, value: Any) -> "Provenance | None":
-        """Invert `dataclasses.asdict` for a JSON file; None stays None; or SchemaError."""
+        """Invert `dataclasses.asdict` for a JSON file; None stays None.
+
+        Raises:
+            SchemaError: with one sentence naming the field.
+        """
         return None if value is None else load_typed(cls, json.dumps(value, ensure_ascii=False))
 
     def summary(self) -> Summary:

@@ -210,7 +210,8 @@ class Recording(Samples):
                 if None.
 
         Raises:
-            LogError: if it is no log, lacks a signal that a recording needs, or is ambiguous.
+            LogError: with one sentence, if it is no log, lacks a signal that a recording needs,
+                or is ambiguous.
         """
         # This package does not depend on the calibration: the module is found by its name.
         importing = importlib.import_module(LOG_IMPORT)

@@ -87,7 +87,9 @@ class Tagged(Strict):
 def dump_typed(value: Any) -> str:
     """Return the YAML text of a dataclass, with all fields but rare ones, and every float exact.
 
-    Raise SchemaError if `load_typed` would not read it.
+    Raises:
+        SchemaError: if `load_typed` would not read it: a text that cannot be
+            printed, or more than the largest size.
     """
     text = yaml_dump(_plain(value))
     _check_size(text)
@@ -113,12 +115,20 @@ def load_typed(schema: type[T], text: str) -> T:
 
 
 def load_fields(schema: type, text: str) -> dict[str, Any]:
-    """Read YAML text as `load_typed`, and return the values of a dataclass's fields by names."""
+    """Read YAML text as `load_typed`, and return the values of a dataclass's fields by names.
+
+    Raises:
+        SchemaError: with one sentence naming the field, or the line.
+    """
     return _field_values(_parse(text), schema, "", "the document")
 
 
 def validate(target: Any, path: str = "") -> None:
-    """Raise SchemaError for the first field of a dataclass of a wrong type or out of its range."""
+    """Check the types of a dataclass's fields, and its numbers against their ranges.
+
+    Raises:
+        SchemaError: for the first field that is wrong, with one sentence.
+    """
     _convert(target, type(target), path)
 
 
@@ -227,7 +237,11 @@ def _parse(text: str) -> Any:
 def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NO_METADATA) -> Any:
     """Convert lists, dicts and texts to a value of a type, or check such a value.
 
-    ``path`` is the place of the data in the document, for errors; empty for the whole.
+    Args:
+        data: the parsed document, or a value of the type.
+        schema: the type.
+        path: place of the data in the document, for errors; empty for the whole.
+        metadata: metadata of the dataclass field.
     """
     schema = schema.registered() if hasattr(schema, "registered") else schema
     origin = typing.get_origin(schema)

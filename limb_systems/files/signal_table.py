@@ -44,10 +44,11 @@ def column_names(
 ) -> dict[str, list[str]]:
     """Return the names of the columns of each signal; the unit is in the name.
 
-    Signals of joints are split into angles and rates. Columns of wires have the wires' names. With
-    several segments, the number of the segment follows; with several bends of a segment, their
-    axes. The signal ``other_wire_state`` is there only if wires have states other than their
-    temperature T. Connected limbs, such as a robot's, have further signals.
+    Signals of joints are split into angles and rates. Columns of wires have the
+    wires' names. With several segments, the number of the segment follows; with
+    several bends of a segment, their axes follow. The signal ``other_wire_state`` is
+    there only if wires have states other than their temperature T, as in a law of two
+    masses. Connected limbs, such as a robot's, have further signals.
     """
     wires = parameters.wire_names
     suffixes = parameters.bend_suffixes
@@ -72,7 +73,11 @@ def column_names(
 
 
 def signal(default: Any = dataclasses.MISSING) -> Any:
-    """Return a field of `Samples` that is a signal, with columns in files."""
+    """Return a field of `Samples` that is a signal, which has columns in files.
+
+    Args:
+        default: None if the signal may be None.
+    """
     return dataclasses.field(default=default, metadata={"in_files": False, "signal": True})
 
 
@@ -142,11 +147,14 @@ class Samples(Summarized):
 
     @classmethod
     def load(cls, path: str | Path, *, unfinished: bool = False) -> Self:
-        """Load a file; FileFormatError says what is wrong and where.
+        """Load a file.
 
         Args:
             unfinished: whether a recording's file may lack its end, because the program
                 that recorded was killed; it is then ``interrupted``.
+
+        Raises:
+            FileFormatError: one sentence that says what is wrong and where.
         """
         data = read_bytes(path, cls.KIND, LARGEST_TABLE, FileFormatError)
         with reraise_as(FileFormatError, f"{path}: "):
@@ -165,8 +173,9 @@ class Samples(Summarized):
     def save(self, path: str | Path) -> None:
         """Write the file whole or not at all.
 
-        Raise LimbError if a value is not finite or there are too many, or if the check of a plan
-        failed. A plan without a check is written, and its file says so.
+        Raises:
+            LimbError: if a value is not finite or there are too many, or if the check
+                of a plan failed. A plan without a check is written, and its file says so.
         """
         count = len(self.time)
         # Show the progress between the parts.
@@ -226,7 +235,12 @@ class Samples(Summarized):
         return cls(**header, **{name: values[name] for name in values if name in field_names})
 
     def _check(self) -> None:
-        """Convert the signals to arrays; LimbError if shapes, times, ranges or values are wrong."""
+        """Convert the signals to arrays and check them.
+
+        Raises:
+            LimbError: if shapes disagree or values are not finite, if time does
+                not increase, duty leaves [0, 1] or an angle leaves [-π, π].
+        """
         self.parameters.validate()
         # Check the time.
         time = np.asarray(self.time, float)
@@ -364,9 +378,12 @@ def stretches(where: np.ndarray) -> np.ndarray:
 
 
 def doses(levels: np.ndarray, breaks: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return integrals (W, E), from end to end (E + 1,), s, of levels held from break to break.
+    """Return integrals (W, E), from end to end (E + 1,), of levels (W, K) held from break to break.
 
-    Levels are (W, K), one for each interval between breaks (K + 1,), s.
+    Args:
+        levels: one value for each interval between breaks (W, K).
+        breaks: times between which levels hold (K + 1,), s.
+        ends: times between which to integrate (E + 1,), s.
     """
     sums = np.cumsum(levels * np.diff(breaks), axis=1)
     return np.diff([np.interp(ends, breaks, np.append(0.0, of_row)) for of_row in sums])

@@ -92,7 +92,12 @@ class TableWriter:
         return self._text.num_rows
 
     def append(self, values: Sequence[float]) -> None:
-        """Append a row, angles in rad; OutputError if the disk is full, broken or stalled."""
+        """Append a row of values, angles in rad.
+
+        Raises:
+            OutputError: if the disk is full, broken or stalled, or the file as
+                large as can be read.
+        """
         # Wait for the queue, if that is allowed.
         end = time.monotonic() + self._longest_wait
         while self._rows.qsize() >= MOST_WAITING and not self._failure and time.monotonic() < end:
@@ -113,8 +118,11 @@ class TableWriter:
     def finish(self, interrupted: str = "") -> None:
         """Write the end and give the file its name; a second call does nothing.
 
-        Raise OutputError if writing failed, or the disk does not answer within 2 s. The reason
-        why the table is incomplete is empty if it is complete.
+        Args:
+            interrupted: the reason why the table is incomplete; empty if it is complete.
+
+        Raises:
+            OutputError: if writing failed, or the disk does not answer within 2 s.
         """
         if complaint := self._end(interrupted, rename=True):
             raise OutputError(complaint)

@@ -51,8 +51,13 @@ _NUM_CAMERA_POSES = 60  # poses of a motion that the camera must see
 def wire_color(parameters: LimbParameters, temperature: ArrayLike) -> np.ndarray:
     """Return the colour of a wire: greyish blue at ambient temperature, orange at T_max.
 
-    Temperatures, °C, have any shape. Colours are red, green and blue (sRGB) in [0, 1] in a new last
-    axis; beyond T_max and ambient they do not change further.
+    Args:
+        parameters: limb whose ambient and maximum temperature span the colours;
+            beyond them the colour does not change further.
+        temperature: °C, any shape.
+
+    Returns:
+        (..., 3): red, green and blue (sRGB) in [0, 1], in a new last axis.
     """
     ambient = parameters.ambient_temperature
     maximum = parameters.temperature_limits.maximum
@@ -68,7 +73,13 @@ def linear_wire_color(parameters: LimbParameters, temperature: np.ndarray) -> np
 
 
 def wire_paths(limb: LimbParameters, bodies: str, model: str) -> list[list[str]]:
-    """Return the Meshcat paths of each wire (W), one on each body of its segment."""
+    """Return the Meshcat paths of each wire (W), one on each body of its segment.
+
+    Args:
+        limb: description of the limb.
+        bodies: beginning of the paths of the limb's bodies.
+        model: name of the model that the bodies are of.
+    """
     paths = []
     pieces_of = LimbModel.of(limb).mechanics.pieces
     for segment, pieces in zip(limb.segments, pieces_of, strict=True):
@@ -162,7 +173,15 @@ def _shape_in_words(parameters: LimbParameters) -> str:
 
 
 def view_of(described: LimbParameters | ConnectedLimbs, ghosts: Sequence[Ghost] = ()) -> "LimbView":
-    """Return the view of a limb, or of connected limbs, which have no ghosts (LimbError)."""
+    """Return the view of a limb, or of connected limbs.
+
+    Args:
+        described: description of the limb or the limbs.
+        ghosts: poses to compare the limb's with.
+
+    Raises:
+        LimbError: if connected limbs are to have ghosts.
+    """
     if isinstance(described, LimbParameters):
         return LimbView(described, ghosts)
     if described.is_limb:
@@ -184,6 +203,11 @@ class LimbView:
     LIGHT = (-6.0, -2.0, 10.0)
 
     def __init__(self, parameters: LimbParameters, ghosts: Sequence[Ghost] = ()):
+        """
+        Args:
+            parameters: the limb.
+            ghosts: poses to compare the limb's with.
+        """
         self._parameters = parameters
         self._ghosts = ghosts
         self._is_planar = LimbModel.of(parameters).layout.is_planar
@@ -231,7 +255,12 @@ class LimbView:
         return plant, scene_graph
 
     def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
-        """Put the limb into a scene, its frame (E1, E2, E3) at a pose in the world."""
+        """Put the limb into a scene.
+
+        Args:
+            base_pose: pose of the limb's frame (E1, E2, E3) in the world; the world's origin if
+                None.
+        """
         self._base_pose = base_pose or RigidTransform()
         for folder in ("visualizer", "ghosts", "ground"):
             meshcat.SetTransform(folder, self._base_pose)
@@ -296,9 +325,13 @@ class LimbView:
         time: float,
         body_pose: np.ndarray | None = None,
     ) -> None:
-        """Move limb and ghosts; a recording by Meshcat shows them at this time, s, too.
+        """Move limb and ghosts; a recording by Meshcat shows them at this time, too.
 
-        Joint angles θ are (n), rad. The pose of the body that limbs are on is as in `Recording`.
+        Args:
+            joint_angles: θ (n), rad.
+            time: time for the ghosts, s.
+            body_pose: pose of the body that limbs are on, as in `Recording`; the default pose if
+                None.
         """
         self._set_positions(joint_angles, body_pose)
         for body in self._bodies:
@@ -316,9 +349,13 @@ class LimbView:
         joint_angles: np.ndarray,
         body_pose: np.ndarray | None = None,
     ) -> None:
-        """Set the background, the lights, and a camera that shows a whole motion; after `add_to`.
+        """Set the background, the lights, and a camera that shows a whole motion.
 
-        Joint angles θ are (n, K), rad, and poses of the body that limbs are on (3 or 6, K).
+        Call it after `add_to`.
+
+        Args:
+            joint_angles: θ, (n, K), rad.
+            body_pose: pose of the body that limbs are on (3 or 6, K), as far as it is known.
         """
         # Set the background and the lights.
         for path in (

@@ -104,9 +104,11 @@ class Signal:
     y_range: tuple[float, float] | None = None
 
     def panel(self, curves: Sequence[Curve], where: str = "", **options: Any) -> Panel:
-        """Return the signal's panel, with further fields of `Panel`.
+        """Return the signal's panel.
 
-        ``where`` is the suffix of the segment or of the bend, such as "_2", "_2_e3" or "_rear".
+        Args:
+            where: suffix of the segment or of the bend, such as "_2", "_2_e3" or "_rear".
+            options: further fields of `Panel`.
         """
         label = f"{self.name}{in_words(where)}" + f" ({self.unit})" * bool(self.unit)
         return Panel(label, curves, **{"height": self.height, "y_range": self.y_range, **options})
@@ -315,7 +317,11 @@ def repetition_panels(
 ) -> list[Panel]:
     """Return panels of distance and error over repetitions, and of the bend in two repetitions.
 
-    Distances and errors are means of |φ_ref - φ| and of |φ* - φ| of the sensor's readings, rad.
+    Args:
+        trajectory: the plan.
+        distances, errors: means of |φ_ref - φ| and of |φ* - φ| of the sensor's readings in each
+            repetition, rad.
+        first, last: recordings of repetitions.
     """
     trajectory = trajectory.since_start()
     # Draw distance and error as lines with dots.
@@ -356,7 +362,9 @@ def mean_and_half_width(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return times, mean and half-width of the 95% band of rollouts, as long as the shortest.
 
-    Recordings have one sample rate; times are the first's. There is one signal of each.
+    Args:
+        recordings: one or more, all with the same sample rate; times are the first's.
+        samples: one signal in each recording.
     """
     length = min(len(sample) for sample in samples)
     # Leave out missing samples; where all rollouts miss a sample there is a gap.

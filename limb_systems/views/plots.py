@@ -98,11 +98,15 @@ def apply_axis_style(axis: Axes, most_columns: int = 3) -> None:
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure to a file whole or not at all, in the format that its name ends with.
+    """Write a figure to a file, in the format that its name ends with.
 
     A figure whose name ends with .pdf or .eps is for a paper: as wide as a column of two, 3.5
-    inches, with text of 8 pt, thin lines, and embedded fonts. Raise OutputError if there is no such
-    format, or the file cannot be written.
+    inches, with text of 8 pt, thin lines, and embedded fonts.
+
+    The file is written whole or not at all.
+
+    Raises:
+        OutputError: if there is no such format, or the file cannot be written.
     """
     path = Path(path)
     check_picture(path)

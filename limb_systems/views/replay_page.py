@@ -40,7 +40,12 @@ def write_meshcat_replay(
     title: str = "",
     frames_per_second: float = 20.0,
 ) -> None:
-    """Write a page that replays a motion in 3D, over and over; see `replay_page`."""
+    """Write a page that replays a motion in 3D, over and over, in any browser; see `replay_page`.
+
+    Args:
+        path: the HTML file, which is written whole or not at all.
+        motion, plan, title, frames_per_second: arguments of `replay_page`.
+    """
     page = replay_page(motion, plan=plan, title=title, frames_per_second=frames_per_second)
     write_atomically(path, page)
 
@@ -54,22 +59,30 @@ def replay_page(
 ) -> str:
     """Return a page, HTML, that replays a motion in 3D.
 
-    The page needs no other file; the browser runs it in real time. If a recording has no joint
-    angles, they follow from its bend angle by constant curvature, eqn (11). The wires' colour shows
-    T, or V where T is not known. Ghosts, lines along the axis, show the plan and its reference, or
-    without a plan the reference in the motion. In space the paths of all tips are shown. A robot is
-    on its ground, with a mark each 10 mm. A gait is shown for some cycles.
+    The page needs no other file; the browser runs it in real time. It has a
+    button (or the space bar) to pause and a slider for the time, and shows φ,
+    temperatures and duty at that time as numbers. If a recording has no joint
+    angles, they follow from its bend angle by constant curvature, eqn (11). The
+    wires' colour shows T, or V where T is not known. Ghosts, lines along the axis, show
+    the plan and its reference, or without a plan the reference in the motion. In space
+    the paths of all tips are shown; the path of the motion ends at its current time.
+
+    A robot is on its ground, with a mark each 10 mm, and the page shows the pose of its body. A
+    gait is shown for some cycles.
 
     Args:
         motion: recording, trajectory or gait to replay.
-        plan: trajectory to show as a ghost. A recording's time starts with the plan, as for
-            `tracking_errors`; after its end the plan stays in its last pose.
+        plan: trajectory to show as a ghost. A recording's time starts with the plan, as
+            for `tracking_errors`; after its end the plan stays in its last
+            pose.
         title: title of the page; "Robot" or "Soft limb" if empty.
-        frames_per_second: rate of the poses that are stored, about, Hz; the browser interpolates.
+        frames_per_second: rate of the poses that are stored, about, Hz; the browser
+            interpolates. 20 Hz and five links take 30 kB per second, and nearly as
+            much again for two ghosts.
 
     Raises:
-        LimbError: if the motion has fewer than two samples, the rate is not positive, the plan is
-            for a limb of another shape, or there is one for a robot.
+        LimbError: if the motion has fewer than two samples, the rate is not
+            positive, the plan is for a limb of another shape, or there is one for a robot.
     """
     # Check the arguments.
     num_samples = len(motion.time)

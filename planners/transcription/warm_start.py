@@ -72,8 +72,11 @@ def estimate_multipliers(
     # The multipliers of the heat and of the bounds are the quasi-static ones.
     assert solution.multipliers is not None  # IPOPT has them
     of_rows, of_bounds = solution.multipliers
-    heat_rows, held_rows = np.cumsum([len(block.lower) for block in quasi_static.blocks])
-    of_rows = np.concatenate([of_motion.T.ravel(), of_rows[:heat_rows], of_rows[held_rows:]])
+    assert quasi_static.cheap_blocks  # they are the same for heat
+    num_block_rows = sum(len(block.lower) for block in quasi_static.cheap_blocks)
+    num_heat_rows = num_block_rows - quasi_static.bends.size
+    of_heat = of_rows[:num_heat_rows]
+    of_rows = np.concatenate([of_motion.T.ravel(), of_heat, of_rows[num_block_rows:]])
     bounds = np.zeros(len(x))
     bounds[program.heat] = of_bounds[quasi_static.heat]
     bounds[program.duty] = of_bounds[quasi_static.duty]

@@ -62,9 +62,9 @@ def recording_of(turned: float | None, seed: int, levels: list[list[float]]) -> 
     states, readings = [wires.cold_states], [wires.cold_states[:3]]
     for level in duty[:-1]:
         heat = np.concatenate([states[-1], readings[-1]])
-        for _ in range(5):  # steps of 0.05 s
-            middle = heat + 0.025 * wires.heat_rates(heat, level)
-            heat = heat + 0.05 * wires.heat_rates(middle, level)
+        for _ in range(2):  # steps of 0.125 s
+            middle = heat + 0.0625 * wires.heat_rates(heat, level)
+            heat = heat + 0.125 * wires.heat_rates(middle, level)
         states.append(heat[: wires.num_states])
         readings.append(heat[wires.num_states :])
     angles = LimbModel.of(limb).statics.angles(np.array(states))

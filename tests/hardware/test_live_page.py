@@ -21,7 +21,6 @@ from bokeh.document import Document
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
-from controllers import Learner
 from hardware import LimbTwin, SerialLimb, replay
 from hardware.live_feed import Message, Reading, RunHeader
 from limb_systems import LimbParameters, Recording, Trajectory
@@ -29,8 +28,6 @@ from planners import plan, references
 from soft_limb import live_page
 from soft_limb.command import main
 from soft_limb.live_page import LivePage, Page, Run
-from soft_limb.runs.repetitions import repeat
-from soft_limb.runs.rollout import roll_out
 
 from .conftest import wait_for
 
@@ -452,32 +449,6 @@ def test_alarms_say_which_wire_is_hot(motion):
             assert kind == expected_kind
             assert sentence.startswith(f"right: {temperature:.1f} °C, {word}")
             assert sentence in live_page.state(run)
-
-
-def test_an_emulated_limb_that_is_stopped_on_the_page_leaves_its_recording(
-    virtual_time, motion, tmp_path
-):
-    """As the page does, which sends the signal of Ctrl-C."""
-
-    class Stopping(Told):
-        def show(self, reading):
-            if reading.time >= 0.5:
-                raise KeyboardInterrupt
-
-        def __init__(self):
-            super().__init__()
-            del self.show
-
-    output = tmp_path / "recording.csv"
-    with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
-        roll_out(motion, LimbTwin, output, live=Stopping())
-    kept = Recording.load(tmp_path / "recording.unfinished.csv")
-    assert kept.time[-1] == pytest.approx(0.5, abs=0.06)
-    assert kept.interrupted == "stopped by Ctrl-C or a signal"
-    learner = Learner(motion)
-    with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
-        repeat(learner, LimbTwin, 1, tmp_path, live=Stopping())
-    assert len(Recording.load(tmp_path / "repetition_1.unfinished.csv").time) > 5
 
 
 def test_a_page_that_does_not_start_is_said_before_anything_is_heated(

@@ -139,6 +139,8 @@ def test_the_check_simulates_wires_and_motion_as_the_whole_limb():
     """The integration of the limb's equations against Drake's diagram, ten times finer."""
     for name in ("threshold", "hysteretic"):
         limb = limb_with(TWO_MASS_LAWS[name](), TWO_MASS_LAWS[name]())
+        limb.segments[0].links = 2
+        limb.segments[0].stiffness = 0.0623  # bends as five links do
         limb.segments[0].stiffening = 0.4 if name == "threshold" else 0.0
         limb.segments[0].rest_angle, limb.temperature_limits.warm_up_time = 0.1, 1000.0
         reference = references.from_samples([0, 2, 6, 8], np.deg2rad([0, 0, 20, -20]))
