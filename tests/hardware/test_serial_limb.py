@@ -147,21 +147,14 @@ def test_plans_that_do_not_fit_a_limb_are_refused(virtual_time, emulator, short_
     readings = short_plan.measured_temperature
     weak = planned().parameters
     weak.total_duty = 0.1
+    hot = planned(measured_temperature=readings + 30.0)
     hotter = planned()
     hotter.parameters.temperature_limits.maximum = 120.0
     for trajectory, limb, said in (
         (planned(SerialBoard("twin0007")), None, "limb twin0007, but the limb on .* is twin0000"),
         (planned(EmulatedLimb(5)), None, "limb twin0005, but the limb on .* is twin0000"),
-        (
-            planned(),
-            weak,
-            r"duties add up to \d\.\d\d at \d\.\d s, but .* total_duty is 0.1; raise",
-        ),
-        (
-            planned(measured_temperature=readings + 30.0),
-            None,
-            r"but the trajectory starts at 55\.0",
-        ),
+        (planned(), weak, r"duties add up to \d\.\d\d at .* total_duty is 0.1; raise"),
+        (hot, None, r"left wire is at .* but the trajectory starts at 55\.0"),
         (hotter, hotter.parameters, "board switches off at 110 °C"),
     ):
         with pytest.raises(ReplayError, match=said):
