@@ -9,7 +9,6 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 
 from hardware import LimbTwin, ReplayError, replay
-from hardware.emulation.sensors import SensedLimb
 from limb_systems import (
     CalibrationRecord,
     Limb,
@@ -104,7 +103,7 @@ class Steady(LeafSystem):
 
 def test_a_controller_drives_the_limb_with_what_it_reads(fig5_plan, tmp_path):
     inputs = {"bend_angle": 1, "measurement": 3, "measured_temperature": 2}
-    for limb in (Limb(), LimbTwin(seed=1), SensedLimb(Limb())):
+    for limb in (Limb(), LimbTwin(seed=1)):
         controller = Steady(**inputs)
         journal = tmp_path / "journal.csv"
         recording = replay(beginning(fig5_plan, 6), limb, controller=controller, journal=journal)
