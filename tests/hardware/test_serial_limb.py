@@ -170,29 +170,6 @@ def test_plans_that_do_not_fit_a_limb_are_refused(virtual_time, emulator, short_
     assert emulator.duty() == [0.0, 0.0]
 
 
-def test_a_host_that_freezes_leaves_the_wires_off_and_its_recording(
-    real_emulator, start_host, fig5_plan, tmp_path
-):
-    """It is killed while it is frozen, and so cannot write anything any more."""
-    fig5_plan.save(tmp_path / "plan.csv")
-    output, journal = tmp_path / "recording.csv", tmp_path / "recording.unfinished.csv"
-    output.write_text("old")
-    command = [sys.executable, "-m", "soft_limb", "replay", tmp_path / "plan.csv", "-o", output]
-    command += ["-p", real_emulator.port, "--force"]
-    process = start_heating(real_emulator, lambda: start_host(command))
-    # A recording in which a duty was applied is on the disk, or the host is late and has ended.
-    assert wait_for(lambda: len(journal.read_bytes()) > 10_000 or process.poll() is not None)
-    process.send_signal(signal.SIGSTOP)
-    assert wait_for(lambda: real_emulator.duty() == [0.0, 0.0])  # by the heartbeat
-    process.kill()
-    process.wait()
-    assert output.read_text() == "old"
-    recording = Recording.load(journal, unfinished=True)
-    assert recording.duty[1, -1] > 0.0
-    assert main(["show", str(journal), "--recover", str(tmp_path / "whole.csv")]) == 0
-    assert len(Recording.load(tmp_path / "whole.csv").time) == len(recording.time)
-
-
 def test_taught_motion_becomes_a_reference(emulator, tmp_path, capsys):
     output = tmp_path / "taught.csv"
     assert main(["teach", emulator.port, "-o", str(output), "-t", "1.5"]) == 0
@@ -280,6 +257,32 @@ def test_arm_check_heats_nothing_that_is_hot(virtual_time, emulator, capsys):
     assert said["passed"] is False
     assert [check["passed"] for check in said["checks"]] == [True] * 3 + [False, True, True]
     assert "left thermocouple reads 115.0 °C" in said["checks"][3]["what"]
+
+
+# The board of these is a process of its own, which is busy as long as it is there.
+
+
+def test_a_host_that_freezes_leaves_the_wires_off_and_its_recording(
+    real_emulator, start_host, fig5_plan, tmp_path
+):
+    """It is killed while it is frozen, and so cannot write anything any more."""
+    fig5_plan.save(tmp_path / "plan.csv")
+    output, journal = tmp_path / "recording.csv", tmp_path / "recording.unfinished.csv"
+    output.write_text("old")
+    command = [sys.executable, "-m", "soft_limb", "replay", tmp_path / "plan.csv", "-o", output]
+    command += ["-p", real_emulator.port, "--force"]
+    process = start_heating(real_emulator, lambda: start_host(command))
+    # A recording in which a duty was applied is on the disk, or the host is late and has ended.
+    assert wait_for(lambda: len(journal.read_bytes()) > 10_000 or process.poll() is not None)
+    process.send_signal(signal.SIGSTOP)
+    assert wait_for(lambda: real_emulator.duty() == [0.0, 0.0])  # by the heartbeat
+    process.kill()
+    process.wait()
+    assert output.read_text() == "old"
+    recording = Recording.load(journal, unfinished=True)
+    assert recording.duty[1, -1] > 0.0
+    assert main(["show", str(journal), "--recover", str(tmp_path / "whole.csv")]) == 0
+    assert len(Recording.load(tmp_path / "whole.csv").time) == len(recording.time)
 
 
 def test_orders_that_come_together_are_obeyed_but_for_those_that_make_no_sense(real_emulator):
