@@ -7,6 +7,7 @@ without gravity all joints have the same angle, and each bend sensor reads φ.
 
 import copy
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -261,24 +262,24 @@ class OpenLoop:
         num_unfinished = np.repeat(self._num_unfinished, num_substeps)
         course = np.empty((len(duty) + 1, *start.shape))
         course[0] = start
-        bound_runs = None
-        for step_index, levels in enumerate(duty):
-            # Drop the runs that have ended, and bind the substep to arrays of the other runs.
-            if bound_runs != num_unfinished[step_index]:
-                bound_runs = num_unfinished[step_index]
-                heat = course[step_index, ..., :bound_runs, :].copy()
-                next_heat = np.empty_like(heat)
-                level = np.empty(heat.shape[1:])
-                advance = _bound_step(
-                    law, T0[:, :bound_runs], self.step / num_substeps, heat, level, next_heat
-                )
-            # Integrate the remaining runs; the states of ended runs stay.
-            level[...] = levels[:bound_runs]
-            advance()
-            _clamp_memory(memory_ranges, next_heat)
-            heat[...] = next_heat
-            course[step_index + 1] = course[step_index]
-            course[step_index + 1, ..., :bound_runs, :] = heat
+        begin = 0
+        for num_runs, steps in itertools.groupby(num_unfinished.tolist()):
+            # Drop the runs that have ended, whose states stay, and bind the substep to the others.
+            course[begin + 1 :, ..., num_runs:, :] = course[begin, ..., num_runs:, :]
+            heat = course[begin, ..., :num_runs, :].copy()
+            next_heat = np.empty_like(heat)
+            level = np.empty(heat.shape[1:])
+            step = self.step / num_substeps
+            advance = _bound_step(law, T0[:, :num_runs], step, heat, level, next_heat)
+            # Integrate these runs until the next one ends.
+            end = begin + len(list(steps))
+            for step_index in range(begin, end):
+                level[...] = duty[step_index, :num_runs]
+                advance()
+                _clamp_memory(memory_ranges, next_heat)
+                heat[...] = next_heat
+                course[step_index + 1, ..., :num_runs, :] = heat
+            begin = end
         return course
 
     def _linear_heat(
@@ -568,5 +569,5 @@ def _memory_ranges(law: WireLaw) -> dict[int, tuple[float, float]]:
 
 def _clamp_memory(memory_ranges: Mapping[int, tuple[float, float]], heat: np.ndarray) -> None:
     """Clamp states that are memories to their ranges: starts and long steps may leave them."""
-    for row, bounds in memory_ranges.items():
-        np.clip(heat[row], *bounds, out=heat[row])
+    for row, (low, high) in memory_ranges.items():
+        np.minimum(np.maximum(heat[row], low), high, out=heat[row])

@@ -60,14 +60,7 @@ def all_commands() -> dict[str, tuple[str, str]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command.
-
-    Args:
-        arguments: words after the program's name; ``sys.argv[1:]`` if None.
-
-    Returns:
-        Exit status, see `run_command`.
-    """
+    """Run the command in the words, or in ``sys.argv[1:]``; return its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = _top_level_parser()
     if not words:
@@ -81,16 +74,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run_words(command: Any, prog: str, words: Sequence[str], modules: Sequence[str] = ()) -> int:
-    """Run a command with the words that a user typed.
+    """Run a command with the words that a user typed; return its exit status.
 
     Args:
         command: a `soft_limb.commands.options.Command`.
         prog: name of the program, for its help.
         words: the words after the program's name.
         modules: modules to import first, in addition to the words' own.
-
-    Returns:
-        Exit status, see `run_command`.
     """
     # Parse the options of this command.
     parser = command.parser(prog)
@@ -168,17 +158,16 @@ def _add_import_option(parser: argparse.ArgumentParser) -> None:
 def run_command(command: Callable[[], int], stopped: str) -> int:
     """Run a command, print an error or a warning as one sentence, and return the exit status.
 
-    SIGTERM and SIGHUP end the command as Ctrl-C does, so that resources are released
-    and hot wires are switched off. SIGINT ends it even where the shell ignores SIGINT, as
-    in the background. A SIGHUP that `nohup` ignores stays ignored.
+    SIGTERM and SIGHUP end the command as Ctrl-C does, so that hot wires are switched off. SIGINT
+    ends it even where the shell ignores SIGINT, as in the background. A SIGHUP that `nohup` ignores
+    stays ignored.
 
     Args:
         command: function that returns its own exit status.
         stopped: sentence to print when a signal has stopped the command.
 
     Returns:
-        Exit status: the command's own; 1 if it failed; 128 plus the signal's number if a signal
-        stopped it: 130 by Ctrl-C, 143 by SIGTERM.
+        The command's own status; 1 if it failed; 128 plus the number of a signal that stopped it.
     """
     # Let all signals end the command as Ctrl-C does.
     received_signals.clear()

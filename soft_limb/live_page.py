@@ -91,18 +91,15 @@ BUTTON_STYLE = ".bk-btn { font-size: 1.3rem; padding: .6rem 1.3rem; background: 
 class LivePage:
     """A page in the browser of this computer that shows a limb while it runs, and can stop it.
 
-    Another process serves the page, at a lower priority. The run never waits for that process:
-    messages that it does not receive are lost, and the run goes on when the page is closed or its
-    process dies. The button sends this process SIGINT, the signal of Ctrl-C, which raises
-    KeyboardInterrupt in the main thread, also in the background.
-
-    Use it as a context manager, and give it to what runs the limb::
+    Another process serves the page. The run never waits for it: messages that it does not receive
+    are lost, and the run goes on when the page is closed or its process dies. The button sends this
+    process SIGINT, the signal of Ctrl-C, which raises KeyboardInterrupt in the main thread, also in
+    the background. Use it as a context manager; when that ends, the page says why and keeps its
+    curves::
 
         with LivePage() as live:
             print(live.url)
             replay(trajectory, limb, live=live)
-
-    When that ends, the page says why and keeps its curves.
 
     - ``url``: address of the page, on the loopback; its token is a password.
     """
@@ -225,24 +222,19 @@ class LivePage:
 
 
 class Run:
-    """The state of the program that runs a limb, from its messages.
+    """The state of the program that runs a limb, by its process's number, from its messages.
 
     - ``activity``: sentence on the present activity.
-    - ``header``: header of the newest recording; None before the first.
-    - ``reading``: newest reading of that recording; None before the first.
+    - ``header``, ``reading``: header and newest reading of the newest recording; None before.
     - ``is_running``: whether a limb runs.
     - ``readings``: newest readings of that recording, for its curves.
     - ``num_readings``: number of its readings so far, also of dropped readings.
-    - ``last_message``: time of the last message, s of the monotonic clock.
+    - ``last_message``, ``last_stop``: times of the last message, and of the button's last signal, s
+      of the monotonic clock.
     - ``end_reason``: reason why all ended; empty until then.
-    - ``last_stop``: time when the button sent its signal last, s of the monotonic clock.
     """
 
     def __init__(self, program: int):
-        """
-        Args:
-            program: number of the process that runs the limb.
-        """
         self.activity = ""
         self.header: RunHeader | None = None
         self.reading: Reading | None = None
@@ -292,7 +284,7 @@ class Run:
 
 
 class Page:
-    """The page of a run in one browser, as a Bokeh document.
+    """The page of a run in one browser, as a Bokeh document, with a button that stops the run.
 
     Browsers cannot share a document: Bokeh sends new charts in full only to the first browser.
 
@@ -300,10 +292,6 @@ class Page:
     """
 
     def __init__(self, run: Run):
-        """
-        Args:
-            run: the run to show, which the button stops.
-        """
         self.source = ColumnDataSource()
         self._run = run
         self._drawn_header: RunHeader | None = None
@@ -528,11 +516,6 @@ class Site(BokehTornado):
     """
 
     def __init__(self, run: Run, port: int):
-        """
-        Args:
-            run: the run to show.
-            port: port of the loopback on which it listens.
-        """
         self.token = secrets.token_urlsafe()
         super().__init__(
             Application(FunctionHandler(lambda document: Page(run).add_to(document))),

@@ -246,11 +246,7 @@ def _limb(planned: LimbParameters, options: argparse.Namespace) -> LimbSystem:
 
 
 def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
-    """Return the emulated limb to drive along a plan.
-
-    Raises:
-        ReplayError: if the plan was calibrated on another emulated limb than ``--emulated``.
-    """
+    """Return the emulated limb to drive; ReplayError if the plan is for another one."""
     board = emulated_limb(planned.board)
     if board and options.emulated not in (None, board.seed):
         raise ReplayError(

@@ -201,11 +201,7 @@ def count(text: str) -> int:
 
 @contextlib.contextmanager
 def live_page(options: argparse.Namespace) -> Iterator["LivePage | None"]:
-    """Open the live page if ``--live`` is given, print its address, and yield it or None.
-
-    Raises:
-        LimbError: if the page does not start.
-    """
+    """Open the live page if ``--live`` is given, print its address, and yield it or None."""
     if not options.live:
         yield None
         return
@@ -252,11 +248,7 @@ def save_panels(panels: Sequence[Panel], path: Path | None) -> None:
 def print_summary(
     options: argparse.Namespace, summary: Summary, written: Sequence[Path | None] | None = None
 ) -> None:
-    """Print the results of a command and the files that it wrote, as JSON with ``--json``.
-
-    Args:
-        written: files that were written; entries that are None are left out.
-    """
+    """Print the results of a command and the files that it wrote, as JSON with ``--json``."""
     if written is not None:
         paths = [str(path) for path in written if path]
         summary += Summary([Entry("written", paths)])

@@ -35,7 +35,6 @@ def write_report(
     """Write one HTML page: verdict, validation, parameters, and the laws over their recordings.
 
     Args:
-        path: path of the page.
         data: files that the page links to, by their descriptions.
     """
     # Begin with the verdict and the next steps.
@@ -189,12 +188,7 @@ def predicted_panels(predicted: Predicted, wire_names: Sequence[str]) -> list[Pa
 def _model_panels(
     runs: list[Samples], wire_names: Sequence[str], reference: np.ndarray | None = None
 ) -> list[Panel]:
-    """Return panels of bends and readings: the limb solid, and its model dashed.
-
-    Args:
-        runs: samples of the limb and of its model.
-        reference: set points of the bends (F, K), degrees; None if there are none.
-    """
+    """Return panels of bends and readings: the limb solid, its model dashed; set points in °."""
     styles = ((ROLLOUT_COLOR, "solid", 1.0), (PLAN_COLOR, "dashed", 1.75))
     # Draw a panel for each bend.
     panels = []

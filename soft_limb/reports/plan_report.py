@@ -119,7 +119,7 @@ def write_learning_report(
     Args:
         recordings: one or more files of repetitions, by the numbers of the repetitions.
         state: file of the learner.
-        path: path of the page to write.
+        path: path of the page.
     """
     # Draw the errors of all repetitions, and the first and the last recording.
     numbers = sorted(recordings)

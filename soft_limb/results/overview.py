@@ -26,7 +26,6 @@ from soft_limb.results.read_result import (
     LEARNING,
     LIMB,
     RECORDING,
-    REFERENCE,
     REPORT,
     ROBOT,
     TRAJECTORY,
@@ -53,12 +52,8 @@ _DETAILS = {"rate", "samples", "limb", "solver", "limits", "title", "recordings"
 def overview_page(folder: Path, output: Path) -> str:
     """Return the page of a folder and the folders below, HTML.
 
-    Args:
-        folder: folder of the results.
-        output: file that the page is for; links are relative to it, and it is not listed.
-
-    Raises:
-        LimbError: if the folder cannot be listed.
+    Links are relative to the file ``output``, which is not listed. Raise LimbError if the folder
+    cannot be listed.
     """
     # Find which file was made from which.
     files, troubles = _read_files(folder, output.resolve())
@@ -85,7 +80,7 @@ def overview_page(folder: Path, output: Path) -> str:
     return page.template("overview.html").render(
         folder=folder.resolve().name or str(folder.resolve()),
         provenance=dataclasses.asdict(Provenance.now()),
-        files=[file for file in files if file.kind not in (REPORT, REFERENCE)],
+        files=[file for file in files if file.kind != REPORT],
         others=unlinked,
         troubles=troubles,
         origins=origins,

@@ -169,10 +169,7 @@ def roll_out(
         output: file of the recording, which is written while the limb runs.
         controller: key in `CONTROLLERS`.
         real_time: whether the limb is a robot.
-        live: page on which the limb is shown, as for `replay`.
-
-    Raises:
-        ReplayError, HardwareError, OutputError, LimbError: see `replay`.
+        live: as for `replay`, whose errors are raised.
     """
     # Make the controller before the limb: the board waits for no computation.
     driver = make_controller(controller, trajectory, real_time=real_time)

@@ -198,28 +198,6 @@ def test_two_readings_above_the_limit_are_too_hot_and_one_is_not():
         assert subject.reason == reason, subject.reason
 
 
-def test_two_bad_readings_in_series_latch_and_one_is_borne():
-    """Its wire has no duty meanwhile, the other one has, and its heat is counted on."""
-    for bad, reason in ((1, guard.NO_REASON), (2, guard.THERMOCOUPLE_OPEN)):
-        host = Host()
-        host.arm()
-        host.run(2000, (0.2, 0.5))
-        warm = host.guard.observers[1].most
-        host.board.bad_frames[1] = bad
-        host.run(100 - host.board.now % 100, (0.2, 0.5))  # to the next readings
-        while host.board.duty[1]:
-            host.run(1, (0.2, 0.5))
-        start = host.board.now
-        host.run(90, (0.2, 0.5))
-        assert host.board.duty == [0.2, 0.0]
-        assert host.guard.observers[1].most < warm + 2.0
-        while host.board.duty == [0.2, 0.0]:
-            host.run(1, (0.2, 0.5))
-        assert 95 <= host.board.now - start <= 105
-        assert host.guard.reason == reason
-        assert host.board.duty == ([0.2, 0.5] if bad == 1 else [0.0, 0.0])
-
-
 def test_a_board_may_begin_with_a_bad_reading():
     """There is no reading before it; and it is not armed with one."""
     for bad, reason in ((1, guard.NO_REASON), (2, guard.THERMOCOUPLE_OPEN)):

@@ -21,7 +21,6 @@ from bokeh.document import Document
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
-from controllers import Learner
 from hardware import LimbTwin, SerialLimb, replay
 from hardware.live_feed import Message, Reading, RunHeader
 from limb_systems import LimbParameters, Recording, Trajectory
@@ -29,8 +28,6 @@ from planners import plan, references
 from soft_limb import live_page
 from soft_limb.command import main
 from soft_limb.live_page import LivePage, Page, Run
-from soft_limb.runs.repetitions import repeat
-from soft_limb.runs.rollout import roll_out
 
 from .conftest import wait_for
 
@@ -149,27 +146,6 @@ def run_and_stop(start_host, browser, folder):
     shown.append(page.evaluate(READ))  # the curves stay
     page.context.close()
     return host.communicate()[1], shown
-
-
-def test_a_page_that_freezes_and_dies_changes_nothing(virtual_time, emulator, beginning, tmp_path):
-    """It is frozen on the way, and then killed; what is told to it is lost."""
-    limb = SerialLimb(emulator.port, beginning.parameters)
-    with LivePage() as live:
-
-        def kill():
-            live._process.kill()
-            live._process.wait()
-
-        def is_hot():
-            return emulator.duty()[1] > 0.0
-
-        virtual_time.when(is_hot, lambda: os.kill(live._process.pid, signal.SIGSTOP), after=0.3)
-        virtual_time.when(is_hot, kill, after=0.6)
-        recording = replay(beginning, limb, journal=tmp_path / "journal.csv", live=live)
-        with pytest.warns(UserWarning, match="page's process died"):
-            live.end("done")
-    assert len(recording.time) == len(Recording.load(tmp_path / "journal.csv").time) == 21
-    assert limb.link.lost_samples == 0
 
 
 class Told:
@@ -454,32 +430,6 @@ def test_alarms_say_which_wire_is_hot(motion):
             assert sentence in live_page.state(run)
 
 
-def test_an_emulated_limb_that_is_stopped_on_the_page_leaves_its_recording(
-    virtual_time, motion, tmp_path
-):
-    """As the page does, which sends the signal of Ctrl-C."""
-
-    class Stopping(Told):
-        def show(self, reading):
-            if reading.time >= 0.5:
-                raise KeyboardInterrupt
-
-        def __init__(self):
-            super().__init__()
-            del self.show
-
-    output = tmp_path / "recording.csv"
-    with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
-        roll_out(motion, LimbTwin, output, live=Stopping())
-    kept = Recording.load(tmp_path / "recording.unfinished.csv")
-    assert kept.time[-1] == pytest.approx(0.5, abs=0.06)
-    assert kept.interrupted == "stopped by Ctrl-C or a signal"
-    learner = Learner(motion)
-    with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
-        repeat(learner, LimbTwin, 1, tmp_path, live=Stopping())
-    assert len(Recording.load(tmp_path / "repetition_1.unfinished.csv").time) > 5
-
-
 def test_a_page_that_does_not_start_is_said_before_anything_is_heated(
     monkeypatch, motion, tmp_path, capsys
 ):
@@ -489,3 +439,25 @@ def test_a_page_that_does_not_start_is_said_before_anything_is_heated(
     assert main([*arguments, "--live"]) == 1
     assert "error: The live page does not start" in capsys.readouterr().err
     assert not (tmp_path / "recording.csv").exists()
+
+
+def test_a_page_that_freezes_and_dies_changes_nothing(
+    live, virtual_time, emulator, beginning, tmp_path
+):
+    """It is frozen on the way, and then killed; what is told to it is lost. No test may follow."""
+    limb = SerialLimb(emulator.port, beginning.parameters)
+
+    def kill():
+        live._process.kill()
+        live._process.wait()
+
+    def is_hot():
+        return emulator.duty()[1] > 0.0
+
+    virtual_time.when(is_hot, lambda: os.kill(live._process.pid, signal.SIGSTOP), after=0.3)
+    virtual_time.when(is_hot, kill, after=0.6)
+    recording = replay(beginning, limb, journal=tmp_path / "journal.csv", live=live)
+    with pytest.warns(UserWarning, match="page's process died"):
+        live.end("done")
+    assert len(recording.time) == len(Recording.load(tmp_path / "journal.csv").time) == 21
+    assert limb.link.lost_samples == 0

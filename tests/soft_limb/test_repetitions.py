@@ -8,7 +8,7 @@ import pytest
 
 from controllers import Learner
 from hardware import HardwareError, ReplayError
-from limb_systems import Limb, LimbParameters, Recording, Trajectory
+from limb_systems import Limb, LimbParameters, Recording, SegmentParameters, Trajectory
 from limb_systems.progress import Progress
 from planners import plan, references
 from soft_limb.command import main
@@ -17,7 +17,8 @@ from soft_limb.runs.repetitions import REST_TIME, make_rested_twins, repeat, wai
 
 @pytest.fixture(scope="module")
 def short_plan() -> Trajectory:
-    return plan(LimbParameters(), references.from_samples([0.0, 3.0], [0.0, 0.05]))
+    limb = LimbParameters(segments=[SegmentParameters(links=2)])
+    return plan(limb, references.from_samples([0.0, 3.0], [0.0, 0.05]))
 
 
 @pytest.fixture
