@@ -150,9 +150,7 @@ class Compiled:
 
         return evaluate
 
-    def _bound_in_casadi(
-        self, num_points: int, arrays: Sequence[np.ndarray]
-    ) -> Callable[[], None]:
+    def _bound_in_casadi(self, num_points: int, arrays: Sequence[np.ndarray]) -> Callable[[], None]:
         """Return a function as `bound` does, which CasADi evaluates point after point."""
         # CasADi has a point in each column, in memory one after the other.
         if num_points not in self._mapped:
