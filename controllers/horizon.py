@@ -293,7 +293,7 @@ class HorizonProgram(QuasiStaticProgram):
         x[self.bends] = np.moveaxis(self._model.bend_angle(rollouts), 1, -1)
         return x
 
-    def _heat_block(self) -> ConstraintBlock:
+    def _make_heat_block(self) -> ConstraintBlock:
         """Return the steps of the model without readings, on which nothing here depends."""
         N = self.heat.shape[1]
         W = self._model.num_wires

@@ -6,20 +6,18 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pydrake import manipulation
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, System
 
 from limb_systems import LimbParameters, add_limb_actuation
-from limb_systems.files.schema import Tagged, quantity
 
 LIMB_PORTS = "measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"
 GRAVITY_TOLERANCE = 0.5  # m/s², between gravity in a description and in the plant
 
 
 @dataclasses.dataclass
-class LimbDriver(Tagged):
+class LimbDriver:
     """The wires of a limb as a driver in a scenario, also for Drake's `ApplyDriverConfigs`.
 
     - ``limb``: YAML file of its `LimbParameters`, from the scenario's folder; the nominal limb if
@@ -29,7 +27,7 @@ class LimbDriver(Tagged):
     """
 
     limb: str = ""
-    seed: int = quantity(0, "", 0, 2**63)
+    seed: int = 0
     port: str = ""
 
     @property
@@ -38,36 +36,26 @@ class LimbDriver(Tagged):
         return LimbParameters.of(self.limb or None)
 
 
-@dataclasses.dataclass
-class ZeroForceDriver(Tagged):
-    """No force on the actuators of a model."""
-
-
 def ApplyDriverConfig(
-    driver_config: LimbDriver | ZeroForceDriver,
+    driver_config: LimbDriver,
     model_instance_name: str,
     sim_plant: MultibodyPlant,
     models_from_directives: Mapping[str, Any],
     lcms: Any,
     builder: DiagramBuilder,
 ) -> None:
-    """Add the driver of a model to a simulation; export the ports of a limb with its name.
+    """Add the wires of a limb to a simulation, and export its ports with its name.
 
     Args:
         driver_config: the driver.
         model_instance_name: name of the model in the plant.
         sim_plant: the finalized plant with the model.
-        models_from_directives, lcms: arguments for Drake's drivers.
+        models_from_directives, lcms: arguments that only Drake's drivers use.
         builder: builder of the diagram that has the plant.
 
     Raises:
         ParameterError: if the limb in the plant does not fit its description.
     """
-    if isinstance(driver_config, ZeroForceDriver):
-        zero_force = manipulation.ZeroForceDriver()
-        drake_arguments = sim_plant, models_from_directives, lcms, builder
-        manipulation.ApplyDriverConfig(zero_force, model_instance_name, *drake_arguments)
-        return
     limb = sim_plant.GetModelInstanceByName(model_instance_name)
     wires = add_limb_actuation(builder, sim_plant, limb, driver_config.parameters)
     _warn_of_gravity(sim_plant, limb, wires.parameters)

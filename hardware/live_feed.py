@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from hardware.board.link import HardwareError
-from hardware.board.serial_limb import COMMAND_DEADLINE, SerialLimb
+from hardware.board.serial_limb import SerialLimb
 from hardware.board.several_boards import Link
 from hardware.firmware import guard
 from limb_systems import LimbModel, LimbParameters, LimbSystem, Trajectory
@@ -27,14 +27,14 @@ class RunHeader:
     - ``source``: name of the limb, as in recordings.
     - ``parameters``: description of the limb.
     - ``limit``: reading at which the heaters are switched off, °C.
-    - ``duration``: longest duration, s; None if there is no limit.
+    - ``duration``: longest duration, s.
     - ``plan``, ``band``: plan that the limb follows, and its band; or None.
     """
 
     source: str
     parameters: LimbParameters
     limit: float
-    duration: float | None = None
+    duration: float
     plan: Trajectory | None = None
     band: Band | None = None
 
@@ -47,17 +47,12 @@ class BoardReading:
     - ``reason``: reason why not, in words.
     - ``warmest``: highest temperature of each wire by its duty, °C.
     - ``lost_samples``: number of samples that did not arrive.
-    - ``late``: delay of the last command, s; None if none was sent.
-    - ``commands``, ``missed``: number of commands sent, and of those later than `COMMAND_DEADLINE`.
     """
 
     armed: bool
     reason: str
     warmest: list[float]
     lost_samples: int
-    late: float | None = None
-    commands: int = 0
-    missed: int = 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +66,6 @@ class Reading:
     - ``applied_duty``: applied duty of each wire; or None.
     - ``reference``: reference of the bend angles, rad; or None.
     - ``board``: state of a robot's board; or None.
-    - ``cooling``: whether the run has ended, and its wires cool.
     """
 
     time: float
@@ -81,7 +75,6 @@ class Reading:
     applied_duty: list[float] | None = None
     reference: list[float] | None = None
     board: BoardReading | None = None
-    cooling: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,40 +134,24 @@ class Feed(LeafSystem):
             sizes["reference"] = layout.num_bends
         self._live = live
         self._names = list(sizes)
-        self._robot = (limb.link, limb.timing_errors) if isinstance(limb, SerialLimb) else None
-        self._commands = self._missed = 0
+        self._link = limb.link if isinstance(limb, SerialLimb) else None
         for name, size in sizes.items():
             self.DeclareVectorInputPort(name, size)
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._publish))
 
     def _publish(self, context) -> None:
         signals = {name: self.GetInputPort(name).Eval(context).tolist() for name in self._names}
-        board = self._board(*self._robot) if self._robot else None
+        board = _board_reading(self._link) if self._link else None
         self._live.show(Reading(context.get_time(), **signals, board=board))
 
-    def _board(self, link: Link, delays: list[float]) -> BoardReading | None:
-        """Return the state of the board, and count new commands by their delays, s."""
-        new_delays = delays[self._commands :]
-        self._commands += len(new_delays)
-        self._missed += sum(delay > COMMAND_DEADLINE for delay in new_delays)
-        # Without samples the limb raises an error; this system does not.
-        with contextlib.suppress(HardwareError):
-            return board_reading(link, delays[-1] if delays else None, self._commands, self._missed)
-        return None
 
-
-def board_reading(
-    link: Link, late: float | None = None, commands: int = 0, missed: int = 0
-) -> BoardReading:
-    """Return the state of a board; for the arguments see `BoardReading`.
-
-    Raises:
-        HardwareError: if no sample has come at all, or the cable is gone.
-    """
-    sample = link.sample(np.inf)  # of any age, which the limb checks
-    warmest = sample.warmest.tolist()
-    state = BoardReading(sample.armed, sample.reason_text, warmest, link.lost_samples)
-    return dataclasses.replace(state, late=late, commands=commands, missed=missed)
+def _board_reading(link: Link) -> BoardReading | None:
+    """Return the state of a board; None without samples, for which the limb raises an error."""
+    with contextlib.suppress(HardwareError):
+        sample = link.sample(np.inf)  # of any age, which the limb checks
+        warmest = sample.warmest.tolist()
+        return BoardReading(sample.armed, sample.reason_text, warmest, link.lost_samples)
+    return None
 
 
 @contextlib.contextmanager

@@ -1,12 +1,18 @@
 """Replay of a planned trajectory, and recording of a limb that is moved by hand."""
 
+import dataclasses
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, System
+from pydrake.systems.framework import (
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+    System,
+)
 from pydrake.systems.primitives import ConstantVectorSource, Multiplexer, TrajectorySource
 
 from hardware.board.journal import closing, open_journal
@@ -92,7 +98,6 @@ def watch(
     limb: LimbSystem,
     duration: float,
     *,
-    until: Callable[[np.ndarray], bool] | None = None,
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
     live: LiveView | None = None,
@@ -103,7 +108,6 @@ def watch(
 
     Args:
         duration: longest duration, s.
-        until: function of V (W), °C; the recording ends when it is true.
         limb, sample_rate, journal, live: as for `replay`.
 
     Raises:
@@ -112,9 +116,7 @@ def watch(
     """
     with closing(check_limb(limb)):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-        return _record_with(
-            limb, off, duration, sample_rate, journal, live, until=until, ended_by_hand=True
-        )
+        return _record_with(limb, off, duration, sample_rate, journal, live, ended_by_hand=True)
 
 
 def present_readings(limb: LimbSystem) -> np.ndarray:
@@ -255,11 +257,10 @@ def _record_with(
     controller: System,
     duration: float,
     sample_rate: float,
-    journal,
+    journal: str | Path | None,
     live: LiveView | None,
     plan: Trajectory | None = None,
     *,
-    until: Callable[[np.ndarray], bool] | None = None,
     ended_by_hand: bool = False,
 ) -> Recording:
     """Record a limb that a controller drives; the arguments are as for `replay` and `watch`."""
@@ -274,59 +275,78 @@ def _record_with(
         if controller.HasOutputPort("duty")
         else controller.get_output_port()
     )
-    may_cut_out = plan is not None and limb.HasOutputPort("cut_out")
-    if may_cut_out:
+    if plan is not None and limb.HasOutputPort("cut_out"):
         cut_out_end = builder.AddSystem(_EndAtCutOut())
         builder.Connect(limb.GetOutputPort("cut_out"), cut_out_end.get_input_port())
+    options = RecordOptions(sample_rate=sample_rate)
+    return record_with_journal(
+        builder, limb, duty, duration, journal, live, options, plan, ended_by_hand=ended_by_hand
+    )
 
-    def is_over(root: Context) -> bool:
-        measured = limb.GetOutputPort("measured_temperature")
-        assert until
-        return until(measured.Eval(limb.GetMyContextFromRoot(root)))
 
-    # Simulate and record, with a journal and on a page.
-    provenance = Provenance.now(limb.parameters)
+def record_with_journal(
+    builder: DiagramBuilder,
+    limb: LimbSystem,
+    duty: OutputPort,
+    duration: float,
+    journal: str | Path | None,
+    live: LiveView | None,
+    options: RecordOptions,
+    plan: Trajectory | None = None,
+    *,
+    kind: str = "",
+    seed: int | None = None,
+    ended_by_hand: bool = False,
+) -> Recording:
+    """Record a limb as `limb_systems.simulation.record`, with a journal and on a page if given.
+
+    Args:
+        builder, limb, duty, duration, options: as for `record`.
+        journal, live: as for `replay`.
+        plan: trajectory that the limb follows; a cut-out then interrupts the recording.
+        kind: kind of the recording, see `Recording`.
+        seed: seed of the random numbers in the experiment, if there are any.
+        ended_by_hand: whether Ctrl-C is a regular end.
+    """
+    provenance = Provenance.now(limb.parameters, seed)
+    options = dataclasses.replace(options, provenance=provenance, real_time=live is not None)
     with (
-        live_display(builder, live, limb, duty, duration, plan=plan),
+        live_display(builder, live, limb, duty, duration, plan=plan, reference=options.reference),
         open_journal(
             builder,
             journal,
             limb,
             duty,
-            sample_rate,
+            options.sample_rate,
+            reference=options.reference,
             provenance=provenance,
             ended_by_hand=ended_by_hand,
+            kind=kind,
             may_wait=not (limb.real_time or live),
         ) as writer,
     ):
-        recording = record(
-            builder,
-            limb,
-            duty,
-            duration,
-            RecordOptions(
-                until=is_over if until else None,
-                real_time=live is not None,
-                sample_rate=sample_rate,
-                remark=_progress_remark(limb) if limb.real_time else None,
-                provenance=provenance,
-            ),
-        )
+        recording = record(builder, limb, duty, duration, options)
+        recording.kind = kind
         # Note a cut-out in the recording and its journal.
-        end_time = recording.time[-1]
-        in_window = recording.time >= end_time - CUT_OUT_WINDOW
-        highest = recording.measured_temperature[:, in_window].max(axis=1)
-        ended_early = end_time < duration - 0.5 / sample_rate  # also by a controller
-        if may_cut_out and ended_early and highest.max() >= guard.TEMPERATURE_LIMIT:
-            hottest = int(np.argmax(highest))
-            recording.interrupted = (
-                f"the {limb.parameters.wire_names[hottest]} wire was measured at "
-                f"{guard.TEMPERATURE_LIMIT:g} °C or more, the limit at which a board switches off"
-            )
-            if writer:
+        if plan is not None and limb.HasOutputPort("cut_out"):
+            recording.interrupted = _cut_out(recording, duration)
+            if writer and recording.interrupted:
                 writer.finish(recording.interrupted)
-        return recording
-    return Recording.load(journal)  # the part before it was ended by hand
+    return recording
+
+
+def _cut_out(recording: Recording, duration: float) -> str:
+    """Return a sentence on the wire that ended a recording early, if one was too hot; or none."""
+    end_time = recording.time[-1]
+    in_window = recording.time >= end_time - CUT_OUT_WINDOW
+    highest = recording.measured_temperature[:, in_window].max(axis=1)
+    ended_early = end_time < duration - 0.5 / recording.sample_rate  # also by a controller
+    if not ended_early or highest.max() < guard.TEMPERATURE_LIMIT:
+        return ""
+    return (
+        f"the {recording.parameters.wire_names[int(np.argmax(highest))]} wire was measured at "
+        f"{guard.TEMPERATURE_LIMIT:g} °C or more, the limit at which a board switches off"
+    )
 
 
 class _EndAtCutOut(LeafSystem):
@@ -362,21 +382,3 @@ def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: Sys
         for entry, reading in enumerate(readings):
             builder.Connect(reading, joined.get_input_port(entry))
         builder.Connect(joined.get_output_port(), port)
-
-
-def _progress_remark(limb: LimbSystem):
-    """Return a function that writes angles, temperatures and duty for the progress line."""
-    names = limb.parameters.wire_names
-
-    def remark(root: Context) -> str:
-        context = limb.GetMyContextFromRoot(root)
-        angles = np.rad2deg(limb.GetOutputPort("bend_angle").Eval(context))
-        measured = limb.GetOutputPort("measured_temperature").Eval(context)
-        duty = limb.GetInputPort("duty").Eval(context)
-        words = [f"φ {angle:+5.1f}°" for angle in angles if np.isfinite(angle)]
-        for name, temperature, share in zip(names, measured, duty, strict=True):
-            reading = f" {temperature:.1f} °C" if np.isfinite(temperature) else ""
-            words.append(f"{name}{reading} at {share:.2f}")
-        return ", ".join(words)
-
-    return remark

@@ -1,6 +1,7 @@
 """A station of limbs by a scenario, as Drake's hardware_sim has it: one diagram, named ports."""
 
 import contextlib
+import copy
 import dataclasses
 import logging
 from collections.abc import Iterator, Mapping
@@ -91,9 +92,7 @@ class Station(Diagram, Closeable):
         super().__init__()
         # Load the scenario, whose folder the paths of its limbs start from.
         folder = Path() if isinstance(scenario, Scenario) else Path(scenario).parent
-        if isinstance(scenario, Scenario):
-            scenario.validate()
-        else:
+        if not isinstance(scenario, Scenario):
             scenario = Scenario.load(scenario)
         if limbs not in KINDS:
             raise StationError(f"limbs is {limbs!r}; it must be one of {', '.join(KINDS)}.")
@@ -225,9 +224,10 @@ def _simulator(station: Station, diagram: Diagram) -> Simulator:
     """Return a simulator by the scenario's configuration, or by the accuracy of limbs alone."""
     if station.plant is not None:
         simulator = Simulator(diagram)
-        config = station.scenario.simulator_config
-        time_step = station.scenario.plant_config.time_step
-        ApplySimulatorConfig(config.to_drake(time_step), simulator)
+        config = copy.copy(station.scenario.simulator_config)
+        if not config.integration_scheme:
+            config.integration_scheme = "explicit_euler" if station.plant.time_step() else "radau3"
+        ApplySimulatorConfig(config, simulator)
         return simulator
     accuracies = [limb.accuracy for limb in station.limbs.values()]
     return make_simulator(diagram, min(filter(None, accuracies), default=None))
@@ -298,13 +298,12 @@ def _add_plant(
     """Add the plant of a scenario with its drivers, and export the ports of all models."""
     # Load the models.
     try:
-        config = scenario.plant_config.to_drake()
-        plant, _ = AddMultibodyPlant(config=config, builder=builder)
+        plant, _ = AddMultibodyPlant(config=scenario.plant_config, builder=builder)
         parser = Parser(plant)
         parser.package_map().PopulateFromFolder(str(Path(urdf.__file__).parent))
         parser.package_map().Add("scenario", str(folder.resolve()))
         with _refuse_replaced_inertia():
-            models = ProcessModelDirectives(scenario.to_drake(), plant, parser)
+            models = ProcessModelDirectives(scenario.checked_directives(), plant, parser)
         plant.Finalize()
     except RuntimeError as error:
         raise StationError(f"The scenario: {' '.join(str(error).split())}") from error

@@ -21,7 +21,6 @@ from .limb import (
     LimbActuation,
     add_limb,
     add_limb_actuation,
-    add_springs,
     from_paper_state,
     make_manipulator,
     split_state,
@@ -45,7 +44,7 @@ from .plan_band import Band, band
 from .simulation import simulate
 from .statics import resting_state
 from .views.limb_view import wire_color
-from .views.limb_visualizer import LimbVisualizer, WireColors
+from .views.live_wire_colors import WireColors
 from .views.replay_page import write_meshcat_replay
 from .wire_blocks import JouleHeating, ThermocoupleLag, TorqueMap
 from .wire_laws.coupled import CoupledLaw
@@ -73,7 +72,6 @@ __all__ = [
     "LimbModel",
     "LimbParameters",
     "LimbSystem",
-    "LimbVisualizer",
     "LinearLaw",
     "NoBoard",
     "PlanCheck",
@@ -95,7 +93,6 @@ __all__ = [
     "WireParameters",
     "add_limb",
     "add_limb_actuation",
-    "add_springs",
     "band",
     "bend_angle",
     "bend_angle_from_tip_tangent",

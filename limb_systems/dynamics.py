@@ -1,5 +1,7 @@
 """The equation of motion (2), stated once, and the accelerations that solve it."""
 
+import functools
+
 import casadi as ca
 import numpy as np
 
@@ -76,18 +78,48 @@ class Dynamics:
         no_motion = ca.SX(n, 1)
         at_rest = self.residual(q, no_motion, x, no_motion)
         self.at_rest = SmoothFunction(at_rest, ca.vertcat(q, x))
-        # It is linear in the accelerations: separate the load and the mass matrix.
-        load = ca.substitute(residual, a, ca.SX.zeros(n))
+
+    # What equilibria do without is stated when it is first used.
+    @functools.cached_property
+    def _mass_and_load(self) -> SmoothFunction:
+        """The mass matrix and the load; the residual is linear in the accelerations."""
+        n = self.num_joints
+        q = ca.SX.sym("q", n)
+        v = ca.SX.sym("v", n)
+        a = ca.SX.sym("a", n)
+        x = ca.SX.sym("x", self.num_states)
+        residual = self.residual(q, v, x, a)
+        load = self.residual(q, v, x, ca.SX(n, 1))
         mass = ca.vec(ca.jacobian(residual, a))
-        self._mass_and_load = SmoothFunction(ca.vertcat(load, mass), ca.vertcat(q, v, x))
-        straight_mass, _ = self.mass_and_load(np.zeros(2 * n + wires.num_states))
-        self.acceleration_to_angle = straight_mass / mechanics.stiffness[:, None]
+        return SmoothFunction(ca.vertcat(load, mass), ca.vertcat(q, v, x))
+
+    @functools.cached_property
+    def acceleration_to_angle(self) -> np.ndarray:
+        straight_mass, _ = self.mass_and_load(np.zeros(2 * self.num_joints + self.num_states))
+        return straight_mass / self.mechanics.stiffness[:, None]
 
     def mass_and_load(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return M (..., n, n), kg·m², and the residual without acceleration (..., n), N·m."""
         values = self._mass_and_load.values(points)
         load, mass = np.split(values, [self.num_joints], axis=-1)
         return mass.reshape(*load.shape, self.num_joints), load
+
+    def slow_slopes(self, points: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """Return the slopes (..., n, 3n) of the residual by points [θ, θ̇, θ̈], in a slow motion.
+
+        Stiffness and weight count, damping and mass, but not how inertial forces change with
+        angles and rates.
+
+        Args:
+            points: [θ, θ̇, θ̈] (..., 3n).
+            states: x (..., N).
+        """
+        n = self.num_joints
+        angles = points[..., :n]
+        _, stiffness = self.at_rest.first(np.concatenate([angles, states], axis=-1))
+        mass, _ = self.mass_and_load(np.concatenate([points[..., : 2 * n], states], axis=-1))
+        damping = np.broadcast_to(np.diag(self.mechanics.damping), mass.shape)
+        return np.concatenate([stiffness[..., :n], damping, mass], axis=-1)
 
     def accelerations(self, points: np.ndarray) -> np.ndarray:
         """Return θ̈ (..., n), rad/s²."""

@@ -169,25 +169,6 @@ def add_limb(
     return limb
 
 
-def add_springs(
-    plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
-) -> None:
-    """Add springs and actuators, which URDF does not have, to a limb that was parsed from URDF.
-
-    Args:
-        plant: not finalized, with the limb.
-        limb: model instance of the limb.
-        parameters: description from which the URDF was written.
-
-    Raises:
-        ParameterError: if the limb has another number of joints than its description.
-    """
-    joints = _checked_joints(plant, limb, parameters)
-    add_joint_springs(plant, joints, parameters)
-    for joint in joints:
-        plant.AddJointActuator(joint.name(), joint)
-
-
 def add_limb_actuation(
     builder: DiagramBuilder,
     plant: MultibodyPlant,
@@ -199,8 +180,7 @@ def add_limb_actuation(
     Args:
         builder: builder of the diagram that has the plant.
         plant: finalized, with the limb.
-        limb: model instance of the limb, from `add_limb`, from its SDFormat, or from its URDF with
-            `add_springs`.
+        limb: model instance of the limb, from `add_limb` or from its SDFormat.
         parameters: description of the limb, or its YAML file; the nominal limb if None.
 
     Returns:
@@ -279,8 +259,8 @@ def _check_model(
     has_springs = all(joint.index() in springs for joint in joints)
     if plant.num_actuated_dofs(limb) != len(joints) or not has_springs:
         raise ParameterError(
-            f"The limb {name!r} has no springs or no actuators, as URDF has none; call add_springs "
-            "before the plant is finalized, or parse its SDFormat."
+            f"The limb {name!r} has no springs or no actuators, as URDF has none; parse its "
+            "SDFormat."
         )
     if plant.num_velocities(limb) != len(joints):
         raise ParameterError(

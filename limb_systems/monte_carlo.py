@@ -7,6 +7,7 @@ without gravity all joints have the same angle, and each bend sensor reads φ.
 
 import copy
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -20,10 +21,11 @@ from limb_systems.limb_parameters import (
     SegmentParameters,
 )
 from limb_systems.rubber import ramp
-from limb_systems.smooth_function import Compiled, build_once
+from limb_systems.smooth_function import Compiled, SmoothFunction, build_once
 from limb_systems.wire_laws.wire_law import WireLaw, runge_kutta
 
 NUM_SUBSTEPS = (1, 2, 4)  # tried in this order until no simulation diverges
+NUM_ANGLE_ITERATIONS = 8  # of torques that depend on the angle, and change it by less than itself
 DIVERGED_TEMPERATURE = 1e4  # °C, beyond which a simulation has diverged
 
 
@@ -183,6 +185,8 @@ class OpenLoop:
         ambient: np.ndarray,
         initial: Sequence[np.ndarray],
         rubber: Mapping[str, np.ndarray],
+        *,
+        near_first: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return T, V and φ at the ends of the steps, by the classical Runge-Kutta method.
 
@@ -193,11 +197,14 @@ class OpenLoop:
             rubber: ``stiffness``, N·m/rad, and ``rest_angle``, rad, each (B,);
                 optionally ``stiffening``, and ``shift``, rad, and ``rate``,
                 1/rad, of the rest angle's memory.
+            near_first: whether all sets are so near the first that heat is linear in their
+                differences from it, as finite differences need it.
 
         Returns:
             T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad.
         """
         start = np.array(initial)
+        _clamp_memory(_memory_ranges(law), start)
         T0 = _broadcast_copy(ambient[..., None], start.shape[1:])
         # Parameter sets that differ only in other wires heat a wire in the same way: simulate once.
         distinct, set_indices = _distinct_sets(law, T0, start)
@@ -205,167 +212,298 @@ class OpenLoop:
         distinct_T0 = _select_sets(T0, distinct)
         distinct_start = _select_sets(start, distinct)
         # Simulate the heat, with the runs sorted by their lengths.
+        sorted_T0 = distinct_T0[:, self._order]
         sorted_start = distinct_start[..., self._order, :]
-        sorted_heat = self._heat(distinct_law, distinct_T0[:, self._order], sorted_start)
+        if near_first and _symbolic_step(law, self.step):
+            sorted_heat = self._linear_heat(distinct_law, sorted_T0, sorted_start, set_indices[:1])
+        else:
+            sorted_heat, num_substeps = self._heat(distinct_law, sorted_T0, sorted_start)
+            sorted_heat = sorted_heat[::num_substeps]
         heat = sorted_heat[..., np.argsort(self._order), :]
         # Find the torques on straight links.
         states = list(np.moveaxis(heat[:, :-1], 1, 0))
         straight_torques = distinct_law.torque(states, distinct_T0, 0.0)
         torques = _select_sets(np.asarray(straight_torques), set_indices)
 
-        def torques_at_angle(step_index: int, theta: np.ndarray) -> np.ndarray:
-            wire_states = list(_select_sets(heat[step_index, :-1], set_indices))
+        def torques_at_angles(theta: np.ndarray) -> np.ndarray:
+            wire_states = list(np.moveaxis(_select_sets(heat[:, :-1], set_indices), 1, 0))
             return np.asarray(law.torque(wire_states, T0, theta[..., None] * self._directions))
 
         # A torque that is nan at an unknown angle depends on the angle.
         first_states = [state[0] for state in states]
         needs_angle = np.isnan(distinct_law.torque(first_states, distinct_T0, np.nan)).any()
-        bends = self._bends(torques, rubber, torques_at_angle if needs_angle else None)
+        bends = self._bends(torques, rubber, torques_at_angles if needs_angle else None)
         temperature = _select_sets(heat[:, 0], set_indices)
         reading = _select_sets(heat[:, -1], set_indices)
         return temperature, reading, bends
 
-    def _heat(self, law: WireLaw, T0: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Return the states of the wires and V (K + 1, X + 1, B, R, W), with the runs sorted.
+    def _heat(self, law: WireLaw, T0: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, int]:
+        """Return the states of the wires and V, with the runs sorted, and the number of substeps.
 
         A law whose heat, stress and transformation act on each other may be too fast for the step.
         If one parameter set diverges, all are simulated again in the same shorter steps, because
         they are compared with each other.
+
+        Returns:
+            Heat (K S + 1, X + 1, B, R, W) and S.
         """
         for num_substeps in NUM_SUBSTEPS:
             with np.errstate(over="ignore", invalid="ignore"):
                 heat = self._heat_in_substeps(law, T0, start, num_substeps)
             if (np.abs(heat) < DIVERGED_TEMPERATURE).all():
                 break
-        return heat
-
+        return heat, num_substeps
     def _heat_in_substeps(
         self, law: WireLaw, T0: np.ndarray, start: np.ndarray, num_substeps: int
     ) -> np.ndarray:
         """Return the heat as `_heat`, with each step divided into substeps."""
-        course = np.empty((len(self._duty) + 1, *start.shape))
+        memory_ranges = _memory_ranges(law)
+        duty = np.repeat(self._duty, num_substeps, axis=0)
+        num_unfinished = np.repeat(self._num_unfinished, num_substeps)
+        course = np.empty((len(duty) + 1, *start.shape))
         course[0] = start
-        # Collect the ranges of states that are memories.
-        memory_ranges = {}
-        for row, state in enumerate(law.states):
-            if np.isfinite(law.memory.get(state, np.inf)).any():
-                memory_ranges[row] = law.memory[state]
-        _clamp_memory(memory_ranges, course[0])
-        # Compile a substep with T0 and the law's fields as inputs.
-        fields = {name: value for name, value in vars(law).items() if isinstance(value, np.ndarray)}
-        compiled = _compiled_step(law, list(fields), self.step / num_substeps)
-        num_unfinished = None
-        for step_index, levels in enumerate(self._duty):
-            # Drop the runs that have ended, and bind the substep to arrays of the other runs.
-            if num_unfinished != self._num_unfinished[step_index]:
-                num_unfinished = self._num_unfinished[step_index]
-                heat = course[step_index, ..., :num_unfinished, :].copy()
-                shape = heat.shape[1:]
-                next_heat = np.empty_like(heat)
-                duty = np.empty(shape)
-                inputs = (T0[:, :num_unfinished], *fields.values())
-                constants = np.array([_broadcast_copy(field, shape) for field in inputs])
-                arrays = (heat, duty[None], constants, next_heat)
-                advance = compiled.bound(*(array.reshape(len(array), -1) for array in arrays))
-            # Integrate the remaining runs; the states of ended runs stay.
-            duty[...] = levels[:num_unfinished]
-            for _ in range(num_substeps):
+        begin = 0
+        for num_runs, steps in itertools.groupby(num_unfinished.tolist()):
+            # Drop the runs that have ended, whose states stay, and bind the substep to the others.
+            course[begin + 1 :, ..., num_runs:, :] = course[begin, ..., num_runs:, :]
+            heat = course[begin, ..., :num_runs, :].copy()
+            next_heat = np.empty_like(heat)
+            level = np.empty(heat.shape[1:])
+            step = self.step / num_substeps
+            advance = _bound_step(law, T0[:, :num_runs], step, heat, level, next_heat)
+            # Integrate these runs until the next one ends.
+            end = begin + len(list(steps))
+            for step_index in range(begin, end):
+                level[...] = duty[step_index, :num_runs]
                 advance()
+                _clamp_memory(memory_ranges, next_heat)
                 heat[...] = next_heat
-                _clamp_memory(memory_ranges, heat)
-            course[step_index + 1] = course[step_index]
-            course[step_index + 1, ..., :num_unfinished, :] = heat
+                course[step_index + 1, ..., :num_runs, :] = heat
+            begin = end
         return course
+
+    def _linear_heat(
+        self, law: WireLaw, T0: np.ndarray, start: np.ndarray, first: np.ndarray
+    ) -> np.ndarray:
+        """Return the heat (K + 1, X + 1, B, R, W), linear in the differences from the first set.
+
+        Args:
+            law, T0, start: as for `_heat`.
+            first: place of the first set among these, for each wire (1, W).
+        """
+        # Simulate the first set alone.
+        first_law = _map_fields(law, lambda field: _select_sets(field, first))
+        first_T0 = _select_sets(T0, first)
+        first_start = _select_sets(start, first)
+        course, num_substeps = self._heat(first_law, first_T0, first_start)
+        # Differentiate all steps of unfinished runs by the heat before them, T0 and the fields.
+        num_unfinished = np.repeat(self._num_unfinished, num_substeps)
+        steps, runs = np.nonzero(np.arange(start.shape[2]) < num_unfinished[:, None])
+        constants = _step_constants(law, T0)
+        first_constants = _step_constants(first_law, first_T0)
+        points = np.concatenate(
+            [course[steps, :, 0, runs], first_constants[:, 0].swapaxes(0, 1)[runs]], axis=1
+        )
+        duty = np.repeat(self._duty, num_substeps, axis=0)[steps, runs]
+        derivatives = _symbolic_step(law, self.step / num_substeps).derivatives
+        values, slopes = derivatives.first(points.swapaxes(1, 2), duty[..., None])
+        # Memories that reach their bounds stay there.
+        for row, (low, high) in _memory_ranges(law).items():
+            slopes[(values[..., row] < low) | (values[..., row] > high), row] = 0.0
+        # Follow the differences from step to step.
+        differences = np.concatenate([start - first_start, constants - first_constants])
+        differences = np.ascontiguousarray(differences.transpose(2, 3, 0, 1))
+        num_states = len(start)
+        heat = np.empty((len(self._duty) + 1, *start.shape))
+        heat[0] = start
+        end = 0
+        for step_index, count in enumerate(num_unfinished.tolist(), 1):
+            begin = end
+            end += count
+            after = slopes[begin:end] @ differences[:count]
+            differences[:count, :, :num_states] = after
+            if step_index % num_substeps == 0:
+                change = differences[:, :, :num_states].transpose(2, 3, 0, 1)
+                np.add(course[step_index], change, out=heat[step_index // num_substeps])
+        return heat
 
     def _bends(
         self,
         straight_torques: np.ndarray,
         rubber: Mapping[str, np.ndarray],
-        torques_at_angle: Callable[[int, np.ndarray], np.ndarray] | None,
+        torques_at_angles: Callable[[np.ndarray], np.ndarray] | None,
     ) -> np.ndarray:
         """Return φ (K + 1, B, R), rad.
 
         Args:
             straight_torques: of the wires on straight links (K + 1, B, R, W), N·m.
             rubber: as for `simulate`.
-            torques_at_angle: function of the step's index and of the links' angles θ (B, R), rad,
-                that gives the torques (B, R, W); None if torques do not depend on θ.
+            torques_at_angles: function of the links' angles θ (K + 1, B, R), rad, that gives the
+                torques; None if torques do not depend on θ.
         """
         bend_by_angle = self._chain.bend_by_equal_angle  # (11)
-        stiffness = rubber["stiffness"][:, None]
         rest = rubber["rest_angle"][:, None]
-        torques = straight_torques * self._directions
-        if torques_at_angle is None and not rubber.keys() & {"stiffening", "shift"}:
-            return rest + bend_by_angle * (torques.sum(axis=-1) / stiffness)
-        bends = np.empty(torques.shape[:-1])
-        angle = np.zeros(bends.shape[1:])  # of each joint, from rest
-        bend_alone = np.zeros(torques.shape[1:])  # bend angle that each wire would hold alone
-        shift = np.zeros(bends.shape[1:])  # of the rest angle by its memory
-        for step_index, torque in enumerate(torques):
-            if torques_at_angle is not None:
-                at_angle = torques_at_angle(step_index, angle + rest / bend_by_angle)
-                torque = at_angle * self._directions
-            # Move the rest angle towards the side of the wires that heat.
-            previous_bend_alone = bend_alone
-            bend_alone = bend_by_angle / stiffness[..., None] * np.abs(torque)
-            if "shift" in rubber and step_index:
-                progress = self.step * ramp((bend_alone - previous_bend_alone) / self.step)
-                target = rubber["shift"][:, None] * (progress * self._sides).sum(axis=-1)
-                rate = rubber["rate"][:, None]
-                shift = (shift + rate * target) / (1 + rate * progress.sum(axis=-1))
-            # Find the equilibrium.
-            linear_angle = torque.sum(axis=-1) / stiffness + shift / bend_by_angle
-            angle = self._stiffened_angle(linear_angle, angle, rubber)
-            bends[step_index] = rest + bend_by_angle * angle
-        return bends
+        angles = self._joint_angles(straight_torques, rubber)
+        if torques_at_angles is not None:
+            for _ in range(NUM_ANGLE_ITERATIONS):
+                torques = torques_at_angles(angles + rest / bend_by_angle)
+                angles = self._joint_angles(torques, rubber)
+        return rest + bend_by_angle * angles
 
-    def _stiffened_angle(
-        self, linear_angle: np.ndarray, start: np.ndarray, rubber: Mapping[str, np.ndarray]
+    def _joint_angles(self, torques: np.ndarray, rubber: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return the angle of each joint from rest (K + 1, B, R), rad, under torques of wires."""
+        bend_by_angle = self._chain.bend_by_equal_angle
+        stiffness = rubber["stiffness"][:, None]
+        angles = torques @ self._directions / stiffness
+        if "shift" in rubber:
+            # Memory moves the rest angle towards the side of the wires that heat.
+            bends_alone = np.abs(torques * self._directions)
+            bends_alone *= bend_by_angle / stiffness[..., None]
+            angles += self.rest_shifts(bends_alone, self._sides[:, None], rubber)[..., 0] / (
+                bend_by_angle
+            )
+        if "stiffening" in rubber:
+            # The real root θ of θ + c θ³ = angle.
+            angle_at_45_deg = np.pi / 4 / bend_by_angle
+            cubic = np.maximum(rubber["stiffening"], 1e-12)[:, None] / angle_at_45_deg**2
+            root = np.sqrt(3.0 * cubic)
+            angles = 2.0 / root * np.sinh(np.arcsinh(1.5 * root * angles) / 3.0)
+        return angles
+
+    def rest_shifts(
+        self, bends_alone: np.ndarray, directions: np.ndarray, rubber: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Return the joint angle at rest, rad, by Newton's method.
+        """Return how far memory moves the rest angle (K + 1, B, R, F), rad; see `NonlinearRubber`.
 
         Args:
-            linear_angle: angle without stiffening: torque over k, rad.
-            start: angle to start from, rad.
-            rubber: as for `simulate`.
+            bends_alone: bend that each wire would hold alone (K + 1, B, R, W), rad.
+            directions: directions of the wires ([B,] W, F).
+            rubber: ``shift`` and ``rate``, as for `simulate`.
         """
-        if "stiffening" not in rubber:
-            return linear_angle
-        angle = start
-        angle_at_45_deg = np.pi / 4 / self._chain.bend_by_equal_angle
-        cubic = rubber["stiffening"][:, None] / angle_at_45_deg**2
-        for _ in range(2):
-            excess = angle + cubic * angle**3 - linear_angle
-            angle = angle - excess / (1 + 3 * cubic * angle**2)
-        return angle
+        progress = self.step * ramp(np.diff(bends_alone, axis=0) / self.step)
+        progress *= rubber["rate"][:, None, None]
+        # The implicit Euler method.
+        drawn_shifts = rubber["shift"][:, None, None] * (progress @ directions)
+        remaining = 1 / (1 + progress.sum(axis=-1, keepdims=True))
+        shifts = np.zeros((len(bends_alone), *drawn_shifts.shape[1:]))
+        for number, (drawn_shift, share) in enumerate(zip(drawn_shifts, remaining, strict=True)):
+            shifts[number + 1] = share * (shifts[number] + drawn_shift)
+        return shifts
 
 
-def _compiled_step(law: WireLaw, names: list[str], step: float) -> Compiled:
-    """Return a step of the classical Runge-Kutta method: heat [x, V] after it, of one wire.
+@dataclasses.dataclass(frozen=True, eq=False)
+class _SymbolicStep:
+    """A step of the classical Runge-Kutta method: heat [x, V] after it, of one wire.
 
-    The inputs are the heat before it, the duty, and T0 with the named fields of the law.
+    - ``compiled``: function of the heat before it, the duty, and T0 with the law's fields.
+    - ``derivatives``: the same by the heat, T0 and fields together, with the duty.
     """
 
-    def build() -> Compiled:
+    compiled: Compiled
+    derivatives: SmoothFunction
+
+
+def _array_fields(law: WireLaw) -> dict[str, np.ndarray]:
+    """Return the fields of a law that are arrays."""
+    return {name: value for name, value in vars(law).items() if isinstance(value, np.ndarray)}
+
+
+def _symbolic_step(law: WireLaw, step: float) -> _SymbolicStep | None:
+    """Return a step of a law in symbols; None if the law's rates take numbers alone."""
+    names = list(_array_fields(law))
+
+    def build() -> _SymbolicStep | None:
         heat = ca.SX.sym("x", len(law.states) + 1)
         duty = ca.SX.sym("D")
-        T0 = ca.SX.sym("T0")
-        fields = ca.SX.sym("p", len(names))
-        named_fields = dict(zip(names, ca.vertsplit(fields), strict=True))
-        symbolic_law = with_fields(type(law), {**vars(law), **named_fields})
+        constants = ca.SX.sym("p", 1 + len(names))
+        T0, *fields = ca.vertsplit(constants)
+        symbolic_law = with_fields(
+            type(law), {**vars(law), **dict(zip(names, fields, strict=True))}
+        )
 
         def rates(heat: ca.SX, duty: ca.SX) -> ca.SX:
             *states, reading = ca.vertsplit(heat)
             state_rates = symbolic_law.rates(states, duty, T0)
             return ca.vertcat(*state_rates, symbolic_law.reading_rate(reading, states))
 
-        after = runge_kutta(rates, heat, (duty, duty, duty), step)
-        return Compiled([heat, duty, ca.vertcat(T0, fields)], [ca.densify(after)])
+        try:
+            after = ca.densify(runge_kutta(rates, heat, (duty, duty, duty), step))
+        except Exception:  # of any kind: a lab's law may do anything with its fields
+            return None
+        return _SymbolicStep(
+            Compiled([heat, duty, constants], [after]),
+            SmoothFunction(after, ca.vertcat(heat, constants), duty),
+        )
 
     # Limbs with laws of one class share the compiled step.
-    constants = {name: value for name, value in vars(law).items() if name not in names}
-    key = ("runge_kutta", type(law), step, tuple(names), repr(constants))
+    other_fields = {name: value for name, value in vars(law).items() if name not in names}
+    key = ("runge_kutta", type(law), step, tuple(names), repr(other_fields))
     return build_once(key, build)
+
+
+def _step_constants(law: WireLaw, T0: np.ndarray) -> np.ndarray:
+    """Return T0 and the fields of a law that are arrays, broadcast (1 + F, B, R, W)."""
+    return np.array([np.broadcast_to(each, T0.shape) for each in (T0, *_array_fields(law).values())])
+
+
+def _bound_step(
+    law: WireLaw,
+    T0: np.ndarray,
+    step: float,
+    heat: np.ndarray,
+    duty: np.ndarray,
+    next_heat: np.ndarray,
+) -> Callable[[], object]:
+    """Return a function that integrates a step from ``heat`` to ``next_heat`` (X + 1, B, R, W).
+
+    Args:
+        law: with fields of shape (B, 1, W).
+        T0, duty: arrays (B, R, W).
+        step: s.
+    """
+    if symbolic_step := _symbolic_step(law, step):
+        arrays = (heat, duty[None], _step_constants(law, T0), next_heat)
+        return symbolic_step.compiled.bound(*(each.reshape(len(each), -1) for each in arrays))
+    rates = _numeric_rates(law, T0, heat)
+
+    def advance() -> None:
+        next_heat[...] = runge_kutta(rates, heat, (duty, duty, duty), step)
+
+    return advance
+
+
+def _numeric_rates(
+    law: WireLaw, T0: np.ndarray, heat: np.ndarray
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the rates of heat by heat and duty, of a law that takes numbers alone."""
+
+    def rates_of(law: WireLaw, heat: np.ndarray, duty: np.ndarray, T0: np.ndarray) -> np.ndarray:
+        states = list(heat[:-1])
+        return np.array([*law.rates(states, duty, T0), law.reading_rate(heat[-1], states)])
+
+    full_law = _map_fields(law, lambda field: _broadcast_copy(field, T0.shape))
+    fields = _array_fields(full_law)
+
+    def of_all(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        return rates_of(full_law, heat, duty, T0)
+
+    def of_each(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        rates = np.empty_like(heat)
+        for number, wire in np.ndindex(T0.shape[0], T0.shape[2]):
+            place = (number, slice(None), wire)
+            values = {name: float(value[number, 0, wire]) for name, value in fields.items()}
+            one_law = with_fields(type(law), vars(law) | values)
+            rates[:, *place] = rates_of(one_law, heat[:, *place], duty[place], T0[place])
+        return rates
+
+    # Evaluate all wires at once only if that gives what each gives alone, at states unlike any.
+    random = np.random.default_rng(0)
+    probe = heat + random.random(heat.shape), random.random(T0.shape)
+    try:
+        is_elementwise = np.allclose(of_all(*probe), of_each(*probe))
+    except (TypeError, ValueError):  # of shapes
+        is_elementwise = False
+    return of_all if is_elementwise else of_each
 
 
 def with_fields(law_type: type[WireLaw], fields: Mapping[str, Any]) -> WireLaw:
@@ -385,7 +523,7 @@ def _distinct_sets(
         Indices of C distinct sets for each wire (C, W), and the position of each set among them
         (B, W).
     """
-    fields = [value for value in vars(law).values() if isinstance(value, np.ndarray)]
+    fields = _array_fields(law).values()
     num_sets = len(T0)
     num_wires = T0.shape[-1]
     first_sets = []
@@ -411,11 +549,8 @@ def _select_sets(array: np.ndarray, indices: np.ndarray) -> np.ndarray:
 
 def _map_fields(law: WireLaw, change: Callable[[np.ndarray], np.ndarray]) -> WireLaw:
     """Return a law whose fields that are arrays are changed by a function."""
-    fields = dict(vars(law))
-    for name, value in fields.items():
-        if isinstance(value, np.ndarray):
-            fields[name] = change(value)
-    return with_fields(type(law), fields)
+    changed = {name: change(value) for name, value in _array_fields(law).items()}
+    return with_fields(type(law), vars(law) | changed)
 
 
 def _broadcast_copy(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -423,7 +558,16 @@ def _broadcast_copy(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(array, shape))
 
 
+def _memory_ranges(law: WireLaw) -> dict[int, tuple[float, float]]:
+    """Return the ranges of states that are memories and bounded, by their row."""
+    ranges = {}
+    for row, state in enumerate(law.states):
+        if np.isfinite(law.memory.get(state, np.inf)).any():
+            ranges[row] = law.memory[state]
+    return ranges
+
+
 def _clamp_memory(memory_ranges: Mapping[int, tuple[float, float]], heat: np.ndarray) -> None:
     """Clamp states that are memories to their ranges: starts and long steps may leave them."""
-    for row, bounds in memory_ranges.items():
-        np.clip(heat[row], *bounds, out=heat[row])
+    for row, (low, high) in memory_ranges.items():
+        np.minimum(np.maximum(heat[row], low), high, out=heat[row])

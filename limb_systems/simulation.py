@@ -119,7 +119,6 @@ class RecordOptions:
 
     - ``reference``: port of the desired bend angle (S), rad, to be recorded.
     - ``until``: function of the diagram's context; the recording ends when it is true.
-    - ``remark``: function of the diagram's context; text for the progress line.
     - ``real_time``: whether to run in real time although the system does not need it, for example
       because a person watches.
     - ``jumps``: times at which the duty jumps, s, which no step of the integrator may cover.
@@ -129,7 +128,6 @@ class RecordOptions:
 
     reference: OutputPort | None = None
     until: Callable[[Context], bool] | None = None
-    remark: Callable[[Context], str] | None = None
     real_time: bool = False
     jumps: ArrayLike = ()
     sample_rate: float = 20.0
@@ -190,7 +188,7 @@ def record(
         _set_state(system, system.GetMyMutableContextFromRoot(context), options.initial_state)
     end = last_sample_time(duration, sample_rate)
     real_time = options.real_time or system.real_time
-    advance(simulator, end, options.until, options.remark, real_time, options.jumps)
+    advance(simulator, end, options.until, real_time, options.jumps)
 
     # Copy the logs, which are Drake's, into a recording.
     signals = {name: sink.FindLog(context).data().copy() for name, sink in sinks.items()}
@@ -410,14 +408,13 @@ def advance(
     simulator: Simulator,
     end: float,
     until: Callable[[Context], bool] | None = None,
-    remark: Callable[[Context], str] | None = None,
     real_time: bool = False,
     jumps: ArrayLike = (),
 ) -> None:
     """Simulate from time 0 to the end, s, in parts; other arguments as in `RecordOptions`.
 
-    Steps of the integrator end just before each jump of the duty, and begin again just after it:
-    error control would step over pulses that are shorter than its steps.
+    Unless in real time, steps of the integrator end just before each jump of the duty, and begin
+    again just after it: error control would step over pulses that are shorter than its steps.
 
     Raises:
         SimulationError: if the integrator fails.
@@ -427,6 +424,7 @@ def advance(
         simulator.Initialize()
         # In real time each part begins when its events are due, and ends halfway to the next.
         # Waiting here and not in the Simulator lets other threads and signals come through.
+        # Else parts of 1 s are short enough for the progress bar, and for ``until``.
         part = PERIOD if real_time else 1.0
         ahead = PERIOD / 2 if real_time else 0.0
         stops = np.arange(0.0, end - 1e-9, part)
@@ -439,7 +437,7 @@ def advance(
                 if real_time:
                     time.sleep(max(0.0, start + due - time.monotonic()))
                 status = simulator.AdvanceTo(min(due + ahead, end))
-                progress.update(due, remark(context) if remark else "")
+                progress.update(due)
                 if status.reason() == TERMINATED or (until and until(context)):
                     break
 

@@ -114,18 +114,22 @@ def tip_position_function(mechanics: LimbMechanics) -> SmoothFunction:
 
 
 def link_position_function(mechanics: LimbMechanics) -> Compiled:
-    """Return `limb_systems.kinematics.link_positions` (3P,) as a function of θ (n,)."""
+    """Return `limb_systems.kinematics.link_positions` of P points (3P,) as a function of θ (n,).
+
+    The points are the base and, of each segment, the beginnings of its links and its end.
+    """
     angles = ca.SX.sym("q", mechanics.layout.num_joints)
     chain = Chain(mechanics, angles)
-    places = [ca.SX(3, 1)]
+    points = [ca.SX(3, 1)]
     for (segment, joints), end in zip(
         mechanics.chains_with_joints, mechanics.end_offset, strict=True
     ):
-        # Where the joints are at the bases of their pieces, the first is where the segment begins.
-        first = segment.first_joints[0 if segment.first_length else 1 :]
-        places += [chain.origins[joint] for joint in joints.start + first]
-        places.append(chain.position(joints.stop - 1, end))
-    return Compiled([angles], [ca.densify(ca.vertcat(*places))])
+        # Without a part that is fixed to the base, the first joint is where the segment begins,
+        # and that point is there already.
+        first_joints = segment.first_joints[0 if segment.first_length else 1 :]
+        points += [chain.origins[joint] for joint in joints.start + first_joints]
+        points.append(chain.position(joints.stop - 1, end))
+    return Compiled([angles], [ca.densify(ca.vertcat(*points))])
 
 
 def _acceleration(turning: ca.SX, spin: ca.SX, arm: ca.SX) -> ca.SX:

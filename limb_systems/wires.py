@@ -8,7 +8,7 @@ import numpy as np
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.rubber import REST_SCALE, NonlinearRubber
-from limb_systems.smooth_function import SmoothFunction
+from limb_systems.smooth_function import SmoothFunction, check_smooth
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, runge_kutta
 
 MAX_SETTLING_STEPS = 20  # of Newton's method
@@ -94,6 +94,8 @@ class Wires:
         force = self._state_force(x, q)
         self.symbolic_heat = ca.Function("heat", [x, V, D], [heat_rates])
         self.symbolic_force = ca.Function("force", [x, q], [force])
+        check_smooth(self.symbolic_heat)
+        check_smooth(self.symbolic_force)
         self.heat = SmoothFunction(heat_rates, ca.vertcat(x, V, D))
         self.force = SmoothFunction(force, ca.vertcat(x, q))
         self._rates = SmoothFunction(rates, ca.vertcat(x, D))
@@ -146,6 +148,24 @@ class Wires:
                     wire_states = [x[column] for column in columns]
                     force[joints] += levers * law.torque(wire_states, T0, ca.dot(levers, q[joints]))
         return force
+
+    def equal_wires(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the groups of wires that have equal laws and are heated by no other wire.
+
+        A memory of the rubber depends on all wires, which are then one group of one.
+
+        Returns:
+            For each group of G, the indices of the states (G, ...) and of the wires (G, ...).
+        """
+        if self._rubber.remembers:
+            return [(np.arange(self.num_states)[None], np.arange(self.num_wires)[None])]
+        groups: dict[tuple[type, str], list[int]] = {}
+        for wire, law in enumerate(self._laws):
+            groups.setdefault((type(law), repr(law)), []).append(wire)
+        return [
+            (np.array([self._columns[wire] for wire in group]), np.array(group)[:, None])
+            for group in groups.values()
+        ]
 
     def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Return ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""

@@ -10,7 +10,7 @@ from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import QuasiStaticProgram
 
-NUM_INTERVALS = 4  # of the drawn Jacobian; it repeats from interval to interval
+NUM_DRAWN_INTERVALS = 4  # of the drawn Jacobian; it repeats from interval to interval
 MIN_DRAWN_DEFECT = 1e-17  # below rounding errors: a logarithmic axis has no place for zero
 
 
@@ -25,12 +25,12 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     defects_axis, bounds_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
     _plot_bounds(bounds_axis, trajectory)
 
-    # Evaluate the defects (row, interval), and give rows of the Jacobian places by interval.
+    # Evaluate the defects (row, interval). The Jacobian is the motion's, or the heat's in space.
     time = trajectory.time
     num_intervals = len(time) - 1
     model = trajectory.model
     num_joints = model.layout.num_joints
-    # Numbers of rows by kind; V are the thermocouples' readings.
+    # Numbers of rows by kind: states of the wires, and readings V of the thermocouples.
     num_rows = {"wires": model.wires.num_states, "V": model.wires.num_wires}
     program: TrajectoryProgram | QuasiStaticProgram
     block: ConstraintBlock
@@ -43,14 +43,14 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
         # The block has all intervals of one row of θ or θ̇, then of the next; draw by interval.
         interval = block.rows % num_intervals
         row_in_interval = block.rows // num_intervals
-        row_places = interval * 2 * num_joints + row_in_interval
+        drawn_rows = interval * 2 * num_joints + row_in_interval
         num_rows = {"θ": num_joints, "θ̇": num_joints, **num_rows}
     else:  # a program of the heat alone
         program = QuasiStaticProgram(model, time, model.statics, Task())
         block = program.blocks[0]
         x = program.variables(trajectory.state[2 * num_joints :], trajectory.duty)
         defects = block.evaluate(x).reshape(num_intervals, -1).T
-        row_places = block.rows  # in the order of intervals already
+        drawn_rows = block.rows  # in the order of intervals already
 
     # Draw the largest defect of each kind.
     ends = np.cumsum([*num_rows.values()])[:-1]
@@ -64,14 +64,14 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
         apply_axis_style(axis)
 
     # Draw the nonzeros of the first intervals, without the columns of the (fixed) time steps.
-    is_drawn = row_places < NUM_INTERVALS * len(block.lower) // num_intervals
+    is_drawn = drawn_rows < NUM_DRAWN_INTERVALS * len(block.lower) // num_intervals
     time_step_columns = program.time_steps
     is_drawn &= ~np.isin(block.columns, time_step_columns)
     _, columns = np.unique(block.columns[is_drawn], return_inverse=True)
-    jacobian_axis.plot(columns, row_places[is_drawn], "s", color="0.25", markersize=2.0)
+    jacobian_axis.plot(columns, drawn_rows[is_drawn], "s", color="0.25", markersize=2.0)
     share = len(block.rows) / (len(block.lower) * program.prog.num_vars())
     jacobian_axis.set_title(
-        f"Jacobian of (17), first {NUM_INTERVALS} of {num_intervals} intervals\n"
+        f"Jacobian of (17), first {NUM_DRAWN_INTERVALS} of {num_intervals} intervals\n"
         f"({len(block.rows)} nonzeros, {100 * share:.2g}% of it)",
         fontsize=10,
     )

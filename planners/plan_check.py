@@ -182,11 +182,13 @@ def active_constraints(
     """Return the times in which bounds of (18)-(20), of readings, and added bounds are active.
 
     Args:
+        warm_up_time: time after which wires are to be warm, s.
+        measured_margin: how far readings stay below their maximum, °C, one number or (W,).
         added: whether constraints of ``customize`` are active at the knots (K,), by their names.
     """
     # Bounds and tolerances.
     limits = trajectory.parameters.temperature_limits
-    is_warm = trajectory.time > warm_up_time
+    is_warmed_up = trajectory.time > warm_up_time
     near_duty = 1e-4
     near_temperature = 1e-3 * TEMPERATURE_SCALE
     hottest = limits.maximum - task.temperature_margin
@@ -202,8 +204,8 @@ def active_constraints(
         is_active[f"duty {name} = 0"] = duty < near_duty
         is_active[f"duty {name} = {fullest:g}"] = duty > fullest - near_duty
         is_active[f"wire {name} = {hottest_name}"] = wire > hottest - near_temperature
-        is_cold = wire < limits.warm + near_temperature
-        is_active[f"wire {name} = T_warm"] = is_warm & is_cold
+        is_at_warm = wire < limits.warm + near_temperature
+        is_active[f"wire {name} = T_warm"] = is_warmed_up & is_at_warm
         is_high = reading > highest[index] - near_temperature
         is_active[f"reading {name} = measured_maximum"] = is_high
     # Turn knots in a row into times.

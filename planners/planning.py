@@ -312,6 +312,7 @@ class Planner:
             self.task,
             warm_up_time,
             self._margin,
+            is_start=True,
         )
         heat = solution.x[quasi_static.heat].T
         duty = solution.x[quasi_static.duty].T
@@ -462,12 +463,17 @@ def _refine_knots(
 
     Args:
         times: times of the knots (N,), s.
-        sample_times, differences: from `Planner.plan_unchecked`, (M,).
-        tolerance: rad.
+        sample_times: increasing times (M,), s.
+        differences: of the bend in the plan and in simulation at these times (M,), rad.
+        tolerance: largest difference of a plan, rad; half of it is to be met, so that fewer rounds
+            are needed.
     """
     starts = times[:-1]
     ends = times[1:]
-    bad = sample_times[differences > tolerance / 2]
-    blamed = np.searchsorted(bad, ends + RINGING_TIME, side="right") > np.searchsorted(bad, starts)
-    middles = 0.5 * (starts + ends)[blamed]
+    bad_times = sample_times[differences > tolerance / 2]
+    # An interval is to blame if bad times are between its start and some time after its end.
+    num_before = np.searchsorted(bad_times, starts)
+    num_until_ringing_ends = np.searchsorted(bad_times, ends + RINGING_TIME, side="right")
+    is_blamed = num_until_ringing_ends > num_before
+    middles = 0.5 * (starts + ends)[is_blamed]
     return np.sort(np.concatenate([times, middles]))

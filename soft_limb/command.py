@@ -1,7 +1,6 @@
 """The program ``soft-limb``: it finds a command by its name and runs it."""
 
 import argparse
-import datetime
 import functools
 import importlib
 import os
@@ -10,14 +9,11 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from importlib.metadata import entry_points
-from pathlib import Path
 from typing import Any
 
 from hardware.board.signals import SIGNALS, received_signals, stop
 from limb_systems.errors import LimbError
-from soft_limb.results.folder import find_results, guess_file_kind
 
-MAX_LISTED_RESULTS = 12  # results that are listed without a command
 EXIT_STATUS = (
     "exit status: 0 done; 1 failed; 2 wrong usage, or import or fit has a question; "
     "130 stopped by Ctrl-C"
@@ -39,7 +35,7 @@ COMMANDS = {
     "arm-check": ("hardware", "test sensors and wires one by one"),
     "board-check": ("hardware", "test the safety rules of a board"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
-    "sweep": ("sweep", "plan and drive many emulated limbs, motions, tasks and controllers"),
+    "sweep": ("sweep", "plan and drive many emulated limbs, motions and controllers"),
     "show": ("results", "print the contents and the origin of result files"),
     "compare": ("results", "print the differences between plans, recordings or limbs"),
     "export": ("results", "convert plans and limbs for your own programs"),
@@ -64,20 +60,10 @@ def all_commands() -> dict[str, tuple[str, str]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command.
-
-    Args:
-        arguments: words after the program's name; ``sys.argv[1:]`` if None.
-
-    Returns:
-        Exit status, see `run_command`.
-    """
+    """Run the command in the words, or in ``sys.argv[1:]``; return its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = _top_level_parser()
-    # Without a command, list the results in this folder.
     if not words:
-        if _print_results():
-            return 0
         parser.print_help(sys.stderr)
         return 2
     # Import the module of the command alone: others take long.
@@ -88,16 +74,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run_words(command: Any, prog: str, words: Sequence[str], modules: Sequence[str] = ()) -> int:
-    """Run a command with the words that a user typed.
+    """Run a command with the words that a user typed; return its exit status.
 
     Args:
         command: a `soft_limb.commands.options.Command`.
         prog: name of the program, for its help.
         words: the words after the program's name.
         modules: modules to import first, in addition to the words' own.
-
-    Returns:
-        Exit status, see `run_command`.
     """
     # Parse the options of this command.
     parser = command.parser(prog)
@@ -113,25 +96,6 @@ def run_words(command: Any, prog: str, words: Sequence[str], modules: Sequence[s
         except Exception as error:  # whatever the module does
             parser.error(f"{module} could not be imported: {type(error).__name__}: {error}")
     return run_command(lambda: command.run(options), command.stopped)
-
-
-def _print_results() -> bool:
-    """Print the newest results in this folder; return False if there are none."""
-    results = []
-    for file in find_results(Path()):
-        kind = guess_file_kind(file.path)
-        if kind:
-            results.append((kind, file))
-    if not results:
-        return False
-    print(f"{len(results)} results here, newest first:")
-    for kind, file in results[:MAX_LISTED_RESULTS]:
-        changed = datetime.datetime.fromtimestamp(file.changed)
-        print(f"  {changed:%Y-%m-%d %H:%M}  {kind:<10}  {file.key}")
-    print("\nsoft-limb runs -o index.html   write a page about them")
-    print("soft-limb show FILE            print the contents of one file")
-    print("soft-limb --help               list all commands")
-    return True
 
 
 def _top_level_parser() -> argparse.ArgumentParser:
@@ -194,17 +158,16 @@ def _add_import_option(parser: argparse.ArgumentParser) -> None:
 def run_command(command: Callable[[], int], stopped: str) -> int:
     """Run a command, print an error or a warning as one sentence, and return the exit status.
 
-    SIGTERM and SIGHUP end the command as Ctrl-C does, so that resources are released
-    and hot wires are switched off. SIGINT ends it even where the shell ignores SIGINT, as
-    in the background. A SIGHUP that `nohup` ignores stays ignored.
+    SIGTERM and SIGHUP end the command as Ctrl-C does, so that hot wires are switched off. SIGINT
+    ends it even where the shell ignores SIGINT, as in the background. A SIGHUP that `nohup` ignores
+    stays ignored.
 
     Args:
         command: function that returns its own exit status.
         stopped: sentence to print when a signal has stopped the command.
 
     Returns:
-        Exit status: the command's own; 1 if it failed; 128 plus the signal's number if a signal
-        stopped it: 130 by Ctrl-C, 143 by SIGTERM.
+        The command's own status; 1 if it failed; 128 plus the number of a signal that stopped it.
     """
     # Let all signals end the command as Ctrl-C does.
     received_signals.clear()

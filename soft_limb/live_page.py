@@ -30,7 +30,7 @@ from bokeh.application import Application
 from bokeh.application.handlers import FunctionHandler
 from bokeh.document import Document
 from bokeh.layouts import column
-from bokeh.models import Button, ColumnDataSource, DataRange1d, Div, Range1d
+from bokeh.models import Button, ColumnDataSource, Div, Range1d
 from bokeh.plotting import figure
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
@@ -40,12 +40,10 @@ from tornado.ioloop import IOLoop
 from tornado.netutil import bind_sockets
 from tornado.web import ErrorHandler, OutputTransform
 
-from hardware.board.serial_limb import COMMAND_DEADLINE
 from hardware.live_feed import DONE, Message, Reading, RunHeader
 from limb_systems import LimbError, LimbModel
-from limb_systems.simulation import PERIOD
 from limb_systems.views.colors import REFERENCE_COLOR
-from limb_systems.views.panels import Curve, Panel, in_words, measured_panels
+from limb_systems.views.panels import Curve, Panel, measured_panels
 from soft_limb.reports import charts
 from soft_limb.reports.page import TEMPLATES, part
 
@@ -67,9 +65,7 @@ MAX_DATAGRAM_SIZE = 65_536  # bytes
 MAX_WEBSOCKET_MESSAGE = 100_000  # bytes, from a browser
 PING_INTERVAL = 10  # s, within which a browser must answer, or its connection is closed
 
-NUM_POINTS = 1500  # of a curve, for a whole run or for `WINDOW`
-WINDOW = 600.0  # s, drawn of a run without an end
-ENDLESS_STRIDE = math.ceil(WINDOW / PERIOD / NUM_POINTS)
+MAX_READINGS = 12_000  # in the curves, the newest: of ten minutes
 SILENCE_TIMEOUT = 1.0  # s without a reading, after which the page says so
 NEAR_LIMIT = 10.0  # °C below T_max; a wire above that is called near T_max
 LIMIT_COLOR = "#c62828"
@@ -95,18 +91,15 @@ BUTTON_STYLE = ".bk-btn { font-size: 1.3rem; padding: .6rem 1.3rem; background: 
 class LivePage:
     """A page in the browser of this computer that shows a limb while it runs, and can stop it.
 
-    Another process serves the page, at a lower priority. The run never waits for that process:
-    messages that it does not receive are lost, and the run goes on when the page is closed or its
-    process dies. The button sends this process SIGINT, the signal of Ctrl-C, which raises
-    KeyboardInterrupt in the main thread, also in the background.
-
-    Use it as a context manager, and give it to what runs the limb::
+    Another process serves the page. The run never waits for it: messages that it does not receive
+    are lost, and the run goes on when the page is closed or its process dies. The button sends this
+    process SIGINT, the signal of Ctrl-C, which raises KeyboardInterrupt in the main thread, also in
+    the background. Use it as a context manager; when that ends, the page says why and keeps its
+    curves::
 
         with LivePage() as live:
             print(live.url)
             replay(trajectory, limb, live=live)
-
-    When that ends, the page says why and keeps its curves.
 
     - ``url``: address of the page, on the loopback; its token is a password.
     """
@@ -229,38 +222,29 @@ class LivePage:
 
 
 class Run:
-    """The state of the program that runs a limb, from its messages.
+    """The state of the program that runs a limb, by its process's number, from its messages.
 
     - ``activity``: sentence on the present activity.
-    - ``header``: header of the newest recording; None before the first.
-    - ``reading``: newest reading of that recording, if there is one.
+    - ``header``, ``reading``: header and newest reading of the newest recording; None before.
     - ``is_running``: whether a limb runs.
-    - ``readings``: readings of that recording for its curves, thinned.
-    - ``num_readings``: number of readings for the curves so far, also of dropped readings.
-    - ``highest``: highest V of each wire (W) so far, °C.
-    - ``last_message``: time of the last message, s of the monotonic clock.
+    - ``readings``: newest readings of that recording, for its curves.
+    - ``num_readings``: number of its readings so far, also of dropped readings.
+    - ``last_message``, ``last_stop``: times of the last message, and of the button's last signal, s
+      of the monotonic clock.
     - ``end_reason``: reason why all ended; empty until then.
-    - ``last_stop``: time when the button sent its signal last, s of the monotonic clock.
     """
 
     def __init__(self, program: int):
-        """
-        Args:
-            program: number of the process that runs the limb.
-        """
         self.activity = ""
         self.header: RunHeader | None = None
         self.reading: Reading | None = None
         self.is_running = False
-        self.readings: collections.deque[Reading] = collections.deque(maxlen=2 * NUM_POINTS)
+        self.readings: collections.deque[Reading] = collections.deque(maxlen=MAX_READINGS)
         self.num_readings = 0
-        self.highest: np.ndarray = np.zeros(0)
         self.last_message = time.monotonic()
         self.end_reason = ""
         self.last_stop = -math.inf
         self._program = program
-        self._stride = 1  # from reading to reading in the curves
-        self._num_received = 0
 
     def take(self, data: bytes, files: Iterable[int]) -> None:
         """Process a message, and the file with a header if a recording begins."""
@@ -276,23 +260,15 @@ class Run:
         if message.reading is None:
             return
         self.reading = message.reading
-        self.highest = np.fmax(self.highest, message.reading.measured_temperature)
-        # Keep every n-th reading; cooling may last much longer than the run itself.
-        stride = max(self._stride, ENDLESS_STRIDE) if message.reading.cooling else self._stride
-        if self._num_received % stride == 0:
-            self.readings.append(message.reading)
-            self.num_readings += 1
-        self._num_received += 1
+        self.readings.append(message.reading)
+        self.num_readings += 1
 
     def begin(self, header: RunHeader) -> None:
-        """Drop the previous recording, and choose how to thin the new one."""
+        """Drop the previous recording."""
         self.header = header
         self.reading = None
         self.readings.clear()
         self.num_readings = 0
-        self.highest = np.full(len(header.parameters.wires), -np.inf)
-        self._num_received = 0
-        self._stride = math.ceil((header.duration or WINDOW) / PERIOD / NUM_POINTS)
 
     def end(self, reason: str) -> None:
         """Note the end of the program; it was killed if it gave no reason."""
@@ -308,7 +284,7 @@ class Run:
 
 
 class Page:
-    """The page of a run in one browser, as a Bokeh document.
+    """The page of a run in one browser, as a Bokeh document, with a button that stops the run.
 
     Browsers cannot share a document: Bokeh sends new charts in full only to the first browser.
 
@@ -316,15 +292,10 @@ class Page:
     """
 
     def __init__(self, run: Run):
-        """
-        Args:
-            run: the run to show, which the button stops.
-        """
         self.source = ColumnDataSource()
         self._run = run
         self._drawn_header: RunHeader | None = None
         self._num_drawn = 0  # readings
-        self._x_range: Range1d | DataRange1d | None = None
         self._num_updates = 0
         self._state = Div(name="state", stylesheets=[TEXT_STYLE], sizing_mode="stretch_width")
         self._facts = Div(name="facts", stylesheets=[TEXT_STYLE], sizing_mode="stretch_width")
@@ -357,27 +328,20 @@ class Page:
             self._drawn_header = header
             self._num_drawn = 0
             self.source = ColumnDataSource(columns(header, []), name="readings")
-            self._x_range = new_x_range(header)
-            self._curves.children = figures(header, self.source, self._x_range)
+            self._curves.children = figures(header, self.source)
         # Append the new readings to the curves.
         num_new = min(run.num_readings - self._num_drawn, len(run.readings))
         self._num_drawn = run.num_readings
         if num_new:
             first = len(run.readings) - num_new
             new_readings = itertools.islice(run.readings, first, None)
-            self.source.stream(columns(header, new_readings), rollover=2 * NUM_POINTS)
-            # Extend the axis for a limb that is shown after its run.
-            last = run.readings[-1].time
-            if isinstance(self._x_range, Range1d) and last > self._x_range.end:
-                self._x_range.end = last + 15.0
+            self.source.stream(columns(header, new_readings), rollover=MAX_READINGS)
 
     def _update_texts(self) -> None:
         run = self._run
         self._state.text = state(run)
         self._facts.text = facts(run)
-        if run.reading is not None and run.reading.cooling:
-            self._button.label = "End"  # of the cool-down: the run itself has ended
-        elif math.isfinite(run.last_stop):
+        if math.isfinite(run.last_stop):
             self._button.label = "STOP again"
         self._button.disabled = bool(run.end_reason)
         # Count for the page's script, which sees by it that this process lives.
@@ -404,24 +368,12 @@ def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[fl
     return columns_by_name
 
 
-def new_x_range(header: RunHeader) -> Range1d | DataRange1d:
-    """Return the time axis: the whole run, or the last ten minutes of one without an end."""
-    if header.duration:
-        return Range1d(start=0.0, end=header.duration)
-    return DataRange1d(follow="end", follow_interval=WINDOW, range_padding=0)
-
-
-def figures(
-    header: RunHeader, source: ColumnDataSource, x_range: Range1d | DataRange1d
-) -> list[figure]:
+def figures(header: RunHeader, source: ColumnDataSource) -> list[figure]:
     """Return the charts of a recording, whose measured curves take their columns from a source."""
+    x_range = Range1d(start=0.0, end=header.duration)
     drawn = [charts.draw(panel, source, x_range) for panel in panels(header)]
     for above in drawn[:-1]:
         above.xaxis.axis_label = None
-    if isinstance(x_range, DataRange1d):
-        # Limits are drawn far beyond the recording.
-        renderers = [renderer for chart in drawn for renderer in chart.renderers]
-        x_range.renderers = [each for each in renderers if each.data_source is source]
     return drawn
 
 
@@ -460,7 +412,7 @@ def panels(header: RunHeader) -> list[Panel]:
             "measured_temperature": np.array([planned, planned + above]),
         }
     # Draw the limits of temperature as lines.
-    ends = np.array([0.0, header.duration or 1e6])
+    ends = np.array([0.0, header.duration])
     lines = (
         (f"T_max {limits.maximum:g} °C", limits.maximum, T_MAX_COLOR, "dotted"),
         (f"off at {header.limit:g} °C", header.limit, LIMIT_COLOR, "solid"),
@@ -491,8 +443,6 @@ def state(run: Run) -> str:
     elif silence > SILENCE_TIMEOUT:
         kind = "bad"
         text = f"No reading of the limb for {silence:.0f} s"
-    elif run.reading is not None and run.reading.cooling:
-        text = "The run has ended: wires are off and cooling"
     elif board is None:
         kind = "armed"
         text = "Running"
@@ -539,49 +489,20 @@ def facts(run: Run) -> str:
         board = reading.board
         # A table with a column for each wire.
         add("reading V, °C", reading.measured_temperature, 1)
-        add("highest so far, °C", run.highest, 1)
-        add("highest, predicted, °C", header.band.highest_readings if header.band else None, 0)
         add("at most, by its duty, °C", board.warmest if board else None, 0)
         if run.is_running:  # else the last duty is no longer applied
             add("duty", reading.duty, 2)
             add("duty applied", reading.applied_duty, 2)
         # A line for each fact about the whole limb.
-        lines += _bend_lines(header, reading)
-        lines.append(_time_line(run, header, reading))
+        bends = ", ".join(f"{np.rad2deg(bend):+.1f}°" for bend in reading.bend_angle)
+        lines.append(f"φ {bends}")
+        lines.append(f"{reading.time:.1f} s of {header.duration:g} s")
         if board is not None:
             lines.append(f"{board.lost_samples} samples lost")
-            if board.late is not None:
-                lines.append(
-                    f"last command late by {1000 * board.late:.1f} ms; {board.missed} of "
-                    f"{board.commands} by more than {1000 * COMMAND_DEADLINE:g} ms"
-                )
     if header.band is not None:
         lines.append("Shaded: 95% band of the bend reading, 99.5% upper bound of wire temperature.")
     names = [name.replace("_", " ") for name in header.parameters.wire_names]
     return part("facts", names, rows, [*lines, header.source])
-
-
-def _bend_lines(header: RunHeader, reading: Reading) -> list[str]:
-    """Return a line for each bend: its reading, and the angles of plan and reference."""
-    angles = [("", reading.bend_angle)]
-    plan = header.plan
-    if plan is not None and not reading.cooling:
-        for name, rows in (("plan ", plan.bend_angle), ("reference ", plan.reference)):
-            angles.append((name, [np.interp(reading.time, plan.time, row) for row in rows]))
-    if reading.reference is not None:
-        angles.append(("asked for ", reading.reference))
-    lines = []
-    for i, suffix in enumerate(header.parameters.bend_suffixes):
-        texts = [f"{name}{np.rad2deg(values[i]):+.1f}°" for name, values in angles]
-        lines.append(f"φ{in_words(suffix)} {', '.join(texts)}")
-    return lines
-
-
-def _time_line(run: Run, header: RunHeader, reading: Reading) -> str:
-    if header.duration is None or reading.cooling:
-        return f"{reading.time:.1f} s"
-    left = f", {max(0.0, header.duration - reading.time):.1f} s left" if run.is_running else ""
-    return f"{reading.time:.1f} s of {header.duration:g} s{left}"
 
 
 class Site(BokehTornado):
@@ -595,11 +516,6 @@ class Site(BokehTornado):
     """
 
     def __init__(self, run: Run, port: int):
-        """
-        Args:
-            run: the run to show.
-            port: port of the loopback on which it listens.
-        """
         self.token = secrets.token_urlsafe()
         super().__init__(
             Application(FunctionHandler(lambda document: Page(run).add_to(document))),

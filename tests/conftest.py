@@ -33,7 +33,6 @@ from walking import Gait, GaitCheck, GaitPhase, GaitVariation, RobotParameters
 CONTROL_PERIOD = 0.05  # s
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 REAL_TIME = (
-    "tests/hardware/test_faults.py",
     "tests/hardware/test_live_page.py",
     "tests/hardware/test_serial_limb.py",
     "tests/examples/test_bridge.py",

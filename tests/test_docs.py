@@ -25,6 +25,7 @@ from calibration import (
     EquilibriumSchedule,
     LimitedDuty,
     calibrate,
+    collect_equilibria,
     excitations,
 )
 from controllers import (
@@ -34,7 +35,7 @@ from controllers import (
     RecedingHorizon,
     TemperatureSupervisor,
 )
-from hardware import LimbTwin, SensedLimb, SerialLimb, Station
+from hardware import LimbTwin, SerialLimb, Station
 from hardware.board.journal import Journal
 from hardware.live_feed import Feed
 from limb_systems import (
@@ -43,7 +44,6 @@ from limb_systems import (
     Limb,
     LimbActuation,
     LimbParameters,
-    LimbVisualizer,
     LinearLaw,
     RestMemory,
     SegmentParameters,
@@ -196,12 +196,17 @@ def exists(symbol):
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_snippets_run(package, tmp_path, monkeypatch):
-    """With few knots for a gait and one law for a calibration, as all take long."""
+    """With few knots for a gait, short recordings and one law, as all take long."""
     monkeypatch.chdir(tmp_path)
     quick = functools.partial(plan_gait, intervals=12)
     monkeypatch.setattr("planners.plan_gait", quick, raising=False)
     one_law = functools.partial(calibrate, laws=[LinearLaw])
     monkeypatch.setattr("calibration.calibrate", one_law)
+
+    def collect_briefly(*limb_and_wires, **options):
+        return collect_equilibria(*limb_and_wires, **options | {"longest": 10.0})
+
+    monkeypatch.setattr("calibration.collect_equilibria", collect_briefly)
     names, count = {}, 0
     for code, before in blocks(TEXTS[PAGES[package]], "python"):
         if not NOT_RUN.search(before):
@@ -292,7 +297,6 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, meshcat, station):
     limb, twin = Limb(), LimbTwin(hand=course, extra=["memory"])
     made = [*limb.GetSystems(), *twin.GetSystems(), limb, LimbTwin(), Robot(), RobotTwin()]
     made += [
-        LimbVisualizer(nominal, meshcat),
         BendAngleController(nominal, "right"),
         EquilibriumSchedule([0.1]),
         LimitedDuty(known, excitations(2)[0].duty),
@@ -304,7 +308,6 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, meshcat, station):
         PlanRegulator(short_plan),
         RecedingHorizon(short_plan),
         TemperatureSupervisor(nominal),
-        SensedLimb(Limb()),
         SerialLimb("port"),
         Feed(None, Limb()),
         Journal(os.devnull, Limb(), 20.0),

@@ -76,17 +76,18 @@ def robot_mjcf(robot: Any, *, wires: bool = True, timestep: float = 0.002) -> st
         ValueError: if MJCF cannot express the law of a wire, or the rubber's memory.
         ImportError: without MuJoCo, if there is a ground: MuJoCo calculates the feet's inertia.
     """
+    # Contact: what Drake's SAP does, see the constants.
     options = {"timestep": timestep, "integrator": "discrete", "gravity": robot.world_gravity}
     damping = DAMPING_SHARE * robot.contact_damping
     contact = {"cone": "elliptic", "impratio": STICKING_DAMPING / damping}
     root, world = _root("robot", options | contact)
     # Add the bodies of the URDF, with springs in the joints.
-    limb_of_all = robot.as_single_limb
+    all_limbs = robot.as_single_limb
     names = []
     for limb in robot.limbs:
         for number in range(1, limb.parameters.num_joints + 1):
             names.append(f"{limb.name}_joint_{number}")
-    body = _add_bodies(world, robot_element(robot), "body", _springs(limb_of_all, names))
+    body = _add_bodies(world, robot_element(robot), "body", _springs(all_limbs, names))
     height = robot.standing_height if robot.ground else 0.0
     body.set("pos", _text(0.0, 0.0, height))
     _add_mount(body, robot.body.mount, height)
@@ -96,9 +97,9 @@ def robot_mjcf(robot: Any, *, wires: bool = True, timestep: float = 0.002) -> st
         _add(world, "geom", name="ground", type="plane", size=(0, 0, 1), friction=friction)
         _add_feet(root, world, robot)
     # Add nonlinear rubber and wires.
-    _add_stiffening(root, limb_of_all, names)
+    _add_stiffening(root, all_limbs, names)
     if wires:
-        _add_wires(root, world, limb_of_all, names, thermocouples=True, callback=False)
+        _add_wires(root, world, all_limbs, names, thermocouples=True, callback=False)
     return document(root)
 
 

@@ -11,11 +11,11 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
 from calibration.recordings.kinds import heated_wires, only_segment
-from hardware.board.journal import open_journal
-from hardware.live_feed import LiveView, live_display
-from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Recording
+from hardware.live_feed import LiveView
+from hardware.replaying import record_with_journal
+from limb_systems import LimbError, LimbParameters, LimbSystem, Recording
 from limb_systems.limb_system import check_limb
-from limb_systems.simulation import RecordOptions, record
+from limb_systems.simulation import RecordOptions
 
 MAX_EQUILIBRIUM_BEND = np.deg2rad(45.0)  # of equilibria
 SAMPLE_RATE = 20.0  # Hz, but for ring-downs
@@ -197,34 +197,8 @@ def _record(
         def until(context):
             return schedule.is_finished(schedule.GetMyContextFromRoot(context))
 
-    # Record, with a live page and a journal if they are asked for.
+    options = RecordOptions(reference=reference, until=until, sample_rate=sample_rate)
     duty = source.get_output_port()
-    provenance = Provenance.now(limb.parameters, seed)
-    with (
-        live_display(builder, live, limb, duty, duration, reference=reference),
-        open_journal(
-            builder,
-            journal,
-            limb,
-            duty,
-            sample_rate,
-            reference=reference,
-            provenance=provenance,
-            kind=kind,
-        ),
-    ):
-        recording = record(
-            builder,
-            limb,
-            duty,
-            duration,
-            RecordOptions(
-                reference=reference,
-                until=until,
-                real_time=live is not None,
-                sample_rate=sample_rate,
-                provenance=provenance,
-            ),
-        )
-    recording.kind = kind
-    return recording
+    return record_with_journal(
+        builder, limb, duty, duration, journal, live, options, kind=kind, seed=seed
+    )

@@ -1,9 +1,10 @@
 """The times of a log's rows: units, midnight, restarts, coarse clocks, and a second file's."""
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from calibration.import_logs.evidence import correlation
-from calibration.import_logs.mapping import DATE, FRAMES, TIME_UNITS, UNKNOWN, TimeColumn
+from calibration.import_logs.mapping import FRAMES, TIME_OF_DAY, TIME_UNITS, UNKNOWN, TimeColumn
 from calibration.import_logs.table import MIN_ROWS, LogError, LogTable
 from calibration.import_logs.words import TIME, Name, parse_unit
 
@@ -11,14 +12,13 @@ DAY = 86_400.0  # s
 WRAP_PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
 NAMED_RATES = (0.015, 15_000.0)  # Hz, of logs whose unit of time has a name
 LIKELY_RATES = (0.4, 201.0)  # Hz, by which units without a name are told apart
-DURATIONS = (5.0, 2e5)  # s
+NAMED_DURATIONS = (0.5, 2e6)  # s
+LIKELY_DURATIONS = (5.0, 2e5)  # s
 RESTART_GAP = 3600.0  # s, between parts whose times are not of one clock
 MIN_GAP = 2.0  # s without rows
 BURST_RATIO = 3.0  # times the rate of all rows together
 MAX_RATE = 1000.0  # Hz
-MIN_REPEATED_SHARE = (
-    0.05  # share of rows with the time of the row before, from which on times are rounded
-)
+MIN_REPEATED_SHARE = 0.05  # of rows with the time of the row before, if times are rounded
 MIN_CLOCK_STEP = 0.2  # of the usual step between rows, which the step of a coarse clock is at least
 SMOOTHING_ROWS = (100, 20)  # rows or steps of a coarse clock, the longer, whose mean time is right
 MIN_OVERLAP = 10.0  # s, in which two files that are aligned must show the same
@@ -35,47 +35,46 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
     best_score = 0.0
     for name in names:
         says_time = name.role == TIME
-        values = table.numbers(name.text)
+        found = TimeColumn(name.text)
+        times = table.numbers(name.text)
         # Seconds and their fraction may be in two columns, as ROS has them.
-        fractions = [
-            other_name
-            for other_name in names
-            if says_time and _is_fraction(table, other_name, name)
-        ]
-        fraction_text = fractions[0].text if fractions else ""
-        fraction_unit = fractions[0].unit if fractions else "ns"
-        if fractions:
-            values = values + table.numbers(fraction_text) * TIME_UNITS[fraction_unit]
-        present = values[~np.isnan(values)]
+        for other in names if says_time else ():
+            if _is_fraction(table, other, name):
+                found.fraction = other.text
+                found.fraction_unit = other.unit
+                times = times + table.numbers(other.text) * TIME_UNITS[other.unit]
+        # Leave out columns of other things, and columns that go backward.
+        present = times[~np.isnan(times)]
         steps = np.diff(present) * (-1.0 if is_reversed(present) else 1.0)
-        backward = int((steps < 0).sum())
         is_index = bool((steps == 1).all())
         is_other = bool(name.role or name.quantity) or is_index
-        if len(present) < max(5, 0.5 * len(values)) or (is_other and not says_time):
+        if len(present) < max(5, 0.5 * len(times)) or (is_other and not says_time):
             continue
-        if (steps > 0).sum() < 5 or backward > 0.002 * len(steps) + 1:
+        if (steps > 0).sum() < 5 or (steps < 0).sum() > 0.002 * len(steps) + 1:
             continue
-        unit = DATE if name.text in table.dates else "s" if fractions else _time_unit(name, present)
-        wraps = [
-            p for p in WRAP_PERIODS if abs(steps.min() * TIME_UNITS.get(unit, 1.0) + p) < 0.01 * p
-        ]
-        score = 2.0 * says_time + (steps > 0).mean() - 1.5 * is_index - (unit == UNKNOWN)
-        score += 0.5 * bool(fractions)
-        if unit and score > best_score:
+        # Find its unit, and when it begins anew.
+        if name.text in table.times_of_day:
+            found.unit = TIME_OF_DAY
+        elif not found.fraction:
+            found.unit = _time_unit(name, present)
+        for period in WRAP_PERIODS:
+            if abs(steps.min() * TIME_UNITS.get(found.unit, 1.0) + period) < 0.01 * period:
+                found.wraps_after = period
+        # Names are better than numbers, and times better than an index.
+        score = 2.0 * says_time + (steps > 0).mean() - 1.5 * is_index
+        score += 0.5 * bool(found.fraction) - (found.unit == UNKNOWN)
+        if found.unit and score > best_score:
             best_score = score
-            best = TimeColumn(
-                name.text, unit, max(wraps, default=0.0), fraction_text, fraction_unit
-            )
+            best = found
     return best
 
 
 def _is_fraction(table: LogTable, name: Name, seconds_name: Name) -> bool:
     """Return whether a column is the fraction of another one's seconds."""
-    words = [
-        [word for word in each_name.words if parse_unit(word)[0] != TIME]
-        for each_name in (name, seconds_name)
-    ]
-    if words[0] != words[1] or seconds_name.unit != "s" or name.unit not in ("ns", "us"):
+    stems = []
+    for each_name in (name, seconds_name):
+        stems.append([word for word in each_name.words if parse_unit(word)[0] != TIME])
+    if stems[0] != stems[1] or seconds_name.unit != "s" or name.unit not in ("ns", "us"):
         return False
     return bool(np.nanmax(table.numbers(name.text)) * TIME_UNITS[name.unit] <= 1.0)
 
@@ -84,23 +83,23 @@ def _time_unit(name: Name, present: np.ndarray) -> str:
     """Return the unit in a name, `UNKNOWN` if impossible; else the first that is possible."""
     steps = np.abs(np.diff(present))
     usual = float(np.median(steps[steps > 0]))
-    units = [name.unit] if name.unit in TIME_UNITS else ["s", "ms", "us", "ns", "min", "d"]
-    rates = NAMED_RATES if name.unit in TIME_UNITS else LIKELY_RATES
-    tolerance_factor = 10.0 if name.unit in TIME_UNITS else 1.0
-    for unit in units:
-        duration = float(np.ptp(present)) * TIME_UNITS[unit]
-        is_long = DURATIONS[0] / tolerance_factor < duration < DURATIONS[1] * tolerance_factor
-        if is_long and rates[0] < 1 / (usual * TIME_UNITS[unit]) < rates[1]:
+    is_named = name.unit in TIME_UNITS
+    min_duration, max_duration = NAMED_DURATIONS if is_named else LIKELY_DURATIONS
+    min_rate, max_rate = NAMED_RATES if is_named else LIKELY_RATES
+    for unit in [name.unit] if is_named else ["s", "ms", "us", "ns", "min", "d"]:
+        is_long = min_duration < float(np.ptp(present)) * TIME_UNITS[unit] < max_duration
+        if is_long and min_rate < 1 / (usual * TIME_UNITS[unit]) < max_rate:
             return unit
-    return UNKNOWN if name.unit in TIME_UNITS else ""
+    return UNKNOWN if is_named else ""
 
 
 def times_of(
     table: LogTable, column: TimeColumn, rate: float = 0.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times of rows (K,), s from the first, and which rows those are.
+) -> tuple[np.ndarray, np.ndarray | slice, bool]:
+    """Return the times of rows (K,), s by their clock, and which rows those are.
 
-    Each row is later than the row before. Times of a coarse clock are made even.
+    Each row is later than the row before, also if the newest row of the table comes first. Times
+    of a coarse clock are made even; the last value says so.
 
     Args:
         rate: rate of the rows or frames, Hz, if the log has no time or counts frames.
@@ -109,42 +108,44 @@ def times_of(
         LogError: if there are too few.
     """
     times = row_times(table, column, rate)
+    direction = -1 if is_reversed(times) else 1
+    times = times[::direction]
     # Let times that begin anew for good go on much later.
     rows_with_time = np.flatnonzero(~np.isnan(times))
     for row in rows_with_time[1:][np.diff(times[rows_with_time]) < 0]:
         before = float(np.nanmax(times[:row]))
         if (times[row:] < before).sum() > MIN_ROWS:
             times[row:] += before + RESTART_GAP - times[row]
-    if is_coarse(times):
+    if is_coarse := _is_coarse(times[rows_with_time]):
         times[rows_with_time] = _smooth_times(times[rows_with_time])
+    # Leave out rows that are not later than all before.
     latest = np.fmax.accumulate(np.where(np.isnan(times), -np.inf, times))
-    kept = ~np.isnan(times) & (times > np.append(-np.inf, latest[:-1]))
+    kept = times > np.append(-np.inf, latest[:-1])
     if kept.sum() < 2:
         raise LogError(f"the column {column.column!r} holds no time that increases.")
-    times = times[kept]
-    return times - times[0], kept
+    if kept.all():
+        return times, slice(None, None, direction), is_coarse  # long logs are not copied
+    return times[kept], np.arange(len(times))[::direction][kept], is_coarse
 
 
 def row_times(table: LogTable, column: TimeColumn, rate: float = 0.0) -> np.ndarray:
     """Return the times that a column says (K,), s; they go on where it begins anew."""
     if UNKNOWN in (column.column, column.unit):
         raise LogError("the column of time or its unit is not known.")
+    # Rows, or frames with numbers, come at a rate.
     if not column.column or column.unit == FRAMES:
         if not rate:
             raise LogError("the log has no time; give the rate of its rows or frames, Hz.")
         rows = np.arange(table.values.shape[1])
         return (table.numbers(column.column) if column.column else rows) / rate
+    # Add the fraction of seconds, and what was lost at midnight.
     times = table.numbers(column.column) * TIME_UNITS.get(column.unit, 1.0)
     if column.fraction:
         times += table.numbers(column.fraction) * TIME_UNITS[column.fraction_unit]
-    is_present = ~np.isnan(times)
-    steps = np.diff(times[is_present])
-    # Times of day are of the year 1900. Where a day was taken for a month, days are 1/2, 2/2.
-    period = DAY if column.unit == DATE and np.fmax.reduce(times) < 0 else column.wraps_after
-    jumps = -period * (steps < -period / 2) if period else np.zeros(len(steps))
-    months = (steps > 20 * DAY) & (steps % DAY <= 10 * np.median(steps))
-    jumps += np.where(months & (column.unit == DATE), steps - steps % DAY, 0.0)
-    times[is_present] -= np.append(0.0, np.cumsum(jumps))
+    if period := DAY if column.unit == TIME_OF_DAY else column.wraps_after:
+        is_present = ~np.isnan(times)
+        begins_anew = np.diff(times[is_present], prepend=0.0) < -period / 2
+        times[is_present] += period * np.cumsum(begins_anew)
     return times
 
 
@@ -170,9 +171,9 @@ def usual_rate(times: np.ndarray) -> float:
     return rate
 
 
-def is_coarse(times: np.ndarray) -> bool:
+def _is_coarse(times: np.ndarray) -> bool:
     """Return whether a clock's step is as long as rows are apart: seconds, single precision."""
-    steps = np.diff(times[~np.isnan(times)])
+    steps = np.diff(times)
     if len(steps) < MIN_ROWS or (steps > 0).sum() < 2:
         return False
     return bool((steps == 0).mean() > MIN_REPEATED_SHARE) or _clock_step(steps) > 0.0
@@ -192,32 +193,19 @@ def _clock_step(steps: np.ndarray) -> float:
 def _smooth_times(times: np.ndarray) -> np.ndarray:
     """Return times of a coarse clock (K,), s, evenly spread between gaps.
 
-    Rows that come at one rate are less than the clock's step from a line; else each row that
-    repeats a time is between the mean times of the rows around it.
+    The clock's error, as far as rows come at one rate, is its mean over many of its steps.
     """
     steps = np.diff(times)
     clock = _clock_step(steps) or float(np.min(steps[steps > 0]))
-    is_repeated = (steps == 0).mean() > MIN_REPEATED_SHARE
     smoothed = times.copy()
     gaps = np.flatnonzero(np.abs(steps) > max(MIN_GAP, 3 * clock)) + 1
     for rows in np.split(np.arange(len(times)), gaps):
-        span_times = times[rows]
-        if len(rows) < MIN_ROWS or span_times[-1] <= span_times[0]:
+        duration = times[rows[-1]] - times[rows[0]]
+        if len(rows) < MIN_ROWS or duration <= 0:
             continue
-        rate = (len(rows) - 1) / (span_times[-1] - span_times[0])
-        line = np.polyval(np.polyfit(rows, span_times, 1), rows)
-        if np.abs(line - span_times).max() <= 1.05 * clock:
-            smoothed[rows] = line
-        elif is_repeated:
-            num_groups = max(
-                1, round(len(rows) / max(SMOOTHING_ROWS[0], SMOOTHING_ROWS[1] * clock * rate))
-            )
-            centers = [float(part.mean()) for part in np.array_split(rows, num_groups)]
-            means = [float(part.mean()) for part in np.array_split(span_times, num_groups)]
-            first = means[0] - (centers[0] - rows[0]) / rate
-            last = means[-1] + (rows[-1] - centers[-1]) / rate
-            ends = [rows[0], *centers, rows[-1]]
-            smoothed[rows] = np.interp(rows, ends, [first, *means, last])
+        line = np.polyval(np.polyfit(rows, times[rows], 1), rows)
+        num_rows = max(SMOOTHING_ROWS[0], SMOOTHING_ROWS[1] * clock * len(rows) / duration)
+        smoothed[rows] = line + uniform_filter1d(times[rows] - line, round(num_rows), mode="mirror")
     return smoothed
 
 
@@ -227,35 +215,33 @@ def aligned_offset(
     """Return the offset of a second file, s, at which two signals of the same run agree best.
 
     Args:
-        times, signal: the log's times (K,), s, and a signal in it.
+        times, signal: the log's times (K,), s from its first row, and a signal in it.
         other_times, other_signal: the other file's times (L,) and signal (L,), in any unit.
 
     Raises:
         LogError: if no offset is clearly better than all others.
     """
+    # Reduce both signals to the same even steps.
     shortest = min(times[-1], other_times[-1])
     step = max(0.05, shortest / 5000)
-    log_signal = _at_even_times(times, signal, step)
-    shifted = _at_even_times(other_times, other_signal, step)
+    even_signals = []
+    for own_times, own_signal in ((times, signal), (other_times, other_signal)):
+        is_present = ~np.isnan(own_signal)
+        grid = np.arange(0.0, own_times[-1], step)
+        even_signals.append(np.interp(grid, own_times[is_present], own_signal[is_present]))
+    fixed, shifted = even_signals
     # Compare at each offset at which enough of both files overlaps.
     min_overlap = round(max(MIN_OVERLAP, 0.5 * shortest) / step)
-    offsets = np.arange(min_overlap - len(shifted), len(log_signal) - min_overlap + 1)
+    offsets = np.arange(min_overlap - len(shifted), len(fixed) - min_overlap + 1)
     scores = np.zeros(len(offsets))
     for index, offset in enumerate(offsets):
         start = max(0, offset)
-        end = min(len(log_signal), offset + len(shifted))
-        scores[index] = abs(
-            correlation(log_signal[start:end], shifted[start - offset : end - offset])
-        )
+        end = min(len(fixed), offset + len(shifted))
+        scores[index] = abs(correlation(fixed[start:end], shifted[start - offset : end - offset]))
+    # The best offset must be better than offsets elsewhere.
     best = int(np.argmax(scores)) if len(scores) else 0
     elsewhere = scores[np.abs(offsets - offsets[best : best + 1]) * step > 2.0]
-    if not len(scores) or scores[best] < max(
-        MIN_AGREEMENT, elsewhere.max(initial=0.0) + MIN_AGREEMENT_LEAD
-    ):
+    rival = elsewhere.max(initial=0.0) + MIN_AGREEMENT_LEAD
+    if not len(scores) or scores[best] < max(MIN_AGREEMENT, rival):
         raise LogError("the columns of join.align do not tell one offset; give join.offset, s.")
     return float(offsets[best] * step)
-
-
-def _at_even_times(times: np.ndarray, signal: np.ndarray, step: float) -> np.ndarray:
-    is_present = ~np.isnan(signal)
-    return np.interp(np.arange(0.0, times[-1], step), times[is_present], signal[is_present])

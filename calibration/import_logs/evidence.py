@@ -1,6 +1,8 @@
-"""Show what the numbers of a log tell: which thermocouple a duty warms, where a wire bends."""
+"""Show what the numbers of a log tell: which thermocouple a duty warms, where a wire bends.
 
-import dataclasses
+Numbers decide by one rule: an effect is larger than its rivals by a factor, and by `MIN_VOTE`
+standard errors.
+"""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -31,33 +33,28 @@ def correlation(first: np.ndarray, second: np.ndarray) -> float:
     return coefficient if np.isfinite(coefficient) else 0.0
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class Steps:
-    """Times of a log's rows, and even steps to which signals are reduced to be compared.
+    """Even steps to which the signals of a log are reduced to be compared.
 
     - ``step_of_row``: number of the step of each row (K,).
-    - ``times``: (N,), s.
+    - ``times``: (N,), s from the first row.
     - ``step``: s.
     """
 
-    step_of_row: np.ndarray
-    times: np.ndarray
-    step: float
-
-    @classmethod
-    def of(cls, times: np.ndarray) -> "Steps":
-        """Return steps for rows at some times (K,), s, increasing."""
-        step = max(MIN_STEP, (times[-1] - times[0]) / MAX_STEPS, float(np.median(np.diff(times))))
-        step_of_row = ((times - times[0]) // step).astype(int)
-        return cls(step_of_row, step * np.arange(step_of_row[-1] + 1), step)
+    def __init__(self, row_times: np.ndarray):
+        """Make steps for rows at some times (K,), s, increasing."""
+        since = row_times - row_times[0]
+        self.step = max(MIN_STEP, since[-1] / MAX_STEPS, float(np.median(np.diff(row_times))))
+        self.step_of_row = (since // self.step).astype(int)
+        self.times = self.step * np.arange(self.step_of_row[-1] + 1)
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """Return the mean of a signal (K,) in each step (N,); nan in steps without a reading."""
         is_present = ~np.isnan(values)
-        count = len(self.times)
-        sums = np.bincount(self.step_of_row[is_present], values[is_present], count)
-        numbers = np.bincount(self.step_of_row[is_present], minlength=count)
-        return np.where(numbers > 0, sums / np.maximum(numbers, 1), np.nan)
+        num_steps = len(self.times)
+        sums = np.bincount(self.step_of_row[is_present], values[is_present], num_steps)
+        counts = np.bincount(self.step_of_row[is_present], minlength=num_steps)
+        return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
     def heat(self, duty: np.ndarray) -> np.ndarray:
         """Return the heat of a duty (K,) in each step (N,): warmth and bend follow it."""
@@ -65,133 +62,108 @@ class Steps:
         kept = np.exp(-self.step / WIRE_MEMORY)
         return lfilter([0.0, 1.0 - kept], [1.0, -kept], mean_duty)
 
+    def responses(self, heats: np.ndarray, signals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how much signals (M, N) change for a unit of the heat of wires (W, N).
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Responses:
-    """The responses of signals to the heat of wires, by regression.
-
-    - ``gains``: change of each signal for a unit of heat of each wire (M, W).
-    - ``errors``: standard errors of the gains (M, W); infinite for wires that were not heated.
-    """
-
-    gains: np.ndarray
-    errors: np.ndarray
-
-    @classmethod
-    def of(cls, times: np.ndarray, heats: np.ndarray, signals: np.ndarray) -> "Responses":
-        """Return the responses of signals (M, N) to heats (W, N) at times (N,), s."""
+        Returns:
+            gains (M, W), and their standard errors (M, W): infinite for wires without heat.
+        """
         gains = np.zeros((len(signals), len(heats)))
         errors = np.full(gains.shape, np.inf)
         for row, signal in enumerate(signals):
-            gains[row], errors[row] = _regression(times, heats, signal)
-        return cls(gains, errors)
-
-    @property
-    def votes(self) -> np.ndarray:
-        """The gains in standard errors (M, W); 0 for wires that were not heated."""
-        return self.gains / self.errors
-
-    def pairs(self) -> list[int | None]:
-        """Return the thermocouple that each wire clearly warms (W,); None where none is clear.
-
-        A wire warms its thermocouple more than others do, or warms it more than the others, by
-        `WARMING_FACTOR` and by `MIN_VOTE` standard errors. Only thermocouples and wires that
-        are not paired yet are compared.
-        """
-        paired_sensors: list[int | None] = [None] * self.gains.shape[1]
-        wires = [int(i) for i in np.flatnonzero(np.isfinite(self.errors).all(axis=0))]
-        sensors = list(range(len(self.gains)))
-        while pair := next(
-            ((j, i) for i in wires for j in sensors if self._is_clear(j, i, sensors, wires)), None
-        ):
-            sensor, wire = pair
-            paired_sensors[wire] = sensor
-            wires.remove(wire)
-            sensors.remove(sensor)
-        return paired_sensors
-
-    def _is_clear(self, sensor: int, wire: int, sensors: list[int], wires: list[int]) -> bool:
-        """Return whether a thermocouple is clearly of a wire, among others."""
-        gain = self.gains[sensor, wire]
-        error = self.errors[sensor, wire]
-        if gain <= MIN_VOTE * error:
-            return False
-        leads = []
-        for rivals in (
-            [(rival, wire) for rival in sensors if rival != sensor],
-            [(sensor, rival) for rival in wires if rival != wire],
-        ):
-            gains = np.array([self.gains[rival] for rival in rivals])
-            errors = np.array([self.errors[rival] for rival in rivals])
-            lead = gain - WARMING_FACTOR * np.maximum(gains, 0.0)
-            if (lead <= 0.0).any():
-                return False
-            leads += (
-                [(lead > MIN_VOTE * np.hypot(error, WARMING_FACTOR * errors)).all()]
-                if rivals
-                else []
-            )
-        return not leads or any(leads)
-
-
-def bend_votes(
-    steps: Steps, heats: np.ndarray, warmth: np.ndarray, bends: np.ndarray, levers: np.ndarray
-) -> np.ndarray:
-    """Return how clearly each wire bends a limb to its side (W,), in standard errors.
-
-    The bend must follow the heat of the duty and what thermocouples read: a vote is the clearer
-    of both, and 0 if they contradict each other.
-
-    Args:
-        heats: heat of the wires (W, N), as `Steps.heat` gives it.
-        warmth: readings of their thermocouples (W, N), or heat of wires that have none.
-        bends: (F, N).
-        levers: direction of each wire among the bends (W, F).
-    """
-    votes = np.zeros((2, len(heats)))
-    for number, causes in enumerate((heats, warmth)):
-        responses = Responses.of(steps.times, causes, bends)
-        gains_along = (levers * responses.gains.T).sum(axis=1)
-        errors = np.linalg.norm(np.where(levers, levers * responses.errors.T, 0.0), axis=1)
-        votes[number] = gains_along / np.where(errors > 0, errors, np.inf)
-    clearer = votes[np.abs(votes).argmax(axis=0), np.arange(len(heats))]
-    return np.where(np.sign(votes[0]) == np.sign(votes[1]), clearer, 0.0)
+            is_present = ~np.isnan(np.vstack([heats, signal])).any(axis=0)
+            is_heated = np.zeros(len(heats), bool)
+            if is_present.sum() >= MIN_STEPS:
+                is_heated = np.ptp(heats[:, is_present], axis=1) > 1e-9
+            if is_heated.any():
+                # What wires and silicone had of heat at first decays.
+                decays = [np.exp(-self.times / memory) for memory in (WIRE_MEMORY, SILICONE_MEMORY)]
+                causes = np.vstack([heats[is_heated], *decays, np.ones(len(signal))])
+                gains[row, is_heated], errors[row, is_heated] = _regression(
+                    causes[:, is_present].T, signal[is_present], int(is_heated.sum())
+                )
+        return gains, errors
 
 
 def _regression(
-    times: np.ndarray, heats: np.ndarray, signal: np.ndarray
+    causes: np.ndarray, signal: np.ndarray, num_heats: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return gains and their standard errors (W,) of a signal that follows heats (W, N).
+    """Return the first gains of a signal (N,) that follows causes (N, C), and standard errors.
 
     What is left over is correlated from step to step: it is estimated, and taken into account.
     """
-    gains = np.zeros(len(heats))
-    errors = np.full(len(heats), np.inf)
-    is_present = ~np.isnan(np.vstack([heats, signal])).any(axis=0)
-    if (
-        is_present.sum() < MIN_STEPS
-        or not (is_heated := np.ptp(heats[:, is_present], axis=1) > 1e-9).any()
-    ):
-        return gains, errors
-    since = times - times[0]
-    decays = np.array(
-        [np.ones(len(times)), np.exp(-since / WIRE_MEMORY), np.exp(-since / SILICONE_MEMORY)]
-    )
-    factors = np.vstack([heats[is_heated], decays])[:, is_present].T
-    response = signal[is_present]
     memory = 0.0
     for _ in range(3):
         # Without what is left over of the step before.
-        left_side = factors[1:] - memory * factors[:-1]
-        right_side = response[1:] - memory * response[:-1]
-        solution, _, rank, _ = np.linalg.lstsq(left_side, right_side, rcond=1e-9)
-        residuals = response - factors @ solution
+        left_side = causes[1:] - memory * causes[:-1]
+        right_side = signal[1:] - memory * signal[:-1]
+        gains, _, rank, _ = np.linalg.lstsq(left_side, right_side, rcond=1e-9)
+        residuals = signal - causes @ gains
         memory = min(max(correlation(residuals[1:], residuals[:-1]), 0.0), 0.99)
-    freedom = len(right_side) - len(solution)
-    if rank < len(solution) or freedom < 3:
-        return gains, errors
-    variance = float(np.sum((right_side - left_side @ solution) ** 2)) / freedom
-    spread = variance * np.diag(np.linalg.inv(left_side.T @ left_side))
-    gains[is_heated] = solution[: is_heated.sum()]
-    errors[is_heated] = np.sqrt(np.maximum(spread[: is_heated.sum()], 0.0)) + 1e-12
-    return gains, errors
+    # The scatter of what is left over gives the standard errors.
+    freedom = len(right_side) - len(gains)
+    if rank < len(gains) or freedom < 3:
+        return np.zeros(num_heats), np.full(num_heats, np.inf)
+    variance = float(np.sum((right_side - left_side @ gains) ** 2)) / freedom
+    spread = variance * np.diag(np.linalg.inv(left_side.T @ left_side))[:num_heats]
+    return gains[:num_heats], np.sqrt(np.maximum(spread, 0.0)) + 1e-12
+
+
+def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
+    """Return the thermocouple that each wire clearly warms (W,); None where none is clear.
+
+    A wire warms its thermocouple more than others do, or warms it more than the others, by
+    `WARMING_FACTOR` and by `MIN_VOTE` standard errors. Pairs are taken out one by one.
+
+    Args:
+        gains, errors: warming of M thermocouples by W wires, and its standard error (M, W).
+    """
+    # Wires without heat warm none.
+    pairs: list[int | None] = [None] * gains.shape[1]
+    is_open = np.isfinite(errors) & np.isfinite(errors).all(axis=0)
+    while True:
+        for sensor, wire in np.argwhere(is_open & (gains > MIN_VOTE * errors)):
+            # Compare with other thermocouples of the wire, and other wires of the thermocouple.
+            leads = []
+            for line, own in ((np.s_[:, wire], sensor), (np.s_[sensor], wire)):
+                is_rival = is_open[line].copy()
+                is_rival[own] = False
+                lead = gains[sensor, wire] - WARMING_FACTOR * np.maximum(gains[line], 0.0)
+                error = np.hypot(errors[sensor, wire], WARMING_FACTOR * errors[line])
+                lead = lead[is_rival]
+                is_ahead = bool((lead > 0.0).all())
+                is_certain = bool((lead > MIN_VOTE * error[is_rival]).all())
+                leads.append((is_ahead, is_certain, len(lead)))
+            # Take out the pair, and begin again with what is left.
+            is_certain = any(certain for _, certain, count in leads if count)
+            is_alone = not any(count for _, _, count in leads)
+            if all(ahead for ahead, _, _ in leads) and (is_certain or is_alone):
+                pairs[wire] = int(sensor)
+                is_open[sensor] = False
+                is_open[:, wire] = False
+                break
+        else:
+            return pairs
+
+
+def clear_votes(
+    steps: Steps, causes: list[np.ndarray], bends: np.ndarray, levers: np.ndarray
+) -> np.ndarray:
+    """Return how clearly each wire bends a limb to its side (W,), in standard errors.
+
+    A bend must follow the heat of the duty and what thermocouples read: a vote is the clearer of
+    both, and 0 if they contradict each other.
+
+    Args:
+        causes: heat of the wires (W, N), and readings of their thermocouples (W, N).
+        bends: (F, N).
+        levers: direction of each wire among the bends (F, W).
+    """
+    votes = []
+    for cause in causes:
+        gains, errors = steps.responses(cause, bends)
+        error = np.linalg.norm(np.where(levers != 0, levers * errors, 0.0), axis=0)
+        votes.append((levers * gains).sum(axis=0) / np.maximum(error, 1e-12))
+    by_heat, by_warmth = votes
+    clearer = np.where(np.abs(by_heat) > np.abs(by_warmth), by_heat, by_warmth)
+    return np.where(by_heat * by_warmth > 0, clearer, 0.0)

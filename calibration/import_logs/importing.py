@@ -72,22 +72,6 @@ class ImportedLog:
             self.recordings.append(Recording(**parts.pop(0)))
 
 
-def limbs_in_log(
-    path: str | Path,
-    table: LogTable,
-    parameters: LimbParameters | None = None,
-    dictionary: Dictionary | None = None,
-) -> list[Proposal]:
-    """Return the limbs in a log: of a known logger, or as its columns' names say.
-
-    Raises:
-        LogError: if it lacks columns of its logger.
-    """
-    with reraise_as(LogError, f"{path}: "):
-        limbs_of_logger = known_logger(table)
-        return limbs_of_logger or [propose(table, parameters, dictionary or Dictionary())]
-
-
 def import_logs(
     paths: Sequence[str | Path],
     mapping: LogMapping | None = None,
@@ -112,26 +96,31 @@ def import_logs(
         LogError: if a log is no table of text with rows of numbers, unless it is left out beside
             another one; if it is not as the given mapping says.
     """
+    # Read each table, and propose what its columns are.
     files = list(dict.fromkeys(map(Path, paths)))
     logs: list[ImportedLog] = []
-    table: LogTable | None = None
+    tables: list[LogTable] = []
     for path in files:
+        if mapping:
+            logs.append(ImportedLog(path, Proposal("", mapping)))
+            continue
         try:
-            if mapping:
-                logs.append(ImportedLog(path, Proposal("", mapping, [])))
-                continue
             table = read_table(path)
-            limbs = limbs_in_log(path, table, parameters, dictionary)
-            logs += [ImportedLog(path, limb) for limb in limbs]
+            with reraise_as(LogError, f"{path}: "):
+                limbs = known_logger(table)
+                limbs = limbs or [propose(table, parameters, dictionary or Dictionary())]
         except LogError as problem:
             if unread is None or (path == files[-1] and not logs):
                 raise
             unread.append(str(problem))
+            continue
+        logs += [ImportedLog(path, limb) for limb in limbs]
+        # The only log need not be read again.
+        if len(files) == 1:
+            tables = [table.only(limbs[0].mapping.columns)]
+        del table
+    # What one log asks, another one may tell; then read the recordings.
     _share([log.limb for log in logs])
-    # The only log need not be read again.
-    tables = [table.only(log.limb.mapping.columns) for log in logs] if table else []
-    tables = tables[:1] if len(files) == 1 else []
-    table = None
     for log in logs:
         try:
             log.read(parameters, tables)
@@ -151,6 +140,7 @@ def _share(limbs: list[Proposal]) -> None:
             limb.mapping.bend.zero = float(
                 np.median([other.mapping.bend.zero for other in similar])
             )
+        # Take the mapping of a heated log without questions, but for the time.
         known = [other for other in similar if other.is_heated and not other.questions]
         doubts = any(question.is_contradiction for question in limb.questions)
         if not known or doubts or (limb.is_heated and not limb.questions):
@@ -174,23 +164,23 @@ def recording_from_log(
     parameters: LimbParameters | None = None,
 ) -> Recording:
     """Return the longest recording of a log, as `Recording.from_log`."""
-    said = []
-    tables = []
-    if mapping is None:
-        tables = [read_table(path)]
-        limb, *others = limbs_in_log(path, tables[0], parameters)
-        mapping = limb.mapping
-        if others:
-            names = ", ".join(other.name for other in others)
-            said.append(f"This is {limb.name}; mappings would read {names}.")
-        if limb.questions:
-            asked = " ".join(f"{question.text}." for question in limb.questions)
-            raise LogError(f"{path}: give in a mapping what the log does not tell: {asked}")
-    elif not isinstance(mapping, LogMapping):
+    if isinstance(mapping, str | Path):
         mapping = LogMapping.load(mapping)
-    parts, remarks = read_log(path, mapping, parameters, tables)
-    if len(parts) > 1:
-        said.append(f"This is the longest of {len(parts)} parts.")
-    if said := [*said, *remarks]:
-        warnings.warn(f"{path}: {' '.join(said)}", stacklevel=3)
-    return Recording(**max(parts, key=lambda part: part["time"][-1]))
+    # Refuse a log with open questions.
+    log, *others = import_logs([path], mapping, parameters)
+    if log.asks:
+        asked = [f"{question.text}." for question in log.limb.questions]
+        asked = asked or log.limb.mapping.open_fields
+        raise LogError(f"{path}: give in a mapping what the log does not tell: {' '.join(asked)}")
+    if log.error:
+        raise LogError(log.error)
+    # Warn of what is not in the longest recording.
+    remarks = log.remarks
+    if len(log.recordings) > 1:
+        remarks = [f"This is the longest of {len(log.recordings)} parts.", *remarks]
+    if others:
+        names = ", ".join(other.limb.name for other in others)
+        remarks = [f"This is {log.limb.name}; mappings would read {names}.", *remarks]
+    if remarks:
+        warnings.warn(f"{path}: {' '.join(remarks)}", stacklevel=3)
+    return max(log.recordings, key=lambda recording: recording.time[-1])

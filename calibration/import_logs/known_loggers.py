@@ -1,11 +1,10 @@
 """Known loggers: `ezloophw-py`, of limbs with two wires each, and its pneumatic successor."""
 
-import dataclasses
 import re
 
 from calibration.import_logs.clock import DAY
+from calibration.import_logs.log_signals import base_direction
 from calibration.import_logs.mapping import (
-    BEND_ANGLE,
     CHORD,
     TIP_TANGENT,
     UNKNOWN,
@@ -13,32 +12,36 @@ from calibration.import_logs.mapping import (
     LogMapping,
     TimeColumn,
     WireColumns,
-)
-from calibration.import_logs.propose import Columns, Proposal, base_direction
+)  # fmt: skip
+from calibration.import_logs.propose import Columns, Proposal
 from calibration.import_logs.table import LogTable
 from calibration.import_logs.words import Dictionary
 
 TIMESTAMP = "Timestamp (millisec since midnight today)"
 WIRE_BY_SIDE = {"left": "rev", "right": "fwd"}  # which of both is on which side is ours
 USUAL_SENSORS = {
-    (0, "rev"): 0,
-    (0, "fwd"): 1,
-    (1, "rev"): 3,
-    (1, "fwd"): 2,
-}  # MCPtemp of limb and wire
+    (0, "left"): "MCPtemp_0",
+    (0, "right"): "MCPtemp_1",
+    (1, "left"): "MCPtemp_3",
+    (1, "right"): "MCPtemp_2",
+}  # of limb and wire
 
 
 def known_logger(table: LogTable) -> list[Proposal]:
     """Return the limbs in a log of a known logger; none if the logger is not known."""
-    matches = [re.match(r"pwm_duty_limb(\d)_", name) for name in table.names]
-    limbs = sorted({int(match[1]) for match in matches if match})
+    limbs = sorted({int(limb) for limb in _numbers_after("pwm_duty_limb", table, r"_\w+")})
     if limbs:
         proposals = [_shape_memory_limb(table, limbs, limb) for limb in limbs]
-        heated = [proposal for proposal in proposals if proposal.is_heated]
-        return heated or proposals
-    if TIMESTAMP in table.names and any(n.startswith("MPRpressure_") for n in table.names):
+        return [proposal for proposal in proposals if proposal.is_heated] or proposals
+    if TIMESTAMP in table.names and _numbers_after("MPRpressure_", table):
         return _pneumatic_limbs(table)
     return []
+
+
+def _numbers_after(start: str, table: LogTable, end: str = "") -> list[str]:
+    """Return the numbers in the names of columns that begin and end so, in their order."""
+    matches = [re.fullmatch(rf"{start}(\d+){end}", name) for name in table.names]
+    return [match[1] for match in matches if match]
 
 
 def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal:
@@ -49,42 +52,44 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
     time = TimeColumn("Test time", "s")
     if TIMESTAMP in table.names:
         time = TimeColumn(TIMESTAMP, "ms", wraps_after=DAY)  # it begins anew at midnight
-    # Without a description (None) the limb is the nominal one, with a left and a right wire.
     columns = Columns(table, limb=None, dictionary=Dictionary(), time=time)
     # Ignore the numbers in the columns' names: they do not say which wire has which thermocouple.
+    by_name = {}
     for column in columns.columns:
-        column.name = dataclasses.replace(column.name, label="")
-    by_name = {column.text: column for column in columns.columns}
-    # A thermocouple whose readings never change (span 0) is not connected.
-    sensors = [name for name in by_name if name.startswith("MCPtemp_") and by_name[name].span]
-    columns.temperatures = [by_name[name] for name in sensors]
+        column.name.label = ""
+        by_name[column.text] = column
+        # A thermocouple whose readings never change is not connected.
+        if column.text.startswith("MCPtemp_") and column.span:
+            columns.temperatures.append(column)
     # Pair the wires of all limbs, this limb's first, with the thermocouples that they warm.
-    this_limb_first = [limb, *(other for other in limbs if other != limb)]
-    limbs_and_sides = [(number, side) for number in this_limb_first for side in WIRE_BY_SIDE]
-    for number, side in limbs_and_sides:
-        duty = f"pwm_duty_limb{number}_{WIRE_BY_SIDE[side]}"
-        table.numbers(duty)  # raises an error that names the column if it is missing
-        columns.duties.append(by_name[duty])
-        columns.wires.append(WireColumns(side, duty))
+    for number in [limb, *(other for other in limbs if other != limb)]:
+        for side, way in WIRE_BY_SIDE.items():
+            duty = f"pwm_duty_limb{number}_{way}"
+            table.numbers(duty)  # raises an error that names the column if it is missing
+            columns.duties.append(by_name[duty])
+            columns.wires.append(WireColumns(side, duty))
     columns.pair_wires_with_thermocouples()
     # Keep this limb's two wires; the others were there to claim their own thermocouples.
     columns.duties = columns.duties[:2]
     columns.wires = columns.wires[:2]
+    del columns.heats
+    # A wire that was not heated warms none: it gets its usual thermocouple, if that is free.
     taken = [wire.temperature for wire in columns.wires]
-    fields = [f"wires[{index}].temperature" for index in (0, 1)]
-    # A wire that was not heated warms none: it gets its usual thermocouple, or "", which is none.
+    fields = []
     for index, wire in enumerate(columns.wires):
-        usual = f"MCPtemp_{USUAL_SENSORS.get((limb, WIRE_BY_SIDE[wire.name]))}"
-        if not columns.duties[index].span:
-            if wire.temperature in ("", UNKNOWN):  # UNKNOWN if pairing asks the user
-                wire.temperature = usual if usual in sensors and usual not in taken else ""
+        usual = USUAL_SENSORS.get((limb, wire.name), "")
+        if columns.duties[index].span:
+            fields.append(f"wires[{index}].temperature")
+        elif wire.temperature in ("", UNKNOWN):
+            is_free = by_name.get(usual) in columns.temperatures and usual not in taken
+            wire.temperature = usual if is_free else ""
+        if wire.unit == UNKNOWN and wire.temperature != UNKNOWN:
             wire.unit = "C"
-            fields.remove(f"wires[{index}].temperature")
     columns.questions = [question for question in columns.questions if question.field in fields]
     # Add the bend, and turn its sign so that each wire bends the limb to its own side.
     bend, note = _bend_of_limb(table, limb, limbs)
-    mapping = LogMapping.of(table, time, columns.wires, bend)
-    columns.set_bend_sign(mapping)
+    mapping = LogMapping(time, columns.wires, bend, **table.form)
+    columns.find_sides(mapping)
     columns.notes |= {
         f"limb {limb}": "of a logger of limbs with shape-memory alloy",
         "bend": note,
@@ -97,9 +102,10 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
     """Return the bend of a limb among others, and what it is of, in a line."""
     sensor = f"Bendlabs_{limb}"
     if sensor in table.names and table.numbers(sensor).any():
-        said = f"{sensor}, the angle of the tip's tangent in degrees, halved (8)"
-        return BendColumns(sensor, measures=TIP_TANGENT), said
-    tags = sorted(int(name[8:]) for name in table.names if re.fullmatch(r"tagid_x_\d+", name))
+        note = f"{sensor}, the angle of the tip's tangent in degrees, halved (8)"
+        return BendColumns(sensor, measures=TIP_TANGENT), note
+    # Else take the chord of its tags; limbs in series share the tags between them.
+    tags = sorted(_numbers_after("tagid_x_", table), key=int)
     points = [[f"tagid_x_{tag}", f"tagid_y_{tag}"] for tag in tags]
     share = (len(points) - 1) // len(limbs)
     first = share * limbs.index(limb)
@@ -107,33 +113,33 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
     if share < 1:
         return BendColumns(sensor), "no sensor, and too few tags; give its column"
     bend = BendColumns(line=[*own[0], *own[-1]], measures=CHORD)
-    said = (
-        f"of the chord from the tag of {own[0][0]} to the tag of {own[-1][0]}, from the direction"
-    )
+    note = f"of the chord from the tag of {own[0][0]} to the tag of {own[-1][0]}, from the "
+    # Measure from the direction of the limb before it, or of the base in the picture.
     if first:
-        before = points[max(0, first - 2) : first + 1]
-        bend.base_line = [axis for point in before for axis in point]
-        return bend, f"{said} of the limb before it"
-    bend.zero = base_direction([[table.numbers(axis) for axis in point] for point in own])
-    return bend, f"{said} of the base in the picture, bend.zero"
+        for point in points[max(0, first - 2) : first + 1]:
+            bend.base_line += point
+        return bend, f"{note}direction of the limb before it"
+    bend.zero = base_direction([table.numbers(axis) for point in own for axis in point])
+    return bend, f"{note}direction of the base in the picture, bend.zero"
 
 
 def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
     """Return the pneumatic limbs: no heat, but the half angles of the limbs' tips, in degrees."""
-    angles = [name for name in table.names if re.fullmatch(r"theta_\d", name)]
-    tags = [name for name in table.names if re.fullmatch(r"tagid_x_\d+", name)]
     proposals = []
-    for angle in angles:
+    numbers = _numbers_after("theta_", table)
+    tags = _numbers_after("tagid_x_", table)
+    for number in numbers:
         wires = [WireColumns(name, "") for name in WIRE_BY_SIDE]
         # The angle is 0 while the camera does not see the tags.
-        bend = BendColumns(angle, measures=BEND_ANGLE, seen=tags[-1] if tags else "")
-        mapping = LogMapping.of(table, TimeColumn(TIMESTAMP, "ms", wraps_after=DAY), wires, bend)
-        lines = [
-            f"limb {angle[-1]} of a logger of pneumatic limbs: nothing in it heats a wire, so that "
+        bend = BendColumns(f"theta_{number}", seen=f"tagid_x_{tags[-1]}" if tags else "")
+        time = TimeColumn(TIMESTAMP, "ms", wraps_after=DAY)
+        mapping = LogMapping(time, wires, bend, **table.form)
+        notes = [
+            f"limb {number} of a logger of pneumatic limbs: nothing in it heats a wire, so that "
             "calibration cannot use it",
-            f"bend: {angle}, half of the tip's angle in degrees",
+            f"bend: theta_{number}, half of the tip's angle in degrees",
             "soft-limb plan takes the recording as a reference",
         ]
-        name = f"limb_{angle[-1]}" if len(angles) > 1 else ""
-        proposals.append(Proposal(name, mapping, lines, columns=table.names))
+        name = f"limb_{number}" if len(numbers) > 1 else ""
+        proposals.append(Proposal(name, mapping, notes, columns=table.names))
     return proposals

@@ -8,34 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from calibration.import_logs import cells
-from calibration.import_logs.clock import (
-    MIN_GAP,
-    aligned_offset,
-    is_coarse,
-    is_reversed,
-    row_times,
-    times_of,
-    usual_rate,
-)
+from calibration.import_logs import cells, clock
 from calibration.import_logs.evidence import forward_fill
-from calibration.import_logs.mapping import (
-    BEND_ANGLE,
-    CHORD,
-    DATE,
-    FRAMES,
-    TEMPERATURE_UNITS,
-    TIP_TANGENT,
-    JoinedLog,
-    LogMapping,
-)
+from calibration.import_logs.mapping import MEASURES, TEMPERATURE_UNITS, TIP_TANGENT, LogMapping
 from calibration.import_logs.table import LogError, LogTable, read_table, unique_names
-from limb_systems.bend_sensor import (
-    ChordSensor,
-    TipTangentSensor,
-    bend_angle_from_tip_tangent,
-    roll_bends,
-)
+from limb_systems import bend_sensor
 from limb_systems.errors import reraise_as
 from limb_systems.files.signal_table import doses
 from limb_systems.limb_parameters import LimbParameters
@@ -65,9 +42,9 @@ def read_log(
     """Return the parts of a log, as arguments of `Recording`, and what was lost, in sentences.
 
     Args:
-        tables: the log's rows, which are taken out to free their memory; they are read if None.
         parameters: the limb's description; the nominal limb, with the wires of the mapping, if
             None.
+        tables: the log's rows, which are taken out to free their memory; they are read if None.
 
     Raises:
         LogError: if the log is not as the mapping says.
@@ -75,10 +52,12 @@ def read_log(
     if mapping.open_fields:
         raise LogError(f"{path}: the mapping leaves open {', '.join(mapping.open_fields)}.")
     form = (mapping.delimiter, mapping.decimal, mapping.names_line)
-    tables = tables or [read_table(path, *form)]
+    table = tables.pop() if tables else read_table(path, *form)
     with reraise_as(LogError, f"{path}: "):
-        signals = _Signals(tables, mapping, described_limb(mapping, parameters), Path(path))
-        return signals.parts(), signals.remarks
+        limb = described_limb(mapping, parameters)
+        signals = _Signals(table.only(mapping.columns), mapping, limb, Path(path))
+        del table
+        return signals.parts(limb, Path(path).name), signals.remarks
 
 
 def described_limb(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:
@@ -91,62 +70,55 @@ def described_limb(mapping: LogMapping, parameters: LimbParameters | None) -> Li
     if len(limb.segments) != 1:
         raise LogError(f"The limb has {len(limb.segments)} segments; read a log for each of them.")
     (segment,) = limb.segments
+    # The mapping must have wires and bends of this limb.
     names = [wire.name for wire in mapping.wires]
-    for name in names:
-        if name not in limb.wire_names:
-            raise LogError(
-                f"The mapping has a wire {name!r}, but the limb's wires are "
-                f"{', '.join(limb.wire_names)}; describe the limb with -l, or correct the name."
-            )
-    axes = 2 if mapping.bend.e2 else 1
-    if axes != segment.axes:
-        has = "one bend" if axes == 1 else "bends towards e2 and e3"
+    if unknown := set(names) - set(limb.wire_names):
+        raise LogError(
+            f"The mapping has a wire {min(unknown)!r}, but the limb's wires are "
+            f"{', '.join(limb.wire_names)}; describe the limb with -l, or correct the name."
+        )
+    if (2 if mapping.bend.e2 else 1) != segment.axes:
+        has = "bends towards e2 and e3" if mapping.bend.e2 else "one bend"
         raise LogError(
             f"The mapping has {has}, but the limb bends about {segment.axes} axes; correct bend, "
             "or describe the limb with -l."
         )
+    # Keep the wires and the bend sensor of the log.
     if parameters is None:
         segment.wires = [wire for wire in segment.wires if wire.name in names]
-    if mapping.bend.measures != BEND_ANGLE:
-        kind = ChordSensor if mapping.bend.measures == CHORD else TipTangentSensor
-        if not isinstance(segment.bend_sensor, kind):
-            segment.bend_sensor = kind()
+    kind = MEASURES[mapping.bend.measures]
+    if kind and not isinstance(segment.bend_sensor, kind):
+        segment.bend_sensor = kind()
     return limb
 
 
 class _Signals:
     """The signals of a log, row by row.
 
-    - ``times``: (K,), s.
+    - ``times``: (K,), s from the first row.
     - ``duty``: (W, K), in [0, 1].
     - ``readings``: V of W wires, °C, and φ of F bends, rad (W + F, K).
     - ``rate``: usual rate of the rows, Hz.
     - ``remarks``: what was lost, in sentences.
     """
 
-    def __init__(
-        self, tables: list[LogTable], mapping: LogMapping, limb: LimbParameters, path: Path
-    ):
-        table = tables.pop().only(mapping.columns)
-        if is_reversed(row_times(table, mapping.time, mapping.rate)):
-            table = table.rows(slice(None, None, -1))
-        self.limb = limb
-        self.path = path
+    def __init__(self, table: LogTable, mapping: LogMapping, limb: LimbParameters, path: Path):
         self.remarks: list[str] = []
         if table.odd_rows:
             self.remarks.append(f"{_n_rows(table.odd_rows)} with another number of cells left out.")
         # Keep rows whose time increases.
-        times, kept = times_of(table, mapping.time, mapping.rate)
-        if is_coarse(row_times(table, mapping.time, mapping.rate)):
+        times, rows, is_coarse = clock.times_of(table, mapping.time, mapping.rate)
+        if is_coarse:
             self.remarks.append("The clock is coarse; its times are spread evenly.")
-        if lost := int(len(kept) - kept.sum()):
+        if lost := table.values.shape[1] - len(times):
             why = "whose time is missing, repeated or earlier than before"
             self.remarks.append(f"{_n_rows(lost)} left out, {why}.")
-            table = table.rows(kept)
-        is_rate_of_rows = not mapping.time.column or mapping.time.unit == FRAMES
-        self.rate = (0.0 if is_rate_of_rows else mapping.rate) or usual_rate(times)
+        table = table.rows(rows)
+        given_rate = 0.0 if mapping.has_rows_at_rate else mapping.rate
+        self.rate = given_rate or clock.usual_rate(times)
         if mapping.join:
             times, table = _joined(times, table, mapping, path)
+        times = times - times[0]
         # Turn columns into signals.
         bends = bends_of(table, mapping)
         num_wires = len(limb.wires)
@@ -158,11 +130,12 @@ class _Signals:
             if wire.duty:
                 self.duty[index], unknown = _read_duty(table, wire.duty, wire.sign, mapping)
                 if unknown:
-                    self._remark_on(wire.name, f"duty is missing in {_n_rows(unknown)}; held")
+                    text = f"The {wire.name} wire's duty is missing in {_n_rows(unknown)}; held."
+                    self.remarks.append(text)
             if wire.temperature:
                 self.readings[index] = _temperatures(table, wire.temperature, wire.unit, mapping)
             elif wire.duty:
-                self._remark_on(wire.name, "thermocouple is not in this log")
+                self.remarks.append(f"The {wire.name} wire's thermocouple is not in this log.")
         # Begin where the bend is seen, unless a wire is heated before.
         is_bent = ~np.isnan(bends).any(axis=0)
         first = int(np.argmax(is_bent))
@@ -177,10 +150,7 @@ class _Signals:
         for row in self.readings:
             row[:] = _interpolate_slow_sensor(self.times, row)
 
-    def _remark_on(self, wire: str, text: str) -> None:
-        self.remarks.append(f"The {wire} wire's {text}.")
-
-    def parts(self) -> list[dict[str, Any]]:
+    def parts(self, limb: LimbParameters, log_name: str) -> list[dict[str, Any]]:
         """Return arguments of `Recording` for each part whose duty is known.
 
         Raises:
@@ -191,66 +161,75 @@ class _Signals:
         if count := int(np.isnan(self.readings[is_measured]).any(axis=0).sum()):
             text = f"{count} of {_n_rows(len(times))} lack a reading, which stays empty."
             self.remarks.append(text)
-        cuts = self._cuts()
+        cuts = self._cuts_at_gaps()
+        cuts = self._cuts_of_long_parts(cuts)
+        # Gravity bends a limb whose log says so in its name.
+        bends = self.readings[len(self.duty) :]
+        if log_name.startswith(SAG_PREFIX) and not self.duty.any() and len(bends) == 1:
+            limb.gravity = [0.0, GRAVITY * (np.sign(np.nanmedian(bends)) or -1.0), 0.0]
+            text = "By its name, gravity bends the limb here, to the side of its bend."
+            self.remarks.append(text)
+        # Resample each part that is long enough.
         parts: list[dict[str, Any]] = []
         for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
-            if end - start < 2 or (
-                len(cuts) > 2 and times[end - 1] - times[start] < MIN_PART_DURATION
-            ):
+            is_short = len(cuts) > 2 and times[end - 1] - times[start] < MIN_PART_DURATION
+            if end - start < 2 or is_short:
                 where = f"{_n_rows(end - start)} from {times[start]:.0f} s on"
                 self.remarks.append(f"{where} are too few to keep.")
                 continue
             rows = slice(start, end)
-            even = resampled(
+            part = resampled(
                 times[rows] - times[start], self.duty[:, rows], self.readings[:, rows], self.rate
             )
             where = f", part {number}" if len(cuts) > 2 else ""
-            description = {"parameters": self.limb, "source": f"log {self.path.name}{where}"}
-            parts.append({**even, **description, "sample_rate": self.rate})
+            source = f"log {log_name}{where}"
+            parts.append({**part, "parameters": limb, "source": source, "sample_rate": self.rate})
         if not parts:
             raise LogError(f"no part of {MIN_PART_DURATION:g} s or more has rows without a gap.")
-        # Gravity bends a limb whose log says so in its name.
-        bends = self.readings[len(self.duty) :]
-        if self.path.name.startswith(SAG_PREFIX) and not self.duty.any() and len(bends) == 1:
-            self.limb.gravity = [0.0, GRAVITY * (np.sign(np.nanmedian(bends)) or -1.0), 0.0]
-            text = "By its name, gravity bends the limb here, to the side of its bend."
-            self.remarks.append(text)
         return parts
 
-    def _cuts(self) -> list[int]:
+    def _cuts_at_gaps(self) -> list[int]:
         """Return where parts begin, and the end: a part ends where nobody knows the duty."""
-        times = self.times
-        gaps = np.diff(times)
-        long = np.flatnonzero(gaps > MIN_GAP)
+        # The duty is unknown in gaps in which it changed or was on for long.
+        gaps = np.diff(self.times)
+        long = np.flatnonzero(gaps > clock.MIN_GAP)
         before = self.duty[:, long]
         after = self.duty[:, long + 1]
-        is_changed = np.abs(after - before).max(axis=0) > MIN_DUTY_CHANGE
-        is_heated = np.maximum(before, after).max(axis=0) > 0
-        is_unknown = is_changed | ((gaps[long] > MAX_HEATED_GAP) & is_heated)
+        is_unknown = np.abs(after - before).max(axis=0) > MIN_DUTY_CHANGE
+        is_unknown |= (gaps[long] > MAX_HEATED_GAP) & (np.maximum(before, after).max(axis=0) > 0)
         is_unknown |= gaps[long] > MAX_PAUSE
-        cuts = [0, *(long[is_unknown] + 1).tolist(), len(times)]
         if is_unknown.any():
-            ends = ", ".join(f"{times[cut - 1]:.0f} s" for cut in cuts[1:-1])
+            ends = ", ".join(f"{time:.0f} s" for time in self.times[long[is_unknown]])
             self.remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
         if (~is_unknown).any():
-            known_gaps = gaps[long[~is_unknown]]
-            longest = known_gaps.max()
-            text = f"{len(known_gaps)} gaps of over {MIN_GAP:g} s, the longest of {longest:.1f} s."
-            self.remarks.append(text)
-        # Cut long parts where wires are coldest.
+            known = gaps[long[~is_unknown]]
+            text = f"{len(known)} gaps of over {clock.MIN_GAP:g} s, the longest of"
+            self.remarks.append(f"{text} {known.max():.1f} s.")
+        return [0, *(long[is_unknown] + 1).tolist(), len(self.times)]
+
+    def _cuts_of_long_parts(self, cuts: list[int]) -> list[int]:
+        """Return the cuts, and further ones where wires are coldest, if a part is too long."""
+        times = self.times
+        # Cut in the second half of the longest part, where wires were off the longest.
         short = [0]
-        heated = np.maximum.accumulate(np.where(self.duty.any(axis=0), times, times[0]))
+        last_heated = np.maximum.accumulate(np.where(self.duty.any(axis=0), times, times[0]))
         for cut in cuts[1:]:
             while (times[cut - 1] - times[short[-1]]) * self.rate > MAX_SAMPLES:
-                middle = times[short[-1]] + np.array([0.5, 1]) * MAX_SAMPLES / self.rate
-                first, last = np.searchsorted(times, middle)
-                off = times[first:last] - heated[first:last]
+                longest = MAX_SAMPLES / self.rate
+                first, last = np.searchsorted(
+                    times, times[short[-1]] + longest * np.array([0.5, 1])
+                )
+                off = times[first:last] - last_heated[first:last]
                 short.append(int(first + np.flatnonzero(off >= 0.99 * off.max())[-1]))
             short.append(cut)
         if len(short) > len(cuts):
             text = "Cut where wires were off the longest, so that no part has more than"
             self.remarks.append(f"{text} {MAX_SAMPLES} samples.")
         return short
+
+
+def _n_rows(count: int) -> str:
+    return f"{count} row{'s' * (count != 1)}"
 
 
 def _joined(
@@ -263,46 +242,37 @@ def _joined(
     join = mapping.join
     assert join
     other = read_table(path.parent / join.file)
-    other_times, kept = times_of(other, join.time, join.rate)
-    other = other.rows(kept)
-    offset = _offset(times, table, other_times, other, mapping, join)
+    other_times, rows, _ = clock.times_of(other, join.time, join.rate)
+    other = other.rows(rows)
+    # Set the clock of the second file by the log's.
+    if join.offset is not None:
+        offset = times[0] + join.offset - other_times[0]
+    elif join.align:
+        signals = table.numbers(join.align[0]), other.numbers(join.align[1])
+        since = times - times[0], other_times - other_times[0]
+        offset = clock.aligned_offset(since[0], signals[0], since[1], signals[1])
+        offset += times[0] - other_times[0]
+    elif mapping.time.unit == join.time.unit == clock.TIME_OF_DAY:
+        offset = clock.DAY * round((times[0] - other_times[0]) / clock.DAY)
+    elif min(times[0], other_times[0]) > MIN_EPOCH_TIME:
+        offset = 0.0
+    else:
+        raise LogError(
+            f"{join.file} and the log have clocks of their own; give join.offset, or join.align "
+            "with a column of each that show the same."
+        )
+    # Keep rows in which the second file has a row, too.
     latest = np.searchsorted(other_times + offset, times + 1e-6, side="right") - 1
-    age = times - offset - other_times[latest]
-    is_shared = (latest >= 0) & (age <= MIN_GAP)
+    is_shared = (latest >= 0) & (times - offset - other_times[latest] <= clock.MIN_GAP)
     if is_shared.sum() < 2:
         raise LogError(f"{join.file} and the log have no time in common; correct join.offset.")
-    together = dataclasses.replace(
+    # Each row has the last row of the second file before it.
+    table = dataclasses.replace(
         table,
         names=unique_names([*table.names, *other.names]),
         values=np.vstack([table.values, other.values[:, latest]]),
     )
-    times = times[is_shared]
-    return times - times[0], together.rows(is_shared)
-
-
-def _offset(
-    times: np.ndarray,
-    table: LogTable,
-    other_times: np.ndarray,
-    other: LogTable,
-    mapping: LogMapping,
-    join: JoinedLog,
-) -> float:
-    """Return the time of a second file's first row, s from the log's first row."""
-    if join.offset is not None:
-        return join.offset
-    if join.align:
-        own = table.numbers(join.align[0])
-        return aligned_offset(times, own, other_times, other.numbers(join.align[1]))
-    first = float(row_times(table, mapping.time, mapping.rate)[0])
-    other_first = float(row_times(other, join.time, join.rate)[0])
-    on_one_clock = mapping.time.unit == join.time.unit == DATE and (first < 0) == (other_first < 0)
-    if on_one_clock or min(first, other_first) > MIN_EPOCH_TIME:
-        return other_first - first
-    raise LogError(
-        f"{join.file} and the log have clocks of their own; give join.offset, or join.align with a "
-        "column of each that show the same."
-    )
+    return times[is_shared], table.rows(is_shared)
 
 
 def _interpolate_slow_sensor(times: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -316,26 +286,22 @@ def _interpolate_slow_sensor(times: np.ndarray, values: np.ndarray) -> np.ndarra
     return np.where(period <= STALE_PERIODS * np.median(sensor_periods), filled, np.nan)
 
 
-def _n_rows(count: int) -> str:
-    return f"{count} row{'s' * (count != 1)}"
-
-
 def _read_duty(
     table: LogTable, column: str, sign: float, mapping: LogMapping
 ) -> tuple[np.ndarray, int]:
     """Return duty (K,), in [0, 1], held where it is missing; and in how many rows it is."""
-    values = sign * _without_missing(table.numbers(column), mapping.missing)
+    values = sign * _numbers(table, column, mapping)
     is_missing = np.isnan(values)
     if is_missing.all():
         raise LogError(f"the column {column!r} holds no duty.")
-    most = float(np.nanmax(values))
     duty = forward_fill(values) / mapping.full
-    duty = 1.0 - duty if mapping.inverted else duty
-    if most > mapping.full * (1 + MAX_EXCESS_DUTY):
+    # Refuse numbers that contradict the mapping.
+    if duty.max() > 1 + MAX_EXCESS_DUTY:
         raise LogError(
-            f"the column {column!r} reaches {most:g}, beyond full duty, which is "
+            f"the column {column!r} reaches {np.nanmax(values):g}, beyond full duty, which is "
             f"{mapping.full:g} by the mapping; correct its full."
         )
+    duty = 1.0 - duty if mapping.inverted else duty
     signs = {wire.sign for wire in mapping.wires if wire.duty == column}
     if duty.min() < -MAX_EXCESS_DUTY and len(signs) == 1:
         raise LogError(
@@ -348,7 +314,7 @@ def _read_duty(
 def _temperatures(table: LogTable, column: str, unit: str, mapping: LogMapping) -> np.ndarray:
     """Return a thermocouple's readings (K,), °C; nan where it has none that can be."""
     factor, offset = TEMPERATURE_UNITS[unit]
-    values = factor * _without_missing(table.numbers(column), mapping.missing) + offset
+    values = factor * _numbers(table, column, mapping) + offset
     is_unreadable = (values < READABLE_RANGE[0]) | (values > READABLE_RANGE[1])
     if is_unreadable.mean() > 0.5:
         raise LogError(
@@ -359,9 +325,11 @@ def _temperatures(table: LogTable, column: str, unit: str, mapping: LogMapping) 
     return values
 
 
-def _without_missing(values: np.ndarray, missing: list[str]) -> np.ndarray:
-    """Return numbers with nan for those that stand for no reading; words are nan already."""
-    return np.where(np.isin(values, [cells.number(text) for text in missing]), np.nan, values)
+def _numbers(table: LogTable, column: str, mapping: LogMapping) -> np.ndarray:
+    """Return a column (K,) with nan for numbers that stand for no reading; words are nan."""
+    missing = [cells.number(text) for text in mapping.missing]
+    values = table.numbers(column)
+    return np.where(np.isin(values, missing), np.nan, values)
 
 
 def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
@@ -371,60 +339,77 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
         LogError: if it leaves ±180° for longer than a sensor that fails now and then.
     """
     bend = mapping.bend
-    axes = [(bend.column, bend.zero, bend.scale)]
-    if bend.e2:
-        second = (bend.e3, bend.zero_e3, bend.scale_e3 or bend.scale)
-        axes = [(bend.e2, bend.zero, bend.scale), second]
+    # Read degrees from points, or from columns of angles.
     if bend.line:
         angles = _angle_of_line(table, mapping)[None]
     else:
+        axes = [(bend.column or bend.e2, bend.zero, bend.scale)]
+        if bend.e3:
+            axes.append((bend.e3, bend.zero_e3, bend.scale_e3 or bend.scale))
         with np.errstate(over="ignore"):  # of a number that no sensor has, which is left out below
-            rows = [
-                (_without_missing(table.numbers(column), mapping.missing) - zero) * scale
-                for column, zero, scale in axes
-            ]
-        angles = np.array(rows)
+            angles = np.array([(_numbers(table, c, mapping) - zero) * s for c, zero, s in axes])
     if bend.seen:
         angles[:, table.numbers(bend.seen) == 0] = np.nan
-    beyond = (np.abs(angles) > 180.0).any(axis=0)
-    if (share := float(beyond.mean())) > MAX_FAILING_SHARE:
+    # Leave out what no limb does, if it is little.
+    is_beyond = (np.abs(angles) > 180.0).any(axis=0)
+    if (share := float(is_beyond.mean())) > MAX_FAILING_SHARE:
         most = float(np.nanquantile(np.abs(angles), 0.99))
         raise LogError(
             f"the bend would be up to {most:.3g}°, and beyond ±180° in {share:.0%} of all rows; "
             "correct bend.scale or bend.zero."
         )
-    angles[:, beyond] = np.nan
+    angles[:, is_beyond] = np.nan
+    # Turn what the sensor measures into bends.
     bends = np.deg2rad(angles)
     if bend.measures == TIP_TANGENT:
-        bends = bend_angle_from_tip_tangent(bends)
-    return roll_bends(bends, -np.deg2rad(bend.roll))
+        bends = bend_sensor.bend_angle_from_tip_tangent(bends)
+    return bend_sensor.roll_bends(bends, -np.deg2rad(bend.roll))
 
 
 def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:
     """Return the angle of the line between two points in a picture (K,), °."""
     bend = mapping.bend
-    angle = np.rad2deg(_directions(table, bend.line, mapping.missing)[0])
+    angle = link_directions([_numbers(table, column, mapping) for column in bend.line])[0]
     if bend.base_line:
-        links = np.rad2deg(_directions(table, bend.base_line, mapping.missing))
+        links = link_directions([_numbers(table, column, mapping) for column in bend.base_line])
         turn = _wrapped(links[-1] - links[0])  # none if there is one link only
         angle = angle - links[-1] - 0.5 * turn
     return _wrapped(angle - bend.zero) * bend.scale
 
 
-def _directions(table: LogTable, line: list[str], missing: list[str]) -> np.ndarray:
-    """Return directions of the links between P points in a picture (P - 1, K), rad.
+def link_directions(coordinates: list[np.ndarray]) -> np.ndarray:
+    """Return directions of the links between P points in a picture (P - 1, K), °.
 
     In the picture y points down. Directions are nan where a point is at 0, 0, or all have been
     where they are, to all digits, for some rows: so do trackers write that they have lost them.
+
+    Args:
+        coordinates: x and y (K,) of each point.
     """
-    columns = np.array([_without_missing(table.numbers(column), missing) for column in line])
+    columns = np.array(coordinates)
     x = columns[::2]
     y = columns[1::2]
     rows = np.arange(columns.shape[1])
     moved = np.append(True, (np.diff(columns, axis=1) != 0).any(axis=0))
     since = rows - np.maximum.accumulate(np.where(moved, rows, 0))
     is_lost = ((x == 0) & (y == 0)).any(axis=0) | (since >= STILL_ROWS)
-    return np.where(is_lost, np.nan, np.arctan2(-np.diff(y, axis=0), np.diff(x, axis=0)))
+    directions = np.rad2deg(np.arctan2(-np.diff(y, axis=0), np.diff(x, axis=0)))
+    return np.where(is_lost, np.nan, directions)
+
+
+def base_direction(coordinates: list[np.ndarray]) -> float:
+    """Return the direction of a limb's base in a picture whose y points down, °; 0 if not seen.
+
+    A link has the direction of the tangent at its middle, and the base is half a
+    link before the first one, as for constant curvature.
+
+    Args:
+        coordinates: x and y (K,) of two or more points, the base first.
+    """
+    links = link_directions(coordinates)
+    links = np.unwrap(links[:, ~np.isnan(links).any(axis=0)], axis=0, period=360.0)
+    base = links[0] if len(links) < 2 else 1.5 * links[0] - 0.5 * links[1]
+    return round(float(np.median(base)), 2) if base.size else 0.0
 
 
 def _wrapped(degrees: np.ndarray) -> np.ndarray:
@@ -437,8 +422,8 @@ def resampled(
     """Return the signals of a `Recording` in even steps.
 
     A row's duty is in force until the next row. Each sample has the readings of the last row
-    before it and their age, and the mean duty since the sample before, so that the heat is
-    that of the log; its applied duty is the mean between the rows.
+    before it and their age, and the mean duty since the sample before, which keeps the heat of
+    the log; its applied duty is the mean between the rows.
 
     Args:
         times: times of rows (K,), s from the first, increasing.
@@ -446,6 +431,7 @@ def resampled(
         readings: V of W wires, °C, and φ of F bends, rad (W + F, K).
         rate: Hz.
     """
+    # Each sample has the last row before it, unless that is stale.
     grid = np.arange(int(np.floor(times[-1] * rate + 1e-6)) + 1) / rate
     row = np.searchsorted(times, grid + 1e-6, side="right") - 1
     age = np.maximum(grid - times[row], 0.0)

@@ -7,18 +7,18 @@ import dataclasses
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import yaml
 
-from calibration.import_logs.table import DELIMITERS, LogError, LogTable
+from calibration.import_logs.table import DELIMITERS, LogError
+from limb_systems.bend_sensor import ChordSensor, TipTangentSensor
 from limb_systems.errors import reraise_as
 from limb_systems.files.input import read_text
 from limb_systems.files.output import write_atomically
-from limb_systems.files.schema import Strict, dump_typed, load_typed, quantity, rare
+from limb_systems.files.schema import Strict, dump_typed, load_typed, quantity, rare, validate, word
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
-DATE = "date"  # unit of dates and times of day
+TIME_OF_DAY = "date"  # unit of times of day, with or without dates
 FRAMES = "frames"  # unit of numbers of frames at the mapping's rate
 TEMPERATURE_UNITS = {
     "C": (1.0, 0.0),
@@ -28,7 +28,7 @@ TEMPERATURE_UNITS = {
 BEND_ANGLE = "bend_angle"
 CHORD = "chord"
 TIP_TANGENT = "tip_tangent"
-MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
+MEASURES = {BEND_ANGLE: None, CHORD: ChordSensor, TIP_TANGENT: TipTangentSensor}
 UNKNOWN = "?"  # in place of what is not known
 
 
@@ -37,10 +37,10 @@ class TimeColumn(Strict):
     """The column of time, none if rows come at a rate; ``fraction`` is added, as ``nanosec``."""
 
     column: str = ""
-    unit: str = "s"
+    unit: str = word("s", [*TIME_UNITS, TIME_OF_DAY, FRAMES, UNKNOWN])
     wraps_after: float = quantity(0.0, "s", 0.0, 1e9)
     fraction: str = rare("")
-    fraction_unit: str = rare("ns")
+    fraction_unit: str = word("ns", TIME_UNITS, rare=True)
 
 
 @dataclasses.dataclass
@@ -49,9 +49,9 @@ class WireColumns(Strict):
 
     name: str
     duty: str
-    sign: float = quantity(1.0, "", -1.0, 1.0)
+    sign: float = word(1.0, [1.0, -1.0])
     temperature: str = ""
-    unit: str = "C"
+    unit: str = word("C", [*TEMPERATURE_UNITS, UNKNOWN])
 
 
 @dataclasses.dataclass
@@ -67,15 +67,14 @@ class BendColumns(Strict):
     zero_e3: float = quantity(0.0, "", -1e12, 1e12, rare=True)
     scale: float = quantity(1.0, "", -1e6, 1e6)
     scale_e3: float = quantity(0.0, "", -1e6, 1e6, rare=True)
-    measures: str = BEND_ANGLE
+    measures: str = word(BEND_ANGLE, [*MEASURES, UNKNOWN])
     roll: float = quantity(0.0, "°", -360.0, 360.0, rare=True)
     seen: str = rare("")
 
     @property
     def columns(self) -> list[str]:
         """The columns that show the bend."""
-        named = [self.column, self.e2, self.e3, *self.line, *self.base_line]
-        return [column for column in named if column]
+        return list(filter(None, [self.column, self.e2, self.e3, *self.line, *self.base_line]))
 
 
 @dataclasses.dataclass
@@ -105,91 +104,67 @@ class LogMapping(Strict):
     rate: float = quantity(0.0, "Hz", 0.0, 1e6)
     missing: list[str] = dataclasses.field(default_factory=list)
     join: JoinedLog | None = None
-    delimiter: str = ","
-    decimal: str = "."
+    delimiter: str = word(",", DELIMITERS)
+    decimal: str = word(".", [".", ","])
     names_line: int = quantity(1, "", 0, 10_000)
 
     def __post_init__(self) -> None:
-        # Fields that have words have one of them.
-        bend = self.bend
-        align = self.join.align if self.join else []
-        allowed: list[tuple[str, Any, Iterable]] = [
-            ("time.unit", self.time.unit, [*TIME_UNITS, DATE, FRAMES, UNKNOWN]),
-            ("time.fraction_unit", self.time.fraction_unit, TIME_UNITS),
-            ("bend.measures", bend.measures, [*MEASURES, UNKNOWN]),
-            ("decimal", self.decimal, (".", ",")),
-            ("delimiter", self.delimiter, DELIMITERS),
-            ("the number of columns in bend.line", len(bend.line), (0, 4)),
-            ("the number of columns in bend.base_line", len(bend.base_line), (0, 4, 6)),
-            ("the number of columns in join.align", len(align), (0, 2)),
-        ]
-        for wire in self.wires:
-            allowed.append(
-                (f"unit of the {wire.name} wire", wire.unit, [*TEMPERATURE_UNITS, UNKNOWN])
-            )
-            allowed.append((f"sign of the {wire.name} wire", wire.sign, (1, -1)))
-        for where, value, allowed_words in allowed:
-            if value not in allowed_words:
-                words = ", ".join(str(word) for word in allowed_words if word != UNKNOWN)
-                text = repr(value) if isinstance(value, str) else f"{value:g}"
-                raise LogError(f"{where} is {text}; it must be one of {words}.")
+        with reraise_as(LogError):
+            validate(self)
         # There is one bend, and wires have different names.
+        bend = self.bend
         is_given = [bool(bend.column), bool(bend.e2 and bend.e3), bool(bend.line)]
         if sum(is_given) != 1 or bool(bend.e2) != bool(bend.e3):
             raise LogError("bend must have either a column, e2 and e3, or a line.")
-        if not self.wires:
-            raise LogError("wires must have at least one wire.")
+        for where, columns, counts in (
+            ("bend.line", bend.line, (0, 4)),
+            ("bend.base_line", bend.base_line, (0, 4, 6)),
+            ("join.align", self.join.align if self.join else [], (0, 2)),
+        ):
+            if len(columns) not in counts:
+                raise LogError(f"{where} has {len(columns)} columns, but must have {counts[1:]}.")
         names = [wire.name for wire in self.wires if wire.name != UNKNOWN]
-        if twice := next((name for name in names if names.count(name) > 1), ""):
-            raise LogError(f"wires has two wires of the name {twice!r}.")
+        if not self.wires or len(set(names)) < len(names):
+            raise LogError("wires must have at least one wire, and no name twice.")
         # No column stands for two signals, but a signed one for the duty of two wires.
-        signals = [("time", self.time.column, 0.0)]
-        signals += [("the bend", column, 0.0) for column in bend.columns]
+        signals = [("time", self.time.column)]
+        signals += [("the bend", column) for column in bend.columns]
         for wire in self.wires:
-            signals.append((f"duty of the {wire.name} wire", wire.duty, wire.sign))
-            signals.append((f"temperature of the {wire.name} wire", wire.temperature, 0.0))
-        signal_of_column: dict[str, tuple[str, float]] = {}
-        for signal, column, sign in signals:
-            other_signal, sign_of_other = signal_of_column.setdefault(column, (signal, sign))
-            if (
-                column not in ("", UNKNOWN)
-                and other_signal != signal
-                and not sign * sign_of_other < 0
-            ):
+            kind = "duty" if wire.sign > 0 else "negative duty"
+            signals.append((f"{kind} of the {wire.name} wire", wire.duty))
+            signals.append((f"temperature of the {wire.name} wire", wire.temperature))
+        signal_of_column: dict[str, str] = {}
+        for signal, column in signals:
+            key = f"-{column}" if signal.startswith("negative") else column
+            other_signal = signal_of_column.setdefault(key, signal)
+            if column not in ("", UNKNOWN) and other_signal != signal:
                 raise LogError(
                     f"the column {column!r} is given for {other_signal} and for {signal}; give "
                     "each its own."
                 )
 
-    @classmethod
-    def of(
-        cls,
-        table: LogTable,
-        time: TimeColumn,
-        wires: list[WireColumns],
-        bend: BendColumns,
-        **more: Any,
-    ) -> "LogMapping":
-        """Return a mapping of these columns, in the table's form."""
-        form = {name: getattr(table, name) for name in ("delimiter", "decimal", "names_line")}
-        return cls(time, wires, bend, **form, **more)
-
     @property
     def columns(self) -> set[str]:
         """The columns that it names, of both files."""
         own = {self.time.column, self.time.fraction, self.bend.seen, *self.bend.columns}
-        own |= {column for wire in self.wires for column in (wire.duty, wire.temperature)}
+        for wire in self.wires:
+            own |= {wire.duty, wire.temperature}
         return (own | set(self.join.align if self.join else ())) - {""}
+
+    @property
+    def has_rows_at_rate(self) -> bool:
+        """True if rows or frames come at ``rate``: no column is a time."""
+        return not self.time.column or self.time.unit == FRAMES
 
     @property
     def open_fields(self) -> list[str]:
         """The fields that the mapping leaves open, such as "wires[0].duty"."""
         bend_columns = "bend.line" if self.bend.line else "bend.column"
-        has_rows_at_rate = not self.time.column or self.time.unit == FRAMES
+        # Zero stands for numbers that are not known.
         is_open = {
             "time.column": self.time.column == UNKNOWN,
             "time.unit": self.time.unit == UNKNOWN,
-            "rate": has_rows_at_rate and not self.rate,
+            "rate": self.has_rows_at_rate and not self.rate,
             "full": not self.full and any(wire.duty for wire in self.wires),
             bend_columns: UNKNOWN in self.bend.columns,
             "bend.scale": not self.bend.scale,
@@ -209,6 +184,7 @@ class LogMapping(Strict):
         Raises:
             LogError: if a field cannot have its answer.
         """
+        # Put each answer into its place in the YAML document.
         document = yaml.safe_load(dump_typed(self))
         left_out = set()
         for field, answer in answers.items():
@@ -221,8 +197,9 @@ class LogMapping(Strict):
                 target[last] = [column.strip() for column in answer.strip("[]").split(",")]
             if answer == "none" and parents[:1] == ["wires"]:
                 left_out.add(int(parents[1]))
-        wires = enumerate(document["wires"])
-        document["wires"] = [wire for index, wire in wires if index not in left_out]
+        # Leave out wires that are none.
+        for index in sorted(left_out, reverse=True):
+            del document["wires"][index]
         with reraise_as(LogError):
             return load_typed(LogMapping, yaml.safe_dump(document, allow_unicode=True))
 

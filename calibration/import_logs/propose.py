@@ -7,33 +7,22 @@ Where names say nothing, numbers decide with a margin.
 import dataclasses
 import functools
 import re
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from calibration.import_logs import clock, mapping, words
-from calibration.import_logs.evidence import (
-    MIN_VOTE,
-    Responses,
-    Steps,
-    bend_votes,
-    correlation,
-    forward_fill,
-)
-from calibration.import_logs.log_signals import bends_of
-from calibration.import_logs.mapping import (
-    UNKNOWN,
-    BendColumns,
-    LogMapping,
-    TimeColumn,
-    WireColumns,
-)
+from calibration.import_logs import clock, evidence, mapping, words
+from calibration.import_logs.evidence import MIN_VOTE, Steps, correlation
+from calibration.import_logs.log_signals import base_direction, bends_of
+from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
 from calibration.import_logs.table import LogError, LogTable
-from calibration.import_logs.words import BEND, DUTY, FRAME, LEFT, RIGHT, TEMPERATURE, TIME, Name
+from calibration.import_logs.words import BEND, DUTY, LEFT, RIGHT, SIDES, TEMPERATURE, Name
 from limb_systems.limb_parameters import LimbParameters
 
 FULL_SCALES = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
 POWER_WORDS = {"power", "pow", "leistung", "heizleistung", "watt", "watts", "W"}  # in W, or shares
 SHARE_WORDS = {"duty", "duties", "tastgrad"}
+PERCENT_WORDS = {"%", "percent", "pct", "prozent"}
 MAX_VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
 MAX_NUMBER = 1e9  # that no number but a time's is beyond
@@ -42,16 +31,20 @@ ROOM_RANGES = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # whe
 READING_RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
 MAX_COLD = 35.0  # below which the readings of a log that starts warm are in °C
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
-LONG_LOG_TIME = 150.0  # s of a log in which wires become cold at some time ...
-MAX_COLD_SPREAD = 25.0  # ... and their coldest readings differ by less, °C
+LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
+MAX_COLD_SPREADS = (0.2, 1.0)  # of coldest readings, in shares of warming: of long and short logs
+MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
+SLOWEST_COOLING = 200.0  # s, in which wires and silicone lose most of their heat
 MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
 MIN_HEAT_CORRELATION = 0.5  # correlation of a column with the heat that it follows
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
+MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
 HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in degrees
 FIXED_POINT_SHARE = 0.02  # movement of a point that is fixed, in shares of the tip's
 MIN_HEATED_TIME = 1.0  # s of full duty, with which a wire counts as heated
 MIN_FIRST_TURN = 0.85  # of the turn of a limb's first link, if it were bent evenly
+CONTRADICTIONS = ("inverted", "mixed units", "named thermocouple", "named unit")  # questions
 DEGREES_PER_UNIT = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "mdeg": 1e-3}
 
 
@@ -103,15 +96,18 @@ class Column:
         self.name = name
         self.text = name.text
         self.values = values
-        missing = np.isnan(values)
-        self.present = values[~missing] if missing.any() else values
         self.steps = steps
-        self.span = float(np.ptp(self.present)) if len(self.present) else 0.0
-
-    @functools.cached_property
-    def low(self) -> float:
-        """The number that 2% of its numbers are below."""
-        return float(np.quantile(self.present, 0.02))
+        is_missing = np.isnan(values)
+        self.present = values[~is_missing] if is_missing.any() else values
+        self.low = self.high = self.span = 0.0
+        if len(self.present):
+            self.low, self.high = np.quantile(self.present, [0.02, 0.99])
+            self.span = float(np.ptp(self.present))
+        # A duty is 0 at times, stands still mostly, and is not negative.
+        self.looks_like_heat = False
+        if self.span and self.present.min() >= 0 and self.present.max() <= FULL_SCALES[-1]:
+            is_mostly_still = bool(np.mean(np.diff(self.present) == 0) > 0.5)
+            self.looks_like_heat = is_mostly_still and bool((self.present == 0).mean() > 0.02)
 
     @functools.cached_property
     def means(self) -> np.ndarray:
@@ -123,18 +119,13 @@ class Column:
         most = np.abs(self.present).max() or 1.0
         return self.steps.heat(np.clip(sign * self.values, 0.0, None)) / most
 
-    @functools.cached_property
-    def looks_like_heat(self) -> bool:
-        """Return whether it is 0 at times, stands still mostly, and is not negative."""
-        if not self.span or not 0 <= self.present.min() < self.present.max() <= FULL_SCALES[-1]:
-            return False
-        return bool((self.present == 0).mean() > 0.02 and np.mean(np.diff(self.present) == 0) > 0.5)
-
     def votes(self, heats: np.ndarray) -> np.ndarray:
         """Return its response to each heat (W,), in standard errors; 0 where it is weak."""
-        votes = Responses.of(self.steps.times, heats, self.means[None]).votes[0]
-        strong = [abs(correlation(heat, self.means)) > MIN_HEAT_CORRELATION for heat in heats]
-        return np.where(strong, votes, 0.0)
+        gains, errors = self.steps.responses(heats, self.means[None])
+        votes = gains[0] / errors[0]
+        for index, heat in enumerate(heats):
+            votes[index] *= abs(correlation(heat, self.means)) > MIN_HEAT_CORRELATION
+        return votes
 
 
 class Columns:
@@ -150,45 +141,40 @@ class Columns:
         table: LogTable,
         limb: LimbParameters | None,
         dictionary: words.Dictionary,
-        time: TimeColumn | None = None,
+        time: mapping.TimeColumn | None = None,
     ):
         self.table = table
-        self.limb = limb
-        self.described_wires = limb.wire_names if limb else [LEFT, RIGHT]
-        self.axes = limb.segments[0].axes if limb else 1
+        # Begin with names, and the time.
+        self.limb = limb or LimbParameters()
+        self.has_sides = self.limb.wire_names == [LEFT, RIGHT]
+        self.hint = "" if limb else " Describe a limb of other wires or axes with -l"
         self.dictionary = dictionary
         self.questions: list[Question] = []
         self.notes: dict[str, str] = {}
         self.duties: list[Column] = []
         self.temperatures: list[Column] = []
-        self.wires: list[WireColumns] = []
-        pairs = zip(table.names, table.units, strict=True)
-        names = [Name.of(name, unit, table.names, dictionary) for name, unit in pairs]
+        self.wires: list[WireColumns] = []  # the first ones have the duties
+        names = []
+        for text, unit in zip(table.names, table.units, strict=True):
+            names.append(Name(text, dictionary, unit, table.names))
         self.time = time or self._time(names)
         # To see what follows what, rows without a time come at any rate.
         try:
-            if clock.is_reversed(clock.row_times(table, self.time, 10.0)):
-                self.table = table.rows(slice(None, None, -1))
-            self.times, kept = clock.times_of(self.table, self.time, 10.0)
+            self.times, self.rows, _ = clock.times_of(table, self.time, 10.0)
         except LogError:
             self.times = 0.1 * np.arange(table.values.shape[1])
-            kept = np.ones(len(self.times), bool)
-        self.kept = slice(None) if kept.all() else kept  # long logs are not copied
-        self.steps = Steps.of(self.times)
+            self.rows = slice(None)
+        self.steps = Steps(self.times)
         # Find what stands for no reading, and leave it out.
-        others = [n for n in names if n.text not in (self.time.column, self.time.fraction)]
-        numbers = [self.table.numbers(name.text)[self.kept] for name in others]
-        self.missing = [
-            v
-            for v in MISSING_CODES
-            if any(_stands_out(values_of_column, v) for values_of_column in numbers)
-        ]
+        names = [n for n in names if n.text not in (self.time.column, self.time.fraction)]
+        numbers = [table.numbers(name.text)[self.rows] for name in names]
+        self.missing = [v for v in MISSING_CODES if any(_stands_out(row, v) for row in numbers)]
         self.columns: list[Column] = []
-        for name, values in zip(others, numbers, strict=True):
-            left_out = (
-                np.isin(values, self.missing) if self.missing else np.abs(values) > MAX_NUMBER
-            )
-            cleaned = np.where(left_out, np.nan, values) if left_out.any() else values
+        for name, values in zip(names, numbers, strict=True):
+            is_left_out = np.abs(values) > MAX_NUMBER
+            if self.missing:
+                is_left_out |= np.isin(values, self.missing)
+            cleaned = np.where(is_left_out, np.nan, values) if is_left_out.any() else values
             column = Column(name, cleaned, self.steps)
             if len(column.present) > 5:
                 self.columns.append(column)
@@ -196,15 +182,24 @@ class Columns:
     @functools.cached_property
     def heats(self) -> np.ndarray:
         """The heat of each wire that has a duty (W, N)."""
-        wires = self.wires[: len(self.duties)]
-        wire_heats = [c.heat(wire.sign) for c, wire in zip(self.duties, wires, strict=True)]
-        return np.array(wire_heats).reshape(-1, len(self.steps.times))
+        heats = np.zeros((len(self.duties), len(self.steps.times)))
+        for index, duty in enumerate(self.duties):
+            heats[index] = duty.heat(self.wires[index].sign)
+        return heats
 
     def ask(
-        self, field: str, text: str, choices: list[str] | None = None, contradicts: bool = False
+        self, kind: str, field: str, choices: Iterable["str | Column"] = (), **facts: object
     ) -> None:
-        """Ask for a field of the mapping."""
-        self.questions.append(Question(field, text, choices or [], contradicts))
+        """Ask for a field of the mapping, by the dictionary's question of a kind.
+
+        Args:
+            choices: answers that seem possible, or columns that do.
+            facts: what the question says; ``columns`` are the choices if left out.
+        """
+        texts = [choice.text if isinstance(choice, Column) else choice for choice in choices]
+        facts = {"columns": " and ".join(texts), "hint": self.hint, **facts}
+        text = words.QUESTIONS[kind].format(**facts)
+        self.questions.append(Question(field, text, texts, kind in CONTRADICTIONS))
 
     def proposal(self, name: str, log_mapping: LogMapping) -> Proposal:
         """Return a mapping with the notes and questions."""
@@ -213,144 +208,116 @@ class Columns:
         is_heated = any(column.span > 0 for column in self.duties)
         return Proposal(name, log_mapping, lines, self.questions, is_heated, self.table.names)
 
-    def columns_of_role(self, role: str) -> list[Column]:
+    def _of_role(self, role: str) -> list[Column]:
         """Return the columns whose names say this role, and that are measured."""
         return [c for c in self.columns if c.name.role == role and c.name.is_measured]
 
-    def _unnamed_columns(self) -> list[Column]:
+    def _unnamed(self) -> list[Column]:
         """Return columns that move, whose names say neither a signal nor another quantity."""
-        unnamed = [c for c in self.columns_of_role("") if c.span and c.text not in self.notes]
-        return [c for c in unnamed if c.name.quantity in ("", "counts")]
+        unnamed = [c for c in self._of_role("") if c.name.quantity in ("", "counts")]
+        return [c for c in unnamed if c.span and c.text not in self.notes]
 
-    def _time(self, names: list[Name]) -> TimeColumn:
+    def _time(self, names: list[Name]) -> mapping.TimeColumn:
         """Return the column that increases as a clock does; a question if there is none."""
-        best = clock.find_time(self.table, names)
-        if best.column:
-            self.notes[best.column] = f"time, {best.unit}; it increases as a clock does"
-            if best.unit == UNKNOWN:
-                text = f"unit of {best.column}? Its rows are too far apart, or near, for its name"
-                self.ask("time.unit", text, ["s", "ms", "us"])
-            return best
-        counted = [name.text for name in names if name.role == FRAME]
-        frames = [text for text in counted if (np.diff(self.table.numbers(text)) > 0).all()]
+        found = clock.find_time(self.table, names)
+        if found.column:
+            self.notes[found.column] = f"time, {found.unit}; it increases as a clock does"
+            if found.unit == UNKNOWN:
+                self.ask("time unit", "time.unit", ["s", "ms", "us"], column=found.column)
+            return found
+        counters = [name.text for name in names if name.role == words.FRAME]
+        frames = [text for text in counters if (np.diff(self.table.numbers(text)) > 0).all()]
         what = f"the frames in {frames[0]}" if frames else "the rows"
-        text = f"no column is a time that increases: give the rate of {what}, Hz, or time.column"
-        self.ask("rate", text, ["10.0"])
-        return TimeColumn(frames[0], mapping.FRAMES) if frames else best
+        self.ask("rate", "rate", ["10.0"], what=what)
+        return mapping.TimeColumn(frames[0], mapping.FRAMES) if frames else found
+
+    def _find(self, role: str, seem: Callable[[Column], bool]) -> list[Column]:
+        """Return the columns of a role by their names, else like columns that seem to be of it."""
+        named = [c for c in self._of_role(role) if role == DUTY or c.name.quantity != "counts"]
+        if named:
+            return named
+        chosen = [column for column in self._unnamed() if seem(column)]
+        stems = {column.name.stem for column in chosen}
+        similar = [column for column in self._unnamed() if column.name.stem in stems]
+        if len(stems) > 1 or (len(similar) > len(chosen) and self.table.has_names):
+            self.ask("like columns", f"wires[0].{role}", similar, role=role)
+            return []
+        return chosen
 
     # Duty.
 
     def find_duties(self) -> None:
         """Find the duties and their wires; columns whose names say nothing must be followed."""
-        named = self.columns_of_role(DUTY)
-        best = min((c.name.rank for c in named), default=0)
-        chosen = [c for c in named if c.name.rank == best]
-        if not named:
-            followed = [
-                c for c in self._unnamed_columns() if c.looks_like_heat and self._is_followed(c)
-            ]
-            chosen = self._with_similar(followed, "wires[0].duty", "the duty of a wire")
-        for column in chosen:
-            self.notes[column.text] = "duty, by its name" if named else "duty, which others follow"
-        self.duties = sorted(chosen, key=lambda c: words.place_of_label(c.name.label))
-        signed = [c for c in self.duties if len(c.present) and c.present.min() < 0]
+        found = self._find(DUTY, lambda c: c.looks_like_heat and self._is_followed(c))
+        best = min((column.name.rank for column in found), default=0)
+        self.duties = [column for column in found if column.name.rank == best]
+        # Left comes before right.
+        self.duties.sort(key=lambda column: column.name.order)
+        for column in self.duties:
+            reason = "by its name" if column.name.role else "which others follow"
+            self.notes[column.text] = f"duty, {reason}"
         if not self.duties:
-            text = (
-                "no column seems to be a duty, which is 0 while wires are off: give each wire's, "
-            )
-            text += "'' for a wire that was not heated, or join the file of the heaters"
-            self.ask("wires[0].duty", text, [c.text for c in self.columns if c.looks_like_heat])
-            self.wires = [WireColumns(name, UNKNOWN) for name in self.described_wires]
-        elif signed:
-            names = [LEFT, RIGHT] if len(self.duties) == 1 and not self.limb else []
-            self.duties = [c for c in self.duties for _ in range(2)]
-            for index, column in enumerate(self.duties):
-                name = names[index] if names else UNKNOWN
-                self.wires.append(WireColumns(name, column.text, 1.0 if index % 2 else -1.0))
-        else:
-            pairs = zip(self._wire_names(), self.duties, strict=True)
-            self.wires = [WireColumns(name, c.text) for name, c in pairs]
-
-    def _with_similar(self, chosen: list[Column], field: str, meaning: str) -> list[Column]:
-        """Return columns, if all like columns are among them; else ask."""
-        stems = {column.name.stem for column in chosen}
-        similar = [c for c in self._unnamed_columns() if c.name.stem in stems]
-        if len(stems) <= 1 and (len(similar) == len(chosen) or not self.table.has_names):
-            return chosen
-        texts = [column.text for column in similar]
-        self.ask(field, f"which of {_list(similar)} is {meaning}? Names do not tell", texts)
-        return []
+            self.ask("no duty", "wires[0].duty", [c for c in self.columns if c.looks_like_heat])
+            self.wires = [WireColumns(name, UNKNOWN) for name in self.limb.wire_names]
+            return
+        # Numbers with a sign heat two wires.
+        signs = [1.0]
+        if any(len(c.present) and c.present.min() < 0 for c in self.duties):
+            signs = [-1.0, 1.0]
+        self.duties = [column for column in self.duties for _ in signs]
+        # Names of the limb's wires have the words of the columns.
+        labels = [column.name.label for column in self.duties]
+        known = {}
+        for wire_name in self.limb.wire_names:
+            known[Name(wire_name, self.dictionary).label or wire_name] = wire_name
+        is_named = len(set(labels)) == len(labels) and set(labels) <= set(known)
+        for index, column in enumerate(self.duties):
+            wire_name = known[labels[index]] if is_named else UNKNOWN
+            self.wires.append(WireColumns(wire_name, column.text, signs[index % len(signs)]))
 
     def _is_followed(self, duty: Column) -> bool:
         """Return whether another column clearly follows the heat of what may be a duty."""
         heat = duty.heat()[None]
-        others = [c for c in self.columns if c is not duty and c.span and c.name.role != DUTY]
+        others = [c for c in self.columns if c is not duty and c.name.role != DUTY and c.span]
         return any(abs(c.votes(heat)[0]) > MIN_VOTE for c in others if not c.looks_like_heat)
-
-    def _wire_names(self) -> list[str]:
-        """Return a name for each duty's label, as the limb's description has it."""
-        labels = [column.name.label for column in self.duties]
-        wire_names = self.described_wires
-        names = [Name.of(name, "", wire_names, self.dictionary) for name in wire_names]
-        by_label = {name.label or name.text: name.text for name in names}
-        are_different = len(set(labels)) == len(labels)
-        if are_different and set(labels) <= set(by_label):
-            return [by_label[label] for label in labels]
-        if labels == [""] and not self.limb:
-            return [RIGHT]
-        is_whole = are_different and len(labels) == len(wire_names) and self.table.has_names
-        if is_whole and not {LEFT, RIGHT} & set(labels):
-            pairs = zip(self.duties, wire_names, strict=True)
-            order_text = " and ".join(f"{c.text} {name}" for c, name in pairs)
-            self.notes["wires"] = f"in their order, {order_text}; exchange the names if need be"
-            return wire_names
-        hint = "" if self.limb else " Describe a limb of other wires than left and right with -l"
-        for index, column in enumerate(self.duties):
-            self.ask(
-                f"wires[{index}].name", f"which wire does {column.text} heat?{hint}", wire_names
-            )
-        return [UNKNOWN] * len(labels)
 
     def full_duty(self) -> float:
         """Return the number of full duty; 0 and a question if nothing tells it."""
         duties = list(dict.fromkeys(self.duties))
-        values = np.concatenate([np.unique(np.abs(c.present)) for c in duties] or [np.zeros(1)])
-        largest = float(values.max())
-        if not largest:
+        levels = [np.unique(np.abs(column.present)) for column in duties if column.span]
+        if not levels:
             return 1.0
-        likely = [f"{full:g}" for full in FULL_SCALES if largest <= 1.001 * full][:3]
-        # A wire that is at its most while it rests or cools is off there.
-        resting = [
-            (c.present == c.present.max()).mean() > 0.05 and c.present.min() > 0 for c in duties
-        ]
-        if any(resting) or any(self._cools(column) for column in duties):
-            text = f"{_list(duties)}: the duty looks inverted, for it is at its most, {largest:g}, "
-            text += "where wires rest or cool: give full, and inverted: true if wires are off there"
-            self.ask("full", text, likely[:1], contradicts=True)
-            return 0.0
+        tops = [float(own_levels.max()) for own_levels in levels]
+        most = max(tops)
+        own = set()
+        ranges = set()
+        is_inverted = False
+        for column in duties:
+            own |= {*column.name.words, column.name.unit}
+            ranges |= set(re.findall(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", column.text))
+            # A wire that is at its most while it rests or cools is off there.
+            rests = (column.present == column.present.max()).mean() > 0.05
+            is_inverted |= (rests and column.present.min() > 0) or self._cools(column)
         # Like columns have one unit.
-        levels = [np.unique(np.abs(c.present[c.present != 0])) for c in duties if c.span]
-        tops = [float(own.max()) for own in levels]
-        is_switched = [len(own) == 1 and own[0] == 1.0 for own in levels]
-        if max(tops) > MAX_DUTY_RATIO * min(tops) or (any(is_switched) and min(tops) < 1.0):
-            text = f"the most in {_list(duties)} is {' and '.join(f'{top:g}' for top in tops)}: "
-            self.ask("full", f"{text}are they of one unit, and what is full duty?", likely, True)
-            return 0.0
-        # Names may have a range, such as 0..255, or a unit.
-        own = {word for c in duties for word in (*c.name.words, c.name.unit)}
-        ranges = {m[1] for c in duties if (m := re.search(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", c.text))}
-        if len(ranges) == 1 and largest <= 1.001 * float(min(ranges)):
-            return float(min(ranges))
-        full = _full_by_numbers(np.unique(values[values > 0]), own)
-        if own & {"%", "percent", "pct", "prozent"}:
-            full = 100.0 if 1.0 < largest <= 100.1 else 0.0
-            likely = ["100", "1"]
-        if not full or own & POWER_WORDS:
-            self.ask(
-                "full", f"the most in {_list(duties)} is {largest:g}: what is full duty?", likely
-            )
-            return 0.0
-        return full
+        is_switched = any(list(own_levels) == [0.0, 1.0] for own_levels in levels)
+        is_mixed = most > MAX_DUTY_RATIO * min(tops) or (is_switched and min(tops) < 1.0)
+        # Names may have a range, such as 0..255, or a unit; else numbers tell.
+        if len(ranges) == 1:
+            full = float(min(ranges))
+            full = full if most <= 1.001 * full else 0.0
+        elif own & PERCENT_WORDS:
+            full = 100.0 if 1.0 < most <= 100.1 else 0.0
+        else:
+            numbers = np.unique(np.concatenate(levels))
+            full = 0.0 if own & POWER_WORDS else _full_by_numbers(numbers[numbers > 0], own)
+        if full and not is_inverted and not is_mixed:
+            return full
+        kind = "inverted" if is_inverted else "mixed units" if is_mixed else "full duty"
+        likely = [f"{scale:g}" for scale in FULL_SCALES if most <= 1.001 * scale][:3]
+        texts = " and ".join(f"{top:g}" for top in sorted(set(tops), key=tops.index))
+        columns = " and ".join(column.text for column in duties)
+        self.ask(kind, "full", likely, columns=columns, tops=texts)
+        return 0.0
 
     def _cools(self, duty: Column) -> bool:
         """Return whether the thermocouple of a duty's own name clearly cools with its heat."""
@@ -361,38 +328,44 @@ class Columns:
 
     def find_temperatures(self) -> None:
         """Find the thermocouples; columns whose names say nothing must be warmed."""
-        named = [c for c in self.columns_of_role(TEMPERATURE) if c.name.quantity != "counts"]
-        warmed = []
-        for column in self._unnamed_columns() if self.duties and not named else []:
-            is_warm = -10.0 < column.low < 320.0 and column.present.max() < 620.0
-            votes = column.votes(self.heats) if is_warm else np.zeros(1)
-            warmed += [column] if votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE else []
-        what = "the temperature of a wire"
-        self.temperatures = named or self._with_similar(warmed, "wires[0].temperature", what)
+
+        def is_warmed(column: Column) -> bool:
+            if not self.duties or not -10.0 < column.low < 320.0 or column.present.max() > 620.0:
+                return False
+            votes = column.votes(self.heats)
+            return bool(votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE)
+
+        self.temperatures = self._find(TEMPERATURE, is_warmed)
 
     def pair_wires_with_thermocouples(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
-        unpaired = list(self.temperatures)
         if not self.duties:
             return
+        # Find the thermocouples that clearly warm with each wire.
+        unpaired = list(self.temperatures)
         signals = np.array([column.means for column in unpaired])
-        warmed_sensors = Responses.of(self.steps.times, self.heats, signals).pairs()
+        warmed_sensors = evidence.clear_pairs(*self.steps.responses(self.heats, signals))
+        # Numbers and letters are names if duties and thermocouples have the same ones.
+        labels = [column.name.label for column in self.duties]
+        sensor_labels = [column.name.label for column in self.temperatures]
+        are_same = len(set(labels)) == len(labels) and sorted(labels) == sorted(sensor_labels)
+        # Names decide, if heat does not contradict them; else heat does.
         open_wires = []
         for index, wire in enumerate(self.wires):
-            named = self._thermocouples_named_as(index)
+            label = wire.name if wire.name in SIDES else labels[index] if are_same else ""
+            named = [c for c in self.temperatures if label and c.name.label == label]
             sensor = warmed_sensors[index]
             warmed = None if sensor is None else self.temperatures[sensor]
             if len(named) == 1 and warmed in (None, named[0]):
                 self._set_temperature(wire, named[0], "by its name")
                 unpaired.remove(named[0])
             elif named:
-                reason = f"several have the name of {wire.name}"
+                reason = f"Several have the name of {wire.name}"
                 if len(named) == 1 and warmed:
-                    reason = f"names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
-                choices = [*named, *([warmed] if warmed else [])]
-                self._ask_temperature(index, choices, reason, True)
-                unpaired = [c for c in unpaired if c not in named]
-            elif warmed in unpaired and warmed.name.side in ("", wire.name):
+                    reason = f"Names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
+                self._ask_temperature(index, [*named, *filter(None, [warmed])], reason)
+                unpaired = [column for column in unpaired if column not in named]
+            elif warmed in unpaired and self._may_have(wire, warmed):
                 self._set_temperature(wire, warmed, f"it warms with {wire.duty}")
                 unpaired.remove(warmed)
             else:
@@ -401,67 +374,61 @@ class Columns:
         are_like = len({column.name.stem for column in self.temperatures}) == 1
         is_last = are_like and len(self.temperatures) == len(self.wires) and len(open_wires) == 1
         for index in open_wires:
-            candidates = [c for c in unpaired if c.name.side in ("", self.wires[index].name)]
+            wire = self.wires[index]
+            candidates = [column for column in unpaired if self._may_have(wire, column)]
             if is_last and len(unpaired) == len(candidates) == 1:
-                self._set_temperature(
-                    self.wires[index], unpaired.pop(), "the only one that is left"
-                )
+                self._set_temperature(wire, unpaired.pop(), "the only one that is left")
             elif candidates:
-                self._ask_temperature(index, candidates, "neither names nor heat tell", False)
-        # Numbers with a sign heat the wires whose names their thermocouples have.
-        has_side = {column.text for column in self.temperatures if column.name.side}
-        if len(set(self.duties)) < len(self.duties) and not {
-            wire.temperature for wire in self.wires
-        } <= {UNKNOWN, *has_side}:
-            for index, wire in enumerate(self.wires):
-                sign_text = "positive" if wire.sign > 0 else "negative"
-                text = f"which wire do {sign_text} numbers of {wire.duty} heat?"
-                self.ask(f"wires[{index}].name", text, self.described_wires)
-                wire.name = UNKNOWN
-        asked = {choice for q in self.questions if "temperature" in q.field for choice in q.choices}
-        for column in [c for c in unpaired if c.text not in asked]:
-            self.wires.append(WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN))
-            text = f"{column.text} is a temperature of no wire that has a duty: give name and duty "
-            text += "of its wire ('' if it was not heated), or leave out this wire"
-            self.ask(f"wires[{len(self.wires) - 1}].duty", text, ["''", "none"])
+                self._ask_temperature(index, candidates)
+        self._name_by_thermocouples()
+        # Ask about thermocouples without a wire.
+        for column in unpaired:
+            if column.text not in self.notes:
+                wire = WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN)
+                self.wires.append(wire)
+                field = f"wires[{len(self.wires) - 1}].duty"
+                self.ask("no wire", field, ["''", "none"], column=column.text)
 
-    def _thermocouples_named_as(self, index: int) -> list[Column]:
-        """Return the thermocouples that have the name of a wire.
+    def _name_by_thermocouples(self) -> None:
+        """Give wires without a side in their names the side of their thermocouples' names."""
+        side_of_column = {column.text: column.name.side for column in self.temperatures}
+        sides = [side_of_column.get(wire.temperature, "") for wire in self.wires]
+        is_clear = self.has_sides and sides.count(LEFT) < 2 and sides.count(RIGHT) < 2
+        if not is_clear or any(wire.name != UNKNOWN for wire in self.wires):
+            return
+        for wire, side in zip(self.wires, sides, strict=True):
+            wire.name = side or UNKNOWN
+            self.notes |= {wire.temperature: f"temperature of the {side} wire"} if side else {}
+        # Of two wires, the other one is on the other side.
+        if len(sides) == 2 and "" in sides and any(sides):
+            self.wires[sides.index("")].name = LEFT if RIGHT in sides else RIGHT
 
-        Numbers and letters are names if duties and thermocouples have the same ones.
-        """
-        labels = [column.name.label for column in self.duties]
-        sensor_labels = [column.name.label for column in self.temperatures]
-        label = labels[index] if len(set(labels)) == len(labels) else self.wires[index].name
-        is_side = label in (LEFT, RIGHT) and label == self.wires[index].name
-        if not label or not (is_side or sorted(labels) == sorted(sensor_labels)):
-            return []
-        return [c for c in self.temperatures if c.name.label == label]
+    def _may_have(self, wire: WireColumns, column: Column) -> bool:
+        """Return whether a thermocouple's name does not say that it is of another wire."""
+        return column.name.side in ("", wire.name) or wire.name == UNKNOWN
 
     def _set_temperature(self, wire: WireColumns, column: Column, reason: str) -> None:
         wire.temperature = column.text
-        self.notes[column.text] = f"temperature of the {wire.name} wire, {reason}"
+        self.notes[column.text] = f"temperature of the wire that {wire.duty} heats, {reason}"
 
-    def _ask_temperature(
-        self, index: int, choices: list[Column], reason: str, contradicts: bool
-    ) -> None:
+    def _ask_temperature(self, index: int, choices: list[Column], contradiction: str = "") -> None:
         wire = self.wires[index]
         wire.temperature = UNKNOWN
-        texts = list(dict.fromkeys(column.text for column in choices))
-        text = f"which is the thermocouple of the wire that {wire.duty} heats, "
-        text += f"{' and '.join(texts)}? {reason}"
-        self.ask(f"wires[{index}].temperature", text, texts, contradicts)
         units = {column.name.unit for column in choices}
         wire.unit = units.pop() if len(units) == 1 and units <= set(READING_RANGES) else UNKNOWN
-        self.notes |= dict.fromkeys(texts, "a temperature, see the question")
+        for column in choices:
+            self.notes[column.text] = "a temperature, see the question"
+        kind = "named thermocouple" if contradiction else "thermocouple"
+        field = f"wires[{index}].temperature"
+        self.ask(kind, field, dict.fromkeys(choices), duty=wire.duty, reason=contradiction)
 
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the unit of their room."""
-        columns = {column.text: column for column in self.temperatures}
         for index, wire in enumerate(self.wires):
-            if wire.temperature not in columns:
+            own = [column for column in self.temperatures if column.text == wire.temperature]
+            if not own:
                 continue
-            column = columns[wire.temperature]
+            column = own[0]
             unit_in_name = column.name.unit if column.name.unit in READING_RANGES else ""
             similar = [c for c in self.temperatures if c.name.unit == column.name.unit]
             # Limbs that rest are in a room; warm ones may be known by how cold they become.
@@ -471,81 +438,101 @@ class Columns:
             rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
             unit = "C" if max(lowest) < MAX_COLD else "K" if min(lowest) > 250.0 else UNKNOWN
             unit = unit_in_name or ((rooms or [UNKNOWN])[0] if is_at_rest else unit)
+            # Readings must be possible in this unit.
             coldest, warmest, hottest = READING_RANGES.get(unit, (-np.inf, np.inf, np.inf))
-            is_possible = coldest < column.low < warmest
-            is_possible &= bool(np.quantile(column.present, 0.99) < hottest)
+            is_possible = coldest < column.low < warmest and column.high < hottest
             is_possible &= not (is_at_rest and rooms and unit_in_name and unit_in_name not in rooms)
-            # In a long log all wires are in one room at some time.
-            if unit != UNKNOWN and self.times[-1] > LONG_LOG_TIME:
-                coldest_readings = [np.quantile(c.present, 0.003) for c in similar if c.span]
-                is_possible &= max(coldest_readings, default=0.0) < ROOM_RANGES[unit][1]
-                is_possible &= np.ptp(coldest_readings or [0.0]) < MAX_COLD_SPREAD
+            is_possible &= unit == UNKNOWN or self._are_in_one_room(similar, unit)
             wire.unit = unit if is_possible else UNKNOWN
+            # Ask if they are not.
             if wire.unit == UNKNOWN:
-                text = f"unit of {column.text}: C, F or K? It reads {column.low:.3g} to "
-                text += f"{column.present.max():.3g}"
-                text += ", which does not tell, or contradicts its name or the others"
-                self.ask(f"wires[{index}].unit", text, list(READING_RANGES), bool(unit_in_name))
+                kind = "named unit" if unit_in_name else "unit"
+                facts = {"column": column.text, "low": column.low, "high": column.present.max()}
+                self.ask(kind, f"wires[{index}].unit", READING_RANGES, **facts)
+
+    def _are_in_one_room(self, sensors: list[Column], unit: str) -> bool:
+        """Return whether thermocouples become as cold as a room and each other, or may do so.
+
+        A thermocouple that has an offset stays apart from others, and does not cool.
+        """
+        moving = [column for column in sensors if column.span]
+        coldest = [float(np.quantile(column.present, 0.003)) for column in moving]
+        is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
+        if not moving or (is_long and max(coldest) > ROOM_RANGES[unit][1]):
+            return not moving
+        min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
+        share = MAX_COLD_SPREADS[0 if is_long else 1]
+        largest = max(min_offset, share * max(column.span for column in moving))
+        # Before the first heat, a wire that is warmer than others cools.
+        warmest = max(moving, key=lambda column: column.means[0])
+        num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
+        halves = np.array_split(warmest.means[:num_steps], 2)
+        lead = warmest.means[0] - min(column.means[0] for column in moving)
+        if num_steps > 5 and lead > min_offset:
+            cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
+            if np.nanmean(halves[0]) - np.nanmean(halves[1]) < cooling:
+                return False
+        return np.ptp(coldest) < largest
 
     # The bend.
 
     def bend(self) -> BendColumns:
         """Return the columns of the bend: by name, else points, else what follows the heat."""
         points = self._points()
-        in_points = {column for pair in points for column in pair}
-        places = {(x.name.stem, x.name.label) for x, _ in points}
-        in_points |= {
-            c for c in self.columns if c.name.axis and (c.name.stem, c.name.label) in places
-        }
-        rated = [c for c in self.columns_of_role(BEND) if c not in in_points and c.span]
+        places = {x.name.place for x, _ in points}
+        of_points = [c for c in self.columns if c.name.axis and c.name.place in places]
+        # Take what names say: angles, or else points.
+        rated = [c for c in self._of_role(BEND) if c not in of_points and c.span]
         if points and not rated:
             return self._line(points)
-        if self.axes == 2 and len(rated) == 2:
-            return self._bend_in_space(rated)
+        if self.limb.segments[0].axes == 2 and len(rated) == 2:
+            first, second = sorted(rated, key=lambda c: (c.name.axis, c.name.label))
+            bend = self._bend_column(first)
+            bend_e3 = self._bend_column(second)
+            return dataclasses.replace(
+                bend, column="", e2=first.text, e3=second.text, zero_e3=bend_e3.zero,
+                scale_e3=bend_e3.scale,
+            )  # fmt: skip
+        # Without names, it is what follows the heat.
         hints: list[Column] = []
         if not rated:
-            used = {*self.duties, *self.temperatures, *in_points}
-            rest = [c for c in self.columns_of_role("") if c.span and c not in used]
+            used = [*self.duties, *self.temperatures, *of_points]
+            rest = [c for c in self._of_role("") if c.span and c not in used]
             rest = [c for c in rest if not c.looks_like_heat]
             follows = [c for c in rest if (np.abs(c.votes(self.heats)) > MIN_VOTE).any()]
-            plain = [c for c in self._unnamed_columns() if c in rest]
+            plain = [c for c in self._unnamed() if c in rest]
             rated = [c for c in plain if c in follows or (len(plain) == 1 and not self.duties)]
             hints = [c for c in follows if c not in plain][:3]
         if not rated:
-            text = "no column seems to be the bend, which is an angle: give its column, or the "
-            text += "points of a picture, or join the camera's file"
+            hint = ""
             for column in hints:
-                text += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
-            self.ask("bend.column", text, [c.text for c in hints])
+                hint += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
+            self.ask("no bend", "bend.column", hints, hints=hint)
             return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(rated, key=lambda c: c.name.rank)
         for column in rated:
             is_alike = 0.9 < column.span / first.span < 1.1
             if not is_alike or abs(correlation(first.means, column.means)) < MIN_SAME_CORRELATION:
-                texts = [c.text for c in rated]
-                hint = (
-                    "" if self.axes == 2 else " Describe a limb that bends about two axes with -l"
-                )
-                text = f"which is the bend, {_list(rated)}? Each may be.{hint}"
-                self.ask("bend.column", text, texts)
+                self.ask("bend", "bend.column", rated)
                 return BendColumns(UNKNOWN)
         return self._bend_column(first)
 
     def _points(self) -> list[tuple[Column, Column]]:
-        """Return the columns x and y of points in a picture."""
-        fits = [c for c in self.columns if c.name.quantity in ("", "counts", "length")]
-        by_place = {(c.name.stem, c.name.label, c.name.axis): c for c in fits if c.name.is_measured}
+        """Return the columns x and y of points in a picture; none if there is one point only."""
+        by_place = {}
+        for column in self.columns:
+            if column.name.is_measured and column.name.quantity in ("", "counts", "length"):
+                by_place[column.name.place, column.name.axis] = column
         pairs = []
-        for (stem, label, axis), column in by_place.items():
-            other = by_place.get((stem, label, "y"))
-            if axis == "x" and other:
-                pairs.append((column, other))
+        for (place, axis), column in by_place.items():
+            if axis == "x" and (place, "y") in by_place:
+                pairs.append((column, by_place[place, "y"]))
         return pairs if len(pairs) > 1 else []
 
     def _line(self, points: list[tuple[Column, Column]]) -> BendColumns:
         """Return the line from the base to the tip; ask if it is not clear which they are."""
-        tip = points[-1]
+        tip = [column.text for column in points[-1]]
         self.notes |= {column.text: "of a point" for pair in points for column in pair}
         says_fixed = any(self.dictionary.has("fixed", x.name.words) for x, _ in points)
         says_base = self.dictionary.has("base", points[0][0].name.words)
@@ -555,134 +542,151 @@ class Columns:
         is_clear = is_still[0] and not is_still[1:].any()
         is_clear &= says_base or _bends_from_first(points)
         if not says_fixed and (is_clear or not self.heats.any()):
-            zero = base_direction([[c.values for c in pair] for pair in points])
-            line = [c.text for c in (*points[0], *tip)]
-            return BendColumns(line=line, zero=zero, measures=mapping.CHORD)
-        choices = [f"[{', '.join(c.text for c in (*pair, *tip))}]" for pair in points[:-1]]
-        text = "which point is the limb's base, and which its tip? Give x and y of the base, then "
-        self.ask("bend.line", text + "x and y of the tip", choices)
-        return BendColumns(line=[UNKNOWN, UNKNOWN, *(c.text for c in tip)], measures=mapping.CHORD)
-
-    def _bend_in_space(self, columns: list[Column]) -> BendColumns:
-        """Return the bends towards E2 and E3, which are called x and y, or 1 and 2."""
-        first, second = sorted(columns, key=lambda c: (c.name.axis, c.name.label))
-        first_bend = self._bend_column(first)
-        second_bend = self._bend_column(second)
-        return dataclasses.replace(
-            first_bend,
-            column="",
-            e2=first.text,
-            e3=second.text,
-            zero_e3=second_bend.zero,
-            scale_e3=second_bend.scale,
-        )
+            zero = base_direction([column.values for pair in points for column in pair])
+            line = [column.text for column in points[0]] + tip
+            # In the picture, the limb's right is clockwise.
+            return BendColumns(line=line, zero=zero, scale=-1.0, measures=mapping.CHORD)
+        choices = [f"[{', '.join([x.text, y.text, *tip])}]" for x, y in points[:-1]]
+        self.ask("base", "bend.line", choices)
+        return BendColumns(line=[UNKNOWN, UNKNOWN, *tip], scale=-1.0, measures=mapping.CHORD)
 
     def _bend_column(self, column: Column) -> BendColumns:
         """Return how the bend is read from its column; the scale is 0 if that is not known."""
+        # Names say what the angle is of.
         name = column.name
         measures = mapping.CHORD if "chord" in name.words else mapping.BEND_ANGLE
         if self.dictionary.has("tip tangent", name.words):
             measures = mapping.TIP_TANGENT
         elif self.dictionary.has("orientation", name.words):
             measures = UNKNOWN
-            text = f"{column.text} is an orientation: of the tip's tangent, which is halved?"
-            self.ask("bend.measures", text, list(mapping.MEASURES))
+            self.ask("orientation", "bend.measures", mapping.MEASURES, column=column.text)
         # Numbers that stay small while wires are hot are radians.
         rest = float(np.median(column.present[:10]))
         is_small = float(np.abs(column.present - np.median(column.present)).max()) < MAX_RADIANS
-        is_hot = (
-            self.heats.any() and max((c.span for c in self.temperatures), default=0.0) > HOT_RISE
-        )
+        rise = max((sensor.span for sensor in self.temperatures), default=0.0)
+        is_hot = bool(self.heats.any()) and rise > HOT_RISE
         scale = DEGREES_PER_UNIT.get(name.unit, 1.0)
-        if name.quantity not in ("", "angle") or column.span * scale > 540.0:
+        if name.quantity not in ("", "angle") or column.span * scale > MAX_BEND_RANGE:
             scale = 0.0
         elif is_small and not name.unit:
-            says_angle = name.role == BEND and name.words != ("tip",)
+            says_angle = name.role == BEND and name.words != ["tip"]
             is_plain = not name.role and abs(rest) < 1.0
             scale = DEGREES_PER_UNIT["rad"] if is_hot and (says_angle or is_plain) else 0.0
         elif is_small and name.unit == "deg" and is_hot and column.span < 1.5:
             scale = 0.0
         zero = rest if not scale or abs(rest) * scale > MAX_REST_BEND else 0.0
         if not scale:
-            text = f"how many degrees is a unit of {column.text}? Negative if the limb bends "
-            text += "towards the right wire when its numbers fall"
-            self.ask("bend.scale", text, ["1.0", "57.29578"])
+            self.ask("scale", "bend.scale", ["1.0", "57.29578"], column=column.text)
         self.notes[column.text] = f"the bend ({measures}), {scale:.4g} degrees a unit"
         return BendColumns(column.text, zero=zero, scale=scale, measures=measures)
 
-    def set_bend_sign(self, found: LogMapping) -> None:
-        """Turn the bend so that it grows where the right wire is heated, if all wires say so."""
+    # Sides.
+
+    def find_sides(self, found: LogMapping) -> None:
+        """Turn the bend so that it grows where the right wire is heated, if all wires say so.
+
+        If no name has a side, the bend keeps its sign and names the wires: the right wire is the
+        wire that bends the limb to positive angles.
+        """
         bend = found.bend
         wires = found.wires[: len(self.duties)]
-        if not bend.scale or UNKNOWN in bend.columns or not wires:
-            return
-        heated = []
-        most = max(float(np.abs(c.present).max()) for c in self.duties)
-        for index, wire in enumerate(wires):
-            duty = np.clip(wire.sign * forward_fill(self.duties[index].values), 0.0, None)
-            dose = np.trapezoid(duty, self.times) / (found.full or most or 1.0)
-            heated += [index] if dose > MIN_HEATED_TIME else []
-        if not heated:
+        # Heat in seconds of full duty shows which wires bend the limb.
+        tops = np.array([np.abs(column.present).max() for column in self.duties])
+        doses = (
+            self.heats.sum(axis=1) * self.steps.step * tops / (found.full or max(tops, default=1))
+        )
+        is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
+        is_nameless = all(wire.name == UNKNOWN for wire in wires) and len(wires) <= 2
+        is_nameless &= self.has_sides
+        sides = np.array([])  # of the wires, as -1 and 1, if they have no names
+        if wires and not is_heated.any():
             self.notes["sign"] = "no heat shows which way the limb bends; check bend.scale's sign"
-            return
-        plain = dataclasses.replace(bend, measures=mapping.BEND_ANGLE)
-        rows = bends_of(self.table, dataclasses.replace(found, bend=plain))[:, self.kept]
+            sides = np.array([-1.0, 1.0])[: len(wires)]
+        elif wires and bend.scale and UNKNOWN not in bend.columns:
+            votes = self._bend_votes(found)
+            heated_votes = votes[is_heated]
+            if is_nameless:
+                # A wire that was not heated is on the other side.
+                sides = np.sign(np.where(is_heated, votes, -heated_votes.sum()))
+                is_clear = bool((np.abs(heated_votes) > MIN_VOTE).all())
+                is_clear &= len(set(sides)) == len(sides)
+                sign = 1.0
+            else:
+                sign = float(np.sign(heated_votes.sum()))
+                is_clear = bool((sign * heated_votes > MIN_VOTE).all())
+            if is_clear:
+                bend.scale *= sign
+                bend.scale_e3 *= sign
+                side = "away from its side" if sign < 0 else "to its side"
+                self.notes["sign"] = f"each wire bends the limb {side}, as the column counts it"
+            else:
+                sides = np.array([])
+                choices = [f"{bend.scale:g}", f"{-bend.scale:g}"]
+                self.ask("sign", "bend.scale", choices, columns=" and ".join(bend.columns))
+                bend.scale = 0.0
+        # Name wires by their sides, or ask.
+        for index, wire in enumerate(wires):
+            numbers = ""
+            if len(set(self.duties)) < len(wires):
+                numbers = f"{'positive' if wire.sign > 0 else 'negative'} numbers of "
+            if is_nameless and len(sides):
+                wire.name = RIGHT if sides[index] > 0 else LEFT
+                self.notes[f"{wire.name} wire"] = f"{numbers}{wire.duty}, by the bend's sign"
+            elif wire.name == UNKNOWN:
+                field = f"wires[{index}].name"
+                self.ask("wire", field, self.limb.wire_names, numbers=numbers, duty=wire.duty)
+
+    def _bend_votes(self, found: LogMapping) -> np.ndarray:
+        """Return how clearly wires bend the limb to their sides, or to positive angles (W,)."""
+        plain = dataclasses.replace(found.bend, measures=mapping.BEND_ANGLE)
+        rows = bends_of(self.table, dataclasses.replace(found, bend=plain))[:, self.rows]
         bends = np.array([self.steps.means(row) for row in rows])
-        # Each wire bends the limb to its own side.
-        limb = self.limb or LimbParameters()
-        known = {wire.name: np.array(wire.lever)[: len(rows)] for wire in limb.wires}
-        levers = np.array([known.get(wire.name, np.zeros(len(rows))) for wire in wires])
-        read = {column.text: column.means for column in self.temperatures if column.span}
-        pairs = zip(wires, self.heats[: len(wires)], strict=True)
-        warmth = np.array([read.get(wire.temperature, heat) for wire, heat in pairs])
-        votes = bend_votes(self.steps, self.heats[: len(wires)], warmth, bends, levers)[heated]
-        sign = float(np.sign(votes.sum()))
-        if not (sign * votes > MIN_VOTE).all():
-            text = (
-                f"the sign of {' and '.join(bend.columns)}: names and heat do not tell that each "
-            )
-            text += "wire bends the limb to its side; negative if the right wire bends it to where "
-            text += "numbers fall"
-            self.ask("bend.scale", text, [f"{bend.scale:g}", f"{-bend.scale:g}"])
-            bend.scale = 0.0
-        else:
-            bend.scale *= sign
-            bend.scale_e3 *= sign
-            side = "away from its side" if sign < 0 else "to its side"
-            self.notes["sign"] = f"each wire bends the limb {side}, as the column counts it"
+        lever_of_wire = {wire.name: wire.lever for wire in self.limb.wires}
+        levers = np.ones((len(rows), len(self.heats)))
+        warmth = self.heats.copy()
+        for index, wire in enumerate(found.wires[: len(self.heats)]):
+            if wire.name in lever_of_wire:
+                levers[:, index] = lever_of_wire[wire.name][: len(rows)]
+            for column in self.temperatures:
+                if column.text == wire.temperature and column.span:
+                    warmth[index] = column.means
+        return evidence.clear_votes(self.steps, [self.heats, warmth], bends, levers)
+
+    # What is left over.
 
     def ask_about_the_rest(self) -> None:
         """Ask about what is left over and could be heat, or a wire's temperature."""
-        bare = [i for i, wire in enumerate(self.wires[: len(self.duties)]) if not wire.temperature]
+        # Wires without a thermocouple may have what warms with them.
+        bare = [i for i in range(len(self.duties)) if not self.wires[i].temperature]
         for column in self.columns:
             name = column.name
-            if not column.span or not name.is_measured or name.role in (TIME, FRAME):
+            is_signal = (
+                column.span and name.is_measured and name.role not in (words.TIME, words.FRAME)
+            )
+            if not is_signal or column.text in self.notes:
                 continue
+            # Heat that duties do not explain is of another wire.
             is_duty = name.role == DUTY
-            if column.text in self.notes:
-                continue
             if column.looks_like_heat or is_duty:
-                is_explained = bool(self.duties) and self._is_explained(column)
-                if not is_explained and (is_duty or self._is_followed(column)):
+                if not self._is_explained(column) and (is_duty or self._is_followed(column)):
                     self.wires.append(WireColumns(UNKNOWN, column.text))
                     what = f" is a {name.quantity}, but" if name.quantity else ""
-                    text = f"{column.text}{what} may be the heat of a wire: give the wire's name, "
                     field = f"wires[{len(self.wires) - 1}].name"
-                    choices = [*self.described_wires, "none"]
-                    self.ask(field, text + "or leave out this wire", choices)
+                    choices = [*self.limb.wire_names, "none"]
+                    self.ask("heat", field, choices, column=column.text, what=what)
             elif bare and name.role in ("", TEMPERATURE):
                 votes = column.votes(self.heats[bare])
                 index = bare[int(votes.argmax())]
                 if votes.max() > MIN_VOTE and correlation(self.heats[index], column.means) > 0.6:
-                    self._ask_temperature(index, [column], "it warms with it", False)
+                    self._ask_temperature(index, [column])
 
     def _is_explained(self, column: Column) -> bool:
         """Return whether a column shows no more than the duties, as a current or a sum does."""
-        rows = [forward_fill(duty.means) for duty in dict.fromkeys(self.duties)]
-        factors = np.vstack([*rows, np.ones(len(column.means))]).T
-        values = forward_fill(column.means)
-        left = values - factors @ np.linalg.lstsq(factors, values, rcond=None)[0]
-        return bool(left.std() < 0.3 * values.std())
+        rows = [evidence.forward_fill(duty.means) for duty in dict.fromkeys(self.duties)]
+        causes = np.vstack([*rows, np.ones(len(column.means))]).T
+        values = evidence.forward_fill(column.means)
+        left = values - causes @ np.linalg.lstsq(causes, values, rcond=None)[0]
+        return bool(rows) and bool(left.std() < 0.3 * values.std())
 
 
 def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dictionary) -> Proposal:
@@ -700,11 +704,9 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     bend = columns.bend()
     columns.ask_about_the_rest()
     missing = [str(value) for value in columns.missing]
-    mapping = LogMapping.of(
-        columns.table, columns.time, columns.wires, bend, full=full, missing=missing
-    )
-    columns.set_bend_sign(mapping)
-    return columns.proposal("", mapping)
+    found = LogMapping(columns.time, columns.wires, bend, full, missing=missing, **table.form)
+    columns.find_sides(found)
+    return columns.proposal("", found)
 
 
 def _bends_from_first(points: list[tuple[Column, Column]]) -> bool:
@@ -717,9 +719,8 @@ def _bends_from_first(points: list[tuple[Column, Column]]) -> bool:
     lengths = np.nanmedian(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)), axis=1)
     middles = np.cumsum(lengths) - lengths / 2
     links = np.arctan2(np.diff(y, axis=0), np.diff(x, axis=0))
-    turned = links[:, ~np.isnan(links).any(axis=0)]
-    turned = np.unwrap(turned, axis=1) - turned[:, :1]
-    turns = turned.std(axis=1)
+    links = np.unwrap(links[:, ~np.isnan(links).any(axis=0)], axis=1)
+    turns = links.std(axis=1)
     expected = turns[-1] * middles[0] / middles[-1]
     return len(points) > 2 and bool(MIN_FIRST_TURN * expected < turns[0])
 
@@ -728,13 +729,14 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
     """Return the number of full duty by what numbers there are of duty; 0 if they do not tell.
 
     Programs set duty in hundredths: whole numbers that are all rounded hundredths of 255 are
-    counts of 8 bits, and not by chance if there are some of them. So are those of a "pwm"
+    counts of 8 bits, and not by chance if there are some of them. So are numbers of a "pwm"
     beyond 100.
 
     Args:
         levels: the numbers but 0.
         own: words and units in the names.
     """
+    # Full scales, and shares with a fraction, tell it themselves.
     most = float(levels.max())
     is_in_fives = bool((levels % 5 == 0).all())
     if most in FULL_SCALES or most <= 1.0:
@@ -745,6 +747,7 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
         return 255.0
     if most <= 100.0 and own & SHARE_WORDS and len(levels) > 3 and is_in_fives:
         return 100.0
+    # Else all numbers are hundredths of one full scale alone.
     fits = []
     for full in FULL_SCALES[2:]:
         hundredths = full * np.round(levels * 100 / full) / 100
@@ -752,10 +755,6 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
             fits.append(full)
     enough = 2 if (most > 100.0 or "pwm" in own) and not is_in_fives else 8
     return fits[0] if len(fits) == 1 and len(levels) > enough else 0.0
-
-
-def _list(columns: list[Column]) -> str:
-    return " and ".join(column.text for column in columns)
 
 
 def _stands_out(values: np.ndarray, value: float) -> bool:
@@ -767,22 +766,3 @@ def _stands_out(values: np.ndarray, value: float) -> bool:
         return False
     low, high = np.quantile(others, [0.01, 0.99])
     return not low - 2 * (high - low) - 1 < value < high + 2 * (high - low) + 1
-
-
-def base_direction(points: list[list[np.ndarray]]) -> float:
-    """Return the direction of a limb's base in a picture whose y points down, °.
-
-    The directions of links are those of the tangents at their middles, and the base is half a
-    link before the first one, as for constant curvature.
-
-    Args:
-        points: x and y (K,) of two or more points, the base first.
-    """
-    x, y = np.moveaxis(np.array(points), 1, 0)
-    is_seen = ~((x == 0) & (y == 0)).any(axis=0) & ~np.isnan(x + y).any(axis=0)
-    if not is_seen.any():
-        return 0.0
-    links = np.arctan2(-np.diff(y[:, is_seen], axis=0), np.diff(x[:, is_seen], axis=0))
-    links = np.unwrap(links, axis=0)
-    base = links[0] if len(links) < 2 else 1.5 * links[0] - 0.5 * links[1]
-    return round(float(np.rad2deg(np.median(base))), 2)

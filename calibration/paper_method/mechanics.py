@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -262,11 +263,13 @@ def _stiffness_of_sags(
         spread = pooled_spread(scatter, len(counts))
     weights = np.sqrt(counts) / max(spread, 1e-9)
 
-    # Fit log k and the rest angle to the means.
+    # Fit log k and the rest angle to the means; a rest angle that is known moves no sag.
+    @functools.cache
+    def simulated_sags(k: float, angle: float) -> np.ndarray:
+        return np.array([_sag_of(limb, sensor, k, angle)[0] for limb in mounted_limbs])
+
     def residuals(unknown: np.ndarray) -> np.ndarray:
-        k = np.exp(unknown[0])
-        angle = rest + rest_error * unknown[1]
-        simulated = [_sag_of(limb, sensor, k, angle)[0] for limb in mounted_limbs]
+        simulated = simulated_sags(np.exp(unknown[0]), rest + rest_error * unknown[1])
         return np.append(weights * (simulated - means), unknown[1])
 
     try:

@@ -16,7 +16,7 @@ from numpy.polynomial.chebyshev import chebvander
 from limb_systems import LimbModel, LimbParameters, SegmentParameters
 from limb_systems.bend_sensor import roll_bends
 from limb_systems.monte_carlo import OpenLoop
-from limb_systems.rubber import NonlinearRubber, ramp
+from limb_systems.rubber import NonlinearRubber
 from limb_systems.smooth_function import SmoothFunction
 from limb_systems.symbolic_chain import Chain
 
@@ -77,16 +77,19 @@ class OpenLoopInSpace(OpenLoop):
         self,
         torques: np.ndarray,
         rubber: Mapping[str, np.ndarray],
-        bent: Callable[[int, np.ndarray], np.ndarray] | None,
+        bent: Callable[[np.ndarray], np.ndarray] | None,
     ) -> np.ndarray:
         # Add the wires' torques, over k, towards E2 and E3.
         levers = np.stack([np.cos(rubber["angle"]), np.sin(rubber["angle"])], axis=-1)
         pulls = torques.swapaxes(0, 1) @ levers[:, None]
         pulls /= rubber["stiffness"][:, None, None, None]
         if "shift" in rubber:
-            ratio = _springs(rubber)[:, None, None]
-            shifts = self._rest_shifts(torques, levers, rubber).swapaxes(0, 1)
-            pulls += ratio * shifts / self._chain.bend_by_equal_angle
+            # The bend that each wire would hold alone.
+            springs = rubber["stiffness"][:, None] * _springs(rubber)
+            by_torque = np.linalg.norm(levers / springs[:, None], axis=-1)
+            by_torque *= self._chain.bend_by_equal_angle
+            shifts = self.rest_shifts(by_torque[:, None] * torques, levers, rubber).swapaxes(0, 1)
+            pulls += _springs(rubber)[:, None, None] * shifts / self._chain.bend_by_equal_angle
         # Find the bends in each mounting, and turn them as the sensor is rolled.
         bends = np.empty_like(pulls)
         for number, balance in enumerate(self._balances):
@@ -94,29 +97,6 @@ class OpenLoopInSpace(OpenLoop):
             bends[:, :, runs] = self._interpolated(balance, pulls[:, :, runs], rubber)
         read_bends = roll_bends(bends.transpose(3, 1, 0, 2), rubber["roll"][:, None])
         return np.moveaxis(read_bends, 0, -1)
-
-    def _rest_shifts(
-        self, torques: np.ndarray, levers: np.ndarray, rubber: Mapping[str, np.ndarray]
-    ) -> np.ndarray:
-        """Return how far memory moves the rest angle (K + 1, B, R, 2), rad; see `NonlinearRubber`.
-
-        Args:
-            torques: torques of the wires (K + 1, B, R, W), N·m.
-            levers: directions of the wires (B, W, 2).
-        """
-        # The bend that each wire would hold alone, as far as it grows in each step.
-        springs = rubber["stiffness"][:, None] * _springs(rubber)
-        by_torque = np.linalg.norm(levers / springs[:, None], axis=-1)
-        by_torque *= self._chain.bend_by_equal_angle
-        rates = np.diff(by_torque[:, None] * torques, axis=0) / self.step
-        progress = self.step * ramp(rates) * rubber["rate"][:, None, None]
-        # The implicit Euler method, as in the plane.
-        towards = rubber["shift"][:, None, None] * (progress @ levers)
-        remaining = 1 / (1 + progress.sum(axis=-1, keepdims=True))
-        shifts = np.zeros((*torques.shape[:-1], 2))
-        for number, (drawn_shift, share) in enumerate(zip(towards, remaining, strict=True)):
-            shifts[number + 1] = share * (shifts[number] + drawn_shift)
-        return shifts
 
     def _interpolated(
         self, balance: SmoothFunction, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]

@@ -13,12 +13,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
 from calibration.estimate import Estimate, record_of
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
+from calibration.prediction.residual_noise import ResidualNoise
 from calibration.prediction.unknowns import (
     ABSENT_VALUES,
     FORMER_FIELDS,
@@ -185,21 +185,8 @@ class LawFit:
         """
         problem = self._problem(runs)
         problem.num_moved = 0
-        size = len(self.fitted)
-
-        def full_vector(initial_conditions: np.ndarray) -> np.ndarray:
-            return np.concatenate([self.fitted, initial_conditions])
-
-        solution = least_squares(
-            lambda n: problem.residuals(full_vector(n)),
-            problem.initial_center,
-            lambda n: problem.jacobian(full_vector(n))[:, size:],
-            x_scale=problem.spread[size:],
-            ftol=10 * TOLERANCE,
-            xtol=TOLERANCE,
-            max_nfev=MAX_ITERATIONS,
-        )
-        return problem.predicted(full_vector(solution.x))
+        x = np.concatenate([self.fitted, problem.initial_center])
+        return problem.predicted(problem.optimum(x, free=slice(len(self.fitted), None)))
 
     def roll_out(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
         """Predict recordings open loop from what is read at their start, as a plan begins."""
@@ -250,35 +237,21 @@ def fit_law(
     if start is not None:
         start_values |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
 
-    def fitted_from(x: np.ndarray) -> LawFit:
-        for number in range(NUM_PASSES[1]):
-            # Fit, then weight residuals by what the law's form leaves, and fit again.
-            solution = least_squares(
-                problem.residuals,
-                x,
-                problem.jacobian,
-                bounds=problem.bounds,
-                x_scale=problem.spread,
-                ftol=TOLERANCE if number else 10 * TOLERANCE,
-                xtol=TOLERANCE,
-                gtol=1e-10,
-                max_nfev=MAX_ITERATIONS,
-                callback=lambda intermediate_result: report(f"cost {intermediate_result.cost:.0f}"),
-            )
-            x = solution.x
-            changed = problem.reweigh(x)
-            if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
-                break
-        return problem.fit_at(x)
-
-    fit = fitted_from(problem.best_start([start_values[u.name] for u in unknowns]))
+    # Start from the optimum of a law that this law contains, or from a likelier start.
+    start_in_law = None
+    if start is not None and _is_fit_to(start, runs):
+        start_in_law = problem.contained(start)
+    x = problem.best_start([start_values[u.name] for u in unknowns], start_in_law)
+    for number in range(NUM_PASSES[1]):
+        # Fit, then weight residuals by what the law's form leaves, and fit again.
+        x = problem.optimum(x, tolerance=TOLERANCE if number else 10 * TOLERANCE, report=report)
+        changed = problem.reweigh(x)
+        if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
+            break
+    fit = problem.fit_at(x)
     # No worse than a law that it contains.
-    start_in_law = problem.contained(start) if start else None
-    if start is None or start_in_law is None or not _is_fit_to(start, runs):
-        return fit
-    if fit.misfit > start.misfit:
-        fit = min(fit, fitted_from(start_in_law), key=lambda each: each.misfit)
-    return fit if fit.misfit <= start.misfit else problem.fit_at(start_in_law)
+    is_worse = start_in_law is not None and start is not None and fit.misfit > start.misfit
+    return problem.fit_at(start_in_law) if is_worse else fit
 
 
 def _is_fit_to(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
@@ -350,14 +323,14 @@ class _FitProblem:
             np.concatenate([[u.high for u in unknowns], free]),
         )
         # Noise of the sensors, and errors of the law's form, by which residuals are whitened.
-        self._is_read = [run.counts.T > 0 for run in runs]
-        self.num_readings = int(sum(is_read.sum() for is_read in self._is_read))
+        self._present_signals = [np.flatnonzero(run.counts.any(axis=0)) for run in runs]
+        self.num_readings = int(sum((run.counts > 0).sum() for run in runs))
         sensor = segment.bend_sensor
         self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
         self.reads_heat = any(run.is_read for run in runs)
         # Size and time of what the form leaves, of bends and of readings.
         self._forms = [(size, FORM_TIME) for size in INITIAL_FORM_SIZES]
-        self._outliers = [np.zeros_like(is_read) for is_read in self._is_read]
+        self._outliers = [np.zeros(run.counts.T.shape, bool) for run in runs]
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
         self._whiten()
 
@@ -394,32 +367,32 @@ class _FitProblem:
         return np.where(np.isnan(run.first), ambient, run.first)
 
     def _whiten(self) -> None:
-        """Set the factors of the residuals' covariances, for each signal of each recording."""
-        self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by these factors
-        self._factors = []
-        for run, outliers, is_read in zip(self._runs, self._outliers, self._is_read, strict=True):
-            # Correlations by how far samples are apart.
-            lags = np.abs(run.times[:, None] - run.times)
-            times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
-            correlations = {time: np.exp(-lags / time) for time in times}
-            factors: list[np.ndarray] = []
-            by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
-            for signal, is_present in enumerate(is_read):
+        """Set the noise of the residuals, of each signal of each recording that has samples."""
+        self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by this noise
+        num_signals = sum(map(len, self._present_signals))
+        times = np.zeros((max(len(run.times) for run in self._runs), num_signals))
+        sample_variance = np.full(times.shape, np.inf)
+        sizes = np.empty((2, num_signals))
+        memories = np.empty((2, num_signals))
+        column = 0
+        for run, outliers, signals in zip(
+            self._runs, self._outliers, self._present_signals, strict=True
+        ):
+            num_samples = len(run.times)
+            times[:num_samples, column : column + len(signals)] = run.times[:, None]
+            for signal in signals:
                 # Variance of each mean; outliers count for almost nothing.
                 is_reading = int(signal >= self._num_bends)
                 sample, drift, drift_time = self._noises[is_reading]
+                counts = run.counts[:, signal]
+                variance = sample**2 / np.maximum(counts, 1) + 1e-12
+                variance += (100 * sample * outliers[signal]) ** 2
+                sample_variance[:num_samples, column] = np.where(counts > 0, variance, np.inf)
                 form, form_time = self._forms[is_reading]
-                sample_variance = sample**2 / np.maximum(run.counts[:, signal], 1)
-                sample_variance = sample_variance + (100 * sample * outliers[signal]) ** 2
-                if (
-                    key := (is_reading, is_present.tobytes(), sample_variance.tobytes())
-                ) not in by_noise:
-                    covariance = drift**2 * correlations[drift_time]
-                    covariance += form**2 * correlations[form_time]
-                    np.einsum("ii->i", covariance)[:] += sample_variance + 1e-12
-                    by_noise[key] = np.linalg.cholesky(covariance[np.ix_(is_present, is_present)])
-                factors.append(by_noise[key])
-            self._factors.append(factors)
+                sizes[:, column] = drift, form
+                memories[:, column] = drift_time, form_time
+                column += 1
+        self._noise = ResidualNoise(times, sample_variance, sizes, memories)
 
     def reweigh(self, x: np.ndarray) -> float:
         """Fit to the residuals at x what the form leaves, and see which means are outliers.
@@ -502,14 +475,17 @@ class _FitProblem:
         margin = 1e-6 * (self.bounds[1][:size] - self.bounds[0][:size])
         x[:size] = np.clip(x[:size], self.bounds[0][:size] + margin, self.bounds[1][:size] - margin)
         if len(fit.initial_conditions) == len(self._runs):
-            # The ambient temperature, and the states that both laws have.
+            # The ambient temperature, the states that both laws have, and others of cold wires.
             initial_conditions = x[size:].reshape(len(self._runs), -1)
-            initial_conditions[:, 0] = fit.initial_conditions[:, 0]
+            initial_conditions[:, 0] = fit_T0 = fit.initial_conditions[:, 0]
             states = initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
             former = fit.initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+            cold_states = np.transpose([self._law().cold_states(T0) for T0 in fit_T0])
             for row, state in enumerate(self._law.states):
                 if state in fit.law.states:
                     states[:, row] = former[:, list(fit.law.states).index(state)]
+                else:
+                    states[:, row] = cold_states[row][:, None]
             initial_conditions[:, 1:] = states.reshape(len(self._runs), -1)
         return x
 
@@ -517,7 +493,9 @@ class _FitProblem:
         """Return the highest T of each wire (W,), °C, for one x."""
         return self._simulate_states(x[None])[0].max(axis=(0, 1, 2))
 
-    def _simulate_states(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _simulate_states(
+        self, x: np.ndarray, *, near_first: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return T, V and φ as `OpenLoop.simulate` does, for parameter sets x (B, P + R Q)."""
         size = len(self._unknowns)
         num_wires = self._num_wires
@@ -542,11 +520,13 @@ class _FitProblem:
         first = np.array([self._first(run, self._ambient) for run in self._runs])
         initial = [*states, np.broadcast_to(first, states[0].shape)]
         law = with_fields(self._law, fields)
-        return self._open_loop.simulate(law, initial_conditions[:, :, 0], initial, rubber)
+        return self._open_loop.simulate(
+            law, initial_conditions[:, :, 0], initial, rubber, near_first=near_first
+        )
 
-    def _simulate(self, x: np.ndarray) -> list[np.ndarray]:
+    def _simulate(self, x: np.ndarray, *, near_first: bool = False) -> list[np.ndarray]:
         """Simulate φ and V of each recording (M, B, F + W) for parameter sets x (B, P + R Q)."""
-        _, readings, bends = self._simulate_states(x)
+        _, readings, bends = self._simulate_states(x, near_first=near_first)
         bends = bends.reshape(*readings.shape[:-1], self._num_bends)
         signals = np.concatenate([bends, readings], axis=-1)
         return [
@@ -566,46 +546,95 @@ class _FitProblem:
             for run, signals in simulated
         ]
 
-    def _whitened(self, simulated: list[np.ndarray]) -> np.ndarray:
-        """Return the residuals of φ, then of each V, over their factors (all M, B).
-
-        Those that are missing are left out.
+    def _whitened(self, simulated: list[np.ndarray]) -> list[np.ndarray]:
+        """Return the whitened residuals of each recording (all M, B), zero where missing.
 
         Args:
             simulated: φ and V of each recording, by `_simulate`.
         """
-        parts = []
-        for run, factors, is_read, signals in zip(
-            self._runs, self._factors, self._is_read, simulated, strict=True
+        # Collect the residuals of all signals.
+        num_signals = sum(map(len, self._present_signals))
+        num_samples = max(len(run.times) for run in self._runs)
+        residuals = np.zeros((num_samples, num_signals, simulated[0].shape[1]))
+        columns = []
+        column = 0
+        for run, present, signals in zip(
+            self._runs, self._present_signals, simulated, strict=True
         ):
-            errors = np.moveaxis(signals - run.signals[:, None], 2, 0)
-            for factor, is_present, error in zip(factors, is_read, errors, strict=True):
-                if is_present.any():
-                    valid = error[is_present]
-                    parts.append(solve_triangular(factor, valid, lower=True, check_finite=False))
-        return np.concatenate(parts)
+            columns.append(slice(column, column := column + len(present)))
+            errors = (signals - run.signals[:, None]).swapaxes(1, 2)[:, present]
+            is_missing = run.counts[:, present] == 0
+            errors[is_missing] = 0.0
+            residuals[: len(run.times), columns[-1]] = errors
+        # Whiten them, and sort them by recordings.
+        whitened = self._noise.whiten(residuals)
+        result = []
+        for run, chosen in zip(self._runs, columns, strict=True):
+            result.append(whitened[: len(run.times), chosen].reshape(-1, residuals.shape[2]))
+        return result
 
     def _beforehand(self, x: np.ndarray) -> np.ndarray:
         size = len(self._unknowns)
         offset = x - self.center
         return np.concatenate([self._prior @ offset[:size], offset[size:] / self._initial_spread])
 
-    def best_start(self, expected: Sequence[float]) -> np.ndarray:
-        """Return the best of what is known of the unknowns (P), what is expected, and random."""
+    def best_start(self, known: Sequence[float], contained: np.ndarray | None) -> np.ndarray:
+        """Return the best x of known unknowns (P), `contained`, the expected, and random ones."""
         size = len(self._unknowns)
         # The expected values, a former fit's and random draws from the prior.
         starts = np.tile(self.center, (NUM_STARTS, 1))
-        starts[0, :size] = expected
-        random = np.random.default_rng(0).standard_normal((NUM_STARTS - 2, size))
-        starts[2:, :size] += random * self.spread[:size]
+        starts[0, :size] = known
+        if contained is not None:
+            starts[-1] = contained
+        random = np.random.default_rng(0).standard_normal((NUM_STARTS - 3, size))
+        starts[2:-1, :size] += random * self.spread[:size]
         low, high = (bound[:size] for bound in self.bounds)
         margin = 1e-6 * (high - low)
         starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
         # Simulate all starts at once, and take the start with the least cost.
         with np.errstate(all="ignore"):  # of values that nobody has
-            readings = self._whitened(self._simulate(starts))
-            costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
+            costs = np.array([(self._beforehand(x) ** 2).sum() for x in starts])
+            for readings in self._whitened(self._simulate(starts)):
+                costs += (readings**2).sum(axis=0)
         return starts[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
+
+    def optimum(
+        self,
+        x: np.ndarray,
+        *,
+        free: slice = slice(None),
+        tolerance: float = 10 * TOLERANCE,
+        report: Callable[[str], object] = lambda remark: None,
+    ) -> np.ndarray:
+        """Return the x with the least cost, by a trust region from a given x.
+
+        Args:
+            x: the start.
+            free: what of x is free; the rest stays.
+            tolerance: relative change of the cost, at which iterations end.
+            report: is called in each iteration with a remark on it.
+        """
+        # Count in spreads from the center, as the trust region and its tolerance do not scale.
+        center = self.center[free]
+        spread = self.spread[free]
+
+        def full_vector(distances: np.ndarray) -> np.ndarray:
+            result = x.copy()
+            result[free] = center + spread * distances
+            return result
+
+        solution = least_squares(
+            lambda z: self.residuals(full_vector(z)),
+            (x[free] - center) / spread,
+            lambda z: self.jacobian(full_vector(z))[:, free] * spread,
+            bounds=[(bound[free] - center) / spread for bound in self.bounds],
+            ftol=tolerance,
+            xtol=TOLERANCE,
+            gtol=1e-10,
+            max_nfev=MAX_ITERATIONS,
+            callback=lambda intermediate_result: report(f"cost {intermediate_result.cost:.0f}"),
+        )
+        return full_vector(solution.x)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         return self._around(x)[0]
@@ -634,24 +663,22 @@ class _FitProblem:
                 moved_x[1 + index, index] += step[index]
             for index in range(count):
                 moved_x[1 + num_moved + index, size + index :: count] += step[size + index :: count]
-            self._simulated = x.copy(), self._simulate(moved_x)
+            self._simulated = x.copy(), self._simulate(moved_x, near_first=True)
         # Steps into what cannot be simulated are refused by the solver if they are far off.
         with np.errstate(over="ignore", invalid="ignore"):
             whitened = self._whitened(self._simulated[1])
         # Reduce each run's residuals to as many rows as it has unknowns.
-        readings = np.nan_to_num(whitened[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
-        change = whitened[:, 1:] - whitened[:, :1]
         errors = []
         rows = []
-        row = 0
         column = size
-        for is_read in self._is_read:
-            run_rows = slice(row, row := row + int(is_read.sum()))
+        for run_residuals in whitened:
             columns = slice(column, column := column + count)
-            slopes = change[run_rows] / np.concatenate([step[:num_moved], step[columns]])
+            changes = run_residuals[:, 1:] - run_residuals[:, :1]
+            slopes = changes / np.concatenate([step[:num_moved], step[columns]])
             # Turned, the residuals of a run are as many as what they depend on, and their squares
             # and slopes say the same.
-            stacked_residuals = np.column_stack([slopes, readings[run_rows]])
+            readings = np.nan_to_num(run_residuals[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
+            stacked_residuals = np.column_stack([slopes, readings])
             rotated = np.asarray(np.linalg.qr(stacked_residuals, mode="r"))
             block = np.zeros((len(rotated), len(x)))
             block[:, :num_moved] = rotated[:, :num_moved]

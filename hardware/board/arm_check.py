@@ -10,7 +10,13 @@ from hardware.board.heat_rates import (
     interpolate_gaps,
     unit_temperature_rise,
 )
-from hardware.board.link import BoardLink, Sample, check_fit, shares_of
+from hardware.board.link import (
+    BoardLink,
+    Sample,
+    check_fit,
+    check_heat_is_measured,
+    shares_of,
+)
 from limb_systems import LimbError, LimbModel, LimbParameters, bend_angle_from_tip_tangent
 from limb_systems.heat_bounds import RATE_FACTORS
 from limb_systems.simulation import PERIOD
@@ -135,10 +141,12 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
         parameters: the limb's description; the nominal limb if None.
 
     Raises:
-        HardwareError: if the board fails on the way.
+        HardwareError: if the limb was calibrated without thermocouples, or the board fails on
+            the way.
         LimbError: if the board has not as many channels as the limb has wires.
     """
     parameters = parameters or LimbParameters()
+    check_heat_is_measured(parameters)
     names = parameters.wire_names
     verdict = _Verdict(report)
 

@@ -11,7 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hardware.board.link import HardwareError, Sample, SampleAssembler, SerialPort, pulls_of
+from hardware.board.link import (
+    HardwareError,
+    Sample,
+    SampleAssembler,
+    SerialPort,
+    check_heat_is_measured,
+    pulls_of,
+)
 from hardware.board.signals import raise_if_interrupted
 from hardware.firmware import from_host, protocol
 from limb_systems import LimbParameters
@@ -44,9 +51,13 @@ class NotRunError(Exception):
 
 
 class Host:
-    """The host's side of the cable, with all ``samples``, and values of INFO in ``infos``."""
+    """The host's side of the cable, with all ``samples``, and values of INFO in ``infos``.
+
+    Raises HardwareError at construction if the limb was calibrated without thermocouples.
+    """
 
     def __init__(self, cable: SerialPort, limb: LimbParameters):
+        check_heat_is_measured(limb)
         self.cable = cable
         self.pulls = pulls_of(limb)
         self.parser = protocol.Parser(protocol.BOARD_KINDS)

@@ -355,7 +355,7 @@ class BoardLink(Closeable):
             HardwareError: if it cannot be opened, or another program has it.
         """
         self.port = port
-        self._pulls = pulls_of(limb or LimbParameters())
+        self._limb = limb or LimbParameters()
         self._cable = SerialPort(port)
         self.parser = protocol.Parser(protocol.BOARD_KINDS)
         self._assembly = SampleAssembler()
@@ -431,10 +431,12 @@ class BoardLink(Closeable):
             total_duty: largest sum of all duties.
 
         Raises:
-            HardwareError: if the board refuses, with its reason, or another program has armed it.
+            HardwareError: if the limb was calibrated without thermocouples, the board refuses,
+                with its reason, or another program has armed it.
             KeyboardInterrupt: if a signal has ended the present command.
         """
         raise_if_interrupted()
+        check_heat_is_measured(self._limb)
         # Let a session that has no commands end; another program goes on with its session.
         sample = self.sample()
         if sample.armed:
@@ -455,7 +457,8 @@ class BoardLink(Closeable):
         self._restarts_when_armed = self._restarts
         values = list(map(dataclasses.astuple, bounds))
         largest_total = min(total_duty, len(values))  # each duty is at most one
-        frames = from_host.encode_arming(sample.challenge, values, largest_total, self._pulls)
+        pulls = pulls_of(self._limb)
+        frames = from_host.encode_arming(sample.challenge, values, largest_total, pulls)
         armed = self._send_until(frames, lambda: self._current_sample().armed, ARMING_TIME)
         if not armed:
             raise HardwareError(

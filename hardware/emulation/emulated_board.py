@@ -227,16 +227,21 @@ class EmulatedBoard:
     def read_bend(self) -> bytes:
         if self.bend_is_silent:
             return b""
+        if self.frozen_bend is not None:
+            return self.frozen_bend
+        # A byte 0, then each angle of the tip's tangent in 1/64 degree, as `firmware` says.
         data = b"\0"
-        for angle, bend_angle in enumerate(self.reading("bend_angle")):
-            sensor = self._sensors[angle]
-            tangent = np.rad2deg(sensor.reading(bend_angle))
+        for index, bend_angle in enumerate(self.reading("bend_angle")):
+            sensor = self._sensors[index]
             if self.stuck_bend:
-                noise = float(np.rad2deg(sensor.reading(sensor.noise)))
-                tangent = self.stuck_bend[angle] + random.gauss(0.0, noise)
-            tangent += random.gauss(0.0, 0.05)  # below the twin's steps, like every converter's
-            data += struct.pack("<h", round(64 * tangent))
-        return data if self.frozen_bend is None else self.frozen_bend
+                noise_deg = float(np.rad2deg(sensor.reading(sensor.noise)))  # of the tangent
+                tangent_deg = self.stuck_bend[index] + random.gauss(0.0, noise_deg)
+            else:
+                tangent_deg = np.rad2deg(sensor.reading(bend_angle))
+            # An emulated limb moves in steps; a converter's noise changes the last bits between.
+            tangent_deg += random.gauss(0.0, 0.05)
+            data += struct.pack("<h", round(64 * tangent_deg))
+        return data
 
     def set_duty(self, wire: int, duty: float) -> None:
         self._duty[wire] = duty

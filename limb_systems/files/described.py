@@ -50,6 +50,7 @@ class Described(Strict):
             ParameterError: with one sentence naming the file and the field.
         """
         text = read_text(path, "parameters", ParameterError)
+        # Other files of the package say in their first line what they are.
         if line := first_line(text):
             raise ParameterError(
                 f"{path} is a {line.kind}; a limb is described by a YAML file, such as soft-limb "

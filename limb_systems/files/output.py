@@ -123,7 +123,7 @@ def check_picture(path: Path) -> None:
     Raises:
         OutputError: with one sentence naming the formats.
     """
-    # Matplotlib takes as long to import as all the rest.
+    # Matplotlib takes as long to import as the rest of the package.
     from matplotlib.backend_bases import FigureCanvasBase
 
     formats = FigureCanvasBase.get_supported_filetypes()

@@ -62,6 +62,11 @@ def rare(default: Any) -> Any:
     return dataclasses.field(default=default, metadata={"rare": True})
 
 
+def word(default: Any, words: collections.abc.Iterable, *, rare: bool = False) -> Any:
+    """Return a dataclass field that has one of some words, or of some numbers."""
+    return dataclasses.field(default=default, metadata={"words": list(words), "rare": rare})
+
+
 class Strict:
     """A dataclass that refuses an attribute for which it has no field or property."""
 
@@ -96,8 +101,7 @@ def load_typed(schema: type[T], text: str) -> T:
 
     A missing field has its default; a field without a default must be
     there. No field may be unknown. The metadata ``{"in_files": False}`` keep a field out of files,
-    and a text instead of False is the field's name there. A class may have a dict ``REFUSED`` of
-    fields of other programs that it does not take, with the reasons.
+    and a text instead of False is the field's name there.
 
     A value has the type of its field, whatever it looks like. Texts are of one line
     of printable characters, or of several if the field has the metadata
@@ -160,8 +164,6 @@ def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NO_METADATA) 
         return plain
     if isinstance(value, list | tuple):
         return [_plain(item, name, metadata) for item in value]
-    if isinstance(value, dict):
-        return {key: _plain(item, name, metadata) for key, item in value.items()}
     if isinstance(value, str):
         check_text(value, name, metadata)
     return float(value) if isinstance(value, float) else value  # not numpy's
@@ -253,16 +255,6 @@ def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NO_M
             )
         pairs = enumerate(zip(data, arguments, strict=True))
         return tuple(_convert(value, kind, f"{path}[{i}]", metadata) for i, (value, kind) in pairs)
-    if origin is dict:
-        if not isinstance(data, dict):
-            raise SchemaError(f"{where} is {short_repr(data)}; it must have names with values.")
-        for key in data:
-            check_text(key, f"a name in {where}")
-        converted = {}
-        for key, value in data.items():
-            if key != "_tag":
-                converted[key] = _convert(value, arguments[1], f"{path}.{key}", metadata)
-        return converted
     if origin in (list, collections.abc.Sequence):
         if not isinstance(data, list):
             raise SchemaError(f"{where} is {short_repr(data)}; it must be a list.")
@@ -278,6 +270,12 @@ def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NO_M
         is_made = isinstance(data, tuple(choices))
         schema = type(data) if is_made else _chosen_class(data, choices, where)
     # Convert a single value.
+    if "words" in metadata:
+        value = _parse_number(data, float) if schema is float and isinstance(data, str) else data
+        if value not in metadata["words"]:
+            words = ", ".join(map(str, metadata["words"]))
+            raise SchemaError(f"{path} is {short_repr(data)}; it must be one of {words}.")
+        return value
     if dataclasses.is_dataclass(schema):
         return _convert_fields(data, typing.cast(type, schema), path, where)
     if schema is str:
@@ -351,8 +349,6 @@ def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, A
         )
     # Refuse unknown fields.
     for key in given:
-        if reason := getattr(schema, "REFUSED", {}).get(key):
-            raise SchemaError(f"{prefix}{key} is refused: {reason}.")
         if key not in fields:
             is_printable = key.isprintable() and len(key) < 80
             unknown = f"{prefix}{key}" if is_printable else short_repr(key)

@@ -88,19 +88,6 @@ def wire_paths(limb: LimbParameters, bodies: str, model: str) -> list[list[str]]
     return paths
 
 
-def color_wires(
-    meshcat: Meshcat,
-    paths: Sequence[Sequence[str]],
-    parameters: LimbParameters,
-    temperature: np.ndarray,
-) -> None:
-    """Colour the shapes at the paths of each wire (W) by its temperature (W), °C."""
-    colors = linear_wire_color(parameters, temperature)
-    for paths_of_wire, color in zip(paths, colors, strict=True):
-        for path in paths_of_wire:
-            meshcat.SetProperty(path, "color", [*color.tolist(), 1.0])
-
-
 @dataclasses.dataclass(frozen=True)
 class Ghost:
     """The axis of a limb as a line, which shows how the limb should bend.
@@ -185,54 +172,49 @@ def _shape_in_words(parameters: LimbParameters) -> str:
     )
 
 
-def view_of(
-    described: LimbParameters | ConnectedLimbs, ghosts: Sequence[Ghost] = (), root: str = ""
-) -> "LimbView":
+def view_of(described: LimbParameters | ConnectedLimbs, ghosts: Sequence[Ghost] = ()) -> "LimbView":
     """Return the view of a limb, or of connected limbs.
 
     Args:
         described: description of the limb or the limbs.
         ghosts: poses to compare the limb's with.
-        root: beginning of the paths in Meshcat; empty, or ends with a slash.
 
     Raises:
         LimbError: if connected limbs are to have ghosts.
     """
     if isinstance(described, LimbParameters):
-        return LimbView(described, ghosts, root)
+        return LimbView(described, ghosts)
     if described.is_limb:
-        return LimbView(described.as_single_limb, ghosts, root)
+        return LimbView(described.as_single_limb, ghosts)
     if ghosts:
         raise LimbError("A robot is shown without a plan; leave the plan out.")
-    return connected("view")(described, root)
+    return connected("view")(described)
 
 
 class LimbView:
     """A limb in 3D, its wires in the colour of their heat.
 
     It may have ghosts. `add_to` puts the view into a Meshcat, `set_scene` sets the camera, and
-    `show` moves it there, or in any object with Meshcat's ``SetTransform`` and ``SetProperty``.
+    `show` moves it there.
     Views of other systems with links and wires override the methods that begin with an underscore.
     """
 
     MODEL = "limb"  # name of the model in Meshcat
     LIGHT = (-6.0, -2.0, 10.0)
 
-    def __init__(self, parameters: LimbParameters, ghosts: Sequence[Ghost] = (), root: str = ""):
+    def __init__(self, parameters: LimbParameters, ghosts: Sequence[Ghost] = ()):
         """
         Args:
             parameters: the limb.
             ghosts: poses to compare the limb's with.
-            root: beginning of the paths in Meshcat; empty, or ends with a slash.
         """
         self._parameters = parameters
         self._ghosts = ghosts
-        self._root = root
         self._is_planar = LimbModel.of(parameters).layout.is_planar
         self._builder = DiagramBuilder()  # it keeps the plant
         self._plant, _ = self._add_plant(self._builder)
         self._context = self._plant.CreateDefaultContext()
-        self._model = f"{root}visualizer/{self.MODEL}"
+        self._model = f"visualizer/{self.MODEL}"
         # Collect the moving parts: the visible bodies, and the links.
         bodies = map(self._plant.get_body, self._plant.GetBodyIndices(ModelInstanceIndex(2)))
         self._bodies = [body for body in bodies if self._plant.GetVisualGeometriesForBody(body)]
@@ -273,23 +255,19 @@ class LimbView:
         return plant, scene_graph
 
     def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
-        """Put the limb into a scene, in place of one with the same root.
+        """Put the limb into a scene.
 
         Args:
             base_pose: pose of the limb's frame (E1, E2, E3) in the world; the world's origin if
                 None.
         """
-        # Remove an earlier limb, and place the folders of this one.
         self._base_pose = base_pose or RigidTransform()
         for folder in ("visualizer", "ghosts", "ground"):
-            meshcat.Delete(f"{self._root}{folder}")
-            meshcat.SetTransform(f"{self._root}{folder}", self._base_pose)
+            meshcat.SetTransform(folder, self._base_pose)
         # Drake publishes the shapes once; later only their poses change.
         builder = DiagramBuilder()
         _, scene_graph = self._add_plant(builder)
-        params = MeshcatVisualizerParams(
-            prefix=f"{self._root}visualizer", delete_on_initialization_event=False
-        )
+        params = MeshcatVisualizerParams(prefix="visualizer", delete_on_initialization_event=False)
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
         diagram = builder.Build()
         diagram.ForcedPublish(diagram.CreateDefaultContext())
@@ -320,7 +298,7 @@ class LimbView:
             times = np.linspace(trajectory.start_time(), trajectory.end_time(), 999)
             self.add_tip_path(meshcat, trajectory.vector_values(times), ghost)
         for body, segment, length in self._links:
-            path = f"{self._root}ghosts/{ghost.name}/{body.name()}/line"
+            path = f"ghosts/{ghost.name}/{body.name()}/line"
             radius = (0.12 - 0.05 * level) * segment.thickness
             height = 0.0
             if self._is_planar:
@@ -336,7 +314,7 @@ class LimbView:
         # Make a cloud of points, one for each θ.
         dots = PointCloud(joint_angles.shape[1])
         dots.mutable_xyzs()[:] = tip_position(self._parameters, joint_angles)
-        path = f"{self._root}ghosts/{f'{ghost.name}/' if ghost else ''}tip"
+        path = f"ghosts/{f'{ghost.name}/' if ghost else ''}tip"
         color = ghost.color if ghost else _rgb(ROLLOUT_COLOR)
         meshcat.SetObject(path, dots, 0.013 * self._parameters.length, Rgba(*color))
 
@@ -363,24 +341,20 @@ class LimbView:
             self._set_positions(ghost.joint_angles.value(time)[:, 0], body_pose)
             for body, _, _ in self._links:
                 pose = self._plant.EvalBodyPoseInWorld(self._context, body)
-                meshcat.SetTransform(f"{self._root}ghosts/{ghost.name}/{body.name()}", pose, time)
-
-    def show_heat(self, meshcat: Meshcat, temperature: np.ndarray) -> None:
-        """Colour the wires by their temperatures (W), °C."""
-        color_wires(meshcat, self.wire_paths, self._parameters, temperature)
+                meshcat.SetTransform(f"ghosts/{ghost.name}/{body.name()}", pose, time)
 
     def set_scene(
         self,
         meshcat: Meshcat,
-        joint_angles: np.ndarray | None = None,
+        joint_angles: np.ndarray,
         body_pose: np.ndarray | None = None,
     ) -> None:
         """Set the background, the lights, and a camera that shows a whole motion.
 
-        Call it after `add_to`. Of several limbs in a scene, the camera shows the last one.
+        Call it after `add_to`.
 
         Args:
-            joint_angles: θ, (n, K), rad; all bends from -60° to 60° if None.
+            joint_angles: θ, (n, K), rad.
             body_pose: pose of the body that limbs are on (3 or 6, K), as far as it is known.
         """
         # Set the background and the lights.
@@ -398,10 +372,6 @@ class LimbView:
         meshcat.SetProperty("/Lights/FillLight/<object>", "position", [*self.LIGHT])
 
         # Enclose all bodies and ends of links, however they bend, in a box.
-        if joint_angles is None:
-            num_bends = LimbModel.of(self._parameters).layout.num_bends
-            bends = np.tile(np.radians([-60.0, 0.0, 60.0]), (num_bends, 1))
-            joint_angles = joint_angles_from_bend_angle(self._parameters, bends)
         places = []
         for k in np.unique(
             np.linspace(0, joint_angles.shape[1] - 1, _NUM_CAMERA_POSES).astype(int)

@@ -23,7 +23,6 @@ from limb_systems.views.panels import (
     Curve,
     Panel,
     motion_panels,
-    repetition_panels,
     tracking_panels,
 )
 
@@ -53,17 +52,6 @@ def plot_tracking(
 def plot_motion(motion: Recording | Planned) -> Figure:
     """Return a recording or a gait as a picture; see `limb_systems.views.panels.motion_panels`."""
     return draw(motion_panels(motion))
-
-
-def plot_repetitions(
-    trajectory: Trajectory,
-    distances: Sequence[float],
-    errors: Sequence[float],
-    first: Recording,
-    last: Recording,
-) -> Figure:
-    """Return learning as a picture; see `limb_systems.views.panels.repetition_panels`."""
-    return draw(repetition_panels(trajectory, distances, errors, first, last))
 
 
 def draw(panels: Sequence[Panel], title: str = "") -> Figure:

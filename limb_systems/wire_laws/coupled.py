@@ -18,6 +18,8 @@ from limb_systems.wire_laws.saturating import SaturatingLaw
 from limb_systems.wire_laws.two_mass import _TwoMassHeat
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, Prior, WireLaw, logistic
 
+NUM_BISECTIONS = 50  # of a shift of some °C, to rounding
+
 # Priors. Latent heat: 6 to 20 J/g of NiTi wires and 0.5 to 0.9 J/(g K), of which coils in silicone
 # show a part. Direct losses: of leads, and free convection by the fourth root of the temperature
 # difference. Heating: resistance of austenite is 10 to 20% below martensite's, at constant
@@ -193,18 +195,20 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
 
     def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
         """Return states on the curve of heating, which starts at ambient temperature with z = 0."""
-        from scipy.optimize import brentq  # takes long to import
 
         def transformed_share(free_temperature: float) -> float:
             return super(CoupledLaw, self).warm_states(free_temperature, T0)[-1]
 
-        def excess(free_temperature: float) -> float:
-            return free_temperature + self.stress_shift * transformed_share(free_temperature) - T
-
-        # Find the temperature without stress.
-        free_temperature = T
-        if self.stress_shift:
-            free_temperature = brentq(excess, T - self.stress_shift - 1.0, T + 1.0)
+        # Find the temperature without stress by bisection: stress raises it by its shift at most.
+        low = T - self.stress_shift
+        high = T
+        for _ in range(NUM_BISECTIONS if self.stress_shift else 0):
+            middle = 0.5 * (low + high)
+            if middle + self.stress_shift * transformed_share(middle) < T:
+                low = middle
+            else:
+                high = middle
+        free_temperature = high
         xi = transformed_share(free_temperature)
         P = free_temperature - self._half_loop
         z = self._transformed(self._logistic_of_play(P), xi, T0)

@@ -15,7 +15,8 @@ derivatives. They differ in two ways that leave the solutions as they are:
 - Rows are scaled to the size of the states: accelerations by K⁻¹ M(0), which
   turns them into the static deflections they stand for.
 
-`heat_block` has the equations for the heat, which is no function of the motion.
+`heat_block` and `fixed_time_heat_blocks` have the equations for the heat, which is no function of
+the motion.
 """
 
 import copy
@@ -29,6 +30,7 @@ from limb_systems.limb_model import LimbModel
 from limb_systems.smooth_function import SmoothFunction
 from limb_systems.wires import Wires
 from planners.transcription.function_block import FunctionBlock
+from planners.transcription.ipopt import ConstraintBlock
 
 ANGLE_SCALE = 0.1  # rad, a typical change, which is scaled to one
 
@@ -386,18 +388,77 @@ def heat_block(
         heat, duty, time_steps: indices of the knots' [x, V] (K, M) and duty (K, W), and of the
             time steps (K - 1), among the program's variables.
     """
-    function = model.once("heat defects", lambda: _heat_function(model.wires))
+    wires = model.wires
+
+    def build() -> SmoothFunction:
+        y0, y1 = (ca.SX.sym(name, len(wires.heat_scales)) for name in ("y0", "y1"))
+        D0, D1 = (ca.SX.sym(name, wires.num_wires) for name in ("D0", "D1"))
+        h = ca.SX.sym("h")
+        return SmoothFunction(heat_defects(wires, y0, D0, y1, D1, h), ca.vertcat(y0, D0, y1, D1, h))
+
     points = np.column_stack([heat[:-1], duty[:-1], heat[1:], duty[1:], time_steps])
-    return FunctionBlock(function, points, scales=model.wires.heat_scales / 1.5)
+    function = model.once("heat defects", build)
+    return FunctionBlock(function, points, scales=wires.heat_scales / 1.5)
 
 
-def _heat_function(wires: Wires) -> SmoothFunction:
-    """Return `heat_defects` as a function of [y0, D0, y1, D1, h]."""
-    y0, y1 = (ca.SX.sym(name, len(wires.heat_scales)) for name in ("y0", "y1"))
-    D0, D1 = (ca.SX.sym(name, wires.num_wires) for name in ("D0", "D1"))
+def fixed_time_heat_blocks(
+    model: LimbModel, heat: np.ndarray, duty: np.ndarray, time_steps: np.ndarray
+) -> list[ConstraintBlock]:
+    """Return `heat_block` at fixed time steps: a block for each group of equal wires.
+
+    Wires that do not heat each other are points of one function, which is shorter than a function
+    of all wires.
+
+    Args:
+        model, duty, time_steps: as for `heat_block`.
+        heat: indices of the knots' [x, V] (K, M), or of x (K, N) alone.
+    """
+    wires = model.wires
+    with_readings = heat.shape[1] > wires.num_states
+    functions = model.once(
+        f"heat defects of groups, {with_readings}",
+        lambda: [
+            _heat_function(wires, states[0], group[0], with_readings)
+            for states, group in wires.equal_wires()
+        ],
+    )
+    blocks: list[ConstraintBlock] = []
+    for function, (states, group) in zip(functions, wires.equal_wires(), strict=True):
+        # Variables of each wire, or of all wires of a group, are a point in each interval.
+        columns = np.hstack([states, wires.num_states + group]) if with_readings else states
+        knots = np.concatenate([heat[:, columns], duty[:, group]], axis=-1)
+        points = np.concatenate([knots[:-1], knots[1:]], axis=-1)
+        steps = np.repeat(time_steps, len(group))[:, None]
+        blocks.append(
+            FunctionBlock(
+                function,
+                points.reshape(-1, points.shape[-1]),
+                scales=wires.heat_scales[columns[0]] / 1.5,
+                parameters=steps,
+            )
+        )
+    return blocks
+
+
+def _heat_function(
+    wires: Wires, states: np.ndarray, group: np.ndarray, with_readings: bool
+) -> SmoothFunction:
+    """Return `heat_defects` of some states and wires, as a function of [y0, D0, y1, D1] and h."""
+    size = len(wires.heat_scales)
+    rows = [*states.tolist(), *(wires.num_states + group).tolist()]
+    rows = rows if with_readings else states.tolist()
+    # All other wires stay at zero.
+    ends = []
+    point = []
+    for knot in range(2):
+        y = ca.SX.zeros(size)
+        D = ca.SX.zeros(wires.num_wires)
+        y[rows] = ca.SX.sym(f"y{knot}", len(rows))
+        D[group.tolist()] = ca.SX.sym(f"D{knot}", len(group))
+        ends += [y, D]
+        point += [y[rows], D[group.tolist()]]
     h = ca.SX.sym("h")
-    defects = heat_defects(wires, y0, D0, y1, D1, h)
-    return SmoothFunction(defects, ca.vertcat(y0, D0, y1, D1, h))
+    return SmoothFunction(heat_defects(wires, *ends, h)[rows], ca.vertcat(*point), h)
 
 
 def heat_defects(

@@ -1,5 +1,6 @@
 """One smooth function at many points of a program, as a block of constraints."""
 
+import functools
 from collections.abc import Collection
 from typing import Protocol
 
@@ -8,7 +9,10 @@ from pydrake.solvers import Binding
 
 
 class PointFunction(Protocol):
-    """A function of points (..., P) with values (..., Q), such as a `SmoothFunction`."""
+    """A function of points (..., P) with values (..., Q), such as a `SmoothFunction`.
+
+    There are no derivatives by its parameters.
+    """
 
     num_values: int
 
@@ -20,13 +24,15 @@ class PointFunction(Protocol):
     def curvature_places(self) -> np.ndarray:
         """Indices i >= j of the variables of each second derivative that may not be zero (2, Z)."""
 
-    def values(self, points: np.ndarray) -> np.ndarray:
+    def values(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
         """Return the values (..., Q)."""
 
-    def slopes(self, points: np.ndarray) -> np.ndarray:
+    def slopes(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
         """Return the derivatives at the ``slope_places`` (..., Z)."""
 
-    def curvatures(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def curvatures(
+        self, points: np.ndarray, weights: np.ndarray, *parameters: np.ndarray
+    ) -> np.ndarray:
         """Return second derivatives of weights (..., Q) · values at their places (..., Z)."""
 
 
@@ -41,6 +47,7 @@ class FunctionBlock:
         targets: indices of y_k (K, Q); y_k is zero if None.
         scales: typical sizes of the values (Q,); rows are divided by them.
         bounds: lower and upper bounds of f(p_k) (K, Q); both are zero if None.
+        parameters: indices of variables that the program fixes (K, ...), f's parameters.
     """
 
     replaces: Collection[Binding] = ()
@@ -52,41 +59,56 @@ class FunctionBlock:
         targets: np.ndarray | None = None,
         scales: np.ndarray | float = 1.0,
         bounds: tuple[np.ndarray, np.ndarray] | None = None,
+        parameters: np.ndarray | None = None,
     ):
         self._function = function
         self._points = points
         self._targets = targets
-        K = len(points)
-        Q = function.num_values
-        self._scales = np.broadcast_to(scales, Q)
-        lower, upper = bounds or np.zeros((2, K, Q))
+        self._parameters = [] if parameters is None else [parameters]
+        num_points = len(points)
+        num_values = function.num_values
+        self._scales = np.broadcast_to(scales, num_values)
+        lower, upper = bounds or np.zeros((2, num_points, num_values))
         self.lower = (lower / self._scales).ravel()
         self.upper = (upper / self._scales).ravel()
-        # Places of the Jacobian's nonzeros, for all points, then for the targets.
-        self._rows, columns = function.slope_places
-        self.rows = (Q * np.arange(K) + self._rows[:, None]).ravel()
-        self.columns = points.T[columns].ravel()
-        if targets is not None:
-            self.rows = np.append(self.rows, np.arange(K * Q))
-            self.columns = np.append(self.columns, targets)
-        # Places of the Hessian's nonzeros.
-        rows, columns = function.curvature_places
-        self.hessian_rows = points.T[rows].ravel()
-        self.hessian_columns = points.T[columns].ravel()
+
+    @functools.cached_property
+    def rows(self) -> np.ndarray:
+        first_rows = self._function.num_values * np.arange(len(self._points))
+        rows = (first_rows + self._function.slope_places[0][:, None]).ravel()
+        return rows if self._targets is None else np.append(rows, np.arange(self._targets.size))
+
+    @functools.cached_property
+    def columns(self) -> np.ndarray:
+        columns = self._points.T[self._function.slope_places[1]].ravel()
+        return columns if self._targets is None else np.append(columns, self._targets)
+
+    @functools.cached_property
+    def hessian_rows(self) -> np.ndarray:
+        return self._points.T[self._function.curvature_places[0]].ravel()
+
+    @functools.cached_property
+    def hessian_columns(self) -> np.ndarray:
+        return self._points.T[self._function.curvature_places[1]].ravel()
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
-        values = self._function.values(x[self._points])
+        values = self._function.values(*self._arguments(x))
         if self._targets is not None:
             values = values - x[self._targets]
         return (values / self._scales).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        slopes = self._function.slopes(x[self._points]).T / self._scales[self._rows, None]
-        slopes = slopes.ravel()
+        row_scales = self._scales[self._function.slope_places[0], None]
+        slopes = (self._function.slopes(*self._arguments(x)).T / row_scales).ravel()
         if self._targets is None:
             return slopes
         return np.append(slopes, np.tile(-1.0 / self._scales, len(self._points)))
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         weights = multipliers.reshape(len(self._points), -1) / self._scales
-        return self._function.curvatures(x[self._points], weights).T.ravel()
+        points, *parameters = self._arguments(x)
+        return self._function.curvatures(points, weights, *parameters).T.ravel()
+
+    def _arguments(self, x: np.ndarray) -> list[np.ndarray]:
+        """Return the points (K, P) and the parameters, if there are any."""
+        return [x[indices] for indices in (self._points, *self._parameters)]

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 import scipy.sparse
+from numpy.typing import ArrayLike
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import (
     Binding,
@@ -172,6 +173,7 @@ class ExactHessianIpoptSolver:
     Args:
         blocks: constraints in addition to the program's. A block stands in place of the
             program's constraints that it ``replaces``, up to a scaling of the rows.
+        fixed: indices of variables that keep their initial values.
         on_iteration: function that is called with iteration, cost and constraint violation.
     """
 
@@ -179,9 +181,11 @@ class ExactHessianIpoptSolver:
         self,
         *,
         blocks: Sequence[ConstraintBlock] = (),
+        fixed: ArrayLike = (),
         on_iteration: Callable[[int, float, float], None] | None = None,
     ):
         self._blocks = blocks
+        self._fixed = np.array(fixed, int)
         self._on_iteration = on_iteration
 
     def Solve(
@@ -204,7 +208,7 @@ class ExactHessianIpoptSolver:
         """
         guess = prog.initial_guess() if initial_guess is None else np.asarray(initial_guess)
         guess = np.nan_to_num(guess)
-        problem = _ScaledProblem(prog, guess, self._blocks, self._on_iteration)
+        problem = _ScaledProblem(prog, guess, self._blocks, self._fixed, self._on_iteration)
         # Choose the options.
         options = dict(OPTIONS)
         if solver_options is not None:
@@ -404,7 +408,7 @@ class _LinearConstraints:
 class _ScaledProblem:
     """A program in IPOPT's form: y = x / scale, the objective of size 100."""
 
-    def __init__(self, prog, guess, blocks, on_iteration):
+    def __init__(self, prog, guess, blocks, fixed, on_iteration):
         # Read the constraints: linear ones, blocks, and others.
         linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
         curved = [
@@ -430,6 +434,8 @@ class _ScaledProblem:
         # Scale variables and objective.
         self.cost = _Cost(prog)
         self.lower, self.upper = _bounds(prog)
+        self.lower[fixed] = guess[fixed]
+        self.upper[fixed] = guess[fixed]
         self.scale = np.ones(prog.num_vars())
         for index, value in prog.GetVariableScaling().items():
             self.scale[index] = value

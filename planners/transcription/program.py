@@ -11,7 +11,12 @@ from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
 from limb_systems import Limb, LimbModel, LimbParameters, joint_angles_from_bend_angle, split_state
 from limb_systems.files.trajectory import AddedTerms
 from planners.task import Task, TaskError
-from planners.transcription.collocation import ANGLE_SCALE, MotionDefects, heat_block
+from planners.transcription.collocation import (
+    ANGLE_SCALE,
+    MotionDefects,
+    fixed_time_heat_blocks,
+    heat_block,
+)
 from planners.transcription.customized_terms import describe, group_by_name, variables_at_bounds
 from planners.transcription.ipopt import ConstraintBlock
 
@@ -34,8 +39,9 @@ class PlanProgram:
     - ``heat``, ``duty``, ``time_steps``: indices of [x, V] (K, M), u_k (K, W) and h_k (K - 1)
       among the decision variables.
     - ``blocks``: constraints that are evaluated together, in addition to those in ``prog``.
-    - ``cheap_blocks``: the same constraints with a cheaper, incomplete Hessian; None if the
-      program needs the whole Hessian.
+    - ``cheap_blocks``: the same constraints with a cheaper, incomplete Hessian, and without (7) of
+      the ``free_readings``; None if the program needs the whole Hessian.
+    - ``free_readings``: indices of V (K, W) if nothing else depends on V; (K, 0) if something does.
     - ``added``, ``added_costs``: the constraints and costs that the task's ``customize`` added.
 
     Args:
@@ -54,6 +60,8 @@ class PlanProgram:
     duty: np.ndarray
     blocks: list[ConstraintBlock]
     cheap_blocks: list[ConstraintBlock] | None
+    free_readings: np.ndarray
+    _heat_block: ConstraintBlock  # (17) of all the heat, one of the ``blocks``
     _heat: np.ndarray  # the variables of [x, V] (K, M), of u (K, W) and of h (K - 1)
     _duty: np.ndarray
     _time_steps: np.ndarray
@@ -99,6 +107,7 @@ class PlanProgram:
             for variable in variables if scale != 1.0 else ():
                 prog.SetVariableScaling(variable, scale)
         # The dynamics (17), and the terms of the task's own.
+        self._heat_block = self._make_heat_block()
         self.blocks = self._make_blocks()
         before = {*prog.GetAllConstraints(), *prog.GetAllCosts()}
         if self.task.customize:
@@ -111,8 +120,18 @@ class PlanProgram:
         raise NotImplementedError
 
     def _make_blocks(self) -> list[ConstraintBlock]:
-        """Return ``blocks``, (17) among them, and set ``cheap_blocks``."""
+        """Return ``blocks``, ``_heat_block`` among them, and set ``cheap_blocks``."""
         raise NotImplementedError
+
+    def _make_heat_block(self) -> ConstraintBlock:
+        """Return (17) of the heat."""
+        return heat_block(self.model, self.heat, self.duty, self.time_steps)
+
+    def _fixed_heat_blocks(self) -> list[ConstraintBlock]:
+        """Return (17) of the heat at fixed time steps, without the ``free_readings``."""
+        num_free = self.free_readings.shape[1]
+        heat = self.heat[:, : self.heat.shape[1] - num_free]
+        return fixed_time_heat_blocks(self.model, heat, self.duty, self.time_steps)
 
     def _add_rate_limits(self, limits: np.ndarray) -> None:
         """Limit the bend rates at the knots (K,), rad/s, where the limits are finite."""
@@ -181,6 +200,38 @@ class PlanProgram:
     def cost_by_angles(self, x: np.ndarray) -> np.ndarray:
         """Return the gradient of the cost (15) of the angles by the tracked variables (K, A)."""
         return self._angle_weights * (x[self.indices(self._tracked)] - self._angle_targets)
+
+    def set_free_readings(self, x: np.ndarray) -> None:
+        """Set the ``free_readings`` in all decision variables, from the first V and (17).
+
+        The defects of an interval are affine in V at its first and at its second knot.
+        """
+        num_knots, num_readings = self.free_readings.shape
+        if not num_readings:
+            return
+        first_readings = x[self.free_readings[0]]
+
+        def defects(readings: np.ndarray) -> np.ndarray:
+            """Return the defects of V (K - 1, W), where all wires have the same V (K,)."""
+            x[self.free_readings] = readings[:, None]
+            rows = self._heat_block.evaluate(x)
+            return rows.reshape(num_knots - 1, -1)[:, -num_readings:]
+
+        # Find A and B by ones at every other knot.
+        is_odd = np.arange(num_knots) % 2
+        at_zero = defects(np.zeros(num_knots))
+        by_odd = defects(is_odd) - at_zero
+        by_even = defects(1 - is_odd) - at_zero
+        starts_odd = is_odd[:-1, None] == 1
+        by_first = np.where(starts_odd, by_odd, by_even)
+        by_second = np.where(starts_odd, by_even, by_odd)
+        # Solve for V, knot by knot.
+        offsets = -at_zero / by_second
+        factors = -by_first / by_second
+        readings = [first_readings]
+        for offset, factor in zip(offsets, factors, strict=True):
+            readings.append(offset + factor * readings[-1])
+        x[self.free_readings] = readings
 
     def largest_defect(self, x: np.ndarray) -> float:
         """Return the largest violation of the ``blocks``, scaled: of (17), and of φ = φ(x), rad."""
@@ -346,13 +397,14 @@ class PlanProgram:
         else:
             warm_up = add_soft_bounds(prog, T.ravel(), warm, hot, limit_weight)
 
-        # Readings stay below the board's maximum.
-        if readings.size:
-            bounds = reading_bounds(self.model, measured_margin)
-            bounded = readings[1:, np.isfinite(bounds)]
-            if bounded.size:
-                upper = np.tile(bounds[np.isfinite(bounds)], len(bounded))
-                prog.AddBoundingBoxConstraint(np.full(len(upper), -np.inf), upper, bounded.ravel())
+        # Readings stay below the board's maximum; without bounds, they follow from the heat.
+        bounds = reading_bounds(self.model, measured_margin)
+        bounded = readings[1:, np.isfinite(bounds)] if readings.size else readings
+        if bounded.size:
+            upper = np.tile(bounds[np.isfinite(bounds)], len(bounded))
+            prog.AddBoundingBoxConstraint(np.full(len(upper), -np.inf), upper, bounded.ravel())
+        are_free = not (bounded.size or task.customize or task.stretch)
+        self.free_readings = self.heat[:, self.wires.num_states :] if are_free else self.heat[:, :0]
 
         # The temperature rate (6) is limited.
         if task.max_temperature_rate is not None:
@@ -469,9 +521,10 @@ class TrajectoryProgram(PlanProgram):
             replaces=self.prog.generic_constraints(),  # Drake's constraints, if any
             free_duration=is_free,
         )
-        heat = heat_block(self.model, self.heat, self.duty, self.time_steps)
-        self.cheap_blocks = None if is_free else [self.defects.with_curvature_of_heat(), heat]
-        return [self.defects, heat]
+        self.cheap_blocks = None
+        if not is_free:
+            self.cheap_blocks = [self.defects.with_curvature_of_heat(), *self._fixed_heat_blocks()]
+        return [self.defects, self._heat_block]
 
     def variables(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Return all decision variables, from states (2n + M, K) and duty (W, K)."""

@@ -28,7 +28,7 @@ from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw
 from limb_systems.static_equilibria import StaticEquilibria
 from limb_systems.wires import Wires
 from planners.task import Task
-from planners.transcription.collocation import ANGLE_SCALE, heat_block
+from planners.transcription.collocation import ANGLE_SCALE
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import PlanProgram, add_at_knots, reading_bounds
@@ -140,6 +140,7 @@ def solve_quasi_static(
     warm_up_time: float,
     measured_margin: ArrayLike = 0.0,
     start: tuple[np.ndarray, np.ndarray] | None = None,
+    is_start: bool = False,
 ) -> tuple["QuasiStaticProgram", Solution]:
     """Solve the quasi-static program of a plan, without the task's limits of the motion.
 
@@ -148,6 +149,7 @@ def solve_quasi_static(
         reference: φ_ref at the knots (F, K), rad.
         start: heat [x, V] (N + W, K) and duty (W, K) of a plan from which the solver starts;
             the plan of wires that are taken to be linear if None.
+        is_start: whether the solution is the start of another program, and need not be accurate.
 
     Raises:
         InfeasibleError: if it has no solution.
@@ -163,13 +165,16 @@ def solve_quasi_static(
     )
 
     def solve(
-        knots: np.ndarray, start: tuple[np.ndarray, np.ndarray] | None, is_near: bool = False
+        knots: np.ndarray,
+        start: tuple[np.ndarray, np.ndarray] | None,
+        is_near: bool = False,
+        is_start: bool = is_start,
     ) -> tuple[QuasiStaticProgram, Solution]:
         """Solve the program at some knots, from heat and duty at these knots."""
         program = QuasiStaticProgram(model, times[knots], model.statics, task, measured_margin)
         program.update(reference[:, knots], initial_heat, warm_up_time)
         guess = program.variables(*start) if start else program.guess()
-        return program, solve_program(program, guess, starts_near=is_near)
+        return program, solve_program(program, guess, starts_near=is_near, is_start=is_start)
 
     # Solve a convex program, or a program with a start, at once.
     every = np.arange(len(times))
@@ -181,7 +186,7 @@ def solve_quasi_static(
     # Start another program from its solution at fewer knots.
     grid = np.linspace(times[0], times[-1], num_intervals + 1)
     some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
-    program, solution = solve(some, None)
+    program, solution = solve(some, None, is_start=True)
     heat = solution.x[program.heat]
     duty = solution.x[program.duty]
     rates = wires.heat_rates(heat, duty)
@@ -241,12 +246,10 @@ class QuasiStaticProgram(PlanProgram):
 
     def _make_blocks(self) -> list[ConstraintBlock]:
         states = self.heat[:, : self.wires.num_states]
-        blocks = [self._heat_block(), FunctionBlock(self.statics, states, self.bends)]
-        self.cheap_blocks = blocks  # whose Hessian is whole
+        bends = FunctionBlock(self.statics, states, self.bends)
+        blocks = [self._heat_block, bends]
+        self.cheap_blocks = blocks if self.task.stretch else [*self._fixed_heat_blocks(), bends]
         return blocks
-
-    def _heat_block(self) -> ConstraintBlock:
-        return heat_block(self.model, self.heat, self.duty, self.time_steps)
 
     def _targets(self, reference: np.ndarray) -> np.ndarray:
         return reference.T
@@ -329,7 +332,7 @@ class QuasiStaticProgram(PlanProgram):
             program = QuasiStaticProgram(linear, self.times, linear.statics, task)
             heat = np.concatenate([self._initial_heat[:W], self._initial_heat[-W:]])
             program.update(reference, heat, warm_up_time)
-            x = solve_program(program, program.guess()).x
+            x = solve_program(program, program.guess(), is_start=True).x
         except LimbError:
             return None
         return np.clip(x[program.duty], 0.0, 1.0 - self.task.duty_margin)

@@ -27,6 +27,8 @@ NEAR_OPTIONS = {
 # Hysteresis and references far out of reach may need hundreds of cheap iterations. This small first
 # barrier halves their number in comparison with IPOPT's own, 0.1.
 PATIENT_OPTIONS = {"mu_strategy": "monotone", "mu_init": 0.01, "max_iter": 600}
+# A start need not be accurate.
+START_OPTIONS = {"tol": 1e-4, "constr_viol_tol": 1e-8, "compl_inf_tol": 1e-5}
 # s of processor time, after which no attempt begins and IPOPT ends; plans take seconds.
 LONGEST_SOLVE = 300.0
 
@@ -65,6 +67,7 @@ def solve_program(
     multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     solver: SolverInterface | None = None,
     starts_near: bool = False,
+    is_start: bool = False,
 ) -> Solution:
     """Solve a program by the first of these attempts that succeeds.
 
@@ -80,6 +83,7 @@ def solve_program(
         multipliers: multipliers of a neighbouring solution, for a warm start.
         solver: one of Drake's solvers, in place of all these.
         starts_near: whether the guess is near the solution.
+        is_start: whether the solution is the start of another program, and need not be accurate.
 
     Raises:
         InfeasibleError: if a quasi-static program has no solution.
@@ -95,7 +99,9 @@ def solve_program(
         def report(iteration, cost, violation):
             progress.update(iteration, f"(cost {cost:.6g}, violation {violation:.1e})")
 
-        for name, attempt in _attempts(program, guess, multipliers, solver, starts_near, report):
+        options = START_OPTIONS if is_start else {}
+        attempts = _attempts(program, guess, multipliers, solver, starts_near, options, report)
+        for name, attempt in attempts:
             if time.process_time() - first_process_time > LONGEST_SOLVE:
                 failures.append(f"{LONGEST_SOLVE:g} s of processor time are over")
                 break
@@ -108,6 +114,7 @@ def solve_program(
                 x = np.array(result.get_x_val())
                 # Drake's solvers let bounds be exceeded by 1e-8.
                 x[program.duty] = np.clip(x[program.duty], 0.0, 1.0)
+                program.set_free_readings(x)
                 after = f" (after {'; '.join(failures)})" if failures else ""
                 return Solution(
                     x=x,
@@ -130,7 +137,13 @@ def solve_program(
 
 
 def _attempts(
-    program: PlanProgram, guess, multipliers, solver, starts_near: bool, report: Callable
+    program: PlanProgram,
+    guess,
+    multipliers,
+    solver,
+    starts_near: bool,
+    accuracy: dict,
+    report: Callable,
 ):
     """Yield the names of the attempts, and functions that make them."""
     if solver is not None:
@@ -143,9 +156,10 @@ def _attempts(
         """Solve the program with IPOPT in the remaining time."""
         left = max(LONGEST_SOLVE - (time.process_time() - begun), 1e-3)
         solver_options = SolverOptions()
-        for option, value in {"max_cpu_time": left, **options}.items():
+        for option, value in {"max_cpu_time": left, **accuracy, **options}.items():
             solver_options.SetOption(IpoptSolver.id(), option, value)
-        solver = ExactHessianIpoptSolver(blocks=blocks, on_iteration=report)
+        fixed = program.free_readings if blocks is program.cheap_blocks else ()
+        solver = ExactHessianIpoptSolver(blocks=blocks, fixed=fixed, on_iteration=report)
         return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
 
     # With the cheap Hessian, then with the exact one.

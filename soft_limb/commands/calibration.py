@@ -132,12 +132,7 @@ def _port(options: argparse.Namespace, name: str) -> str:
 def _limbs_to_record(
     robot: ConnectedLimbs, options: argparse.Namespace
 ) -> dict[str, LimbParameters]:
-    """Return the limbs of a robot to record, by name: all, or the limbs with a port.
-
-    Raises:
-        LimbError: if a port is given for no limb of the robot, or robots are not emulated with
-            these physics.
-    """
+    """Return the limbs of a robot to record, by name: all, or the limbs with a port."""
     # Check that each port belongs to a limb.
     names = [limb.name for limb in robot.limbs]
     if options.port and not isinstance(options.port, dict):

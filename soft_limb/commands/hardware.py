@@ -2,11 +2,9 @@
 
 import argparse
 import sys
-import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from serial.tools import list_ports
@@ -15,11 +13,11 @@ from controllers.learner import Repetition
 from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
 from hardware.board import board_check
 from hardware.board.arm_check import check_supply, check_wires
-from hardware.board.link import SerialPort, check_fit
+from hardware.board.link import SerialPort
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
 from hardware.emulation.twin import EmulatedSystem
-from hardware.live_feed import DONE, LiveView, Reading, RunHeader, board_reading
+from hardware.live_feed import DONE
 from limb_systems import (
     Limb,
     LimbError,
@@ -31,7 +29,6 @@ from limb_systems import (
 )
 from limb_systems.connected_limbs import ConnectedLimbs, connected
 from limb_systems.files.output import check_outputs
-from limb_systems.simulation import PERIOD
 from limb_systems.summary import Summary
 from limb_systems.views.panels import tracking_panels
 from planners.plan_check import far_from_reference
@@ -50,18 +47,13 @@ from soft_limb.commands.options import (
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary, troubles
 from soft_limb.runs import repetitions
-from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.plan_run import (
     FOLLOW_FILES,
     NAMED_REFERENCES,
-    load_reference,
     load_task,
     plan_and_follow,
 )
-from soft_limb.runs.rollout import DEFAULT_FEEDBACK, Rollout, roll_out
-
-if TYPE_CHECKING:  # Bokeh takes long to import
-    from soft_limb.live_page import LivePage
+from soft_limb.runs.rollout import DEFAULT_FEEDBACK, roll_out
 
 SIMULATION_SPEED = 20.0  # times real time, for an emulated limb on an idle computer
 MAX_TEACHING_TIME = 3600.0  # s
@@ -78,8 +70,8 @@ def _serial_ports() -> Summary:
 
 def _status(options: argparse.Namespace) -> int:
     if options.port is None:
-        if options.clear or options.live:
-            raise LimbError("--clear and --live need the PORT of a board.")
+        if options.clear:
+            raise LimbError("--clear needs the PORT of a board.")
         print_summary(options, _serial_ports())
         return 0
     limb = LimbParameters.of(options.limb)
@@ -88,10 +80,6 @@ def _status(options: argparse.Namespace) -> int:
         if options.clear:
             link.clear()
         print_summary(options, _board_summary(info, link.sample(), limb))
-        with live_page(options) as live:
-            if live:
-                check_fit(limb, info, options.port)
-                _show_board(link, info, limb, live)
     return 0
 
 
@@ -129,25 +117,6 @@ def _board_summary(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Sum
         "duty": sample.duty.tolist(),
     }
     return Summary.of(texts, values)
-
-
-def _show_board(link: BoardLink, info: BoardInfo, limb: LimbParameters, live: LiveView) -> None:
-    """Show the readings of a board, which is not armed, until a signal ends the command."""
-    live.say("State of the board; this program does not arm it")
-    live.begin(RunHeader(f"board {info.serial_number}", limb, info.temperature_limit))
-    start = time.monotonic()
-    while True:
-        sample = link.sample()
-        live.show(
-            Reading(
-                time.monotonic() - start,
-                bend_angle_from_tip_tangent(sample.tip_tangent).tolist(),
-                sample.temperature.tolist(),
-                sample.duty.tolist(),
-                board=board_reading(link),
-            )
-        )
-        time.sleep(PERIOD)
 
 
 def _print_check(options: argparse.Namespace, outcome: str, sentence: str) -> None:
@@ -264,16 +233,9 @@ def _replay(options: argparse.Namespace) -> int:
             data = {"plan": options.trajectory, "recording": options.output}
             write_rollout_report(rollout, summary, options.report, data)
         print_summary(options, summary, outputs)
-        _end_page(live, rollout, options)
+        if live:
+            live.end(rollout.recording.interrupted or DONE)
     return 1 if rollout.recording.interrupted else 0  # an emulated limb may cut out
-
-
-def _end_page(live: "LivePage | None", rollout: Rollout, options: argparse.Namespace) -> None:
-    """End the live page, if there is one, after the cool-down that the command was given."""
-    if live:
-        if rollout.limb:
-            cool_down(rollout.limb, rollout.recording, live, options.cool_down)
-        live.end(rollout.recording.interrupted or DONE)
 
 
 def _limb(planned: LimbParameters, options: argparse.Namespace) -> LimbSystem:
@@ -284,11 +246,7 @@ def _limb(planned: LimbParameters, options: argparse.Namespace) -> LimbSystem:
 
 
 def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
-    """Return the emulated limb to drive along a plan.
-
-    Raises:
-        ReplayError: if the plan was calibrated on another emulated limb than ``--emulated``.
-    """
+    """Return the emulated limb to drive; ReplayError if the plan is for another one."""
     board = emulated_limb(planned.board)
     if board and options.emulated not in (None, board.seed):
         raise ReplayError(
@@ -329,7 +287,8 @@ def _follow(options: argparse.Namespace) -> int:
             live=live,
         )
         print_summary(options, summary, outputs)
-        _end_page(live, rollout, options)
+        if live:
+            live.end(rollout.recording.interrupted or DONE)
     return 1 if rollout.recording.interrupted else 0
 
 
@@ -388,13 +347,9 @@ def _limb_to_teach(options: argparse.Namespace) -> tuple[LimbSystem, float]:
     limb = LimbParameters.of(options.limb)
     # A robot is moved by the operator.
     if options.emulated is None:
-        if options.hand:
-            raise LimbError("--hand moves an emulated limb; give its seed: --emulated SEED.")
         return SerialLimb(options.port, limb, heated=False), options.time
     # An emulated limb is moved along a reference.
-    if options.hand:
-        motion = load_reference(options.hand, 0.5)
-    elif LimbModel.of(limb).layout.is_planar:
+    if LimbModel.of(limb).layout.is_planar:
         times = np.linspace(0.0, 60.0, 601)
         motion = from_samples(times, np.deg2rad(15.0) * np.sin(times / 4.0))
     else:
@@ -458,7 +413,6 @@ COMMANDS = {
         "limb json",
         [
             shared("board", nargs="?"),
-            shared("live", help="plot the readings on a web page of this computer, until Ctrl-C"),
             Option("--clear", action="store_true", help="clear a latched fault of the board"),
         ],
         examples=["soft-limb status", "soft-limb status /dev/ttyACM0"],
@@ -505,7 +459,7 @@ COMMANDS = {
         "without a port an emulated limb or the plan's model in simulated time. Each sample is "
         "written when it arrives, to NAME.unfinished.csv, which becomes NAME.csv at the end of the "
         "plan. For a robot, the summary counts the commands that were sent more than 5 ms late.",
-        "trajectory output driven controller plot report live cool json force",
+        "trajectory output driven controller plot report live json force",
         examples=[
             "soft-limb replay out/plan.csv -o out/recording.csv --plot out/tracking.png",
             "soft-limb replay out/plan.csv -o out/recording.csv -p /dev/ttyACM0",
@@ -516,8 +470,8 @@ COMMANDS = {
         "Teach and go: plan a taught motion from the present state of the limb, with margins for "
         "feedback, and drive the limb with a controller; a robot in real time. The default "
         "controller aims at the taught motion itself, the others at the plan. Writes plan.csv, "
-        "recording.csv, tracking.png and report.html to the folder.",
-        "reference folder limb driven smooth knot-rate live cool json force",
+        "recording.csv and report.html to the folder.",
+        "reference folder limb driven smooth knot-rate live json force",
         [
             shared("controller", default=DEFAULT_FEEDBACK),
             shared("task", help=f"{TASK_HELP}; closed-loop if left out"),
@@ -529,7 +483,7 @@ COMMANDS = {
         "Replay a trajectory repeatedly, a robot in real time, and let the wires cool in between. "
         "After each repetition the duty is corrected to bring the limb nearer to the reference; a "
         "correction that made it worse is undone. Learning ends early when further repetitions do "
-        "not pay. Writes to the folder a recording of each repetition, a picture, a report, the "
+        "not pay. Writes to the folder a recording of each repetition, a report, the "
         "best duty as a trajectory (learned.csv), and the state of learning: run the command again "
         "to continue.",
         "trajectory folder driven live json force",
@@ -562,12 +516,6 @@ COMMANDS = {
                 "emulated",
                 default=None,
                 help="seed of an emulated limb, moved by an emulated hand, in place of a port",
-            ),
-            Option(
-                "--hand",
-                metavar="REFERENCE",
-                help="motion of the emulated hand, as for soft-limb plan; a motion of 60 s within "
-                "±15° if left out",
             ),
         ],
         examples=[

@@ -94,10 +94,7 @@ def _import(options: argparse.Namespace) -> int:
 
 
 def _ask_questions(logs: Iterable[ImportedLog], parameters: LimbParameters | None) -> None:
-    """Ask a person at the terminal what the logs leave open; Enter skips a question.
-
-    The answers for one log hold for all logs with the same columns.
-    """
+    """Ask a person what the logs leave open; the answers hold for logs with like columns."""
     given: dict[tuple, dict[str, str]] = {}
     for log in logs:
         # Ask what no earlier log with these columns has answered.
@@ -126,11 +123,7 @@ def _question_lines(log: ImportedLog) -> list[str]:
 
 
 def _set_kinds(log: ImportedLog, kind: str | None) -> Iterator[Remark]:
-    """Set the kinds of a log's recordings, and yield a remark on each recording without a kind.
-
-    Raises:
-        LimbError: if ``kind`` is not a kind of recordings.
-    """
+    """Set the kinds of a log's recordings, and yield a remark on each without a kind."""
     for path, recording in zip(log.files, log.recordings, strict=True):
         recording.title = path.name
         recording.kind = kind or ""

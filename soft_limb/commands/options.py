@@ -8,10 +8,9 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
-from limb_systems.errors import LimbError
 from limb_systems.files.output import check_outputs
 from limb_systems.summary import Entry, Summary
 from limb_systems.views.panels import Panel
@@ -77,17 +76,7 @@ class Command:
                     group.add_argument(*option.names, **option.settings)
             else:
                 parser.add_argument(*entry.names, **entry.settings)
-        # Explain an option of earlier versions.
-        parser.add_argument("--board", type=_refuse_text_board, help=argparse.SUPPRESS)
         return parser
-
-
-def _refuse_text_board(path: str) -> NoReturn:
-    """Raise ArgumentTypeError: ``--board FILE`` described boards that are no longer supported."""
-    raise argparse.ArgumentTypeError(
-        f"{path} describes a board with a text protocol, which is no longer supported: put the "
-        "firmware on yours as docs/firmware_in_c.md says, and leave --board out"
-    )
 
 
 def shared(key: str, **settings: Any) -> Option:
@@ -97,7 +86,6 @@ def shared(key: str, **settings: Any) -> Option:
     return Option(*option.names, **option.settings | settings)
 
 
-MAX_COOLING_TIME = 3600.0  # s
 PORT_HELP = "a serial port or any URL that pyserial accepts"
 TASK_HELP = (
     "weights and limits of the plan: a file (.yaml), 'paper' for the values in the paper, or "
@@ -186,15 +174,6 @@ SHARED: dict[str, Option | list[Option]] = {
         help="plot the run live on a web page of this computer, with a button that stops it; an "
         "emulated limb then runs in real time",
     ),
-    "cool": Option(
-        "--cool-down",
-        type=float,
-        default=0.0,
-        metavar="SECONDS",
-        help="with --live: after the run, when its files are written, keep plotting while the "
-        "wires cool, until they are as cool as before the run, but at most this long; Ctrl-C ends "
-        "only the plotting (default %(default)g)",
-    ),
 }
 SHARED["folder"] = shared("output", help="folder to write to")
 SHARED["driven"] = [  # a limb to drive along a plan; at most one of the options
@@ -222,18 +201,8 @@ def count(text: str) -> int:
 
 @contextlib.contextmanager
 def live_page(options: argparse.Namespace) -> Iterator["LivePage | None"]:
-    """Open the live page if ``--live`` is given, print its address, and yield it or None.
-
-    Raises:
-        LimbError: if the page does not start, if ``--cool-down`` is given without ``--live``, or
-            if the cool-down is out of range.
-    """
-    cool_down = vars(options).get("cool_down", 0.0)
-    if not 0 <= cool_down <= MAX_COOLING_TIME:
-        raise LimbError(f"--cool-down is {cool_down:g} s; it must be 0 to {MAX_COOLING_TIME:g} s.")
+    """Open the live page if ``--live`` is given, print its address, and yield it or None."""
     if not options.live:
-        if cool_down:
-            raise LimbError("--cool-down is for the live page; add --live.")
         yield None
         return
     # Bokeh takes long to import, and few commands show a page.
@@ -245,14 +214,11 @@ def live_page(options: argparse.Namespace) -> Iterator["LivePage | None"]:
         yield live
 
 
-def checked_outputs(
-    options: argparse.Namespace, *inputs: Path | str | None, goes_on: bool = False
-) -> list[Path | None]:
+def checked_outputs(options: argparse.Namespace, *inputs: Path | str | None) -> list[Path | None]:
     """Return the files that a command will write: its table, pictures and report.
 
     Args:
         inputs: files that the command reads; a text that names no file is allowed.
-        goes_on: whether the command appends to a table that exists.
 
     Raises:
         OutputError: if a file must not or cannot be written.
@@ -265,7 +231,7 @@ def checked_outputs(
         inputs=[Path(name) for name in inputs if name],
         pictures=pictures,
         tables=[options.output],
-        force=options.force or goes_on,
+        force=options.force,
     )
     return outputs
 
@@ -282,11 +248,7 @@ def save_panels(panels: Sequence[Panel], path: Path | None) -> None:
 def print_summary(
     options: argparse.Namespace, summary: Summary, written: Sequence[Path | None] | None = None
 ) -> None:
-    """Print the results of a command and the files that it wrote, as JSON with ``--json``.
-
-    Args:
-        written: files that were written; entries that are None are left out.
-    """
+    """Print the results of a command and the files that it wrote, as JSON with ``--json``."""
     if written is not None:
         paths = [str(path) for path in written if path]
         summary += Summary([Entry("written", paths)])

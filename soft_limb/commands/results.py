@@ -36,13 +36,13 @@ def _write_mjcf(limb: LimbParameters, path: Path, callback: Path | None) -> None
     write_atomically(path, model)
 
 
-MJCF = "mjcf"
-_FORMATS: dict[str, tuple[str, str, Callable]] = {  # suffix, kind of the result, writer
-    "csv": (".csv", TRAJECTORY, write_rows),
-    "c-header": (".h", TRAJECTORY, write_c_header),
-    "sdf": (".sdf", LIMB, functools.partial(_write_model, limb_sdf)),
-    "urdf": (".urdf", LIMB, functools.partial(_write_model, limb_urdf)),
-    MJCF: (".xml", LIMB, _write_mjcf),
+MJCF = ".xml"
+_FORMATS: dict[str, tuple[str, Callable]] = {  # kind of the result and writer, by suffix
+    ".csv": (TRAJECTORY, write_rows),
+    ".h": (TRAJECTORY, write_c_header),
+    ".sdf": (LIMB, functools.partial(_write_model, limb_sdf)),
+    ".urdf": (LIMB, functools.partial(_write_model, limb_urdf)),
+    MJCF: (LIMB, _write_mjcf),
 }
 
 
@@ -98,40 +98,33 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
-    # Choose the format: by --format, or by the name of the output.
-    is_single = len(options.files) == 1
-    by_suffix = {suffix: name for name, (suffix, *_) in _FORMATS.items()}
-    name = options.format or (by_suffix.get(options.output.suffix) if is_single else "csv")
-    if name is None:
+    # The end of the output's name tells its format.
+    if options.output.suffix not in _FORMATS:
         raise OutputError(
             f"The name of {options.output} does not tell its format; let it end with "
-            f"{' or '.join(by_suffix)}, or give --format."
+            f"{' or '.join(_FORMATS)}."
         )
-    suffix, kind, write = _FORMATS[name]
-    # Check all outputs before the first is written.
-    outputs = [options.output]
-    if not is_single:
-        outputs = [options.output / f"{path.stem}{suffix}" for path in options.files]
-    if options.callback and (name != MJCF or not is_single):
+    suffix = options.output.suffix
+    kind, write = _FORMATS[suffix]
+    if options.callback and suffix != MJCF:
         raise OutputError(
-            "--callback writes the C code of the wires of one limb; give one limb, and an output "
-            "that ends with .xml."
+            "--callback writes the C code of a limb's wires; give an output that ends with .xml."
         )
-    callbacks = [options.callback] if options.callback else []
-    check_outputs(outputs + callbacks, inputs=options.files, force=options.force)
+    outputs = [options.output]
+    if options.callback:
+        outputs.append(options.callback)
+    check_outputs(outputs, inputs=[options.file], force=options.force)
     # Read and convert.
-    results = [read_result(path) for path in options.files]
-    for result in results:
-        if result.kind != kind:
-            raise LimbError(
-                f"{result.path} is a {result.kind}; only a {kind} can be exported as {name}."
-            )
+    result = read_result(options.file)
+    if result.kind != kind:
+        raise LimbError(
+            f"{result.path} is a {result.kind}; only a {kind} can be exported as {suffix}."
+        )
     settings: tuple[Any, ...] = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
-    if name == MJCF:
+    if suffix == MJCF:
         settings = (options.callback,)
-    for result, path in zip(results, outputs, strict=True):
-        write(result.value, path, *settings)
-    print_summary(options, Summary([]), outputs + callbacks)
+    write(result.value, options.output, *settings)
+    print_summary(options, Summary([]), outputs)
     return 0
 
 
@@ -147,8 +140,8 @@ COMMANDS = {
     "show": Command(
         _show,
         "Print the kind of each file, its contents, and what made it. A file may be a recording, "
-        "a trajectory or a gait (.csv), a limb, a robot or a task (.yaml), a reference (.csv of s "
-        "and degrees), learning.txt, or a report (.html).",
+        "a trajectory or a gait (.csv), a limb or a robot (.yaml), learning.txt, or a report "
+        "(.html).",
         "json force",
         [
             Option("files", nargs="+", metavar="FILE", type=Path, help="result files"),
@@ -201,26 +194,14 @@ COMMANDS = {
     ),
     "export": Command(
         _export,
-        "Convert trajectories and limbs for other programs. The duty of a trajectory is written as "
+        "Convert a trajectory or a limb for other programs. The duty of a trajectory is written as "
         "CSV or as a C header, for your own program that holds each row for one period: a row is "
         "the mean duty of the plan over the period. A limb is written as SDFormat, with its "
         "springs; as URDF, without springs; or as MJCF for MuJoCo, with springs and heat.",
         "force",
         [
-            Option(
-                "files",
-                nargs="+",
-                metavar="FILE",
-                type=Path,
-                help="trajectories (.csv) or limbs (.yaml)",
-            ),
-            shared("output", help="file to write; the folder to write to if there are several"),
-            Option(
-                "--format",
-                choices=list(_FORMATS),
-                help="format to write; if left out, the end of the output's name tells it: .csv, "
-                ".h, .sdf, .urdf or .xml; csv for several files",
-            ),
+            Option("file", metavar="FILE", type=Path, help="trajectory (.csv) or limb (.yaml)"),
+            shared("output", help="file to write: .csv, .h, .sdf, .urdf or .xml"),
             Option(
                 "--rate",
                 type=float,

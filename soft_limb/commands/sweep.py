@@ -1,4 +1,4 @@
-"""The command ``soft-limb sweep``: many combinations of limbs, motions, tasks and controllers."""
+"""The command ``soft-limb sweep``: many combinations of limbs, motions and controllers."""
 
 import argparse
 import os
@@ -20,31 +20,24 @@ from soft_limb.commands.options import (
     shared,
 )
 from soft_limb.runs import CONTROLLERS, OPEN_LOOP
-from soft_limb.runs.plan_run import load_task
-from soft_limb.runs.sweep_cases import make_cases, mean_table, sweep
+from soft_limb.runs.sweeping import make_cases, mean_table, sweep
 
 
 def _sweep(options: argparse.Namespace) -> int:
     # List all combinations.
-    tasks = options.task or []
-    checked_outputs(options, options.limb, *options.references, *tasks, goes_on=True)
-    wanted = make_cases(
+    checked_outputs(options, options.limb, *options.references)
+    cases = make_cases(
         LimbParameters.of(options.limb),
         options.references,
-        smoothing_time=options.smooth,
         vary=options.vary,
-        tasks={name: load_task(name) for name in tasks},
         controllers=options.controller or [OPEN_LOOP],
-        physics=options.physics or ["lumped"],
         seeds=options.seeds,
     )
-    if options.force:
-        options.output.unlink(missing_ok=True)
-    # Run those that the table does not have.
-    print_duration(f"some seconds for each of {len(wanted)} runs, {options.jobs} at a time")
-    with Progress("sweep", len(wanted), "runs") as progress:
+    # Run them.
+    print_duration(f"some seconds for each of {len(cases)} runs, {options.jobs} at a time")
+    with Progress("sweep", len(cases), "runs") as progress:
         rows = sweep(
-            wanted,
+            cases,
             options.output,
             progress.update,
             num_processes=options.jobs,
@@ -90,11 +83,11 @@ def _field(text: str) -> tuple[str, list[float]]:
 COMMANDS = {
     "sweep": Command(
         _sweep,
-        "Plan every combination of motions, limbs, tasks and controllers, and drive emulated limbs "
+        "Plan every combination of motions, limbs and controllers, and drive emulated limbs "
         "along the plans. The table has a row for each run: the mean distances of the true bend "
         "from the reference and from the plan, the mean distance of the plan from the reference, "
-        "the highest temperatures, and any error. After an interruption, run it again to continue.",
-        "limb smooth json",
+        "the highest temperatures, and any error.",
+        "limb json force",
         [
             Option(
                 "references",
@@ -103,7 +96,7 @@ COMMANDS = {
                 metavar="REFERENCE",
                 help="motions to plan, each as for soft-limb plan (default fig5)",
             ),
-            shared("output", help="table to write (.csv), or to continue"),
+            shared("output", help="table to write (.csv)"),
             Option(
                 "--seeds",
                 type=_seeds,
@@ -120,23 +113,11 @@ COMMANDS = {
                 "segments.0.stiffness=0.08:0.16:5; may be repeated",
             ),
             Option(
-                "--task",
-                action="append",
-                help="weights and limits: a file (.yaml), 'paper' or 'closed-loop'; may be "
-                "repeated; if left out, the default task, or closed-loop with a controller",
-            ),
-            Option(
                 "--controller",
                 action="append",
                 choices=CONTROLLERS,
                 help="controller of the limbs, as for soft-limb replay; may be repeated (default "
                 f"{OPEN_LOOP})",
-            ),
-            Option(
-                "--physics",
-                action="append",
-                help="physics of the emulated limbs (default lumped); import the module of any "
-                "other by --import; may be repeated",
             ),
             Option(
                 "-j",
@@ -151,7 +132,6 @@ COMMANDS = {
                 help="address of a Dask scheduler; its workers make the runs in place of processes "
                 "of this computer",
             ),
-            Option("--force", action="store_true", help="replace the table if it exists"),
         ],
         stopped="stopped; the table has the complete runs",
         examples=["soft-limb sweep mine.csv -l limb.yaml --seeds 0-9 -o out/sweep.csv"],

@@ -103,16 +103,18 @@ def draw(
     named.pop("", None)
     # Show values under the pointer: of all curves at one x, or of one point.
     if stream is None:
+        is_over_time = all(not curve.marks and (np.diff(curve.x) > 0).all() for curve in curves)
         plot.add_tools(
             HoverTool(
                 renderers=[drawn[name][-1] for name in named],
+                mode="vline" if is_over_time else "mouse",
+                line_policy="nearest",
                 tooltips=[
                     ("", "$name"),
+                    (_label_name(panel.x_label), f"@x{{0.00}}{_label_unit(panel.x_label)}"),
                     (_label_name(panel.label), f"@y{{0.00}}{_label_unit(panel.label)}"),
                 ],
             )
-            if not named or any(curve.marks or not _increasing(curve.x) for curve in curves)
-            else _hover_at_x(plot, list(named.values()), panel)
         )
     # Add the legend.
     plot.add_layout(
@@ -175,35 +177,6 @@ def _draw_curve(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> 
     else:
         drawn.append(draw_line("x", "y", **line, **style))
     return drawn
-
-
-def _increasing(x: np.ndarray) -> bool:
-    return len(x) > 0 and bool((np.diff(x) > 0).all())
-
-
-def _hover_at_x(plot: figure, curves: Sequence[Curve], panel: Panel) -> HoverTool:
-    """Return a tool that shows the values of all curves at the pointer's x."""
-    # Interpolate all curves at the points of the longest.
-    longest = max((curve.x for curve in curves), key=len)
-    x = np.asarray(longest)[_drawn_indices(np.asarray(longest))]
-    columns = {"x": x, "y": np.interp(x, curves[0].x, curves[0].y)}
-    for number, curve in enumerate(curves):
-        columns[f"y{number}"] = np.interp(x, curve.x, curve.y, left=np.nan, right=np.nan)
-    source = ColumnDataSource({name: np.float32(column) for name, column in columns.items()})
-    # Attach the tool to an invisible line through these points.
-    return HoverTool(
-        renderers=[plot.line("x", "y", source=source, line_alpha=0.0)],
-        mode="vline",
-        line_policy="nearest",
-        attachment="horizontal",
-        tooltips=[
-            (_label_name(panel.x_label), f"@x{{0.00}}{_label_unit(panel.x_label)}"),
-            *(
-                (curve.name, f"@y{number}{{0.00}}{_label_unit(panel.label)}")
-                for number, curve in enumerate(curves)
-            ),
-        ],
-    )
 
 
 def _drawn_indices(y: np.ndarray) -> np.ndarray:

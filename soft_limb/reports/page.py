@@ -127,11 +127,7 @@ def facts(summary: Summary) -> Markup:
 
 
 def chart(panels: Sequence[Panel], description: str) -> Markup:
-    """Return panels as an interactive chart; equal panels give equal bytes.
-
-    Args:
-        description: text for readers who cannot see the chart.
-    """
+    """Return panels as an interactive chart; equal panels give equal bytes."""
     # Importing Bokeh takes as long as importing everything else.
     from bokeh.embed import json_item
 
@@ -152,11 +148,7 @@ def chart(panels: Sequence[Panel], description: str) -> Markup:
 
 
 def picture(figure: "Figure", description: str) -> Markup:
-    """Return a figure of Matplotlib as a picture that is sharp at any size.
-
-    Args:
-        description: text for readers who cannot see the picture.
-    """
+    """Return a figure of Matplotlib as a picture that is sharp at any size."""
     import matplotlib
 
     buffer = io.BytesIO()
@@ -166,12 +158,9 @@ def picture(figure: "Figure", description: str) -> Markup:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> Markup:
-    """Return a table of plain text. Columns of numbers are aligned to the right.
+    """Return a table of plain text; columns of numbers are aligned to the right.
 
-    Args:
-        header: a text for each column; the table has no header if all are empty.
-        rows: each with a text for each column.
-        caption: text below the table.
+    It has no header if all texts of the header are empty; the caption is below it.
     """
     # A column is numeric if all cells that are not empty begin with a digit after the sign.
     numeric = []

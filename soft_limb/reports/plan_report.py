@@ -112,19 +112,15 @@ def learning_verdict(learner: Learner) -> str:
 
 
 def write_learning_report(
-    learner: Learner, recordings: Mapping[int, Path], state: Path, picture: Path, path: Path
+    learner: Learner, recordings: Mapping[int, Path], state: Path, path: Path
 ) -> None:
-    """Save a picture and a page of all repetitions.
+    """Write one HTML page of all repetitions.
 
     Args:
         recordings: one or more files of repetitions, by the numbers of the repetitions.
         state: file of the learner.
-        picture: path of the picture to write.
-        path: path of the page to write.
+        path: path of the page.
     """
-    # Importing Matplotlib takes as long as importing everything else.
-    from limb_systems.views.plots import draw, save_figure
-
     # Draw the errors of all repetitions, and the first and the last recording.
     numbers = sorted(recordings)
     first = Recording.load(recordings[numbers[0]])
@@ -132,7 +128,6 @@ def write_learning_report(
     distances = [repetition.reference_distance for repetition in learner.repetitions]
     errors = [repetition.mean_error for repetition in learner.repetitions]
     panels = repetition_panels(learner.trajectory, distances, errors, first, last)
-    save_figure(draw(panels), picture)
     # List them in a table.
     rows = []
     for number, repetition in enumerate(learner.repetitions, 1):

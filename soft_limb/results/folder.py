@@ -1,7 +1,5 @@
 """Find the files of a folder that may be results, by names and first bytes; quick to import."""
 
-import collections
-import dataclasses
 import os
 import re
 from pathlib import Path
@@ -11,7 +9,6 @@ from limb_systems.files.input import first_line
 
 TABLE_KINDS = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
 RESULT_SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")
-MAX_ENTRIES = 50_000
 _HEAD = 4096  # bytes
 _TAIL = 16384  # bytes of a page, whose provenance is at its end
 # Fields at the top level of a limb.
@@ -19,61 +16,20 @@ _LIMB = {"ambient_temperature", "board", "calibration", "format", "gravity", "pa
 _LIMB |= {"supply_voltage", "temperature_limits", "total_duty"}
 
 
-@dataclasses.dataclass(frozen=True)
-class ListedFile:
-    """A file of a folder that may be a result.
+def find_results(folder: Path) -> list[Path]:
+    """Return the files in a folder and below that may be results.
 
-    - ``key``: its path from the folder, with "/".
-    - ``path``: the file.
-    - ``changed``: time of its last change, s since 1970.
-    - ``size``: bytes.
+    Hidden folders, installed packages, and links that lead out of the folder are left out.
     """
-
-    key: str
-    path: Path
-    changed: float
-    size: int
-
-
-def find_results(folder: Path) -> list[ListedFile]:
-    """Return the files in a folder and below that may be results, newest first.
-
-    Hidden folders, installed packages, and links that lead out of the folder are left out. The
-    search ends after `MAX_ENTRIES` files and folders, and the deepest are left out then.
-
-    Raises:
-        OSError: if the folder cannot be read.
-    """
-    root = folder.resolve()
     files = []
-    num_entries = 0
-    # Search level by level.
-    folders = collections.deque([folder])
-    while folders and num_entries < MAX_ENTRIES:
-        current = folders.popleft()
-        try:
-            entries = list(os.scandir(current))
-        except OSError:
-            if current is folder:
-                raise
-            continue
-        num_entries += len(entries)
-        for entry in entries:
-            if not _is_visible(entry.name):
-                continue
-            path = current / entry.name
-            try:
-                if entry.is_dir(follow_symlinks=False):
-                    folders.append(path)
-                elif entry.is_file() and entry.name.endswith(RESULT_SUFFIXES):
-                    if entry.is_symlink() and not path.resolve().is_relative_to(root):
-                        continue
-                    status = entry.stat()
-                    key = path.relative_to(folder).as_posix()
-                    files.append(ListedFile(key, path, status.st_mtime, status.st_size))
-            except OSError:  # the file was deleted meanwhile
-                continue
-    return sorted(files, key=lambda file: (-file.changed, file.key))
+    for parent, folders, names in os.walk(folder):
+        folders[:] = filter(_is_visible, folders)
+        for name in filter(_is_visible, names):
+            path = Path(parent, name)
+            is_inside = path.resolve().is_relative_to(folder.resolve())
+            if name.endswith(RESULT_SUFFIXES) and is_inside and path.is_file():
+                files.append(path)
+    return files
 
 
 def _is_visible(name: str) -> bool:
@@ -84,7 +40,7 @@ def _is_visible(name: str) -> bool:
 def guess_file_kind(path: Path) -> str:
     """Return the kind of a file by its first and last bytes; see `ResultFile` for the kinds.
 
-    The result is empty for other files, for tasks, and for references, as any table may be one.
+    The result is empty for other files.
     """
     try:
         with open(path, "rb") as file:

@@ -26,7 +26,6 @@ from soft_limb.results.read_result import (
     LEARNING,
     LIMB,
     RECORDING,
-    REFERENCE,
     REPORT,
     ROBOT,
     TRAJECTORY,
@@ -53,12 +52,8 @@ _DETAILS = {"rate", "samples", "limb", "solver", "limits", "title", "recordings"
 def overview_page(folder: Path, output: Path) -> str:
     """Return the page of a folder and the folders below, HTML.
 
-    Args:
-        folder: folder of the results.
-        output: file that the page is for; links are relative to it, and it is not listed.
-
-    Raises:
-        LimbError: if the folder cannot be listed.
+    Links are relative to the file ``output``, which is not listed. Raise LimbError if the folder
+    cannot be listed.
     """
     # Find which file was made from which.
     files, troubles = _read_files(folder, output.resolve())
@@ -85,7 +80,7 @@ def overview_page(folder: Path, output: Path) -> str:
     return page.template("overview.html").render(
         folder=folder.resolve().name or str(folder.resolve()),
         provenance=dataclasses.asdict(Provenance.now()),
-        files=[file for file in files if file.kind not in (REPORT, REFERENCE)],
+        files=[file for file in files if file.kind != REPORT],
         others=unlinked,
         troubles=troubles,
         origins=origins,
@@ -102,14 +97,14 @@ def overview_page(folder: Path, output: Path) -> str:
 
 def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]]:
     """Return the results in a folder, newest first, and a sentence for each unreadable file."""
-    try:
-        paths = [file.path for file in find_results(folder) if file.path.resolve() != output]
-    except OSError as error:
-        raise LimbError(f"Cannot list {folder}: {error.strerror}.") from error
+    if not folder.is_dir():
+        raise LimbError(f"Cannot list {folder}: there is no such folder.")
     # Read all files; an unreadable file gives a sentence on the page.
     files = []
     troubles = []
-    for path in paths:
+    for path in find_results(folder):
+        if path.resolve() == output:
+            continue
         if path.suffix == ".txt" and not guess_file_kind(path):
             continue  # a text that soft-limb did not write
         try:

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
     """Return the check of a plan, its distance from the reference, and its limits.
 
-    Args:
-        quick: whether to leave out the best plan within the limits, which takes a second.
+    If ``quick``, the best plan within the limits, which takes a second, is left out.
     """
     from planners.nearest import nearest_plan  # takes long to import
     from planners.plan_check import far_from_reference
@@ -69,11 +68,7 @@ def _degrees(distance: float | None) -> float | None:
 
 
 def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
-    """Return the distance of each repetition from reference and plan, and why learning ended.
-
-    Args:
-        quick: as for `plan_summary`.
-    """
+    """Return each repetition's distance from reference and plan; see `plan_summary`."""
     # List the numbers of each repetition.
     values = [
         {

@@ -30,15 +30,13 @@ def run_each(
 
     Args:
         function: function at the top level of a module, as it is pickled by name.
-        arguments: one for each call.
         num_processes: processes on this machine; 1 makes the calls in this process.
         cluster: address of a Dask scheduler; its workers make the calls instead.
         in_order: whether results come in the order of the arguments.
 
     Raises:
         Exception: of the first call that fails; calls that have not begun are dropped then.
-        LimbError: if Dask is not installed, its scheduler does not answer, or a worker cannot load
-            a module.
+        LimbError: if the cluster is not there, or cannot load a module.
     """
     return_as = "generator" if in_order else "generator_unordered"
     with _backend(num_processes, cluster) as backend:
@@ -86,13 +84,9 @@ def _backend(num_processes: int, cluster: str | None) -> Iterator[dict[str, Any]
 
 
 def load_module(name: str, folder: str | Path) -> None:
-    """Import a user's module that defines a wire law, a bend sensor or an emulated limb.
+    """Import a user's module, which the processes of `run_each` import, too.
 
-    The processes of `run_each` import it, too.
-
-    Args:
-        name: name of the module, with dots.
-        folder: folder of the module if it is not installed.
+    It defines a wire law, a bend sensor or an emulated limb, and is in the folder or installed.
     """
     _import_modules({name: str(Path(folder).resolve())})
 

@@ -21,7 +21,7 @@ from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.folder import guess_file_kind
 from soft_limb.runs.rollout import DEFAULT_FEEDBACK, Rollout, roll_out
 
-FOLLOW_FILES = ("plan.csv", "recording.csv", "tracking.png", "report.html")  # of `plan_and_follow`
+FOLLOW_FILES = ("plan.csv", "recording.csv", "report.html")  # of `plan_and_follow`
 NAMED_REFERENCES = {
     "ramps": references.ramps,
     "fig5": references.step_and_decaying_sine,
@@ -45,13 +45,8 @@ def plan_from_files(
         limb: parameters, or their path; None for the nominal limb.
         smoothing_time: window over which a recording's bend angle is smoothed, s.
         tip: whether the reference is a path of the tip, a CSV of time and mm.
-        start: readings V of the resting limb at the start, °C, as for `resting_state`; ambient
-            temperature if None.
-        settings: further arguments of `planners.plan`.
-
-    Raises:
-        PlanningError: if there is no plan, see `planners.plan`.
-        LimbError: if a file cannot be read.
+        start: readings V of the resting limb at the start, °C; ambient temperature if None.
+        settings: further arguments of `planners.plan`, whose errors are raised.
     """
     parameters = LimbParameters.of(limb)
     if tip:
@@ -65,14 +60,7 @@ def plan_from_files(
 
 
 def load_task(name: str, limb: LimbParameters | None = None) -> Task:
-    """Return the task "paper", the task "closed-loop", or a task from a file.
-
-    Args:
-        limb: the limb to plan for; `Task.closed_loop` chooses weights and margins by it.
-
-    Raises:
-        LimbError: if the file cannot be read.
-    """
+    """Return the task "paper", the task "closed-loop" for a limb, or a task from a file."""
     if name == "closed-loop":
         return Task.closed_loop(limb)
     return Task.paper() if name == "paper" else Task.load(name)
@@ -110,14 +98,9 @@ def plan_and_follow(
         make_limb: function that returns the limb for the parameters of the plan; it is called
             before planning as well, to read the limb.
         task, knot_rate: as for `planners.plan`; the default task is `Task.closed_loop`.
-        controller, real_time, live: as for `roll_out`.
-
-    Raises:
-        PlanningError: if there is no plan.
-        ReplayError, HardwareError, OutputError: see `hardware.replaying.replay`.
-        LimbError: if a file cannot be read.
+        controller, real_time, live: as for `roll_out`, whose errors are raised.
     """
-    plan_file, recording_file, picture, report = (Path(folder) / name for name in FOLLOW_FILES)
+    plan_file, recording_file, report = (Path(folder) / name for name in FOLLOW_FILES)
     say = live.say if live else lambda _: None
     # Read the temperatures at which the plan will start.
     say(f"Planning {reference}")
@@ -145,11 +128,7 @@ def plan_and_follow(
         real_time=real_time,
         live=live,
     )
-    # Write picture and report. Importing Matplotlib takes as long as importing everything else.
-    from limb_systems.views.plots import plot_tracking, save_figure
-
-    save_figure(plot_tracking(trajectory, [rollout.recording]), picture)
     summary = rollout.summary()
-    data = {"plan": plan_file, "recording": recording_file, "picture": picture}
+    data = {"plan": plan_file, "recording": recording_file}
     write_rollout_report(rollout, summary, report, data)
     return rollout, summary

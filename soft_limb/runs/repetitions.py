@@ -20,14 +20,14 @@ from limb_systems.files.output import OutputError, check_folder
 from limb_systems.files.table_writer import unfinished_files
 from limb_systems.progress import Progress
 from soft_limb.reports.plan_report import write_learning_report
-from soft_limb.runs.cooling import COOL_TOLERANCE
 from soft_limb.runs.rollout import record_replay
 
 STATE_FILE, LEARNED_FILE = "learning.txt", "learned.csv"
-PICTURE_FILE, REPORT_FILE = "learning.png", "learning.html"
+REPORT_FILE = "learning.html"
 REST_TIME = 300.0  # s without heat between two repetitions on an emulated limb
 MAX_REST_TIME = 1200.0  # s
 READ_PERIOD = 1.0  # s
+COOL_TOLERANCE = 3.0  # °C; a wire that is warmer than at the start by less is cool
 _NAME = re.compile(r"repetition_[0-9]+\.csv")
 
 
@@ -52,12 +52,7 @@ def repeat(
         limb_of_repetition: function that returns a limb that is ready for the next repetition.
         repetitions: number of repetitions in total, including earlier ones.
         tell: function that is called with each repetition and its number, from 1 on.
-        live: page on which the limb is shown, as for `replay`.
-
-    Raises:
-        ReplayError: if the plan must not be replayed on the limb.
-        HardwareError: if the robot fails; the incomplete repetition is learned from.
-        OutputError: if a file cannot be written.
+        live: as for `replay`, whose errors are raised.
     """
     folder = Path(folder)
     learner.save(folder / STATE_FILE)
@@ -126,11 +121,7 @@ def make_rested_robots(
     trajectory: Trajectory,
     live: LiveView | None = None,
 ) -> Callable[[], LimbSystem]:
-    """Return a function for `repeat` that waits for cool wires and returns the robot on a port.
-
-    Args:
-        port, trajectory, live: as for `repeat` and `SerialLimb`.
-    """
+    """Return a function that waits for cool wires and returns the robot on a port."""
     tell = live.say if live else lambda _: None
 
     def rested_robot() -> LimbSystem:
@@ -153,8 +144,7 @@ def wait_for_cool_wires(
 
     Args:
         read: function that returns V of the wires (W,), °C.
-        longest: longest time to wait, s.
-        period: time between two readings, s.
+        longest, period: longest time to wait, and time between two readings, s.
         tell: function that is called with a text on the warmest wire at each reading.
 
     Raises:
@@ -186,10 +176,7 @@ def wait_for_cool_wires(
 
 
 def load_or_create_learner(folder: Path, trajectory: Trajectory, *, force: bool = False) -> Learner:
-    """Return the learner of a plan that a folder has, or a new learner.
-
-    Args:
-        force: whether to start anew if there are repetitions.
+    """Return the learner of a plan that a folder has, or a new learner; a new one by ``force``.
 
     Raises:
         OutputError: if the folder cannot be written to, or has repetitions of another plan.
@@ -221,7 +208,7 @@ def load_or_create_learner(folder: Path, trajectory: Trajectory, *, force: bool 
 
 
 def report_repetitions(learner: Learner, folder: Path) -> list[Path]:
-    """Write picture and report of all repetitions, if there are recordings; return the paths."""
+    """Write the report of all repetitions, if there are recordings; return its path."""
     complete = {
         number: path
         for number in range(1, len(learner.repetitions) + 1)
@@ -229,7 +216,5 @@ def report_repetitions(learner: Learner, folder: Path) -> list[Path]:
     }
     if not complete:
         return []
-    write_learning_report(
-        learner, complete, folder / STATE_FILE, folder / PICTURE_FILE, folder / REPORT_FILE
-    )
-    return [folder / PICTURE_FILE, folder / REPORT_FILE]
+    write_learning_report(learner, complete, folder / STATE_FILE, folder / REPORT_FILE)
+    return [folder / REPORT_FILE]

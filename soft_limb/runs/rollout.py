@@ -40,7 +40,6 @@ class Rollout:
     - ``lost_samples``: number of samples that the cable lost; None in simulated time.
     - ``replans``: numbers of plans that were begun, late and failed (3,); None for controllers
       that do not plan.
-    - ``limb``: the limb that was driven; a robot's port is closed.
     """
 
     controller: str
@@ -49,7 +48,6 @@ class Rollout:
     late: np.ndarray | None
     lost_samples: int | None
     replans: np.ndarray | None
-    limb: LimbSystem | None = None
 
     @functools.cached_property
     def distances(self) -> ReferenceDistances:
@@ -171,10 +169,7 @@ def roll_out(
         output: file of the recording, which is written while the limb runs.
         controller: key in `CONTROLLERS`.
         real_time: whether the limb is a robot.
-        live: page on which the limb is shown, as for `replay`.
-
-    Raises:
-        ReplayError, HardwareError, OutputError, LimbError: see `replay`.
+        live: as for `replay`, whose errors are raised.
     """
     # Make the controller before the limb: the board waits for no computation.
     driver = make_controller(controller, trajectory, real_time=real_time)
@@ -191,7 +186,6 @@ def roll_out(
         np.array(robot.timing_errors) if robot else None,
         robot.link.lost_samples if robot else None,
         driver.counts if isinstance(driver, _CountingHorizon) else None,
-        limb,
     )
 
 

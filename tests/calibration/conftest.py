@@ -36,10 +36,11 @@ def model_recordings(true_limb):
     mounted.gravity = [0.0, -9.81, 0.0]
     bent = joint_angles_from_bend_angle(true_limb, [np.pi / 4])
     state = np.concatenate([bent, 0 * bent, np.full(4, true_limb.ambient_temperature)])
-    ring_down = simulate(Limb(true_limb), [0.0, 0.0], 4.0, sample_rate=100.0, initial_state=state)
+    ring_down = simulate(Limb(true_limb), [0.0, 0.0], 2.5, sample_rate=100.0, initial_state=state)
     recordings = {"sag": [collect_sag(Limb(mounted))], "ring_down": [ring_down]}
-    for seed, kind in enumerate(("right", "left", "both")):
-        recordings[kind] = [collect_equilibria(Limb(true_limb), kind, num_angles=6, seed=seed)]
+    for kind, num_angles, seed in (("right", 4, 7), ("left", 4, 0), ("both", 3, 2)):
+        options = {"num_angles": num_angles, "longest": 40.0, "seed": seed}
+        recordings[kind] = [collect_equilibria(Limb(true_limb), kind, **options)]
     return recordings
 
 

@@ -9,6 +9,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import (
@@ -165,7 +166,7 @@ def test_a_limb_with_one_wire_is_calibrated():
     limb = LimbParameters(ambient_temperature=23.0)
     limb.segments[0].wires = [WireParameters("only", 0.0034, 0.0, law)]
     assert list(kinds_of(limb)) == ["sag", "ring_down", "only"]
-    recording = collect_equilibria(Limb(limb), "only", num_angles=4, longest=30.0)
+    recording = collect_equilibria(Limb(limb), "only", num_angles=3, longest=15.0)
     for method in ("paper", "prediction"):
         calibration = calibrate({"only": [recording]}, limb, method=method, laws=[LinearLaw])
         (found,) = calibration.parameters.wires
@@ -185,12 +186,13 @@ def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb,
 def test_validation_may_start_warm(true_limb):
     """While the wire cools, with silicone on its way."""
     limb = copy.deepcopy(true_limb)
+    limb.segments[0].links = 2
     for wire in limb.wires:
         wire.law = TwoMassLaw()
     levels = PiecewisePolynomial.ZeroOrderHold(
-        [0.0, 10.0, 70.0], [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
+        [0.0, 10.0, 40.0], [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
     )
-    recording = simulate(Limb(limb), levels, 70.0, sample_rate=5.0)
+    recording = simulate(Limb(limb), levels, 40.0, sample_rate=5.0)
     warm = select_samples(recording, recording.time >= 14.0)
     assert validate(limb, warm).temperature_mean < 1.0
 
@@ -242,8 +244,8 @@ def test_command_fits_a_folder_and_validates(
     assert found.calibration.validation.startswith(told)
     page = html.unescape(report.read_text(encoding="utf-8"))
     fitted = by_prediction.prediction.fit.predicted
-    # Validation, stiffness, damping, and each recording.
-    assert page.count('<figure class="chart"') == 3 + len(fitted)
+    # Validation, and each recording.
+    assert page.count('<figure class="chart"') == 1 + len(fitted)
     verdict = re.search("^verdict +(.*)$", said, re.MULTILINE)[1]
     assert verdict == by_prediction.verdict
     assert page.index(verdict) < page.index("<table")
@@ -272,8 +274,10 @@ def test_command_fits_a_folder_and_validates(
     assert said["written"] == [str(limb), str(report)]
 
 
-def test_remarks_are_ranked(emulated_folder, capsys, tmp_path):
+def test_remarks_are_ranked(emulated_folder, capsys, tmp_path, monkeypatch):
     """In the summary and on the page, worst first; by the paper's method there are some."""
+    picture = Markup('<figure class="chart"></figure>')  # the real one takes long
+    monkeypatch.setattr("soft_limb.reports.page.chart", lambda *_: picture)
     limb, report = tmp_path / "limb.yaml", tmp_path / "report.html"
     fit = ["fit", str(emulated_folder), "-o", str(limb), "--report", str(report)]
     assert main([*fit, "--method", "paper"]) == 0
@@ -284,7 +288,7 @@ def test_remarks_are_ranked(emulated_folder, capsys, tmp_path):
     assert {1, 2} <= set(ranks)
     places = [page.index(line) for line in ranked_remarks]
     assert places == sorted(places)
-    assert page.count('<figure class="chart"') == 5  # validation, stiffness, damping, each wire
+    assert page.count(picture) == 1  # the validation; the fits are in words
     found, both = LimbParameters.load(limb), emulated_folder / "both.csv"
     assert main(["validate", str(limb), str(both), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)

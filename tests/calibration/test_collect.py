@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import functools
 import io
 from unittest import mock
 
@@ -23,7 +24,7 @@ from calibration import (
     kind_of,
     load_recordings,
 )
-from calibration.collecting.excitation import DutyUntilWarm, mountings
+from calibration.collecting.excitation import DutyUntilWarm, Excitation, _held_levels, mountings
 from calibration.prediction.heated_run import HeatedRun
 from hardware import LimbTwin
 from limb_systems import (
@@ -185,11 +186,11 @@ def test_schedule_goes_on_when_settled_and_not_before():
 
 
 def test_equilibria_are_reached_and_recorded_with_their_set_points(model_recordings):
-    for kind, sides in (("right", (0, 1)), ("left", (-1, 0)), ("both", (-1, 1))):
+    for kind, count, sides in (("right", 4, (0, 1)), ("left", 4, (-1, 0)), ("both", 3, (-1, 1))):
         (recording,) = model_recordings[kind]
         assert recording.duty.max() <= 0.5
         angles = np.unique(recording.reference)
-        assert len(angles) == 6
+        assert len(angles) == count
         assert (np.deg2rad(45) * sides[0] <= angles).all()
         assert (angles <= np.deg2rad(45) * sides[1]).all()
         ends = np.flatnonzero(np.diff(recording.reference[0]))
@@ -219,21 +220,26 @@ class Robot(Limb):
 
 @pytest.fixture
 def short_excitations(monkeypatch):
-    """The beginning of one of them, with both wires, and of a motion."""
+    """A pulse of the last wire and of the first, and the beginning of a motion."""
     whole = excitations
 
     def few(num_wires, seed=0):
-        chosen = [e for e in whole(num_wires, seed) if e.name in ("conditioning", "motion_1")]
+        (motion,) = [e for e in whole(num_wires, seed) if e.name == "motion_1"]
+        first = np.eye(num_wires)[0]
+        last = np.eye(num_wires)[-1]
+        off = 0.0 * first
+        parts = [(2.0, off), (6.0, 0.5 * last), (8.0, off), (6.0, 0.5 * first), (8.0, off)]
+        pulses = _held_levels(parts)
         return [
-            dataclasses.replace(e, pause=5.0, duty=e.duty.slice(0, segments))
-            for e, segments in zip(chosen, (7, 3), strict=True)
+            Excitation("conditioning", "heated", 0.0, pulses),
+            dataclasses.replace(motion, pause=5.0, duty=motion.duty.slice(0, 3)),
         ]
 
     monkeypatch.setattr("calibration.collecting.measurement_protocol.excitations", few)
-    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_TIME", 25.0)
-    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_END", 40.0)
-    monkeypatch.setattr("calibration.collecting.collect.CONTACT_TIME", 15.0)
-    monkeypatch.setattr("calibration.collecting.collect.CONTACT_END", 50.0)
+    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_TIME", 15.0)
+    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_END", 25.0)
+    monkeypatch.setattr("calibration.collecting.collect.CONTACT_TIME", 8.0)
+    monkeypatch.setattr("calibration.collecting.collect.CONTACT_END", 30.0)
     return monkeypatch
 
 
@@ -268,9 +274,9 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     heated = ["first_contact", "warm_up", "conditioning and what follows"]
     assert asked == ["sag_1", "ring_down_1", *heated]
     assert waited == [5.0]
-    # 60 s each at first contact and in the warm-up, 24 s of conditioning, 16 s of the motion.
+    # 60 s each at first contact and in the warm-up, 12 s of conditioning, 16 s of the motion.
     said = "recordings are left, in which wires are heated for at most"
-    assert told[0] == f"6 of 6 {said} 2.7 min in all"
+    assert told[0] == f"6 of 6 {said} 2.5 min in all"
     assert len(told) == 3
     (tmp_path / "motion_1.csv").unlink()
     collect()
@@ -473,6 +479,8 @@ def test_command_collects_three_wires_from_a_robot_as_four_kinds(short_excitatio
     monkeypatch.setattr("soft_limb.commands.calibration.SerialLimb", connect)
     monkeypatch.setattr("soft_limb.commands.calibration.BoardLink", mock.MagicMock())
     monkeypatch.setattr("builtins.input", asked.append)
+    shorter = functools.partial(collect_from_robot, longest=10.0)
+    monkeypatch.setattr("soft_limb.commands.calibration.collect_from_robot", shorter)
     limb = LimbParameters(ambient_temperature=21.5)
     limb.segments[0].links = 2  # which are simulated fast
     limb.segments[0].wires = [

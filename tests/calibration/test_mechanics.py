@@ -350,9 +350,9 @@ COLUMNS = {ChordSensor: 1, TipTangentSensor: 2}
 
 
 def of_rod(name: str, sensor: type[BendSensor]) -> np.ndarray:
-    """What a sensor reads of the rod (K,), degrees."""
+    """What a sensor reads of the rod over 2.5 s, before which it comes to rest (K,), degrees."""
     table = np.loadtxt(DATA / "rod" / f"{name}.csv", delimiter=",", skiprows=1)
-    return table[:, COLUMNS[sensor]]
+    return table[table[:, 0] < 2.5, COLUMNS[sensor]]
 
 
 def rod_calibrated(shown: type[BendSensor], named: type[BendSensor]):

@@ -46,7 +46,7 @@ def test_a_copy_of_the_context_continues_identically(fed, short_plan):
     """In the same system, though that went on meanwhile, and in one that is made anew."""
     for make in CONTROLLERS.values():
         controller = make(short_plan)
-        inputs = course(controller, 30)
+        inputs = course(controller, 22)
         early, late = part(inputs, slice(17)), part(inputs, slice(17, None))
         middle = fed(controller, early).context
         at_once = fed(controller, late, middle.Clone())
@@ -69,7 +69,7 @@ def test_controllers_go_on_without_readings(fed, short_plan):
     for name, make in CONTROLLERS.items():
         for first in (0, 15):
             controller = make(short_plan)
-            inputs = course(controller, 30)
+            inputs = course(controller, 22)
             for port in inputs.keys() - {"duty"}:
                 inputs[port][first:] = np.nan
             shown = fed(controller, inputs)

@@ -3,8 +3,6 @@
 import dataclasses
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.optimize import lsq_linear
 
-from controllers import RecedingHorizon, ReducedModel
+from controllers import Learner, RecedingHorizon, ReducedModel
 from controllers.horizon import HorizonPlanner, horizon_task
 from controllers.receding_horizon import PlannerProcess
 from hardware import replay
@@ -243,7 +241,7 @@ def test_plans_are_counted_and_those_that_fail_leave_the_last_in_force(short_pla
 
 
 def test_in_real_time_the_command_does_not_wait_for_a_plan(short_plan):
-    """Nor does the end wait for a process that does not answer."""
+    """A process that has ended is an error."""
     controller = RecedingHorizon(short_plan, real_time=True)
     simulator, context = in_a_loop(controller, short_plan.parameters)
     planning = controller._process
@@ -257,9 +255,13 @@ def test_in_real_time_the_command_does_not_wait_for_a_plan(short_plan):
     simulator.AdvanceTo(0.81)
     newest = context.get_discrete_state(3).value()
     assert newest[0] == pytest.approx(0.05)  # from the tick after it was asked for
+    planning._process.kill()
+    assert planning._connection.poll(600.0)
+    with pytest.raises(LimbError, match="The process that plans the coming seconds has ended"):
+        planning.poll_plan()
 
 
-def test_another_process_makes_the_same_plans_until_it_ends(short_plan):
+def test_another_process_makes_the_same_plans_and_ends_with_its_owner(short_plan):
     task = Task(duty_weight=0.01, customize=lambda _: None)  # which cannot be sent
     here, there = HorizonPlanner.of(short_plan, task), PlannerProcess(short_plan, task)
     first = here.first_horizon(short_plan)
@@ -271,27 +273,43 @@ def test_another_process_makes_the_same_plans_until_it_ends(short_plan):
     assert there.poll_plan() is None
     for name in ("time", "duty", "heat", "bend_angle"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
-    there._process.kill()
-    assert there._connection.poll(600.0)
-    with pytest.raises(LimbError, match="The process that plans the coming seconds has ended"):
-        there.poll_plan()
+    # It ends with the object, also if it is stopped.
+    process_folder = Path(f"/proc/{there._process.pid}")
+    there.begin(*question)
+    os.kill(there._process.pid, signal.SIGSTOP)
+    assert process_folder.exists()
+    del there
+    assert not process_folder.exists()
 
 
-STOPPED = """
-import os, signal, sys
-from controllers.receding_horizon import PlannerProcess
-from limb_systems import Trajectory
-process = PlannerProcess(Trajectory.load(sys.argv[1]))
-print(process._process.pid, flush=True)
-os.kill(process._process.pid, signal.SIGSTOP)
-process.begin(0.3, None, None)
-"""
+@pytest.fixture(scope="module")
+def one_wire() -> LimbParameters:
+    parameters = LimbParameters()
+    segment = parameters.segments[0]
+    segment.links, segment.wires = 2, segment.wires[1:]
+    parameters.temperature_limits.warm_up_time = 1000.0
+    return parameters
 
 
-def test_a_process_that_is_stopped_ends_with_its_program(short_plan, tmp_path):
-    short_plan.save(tmp_path / "plan.csv")
-    command = [sys.executable, "-c", STOPPED, str(tmp_path / "plan.csv")]
-    here = Path(__file__).parents[2]
-    done = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=600)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert not Path(f"/proc/{int(done.stdout)}").exists()
+def test_it_plans_follows_and_learns(one_wire):
+    reference = references.from_samples([0.0, 1.0, 2.0, 5.0], np.deg2rad([0.0, 0.0, 12.0, 10.0]))
+    planned = plan(one_wire, reference, knot_rate=5.0, tolerance_deg=0.5)
+    assert planned.duty.shape[0] == 1
+
+    weak = LimbParameters.from_yaml(one_wire.to_yaml())
+    weak.segments[0].wires[0].law.beta *= 0.8
+
+    def distance(recording) -> float:
+        asked = planned.bend_angle_at(recording.time)
+        return float(np.rad2deg(np.abs(recording.bend_angle - asked).mean()))
+
+    open_loop = simulate(Limb(weak), planned)
+    followed = replay(planned, Limb(weak), controller=RecedingHorizon(planned))
+    assert distance(followed) < 0.7 * distance(open_loop)
+
+    learner = Learner(planned)
+    learner.update(open_loop)
+    duty = learner.duty_trajectory().vector_values(planned.time)
+    assert np.abs(duty - planned.duty).max() > 0.05
+    learned = simulate(Limb(weak), learner.duty_trajectory(), planned.duration)
+    assert distance(learned) < 0.7 * distance(open_loop)

@@ -171,10 +171,14 @@ def hysteretic() -> LimbParameters:
 
 
 def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
-    for known in (hysteretic(), two_segments, LimbParameters.in_space(links=2)):
+    for known, repetitions in (
+        (hysteretic(), 4),
+        (two_segments, 3),
+        (LimbParameters.in_space(links=2), 3),
+    ):
         learner, plant = Learner(plan_of(known)), Plant(wrong(known))
         errors = []
-        for _ in range(4):
+        for _ in range(repetitions):
             learner.update(plant.repeat(learner))
             errors.append(plant.error(learner))
         assert errors[0] > 1.0

@@ -78,7 +78,7 @@ def driven(parameters, wires, asked, shown=True):
     return np.array(temperatures), np.array(applied)
 
 
-square = [[1.0, float(k // 20 % 2)] for k in range(300)]
+square = [[1.0, float(k // 20 % 2)] for k in range(220)]
 
 
 @settings(max_examples=4, deadline=None, derandomize=True)
@@ -174,10 +174,10 @@ def test_limbs_of_any_law_of_two_segments_and_emulated_ones_stay_below_the_limit
     for limb, parameters, beyond in (
         (Limb(hysteretic), hysteretic, 0.0),
         (Limb(two_segments), two_segments, 0.0),
-        (LimbTwin(seed=14, truth=True), LimbParameters(), 2.0),
+        (LimbTwin(small_limb(), seed=14, truth=True), small_limb(), 2.0),
     ):
-        asked = waves(len(parameters.wires), 12.0)
-        recording = supervised_recording(limb, parameters, asked, 12.0)
+        asked = waves(len(parameters.wires), 9.0)
+        recording = supervised_recording(limb, parameters, asked, 9.0)
         assert 95.0 < recording.wire_temperature.max() <= LIMIT + beyond
 
 

@@ -6,9 +6,11 @@ The process is shared by the tests of a file, as it takes seconds to start, and 
 import json
 import random
 import re
+import struct
 import subprocess
 import sys
 import time
+import zlib
 
 import numpy as np
 import pytest
@@ -16,8 +18,9 @@ import simulated_board
 
 from hardware import HardwareError, LimbTwin
 from hardware.emulation.emulator import Emulation
+from hardware.firmware import protocol
 from hardware.firmware.firmware import Firmware
-from limb_systems import LimbParameters
+from limb_systems import LimbParameters, SegmentParameters
 
 from .c_firmware import COMPILER, compile_core
 from .virtual_time import VirtualCable, VirtualTime
@@ -35,6 +38,22 @@ LATE = (
 )
 MOST_STARTS = 50
 SETTLING_TIME = 0.6  # s, of a board that was switched on, before it can be armed
+
+
+def small_limb() -> LimbParameters:
+    """Return a limb that bends as the nominal one, and is simulated in less time."""
+    return LimbParameters(segments=[SegmentParameters(links=2, stiffness=0.0623)])
+
+
+def small_twin(seed=0, **options) -> LimbTwin:
+    """Return an emulated limb like `small_limb`."""
+    return LimbTwin(small_limb(), seed=seed, **options)
+
+
+@pytest.fixture(autouse=True)
+def fast_checksum(monkeypatch):
+    """Let CPython calculate the checksum; firmware_checks.py tests the firmware's own."""
+    monkeypatch.setattr(protocol, "crc32", lambda data: struct.pack("<I", zlib.crc32(data)))
 
 
 class Board:
@@ -178,16 +197,19 @@ class Heating:
     def freeze(self):
         self._due = np.inf
 
+    def wake_up(self):
+        self._due = self._time.monotonic()
+
     def failure(self) -> str:
         assert self._time.wait_for(lambda: self.error is not None)
         return str(self.error)
 
 
 class SimulatedBoard(simulated_board.SimulatedBoard):
-    """The nominal limb's, switched on a while ago, with what tests ask of it."""
+    """The board of a small limb, switched on a while ago, with what tests ask of it."""
 
     def __init__(self, twin=None, step=1):
-        super().__init__(twin, step=step)
+        super().__init__(twin or small_twin(), step=step)
         self.run(SETTLING_TIME)
 
     def run_to_reading(self, duty):

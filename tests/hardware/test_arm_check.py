@@ -8,12 +8,15 @@ import pytest
 from other_limbs import OtherLimb
 from simulated_board import SimulatedBoard, SimulatedLink
 
-from hardware import LimbTwin
+from hardware import BoardLink, HardwareError
 from hardware.board import arm_check
 from hardware.board.arm_check import check_supply, check_wires
+from hardware.board.board_check import Host
 from hardware.board.heat_rates import HeatRates
-from limb_systems import LimbError, LimbParameters
+from limb_systems import CalibrationRecord, LimbError, LimbParameters
 from soft_limb.command import main
+
+from .virtual_time import VirtualCable
 
 
 def check(limb, order=None, described=None):
@@ -36,7 +39,7 @@ def test_arm_check_passes_a_limb_of_another_physics():
 
 
 def test_arm_check_finds_a_thermocouple_that_shows_a_share():
-    passed, failures, hottest = check(LimbTwin(seed=1), "share right 0.6")
+    passed, failures, hottest = check(OtherLimb(1), "share right 0.6")
     assert not passed
     assert "Either its thermocouple shows a share of its rise" in failures[0]
     assert hottest < 90.0
@@ -44,7 +47,25 @@ def test_arm_check_finds_a_thermocouple_that_shows_a_share():
 
 def test_the_board_ends_arm_check_where_no_heat_shows():
     with pytest.raises(LimbError, match="does not show it: it is off the wire or badly bonded"):
-        check(LimbTwin(seed=1), "detach left")
+        check(OtherLimb(1), "detach left")
+
+
+@pytest.mark.parametrize(
+    "heat",
+    [
+        lambda link, limb: check_wires(link, lambda good, what: None, limb),
+        lambda link, limb: Host(None, limb),
+        lambda link, limb: link.arm(limb.heat_bounds),
+    ],
+    ids=["arm-check", "board-check", "by hand"],
+)
+def test_no_board_heats_a_limb_without_thermocouples(heat, virtual_time):
+    limb = LimbParameters()
+    limb.calibration = CalibrationRecord([], [], [], [], heat_measured=False)
+    VirtualCable(virtual_time, "/dev/virtual")
+    said = "was calibrated without thermocouples"
+    with BoardLink("/dev/virtual", limb) as link, pytest.raises(HardwareError, match=said):
+        heat(link, limb)
 
 
 def test_thermocouples_are_compared_by_heat_and_by_bend():

@@ -176,14 +176,6 @@ def test_program_that_fails_leaves_the_gates_low(newest, monkeypatch, fails):
     assert [newest.output(pin) for pin in (11, 12)] == [0, 0]
 
 
-def test_bend_sensor_that_is_silent(newest, monkeypatch):
-    del newest.i2c_devices[fake.BEND_ADDRESS]
-    board = newest.load_board(monkeypatch).Board()
-    assert board.read_bend() == b""
-    newest.i2c_devices[fake.BEND_ADDRESS] = b"\x00\x40\x00"
-    assert board.read_bend() == b"\x00\x40\x00"
-
-
 @pytest.mark.parametrize(
     ("axes", "address", "counts_per_degree", "angles"),
     [(1, 0x12, 64, [45.0]), (1, 0x12, 64, [-30.0]), (2, 0x13, 32, [45.0, -30.0])],
@@ -206,6 +198,8 @@ def test_angles_of_bend_labs_sensors(newest, monkeypatch, axes, address, counts_
         assert np.rad2deg(sample.tip_tangent) == pytest.approx(angles, abs=1e-9)
     newest.i2c_devices[address] = struct.pack(f"<b{axes}h", 0, *[-32768] * axes)
     assert readings.bends(board.read_bend(), axes) is None
+    del newest.i2c_devices[address]
+    assert board.read_bend() == b""
 
 
 def test_time_goes_on_when_the_ports_ticks_wrap(monkeypatch):

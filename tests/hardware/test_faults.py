@@ -1,8 +1,8 @@
 """The fault table over a cable: what happens while a wire is heated.
 
 Each fault is injected into an emulated board, which runs the firmware's own files; times are
-from the fault to duty zero at its pins. Host and board share a clock, but where a host is a
-process that is stopped. Faults for which neither cable nor host matters are in
+from the fault to duty zero at its pins. Host and board share a clock; a host that is a process of
+its own is stopped in test_serial_limb.py. Faults for which neither cable nor host matters are in
 test_simulated_faults.py.
 """
 
@@ -10,7 +10,6 @@ import contextlib
 import json
 import os
 import signal
-import sys
 
 import numpy as np
 import pytest
@@ -23,37 +22,15 @@ from hardware.firmware import guard, heat
 from limb_systems import Recording, simulate
 from soft_limb.command import main, run_command
 
-from .conftest import BOUNDS, Heating, is_late, start_heating
+from .conftest import BOUNDS, Heating
 
 HEARTBEAT = 0.3  # s
 SAMPLE = 0.11  # s: thermocouples are read every 100 ms
-
-HOST = """
-import numpy as np
-from hardware import SerialLimb
-from limb_systems import simulate
-simulate(SerialLimb({port!r}), [0.0, 1.0], 4.0)
-"""
 
 
 def report(record_property, fault, seconds):
     record_property(fault, f"{1000 * seconds:.0f} ms")
     print(f"\n{fault}: {1000 * seconds:.0f} ms")
-
-
-def test_a_host_that_freezes(real_emulator, start_host):
-    """One that is killed is in test_serial_limb.py."""
-    emulator = real_emulator
-    process = start_heating(
-        emulator, lambda: start_host([sys.executable, "-c", HOST.format(port=emulator.port)])
-    )
-    process.send_signal(signal.SIGSTOP)
-    assert emulator.wait_for(lambda: not any(emulator.duty()))
-    # It wakes up and goes on sending, but nothing restarts by itself.
-    process.send_signal(signal.SIGCONT)
-    said = process.communicate()[1]
-    assert is_late(said), said
-    assert emulator.duty() == [0.0, 0.0]
 
 
 def test_a_host_that_is_told_to_stop(
@@ -183,6 +160,16 @@ def test_faults_of_cable_and_board_while_a_wire_is_hot(virtual_time, emulator, r
         assert said in heating.failure()
 
     with BoardLink(emulator.port) as link:
+        # A host that freezes and wakes up goes on sending, but nothing restarts by itself.
+        heating = Heating(virtual_time, link)
+        assert virtual_time.wait_for(lambda: emulator.duty()[1] > 0.0)
+        heating.freeze()
+        off = emulator.off_after(virtual_time.monotonic())
+        report(record_property, "host freezes", off)
+        assert off < HEARTBEAT
+        heating.wake_up()
+        assert "no valid command came" in heating.failure()
+        assert emulator.duty() == [0.0, 0.0]
         # Behind a buffer that fills up: after 0.4 s commands answer samples of 250 ms before.
         off_after("creep 0.3", 1.0, "late")
         emulator.order("mend")
@@ -263,11 +250,3 @@ def test_simulation_that_falls_behind(virtual_time, emulator, record_property):
     report(record_property, "simulation falls behind", off)
     assert off < HEARTBEAT
     assert emulator.duty() == [0.0, 0.0]
-
-
-def test_second_program_on_a_port_is_refused(real_emulator, capsys):
-    assert real_emulator.next.split() == ["next", "soft-limb", "status", real_emulator.port]
-    with BoardLink(real_emulator.port):
-        assert main(["status", real_emulator.port]) == 1
-    said = capsys.readouterr().err
-    assert said == f"error: {real_emulator.port} is in use by another program.\n"

@@ -9,17 +9,15 @@ import pytest
 from hardware.firmware import firmware, from_host, guard, heat, protocol
 
 from .c_firmware import COMPILER, compile_core, make_both
-from .conformance import check_board
 from .firmware_checks import PaperBoard
-from .paper_robot import PaperCable, PaperRobot
+from .test_board_rules import broken, outcomes_of
 
 
 @pytest.mark.skipif(not COMPILER, reason="there is no C compiler here")
 def test_the_core_does_what_the_firmware_in_python_does(tmp_path):
     """Byte for byte and call for call, in double precision, as Python has it."""
     both = make_both(compile_core(tmp_path, "double"))
-    cable = PaperCable(PaperRobot(both))
-    check_board(cable, ask=cable.ask)
+    assert broken(outcomes_of(both)) == []
     rng, heated, reasons = random.Random(0), 0, set()
     for _ in range(18):
         episode = Episode(rng, both)

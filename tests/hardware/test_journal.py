@@ -124,10 +124,6 @@ def test_ctrl_c_ends_what_is_taught_and_the_file_says_so(path, end_at):
     recording = Recording.load(path)
     assert recording.time[-1] == pytest.approx(2.0)
     assert recording.interrupted == "stopped by Ctrl-C or a signal"
-    end_at(2.0, HardwareError("The cable is cut."))
-    with pytest.raises(HardwareError), pytest.warns(UserWarning, match="until then is in"):
-        watch(LimbTwin(), 10.0, journal=path)
-    assert Recording.load(path).interrupted == recording.interrupted
 
 
 def test_what_is_recovered_says_that_it_was_interrupted(path, capsys):

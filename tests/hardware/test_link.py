@@ -63,6 +63,13 @@ def test_a_port_without_a_board_is_named(pseudo_terminal, monkeypatch):
         link.sample()
 
 
+def test_a_second_program_on_a_port_is_refused(pseudo_terminal, capsys):
+    _, port = pseudo_terminal
+    with BoardLink(port):
+        assert main(["status", port]) == 1
+    assert capsys.readouterr().err == f"error: {port} is in use by another program.\n"
+
+
 def test_a_write_that_times_out_is_told_from_a_cable_that_is_gone(pseudo_terminal):
     """Nobody reads; the terminal keeps some KiB."""
     _, port = pseudo_terminal
@@ -264,15 +271,6 @@ def test_samples_that_repeat_are_old_or_late_or_answer_nothing(said, virtual_tim
         pytest.raises(HardwareError, match=said),
     ):
         keep_commanding(virtual_time, link, 1.5)
-
-
-def test_commands_that_are_answered_go_on(virtual_time, board):
-    with (
-        BoardLink(board.port) as link,
-        Talking(board, virtual_time, lambda n: 2 * armed(n, acknowledged=n)),
-    ):
-        keep_commanding(virtual_time, link, 0.6)
-        assert link.lost_samples == 0  # those that are doubled are not lost
 
 
 def keep_commanding(time, link, seconds):

@@ -21,7 +21,6 @@ from bokeh.document import Document
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
-from controllers import Learner
 from hardware import LimbTwin, SerialLimb, replay
 from hardware.live_feed import Message, Reading, RunHeader
 from limb_systems import LimbParameters, Recording, Trajectory
@@ -29,9 +28,6 @@ from planners import plan, references
 from soft_limb import live_page
 from soft_limb.command import main
 from soft_limb.live_page import LivePage, Page, Run
-from soft_limb.runs.cooling import cool_down
-from soft_limb.runs.repetitions import repeat
-from soft_limb.runs.rollout import roll_out
 
 from .conftest import wait_for
 
@@ -152,27 +148,6 @@ def run_and_stop(start_host, browser, folder):
     return host.communicate()[1], shown
 
 
-def test_a_page_that_freezes_and_dies_changes_nothing(virtual_time, emulator, beginning, tmp_path):
-    """It is frozen on the way, and then killed; what is told to it is lost."""
-    limb = SerialLimb(emulator.port, beginning.parameters)
-    with LivePage() as live:
-
-        def kill():
-            live._process.kill()
-            live._process.wait()
-
-        def is_hot():
-            return emulator.duty()[1] > 0.0
-
-        virtual_time.when(is_hot, lambda: os.kill(live._process.pid, signal.SIGSTOP), after=0.3)
-        virtual_time.when(is_hot, kill, after=0.6)
-        recording = replay(beginning, limb, journal=tmp_path / "journal.csv", live=live)
-        with pytest.warns(UserWarning, match="page's process died"):
-            live.end("done")
-    assert len(recording.time) == len(Recording.load(tmp_path / "journal.csv").time) == 21
-    assert limb.link.lost_samples == 0
-
-
 class Told:
     """In place of a `LivePage`: keeps what it is told."""
 
@@ -211,6 +186,7 @@ def test_what_is_told_is_what_is_recorded(virtual_time, beginning):
 
 def test_commands_say_where_the_page_is_and_what_runs(virtual_time, monkeypatch, tmp_path, capsys):
     pages = []
+    monkeypatch.setattr("soft_limb.runs.repetitions.REST_TIME", 1.0)
     monkeypatch.setattr(live_page, "LivePage", lambda: pages.append(Told()) or pages[-1])
     reference = references.from_samples([0.0, 0.5], [0.0, 0.02])
     plan(LimbParameters(), reference, knot_rate=4.0).save(tmp_path / "plan.csv")
@@ -341,7 +317,7 @@ def test_other_sites_are_refused(port, token):
 
 
 def test_only_the_page_listens_and_only_on_the_loopback(live, port, motion):
-    live.begin(RunHeader("a limb", motion.parameters, 110.0, plan=motion))
+    live.begin(RunHeader("a limb", motion.parameters, 110.0, 20.0, plan=motion))
     pid = live._process.pid
     mine = {os.readlink(f"/proc/{pid}/fd/{fd}") for fd in os.listdir(f"/proc/{pid}/fd")}
     tables = (Path(f"/proc/{pid}/net/{name}").read_text() for name in ("tcp", "tcp6"))
@@ -374,7 +350,7 @@ def test_a_frozen_page_is_never_waited_for(live):
     def tell_much():
         for _ in range(3000):
             live.show(reading)
-        live.begin(RunHeader("a limb", LimbParameters(), 110.0))
+        live.begin(RunHeader("a limb", LimbParameters(), 110.0, 20.0))
 
     os.kill(live._process.pid, signal.SIGSTOP)
     try:
@@ -398,49 +374,34 @@ def tell(run, *readings):
         run.take(pickle.dumps(Message("a run", reading)), [])
 
 
-def test_curves_are_thinned_to_the_whole_run_or_its_last_minutes(monkeypatch, motion):
-    """All of a run with an end, also while its wires cool; minutes of what has no end."""
-    monkeypatch.setattr(live_page, "NUM_POINTS", 150)  # a tenth, in a tenth of the time
-    monkeypatch.setattr(live_page, "WINDOW", 60.0)
+def test_pages_have_the_newest_readings_also_if_they_are_opened_late(monkeypatch, motion):
+    monkeypatch.setattr(live_page, "MAX_READINGS", 150)
     run = Run(0)
     early = Page(run)
-    for duration, count, first, last in (
-        (5.0, 100, 0.0, 5.0),
-        (30.0, 150, 0.0, 30.0),
-        (None, 300, 10.0, 130.0),
-    ):
-        run.begin(RunHeader("a limb", motion.parameters, 110.0, duration))
-        for step in range(round(20 * last)):
+    for count in (100, 500):
+        run.begin(RunHeader("a limb", motion.parameters, 110.0, 30.0))
+        for step in range(count):
             tell(run, Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2))
-            if step % 500 == 0:
+            if step % 40 == 0:
                 early.update()
         for page in (early, Page(run)):
             page.update()
             times = np.array(page.source.data["time"])
-            assert len(times) == count
-            assert times[0] == pytest.approx(first)
-            assert times[-1] == pytest.approx(last, abs=0.5)
-            np.testing.assert_allclose(np.diff(times), times[1] - times[0])
-    run.begin(RunHeader("a limb", motion.parameters, 110.0, 5.0))
-    for step in range(1300):
-        tell(run, Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2, cooling=step >= 100))
-    early.update()
-    assert early.source.data["time"][:2] == [0.0, 0.05]
-    assert len(early.source.data["time"]) == 100 + 150
+            np.testing.assert_allclose(times, np.arange(max(0, count - 150), count) / 20)
 
 
 def test_a_value_that_is_missing_is_a_gap_and_charts_that_fail_leave_the_texts(monkeypatch, motion):
     run, document = Run(0), Document()
     page = Page(run)
     page.add_to(document)
-    run.begin(RunHeader("a limb", motion.parameters, 110.0))
+    run.begin(RunHeader("a limb", motion.parameters, 110.0, 20.0))
     tell(run, Reading(1.0, [math.nan], [30.0, 20.0], [0.0] * 2))
     page.update()
     told = page.source.data
     assert np.isnan([*told["bend_angle_0"], *told["reference_0"]]).all()
     assert told["measured_temperature_1"] == [20.0]
     monkeypatch.setattr(live_page, "figures", lambda *_: 1 / 0)
-    run.begin(RunHeader("another limb", motion.parameters, 110.0))
+    run.begin(RunHeader("another limb", motion.parameters, 110.0, 20.0))
     with pytest.raises(ZeroDivisionError):  # which the server logs
         page.update()
     assert "another limb" in document.get_model_by_name("facts").text
@@ -469,48 +430,6 @@ def test_alarms_say_which_wire_is_hot(motion):
             assert sentence in live_page.state(run)
 
 
-def test_a_limb_is_shown_while_it_cools(virtual_time, motion):
-    told, twin = Told(), LimbTwin(seed=1)
-    recording = replay(motion, twin)
-    cool_down(twin, recording, told, 0.5)
-    assert not told.phases  # the curves go on
-    assert told.rested == 1
-    assert [reading.time for reading in told.readings] == pytest.approx(
-        recording.time[-1] + np.arange(11) / 20
-    )
-    assert all(reading.cooling and reading.duty == [0.0, 0.0] for reading in told.readings)
-    warm = recording.measured_temperature[1, -1]
-    assert warm - 5.0 < told.readings[-1].measured_temperature[1] < warm + 1.0
-    cool_down(LimbTwin(seed=1), recording, told, 5.0)  # which is cool
-    assert len(told.readings) == 12
-
-
-def test_an_emulated_limb_that_is_stopped_on_the_page_leaves_its_recording(
-    virtual_time, motion, tmp_path
-):
-    """As the page does, which sends the signal of Ctrl-C."""
-
-    class Stopping(Told):
-        def show(self, reading):
-            if reading.time >= 0.5:
-                raise KeyboardInterrupt
-
-        def __init__(self):
-            super().__init__()
-            del self.show
-
-    output = tmp_path / "recording.csv"
-    with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
-        roll_out(motion, LimbTwin, output, live=Stopping())
-    kept = Recording.load(tmp_path / "recording.unfinished.csv")
-    assert kept.time[-1] == pytest.approx(0.5, abs=0.06)
-    assert kept.interrupted == "stopped by Ctrl-C or a signal"
-    learner = Learner(motion)
-    with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
-        repeat(learner, LimbTwin, 1, tmp_path, live=Stopping())
-    assert len(Recording.load(tmp_path / "repetition_1.unfinished.csv").time) > 5
-
-
 def test_a_page_that_does_not_start_is_said_before_anything_is_heated(
     monkeypatch, motion, tmp_path, capsys
 ):
@@ -520,3 +439,25 @@ def test_a_page_that_does_not_start_is_said_before_anything_is_heated(
     assert main([*arguments, "--live"]) == 1
     assert "error: The live page does not start" in capsys.readouterr().err
     assert not (tmp_path / "recording.csv").exists()
+
+
+def test_a_page_that_freezes_and_dies_changes_nothing(
+    live, virtual_time, emulator, beginning, tmp_path
+):
+    """It is frozen on the way, and then killed; what is told to it is lost. No test may follow."""
+    limb = SerialLimb(emulator.port, beginning.parameters)
+
+    def kill():
+        live._process.kill()
+        live._process.wait()
+
+    def is_hot():
+        return emulator.duty()[1] > 0.0
+
+    virtual_time.when(is_hot, lambda: os.kill(live._process.pid, signal.SIGSTOP), after=0.3)
+    virtual_time.when(is_hot, kill, after=0.6)
+    recording = replay(beginning, limb, journal=tmp_path / "journal.csv", live=live)
+    with pytest.warns(UserWarning, match="page's process died"):
+        live.end("done")
+    assert len(recording.time) == len(Recording.load(tmp_path / "journal.csv").time) == 21
+    assert limb.link.lost_samples == 0

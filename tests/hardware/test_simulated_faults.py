@@ -1,8 +1,8 @@
 """The fault table without the cable: an emulated board in simulated time.
 
-Faults come while a wire is hot at full duty. Times, from the fault to duty zero at the pins, are
-the longest over when between two of its samples the fault comes. benchmarks/board_faults.py has
-more faults of thermocouples and heat, on more limbs.
+Faults come while a wire is hot at full duty, right after the thermocouples were read. They are read
+again after 100 ms, so that no other moment gives the board more time. More faults of thermocouples
+and heat, on more limbs, are in benchmarks/board_faults.py.
 """
 
 import itertools
@@ -14,13 +14,11 @@ import pytest
 from board_faults import FROM_BEGINNING, HOTTEST, WHEN_HOT
 from simulated_board import SimulatedBoard as Simulated
 
-from hardware import LimbTwin
 from hardware.firmware import guard, protocol
 
-from .conftest import SimulatedBoard
+from .conftest import SimulatedBoard, small_twin
 
 HEARTBEAT = 0.252  # s
-MOMENTS = (1, 99)  # ms after the thermocouples were read, every 100 ms
 HOT = (0.0, 1.0)
 NOISE = 8 * "noise 4000;"  # random bytes
 # Orders of the emulator; the reason for which the board is off; s until it is, at most.
@@ -52,24 +50,22 @@ def assert_stays_off(board, duty=HOT, seconds=0.5):
 
 @pytest.mark.parametrize(("fault", "reason", "limit"), FAULTS, ids=lambda fault: str(fault)[:12])
 def test_faults_end_heat_in_time(fault, reason, limit, record_property):
-    times = []
-    for moment in MOMENTS:
-        random.seed(moment)
-        board = SimulatedBoard()
-        board.heat()
-        board.run_to_reading(HOT)
-        board.run(moment / 1000, HOT)
-        for order in filter(None, fault.split(";")):
-            board.emulation.inject_fault(order)
-        times.append(board.time_to_off(limit, None if fault == NOISE else HOT))
-        if reason is None:
-            continue
-        assert_stays_off(board)
-        assert board.reason == reason
-        if reason >= guard.LATCHING:
-            assert not board.arm()
-    record_property("off after", f"{1000 * max(times):.0f} ms")
-    print(f"\n{fault}: off after {1000 * max(times):.0f} ms")
+    random.seed(1)
+    board = SimulatedBoard()
+    board.heat()
+    board.run_to_reading(HOT)
+    board.run(0.001, HOT)
+    for order in filter(None, fault.split(";")):
+        board.emulation.inject_fault(order)
+    time_to_off = board.time_to_off(limit, None if fault == NOISE else HOT)
+    record_property("off after", f"{1000 * time_to_off:.0f} ms")
+    print(f"\n{fault}: off after {1000 * time_to_off:.0f} ms")
+    if reason is None:
+        return
+    assert_stays_off(board)
+    assert board.reason == reason
+    if reason >= guard.LATCHING:
+        assert not board.arm()
 
 
 def test_bytes_that_are_damaged_now_and_then(board_in_simulated_time):
@@ -86,11 +82,11 @@ def test_bytes_that_are_damaged_now_and_then(board_in_simulated_time):
         start, sent = len(board.duties), len(board.samples)
         rejected = [parser.rejected for parser in parsers]
         board.emulation.inject_fault(f"{damage} 0.01")
-        for duty in itertools.islice(itertools.cycle(commanded), 150):
+        for duty in itertools.islice(itertools.cycle(commanded), 80):
             board.run(0.05, duty)
         assert {event[1:] for event in board.duties[start:]} <= known
         assert min(now.rejected - then for now, then in zip(parsers, rejected, strict=True)) > 5
-        assert len(board.samples) - sent > 100
+        assert len(board.samples) - sent > 50
         assert board.newest.armed
         assert board.duty in commanded
         board.emulation.inject_fault("mend")
@@ -99,8 +95,14 @@ def test_bytes_that_are_damaged_now_and_then(board_in_simulated_time):
 def test_commands_that_are_later_and_later(record_property):
     """Behind a buffer that grows up to 3 s, until the host is no more, or nobody notices."""
     longest = 0.0
-    cases = itertools.product(("killed", "stopped", "unplugged"), (0.02, 3.0), (0.3,))
-    for event, moment, rate in (*cases, ("nothing", 3.0, 0.1), ("nothing", 3.0, 0.3)):
+    for event, moment, rate in (
+        ("killed", 0.02, 0.3),
+        ("killed", 3.0, 0.3),
+        ("stopped", 3.0, 0.3),
+        ("unplugged", 0.02, 0.3),
+        ("nothing", 3.0, 0.1),
+        ("nothing", 3.0, 0.3),
+    ):
         random.seed(0)
         board = SimulatedBoard()
         board.heat()
@@ -169,7 +171,10 @@ THERMAL = [
     THERMAL,
     ids=range(len(THERMAL)),
 )
-def test_faults_of_thermocouples_and_heat(fault, when, duty, seed, reason, limit, hottest):
+def test_faults_of_thermocouples_and_heat(
+    fault, when, duty, seed, reason, limit, hottest, monkeypatch
+):
+    monkeypatch.setattr(board_faults, "LONGEST", 12.0)  # s; wires are at their hottest before
     result = board_faults.run_fault((fault, when, duty, 3, seed))
     low, high = hottest
     assert low < result["hottest"] < high
@@ -185,10 +190,10 @@ def test_a_board_does_not_arm_with_a_fault():
 
 def test_power_cycles_do_not_add_up():
     """A thermocouple is off; each time the board is switched on anew, and asked for full duty."""
-    board = Simulated(LimbTwin(seed=14), step=25)
+    board = Simulated(small_twin(seed=14), step=25)
     board.emulation.inject_fault("detach left")
     hottest = 0.0
-    for _ in range(10):
+    for _ in range(5):
         board.emulation.inject_fault("restart")
         board.run(0.7)
         board.arm()
@@ -201,12 +206,12 @@ def test_power_cycles_do_not_add_up():
 @pytest.mark.parametrize("fault", [None, "freeze right"])
 def test_a_supply_that_is_half_too_high_or_a_reading_that_stands_still(fault):
     """With a wire that is warm already, whose thermocouple is good or stops to be."""
-    board = Simulated(LimbTwin(seed=0), step=25)
+    board = Simulated(small_twin(), step=25)
     board.emulation.inject_fault("weaken 1.5")
     board.run(1.0)
     assert board.arm()
     hottest = 0.0
-    for number, duty in enumerate((0.2, 1.0, 0.0, 0.3, 1.0, 1.0, 1.0)):
+    for number, duty in enumerate((0.2, 1.0, 0.0, 1.0, 1.0, 1.0)):
         if number == 2 and fault:
             board.emulation.inject_fault(fault)
         for _ in range(40):

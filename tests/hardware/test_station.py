@@ -45,10 +45,10 @@ def scenario(tmp_path):
 
 
 def test_simulated_limbs_bend_as_each_alone(scenario):
-    seen = drive(Station(scenario), DUTY, 3.0, sample_rate=10.0)
+    seen = drive(Station(scenario), DUTY, 2.0, sample_rate=10.0)
     for name in ("finger", "thumb"):
         alone = Limb(scenario.with_name(f"{name}.yaml"))
-        alone = simulate(alone, DUTY[f"{name}.duty"], 3.0, sample_rate=10.0)
+        alone = simulate(alone, DUTY[f"{name}.duty"], 2.0, sample_rate=10.0)
         for signal, tolerance in (("bend_angle", 2e-3), ("wire_temperature", 0.02)):
             found = seen[f"{name}.{signal}"]
             np.testing.assert_allclose(found, getattr(alone, signal), atol=tolerance)
@@ -78,9 +78,9 @@ def test_the_wires_that_meshcat_shows_have_the_colour_of_their_heat(scenario, me
 
 
 def test_emulated_limbs_are_those_of_their_seeds(scenario):
-    seen = drive(Station(scenario, "emulated"), DUTY, 3.0)
+    seen = drive(Station(scenario, "emulated"), DUTY, 1.0)
     twin = LimbTwin(scenario.with_name("thumb.yaml"), seed=4, truth=True)
-    alone = simulate(twin, DUTY["thumb.duty"], 3.0)
+    alone = simulate(twin, DUTY["thumb.duty"], 1.0)
     np.testing.assert_allclose(seen["thumb.bend_angle"], alone.bend_angle, atol=1e-4)
     assert "thumb.contact_force" not in seen
 
@@ -102,17 +102,19 @@ def test_limbs_on_boards_are_driven_in_real_time_and_switched_off(scenario):
 @pytest.mark.parametrize(
     ("wrong", "right", "said"),
     [
-        ("directives:", "directve:", r"scenario\.yaml: directve is not .* \(did you mean direct"),
+        ("directives:", "directve:", r"scenario\.yaml: .*directve.* unknown"),
         ("limb_5.sdf", "limb_6.sdf", r"limb_6\.sdf"),
         ("  thumb:", "  tumb:", "model_drivers has tumb.*they add finger, thumb"),
         ("limb: thumb.yaml", "limb: finger.yaml", "'thumb' has 5 joints in the plant and 4"),
         (SCENARIO, "directives: []", "The scenario has no limb: model_drivers must have"),
         (SCENARIO, "model_drivers: {thumb: !LimbDriver {}}", "directives add no model .* none"),
         ("thumb::base,", "thumb::bas,", "no Frame named 'bas'"),
-        ("[0.0, 0.5, 0.0]", "[0.0, 0.5]", r"X_PC\.translation must be a list of 3"),
-        ("[0.0, 0.5, 0.0]", "[0.0, .nan, 0.0]", r"translation\[1\] is nan; it must be a number"),
-        ("seed: 3", "seed: 1:30", r"model_drivers\.finger\.seed is '1:30'; .* whole number"),
-        ("finger: !LimbDriver", "finger: !Driver", "is a !Driver, which is not known"),
+        ("seed: 3", "seed: three", r"scenario\.yaml: .*three"),
+        ("finger: !LimbDriver", "finger: !Driver", "'Driver' did not match"),
+        ("- add_model: {name: finger,", "- {}\n- add_model: {name: finger,", "directives"),
+        (SCENARIO, "directives: [", r"scenario\.yaml: "),
+        ("model_drivers:", "plant_config: {time_stp: 1}\nmodel_drivers:", "time_stp"),
+        ("model_drivers:", "plant_config: {contact_model: pont}\nmodel_drivers:", "pont"),
     ],
 )
 def test_a_scenario_that_is_wrong_is_refused_by_one_sentence(scenario, wrong, right, said):
@@ -122,45 +124,14 @@ def test_a_scenario_that_is_wrong_is_refused_by_one_sentence(scenario, wrong, ri
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ("plant_config: {time_step: -1}", r"plant_config\.time_step is -1\.0; it must be"),
-        ("plant_config: {time_step: .nan}", r"plant_config\.time_step is nan; it must be"),
-        ("plant_config: {contact_model: pont}", "did you mean point"),
-        ("plant_config: {discrete_contact_approximation: tamsi}", "tamsi is not for stations"),
-        ("plant_config: {penetration_allowance: 0.01}", "each shape has a point stiffness"),
-        ("plant_config: {stiction_tolerance: 0.01}", "sap does not use it"),
-        ("simulator_config: {max_step_size: 1:30}", "max_step_size is '1:30'; it must be"),
-        ("simulator_config: {integration_scheme: euler}", r"integration_scheme is 'euler'"),
-        ("simulator_config: {integration_scheme: cenic}", "adds energy to light springs"),
-        ("simulator_config: {publish_every_time_step: true}", "nothing in a station publishes"),
-        ("simulator_config: {accuracy: 0.001}", "no effect on explicit_euler"),
-        ("simulator_config: {start_time: 1}", r"start_time is refused: a run begins at 0 s\."),
-    ],
-)
-def test_settings_that_are_wrong_or_have_no_effect_are_refused(scenario, settings, said):
-    scenario.write_text(SCENARIO + settings)
-    with pytest.raises(StationError, match=said) as refused:
-        Station(scenario)
-    assert str(refused.value).startswith(f"{scenario}: ")
-
-
-def test_numbers_of_a_scenario_are_those_of_a_limbs_file(scenario):
-    """Drake's YAML would read 010 as 8."""
-    settings = "plant_config: {discrete_contact_approximation: similar, stiction_tolerance: 1e-3}\n"
-    settings += "simulator_config: {max_step_size: 010, integration_scheme: radau3, accuracy: 1e-4}"
-    places = SCENARIO.replace("0.5, 0.0]", "0.5, 010]").replace("seed: 3", "seed: 010")
-    scenario.write_text(places + settings)
+def test_settings_of_a_scenario_are_drakes_with_the_contact_of_robots(scenario):
+    scenario.write_text(SCENARIO + "plant_config: {stiction_tolerance: 1e-3}")
     read = Scenario.load(scenario)
-    assert read.model_drivers["finger"].seed == 10
-    assert read.simulator_config.to_drake(0.001).max_step_size == 10.0
-    assert read.plant_config.to_drake().stiction_tolerance == 1e-3
-    assert not read.plant_config.to_drake().use_sampled_output_ports
-    plant = Station(scenario).plant
-    base = plant.GetFrameByName("base", plant.GetModelInstanceByName("thumb"))
-    placed = base.CalcPoseInWorld(plant.CreateDefaultContext())
-    np.testing.assert_array_equal(placed.translation(), [0.0, 0.5, 10.0])
+    assert read.model_drivers["finger"].seed == 3
+    assert read.plant_config.stiction_tolerance == 1e-3
+    assert read.plant_config.discrete_contact_approximation == "sap"
+    assert read.plant_config.sap_near_rigid_threshold == 0.0
+    assert Station(scenario).plant.time_step() == 1e-3
 
 
 def test_bodies_that_no_parser_would_keep_are_refused(scenario):
@@ -178,36 +149,34 @@ def test_bodies_that_no_parser_would_keep_are_refused(scenario):
 
 
 def test_inputs_that_do_not_fit_are_refused(scenario):
-    with pytest.raises(LimbError, match=r"no input thum\.duty; it has finger\.duty, th"):
-        drive(Station(scenario), {"thum.duty": "a"}, 1.0)
-    with pytest.raises(LimbError, match=r"thumb\.duty has 2 numbers, but its signal 3"):
-        drive(Station(scenario), DUTY | {"thumb.duty": [0.0, 0.0, 0.0]}, 1.0)
-    with pytest.raises(LimbError, match=r"thumb\.duty is missing"):
-        drive(Station(scenario), {"finger.duty": [0.0, 0.0]}, 1.0)
-    with pytest.raises(LimbError, match="duty reaches from 0 to"):
-        drive(Station(scenario), DUTY | {"thumb.duty": [0.0, 1.2]}, 1.0)
-    with pytest.raises(LimbError, match=r"thumb\.duty add up to 1\.60, but .* total_duty is 1\.5"):
-        drive(Station(scenario), DUTY | {"thumb.duty": [0.8, 0.8]}, 1.0)
     of_two = [[0.1, 0.1], [0.0, 0.0]]
     of_matrices = PiecewisePolynomial.ZeroOrderHold([0.0, 2.0], [np.zeros((2, 2))] * 2)
     late = PiecewisePolynomial.ZeroOrderHold([5.0, 9.0], of_two)
-    for given, said in (
+    short = PiecewisePolynomial.ZeroOrderHold([0.0, 0.5], of_two)
+    for thumb, said in (
+        ([0.0, 0.0, 0.0], r"thumb\.duty has 2 numbers, but its signal 3"),
+        ([0.0, 1.2], "duty reaches from 0 to"),
+        ([0.8, 0.8], r"thumb\.duty add up to 1\.60, but .* total_duty is 1\.5"),
         ([], r"thumb\.duty is \[\]; it must be a plan, a trajectory or a list of finite numbers"),
         (of_two, r"thumb\.duty is \[\[0\.1, 0\.1\]"),
         ([0.1, np.nan], r"thumb\.duty is \[0\.1, nan\]"),
         (PiecewisePolynomial(), r"thumb\.duty is a trajectory of 0 x 0 numbers"),
         (of_matrices, r"thumb\.duty is a trajectory of 2 x 2 numbers"),
         (late, r"thumb\.duty starts at 5 s, but a run begins at 0 s"),
+        (short, r"thumb\.duty ends at 0\.5 s, before the 1 s of the run"),
     ):
-        with pytest.raises(StationError, match=said):
-            drive(Station(scenario), DUTY | {"thumb.duty": given}, 1.0)
-    short = PiecewisePolynomial.ZeroOrderHold([0.0, 0.5], [[0.1, 0.1], [0.0, 0.0]])
-    with pytest.raises(LimbError, match=r"thumb\.duty ends at 0\.5 s, before the 1 s of the run"):
-        drive(Station(scenario), DUTY | {"thumb.duty": short}, 1.0)
+        with pytest.raises(LimbError, match=said):
+            drive(Station(scenario), DUTY | {"thumb.duty": thumb}, 1.0)
+    for inputs, said in (
+        ({"thum.duty": "a"}, r"no input thum\.duty; it has finger\.duty, th"),
+        ({"finger.duty": [0.0, 0.0]}, r"thumb\.duty is missing"),
+    ):
+        with pytest.raises(LimbError, match=said):
+            drive(Station(scenario), inputs, 1.0)
     used = Station(scenario)
     assert drive(used, DUTY, 0.15)["time"] == pytest.approx([0.0, 0.05, 0.1, 0.15])
     with pytest.raises(LimbError, match="part of a diagram already"):
-        assert drive(used, DUTY, 0.15)["time"] == pytest.approx([0.0, 0.05, 0.1, 0.15])
+        drive(used, DUTY, 0.15)
     with pytest.raises(LimbError, match="finger has no port"):
         Station(scenario, "board")
 

@@ -29,31 +29,20 @@ def changed(specimen: Specimen, wires=None, segments=None) -> Specimen:
     return specimen
 
 
-def test_what_two_axes_have_beside_is_drawn_as_stated():
-    drawn = [Specimen(LimbParameters.in_space(4), seed) for seed in range(100)]
-    misplaced, roll = (
-        np.rad2deg([getattr(part, name) for limb in drawn for part in parts(limb)])
-        for name, parts in (("misplaced", lambda x: x.wires), ("sensor_roll", lambda x: x.segments))
-    )
-    assert misplaced.std() == pytest.approx(4.0, abs=0.3)
-    assert np.abs(np.corrcoef(misplaced.reshape(-1, 4).T) - np.eye(4)).max() < 0.35
-    assert 2.0 < np.abs(roll).mean() < 3.0
+def test_a_limb_in_space_is_made_again_and_a_planar_segment_has_nothing_of_it():
+    drawn = Specimen(LimbParameters.in_space(4), 3)
     again = LimbTwin.of(LimbTwin(LimbParameters.in_space(4), seed=3).parameters).specimen
-    assert again.wires == drawn[3].wires
-    assert again.segments == drawn[3].segments
-    # A segment of one axis has none of it, also beside one of two.
+    assert (again.wires, again.segments) == (drawn.wires, drawn.segments)
     planar = LimbParameters().segments[0]
-    limb = LimbParameters(segments=[planar, LimbParameters.in_space().segments[0]])
-    both = Specimen(limb, 3)
-    alone = Specimen(LimbParameters(), 3)
-    assert both.segments[0] == alone.segments[0]
+    both = Specimen(LimbParameters(segments=[planar, LimbParameters.in_space().segments[0]]), 3)
+    assert both.segments[0] == Specimen(LimbParameters(), 3).segments[0]
     assert [wire.misplaced != 0.0 for wire in both.wires] == [False] * 2 + [True] * 3
 
 
 def test_a_wire_bends_the_limb_to_where_it_runs():
     specimen = Specimen(LimbParameters.in_space(), 3).without(*EFFECTS)
     changed(specimen, {"misplaced": np.deg2rad(6.0)}, {"stiffness_ratio": 1.0})
-    bent = simulate(LimbTwin(specimen=specimen), [0.0, 0.3, 0.0], 20.0).bend_angle[:, -1]
+    bent = simulate(LimbTwin(specimen=specimen), [0.0, 0.5, 0.0], 10.0).bend_angle[:, -1]
     assert np.rad2deg(np.hypot(*bent)) > 15.0
     assert np.rad2deg(np.arctan2(bent[1], bent[0])) == pytest.approx(126.0, abs=0.6)
 
@@ -64,7 +53,7 @@ def test_with_wires_at_e2_only_it_is_the_planar_limb():
     planar, space = (Specimen(limb, 3, ["memory"]) for limb in limbs)
     space = changed(space.without("places"), segments={"rest_offset_e3": 0.0})
     expected, found = (
-        simulate(LimbTwin(specimen=limb, truth=True), [0.6, 0.1], 5.0) for limb in (planar, space)
+        simulate(LimbTwin(specimen=limb, truth=True), [0.9, 0.1], 3.0) for limb in (planar, space)
     )
     e2, e3 = LimbModel.of(limbs[1]).layout.bend_joints
     assert np.rad2deg(np.abs(expected.joint_state[:5]).max()) > 5.0

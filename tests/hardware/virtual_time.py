@@ -25,7 +25,6 @@ MODULES = (
     "limb_systems.progress",
     "limb_systems.simulation",
     "ros_bridge.drive",
-    "soft_limb.commands.hardware",
     "soft_limb.runs.repetitions",
 )
 

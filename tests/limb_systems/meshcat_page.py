@@ -85,12 +85,6 @@ def poses_at(tracks: dict, frame: int) -> Callable[[str], RigidTransform]:
     return pose_of
 
 
-def live_poses(page: str) -> Callable[[str], RigidTransform]:
-    """A function that returns the pose which a page sets a path to."""
-    actual = transforms(page)
-    return lambda path: RigidTransform(actual[path])
-
-
 def check_bodies(pose_of: Callable, parameters: LimbParameters, joint_angles, ghost: str = ""):
     """Each body begins where kinematics says, and points to where the next one begins."""
     ends = link_positions(parameters, joint_angles)

@@ -91,7 +91,7 @@ def test_c_header_has_the_numbers_of_the_rows(plan, tmp_path):
         pytest.skip("there is no C compiler here")
     for name, top, size in (("plain", 1, 4), ("words", 1000, 2)):
         options = ["--rate", "12.5", "--duty-max", str(top)]
-        header = export(tmp_path, f"{name}.txt", "--format", "c-header", *options)
+        header = export(tmp_path, f"{name}.h", *options)
         (tmp_path / "main.c").write_text(
             f"""#include "{header.name}"
 #include <stdio.h>

@@ -52,6 +52,18 @@ def modelled(two_segments) -> Recording:
     return recording
 
 
+def test_wire_color_runs_from_greyish_blue_at_ambient_to_orange_at_the_maximum():
+    parameters = LimbParameters(ambient_temperature=10.0)
+    parameters.temperature_limits.maximum = 90.0
+    cold, hot = wire_color(parameters, [10.0, 90.0])
+    assert cold[2] > cold[1] > cold[0]
+    assert hot[0] > hot[1] + 0.3 > hot[2] + 0.6
+    np.testing.assert_array_equal(wire_color(parameters, [-40.0, 400.0]), [cold, hot])
+    between = wire_color(parameters, np.linspace(10.0, 90.0, 101))
+    # Heat can be told from any colour: red less blue only ever grows.
+    assert (np.diff(between[:, 0] - between[:, 2]) > 0).all()
+
+
 def replay(tmp_path, motion, **options) -> str:
     write_meshcat_replay(tmp_path / "replay.html", motion, **options)
     return (tmp_path / "replay.html").read_text(encoding="utf-8")

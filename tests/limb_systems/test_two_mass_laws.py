@@ -30,8 +30,9 @@ LAWS = [TwoMassLaw, ThresholdLaw, SaturatingLaw, HystereticLaw, CoupledLaw]
 ROOM = 25.0
 
 
-def limb_with(left, right) -> LimbParameters:
+def limb_with(left, right, links: int = 5) -> LimbParameters:
     limb = LimbParameters()
+    limb.segments[0].links = links
     for wire, law in zip(limb.wires, (left, right), strict=True):
         wire.law = law
     return limb
@@ -51,7 +52,7 @@ def test_heat_of_two_masses_is_the_matrix_exponential():
         [0.0, 0.0, 0.0, 0.0],
     ]
     recording = simulate(
-        Limb(limb_with(law, law)), [0.0, 0.3], 60.0, sample_rate=0.1, accuracy=1e-8
+        Limb(limb_with(law, law, 1)), [0.0, 0.3], 30.0, sample_rate=0.1, accuracy=1e-8
     )
     actual = [recording.wire_temperature[1], recording.measured_temperature[1]]
     for k, time in enumerate(recording.time):
@@ -159,7 +160,7 @@ def test_minor_loops_of_plays_close_and_those_of_duhems_law_creep():
 def test_a_transforming_wire_absorbs_its_latent_heat():
     """Without losses, a wire gets as hot as its heat says, less that of the transformation."""
     law = CoupledLaw(a1=-1e-4, latent_heat=12.0, direct_cooling=0.0, convection=0.0)
-    limb = limb_with(law, law)
+    limb = limb_with(law, law, 1)
     recording = simulate(Limb(limb), [0.0, 0.25], 16.0, sample_rate=1.0, accuracy=1e-6)
     states = LimbModel.of(limb).wires.integrate_states(
         LimbModel.of(limb).wires.cold_states,
@@ -225,7 +226,7 @@ def test_the_share_stays_from_0_to_1_in_every_simulation():
     """From starts that are not consistent, as fits and estimators have them, under sudden duty."""
     for start in (-0.3, 1.4):
         law = HystereticLaw(a1=-0.3, a2=150.0, a3=-0.5, heating_middle=75.0, width=3.0)
-        limb, generator = limb_with(law, law), np.random.default_rng(2)
+        limb, generator = limb_with(law, law, 1), np.random.default_rng(2)
         wires, low, high = LimbModel.of(limb).wires, min(start, 0.0), max(start, 1.0)
         duty = generator.uniform(0.0, 1.0, (120, 2)) * generator.integers(0, 2, (120, 2))
         for T in (25.0, 110.0):
@@ -237,17 +238,17 @@ def test_the_share_stays_from_0_to_1_in_every_simulation():
             system = Limb(limb)
             simulator = make_simulator(system)
             context = simulator.get_mutable_context()
-            context.SetContinuousState(np.r_[np.zeros(10), states, T, T])
+            context.SetContinuousState(np.r_[np.zeros(2), states, T, T])
             system.GetInputPort("duty").FixValue(context, duty[0])
             simulator.AdvanceTo(5.0)
-            cases["Drake"] = context.get_continuous_state_vector().CopyToVector()[16:18]
+            cases["Drake"] = context.get_continuous_state_vector().CopyToVector()[8:10]
             for name, share in cases.items():
                 assert low <= share.min() + 1e-4, name  # the integrator's accuracy
                 assert share.max() - 1e-4 <= high, name
             runs = OpenLoop(duty[:, None], 0.5, limb.segments[0])
             heat = [np.full((1, 1, 2), value) for value in (*states[::2], T)]
             rubber = {"stiffness": np.array([1.0]), "rest_angle": np.zeros(1)}
-            limit = 3.0 * law.full_torque  # of the bend, (n + 1) / 2 torque / k
+            limit = law.full_torque  # of the bend, (n + 1) / 2 torque / k
             _, _, bend = runs.simulate(law, np.full((1, 1), ROOM), heat, rubber)
             assert np.abs(bend).max() <= limit
 
@@ -386,7 +387,7 @@ def test_hysteresis_is_near_a_published_constitutive_model():
         ours = [
             np.interp(np.linspace(0, 1, round(2 * abs(end - start)) + 1), along, share)
             for (start, end), (T, share) in zip(
-                itertools.pairwise(turns), shares(law, turns), strict=True
+                itertools.pairwise(turns), shares(law, turns, step=0.25), strict=True
             )
             for along in [np.abs(T - start) / abs(end - start)]
         ]
@@ -395,7 +396,7 @@ def test_hysteresis_is_near_a_published_constitutive_model():
     major = [15.0, 100.0, 15.0]
     reference = np.concatenate(reference_shares(solver, major))
     fit = least_squares(
-        difference, [1.0, 70.0, 55.0, 6.0], args=(major, reference), diff_step=1e-5
+        difference, [1.0, 67.0, 49.0, 6.0], args=(major, reference), diff_step=1e-5
     ).x
     error = np.abs(difference(fit, major, reference))
     assert np.sqrt(np.mean(error**2)) < 0.02

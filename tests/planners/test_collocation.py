@@ -4,10 +4,9 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.planning import DirectCollocationConstraint
 from scipy.linalg import block_diag
-from wire_laws import LIMBS, limb_with, random_state
+from wire_laws import LIMBS, random_state
 
 from limb_systems import (
-    HystereticLaw,
     Limb,
     LimbModel,
     LimbParameters,
@@ -19,15 +18,14 @@ TIME_STEP = 5e-4  # s, short enough for the fixed point that closes the θ rows 
 
 
 def limbs() -> dict[str, LimbParameters]:
-    """Chains of all kinds with the paper's law, and the paper's chain with laws of all kinds."""
+    """Chains of all kinds with the paper's law, and with laws of one to three states."""
     soft_tip = SegmentParameters(links=1, length=0.05, mass=0.02, thickness=0.02, stiffness=0.05)
     soft_tip.wire("left").law.beta, soft_tip.wire("right").law.a3 = 2e-4, -2.5
     return {
         "one link": LimbParameters(segments=[SegmentParameters(links=1)]),
         "two segments": LimbParameters(segments=[SegmentParameters(links=3), soft_tip]),
         "gravity": LimbParameters(gravity=[-4.0, -9.0, 1.0]),
-        "hysteretic": limb_with(HystereticLaw(), HystereticLaw()),
-        **{name: LIMBS[name]() for name in ("silicone", "mixed", "remembering", "soft")},
+        **{name: LIMBS[name]() for name in ("mixed", "remembering")},
     }
 
 

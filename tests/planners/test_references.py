@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from limb_systems import (
-    Limb,
     LimbError,
     LimbParameters,
+    Recording,
     SegmentParameters,
     joint_angles_from_bend_angle,
-    simulate,
     tip_position,
     wires_around,
 )
@@ -31,12 +30,46 @@ def test_fig5_has_two_steps_and_a_decaying_sine():
     assert np.allclose(peaks[1:] / peaks[:-1], np.exp(-0.4), rtol=1e-6)
 
 
-def test_recording_becomes_its_bend_angle_from_time_zero():
-    recording = simulate(Limb(), [0.0, 0.3], 2.0)
-    reference = references.from_recording(recording)
-    np.testing.assert_allclose(
-        reference.vector_values(recording.time), recording.bend_angle, atol=1e-12
+@pytest.fixture
+def recording() -> Recording:
+    """A sine of 23° over 10 s, 20 samples a second."""
+    time = np.arange(201) / 20
+    return Recording(
+        time=time,
+        duty=np.zeros((2, 201)),
+        measured_temperature=np.full((2, 201), 25.0),
+        bend_angle=0.4 * np.sin(time)[np.newaxis],
+        parameters=LimbParameters(),
+        source="made up",
+        sample_rate=20.0,
     )
+
+
+def test_a_recording_becomes_its_bend_angle_and_short_gaps_are_bridged(recording):
+    reference = references.from_recording(recording)
+    bend_angle = recording.bend_angle
+    np.testing.assert_allclose(reference.vector_values(recording.time), bend_angle, atol=1e-12)
+    recording.bend_angle = bend_angle.copy()
+    recording.bend_angle[:, 100:119] = np.nan
+    with pytest.warns(
+        UserWarning, match="19 of .* samples of the recording are missing, up to 1 s"
+    ):
+        reference = references.from_recording(recording)
+    bridged = reference.vector_values(recording.time)
+    expected = np.linspace(*bend_angle[0, [99, 119]], 21)
+    np.testing.assert_allclose(bridged[0, 99:120], expected, atol=1e-12)
+    recording.bend_angle[:, 119] = np.nan
+    with pytest.raises(LimbError, match=r"up to 1\.05 s in a row; the motion in the gap is"):
+        references.from_recording(recording)
+
+
+def test_smoothing_takes_noise_away_and_leaves_the_motion(recording):
+    clean = recording.bend_angle
+    recording.bend_angle = clean + np.random.default_rng(0).normal(0, 0.02, clean.shape)
+    reference = references.from_recording(recording, smoothing_time=1.0)
+    assert np.std(reference.vector_values(recording.time) - clean) < 0.4 * 0.02
+    with pytest.raises(LimbError, match="it must be from 0 to the recording's 10 s"):
+        references.from_recording(recording, smoothing_time=60.0)
 
 
 def test_csv_is_in_degrees_and_starts_at_its_first_sample(tmp_path):

@@ -23,7 +23,8 @@ def circle(degrees, num_bends=2, times=TIMES):
 
 
 def limb_in_space(wires=3, gravity=(2.0, -6.0, 7.0), **changes):
-    parameters = LimbParameters.in_space(wires=wires)
+    parameters = LimbParameters.in_space(wires=wires, links=3)
+    parameters.segments[0].stiffness *= 4 / 6  # to bend as five links do
     return dataclasses.replace(parameters, gravity=list(gravity), **changes)
 
 

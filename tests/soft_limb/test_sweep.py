@@ -1,23 +1,30 @@
-"""Sweeps: all combinations in one table, which a second run continues."""
+"""Sweeps, and calls in several processes, on this machine and on a cluster."""
 
 import csv
+import os
+import sys
+from unittest import mock
 
 import numpy as np
 import pytest
 
 from hardware import LimbTwin, replay
-from limb_systems import LimbParameters
+from limb_systems import LimbError, LimbParameters
 from planners import plan, references
 from soft_limb.command import main
+from soft_limb.runs.jobs import load_module, run_each
 
 
 @pytest.fixture
 def sweep(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.csv").write_text("0,0\n21,0\n23,8\n25,8\n")
+    (tmp_path / "mine.csv").write_text("0,0\n1,0\n3,8\n5,8\n")
+    limb = LimbParameters()
+    limb.temperature_limits.warm_up_time = 1000.0
+    limb.save(tmp_path / "limb.yaml")
 
     def run(*words):
-        return main(["sweep", "mine.csv", "-j", "1", "-o", "sweep.csv", *words])
+        return main(["sweep", "mine.csv", "-l", "limb.yaml", "-j", "1", "-o", "sweep.csv", *words])
 
     return run
 
@@ -28,25 +35,78 @@ def rows(path):
 
 
 def test_a_row_agrees_with_plan_and_replay(sweep, tmp_path, capsys):
-    words = ("--vary", "segments.0.stiffness=0.11,0.12", "--seeds")
-    assert sweep("--vary", "segments.0.stiffness=0.11", "--seeds", "3") == 0
-    (only,) = rows(tmp_path)
-    limb = LimbParameters()
+    vary = ("--vary", "segments.0.stiffness=0.11,0.12", "--seeds", "3")
+    assert sweep(*vary) == 0
+    assert "means over limbs" in capsys.readouterr().out
+    only, second = rows(tmp_path)
+    assert [row["segments.0.stiffness"] for row in (only, second)] == ["0.11", "0.12"]
+    assert second["reference_deg"] != only["reference_deg"]
+    assert sweep(*vary) == 1  # which does not replace the table
+    limb = LimbParameters.load("limb.yaml")
     limb.segments[0].stiffness = 0.11
     trajectory = plan(limb, references.load("mine.csv"))
     recording = replay(trajectory, LimbTwin(limb, seed=3, truth=True))
     bend = 3 * recording.joint_state[:5].mean(axis=0)  # (11), of the true joints
-    wanted = np.interp(recording.time, [21.0, 23.0], np.deg2rad([0.0, 8.0]))
+    wanted = np.interp(recording.time, [1.0, 3.0], np.deg2rad([0.0, 8.0]))
     error = np.rad2deg(np.abs(wanted - bend).mean())
     assert float(only["reference_deg"]) == pytest.approx(error, abs=0.05)
     assert float(only["highest_wire_c"]) == pytest.approx(recording.wire_temperature.max(), abs=0.1)
-    # Again, with more: what is there stays, and a row that was half-written is run once more.
-    table = (tmp_path / "sweep.csv").read_text()
-    table = table.replace(f",{only['planning_s']},", ",0.123,")
-    (tmp_path / "sweep.csv").write_text(table + "half,0.1")
-    assert sweep(*words, "3") == 0
-    assert "means over limbs" in capsys.readouterr().out
-    first, second = rows(tmp_path)
-    assert first == only | {"planning_s": "0.123"}
-    assert [row["segments.0.stiffness"] for row in (first, second)] == ["0.11", "0.12"]
-    assert first["problem"] != second["problem"]
+
+
+def _square_or_fail(number):
+    if number < 0:
+        raise LimbError("this limb is broken")
+    return number**2
+
+
+def _driven(plan):
+    return replay(plan, LimbTwin(seed=0))
+
+
+def _process(name):
+    """Return number and stderr of this process, and whether it has imported a module."""
+    return os.getpid(), os.readlink("/proc/self/fd/2"), name in sys.modules
+
+
+@pytest.fixture
+def user_module(tmp_path, monkeypatch):
+    """Return the name of a module that this process has imported from a folder."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr("soft_limb.runs.jobs._module_folders", {})
+    (tmp_path / "user_limb.py").touch()
+    load_module("user_limb", tmp_path)
+    yield "user_limb"
+    del sys.modules["user_limb"]
+
+
+def test_processes_import_user_modules_and_print_nothing(user_module):
+    for pid, errors, knows in run_each(_process, [user_module] * 4, 2):
+        assert pid != os.getpid()
+        assert errors == os.devnull
+        assert knows
+    assert list(run_each(_square_or_fail, range(20), 2, in_order=True)) == [n**2 for n in range(20)]
+    with pytest.raises(LimbError, match="this limb is broken"):
+        list(run_each(_square_or_fail, [1, -1, 2], 2))
+
+
+@pytest.mark.whole
+def test_runs_on_a_cluster_equal_runs_in_this_process(fig5_plan, user_module):
+    distributed = pytest.importorskip(
+        "distributed", reason="Dask is not installed: pip install -e '.[cluster]'"
+    )
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None
+    ) as cluster:
+        at = {"num_processes": 1, "cluster": cluster.scheduler_address}
+        (there,) = run_each(_driven, [fig5_plan], **at)
+        ((_, _, knows),) = run_each(_process, [user_module], **at)
+    assert knows
+    np.testing.assert_array_equal(there.bend_angle, _driven(fig5_plan).bend_angle)
+
+
+def test_a_cluster_needs_dask():
+    with (
+        mock.patch.dict(sys.modules, {"distributed": None}),
+        pytest.raises(LimbError, match="needs Dask, which is not installed"),
+    ):
+        next(run_each(_square_or_fail, [1], 1, cluster="tcp://somewhere:8786"))

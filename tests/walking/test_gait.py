@@ -11,15 +11,16 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 
-from limb_systems import CoupledLaw, LimbModel, LimbParameters, SegmentParameters
-from walking import Gait, GaitVariation, RobotLimb, RobotParameters, add_robot, plan_gait
-from walking.gait_check import simulate_gait
+from limb_systems import CoupledLaw, LimbModel, LimbParameters, SegmentParameters, simulate
+from walking import Gait, GaitVariation, Robot, RobotLimb, RobotParameters, add_robot, plan_gait
 from walking.gait_planning import _infeasibility_reason, standing_start
 from walking.gait_program import STEADINESS, Course, GaitProgram
 from walking.robot_parameters import walking_limb
 from walking.schedules import parse_schedule
 from walking.standing import FrictionGain, Stability, make_balance
 from walking.walker import Walker
+
+from .conftest import with_quick_wires
 
 VELOCITIES = JacobianWrtVariable.kV
 
@@ -172,6 +173,8 @@ def test_load_and_friction_by_balance_where_the_ground_rises_and_a_foot_is_dragg
             forces[2, 0] = -drag
             point = np.concatenate([y, temperatures, forces.ravel(), np.zeros(3)])
             balance = balance_at.values(point[None])[0, :d]
+            if np.abs(balance).max() < 1e-12:
+                break
             step = np.linalg.solve(standing.stiffness(point[None])[0], balance)
             y = y - step / max(1.0, np.abs(step).max() / 0.05)
         assert np.abs(balance).max() < 1e-9
@@ -192,15 +195,10 @@ def test_load_and_friction_by_balance_where_the_ground_rises_and_a_foot_is_dragg
         assert expected > 100.0  # with two feet, loads do not depend on heights
 
 
-@pytest.mark.whole
-def test_three_limbs_slide_one_by_one_as_planned_in_drake():
-    robot = three_limbs()
-    schedule = parse_schedule("ssf sss sfs sss fss sss", 3)
-    gait = plan_gait(robot, schedule=schedule, temperature_margin=5.0, check=False)
-    assert gait.speed > 1.8e-3
-    made = simulate_gait(gait, "", robot, 2)
-    assert not made.fall
-    assert made.strides == pytest.approx([1.0, 1.0], abs=0.05)
+@pytest.fixture(scope="module")
+def coarse() -> Gait:
+    """The gait of the crawler on few knots."""
+    return plan_gait(check=False, intervals=8)
 
 
 @pytest.fixture(scope="module", params=[0.3, pytest.param(0.6, marks=pytest.mark.whole)])
@@ -255,7 +253,7 @@ def test_a_gait_that_fails_its_check_is_planned_steadier(monkeypatch):
     assert "a stride is 90.0% of the planned one" in gait.check.remark
 
 
-def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(monkeypatch):
+def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(coarse, monkeypatch):
     def check_gait(gait, spread):
         return dataclasses.replace(
             gait, check=dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
@@ -266,7 +264,7 @@ def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(monkeypatch
 
     monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
     monkeypatch.setattr("walking.gait_planning.simulate_gait", simulate_gait)
-    coarse, gait = plan_gait(intervals=8, check=False), plan_gait(intervals=8)
+    gait = plan_gait(intervals=8)
     assert gait.intervals == [2 * number for number in coarse.intervals]
     assert gait.passed  # with its constraints
     assert gait.check.iterations < coarse.check.iterations  # as it begins from the coarse one
@@ -361,12 +359,46 @@ def test_speed_is_in_proportion_to_cooling():
     np.testing.assert_allclose(strides, strides[0], rtol=1e-3)
 
 
-def test_gait_minimizes_the_requested_objective():
+def test_gait_minimizes_the_requested_objective(coarse):
     """Heat by distance is least where it is asked for, and speed where that is, or nothing."""
-    fast, frugal = (plan_gait(objective=o, intervals=8, check=False) for o in ("speed", "energy"))
+    frugal = plan_gait(objective="energy", intervals=8, check=False)
 
     def distance_by_heat(gait: Gait) -> float:
         return gait.stride / float(np.diff(gait.time) @ gait.duty[:, :-1].sum(axis=0))
 
-    assert fast.speed > 1.5 * frugal.speed
-    assert distance_by_heat(frugal) > 1.2 * distance_by_heat(fast)
+    assert coarse.speed > 1.5 * frugal.speed
+    assert distance_by_heat(frugal) > 1.2 * distance_by_heat(coarse)
+
+
+@pytest.mark.whole
+def test_diagonal_pairs_lift_their_feet_clear_of_the_ground_in_drake():
+    """A robot with two pairs of limbs, in the order around its body."""
+    corners = {"rear_left": -1, "front_left": 1, "front_right": 1, "rear_right": -1}
+    limbs = [
+        RobotLimb(name, position=[0.03 * x, 0.0, 0.0], parameters=walking_limb())
+        for name, x in corners.items()
+    ]
+    robot = with_quick_wires(RobotParameters(limbs=limbs), 4.0)
+    schedule = parse_schedule("lsls ssss slsl ssss", 4)
+    gait = plan_gait(robot, schedule=schedule, intervals=12, check=False)
+    swing = gait.phases[1].start
+    recording = simulate(
+        Robot(robot),
+        gait.duty_trajectory(),
+        swing,
+        initial_state=gait.initial_state,
+        sample_rate=100,
+    )
+    # Before, it starts from rest; after, contact gives way, so that feet land a little early.
+    within = (recording.time > 0.2 * swing) & (recording.time < 0.9 * swing)
+    loads = recording.contact_force[1::2, within]
+    planar = Walker(robot)
+    assert np.all(loads[::2] == 0)
+    assert loads.sum(axis=0).mean() == pytest.approx(-planar.weight[2], rel=0.01)
+    joints = recording.joint_state[: robot.as_single_limb.num_joints]
+    feet = planar.feet(np.vstack([recording.body_pose, joints])[:, within].T)
+    lifted = feet[:, ::2, 1] - planar.radius
+    assert lifted.min() > 0.1e-3
+    assert lifted.max() > 1e-3
+    landing = np.argmin(np.abs(gait.time - swing))
+    assert recording.body_pose[0, -1] == pytest.approx(gait.body_pose[0, landing], rel=0.05)

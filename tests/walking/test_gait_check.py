@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from limb_systems import LimbError, Recording, RestMemory, simulate
-from walking import Gait, GaitVariation, Robot, RobotParameters, check_gait, plan_gait, walk
+from walking import Gait, GaitVariation, Robot, check_gait, plan_gait, walk
 from walking.gait_check import (
     find_fall,
     measure_strides,
@@ -17,18 +17,13 @@ from walking.gait_check import (
 )
 from walking.in_mujoco import simulate_in_mujoco
 
-QUICK = 4.0  # times, that wires heat and cool faster: cycles are so much shorter
+from .conftest import with_quick_wires
 
 
 @pytest.fixture(scope="module")
 def gait() -> Gait:
     """A crawl of the nominal robot with quick wires, 28 mm in 4 s, not checked."""
-    robot = RobotParameters()
-    for limb in robot.limbs:
-        for wire in limb.parameters.wires:
-            wire.law.a1 *= QUICK
-            wire.law.a2 *= QUICK
-    return plan_gait(robot, check=False)
+    return plan_gait(with_quick_wires(factor=4.0), check=False)
 
 
 @pytest.fixture(scope="module")
@@ -119,8 +114,8 @@ def test_variations_are_of_friction_and_of_each_limb(gait):
 
 
 def test_a_walk_from_cold_comes_to_the_gait(checked):
-    walked = walk(checked, 3)
-    begin = walked.duration - 3 * checked.period
+    walked = walk(checked, 2)
+    begin = walked.duration - 2 * checked.period
     limits = checked.parameters.temperature_limits
     assert walked.check.failure() is None
     assert walk(checked, 1).check == walk(checked, 4).check  # which comes nearer to the gait
@@ -129,12 +124,12 @@ def test_a_walk_from_cold_comes_to_the_gait(checked):
     assert walked.duty.sum(axis=0).max() <= checked.robot.total_duty + 1e-3
     assert (walked.duty[:, -1] == 0).all()
     recording = simulate(Robot(checked.robot), walked)
-    starts = begin + checked.period * np.arange(4)
+    starts = begin + checked.period * np.arange(3)
     strides = measure_strides(recording, checked, starts)[0]
-    assert strides[2] == pytest.approx(checked.check.simulation.strides[-1], abs=0.03)
-    in_third = (recording.time - begin) - 2 * checked.period
-    there = (in_third >= 0) & (in_third <= checked.period)
-    planned = [np.interp(in_third[there], checked.time, T) for T in checked.wire_temperature]
+    assert strides[1] == pytest.approx(checked.check.simulation.strides[-1], abs=0.03)
+    in_second = (recording.time - begin) - checked.period
+    there = (in_second >= 0) & (in_second <= checked.period)
+    planned = [np.interp(in_second[there], checked.time, T) for T in checked.wire_temperature]
     # Heat is not linear between knots of 0.17 s, in which wires warm by up to 14 °C.
     assert np.abs(recording.wire_temperature[:, there] - planned).mean() < 1.5
 

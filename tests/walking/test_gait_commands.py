@@ -11,15 +11,15 @@ from limb_systems import Recording
 from soft_limb.command import main
 from walking import Gait, RobotParameters, RobotTwin
 
+from .conftest import with_quick_wires
+
 LIMB = Path(__file__).parents[1] / "data" / "emulated_limb"
 
 
 @pytest.fixture
 def robot(tmp_path):
     """A crawler whose wires heat and cool eight times as fast, so that it walks in little time."""
-    parameters = RobotParameters()
-    for wire in (wire for limb in parameters.limbs for wire in limb.parameters.wires):
-        wire.law.a1, wire.law.a2, wire.law.a3 = 8 * wire.law.a1, 8 * wire.law.a2, 8 * wire.law.a3
+    parameters = with_quick_wires()
     parameters.body.mass = 0.021
     parameters.save(tmp_path / "robot.yaml")
     return tmp_path / "robot.yaml"

@@ -31,6 +31,7 @@ Sources, beside those of `specimen`:
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -76,124 +77,93 @@ STIFFEST = 2.0  # largest x² of `ContinuumBeam.stiffening`, 64° of bend, beyon
 # Share of the stiffness that is added to what is integrated exactly, and taken off the moments,
 # because friction and stiff rubber would make steps with moments of the beginning unstable.
 ADDED = 0.4
+DEGREE = np.pi / 180  # rad
+
+
+def drawn(low: float, high: float, factor: float = 1.0) -> float:
+    """Return a field that a seed draws evenly from a range, in units of the factor."""
+    return dataclasses.field(metadata={"range": (low, high), "factor": factor})
+
+
+def draw(kind: type, uniform) -> Any:
+    """Return an instance whose `drawn` fields have random values, in their order."""
+    values = {}
+    for field in dataclasses.fields(kind):
+        if field.metadata:
+            values[field.name] = field.metadata["factor"] * uniform(*field.metadata["range"])
+    return kind(**values)
 
 
 @dataclasses.dataclass(frozen=True)
 class ContinuumWire:
-    """One wire, its thermocouple and the silicone around it.
+    """One wire, its thermocouple and the silicone around it."""
 
-    - ``heating``: heating rate at full duty, as martensite and without losses, °C/s.
-    - ``contact_time``: time constant to the silicone's innermost shell, s.
-    - ``radius``: radius of the wire's coil, m.
-    - ``heat_capacity``: heat capacity of the coil per volume of its cylinder, J/(m³ K).
-    - ``lead_share``: share of the resistance that is outside the coil.
-    - ``resistance_drop``: share of the coil's resistance that austenite lacks.
-    - ``resistance_slope``: relative rise of the coil's resistance, 1/°C.
-    - ``latent_heat``: heat of the whole transformation, as °C of the wire.
-    - ``middle``, ``middle_spread``: mean and standard deviation of the middle of the relays'
-      two switching temperatures, °C.
-    - ``half_width``, ``half_width_spread``: median of half their distance, °C, and standard
-      deviation of its logarithm.
-    - ``r_share``, ``r_middle``: share of the relays that make the R-phase's loop, and its
-      middle, °C.
-    - ``r_half_width``: half the width of that loop, °C.
-    - ``stress_shift``: shift of all switching temperatures at full pull, °C.
-    - ``bend``: bend at which the limb's linear rubber would hold the full pull of a wire
-      that is not relieved, rad.
-    - ``relief``: share of the pull that austenite loses per rad of bend to its side.
-    - ``martensite_pull``: pull of martensite, as share of the full one, per rad of stretch
-      before it yields.
-    - ``lag``, ``second_lag``: time constants of the thermocouple, s.
-    - ``leak``: share of the reading that is the innermost shell's temperature.
-    - ``pick_up``: °C that full duty's current adds to the reading.
-    - ``misplaced``: as of `WirePhysics`.
-    """
-
-    heating: float
-    contact_time: float
-    radius: float
-    heat_capacity: float
-    lead_share: float
-    resistance_drop: float
-    resistance_slope: float
-    latent_heat: float
-    middle: float
-    middle_spread: float
-    half_width: float
-    half_width_spread: float
-    r_share: float
-    r_middle: float
-    r_half_width: float
-    stress_shift: float
-    bend: float
-    relief: float
-    martensite_pull: float
-    lag: float
-    second_lag: float
-    leak: float
-    pick_up: float
-    misplaced: float = 0.0
+    # Heat and resistance of the coil.
+    heating: float = drawn(15.0, 25.0)  # °C/s at full duty, as martensite, without losses [records]
+    contact_time: float = drawn(11.0, 19.0)  # s, to the silicone; of the first cooling [records]
+    radius: float = drawn(0.6e-3, 0.9e-3)  # m; ours, coils of 1.2 to 1.8 mm
+    heat_capacity: float = drawn(1.8e6, 2.8e6)  # J/(m³ K), between silicone and NiTi, 3 to 5e6
+    lead_share: float = drawn(0.05, 0.2)  # of the resistance that is outside the coil; ours
+    resistance_drop: float = drawn(0.08, 0.2)  # share that austenite lacks [Flexinol]
+    resistance_slope: float = drawn(2e-4, 8e-4)  # 1/°C, relative [Uchil]
+    latent_heat: float = drawn(8.0, 20.0)  # °C; below [Flexinol]'s 29 °C: filled coils share heat
+    # Switching temperatures of the relays, °C: middle and, logarithmically, half the distance.
+    middle: float = drawn(52.0, 62.0)  # [Flexinol], between wires of 70 and 90 °C
+    middle_spread: float = drawn(6.5, 10.0)  # ours: stress and heat differ along a coil
+    half_width: float = drawn(5.0, 9.0)  # [Flexinol]
+    half_width_spread: float = drawn(0.2, 0.5)  # ours [Ortin]
+    r_share: float = drawn(0.05, 0.15)  # of the relays, which make the R-phase's loop [Uchil]
+    r_middle: float = drawn(38.0, 46.0)
+    r_half_width: float = drawn(1.0, 2.5)
+    # Pull.
+    stress_shift: float = drawn(5.0, 12.0)  # °C; 70 to 170 MPa at 7 to 14 MPa/°C [Flexinol]
+    bend: float = drawn(38.0, 62.0, DEGREE)  # where linear rubber would hold the full pull; ours
+    relief: float = drawn(0.1, 0.3)  # share of austenite's pull lost per rad to its side; ours
+    martensite_pull: float = drawn(0.1, 0.25)  # share of the full pull per rad of stretch; ours
+    # Thermocouple.
+    lag: float = drawn(0.5, 1.5)  # s [records]
+    second_lag: float = drawn(0.15, 0.6)  # s [records]
+    leak: float = drawn(0.0, 0.12)  # share of the reading from the innermost shell; ours
+    pick_up: float = drawn(-0.5, 1.5)  # °C that full duty's current adds; ours
+    misplaced: float = 0.0  # as of `WirePhysics`
 
 
 @dataclasses.dataclass(frozen=True)
 class ContinuumBeam:
     """The silicone of the limb, as beam and as conductor of heat, and its bend sensor.
 
-    - ``stiffness``: bending stiffness EI over the described one.
-    - ``taper``: share by which EI at the base is above its mean, and at the tip below.
-    - ``damping_ratio``: damping ratio of the first mode by viscous damping alone.
-    - ``softening``, ``stiffening``: a, b of the moment k θ (1 - a x² + b x⁴), where x is 1 at
-      a bend of 45°.
-    - ``mullins``: share of the stiffness that is lost well below the largest bend so far.
-    - ``creep``: share of the stiffness that relaxes per term of the Prony series.
-    - ``friction``: bend that dry friction can hold, rad.
-    - ``friction_yield``: change of bend over which friction turns, rad.
-    - ``rest_offset``: offset of the bend angle at rest from the described one, rad.
-    - ``anchor``: share of the pull's moment that is missing at the last joint.
-    - ``conductivity``: W/(m K).
-    - ``heat_capacity``: J/(m³ K).
-    - ``convection``: W/(m² K) at 10 °C above the room.
-    - ``emissivity``: emissivity of the surface.
-    - ``crossing``: conductance between the outermost shells of the two wires over that of a
-      silicone cube's two faces.
-    - ``cooling``: factor of convection and radiation.
-    - ``sensor_gain``, ``sensor_offset``: slope of the bend sensor, and what it shows at 0, rad.
-    - ``sensor_play``: width of its backlash, rad.
-    - ``sensor_warming``: change of its gain per °C of the outermost shells, 1/°C.
-    - ``sensor_shift``: what it shows per °C between the two sides' outermost shells, rad/°C.
-    - ``sensor_noise``: standard deviation of a sample, rad.
-    - ``sensor_walk``: random walk since it was switched on, rad/√s.
-    - ``missing``: share of samples that are missing, so that the one before is shown again.
-
+    The moment of a joint is k θ (1 - a x² + b x⁴), where x is 1 at a bend of 45°.
     ``stiffness_ratio``, ``rest_offset_e3``, ``sensor_gain_e3``, ``sensor_offset_e3`` and
     ``sensor_roll`` are as of `SegmentPhysics`.
     """
 
-    stiffness: float
-    taper: float
-    damping_ratio: float
-    softening: float
-    stiffening: float
-    mullins: float
-    creep: float
-    friction: float
-    friction_yield: float
-    rest_offset: float
-    anchor: float
-    conductivity: float
-    heat_capacity: float
-    convection: float
-    emissivity: float
-    crossing: float
-    cooling: float
-    sensor_gain: float
-    sensor_offset: float
-    sensor_play: float
-    sensor_warming: float
-    sensor_shift: float
-    sensor_noise: float
-    sensor_walk: float
-    missing: float
+    stiffness: float = drawn(0.85, 1.15)  # EI over the described one
+    taper: float = drawn(-0.15, 0.3)  # share of EI more at the base, less at the tip; ours: glue
+    damping_ratio: float = drawn(0.03, 0.09)  # viscous, of the first mode
+    softening: float = drawn(0.0, 0.12)  # a [Yeoh]
+    stiffening: float = drawn(0.02, 0.06)  # b [Yeoh]
+    mullins: float = drawn(0.02, 0.10)  # share lost well below the largest bend so far [Ogden]
+    creep: float = drawn(0.015, 0.05)  # share that relaxes per term of the Prony series [Schapery]
+    friction: float = drawn(0.2, 0.8, DEGREE)  # bend that it can hold; ours [Dahl]
+    friction_yield: float = drawn(2.0, 5.0, DEGREE)  # bend over which it turns; ours
+    rest_offset: float = drawn(-4.0, 4.0, DEGREE)  # bend at rest, from the described one; ours
+    anchor: float = drawn(0.1, 0.5)  # share of the pull missing at the last joint; ours
+    # Heat.
+    conductivity: float = drawn(0.16, 0.27)  # W/(m K) [Sylgard]
+    heat_capacity: float = drawn(1.2e6, 1.6e6)  # J/(m³ K) [Sylgard]
+    convection: float = drawn(4.0, 8.0)  # W/(m² K) at 10 °C above the room [Incropera]
+    emissivity: float = drawn(0.8, 0.95)  # [Incropera]
+    crossing: float = drawn(0.5, 1.5)  # conductance between wires, over a cube's two faces; ours
+    # Bend sensor.
+    sensor_gain: float = drawn(0.97, 1.03)
+    sensor_offset: float = drawn(-0.5, 0.5, DEGREE)
+    sensor_play: float = drawn(0.2, 1.0, DEGREE)  # width of its backlash; ours
+    sensor_warming: float = drawn(-1e-3, 5e-4)  # 1/°C, of its gain, by the outermost shells; ours
+    sensor_shift: float = drawn(-0.04, 0.04, DEGREE)  # rad/°C between the two sides; ours
+    sensor_noise: float = drawn(0.1, 0.3, DEGREE)  # of a sample; ours
+    sensor_walk: float = drawn(0.01, 0.05, DEGREE)  # rad/√s, 0.1 to 0.4° in a minute; ours
+    missing: float = drawn(0.0, 0.01)  # share of samples that repeat the one before; ours
+    cooling: float = 1.0  # factor of convection and radiation
     stiffness_ratio: float = 1.0
     rest_offset_e3: float = 0.0
     sensor_gain_e3: float = 1.0
@@ -228,8 +198,8 @@ class ContinuumSpecimen(Specimen):
                 "wire, in this order, or one that bends about two axes; describe such a limb, or "
                 "take the physics lumped."
             )
-        self.segments = [_draw_beam(uniform)]
-        kind = _draw_wire(uniform)
+        self.segments = [draw(ContinuumBeam, uniform)]
+        kind = draw(ContinuumWire, uniform)
         self.wires = [_draw_side(uniform, kind) for _ in sides]
         self.ambient = self.description.ambient_temperature + uniform(-3.0, 3.0)  # °C, ours
 
@@ -903,62 +873,3 @@ def _draw_side(uniform, kind: ContinuumWire) -> ContinuumWire:
     }
     changes["middle"] = kind.middle + uniform(-1.5, 1.5)  # °C, by the stress at rest
     return dataclasses.replace(kind, **changes, leak=uniform(0.0, 0.12), pick_up=uniform(-0.5, 1.5))
-
-
-def _draw_wire(uniform) -> ContinuumWire:
-    """The kind of both wires."""
-    return ContinuumWire(
-        heating=uniform(15.0, 25.0),  # °C/s [records]
-        contact_time=uniform(11.0, 19.0),  # s, of the first cooling [records]
-        radius=uniform(0.6e-3, 0.9e-3),  # ours, coils of 1.2 to 1.8 mm
-        heat_capacity=uniform(1.8e6, 2.8e6),  # between silicone and NiTi, 3 to 5e6
-        lead_share=uniform(0.05, 0.2),  # ours
-        resistance_drop=uniform(0.08, 0.2),  # [Flexinol]
-        resistance_slope=uniform(2e-4, 8e-4),  # [Uchil]
-        latent_heat=uniform(8.0, 20.0),  # below [Flexinol]'s 29 °C: filled coils share heat
-        middle=uniform(52.0, 62.0),  # [Flexinol], between wires of 70 and 90 °C
-        middle_spread=uniform(6.5, 10.0),  # ours: stress and heat differ along a coil
-        half_width=uniform(5.0, 9.0),  # [Flexinol]
-        half_width_spread=uniform(0.2, 0.5),  # ours [Ortin]
-        r_share=uniform(0.05, 0.15),  # [Uchil]
-        r_middle=uniform(38.0, 46.0),
-        r_half_width=uniform(1.0, 2.5),
-        stress_shift=uniform(5.0, 12.0),  # 70 to 170 MPa at 7 to 14 MPa/°C [Flexinol]
-        bend=np.deg2rad(uniform(38.0, 62.0)),  # ours
-        relief=uniform(0.1, 0.3),  # ours
-        martensite_pull=uniform(0.1, 0.25),  # ours
-        lag=uniform(0.5, 1.5),  # s [records]
-        second_lag=uniform(0.15, 0.6),  # s [records]
-        leak=uniform(0.0, 0.12),  # ours
-        pick_up=uniform(-0.5, 1.5),  # ours
-    )
-
-
-def _draw_beam(uniform) -> ContinuumBeam:
-    return ContinuumBeam(
-        stiffness=uniform(0.85, 1.15),
-        taper=uniform(-0.15, 0.3),  # ours: wires and glue at the base
-        damping_ratio=uniform(0.03, 0.09),  # creep and friction add to it
-        softening=uniform(0.0, 0.12),  # [Yeoh]
-        stiffening=uniform(0.02, 0.06),  # [Yeoh]
-        mullins=uniform(0.02, 0.10),  # [Ogden], little of it in silicone that is hardly filled
-        creep=uniform(0.015, 0.05),  # [Schapery]
-        friction=np.deg2rad(uniform(0.2, 0.8)),  # ours [Dahl]
-        friction_yield=np.deg2rad(uniform(2.0, 5.0)),  # ours
-        rest_offset=np.deg2rad(uniform(-4.0, 4.0)),  # ours
-        anchor=uniform(0.1, 0.5),  # ours
-        conductivity=uniform(0.16, 0.27),  # [Sylgard]
-        heat_capacity=uniform(1.2e6, 1.6e6),  # [Sylgard]
-        convection=uniform(4.0, 8.0),  # [Incropera]
-        emissivity=uniform(0.8, 0.95),  # [Incropera]
-        crossing=uniform(0.5, 1.5),  # ours
-        cooling=1.0,
-        sensor_gain=uniform(0.97, 1.03),
-        sensor_offset=np.deg2rad(uniform(-0.5, 0.5)),
-        sensor_play=np.deg2rad(uniform(0.2, 1.0)),  # ours
-        sensor_warming=uniform(-1e-3, 5e-4),  # 1/°C, ours
-        sensor_shift=np.deg2rad(uniform(-0.04, 0.04)),  # rad/°C, ours
-        sensor_noise=np.deg2rad(uniform(0.1, 0.3)),  # ours
-        sensor_walk=np.deg2rad(uniform(0.01, 0.05)),  # rad/√s, 0.1 to 0.4° in a minute, ours
-        missing=uniform(0.0, 0.01),  # ours
-    )

@@ -23,17 +23,16 @@ class RobotView(LimbView):
     MODEL = "robot"
     LIGHT = (-4.0, -10.0, 5.0)
 
-    def __init__(self, robot: RobotParameters, root: str = ""):
+    def __init__(self, robot: RobotParameters):
         """
         Args:
             robot: the robot.
-            root: beginning of the paths in Meshcat; empty, or ends with a slash.
         """
         self._robot = robot
-        super().__init__(robot.as_single_limb, root=root)
+        super().__init__(robot.as_single_limb)
 
     def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
-        """Put the robot into a scene, in place of one with the same root.
+        """Put the robot into a scene.
 
         Args:
             base_pose: pose of the robot's world on level ground; the world's origin if None.
@@ -61,7 +60,7 @@ class RobotView(LimbView):
         if not self._robot.ground:
             return
         step = MARKS_PER_WIDE_MARK * MARK_SPACING
-        path = f"{self._root}ground"
+        path = "ground"
         first = np.floor(low[0] / step) - 1
         last = np.ceil(high[0] / step) + 1
         middle = (low[1] + high[1]) / 2

@@ -1,12 +1,10 @@
-"""Sweeps: plan and drive every combination of limbs, motions, tasks and controllers."""
+"""Sweeps: plan and drive every combination of limbs, motions and controllers."""
 
 import collections
 import copy
 import csv
 import dataclasses
 import functools
-import hashlib
-import io
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -14,21 +12,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydrake import trajectories
 
 from hardware import LimbTwin
 from hardware.emulation.specimen import emulated_limb
-from hardware.emulation.twin import specimen_class
 from hardware.replaying import replay
 from limb_systems import LimbError, LimbParameters, Trajectory
-from limb_systems.files.output import write_atomically
+from limb_systems.files.output import raising_output_error
 from limb_systems.files.schema import short_repr
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import Task, plan
+from soft_limb.runs import OPEN_LOOP
 from soft_limb.runs.jobs import run_each
 from soft_limb.runs.plan_run import load_reference
-from soft_limb.runs.rollout import OPEN_LOOP, make_controller
+from soft_limb.runs.rollout import make_controller
 
+SMOOTHING_TIME = 0.5  # s, over which a recording's bend angle is smoothed
 # Columns of the results of a run; angles are mean distances of the true bend, in degrees.
 RESULT_COLUMNS = (
     "reference_deg",
@@ -45,38 +43,26 @@ RESULT_COLUMNS = (
 class Case:
     """One run of a sweep.
 
-    - ``motion``: "fig5", or the path of a file, which is read where the case is run.
-    - ``smoothing_time``: window over which a recording's bend angle is smoothed, s.
+    - ``motion``: name of a reference, or the path of its file.
     - ``limb``: parameters that the plan is made for.
     - ``fields``: varied fields of the limb, with their values.
-    - ``task``, ``weights``: name of the task, and the task; None for the default task.
-    - ``problem``: hash of limb, reference and task.
     - ``controller``: key in `CONTROLLERS`.
-    - ``physics``, ``seed``: emulated limb to drive; the limb that ``limb`` was calibrated on if
-      the seed is None.
+    - ``seed``: emulated limb to drive; None for the limb that ``limb`` was calibrated on.
     """
 
     motion: str
-    smoothing_time: float
     limb: LimbParameters
     fields: tuple[tuple[str, float], ...]
-    task: str
-    weights: Task | None
-    problem: str
     controller: str
-    physics: str
     seed: int | None
 
     @property
     def name(self) -> dict[str, str]:
         """The cells that identify the row of this case in the table."""
         return {
-            "problem": self.problem,
             **{field: f"{value:.12g}" for field, value in self.fields},
             "motion": self.motion,
-            "task": self.task,
             "controller": self.controller,
-            "physics": self.physics,
             "seed": "" if self.seed is None else str(self.seed),
         }
 
@@ -85,27 +71,21 @@ def make_cases(
     limb: LimbParameters,
     motions: Sequence[str],
     *,
-    smoothing_time: float = 0.5,
     vary: Sequence[tuple[str, Sequence[float]]] = (),
-    tasks: dict[str, Task] | None = None,
     controllers: Sequence[str] = (OPEN_LOOP,),
-    physics: Sequence[str] = ("lumped",),
     seeds: Sequence[int] | None = None,
 ) -> list[Case]:
-    """Return all combinations; the cases of one plan follow each other.
+    """Return all combinations.
 
     Args:
         limb: a description, around which the seeds draw emulated limbs, or a calibrated limb.
-        motions, smoothing_time: see `Case`.
+        motions, controllers: see `Case`.
         vary: fields of the limb, such as ``segments.0.stiffness``, and their values.
-        tasks: tasks by name; if None the default task, or `Task.closed_loop` with a controller.
-        controllers: keys in `CONTROLLERS`.
-        physics: keys in `hardware.emulation.twin.SPECIMENS`.
         seeds: seeds of emulated limbs; if None the limb that ``limb`` was calibrated on, or 0.
 
     Raises:
-        LimbError: if there is no such field or physics, a value is not possible, or there are
-            seeds but the limb was calibrated on an emulated limb.
+        LimbError: if there is no such field, a value is not possible, or there are seeds but the
+            limb was calibrated on an emulated limb.
     """
     # Choose the emulated limbs.
     calibrated = emulated_limb(limb.board)
@@ -114,35 +94,16 @@ def make_cases(
             f"This limb was calibrated on the emulated limb {calibrated.seed}, which the sweep "
             "drives; leave --seeds out, or give a description to draw limbs around."
         )
-    specimens: list[tuple[str, int | None]] = [(calibrated.physics, None)] if calibrated else []
-    if not specimens:
-        specimens += itertools.product(physics, [0] if seeds is None else seeds)
-    for name, _ in specimens:
-        specimen_class(name)  # raises LimbError if there are no such physics
-    # Combine them with limbs, motions, controllers and tasks.
+    default: list[int | None] = [None] if calibrated else [0]
+    # Combine them with limbs, motions and controllers.
     cases = []
     names = [name for name, _ in vary]
     for values in itertools.product(*(values for _, values in vary)):
         fields = tuple(zip(names, values, strict=True))
         varied = _with_fields(limb, fields)
-        for motion, controller in itertools.product(motions, controllers):
-            default = (
-                {"default": None}
-                if controller == OPEN_LOOP
-                else {"closed loop": Task.closed_loop()}
-            )
-            for task, weights in (tasks or default).items():
-                problem = _digest(varied, load_reference(motion, smoothing_time), weights)
-                plan_fields = (motion, smoothing_time, varied, fields, task, weights, problem)
-                cases += [Case(*plan_fields, controller, *specimen) for specimen in specimens]
+        for motion, controller, seed in itertools.product(motions, controllers, seeds or default):
+            cases.append(Case(motion, varied, fields, controller, seed))
     return cases
-
-
-def _digest(limb: LimbParameters, motion: trajectories.Trajectory, weights: Task | None) -> str:
-    """Return a hash of limb, reference and task."""
-    times = np.linspace(motion.start_time(), motion.end_time(), 1001)
-    inputs = limb.digest, times.tolist(), motion.vector_values(times).tolist(), weights
-    return hashlib.sha256(repr(inputs).encode()).hexdigest()[:12]
 
 
 def _with_fields(described: LimbParameters, fields: Sequence[tuple[str, float]]) -> LimbParameters:
@@ -171,32 +132,31 @@ def _get_part(owner: Any, name: str) -> Any:
     return part
 
 
-# The last plan of this process; the cases of one plan come one after the other.
-_last_plan: dict[str, tuple[Trajectory, float]] = {}
+Planned = tuple[Trajectory | str, float]  # the plan or the error, and the time for it, s
 
 
-def _plan_case(case: Case) -> tuple[Trajectory, float]:
-    """Return the plan of a case, and the time that planning took, s."""
-    if case.problem not in _last_plan:
-        start = time.perf_counter()
-        reference = load_reference(case.motion, case.smoothing_time)
-        trajectory = plan(case.limb, reference, task=case.weights)
-        _last_plan.clear()
-        _last_plan[case.problem] = trajectory, time.perf_counter() - start
-    return _last_plan[case.problem]
-
-
-def run_case(case: Case) -> dict[str, str]:
-    """Plan a case, drive the emulated limb along the plan, and return the row."""
-    row = dict.fromkeys(RESULT_COLUMNS, "")
+def _make_plan(case: Case) -> Planned:
+    """Plan the motion of a case, for feedback if a controller drives the limb."""
+    start = time.perf_counter()
+    task = None if case.controller == OPEN_LOOP else Task.closed_loop()
     try:
-        # Plan, and drive the emulated limb.
-        trajectory, seconds = _plan_case(case)
-        row["planning_s"] = f"{seconds:.3g}"
-        if case.seed is None:
-            twin = LimbTwin.of(case.limb)
-        else:
-            twin = LimbTwin(case.limb, seed=case.seed, physics=case.physics)
+        made: Trajectory | str = plan(
+            case.limb, load_reference(case.motion, SMOOTHING_TIME), task=task
+        )
+    except LimbError as error:
+        made = " ".join(str(error).split())
+    return made, time.perf_counter() - start
+
+
+def _run_case(job: tuple[Case, Planned]) -> dict[str, str]:
+    """Drive the emulated limb of a case along the plan, and return the row."""
+    case, (trajectory, planning_time) = job
+    row = dict.fromkeys(RESULT_COLUMNS, "") | {"planning_s": f"{planning_time:.3g}"}
+    if isinstance(trajectory, str):
+        return case.name | row | {"trouble": trajectory}
+    try:
+        # Drive the emulated limb.
+        twin = LimbTwin.of(case.limb, case.seed or 0)
         controller = make_controller(case.controller, trajectory)
         recording = replay(trajectory, twin.after_rest(truth=True), controller=controller)
         # Compare the true bend with reference and plan.
@@ -217,73 +177,46 @@ def run_case(case: Case) -> dict[str, str]:
 
 
 def sweep(
-    wanted: Sequence[Case],
+    cases: Sequence[Case],
     file: Path,
     tell: Callable[[int], object] = lambda done: None,
     *,
     num_processes: int = 1,
     cluster: str | None = None,
 ) -> list[dict[str, str]]:
-    """Run the cases that a file does not have yet, and append each row when it is complete.
+    """Plan and drive the cases, and write each row when it is complete.
 
     Args:
-        wanted: cases that vary the same fields.
-        file: table (.csv) to continue; rows of other cases stay in it.
+        cases: cases that vary the same fields.
+        file: table to write (.csv).
         tell: function that is called with the number of complete cases.
         num_processes, cluster: as for `run_each`.
 
     Returns:
         The rows of the cases, in their order.
-
-    Raises:
-        LimbError: if the file is not the table of a sweep of these fields.
     """
-    names = [case.name for case in wanted]
-    columns = [*names[0], *RESULT_COLUMNS]
-
-    def key(row: dict[str, str]) -> tuple[str, ...]:
-        return tuple(row[column] for column in names[0])
-
-    # Drop a row that an interruption has cut off.
-    rows = _complete_rows(file, columns)
-    write_atomically(file, _table([columns, *(list(row.values()) for row in rows)]))
-    # Run the cases that have no row.
-    row_of = {key(row): row for row in rows}
-    missing = [case for case in wanted if key(case.name) not in row_of]
-    num_done = len(wanted) - len(missing)
-    tell(num_done)
-    for row in run_each(run_case, missing, num_processes, cluster=cluster):
-        row_of[key(row)] = row
-        with file.open("a", newline="", encoding="utf-8") as table:
-            table.write(_table([list(row.values())]))
-        num_done += 1
-        tell(num_done)
-    return [row_of[key(name)] for name in names]
-
-
-def _complete_rows(file: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """Return the complete rows of a table; none if there is no file."""
-    if not file.exists():
-        return []
-    with file.open(newline="", encoding="utf-8") as table:
-        reader = csv.DictReader(table)
-        if reader.fieldnames != columns:
-            raise LimbError(
-                f"{file} is not the table of a sweep of these fields; give another name, or "
-                "--force to replace it."
-            )
-        return [row for row in reader if None not in row.values()]
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
+    each = functools.partial(run_each, num_processes=num_processes, cluster=cluster, in_order=True)
+    # Make each plan once; it does not depend on the seed.
+    keys = [tuple((case.name | {"seed": ""}).values()) for case in cases]
+    case_of_plan = dict(zip(keys, cases, strict=True))
+    plans = dict(zip(case_of_plan, each(_make_plan, case_of_plan.values()), strict=True))
+    # Drive all limbs.
+    rows = []
+    jobs = [(case, plans[key]) for case, key in zip(cases, keys, strict=True)]
+    with raising_output_error(file), file.open("w", newline="", encoding="utf-8") as table:
+        writer = csv.DictWriter(table, [*cases[0].name, *RESULT_COLUMNS], lineterminator="\n")
+        writer.writeheader()
+        for row in each(_run_case, jobs):
+            rows.append(row)
+            writer.writerow(row)
+            table.flush()
+            tell(len(rows))
+    return rows
 
 
 def mean_table(rows: Sequence[dict[str, str]]) -> Iterator[list[str]]:
     """Yield a header, and a row for each combination: mean angles, highest V and T over limbs."""
-    groupers = [name for name in rows[0] if name not in ("problem", "seed", *RESULT_COLUMNS)]
+    groupers = [name for name in rows[0] if name not in ("seed", *RESULT_COLUMNS)]
     yield [*groupers, "runs", "from reference", "plan from it", "from plan", "V", "T", "troubles"]
     # Group the rows by all but the limb.
     groups = collections.defaultdict(list)
