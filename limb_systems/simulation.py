@@ -4,6 +4,7 @@ import contextlib
 import copy
 import dataclasses
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -47,6 +48,7 @@ MIN_STEP_SIZE = 5e-4  # s
 SWING_ACCURACY = 1e-3  # of an amplitude: after 30 periods the energy is right within 0.3%
 JUMP_MARGIN = 1e-9  # s, before and after a jump of the duty, where steps end and begin
 MIN_DUTY_JUMP = 1e-6  # of duty
+MIN_PULSE_DURATION = 1e-3  # s, of duty that is worth its simulation
 PERIOD = 0.05  # s, of samples and commands of a robot, and so of what observes and controls one
 TERMINATED = SimulatorStatus.ReturnReason.kReachedTerminationCondition  # by a system of the diagram
 
@@ -92,6 +94,7 @@ def simulate(
     applied, duration = _duty_over_time(duty, duration, len(system.parameters.wires))
     num_samples = sample_count(duration, sample_rate)
     check_duty(applied, np.minimum(np.arange(num_samples) / sample_rate, duration))
+    warn_of_fast_duty(applied, system)
     # Drive the system with the duty.
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(applied))
@@ -356,6 +359,27 @@ def jump_times(duty: trajectories.Trajectory) -> np.ndarray:
     before = duty.vector_values(breaks - JUMP_MARGIN)
     after = duty.vector_values(breaks + JUMP_MARGIN)
     return breaks[np.abs(after - before).max(axis=0) > MIN_DUTY_JUMP]
+
+
+def warn_of_fast_duty(duty: trajectories.Trajectory, system: LimbSystem) -> None:
+    """Warn if duty jumps faster than a system can follow."""
+    jumps = jump_times(duty)
+    if len(jumps) < 2:
+        return
+    shortest = np.diff(jumps).min()
+    # Choose the shortest pulse that the system can follow.
+    if is_model(system):
+        fastest = MIN_PULSE_DURATION
+        reason = "its wires respond to the mean only, and simulating each pulse takes long"
+    else:
+        fastest = PERIOD
+        reason = f"{type(system).__name__} takes duty at about 20 Hz"
+    if shortest < 0.99 * fastest:
+        warnings.warn(
+            f"The duty jumps after {1e3 * shortest:.3g} ms already: {reason}. Give its mean over "
+            "the periods of the pulses.",
+            stacklevel=3,
+        )
 
 
 def check_positive(name: str, value: Any, unit: str = "") -> None:

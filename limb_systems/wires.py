@@ -8,7 +8,7 @@ import numpy as np
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.rubber import REST_SCALE, NonlinearRubber
-from limb_systems.smooth_function import SmoothFunction
+from limb_systems.smooth_function import SmoothFunction, check_smooth
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, runge_kutta
 
 MAX_SETTLING_STEPS = 20  # of Newton's method
@@ -94,6 +94,8 @@ class Wires:
         force = self._state_force(x, q)
         self.symbolic_heat = ca.Function("heat", [x, V, D], [heat_rates])
         self.symbolic_force = ca.Function("force", [x, q], [force])
+        check_smooth(self.symbolic_heat)
+        check_smooth(self.symbolic_force)
         self.heat = SmoothFunction(heat_rates, ca.vertcat(x, V, D))
         self.force = SmoothFunction(force, ca.vertcat(x, q))
         self._rates = SmoothFunction(rates, ca.vertcat(x, D))

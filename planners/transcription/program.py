@@ -202,7 +202,7 @@ class PlanProgram:
         return self._angle_weights * (x[self.indices(self._tracked)] - self._angle_targets)
 
     def set_free_readings(self, x: np.ndarray) -> None:
-        """Set the ``free_readings`` in all decision variables by their defects (17), from the first.
+        """Set the ``free_readings`` in all decision variables, from the first V and (17).
 
         The defects of an interval are affine in V at its first and at its second knot.
         """

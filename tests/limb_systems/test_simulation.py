@@ -23,6 +23,7 @@ from limb_systems import (
 from limb_systems.limb import make_manipulator
 from limb_systems.simulation import (
     SimulationError,
+    jump_times,
     last_sample_time,
     make_simulator,
     record,
@@ -94,6 +95,17 @@ def test_pwm_heats_as_its_mean(frequency):
     missed = pulses.wire_temperature - mean.wire_temperature
     np.testing.assert_allclose(missed, 0.0, atol=0.11 * 20.0 / frequency)
     np.testing.assert_allclose(pulses.bend_angle, mean.bend_angle, atol=2.5e-3 * 20.0 / frequency)
+
+
+def test_duty_that_jumps_faster_than_a_system_reads_it_raises_a_warning():
+    breaks = np.arange(0.0, 0.1, 5e-4)
+    fast = PiecewisePolynomial.ZeroOrderHold(breaks, np.arange(2 * len(breaks)).reshape(2, -1) % 2)
+    with pytest.warns(UserWarning, match="jumps after 0.5 ms already: its wires respond to the"):
+        simulate(small_limb(), fast)
+    slower = PiecewisePolynomial.ZeroOrderHold(
+        40 * breaks, np.tile([[0.0], [1.0]], 200).reshape(2, -1)
+    )
+    assert not len(jump_times(slower))
 
 
 def energy(limb: LimbParameters, joint_state: np.ndarray) -> float:
