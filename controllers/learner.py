@@ -518,7 +518,7 @@ class Learner:
         unexpected = residuals[index] - errors.bend_angle
         bend_angle = about.bend_angle - unexpected
         seen = np.isfinite(unexpected).all(axis=1)
-        from scipy.signal import detrend  # slow to import
+        from scipy.signal import detrend  # takes seconds to import
 
         detrended = detrend(unexpected[seen], axis=0)
         bend_angle[seen] += uniform_filter1d(detrended, SMOOTHING_NODES, axis=0)
