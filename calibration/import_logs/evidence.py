@@ -147,6 +147,17 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
             return pairs
 
 
+def has_rival(gains: np.ndarray, errors: np.ndarray, wire: int) -> bool:
+    """Return whether another wire clearly warms a thermocouple more than its own wire does.
+
+    Args:
+        gains, errors: warming by W wires, and its standard error (W,).
+    """
+    lead = gains - WARMING_FACTOR * max(gains[wire], 0.0)
+    lead_errors = np.hypot(errors, WARMING_FACTOR * errors[wire])
+    return bool((lead > MIN_VOTE * lead_errors).any())
+
+
 def clear_votes(
     steps: Steps, causes: list[np.ndarray], bends: np.ndarray, levers: np.ndarray
 ) -> np.ndarray:

@@ -179,6 +179,7 @@ def test_any_table_of_a_spreadsheet(tmp_path):
     columns = [[c for c, k in zip(column, keep, strict=True) if k] for column in signals]
     columns[3][50] = "-999"
     columns[4][60] = "NaN"
+    columns[4][400] = "0"
     path = write(
         tmp_path / "log.csv",
         ["Zeit", "PWM L", "PWM R", "T1 [F]", "T2 [F]", "Winkel (rad)"],
@@ -386,6 +387,7 @@ def cases(truth):
             "time_s pwm_1 pwm_2 T_right bend_deg",
             [*base[:3], temperatures[1], -degrees],
         ),
+        "same sensor": with_(4, "T_right_C", temperatures[0] + noise[2]),
         "coupled": ("time_s pwm_left pwm_right T1 T2 angle_deg", [*base[:3], *coupled, base[5]]),
         "sides of sensors": (numbers.replace("T_1 T_2", "T_right T_left"), crossed),
         "offset": with_(3, "T_left_C", temperatures[0] + 40.0),
@@ -423,6 +425,7 @@ def cases(truth):
         ("whole seconds", ""),
         ("raw 1 and 2", "degrees is a unit of flex_raw.*which wire is heated by pwm_1"),
         ("noise 1 and 2", "the sign of bend_deg.*which wire is heated by pwm_1"),
+        ("same sensor", "Names say T_right_C, but it warms more with another wire"),
         ("coupled", "the thermocouple of the wire that pwm_left heats, T1 and T2. Neither"),
         ("offset", "unit of T_left_C: C, F or K.*unit of T_right_C"),
         ("little warming", "unit of T_left_C: C, F or K.*unit of T_right_C"),
