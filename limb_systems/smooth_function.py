@@ -158,11 +158,12 @@ class Compiled:
             inputs = [ca.MX.sym("i", num_points, size) for size in sizes]
             outputs = self._function.map(num_points).call([each.T for each in inputs])
             self._mapped[num_points] = ca.Function("mapped", inputs, [each.T for each in outputs])
+        buffer: Any
         buffer, evaluate = self._mapped[num_points].buffer()
         for number, values in enumerate(arrays[: len(arrays) - len(self._sizes)]):
-            buffer.set_arg(number, memoryview(values))
+            buffer.set_arg(number, values.data)
         for number, values in enumerate(arrays[-len(self._sizes) :]):
-            buffer.set_res(number, memoryview(values))
+            buffer.set_res(number, values.data)
 
         def evaluate_at_points(_memory: object = (buffer, arrays)) -> None:  # which CasADi uses
             evaluate()
