@@ -411,7 +411,9 @@ def _best_law_by_folds(
     kinds: Iterable[str],
     report: Callable[[str], object],
 ) -> tuple[Candidate, list[Predicted]]:
-    """Return the best law that predicts each part left out as well as baselines, and these parts.
+    """Return the best law that predicts parts left out in turn as well as baselines, and these.
+
+    Errors count by their root mean square over the parts, as one part that is far off matters.
 
     Args:
         candidates, best, folds: the laws by the first fold, the best of them, and all folds.
@@ -422,13 +424,16 @@ def _best_law_by_folds(
     Raises:
         CalibrationError: if there is none.
     """
-    least_errors = np.array([min(errors.values()) for errors in baselines])
-    share, distance = BASELINE_ALLOWANCE
-    allowed = np.maximum(share * least_errors, least_errors + distance)
+    mean_squares = {}
+    for name in baselines[0]:
+        mean_squares[name] = float(np.mean([errors[name] ** 2 for errors in baselines]))
+    baseline, mean_square = min(mean_squares.items(), key=lambda item: item[1])
+    error = np.sqrt(mean_square)
+    allowed = max(BASELINE_ALLOWANCE[0] * error, error + BASELINE_ALLOWANCE[1])
     # The best law, or the nearest others, each fitted without each part.
     by_error = sorted(candidates, key=lambda candidate: candidate.bend_error)
     tried = [best, *(candidate for candidate in by_error if candidate is not best)][:MAX_TRIED_LAWS]
-    least_law_error = np.inf
+    least_error = np.inf
     for candidate in tried:
         fit = candidate.fit
         parts = list(candidate.judged)
@@ -440,15 +445,12 @@ def _best_law_by_folds(
             judged = refit.continued(judges) if folds.continued else refit.predict(judges)
             law_errors.append(float(np.mean([part.bend_error for part in judged])))
             parts += judged
-        if (law_errors <= allowed).all():
+        law_error = float(np.sqrt(np.mean(np.square(law_errors))))
+        if law_error <= allowed:
             return candidate, parts
-        least_law_error = min(least_law_error, float(np.mean(law_errors)))
+        least_error = min(least_error, law_error)
     # None is as good: say what to record.
-    mean_errors = {
-        name: float(np.mean([each[name] for each in baselines])) for name in baselines[0]
-    }
-    baseline = min(mean_errors, key=mean_errors.__getitem__)
-    by_law, by_baseline = np.rad2deg([least_law_error, mean_errors[baseline]])
+    by_law, by_baseline = np.rad2deg([least_error, error])
     next_step = next_recording(best.fit, [*kinds]) or "record more motions like those you plan"
     raise CalibrationError(
         f"These recordings tell no model: {baseline} misses the bend by {by_baseline:.0f}° "
