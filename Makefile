@@ -48,7 +48,6 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/serial_timing.py
 	$(BIN)/python benchmarks/plan_time_by_law.py
 	$(BIN)/python benchmarks/controller_step_time.py
-	$(BIN)/python benchmarks/space_feedback.py
 	$(BIN)/python benchmarks/planning.py
 
 # `make pictures tables` makes all pictures and measured tables of README and docs from one run of the
@@ -62,7 +61,6 @@ pictures: evaluation
 	$(BIN)/python docs/pictures.py build/evaluation
 
 tables: evaluation
-	$(BIN)/python benchmarks/plan_time_by_law.py > build/evaluation/laws.txt
 	$(BIN)/python benchmarks/gaits_in_space.py > build/evaluation/gaits_in_space.txt
 	$(BIN)/python docs/tables.py build/evaluation
 

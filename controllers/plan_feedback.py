@@ -97,18 +97,23 @@ class PlanFeedback(PlanController):
     def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k = self._plan.index(time)
         model = self._estimator.model
-        # Predict the bend under the coming duty of the plan.
+        error = self._predicted_error(time, estimate, state)
+        duty = self._planned(np.array([time]), state)[-1][0]
+        # Let wires cool where they are warmer than planned on average.
+        warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
+        base = duty - COMMON_MODE_GAIN * np.maximum(warmer, 0.0) / model.heating_rates
+        base = np.clip(base, 0.0, caps)
+        return base, self._proportional * error + self._gains_at(time) @ (duty - base)
+
+    def _predicted_error(self, time: float, estimate: StateEstimate, state) -> np.ndarray:
+        """Return the bends (F,), rad, that will be missing under the coming duty of the plan."""
+        model = self._estimator.model
         times = time + PERIOD * np.arange(PREVIEW_TICKS)
         bends, reference, duties = self._planned(times, state)
         heat = model.rollout(estimate.heat, duties)[-1]
         predicted = model.bend_angle(heat) + estimate.offset
         nearest = np.clip(predicted, *np.sort([bends[-1], reference[-1]], axis=0))
-        error = nearest - predicted
-        # Let wires cool where they are warmer than planned on average.
-        warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
-        base = duties[0] - COMMON_MODE_GAIN * np.maximum(warmer, 0.0) / model.heating_rates
-        base = np.clip(base, 0.0, caps)
-        return base, self._proportional * error + self._gains_at(time) @ (duties[0] - base)
+        return nearest - predicted
 
     def _gains_at(self, time: float) -> np.ndarray:
         return self._planned_gains[self._plan.index(time)]
@@ -124,7 +129,8 @@ class PlanFeedback(PlanController):
         return plan.bend_angle[periods], plan.reference[periods], plan.duty[periods]
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
-        to_hold = self._estimator.model.temperature_to_hold(estimate.offset)
+        unplanned = self._unplanned_offset(time, estimate)
+        to_hold = self._estimator.model.temperature_to_hold(unplanned)
         limits = self._parameters.temperature_limits
         highest = self._highest[self._plan.index(time)] + self._max_excess + to_hold
         limit = np.maximum(highest, limits.warm + WARM_MARGIN)
@@ -132,6 +138,10 @@ class PlanFeedback(PlanController):
             margin = limits.maximum - self._uncalibrated_margin
             limit = np.minimum(limit, np.maximum(margin, self._highest.max(axis=0)))
         return limit
+
+    def _unplanned_offset(self, time: float, estimate: StateEstimate) -> np.ndarray:
+        """Return the bends (F,), rad, from outside that the plan does not have."""
+        return estimate.offset
 
     def _mean(self, temperature: np.ndarray) -> np.ndarray:
         """Return the mean of T (..., W), °C, over the segment of each wire (..., W)."""

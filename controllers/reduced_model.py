@@ -9,7 +9,6 @@ import functools
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import nnls
 
 from limb_systems import LimbModel, LimbParameters
 from limb_systems.simulation import PERIOD
@@ -89,6 +88,8 @@ class ReducedModel:
 
     def temperature_to_hold(self, offset: np.ndarray) -> np.ndarray:
         """Return the rise of the wires (W,), °C, that holds a bend from outside (F,), rad."""
+        from scipy.optimize import nnls  # takes long to import
+
         return nnls(self.bend_by_temperature, -offset)[0]
 
     def temperatures(self, heat: np.ndarray) -> np.ndarray:
@@ -144,7 +145,11 @@ class ReducedModel:
 
     def rollout(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Return the heat (K + 1, ..., H) from a start (..., H) under duty (K, ..., W)."""
-        heats = [heat]
-        for level in duty:
-            heats.append(self.step(heats[-1], level))
-        return np.array(heats)
+        num_steps = len(duty)
+        starts = heat.reshape(-1, self.size).T
+        # CasADi takes the steps of one rollout after those of another.
+        levels = np.moveaxis(duty.reshape(num_steps, -1, self.num_wires), 0, 1)
+        steps = self.symbolic_step.mapaccum(num_steps)
+        after = steps(starts, levels.reshape(-1, self.num_wires).T).full()
+        after = after.T.reshape(-1, num_steps, self.size).swapaxes(0, 1)
+        return np.concatenate([heat[None], after.reshape(num_steps, *heat.shape)])

@@ -12,6 +12,8 @@ import copy
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from hardware import replay
 from limb_systems import LimbError, Robot, RobotParameters, write_meshcat_replay
 from limb_systems.views.plots import plot_motion, save_figure
@@ -32,11 +34,16 @@ def main(options):
     robot.ground.friction *= options.friction
     trajectory = walk(gait, options.cycles)
     start = trajectory.duration - options.cycles * gait.period
-    controllers = {"open_loop": None, "feedback": GaitFeedback(gait, options.cycles)}
-    for name, controller in controllers.items():
-        recording = replay(trajectory, Robot(robot), controller=controller)
+    feedback = GaitFeedback(gait, options.cycles)
+    for name, controller in {"open_loop": None, "feedback": feedback}.items():
+        # Feedback waits for limbs that lag, at most as long as the walk lasts, and ends the walk.
+        longest = walk(gait, 2 * options.cycles) if controller else trajectory
+        recording = replay(longest, Robot(robot), controller=controller)
         recording.save(options.out / f"walk_{name}.csv")
-        strides = 1e3 * gait.stride * measure_strides(recording, gait, options.cycles, start)[0]
+        starts = start + gait.period * np.arange(options.cycles + 1)
+        if controller:
+            starts = np.array(feedback.cycle_starts)
+        strides = 1e3 * gait.stride * measure_strides(recording, gait, starts)[0]
         print(f"{name:<12}strides of {', '.join(f'{stride:.1f}' for stride in strides)} mm")
         save_figure(plot_motion(recording), options.out / f"walk_{name}.png")
         write_meshcat_replay(options.out / f"walk_{name}.html", recording)

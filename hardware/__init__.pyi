@@ -4,7 +4,6 @@ from .board.link import BoardInfo, BoardLink, HardwareError, Sample
 from .board.serial_limb import SerialLimb
 from .drivers import LimbDriver
 from .emulation.emulator import emulated_port
-from .emulation.sensors import SensedLimb
 from .emulation.twin import LimbTwin
 from .replaying import ReplayError, present_readings, replay, watch
 from .scenario import Scenario, StationError
@@ -19,7 +18,6 @@ __all__ = [
     "ReplayError",
     "Sample",
     "Scenario",
-    "SensedLimb",
     "SerialLimb",
     "Station",
     "StationError",

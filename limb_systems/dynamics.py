@@ -104,6 +104,23 @@ class Dynamics:
         load, mass = np.split(values, [self.num_joints], axis=-1)
         return mass.reshape(*load.shape, self.num_joints), load
 
+    def slow_slopes(self, points: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """Return the slopes (..., n, 3n) of the residual by points [θ, θ̇, θ̈], in a slow motion.
+
+        Stiffness and weight count, damping and mass, but not how inertial forces change with
+        angles and rates.
+
+        Args:
+            points: [θ, θ̇, θ̈] (..., 3n).
+            states: x (..., N).
+        """
+        n = self.num_joints
+        angles = points[..., :n]
+        _, stiffness = self.at_rest.first(np.concatenate([angles, states], axis=-1))
+        mass, _ = self.mass_and_load(np.concatenate([points[..., : 2 * n], states], axis=-1))
+        damping = np.broadcast_to(np.diag(self.mechanics.damping), mass.shape)
+        return np.concatenate([stiffness[..., :n], damping, mass], axis=-1)
+
     def accelerations(self, points: np.ndarray) -> np.ndarray:
         """Return θ̈ (..., n), rad/s²."""
         mass, load = self.mass_and_load(points)

@@ -1,12 +1,12 @@
 """Symbolic functions as numpy code, with exact first and second derivatives.
 
 CasADi differentiates an expression and lists the elementary operations of the result. Numpy
-evaluates each operation for all points at once. For a single point, where numpy's overhead would be
-most of the time, each operation becomes one line of Python for its own numbers.
+evaluates each operation for all points at once. For few points, where numpy's overhead would be
+most of the time, CasADi evaluates the operations itself.
 """
 
 import functools
-import math
+import itertools
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -16,12 +16,6 @@ import numpy as np
 from limb_systems.errors import LimbError
 
 ca.GlobalOptions.setNumpyMode(1)  # numpy's functions of symbols return symbols
-
-# CasADi's operations by their names: the code in Python, and what numpy calls for arrays.
-_FUNCTIONS = {"acos": "arccos", "asin": "arcsin", "atan": "arctan"}
-_FUNCTIONS |= {
-    name: name for name in ["cos", "cosh", "exp", "log", "sin", "sinh", "sqrt", "tan", "tanh"]
-}
 
 
 def _copy(value: np.ndarray, out: np.ndarray) -> None:
@@ -34,49 +28,54 @@ def _where(condition: np.ndarray, value: np.ndarray, out: np.ndarray) -> None:
     out[...] = np.where(condition, value, 0.0)
 
 
-_OPERATIONS: dict[str, tuple[str, Callable[..., Any]]] = {
-    **{
-        name.upper(): (f"{name}({{0}})", getattr(np, in_numpy))
-        for name, in_numpy in _FUNCTIONS.items()
-    },
-    "ATAN2": ("atan2({0}, {1})", np.arctan2),
-    "ASSIGN": ("{0}", _copy),
-    "ADD": ("{0} + {1}", np.add),
-    "SUB": ("{0} - {1}", np.subtract),
-    "MUL": ("{0} * {1}", np.multiply),
-    "DIV": ("{0} / {1}", np.divide),
-    "NEG": ("-{0}", np.negative),
-    "SQ": ("{0} * {0}", np.square),
-    "TWICE": ("{0} + {0}", lambda value, out: np.add(value, value, out)),
-    "INV": ("1.0 / {0}", lambda value, out: np.divide(1.0, value, out)),
-    "POW": ("{0} ** {1}", np.power),
-    "CONSTPOW": ("{0} ** {1}", np.power),
-    "FABS": ("abs({0})", np.absolute),
-    "SIGN": ("sign({0})", np.sign),
-    "LT": ("{0} < {1}", np.less),
-    "LE": ("{0} <= {1}", np.less_equal),
-    "AND": ("{0} and {1}", np.logical_and),
-    "NOT": ("not {0}", np.logical_not),
-    "IF_ELSE_ZERO": ("{1} if {0} else 0.0", _where),
+# CasADi's operations by their names, as numpy's functions.
+_OPERATIONS: dict[str, Callable[..., Any]] = {
+    "ACOS": np.arccos,
+    "ASIN": np.arcsin,
+    "ATAN": np.arctan,
+    "ATAN2": np.arctan2,
+    "COS": np.cos,
+    "COSH": np.cosh,
+    "EXP": np.exp,
+    "LOG": np.log,
+    "SIN": np.sin,
+    "SINH": np.sinh,
+    "SQRT": np.sqrt,
+    "TAN": np.tan,
+    "TANH": np.tanh,
+    "ASSIGN": _copy,
+    "ADD": np.add,
+    "SUB": np.subtract,
+    "MUL": np.multiply,
+    "DIV": np.divide,
+    "NEG": np.negative,
+    "SQ": np.square,
+    "TWICE": lambda value, out: np.add(value, value, out),
+    "INV": lambda value, out: np.divide(1.0, value, out),
+    "POW": np.power,
+    "CONSTPOW": np.power,
+    "FABS": np.absolute,
+    "SIGN": np.sign,
+    "LT": np.less,
+    "LE": np.less_equal,
+    "AND": np.logical_and,
+    "NOT": np.logical_not,
+    "IF_ELSE_ZERO": _where,
 }
 _OPERATION_BY_CODE = {
     getattr(ca, f"OP_{name}"): operation for name, operation in _OPERATIONS.items()
 }
-_SCALAR_FUNCTIONS: dict[str, Any] = {
-    **{name: getattr(math, name) for name in [*_FUNCTIONS, "atan2"]},
-    "sign": lambda value: math.copysign(1.0, value) if value else 0.0,
-    **{"inf": math.inf, "nan": math.nan},
-}
 
-# CasADi itself evaluates expressions of more instructions at fewer points: numpy takes longer for
-# each instruction, and Python takes long to compile them.
-LONG_EXPRESSION = 12000  # instructions
-FEW_POINTS = 100
-CHUNK = 1024  # points that numpy evaluates at once, so that they stay in the processor's cache
+# CasADi evaluates fewer points than these: numpy takes half a microsecond for each instruction.
+FEW_POINTS = 40
+FEW_BOUND_POINTS = 100  # of a bound function, which has no overhead
+# CasADi evaluates so many points before numpy does: listing an instruction takes as long.
+POINTS_BEFORE_LISTING = 1000
+CHUNK = 1500  # points that numpy evaluates at once, so that they stay in the processor's cache
 
 
 class Compiled:
-    """Symbolic expressions as a list of instructions for arrays, and as Python code for numbers.
+    """Symbolic expressions as a list of instructions for numpy, and as a function of CasADi.
 
     Args:
         inputs: columns of symbols.
@@ -84,11 +83,11 @@ class Compiled:
     """
 
     def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]):
-        dense = [output.nz[:] for output in ca.cse(list(outputs))]
+        dense = [ca.vec(output.nz[:]) for output in ca.cse(list(outputs))]
         self._function = ca.Function("function", list(inputs), dense)
         self._sizes = [output.numel() for output in dense]
-        self._is_long = self._function.n_instructions() > LONG_EXPRESSION
-        self._mapped: dict[int, ca.Function] = {}  # by the number of points
+        self._num_points_by_casadi = 0
+        self._mapped = {1: self._function}  # by the number of points
 
     def __call__(self, *inputs: np.ndarray) -> list[np.ndarray]:
         """Evaluate the expressions at any number of points.
@@ -105,29 +104,44 @@ class Compiled:
         """
         shape = inputs[0].shape[1:]
         dtype = np.result_type(*inputs)
-        # Evaluate a single point in Python.
-        if not shape and not self._is_long and dtype.kind == "f":
-            lists = [[0.0] * size for size in self._sizes]
-            try:
-                self._scalar_code(*(values.tolist() for values in inputs), *lists)
-                return [np.array(values) for values in lists]
-            except (ArithmeticError, ValueError):
-                pass  # inf and nan, as for arrays
-        # Evaluate few points of a long expression in CasADi.
+        # Evaluate few points in CasADi, or as many as cost less than listing the instructions.
+        if not shape and dtype.kind == "f":
+            return self._evaluate_point(inputs)
         flat = [values.reshape(len(values), -1) for values in inputs]
         num_points = flat[0].shape[1]
-        if self._is_long and 0 < num_points < FEW_POINTS and dtype.kind == "f":
+        total = self._num_points_by_casadi + num_points
+        is_cheap = num_points < FEW_POINTS or total < POINTS_BEFORE_LISTING
+        if num_points and is_cheap and dtype.kind == "f":
+            self._num_points_by_casadi = total
             outputs = self._function.call(flat)
             return [values.full().reshape(-1, *shape) for values in outputs]
-        # Evaluate all others in numpy, in chunks.
+        # Evaluate all others in numpy, in chunks of about the same size.
+        num_chunks = -(-num_points // CHUNK)
+        ends = np.linspace(0, num_points, num_chunks + 1).astype(int).tolist()
         results = [np.empty((size, num_points), dtype) for size in self._sizes]
         with np.errstate(all="ignore"):
-            for start in range(0, num_points, CHUNK):
-                part = slice(start, start + CHUNK)
+            for start, end in itertools.pairwise(ends):
+                part = slice(start, end)
                 self._fill([values[:, part] for values in (*flat, *results)])
         if dtype.hasobject:  # constants among the values, too, become one of Drake's scalars
             results = [values + 0.0 * inputs[0].flat[0] for values in results]
         return [values.reshape(-1, *shape) for values in results]
+
+    def _evaluate_point(self, inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Evaluate the expressions at a single point, without CasADi's own arrays."""
+        arguments, results, evaluate = self._bound_point
+        for argument, values in zip(arguments, inputs, strict=True):
+            argument[:, 0] = values
+        evaluate()
+        return [values[:, 0].copy() for values in results]
+
+    @functools.cached_property
+    def _bound_point(self) -> tuple[list[np.ndarray], list[np.ndarray], Callable[[], None]]:
+        """The arrays that a bound function of one point reads and fills, and the function."""
+        function = self._function
+        arguments = [np.zeros((function.numel_in(k), 1)) for k in range(function.n_in())]
+        results = [np.zeros((size, 1)) for size in self._sizes]
+        return arguments, results, self.bound(*arguments, *results)
 
     def bound(self, *arrays: np.ndarray) -> Callable[[], None]:
         """Return a function that evaluates the expressions from some arrays into others.
@@ -136,7 +150,7 @@ class Compiled:
             arrays: the values of the inputs, then of the outputs, each (size, points), contiguous.
         """
         num_points = arrays[0].shape[1]
-        if num_points < FEW_POINTS:
+        if num_points < FEW_BOUND_POINTS:
             return self._bound_in_casadi(num_points, arrays)
         rows = self._rows(arrays)
         calls: list[tuple[Callable[..., Any], tuple]] = []
@@ -218,32 +232,9 @@ class Compiled:
             else:
                 rows = [row_of_register[register] for register in operands]
                 second = rows[1] if len(rows) > 1 else -1
-                steps.append((_operation(code)[1], rows[0], second, target[0]))
+                steps.append((_operation(code), rows[0], second, target[0]))
                 row_of_register[target[0]] = target[0]
         return num_registers, constants, steps
-
-    @functools.cached_property
-    def _scalar_code(self) -> Callable[..., None]:
-        """The Python function that fills lists o0, ... from lists of numbers i0, ..."""
-        function = self._function
-        # Write one line of Python for each instruction; w0, ... are the registers.
-        arguments = [f"i{number}" for number in range(function.n_in())]
-        arguments += [f"o{number}" for number in range(function.n_out())]
-        lines = [f"def function({', '.join(arguments)}):"]
-        for code, operands, target in _instruction_list(function):
-            if code == ca.OP_OUTPUT:
-                lines.append(f" o{target[0]}[{target[1]}] = w{operands[0]}")
-            elif code == ca.OP_INPUT:
-                lines.append(f" w{target[0]} = i{operands[0]}[{operands[1]}]")
-            elif code == ca.OP_CONST:
-                lines.append(f" w{target[0]} = {operands!r}")
-            else:
-                names = [f"w{register}" for register in operands]
-                lines.append(f" w{target[0]} = {_operation(code)[0].format(*names)}")
-        # Compile them with the functions that they call.
-        scope = dict(_SCALAR_FUNCTIONS)
-        exec("\n".join([*lines, " return"]), scope)
-        return scope["function"]
 
 
 def _instruction_list(function: ca.Function) -> Iterator[tuple]:
@@ -258,8 +249,16 @@ def _instruction_list(function: ca.Function) -> Iterator[tuple]:
         yield code, operands, function.instruction_output(number)
 
 
-def _operation(code: int) -> tuple[str, Callable[..., Any]]:
-    """Return the Python code and numpy's function of one of CasADi's operations."""
+def check_smooth(function: ca.Function) -> None:
+    """Raise LimbError if a function uses an operation that is not smooth."""
+    for number in range(function.n_instructions()):
+        code = function.instruction_id(number)
+        if code not in (ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT):
+            _operation(code)
+
+
+def _operation(code: int) -> Callable[..., Any]:
+    """Return numpy's function of one of CasADi's operations."""
     if code in _OPERATION_BY_CODE:
         return _OPERATION_BY_CODE[code]
     names = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
@@ -342,6 +341,10 @@ class SmoothFunction:
         result[..., rows, columns] = curved
         result[..., columns, rows] = curved
         return result
+
+    def dense_slopes(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
+        """Return the derivatives by the points (..., Q, P)."""
+        return self.first(points, *parameters)[1]
 
     def slopes(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
         """Return derivatives by the points at the ``slope_places`` (..., Z)."""

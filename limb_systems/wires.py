@@ -8,7 +8,7 @@ import numpy as np
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.rubber import REST_SCALE, NonlinearRubber
-from limb_systems.smooth_function import SmoothFunction
+from limb_systems.smooth_function import SmoothFunction, check_smooth
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, runge_kutta
 
 MAX_SETTLING_STEPS = 20  # of Newton's method
@@ -94,6 +94,8 @@ class Wires:
         force = self._state_force(x, q)
         self.symbolic_heat = ca.Function("heat", [x, V, D], [heat_rates])
         self.symbolic_force = ca.Function("force", [x, q], [force])
+        check_smooth(self.symbolic_heat)
+        check_smooth(self.symbolic_force)
         self.heat = SmoothFunction(heat_rates, ca.vertcat(x, V, D))
         self.force = SmoothFunction(force, ca.vertcat(x, q))
         self._rates = SmoothFunction(rates, ca.vertcat(x, D))
@@ -304,6 +306,13 @@ class Wires:
             torques[wire] = warm_torque - law.torque(law.cold_states(T0), T0, 0.0)
         states[self._first_shift :] = self._rubber.settled(torques)
         return states
+
+
+def among_zeros(values: ca.SX, indices: np.ndarray, size: int) -> ca.SX:
+    """Return values at some indices of a column (size,) that is zero elsewhere."""
+    column = ca.SX.zeros(size)
+    column[indices.tolist()] = values
+    return column
 
 
 def _joined(left: np.ndarray, right: np.ndarray) -> np.ndarray:

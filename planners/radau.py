@@ -11,17 +11,19 @@ from step to step. The method has order 5 and damps stiff modes.
 """
 
 import dataclasses
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
 
 from limb_systems import LimbError, Trajectory, split_state
 from limb_systems.smooth_function import SmoothFunction
-from limb_systems.wires import Wires
+from limb_systems.wires import Wires, among_zeros
+from planners.recurrence import LinearRecurrence
 from planners.transcription.collocation import ANGLE_SCALE
 
 MAX_STEP = 0.1  # s
-CONVERGENCE_TOLERANCE = 1e-7  # of the scales of the states
+CONVERGENCE_TOLERANCE = 1e-5  # of the scales of the states; the next step would be far smaller
 SLOPE_TOLERANCE = 1e-2  # of the scales; from there on, slopes are nearly the same
 MAX_ITERATIONS = 20
 STEP_TOLERANCE = 6e-6  # rad, of what a step adds to q; a longer step is cut in pieces
@@ -97,12 +99,17 @@ class MotionSteps:
 
 
 def solve_steps(
-    residual: SmoothFunction, guess: MotionSteps, parameters: np.ndarray, scales: np.ndarray
+    residual: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    slopes: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    guess: MotionSteps,
+    parameters: np.ndarray,
+    scales: np.ndarray,
 ) -> MotionSteps:
     """Return the solution of r(q, v, a) = 0 at all stages, from the first state of a guess.
 
     Args:
-        residual: r (n,) of [q, v, a] and parameters.
+        residual: returns r (K, 3, n) at points [q, v, a] (K, 3, 3n) and parameters.
+        slopes: returns the slopes of r by the points (K, 3, n, 3n), which may be approximate.
         guess: a motion that is near the solution.
         parameters: further arguments of the residual at the stages (K, 3, size).
         scales: typical changes of [q, v] (2n,).
@@ -118,19 +125,15 @@ def solve_steps(
         q, v = steps.stages()
         points = np.concatenate([q, v, steps.accelerations], axis=-1)
         if change > SLOPE_TOLERANCE:
-            values, slopes = residual.first(points, parameters)
-            inverse, by_start, to_end = _linearize_stages(slopes, h)
-        else:
-            values = residual.values(points, parameters)
+            inverse, by_start, to_end = _linearize_stages(slopes(points, parameters), h)
+            starts = LinearRecurrence(to_end[:-1])
+        values = residual(points, parameters)
         # The stages of each step, as if its start were right.
         correction = -(inverse @ values.reshape(K, 3 * n, 1)).reshape(K, 3, n, 1)
         ends = np.concatenate([q[:, 2], v[:, 2]], axis=-1)
         ends += _change_over_step(correction, h)[..., 0]
         # The starts, one after the other.
-        moved = np.zeros_like(steps.start)
-        gaps = ends[:-1] - steps.start[1:]
-        for k in range(K - 1):
-            moved[k + 1] = gaps[k] + to_end[k] @ moved[k]
+        moved = starts.solve(ends[:-1] - steps.start[1:])
         steps.start += moved
         steps.accelerations += (correction + by_start @ moved[:, None, :, None])[..., 0]
         change = np.abs(moved / scales).max()
@@ -188,9 +191,11 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
     knots = trajectory.time
     model = trajectory.model
     wires = model.wires
-    heating = model.once("heating", lambda: _heating_residual(wires))
+    groups = wires.equal_wires()
+    heatings = model.once(
+        "heating", lambda: [_heating_residual(wires, group[0][0], group[1][0]) for group in groups]
+    )
     angles, rates, states, _ = split_state(model, trajectory.state)
-    heat_scales = np.append(np.full(len(states), np.inf), wires.heat_scales[: len(states)])
     motion_scales = np.repeat([ANGLE_SCALE, 1.0], len(angles))
 
     # Begin with steps from knot to knot, shorter ones where the plan's accelerations are bent.
@@ -201,12 +206,24 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
     pieces = np.maximum(np.diff(knots) / MAX_STEP, _num_pieces(errors))
     ends = _subdivide(knots, pieces)
     for _ in range(MAX_REFINEMENTS):
-        # Integrate the heat, and the motion under it.
-        guess = _initial_steps(trajectory, ends, np.zeros_like(states), states)
-        duty = [np.interp(guess.stage_times, knots, row) for row in trajectory.duty]
-        heat = solve_steps(heating, guess, np.stack(duty, axis=-1), heat_scales)
+        # Integrate the heat, wire by wire, and the motion under it.
         guess = _initial_steps(trajectory, ends, angles, rates)
-        steps = solve_steps(model.dynamics.by_motion, guess, heat.stages()[1], motion_scales)
+        duty = [np.interp(guess.stage_times, knots, row) for row in trajectory.duty]
+        heat = np.empty((len(ends) - 1, len(NODES), len(states)))
+        for heating, group in zip(heatings, groups, strict=True):
+            for columns, wire in zip(*group, strict=True):
+                of_wire = states[columns]
+                start = _initial_steps(trajectory, ends, np.zeros_like(of_wire), of_wire)
+                levels = np.stack([duty[index] for index in wire], axis=-1)
+                scales = np.append(np.full(len(columns), np.inf), wires.heat_scales[columns])
+                slopes = heating.dense_slopes
+                heat[..., columns] = solve_steps(
+                    heating.values, slopes, start, levels, scales
+                ).stages()[1]
+        dynamics = model.dynamics
+        steps = solve_steps(
+            dynamics.by_motion.values, dynamics.slow_slopes, guess, heat, motion_scales
+        )
         # Cut the steps with large errors.
         errors = steps.errors()
         if (errors <= STEP_TOLERANCE).all():
@@ -237,11 +254,13 @@ def _subdivide(times: np.ndarray, pieces: np.ndarray) -> np.ndarray:
     return np.append(times[starts] + within * np.diff(times)[starts], times[-1])
 
 
-def _heating_residual(wires: Wires) -> SmoothFunction:
-    """Return ẋ less its value by (6), as a function of [∫x, x, ẋ] and the duty."""
-    names = ("integral", "x", "rates")
-    integral, x, rates = (ca.SX.sym(name, wires.num_states) for name in names)
-    duty = ca.SX.sym("D", wires.num_wires)
+def _heating_residual(wires: Wires, states: np.ndarray, group: np.ndarray) -> SmoothFunction:
+    """Return ẋ less its value by (6), as a function of [∫x, x, ẋ] and the duty of some wires."""
+    integral, x, rates = (ca.SX.sym(name, len(states)) for name in ("integral", "x", "rates"))
+    duty = ca.SX.sym("D", len(group))
+    # All other wires stay at zero.
+    all_states = among_zeros(x, states, wires.num_states)
+    all_duty = among_zeros(duty, group, wires.num_wires)
     readings = ca.SX(wires.num_wires, 1)
-    residual = rates - wires.symbolic_heat(x, readings, duty)[: wires.num_states]
+    residual = rates - wires.symbolic_heat(all_states, readings, all_duty)[states.tolist()]
     return SmoothFunction(residual, ca.vertcat(integral, x, rates), duty)

@@ -35,7 +35,7 @@ from controllers import (
     RecedingHorizon,
     TemperatureSupervisor,
 )
-from hardware import LimbTwin, SensedLimb, SerialLimb, Station
+from hardware import LimbTwin, SerialLimb, Station
 from hardware.board.journal import Journal
 from hardware.live_feed import Feed
 from limb_systems import (
@@ -308,7 +308,6 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, meshcat, station):
         PlanRegulator(short_plan),
         RecedingHorizon(short_plan),
         TemperatureSupervisor(nominal),
-        SensedLimb(Limb()),
         SerialLimb("port"),
         Feed(None, Limb()),
         Journal(os.devnull, Limb(), 20.0),

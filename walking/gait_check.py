@@ -154,7 +154,8 @@ def simulate_gait(
     assert recording.wire_temperature is not None
     fall, time = find_fall(recording, gait)
     num_completed = min(cycles, int(time / gait.period + 1e-6))
-    strides, aside = measure_strides(recording, gait, num_completed)
+    starts = gait.period * np.arange(num_completed + 1)
+    strides, aside = measure_strides(recording, gait, starts)
     # Simulate more cycles where strides still change.
     changes = np.abs(np.diff(strides[1:])).max(initial=0.0)  # the first one is still settling
     settled = SETTLED_TOLERANCE_IN_SPACE if gait.in_space else SETTLED_TOLERANCE
@@ -177,20 +178,19 @@ def simulate_in_drake(gait: Gait, robot: RobotParameters, cycles: int) -> Record
 
 
 def measure_strides(
-    recording: Recording, gait: Gait, cycles: int, start: float = 0.0
+    recording: Recording, gait: Gait, starts: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the travel of the body in each cycle (cycles,), as shares of the planned stride.
+    """Return the travel of the body in each cycle (C,), as shares of the planned stride.
 
     Args:
-        start: time at which the first cycle begins, s.
+        starts: times at which the cycles begin, and the last one ends (C + 1,), s.
 
     Returns:
         The travel along the planned stride, turn included, and the travel aside of it.
     """
     assert recording.body_pose is not None
-    ends = start + gait.period * np.arange(cycles + 1)
     pose = np.unwrap(recording.body_pose, axis=1)
-    return gait.progress(np.array([np.interp(ends, recording.time, row) for row in pose]))
+    return gait.progress(np.array([np.interp(starts, recording.time, row) for row in pose]))
 
 
 def find_fall(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:

@@ -98,12 +98,12 @@ class BendAngleController(LeafSystem):
         is_cut_out = measured_temperature >= switching_temperature
         room = self._cut_out_temperature - measured_temperature  # °C
         taper = np.minimum(np.maximum(room / DUTY_TAPER, 0.0), 1.0)
-        taper = np.nan_to_num(taper)  # no duty without a reading
-        limit = np.where(is_cut_out, 0.0, MAX_DUTY * taper) * np.abs(self._bend_sign)
+        is_off = is_cut_out | np.isnan(taper)  # no duty without a reading
+        limit = np.where(is_off, 0.0, MAX_DUTY * taper) * np.abs(self._bend_sign)
         # Compute the PI command, and integrate unless it is at its limit.
         command = self._proportional_gain * error + self._integral_gain * integral
         error_sign = np.sign(error)
-        available_duty = limit[self._bend_sign == error_sign].max(initial=0.0)
+        available_duty = max(limit[self._bend_sign == error_sign], default=0.0)
         if not error_sign * command > available_duty:
             integral += PERIOD * error
         wanted_duty = self._co_contraction + self._bend_sign * command
@@ -171,13 +171,14 @@ class EquilibriumSchedule(LeafSystem):
         (index, time_held, time_settled) = state[:3]
         average = state[3:]
         present = np.concatenate([self.get_input_port(i).Eval(context) for i in range(2)])
-        average = np.where(np.isfinite(average), average, present)
-        present = np.where(np.isfinite(present), present, average)  # a board may miss a reading
+        if np.isnan(state).any() or np.isnan(present).any():  # a board may miss a reading
+            average = np.where(np.isfinite(average), average, present)
+            present = np.where(np.isfinite(present), present, average)
         # Average the inputs, and see whether the limb has settled.
         average = average + PERIOD / self.AVERAGING_TIME * (present - average)
         slope = (present[1:] - average[1:]) / self.AVERAGING_TIME  # of a ramp, in the end
         is_near = np.abs(average[0] - self._angle(index)) < self.NEAR_ANGLE
-        is_quiet = is_near and (np.abs(slope) < self.SLOW).all()
+        is_quiet = is_near and max(np.abs(slope)) < self.SLOW
         time_held = time_held + PERIOD
         time_settled = time_settled + PERIOD if is_quiet else 0.0
         # Go on to the next angle when settled or late.

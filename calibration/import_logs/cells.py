@@ -41,11 +41,13 @@ def time_of_day(text: str) -> float:
     if not match:
         return math.nan
     part = match.groupdict()
+    # Without hours, a date or am and pm says that these are hours and minutes.
     clock = [part["hours"], part["minutes"], f"{part['seconds']}.{part['fraction'] or 0}"]
     if not part["hours"]:
         if not (part["date"] or part["half"]):
             return math.nan  # 12:30 may be of hours or of minutes
         clock = [part["minutes"], part["seconds"], "0"]
+    # Take out am and pm, and the time zone.
     hours = int(clock[0])
     if part["half"]:
         hours = hours % 12 + 12 * (part["half"][0] in "Pp")

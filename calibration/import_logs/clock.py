@@ -52,6 +52,7 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
             continue
         if (steps > 0).sum() < 5 or (steps < 0).sum() > 0.002 * len(steps) + 1:
             continue
+        # Find its unit, and when it begins anew.
         if name.text in table.times_of_day:
             found.unit = TIME_OF_DAY
         elif not found.fraction:
@@ -59,6 +60,7 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
         for period in WRAP_PERIODS:
             if abs(steps.min() * TIME_UNITS.get(found.unit, 1.0) + period) < 0.01 * period:
                 found.wraps_after = period
+        # Names are better than numbers, and times better than an index.
         score = 2.0 * says_time + (steps > 0).mean() - 1.5 * is_index
         score += 0.5 * bool(found.fraction) - (found.unit == UNKNOWN)
         if found.unit and score > best_score:
@@ -116,6 +118,7 @@ def times_of(
             times[row:] += before + RESTART_GAP - times[row]
     if is_coarse := _is_coarse(times[rows_with_time]):
         times[rows_with_time] = _smooth_times(times[rows_with_time])
+    # Leave out rows that are not later than all before.
     latest = np.fmax.accumulate(np.where(np.isnan(times), -np.inf, times))
     kept = times > np.append(-np.inf, latest[:-1])
     if kept.sum() < 2:
@@ -129,11 +132,13 @@ def row_times(table: LogTable, column: TimeColumn, rate: float = 0.0) -> np.ndar
     """Return the times that a column says (K,), s; they go on where it begins anew."""
     if UNKNOWN in (column.column, column.unit):
         raise LogError("the column of time or its unit is not known.")
+    # Rows, or frames with numbers, come at a rate.
     if not column.column or column.unit == FRAMES:
         if not rate:
             raise LogError("the log has no time; give the rate of its rows or frames, Hz.")
         rows = np.arange(table.values.shape[1])
         return (table.numbers(column.column) if column.column else rows) / rate
+    # Add the fraction of seconds, and what was lost at midnight.
     times = table.numbers(column.column) * TIME_UNITS.get(column.unit, 1.0)
     if column.fraction:
         times += table.numbers(column.fraction) * TIME_UNITS[column.fraction_unit]
@@ -216,6 +221,7 @@ def aligned_offset(
     Raises:
         LogError: if no offset is clearly better than all others.
     """
+    # Reduce both signals to the same even steps.
     shortest = min(times[-1], other_times[-1])
     step = max(0.05, shortest / 5000)
     even_signals = []
@@ -232,6 +238,7 @@ def aligned_offset(
         start = max(0, offset)
         end = min(len(fixed), offset + len(shifted))
         scores[index] = abs(correlation(fixed[start:end], shifted[start - offset : end - offset]))
+    # The best offset must be better than offsets elsewhere.
     best = int(np.argmax(scores)) if len(scores) else 0
     elsewhere = scores[np.abs(offsets - offsets[best : best + 1]) * step > 2.0]
     rival = elsewhere.max(initial=0.0) + MIN_AGREEMENT_LEAD

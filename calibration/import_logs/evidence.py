@@ -4,10 +4,9 @@ Numbers decide by one rule: an effect is larger than its rivals by a factor, and
 standard errors.
 """
 
-import dataclasses
-
 import numpy as np
-from scipy.signal import lfilter
+
+from limb_systems.low_pass import low_pass
 
 WIRE_MEMORY = 15.0  # s, over which a wire keeps its heat, roughly
 SILICONE_MEMORY = 90.0  # s, over which silicone gives its heat back
@@ -35,7 +34,6 @@ def correlation(first: np.ndarray, second: np.ndarray) -> float:
     return coefficient if np.isfinite(coefficient) else 0.0
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class Steps:
     """Even steps to which the signals of a log are reduced to be compared.
 
@@ -44,16 +42,12 @@ class Steps:
     - ``step``: s.
     """
 
-    step_of_row: np.ndarray
-    times: np.ndarray
-    step: float
-
-    @classmethod
-    def of(cls, times: np.ndarray) -> "Steps":
-        """Return steps for rows at some times (K,), s, increasing."""
-        step = max(MIN_STEP, (times[-1] - times[0]) / MAX_STEPS, float(np.median(np.diff(times))))
-        step_of_row = ((times - times[0]) // step).astype(int)
-        return cls(step_of_row, step * np.arange(step_of_row[-1] + 1), step)
+    def __init__(self, row_times: np.ndarray):
+        """Make steps for rows at some times (K,), s, increasing."""
+        since = row_times - row_times[0]
+        self.step = max(MIN_STEP, since[-1] / MAX_STEPS, float(np.median(np.diff(row_times))))
+        self.step_of_row = (since // self.step).astype(int)
+        self.times = self.step * np.arange(self.step_of_row[-1] + 1)
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """Return the mean of a signal (K,) in each step (N,); nan in steps without a reading."""
@@ -67,7 +61,7 @@ class Steps:
         """Return the heat of a duty (K,) in each step (N,): warmth and bend follow it."""
         mean_duty = forward_fill(self.means(forward_fill(duty)))
         kept = np.exp(-self.step / WIRE_MEMORY)
-        return lfilter([0.0, 1.0 - kept], [1.0, -kept], mean_duty)
+        return low_pass(np.append(0.0, mean_duty[:-1]), kept)
 
     def responses(self, heats: np.ndarray, signals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how much signals (M, N) change for a unit of the heat of wires (W, N).
@@ -107,6 +101,7 @@ def _regression(
         gains, _, rank, _ = np.linalg.lstsq(left_side, right_side, rcond=1e-9)
         residuals = signal - causes @ gains
         memory = min(max(correlation(residuals[1:], residuals[:-1]), 0.0), 0.99)
+    # The scatter of what is left over gives the standard errors.
     freedom = len(right_side) - len(gains)
     if rank < len(gains) or freedom < 3:
         return np.zeros(num_heats), np.full(num_heats, np.inf)
@@ -124,10 +119,12 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
     Args:
         gains, errors: warming of M thermocouples by W wires, and its standard error (M, W).
     """
+    # Wires without heat warm none.
     pairs: list[int | None] = [None] * gains.shape[1]
     is_open = np.isfinite(errors) & np.isfinite(errors).all(axis=0)
     while True:
         for sensor, wire in np.argwhere(is_open & (gains > MIN_VOTE * errors)):
+            # Compare with other thermocouples of the wire, and other wires of the thermocouple.
             leads = []
             for line, own in ((np.s_[:, wire], sensor), (np.s_[sensor], wire)):
                 is_rival = is_open[line].copy()
@@ -138,6 +135,7 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
                 is_ahead = bool((lead > 0.0).all())
                 is_certain = bool((lead > MIN_VOTE * error[is_rival]).all())
                 leads.append((is_ahead, is_certain, len(lead)))
+            # Take out the pair, and begin again with what is left.
             is_certain = any(certain for _, certain, count in leads if count)
             is_alone = not any(count for _, _, count in leads)
             if all(ahead for ahead, _, _ in leads) and (is_certain or is_alone):
@@ -147,6 +145,17 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
                 break
         else:
             return pairs
+
+
+def has_rival(gains: np.ndarray, errors: np.ndarray, wire: int) -> bool:
+    """Return whether another wire clearly warms a thermocouple more than its own wire does.
+
+    Args:
+        gains, errors: warming by W wires, and its standard error (W,).
+    """
+    lead = gains - WARMING_FACTOR * max(gains[wire], 0.0)
+    lead_errors = np.hypot(errors, WARMING_FACTOR * errors[wire])
+    return bool((lead > MIN_VOTE * lead_errors).any())
 
 
 def clear_votes(

@@ -96,6 +96,7 @@ def import_logs(
         LogError: if a log is no table of text with rows of numbers, unless it is left out beside
             another one; if it is not as the given mapping says.
     """
+    # Read each table, and propose what its columns are.
     files = list(dict.fromkeys(map(Path, paths)))
     logs: list[ImportedLog] = []
     tables: list[LogTable] = []
@@ -118,6 +119,7 @@ def import_logs(
         if len(files) == 1:
             tables = [table.only(limbs[0].mapping.columns)]
         del table
+    # What one log asks, another one may tell; then read the recordings.
     _share([log.limb for log in logs])
     for log in logs:
         try:
@@ -138,6 +140,7 @@ def _share(limbs: list[Proposal]) -> None:
             limb.mapping.bend.zero = float(
                 np.median([other.mapping.bend.zero for other in similar])
             )
+        # Take the mapping of a heated log without questions, but for the time.
         known = [other for other in similar if other.is_heated and not other.questions]
         doubts = any(question.is_contradiction for question in limb.questions)
         if not known or doubts or (limb.is_heated and not limb.questions):
@@ -161,8 +164,9 @@ def recording_from_log(
     parameters: LimbParameters | None = None,
 ) -> Recording:
     """Return the longest recording of a log, as `Recording.from_log`."""
-    if mapping and not isinstance(mapping, LogMapping):
+    if isinstance(mapping, str | Path):
         mapping = LogMapping.load(mapping)
+    # Refuse a log with open questions.
     log, *others = import_logs([path], mapping, parameters)
     if log.asks:
         asked = [f"{question.text}." for question in log.limb.questions]
@@ -170,6 +174,7 @@ def recording_from_log(
         raise LogError(f"{path}: give in a mapping what the log does not tell: {' '.join(asked)}")
     if log.error:
         raise LogError(log.error)
+    # Warn of what is not in the longest recording.
     remarks = log.remarks
     if len(log.recordings) > 1:
         remarks = [f"This is the longest of {len(log.recordings)} parts.", *remarks]

@@ -1,6 +1,5 @@
 """Known loggers: `ezloophw-py`, of limbs with two wires each, and its pneumatic successor."""
 
-import dataclasses
 import re
 
 from calibration.import_logs.clock import DAY
@@ -57,7 +56,7 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
     # Ignore the numbers in the columns' names: they do not say which wire has which thermocouple.
     by_name = {}
     for column in columns.columns:
-        column.name = dataclasses.replace(column.name, label="")
+        column.name.label = ""
         by_name[column.text] = column
         # A thermocouple whose readings never change is not connected.
         if column.text.startswith("MCPtemp_") and column.span:
@@ -105,6 +104,7 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
     if sensor in table.names and table.numbers(sensor).any():
         note = f"{sensor}, the angle of the tip's tangent in degrees, halved (8)"
         return BendColumns(sensor, measures=TIP_TANGENT), note
+    # Else take the chord of its tags; limbs in series share the tags between them.
     tags = sorted(_numbers_after("tagid_x_", table), key=int)
     points = [[f"tagid_x_{tag}", f"tagid_y_{tag}"] for tag in tags]
     share = (len(points) - 1) // len(limbs)
@@ -114,6 +114,7 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
         return BendColumns(sensor), "no sensor, and too few tags; give its column"
     bend = BendColumns(line=[*own[0], *own[-1]], measures=CHORD)
     note = f"of the chord from the tag of {own[0][0]} to the tag of {own[-1][0]}, from the "
+    # Measure from the direction of the limb before it, or of the base in the picture.
     if first:
         for point in points[max(0, first - 2) : first + 1]:
             bend.base_line += point

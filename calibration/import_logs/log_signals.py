@@ -70,6 +70,7 @@ def described_limb(mapping: LogMapping, parameters: LimbParameters | None) -> Li
     if len(limb.segments) != 1:
         raise LogError(f"The limb has {len(limb.segments)} segments; read a log for each of them.")
     (segment,) = limb.segments
+    # The mapping must have wires and bends of this limb.
     names = [wire.name for wire in mapping.wires]
     if unknown := set(names) - set(limb.wire_names):
         raise LogError(
@@ -82,6 +83,7 @@ def described_limb(mapping: LogMapping, parameters: LimbParameters | None) -> Li
             f"The mapping has {has}, but the limb bends about {segment.axes} axes; correct bend, "
             "or describe the limb with -l."
         )
+    # Keep the wires and the bend sensor of the log.
     if parameters is None:
         segment.wires = [wire for wire in segment.wires if wire.name in names]
     kind = MEASURES[mapping.bend.measures]
@@ -188,6 +190,7 @@ class _Signals:
 
     def _cuts_at_gaps(self) -> list[int]:
         """Return where parts begin, and the end: a part ends where nobody knows the duty."""
+        # The duty is unknown in gaps in which it changed or was on for long.
         gaps = np.diff(self.times)
         long = np.flatnonzero(gaps > clock.MIN_GAP)
         before = self.duty[:, long]
@@ -207,6 +210,7 @@ class _Signals:
     def _cuts_of_long_parts(self, cuts: list[int]) -> list[int]:
         """Return the cuts, and further ones where wires are coldest, if a part is too long."""
         times = self.times
+        # Cut in the second half of the longest part, where wires were off the longest.
         short = [0]
         last_heated = np.maximum.accumulate(np.where(self.duty.any(axis=0), times, times[0]))
         for cut in cuts[1:]:
@@ -257,10 +261,12 @@ def _joined(
             f"{join.file} and the log have clocks of their own; give join.offset, or join.align "
             "with a column of each that show the same."
         )
+    # Keep rows in which the second file has a row, too.
     latest = np.searchsorted(other_times + offset, times + 1e-6, side="right") - 1
     is_shared = (latest >= 0) & (times - offset - other_times[latest] <= clock.MIN_GAP)
     if is_shared.sum() < 2:
         raise LogError(f"{join.file} and the log have no time in common; correct join.offset.")
+    # Each row has the last row of the second file before it.
     table = dataclasses.replace(
         table,
         names=unique_names([*table.names, *other.names]),
@@ -289,6 +295,7 @@ def _read_duty(
     if is_missing.all():
         raise LogError(f"the column {column!r} holds no duty.")
     duty = forward_fill(values) / mapping.full
+    # Refuse numbers that contradict the mapping.
     if duty.max() > 1 + MAX_EXCESS_DUTY:
         raise LogError(
             f"the column {column!r} reaches {np.nanmax(values):g}, beyond full duty, which is "
@@ -307,7 +314,9 @@ def _read_duty(
 def _temperatures(table: LogTable, column: str, unit: str, mapping: LogMapping) -> np.ndarray:
     """Return a thermocouple's readings (K,), °C; nan where it has none that can be."""
     factor, offset = TEMPERATURE_UNITS[unit]
-    values = factor * _numbers(table, column, mapping) + offset
+    numbers = _numbers(table, column, mapping)
+    numbers[numbers == 0] = np.nan  # sensors that fail read 0
+    values = factor * numbers + offset
     is_unreadable = (values < READABLE_RANGE[0]) | (values > READABLE_RANGE[1])
     if is_unreadable.mean() > 0.5:
         raise LogError(
@@ -332,6 +341,7 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
         LogError: if it leaves ±180° for longer than a sensor that fails now and then.
     """
     bend = mapping.bend
+    # Read degrees from points, or from columns of angles.
     if bend.line:
         angles = _angle_of_line(table, mapping)[None]
     else:
@@ -342,6 +352,7 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
             angles = np.array([(_numbers(table, c, mapping) - zero) * s for c, zero, s in axes])
     if bend.seen:
         angles[:, table.numbers(bend.seen) == 0] = np.nan
+    # Leave out what no limb does, if it is little.
     is_beyond = (np.abs(angles) > 180.0).any(axis=0)
     if (share := float(is_beyond.mean())) > MAX_FAILING_SHARE:
         most = float(np.nanquantile(np.abs(angles), 0.99))
@@ -350,6 +361,7 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
             "correct bend.scale or bend.zero."
         )
     angles[:, is_beyond] = np.nan
+    # Turn what the sensor measures into bends.
     bends = np.deg2rad(angles)
     if bend.measures == TIP_TANGENT:
         bends = bend_sensor.bend_angle_from_tip_tangent(bends)
@@ -390,7 +402,7 @@ def link_directions(coordinates: list[np.ndarray]) -> np.ndarray:
 def base_direction(coordinates: list[np.ndarray]) -> float:
     """Return the direction of a limb's base in a picture whose y points down, °; 0 if not seen.
 
-    The directions of links are those of the tangents at their middles, and the base is half a
+    A link has the direction of the tangent at its middle, and the base is half a
     link before the first one, as for constant curvature.
 
     Args:
@@ -412,8 +424,8 @@ def resampled(
     """Return the signals of a `Recording` in even steps.
 
     A row's duty is in force until the next row. Each sample has the readings of the last row
-    before it and their age, and the mean duty since the sample before, so that the heat is
-    that of the log; its applied duty is the mean between the rows.
+    before it and their age, and the mean duty since the sample before, which keeps the heat of
+    the log; its applied duty is the mean between the rows.
 
     Args:
         times: times of rows (K,), s from the first, increasing.
@@ -421,6 +433,7 @@ def resampled(
         readings: V of W wires, °C, and φ of F bends, rad (W + F, K).
         rate: Hz.
     """
+    # Each sample has the last row before it, unless that is stale.
     grid = np.arange(int(np.floor(times[-1] * rate + 1e-6)) + 1) / rate
     row = np.searchsorted(times, grid + 1e-6, side="right") - 1
     age = np.maximum(grid - times[row], 0.0)

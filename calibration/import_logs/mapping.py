@@ -153,13 +153,14 @@ class LogMapping(Strict):
 
     @property
     def has_rows_at_rate(self) -> bool:
-        """Whether rows or frames come at ``rate``: no column is a time."""
+        """True if rows or frames come at ``rate``: no column is a time."""
         return not self.time.column or self.time.unit == FRAMES
 
     @property
     def open_fields(self) -> list[str]:
         """The fields that the mapping leaves open, such as "wires[0].duty"."""
         bend_columns = "bend.line" if self.bend.line else "bend.column"
+        # Zero stands for numbers that are not known.
         is_open = {
             "time.column": self.time.column == UNKNOWN,
             "time.unit": self.time.unit == UNKNOWN,
@@ -183,6 +184,7 @@ class LogMapping(Strict):
         Raises:
             LogError: if a field cannot have its answer.
         """
+        # Put each answer into its place in the YAML document.
         document = yaml.safe_load(dump_typed(self))
         left_out = set()
         for field, answer in answers.items():
@@ -195,6 +197,7 @@ class LogMapping(Strict):
                 target[last] = [column.strip() for column in answer.strip("[]").split(",")]
             if answer == "none" and parents[:1] == ["wires"]:
                 left_out.add(int(parents[1]))
+        # Leave out wires that are none.
         for index in sorted(left_out, reverse=True):
             del document["wires"][index]
         with reraise_as(LogError):

@@ -28,11 +28,11 @@ MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
 MAX_NUMBER = 1e9  # that no number but a time's is beyond
 MISSING_CODES = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
 ROOM_RANGES = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
-READING_RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
+READING_RANGES = {"C": (8.0, 80.0, 300.0), "F": (46.0, 180.0, 570.0), "K": (281.0, 360.0, 575.0)}
 MAX_COLD = 35.0  # below which the readings of a log that starts warm are in °C
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
 LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
-MAX_COLD_SPREADS = (0.2, 1.0)  # of coldest readings, in shares of warming: of long and short logs
+MAX_COLD_SPREAD = 0.1  # of the coldest readings of a long log, in shares of its warming
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
 SLOWEST_COOLING = 200.0  # s, in which wires and silicone lose most of their heat
 MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
@@ -144,7 +144,9 @@ class Columns:
         time: mapping.TimeColumn | None = None,
     ):
         self.table = table
+        # Begin with names, and the time.
         self.limb = limb or LimbParameters()
+        self.has_sides = self.limb.wire_names == [LEFT, RIGHT]
         self.hint = "" if limb else " Describe a limb of other wires or axes with -l"
         self.dictionary = dictionary
         self.questions: list[Question] = []
@@ -152,8 +154,9 @@ class Columns:
         self.duties: list[Column] = []
         self.temperatures: list[Column] = []
         self.wires: list[WireColumns] = []  # the first ones have the duties
-        pairs = zip(table.names, table.units, strict=True)
-        names = [Name.of(name, unit, table.names, dictionary) for name, unit in pairs]
+        names = []
+        for text, unit in zip(table.names, table.units, strict=True):
+            names.append(Name(text, dictionary, unit, table.names))
         self.time = time or self._time(names)
         # To see what follows what, rows without a time come at any rate.
         try:
@@ -161,7 +164,8 @@ class Columns:
         except LogError:
             self.times = 0.1 * np.arange(table.values.shape[1])
             self.rows = slice(None)
-        self.steps = Steps.of(self.times)
+        self.steps = Steps(self.times)
+        self.is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
         # Find what stands for no reading, and leave it out.
         names = [n for n in names if n.text not in (self.time.column, self.time.fraction)]
         numbers = [table.numbers(name.text)[self.rows] for name in names]
@@ -171,6 +175,8 @@ class Columns:
             is_left_out = np.abs(values) > MAX_NUMBER
             if self.missing:
                 is_left_out |= np.isin(values, self.missing)
+            if name.role == TEMPERATURE:
+                is_left_out |= values == 0
             cleaned = np.where(is_left_out, np.nan, values) if is_left_out.any() else values
             column = Column(name, cleaned, self.steps)
             if len(column.present) > 5:
@@ -184,10 +190,19 @@ class Columns:
             heats[index] = duty.heat(self.wires[index].sign)
         return heats
 
-    def ask(self, kind: str, field: str, choices: Iterable[str] = (), **facts: object) -> None:
-        """Ask for a field of the mapping, by the dictionary's question of a kind."""
+    def ask(
+        self, kind: str, field: str, choices: Iterable["str | Column"] = (), **facts: object
+    ) -> None:
+        """Ask for a field of the mapping, by the dictionary's question of a kind.
+
+        Args:
+            choices: answers that seem possible, or columns that do.
+            facts: what the question says; ``columns`` are the choices if left out.
+        """
+        texts = [choice.text if isinstance(choice, Column) else choice for choice in choices]
+        facts = {"columns": " and ".join(texts), "hint": self.hint, **facts}
         text = words.QUESTIONS[kind].format(**facts)
-        self.questions.append(Question(field, text, list(choices), kind in CONTRADICTIONS))
+        self.questions.append(Question(field, text, texts, kind in CONTRADICTIONS))
 
     def proposal(self, name: str, log_mapping: LogMapping) -> Proposal:
         """Return a mapping with the notes and questions."""
@@ -228,8 +243,7 @@ class Columns:
         stems = {column.name.stem for column in chosen}
         similar = [column for column in self._unnamed() if column.name.stem in stems]
         if len(stems) > 1 or (len(similar) > len(chosen) and self.table.has_names):
-            texts = [column.text for column in similar]
-            self.ask("like columns", f"wires[0].{role}", texts, columns=_list(similar), role=role)
+            self.ask("like columns", f"wires[0].{role}", similar, role=role)
             return []
         return chosen
 
@@ -240,13 +254,13 @@ class Columns:
         found = self._find(DUTY, lambda c: c.looks_like_heat and self._is_followed(c))
         best = min((column.name.rank for column in found), default=0)
         self.duties = [column for column in found if column.name.rank == best]
+        # Left comes before right.
         self.duties.sort(key=lambda column: column.name.order)
         for column in self.duties:
             reason = "by its name" if column.name.role else "which others follow"
             self.notes[column.text] = f"duty, {reason}"
         if not self.duties:
-            choices = [column.text for column in self.columns if column.looks_like_heat]
-            self.ask("no duty", "wires[0].duty", choices)
+            self.ask("no duty", "wires[0].duty", [c for c in self.columns if c.looks_like_heat])
             self.wires = [WireColumns(name, UNKNOWN) for name in self.limb.wire_names]
             return
         # Numbers with a sign heat two wires.
@@ -258,7 +272,7 @@ class Columns:
         labels = [column.name.label for column in self.duties]
         known = {}
         for wire_name in self.limb.wire_names:
-            known[Name.of(wire_name, "", (), self.dictionary).label or wire_name] = wire_name
+            known[Name(wire_name, self.dictionary).label or wire_name] = wire_name
         is_named = len(set(labels)) == len(labels) and set(labels) <= set(known)
         for index, column in enumerate(self.duties):
             wire_name = known[labels[index]] if is_named else UNKNOWN
@@ -304,7 +318,8 @@ class Columns:
         kind = "inverted" if is_inverted else "mixed units" if is_mixed else "full duty"
         likely = [f"{scale:g}" for scale in FULL_SCALES if most <= 1.001 * scale][:3]
         texts = " and ".join(f"{top:g}" for top in sorted(set(tops), key=tops.index))
-        self.ask(kind, "full", likely, columns=_list(duties), tops=texts)
+        columns = " and ".join(column.text for column in duties)
+        self.ask(kind, "full", likely, columns=columns, tops=texts)
         return 0.0
 
     def _cools(self, duty: Column) -> bool:
@@ -329,28 +344,37 @@ class Columns:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
         if not self.duties:
             return
+        # Find the thermocouples that clearly warm with each wire.
         unpaired = list(self.temperatures)
         signals = np.array([column.means for column in unpaired])
-        warmed_sensors = evidence.clear_pairs(*self.steps.responses(self.heats, signals))
+        warming, errors = self.steps.responses(self.heats, signals)
+        warmed_sensors = evidence.clear_pairs(warming, errors)
         # Numbers and letters are names if duties and thermocouples have the same ones.
         labels = [column.name.label for column in self.duties]
         sensor_labels = [column.name.label for column in self.temperatures]
         are_same = len(set(labels)) == len(labels) and sorted(labels) == sorted(sensor_labels)
+        # Names decide, if heat does not contradict them; else heat does.
         open_wires = []
         for index, wire in enumerate(self.wires):
             label = wire.name if wire.name in SIDES else labels[index] if are_same else ""
             named = [c for c in self.temperatures if label and c.name.label == label]
             sensor = warmed_sensors[index]
             warmed = None if sensor is None else self.temperatures[sensor]
-            if len(named) == 1 and warmed in (None, named[0]):
-                self._set_temperature(wire, named[0], "by its name")
-                unpaired.remove(named[0])
-            elif named:
+            reason = ""
+            if len(named) > 1:
                 reason = f"Several have the name of {wire.name}"
-                if len(named) == 1 and warmed:
-                    reason = f"Names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
+            elif named and warmed not in (None, named[0]):
+                reason = f"Names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
+            elif named:
+                row = self.temperatures.index(named[0])
+                if evidence.has_rival(warming[row], errors[row], index):
+                    reason = f"Names say {named[0].text}, but it warms more with another wire"
+            if reason:
                 self._ask_temperature(index, [*named, *filter(None, [warmed])], reason)
                 unpaired = [column for column in unpaired if column not in named]
+            elif named:
+                self._set_temperature(wire, named[0], "by its name")
+                unpaired.remove(named[0])
             elif warmed in unpaired and self._may_have(wire, warmed):
                 self._set_temperature(wire, warmed, f"it warms with {wire.duty}")
                 unpaired.remove(warmed)
@@ -366,21 +390,28 @@ class Columns:
                 self._set_temperature(wire, unpaired.pop(), "the only one that is left")
             elif candidates:
                 self._ask_temperature(index, candidates)
-        # Wires whose own names have no side have the side of their thermocouples.
-        side_of_column = {column.text: column.name.side for column in self.temperatures}
-        sides = [side_of_column.get(wire.temperature, "") for wire in self.wires]
-        if all(wire.name == UNKNOWN for wire in self.wires) and sorted(sides) == sorted(SIDES):
-            for wire, side in zip(self.wires, sides, strict=True):
-                wire.name = side
-                self.notes[wire.temperature] = f"temperature of the {side} wire, by its name"
+        self._name_by_thermocouples()
         # Ask about thermocouples without a wire.
-        asked = {choice for q in self.questions if "temperature" in q.field for choice in q.choices}
         for column in unpaired:
-            if column.text not in asked:
+            if column.text not in self.notes:
                 wire = WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN)
                 self.wires.append(wire)
                 field = f"wires[{len(self.wires) - 1}].duty"
                 self.ask("no wire", field, ["''", "none"], column=column.text)
+
+    def _name_by_thermocouples(self) -> None:
+        """Give wires without a side in their names the side of their thermocouples' names."""
+        side_of_column = {column.text: column.name.side for column in self.temperatures}
+        sides = [side_of_column.get(wire.temperature, "") for wire in self.wires]
+        is_clear = self.has_sides and sides.count(LEFT) < 2 and sides.count(RIGHT) < 2
+        if not is_clear or any(wire.name != UNKNOWN for wire in self.wires):
+            return
+        for wire, side in zip(self.wires, sides, strict=True):
+            wire.name = side or UNKNOWN
+            self.notes |= {wire.temperature: f"temperature of the {side} wire"} if side else {}
+        # Of two wires, the other one is on the other side.
+        if len(sides) == 2 and "" in sides and any(sides):
+            self.wires[sides.index("")].name = LEFT if RIGHT in sides else RIGHT
 
     def _may_have(self, wire: WireColumns, column: Column) -> bool:
         """Return whether a thermocouple's name does not say that it is of another wire."""
@@ -395,12 +426,11 @@ class Columns:
         wire.temperature = UNKNOWN
         units = {column.name.unit for column in choices}
         wire.unit = units.pop() if len(units) == 1 and units <= set(READING_RANGES) else UNKNOWN
-        texts = list(dict.fromkeys(column.text for column in choices))
-        self.notes |= dict.fromkeys(texts, "a temperature, see the question")
+        for column in choices:
+            self.notes[column.text] = "a temperature, see the question"
         kind = "named thermocouple" if contradiction else "thermocouple"
         field = f"wires[{index}].temperature"
-        columns = " and ".join(texts)
-        self.ask(kind, field, texts, duty=wire.duty, columns=columns, reason=contradiction)
+        self.ask(kind, field, dict.fromkeys(choices), duty=wire.duty, reason=contradiction)
 
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the unit of their room."""
@@ -418,11 +448,15 @@ class Columns:
             rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
             unit = "C" if max(lowest) < MAX_COLD else "K" if min(lowest) > 250.0 else UNKNOWN
             unit = unit_in_name or ((rooms or [UNKNOWN])[0] if is_at_rest else unit)
+            if unit == "F" and not unit_in_name and not self.is_long:
+                unit = UNKNOWN  # a limb that is warm in °C begins where a room is in °F
+            # Readings must be possible in this unit.
             coldest, warmest, hottest = READING_RANGES.get(unit, (-np.inf, np.inf, np.inf))
             is_possible = coldest < column.low < warmest and column.high < hottest
             is_possible &= not (is_at_rest and rooms and unit_in_name and unit_in_name not in rooms)
             is_possible &= unit == UNKNOWN or self._are_in_one_room(similar, unit)
             wire.unit = unit if is_possible else UNKNOWN
+            # Ask if they are not.
             if wire.unit == UNKNOWN:
                 kind = "named unit" if unit_in_name else "unit"
                 facts = {"column": column.text, "low": column.low, "high": column.present.max()}
@@ -435,12 +469,12 @@ class Columns:
         """
         moving = [column for column in sensors if column.span]
         coldest = [float(np.quantile(column.present, 0.003)) for column in moving]
-        is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
-        if not moving or (is_long and max(coldest) > ROOM_RANGES[unit][1]):
+        if not moving or (self.is_long and max(coldest) > ROOM_RANGES[unit][1]):
             return not moving
         min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
-        share = MAX_COLD_SPREADS[0 if is_long else 1]
-        largest = max(min_offset, share * max(column.span for column in moving))
+        hurry = max(1.0, LONG_LOG_TIME / (self.times[-1] - self.times[0]))
+        most_warming = max(column.span for column in moving)
+        largest = max(min_offset, MAX_COLD_SPREAD * hurry**2.5 * most_warming)
         # Before the first heat, a wire that is warmer than others cools.
         warmest = max(moving, key=lambda column: column.means[0])
         num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
@@ -459,6 +493,7 @@ class Columns:
         points = self._points()
         places = {x.name.place for x, _ in points}
         of_points = [c for c in self.columns if c.name.axis and c.name.place in places]
+        # Take what names say: angles, or else points.
         rated = [c for c in self._of_role(BEND) if c not in of_points and c.span]
         if points and not rated:
             return self._line(points)
@@ -470,6 +505,7 @@ class Columns:
                 bend, column="", e2=first.text, e3=second.text, zero_e3=bend_e3.zero,
                 scale_e3=bend_e3.scale,
             )  # fmt: skip
+        # Without names, it is what follows the heat.
         hints: list[Column] = []
         if not rated:
             used = [*self.duties, *self.temperatures, *of_points]
@@ -483,15 +519,14 @@ class Columns:
             hint = ""
             for column in hints:
                 hint += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
-            self.ask("no bend", "bend.column", [c.text for c in hints], hints=hint)
+            self.ask("no bend", "bend.column", hints, hints=hint)
             return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(rated, key=lambda c: c.name.rank)
         for column in rated:
             is_alike = 0.9 < column.span / first.span < 1.1
             if not is_alike or abs(correlation(first.means, column.means)) < MIN_SAME_CORRELATION:
-                texts = [c.text for c in rated]
-                self.ask("bend", "bend.column", texts, columns=_list(rated), hint=self.hint)
+                self.ask("bend", "bend.column", rated)
                 return BendColumns(UNKNOWN)
         return self._bend_column(first)
 
@@ -529,6 +564,7 @@ class Columns:
 
     def _bend_column(self, column: Column) -> BendColumns:
         """Return how the bend is read from its column; the scale is 0 if that is not known."""
+        # Names say what the angle is of.
         name = column.name
         measures = mapping.CHORD if "chord" in name.words else mapping.BEND_ANGLE
         if self.dictionary.has("tip tangent", name.words):
@@ -545,7 +581,7 @@ class Columns:
         if name.quantity not in ("", "angle") or column.span * scale > MAX_BEND_RANGE:
             scale = 0.0
         elif is_small and not name.unit:
-            says_angle = name.role == BEND and name.words != ("tip",)
+            says_angle = name.role == BEND and name.words != ["tip"]
             is_plain = not name.role and abs(rest) < 1.0
             scale = DEGREES_PER_UNIT["rad"] if is_hot and (says_angle or is_plain) else 0.0
         elif is_small and name.unit == "deg" and is_hot and column.span < 1.5:
@@ -573,7 +609,7 @@ class Columns:
         )
         is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
         is_nameless = all(wire.name == UNKNOWN for wire in wires) and len(wires) <= 2
-        is_nameless &= self.limb.wire_names == [LEFT, RIGHT]
+        is_nameless &= self.has_sides
         sides = np.array([])  # of the wires, as -1 and 1, if they have no names
         if wires and not is_heated.any():
             self.notes["sign"] = "no heat shows which way the limb bends; check bend.scale's sign"
@@ -609,8 +645,8 @@ class Columns:
                 wire.name = RIGHT if sides[index] > 0 else LEFT
                 self.notes[f"{wire.name} wire"] = f"{numbers}{wire.duty}, by the bend's sign"
             elif wire.name == UNKNOWN:
-                facts = {"numbers": numbers, "duty": wire.duty, "hint": self.hint}
-                self.ask("wire", f"wires[{index}].name", self.limb.wire_names, **facts)
+                field = f"wires[{index}].name"
+                self.ask("wire", field, self.limb.wire_names, numbers=numbers, duty=wire.duty)
 
     def _bend_votes(self, found: LogMapping) -> np.ndarray:
         """Return how clearly wires bend the limb to their sides, or to positive angles (W,)."""
@@ -632,6 +668,7 @@ class Columns:
 
     def ask_about_the_rest(self) -> None:
         """Ask about what is left over and could be heat, or a wire's temperature."""
+        # Wires without a thermocouple may have what warms with them.
         bare = [i for i in range(len(self.duties)) if not self.wires[i].temperature]
         for column in self.columns:
             name = column.name
@@ -640,6 +677,7 @@ class Columns:
             )
             if not is_signal or column.text in self.notes:
                 continue
+            # Heat that duties do not explain is of another wire.
             is_duty = name.role == DUTY
             if column.looks_like_heat or is_duty:
                 if not self._is_explained(column) and (is_duty or self._is_followed(column)):
@@ -703,13 +741,14 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
     """Return the number of full duty by what numbers there are of duty; 0 if they do not tell.
 
     Programs set duty in hundredths: whole numbers that are all rounded hundredths of 255 are
-    counts of 8 bits, and not by chance if there are some of them. So are those of a "pwm"
+    counts of 8 bits, and not by chance if there are some of them. So are numbers of a "pwm"
     beyond 100.
 
     Args:
         levels: the numbers but 0.
         own: words and units in the names.
     """
+    # Full scales, and shares with a fraction, tell it themselves.
     most = float(levels.max())
     is_in_fives = bool((levels % 5 == 0).all())
     if most in FULL_SCALES or most <= 1.0:
@@ -720,6 +759,7 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
         return 255.0
     if most <= 100.0 and own & SHARE_WORDS and len(levels) > 3 and is_in_fives:
         return 100.0
+    # Else all numbers are hundredths of one full scale alone.
     fits = []
     for full in FULL_SCALES[2:]:
         hundredths = full * np.round(levels * 100 / full) / 100
@@ -727,10 +767,6 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
             fits.append(full)
     enough = 2 if (most > 100.0 or "pwm" in own) and not is_in_fives else 8
     return fits[0] if len(fits) == 1 and len(levels) > enough else 0.0
-
-
-def _list(columns: list[Column]) -> str:
-    return " and ".join(column.text for column in columns)
 
 
 def _stands_out(values: np.ndarray, value: float) -> bool:

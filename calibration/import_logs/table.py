@@ -192,6 +192,7 @@ class _Form:
         num_rows = 0
         for line in lines[:MAX_HEAD_LINES]:
             row = self.cells(line)
+            # Numbers begin where some rows of them follow each other.
             full = list(filter(None, row))
             num_numbers = sum(is_number(cell, self.decimal) or is_time(cell) for cell in full)
             is_row = len(row) == self.width and num_numbers >= max(2, 0.3 * len(full))
@@ -201,6 +202,7 @@ class _Form:
                 break
         if not num_rows:
             return False
+        # Find the names in the lines before.
         del self.head[-num_rows:]
         self.names_line = names_line or 0
         if names_line is None and not self.labels:
@@ -356,6 +358,7 @@ def _survey(path: Path) -> tuple[str, int]:
     """Return the encoding of a log, and the most lines that it can have."""
     encoding = "utf-8-sig"
     with path.open("rb") as file:
+        # Recognize files of soft-limb, and encodings, by their first bytes.
         start = file.read(4096)
         if header := re.match(rb"(?:\xef\xbb\xbf)?# limb (\w+), format ", start):
             kind = header[1].decode()

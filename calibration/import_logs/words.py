@@ -1,6 +1,5 @@
 """Read what the words and units in a column's name say, by the dictionary in `dictionary.yaml`."""
 
-import dataclasses
 import functools
 import re
 from collections.abc import Collection, Iterable, Mapping
@@ -111,7 +110,6 @@ def is_unit(text: str) -> bool:
     return bool(parse_unit(text)[0])
 
 
-@dataclasses.dataclass(frozen=True)
 class Name:
     """The meaning of a column's name.
 
@@ -127,62 +125,51 @@ class Name:
     - ``is_measured``: False for setpoints, limits and the temperature of a room.
     """
 
-    text: str
-    words: tuple[str, ...]
-    stem: tuple[str, ...]
-    label: str
-    axis: str
-    unit: str
-    quantity: str
-    role: str
-    rank: int
-    is_measured: bool
-
-    @classmethod
-    def of(
-        cls, text: str, unit: str, column_names: Collection[str], dictionary: Dictionary
-    ) -> "Name":
-        """Return what a name says.
+    def __init__(
+        self, text: str, dictionary: Dictionary, unit: str = "", column_names: Collection[str] = ()
+    ):
+        """Read a name.
 
         Args:
             unit: unit in a row of units or in the cells; empty if there is none.
             column_names: all columns' names; they tell whether a last letter is a unit or a wire.
         """
+        self.text = text
         bare, own_unit = _without_unit(text, column_names)
-        quantity, unit = parse_unit(unit or own_unit)
+        self.quantity, self.unit = parse_unit(unit or own_unit)
         tokens = dictionary.split(bare)
-        words = [token for token in tokens if not token.isdigit()]
+        self.words = [token for token in tokens if not token.isdigit()]
         # Find the wire's label: a side, the last number, or a letter; long numbers are of chips.
         numbers = [token for token in tokens if token.isdigit() and len(token) < 3][-1:]
-        letters = [word for word in words if word in LABEL_LETTERS and len(tokens) > 1][-1:]
+        letters = [word for word in self.words if word in LABEL_LETTERS and len(tokens) > 1][-1:]
         label_words = numbers or letters
-        label = "".join(label_words).lstrip("0") or "0" * len(numbers)
+        self.label = "".join(label_words).lstrip("0") or "0" * len(numbers)
         for side in (*SIDES, "1", "2"):
-            side_words = [word for word in words if word in dictionary.words[side]]
-            if side_words and not (numbers and words in (["l"], ["r"])):
-                label = side
+            side_words = [word for word in self.words if word in dictionary.words[side]]
+            if side_words and not (numbers and self.words in (["l"], ["r"])):
+                self.label = side
                 label_words = [*numbers, *side_words]
-        axes = [word for word in words if word in ("x", "y", "z")][-1:]
-        stem = [token for token in tokens if token not in (*label_words, *axes)]
+        # What is left is the stem.
+        axes = [word for word in self.words if word in ("x", "y", "z")][-1:]
+        self.axis = "".join(axes)
+        self.stem = tuple(token for token in tokens if token not in (*label_words, *axes))
         # Find what the column is.
-        quantity = quantity or _quantity_of_name(text, words, dictionary)
-        is_measured = not dictionary.has("not measured", words)
-        role = _role_of_name(text, words, quantity, dictionary) if is_measured else ""
-        ranks = [99]
-        if role:
-            role_words = dictionary.words[role]
-            ranks += [role_words.index(word) for word in words if word in role_words]
+        self.quantity = self.quantity or _quantity_of_name(text, self.words, dictionary)
+        self.is_measured = not dictionary.has("not measured", self.words)
+        self.role = ""
+        self.rank = 99
+        if self.is_measured:
+            self.role = _role_of_name(bare, self.words, self.quantity, dictionary)
+        role_words = dictionary.words.get(self.role, [])
+        for word in self.words:
+            if word in role_words:
+                self.rank = min(self.rank, role_words.index(word))
         # Words may say the unit of the time or of temperatures.
-        quantity_wanted = {BEND: "angle", TEMPERATURE: TEMPERATURE}.get(role, TIME)
-        for word in words if not unit else ():
+        quantity_wanted = {BEND: "angle", TEMPERATURE: TEMPERATURE}.get(self.role, TIME)
+        for word in self.words if not self.unit else ():
             word_quantity, word_unit = parse_unit(word)
-            if word_quantity == quantity_wanted and (len(word) > 1 or len(words) == 1):
-                unit = unit or word_unit
-        axis = "".join(axes)
-        return cls(
-            text, tuple(words), tuple(stem), label, axis, unit, quantity, role, min(ranks),
-            is_measured,
-        )  # fmt: skip
+            if word_quantity == quantity_wanted and (len(word) > 1 or len(self.words) == 1):
+                self.unit = self.unit or word_unit
 
     @property
     def side(self) -> str:

@@ -5,12 +5,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import LeafSystem, System
+from pydrake.systems.primitives import MatrixGain
 
-from limb_systems import LimbModel, LimbParameters, LimbSystem
+from limb_systems import LimbModel, LimbParameters, TipTangentSensor
 from limb_systems.drake_python import weak_method
 from limb_systems.layout import slices
-from limb_systems.limb_system import check_limb
 from limb_systems.wire_blocks import VectorFunction
 
 # The paper's thermocouple amplifier, a MAX31855, converts within 100 ms and
@@ -150,7 +150,9 @@ class SampledSensors(LeafSystem):
     def _sample(self, index: int, context, state):
         sensor = self._sensors[index]
         signal = sensor.response(self.get_input_port(index).Eval(context))
-        noise, random_step = self._draw(state, 2 * sensor.size).reshape(2, -1)
+        random_numbers = self._draw(state, 2 * sensor.size)
+        noise = random_numbers[: sensor.size]
+        random_step = random_numbers[sensor.size :]
         drift = state.get_mutable_value(len(self._sensors))[self._sensor_slices[index]]
         drift[:] = self._drift_decays[index] * drift + self._drift_steps[index] * random_step
         noisy = signal + sensor.noise * noise + drift
@@ -173,6 +175,11 @@ def exact_bend(parameters: LimbParameters) -> System:
     """Return a system from [θ, θ̇] (2n), rad and rad/s, to exact bend sensors' readings (F), rad."""
     mechanics = LimbModel.of(parameters).mechanics
     num_joints = parameters.num_joints
+    # A tip's tangent in a plane is linear in the angles, which Drake's C++ multiplies faster.
+    sensors = mechanics.bend_sensors
+    if mechanics.layout.is_planar and all(type(each) is TipTangentSensor for each in sensors):
+        bend_by_angle = mechanics.recorded_bend_angle(np.eye(num_joints))
+        return MatrixGain(np.hstack([bend_by_angle, 0.0 * bend_by_angle]))
 
     def readings(state: np.ndarray) -> np.ndarray:
         return mechanics.recorded_bend_angle(state[:num_joints])
@@ -223,64 +230,3 @@ def camera(size: int) -> Sensor:
     num_angles = 1 if size == 3 else 3
     noise = np.repeat([CAMERA_NOISE, CAMERA_ANGLE_NOISE], [size - num_angles, num_angles])
     return Sensor("body_pose", size, CAMERA_PERIOD, CAMERA_STEP, noise=noise)
-
-
-class SensedLimb(Diagram):
-    """A limb, such as the model, behind the robot's sensors.
-
-    Bend sensors read the joint angles if the limb has the output port ``joint_state``, else its
-    ``bend_angle``.
-
-    - input 0 ``duty``: D (W), in [0, 1]
-    - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
-    - output 1 ``bend_angle``: φ (F), rad, as bend sensors read it
-    - output 2 ``measurement``: [V (W), φ (F)], both of them
-    """
-
-    __slots__ = ()  # see limb_systems.drake_python
-
-    real_time = False
-
-    def __init__(self, limb: LimbSystem, *, seed: int = 0, bend_rate: float = 20.0):
-        """
-        Args:
-            limb: the limb behind the sensors.
-            seed: seed of the sensors' noise.
-            bend_rate: rate at which bend sensors are read, Hz.
-        """
-        super().__init__()
-        builder = DiagramBuilder()
-        check_limb(limb)
-        builder.AddSystem(limb)
-        self.parameters = limb.parameters
-        self.accuracy = limb.accuracy
-        self.source = f"{limb.source} with sensor noise, seed {seed}"
-        builder.ExportInput(limb.GetInputPort("duty"), "duty")
-        # Make the sensors by their description in each segment.
-        layout = LimbModel.of(limb.parameters).layout
-        segments = limb.parameters.segments
-        described = [segments[number].bend_sensor for number in layout.bend_segment]
-        gain = np.array([sensor.gain for sensor in described])
-        offsets = np.array([(sensor.offset, sensor.offset_e3) for sensor in described])
-        offset = np.choose(layout.bend_direction, offsets.T)
-        readings = limb_sensors(
-            limb.parameters,
-            bend_rate,
-            bend_response=lambda angle: gain * angle + offset,
-            bend_noise=[sensor.noise for sensor in described],
-            bend_drift=[sensor.drift for sensor in described],
-        )
-        noise = Noise(np.random.default_rng(seed))
-        sensors = builder.AddNamedSystem("sensors", SampledSensors(readings, noise))
-        # Connect them, and export their readings.
-        bend_angle = limb.GetOutputPort("bend_angle")
-        if limb.HasOutputPort("joint_state"):
-            exact = builder.AddNamedSystem("exact_bend", exact_bend(limb.parameters))
-            builder.Connect(limb.GetOutputPort("joint_state"), exact.get_input_port())
-            bend_angle = exact.get_output_port()
-        builder.Connect(bend_angle, sensors.GetInputPort("bend_angle"))
-        temperature = "measured_temperature"
-        builder.Connect(limb.GetOutputPort(temperature), sensors.GetInputPort(temperature))
-        for name in ("measured_temperature", "bend_angle", "measurement"):
-            builder.ExportOutput(sensors.GetOutputPort(name), name)
-        builder.BuildInto(self)

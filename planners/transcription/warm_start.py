@@ -8,6 +8,7 @@ heat and of its bounds are the quasi-static plan's multipliers.
 import numpy as np
 
 from limb_systems import LimbError
+from planners.recurrence import LinearRecurrence
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import QuasiStaticProgram
 from planners.transcription.solving import Solution
@@ -36,11 +37,10 @@ def solve_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
             return x
         if change > SLOPE_TOLERANCE:
             inverse, to_next = _step_to_next_knot(program, x)
+            steps = LinearRecurrence(to_next)
         # Correct the motion from knot to knot.
         gaps = -(inverse @ rows[:, :, None])[:, :, 0]
-        moved = np.zeros(motion.shape)
-        for k, gap in enumerate(gaps):
-            moved[k + 1] = gap + to_next[k] @ moved[k]
+        moved = steps.solve(gaps)
         x[motion] += moved
         change = np.abs(moved).max()
         if not np.isfinite(change):
@@ -62,11 +62,8 @@ def estimate_multipliers(
     by_motion: np.ndarray = np.zeros(program.motion.shape)
     by_angles = program.cost_by_angles(x)
     by_motion[:, : by_angles.shape[1]] = by_angles
-    adjoint = np.zeros((len(inverse), by_motion.shape[1]))
-    following = np.zeros(by_motion.shape[1])
-    for k in reversed(range(len(inverse))):
-        adjoint[k] = following = by_motion[k + 1] + following
-        following = following @ to_next[k]
+    to_knot_before = np.roll(to_next, -1, axis=0)[::-1].swapaxes(1, 2)
+    adjoint = LinearRecurrence(to_knot_before).solve(by_motion[:0:-1])[:0:-1]
     of_motion = -np.einsum("kij,ki->kj", inverse, adjoint)
 
     # The multipliers of the heat and of the bounds are the quasi-static ones.

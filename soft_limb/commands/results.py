@@ -140,8 +140,8 @@ COMMANDS = {
     "show": Command(
         _show,
         "Print the kind of each file, its contents, and what made it. A file may be a recording, "
-        "a trajectory or a gait (.csv), a limb, a robot or a task (.yaml), a reference (.csv of s "
-        "and degrees), learning.txt, or a report (.html).",
+        "a trajectory or a gait (.csv), a limb or a robot (.yaml), learning.txt, or a report "
+        "(.html).",
         "json force",
         [
             Option("files", nargs="+", metavar="FILE", type=Path, help="result files"),

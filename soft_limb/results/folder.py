@@ -40,7 +40,7 @@ def _is_visible(name: str) -> bool:
 def guess_file_kind(path: Path) -> str:
     """Return the kind of a file by its first and last bytes; see `ResultFile` for the kinds.
 
-    The result is empty for other files, for tasks, and for references, as any table may be one.
+    The result is empty for other files.
     """
     try:
         with open(path, "rb") as file:

@@ -26,7 +26,6 @@ from soft_limb.results.read_result import (
     LEARNING,
     LIMB,
     RECORDING,
-    REFERENCE,
     REPORT,
     ROBOT,
     TRAJECTORY,
@@ -81,7 +80,7 @@ def overview_page(folder: Path, output: Path) -> str:
     return page.template("overview.html").render(
         folder=folder.resolve().name or str(folder.resolve()),
         provenance=dataclasses.asdict(Provenance.now()),
-        files=[file for file in files if file.kind not in (REPORT, REFERENCE)],
+        files=[file for file in files if file.kind != REPORT],
         others=unlinked,
         troubles=troubles,
         origins=origins,

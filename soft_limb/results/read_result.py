@@ -10,9 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from controllers import Learner
+import controllers
 from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TABLE, read_bytes
@@ -22,13 +20,11 @@ from limb_systems.files.table_writer import is_unfinished
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.limb_parameters import EmulatedLimb, LimbParameters
 from limb_systems.summary import Entry, Summary
-from planners import Task, references
-from soft_limb.results.folder import fields_of, is_html, kind_of_head
+from soft_limb.results.folder import is_html, kind_of_head
 from soft_limb.results.summaries import plan_summary, repetitions_summary
 
 RECORDING, TRAJECTORY, LEARNING = "recording", "trajectory", "learning"
-GAIT, LIMB, ROBOT, TASK, REPORT = "gait", "limb", "robot", "task", "report"
-REFERENCE = "reference"
+GAIT, LIMB, ROBOT, REPORT = "gait", "limb", "robot", "report"
 ENTRY_POINTS = "soft_limb.results"  # group of entry points: dicts of readers like `_READERS`
 
 
@@ -57,8 +53,8 @@ class ResultFile:
         about = Summary([Entry(self.kind, str(self.path))]) + self.summary
         if self.provenance:
             return about + self.provenance.summary()
-        # Limbs, robots, tasks and references are written by people.
-        if self.kind in (LIMB, ROBOT, TASK, REFERENCE):
+        # Limbs and robots are written by people.
+        if self.kind in (LIMB, ROBOT):
             return about
         return about + Summary([Entry("made by", "not known")])
 
@@ -84,18 +80,14 @@ def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
     path = Path(path)
     text = read_bytes(path, "result", LARGEST_TABLE, ResultError).decode("utf-8", "replace")
     text = text.removeprefix("\ufeff")
-    # Tell its kind by its contents, or else by its suffix.
-    by_suffix = {".csv": REFERENCE, ".yaml": TASK, ".yml": TASK}
-    if is_html(text[:1000]):
-        kind = REPORT
-    else:
-        kind = kind_of_head(path, text) or by_suffix.get(path.suffix, "")
+    kind = REPORT if is_html(text[:1000]) else kind_of_head(path, text)
     if not kind:
         raise ResultError(
-            f"{path} is no recording, trajectory, gait, limb, robot, task, reference, state of "
-            "learning or report of soft-limb."
+            f"{path} is no recording, trajectory, gait, limb, robot, state of learning or report "
+            "of soft-limb."
         )
-    value, made, summary = _readers()[kind](path, text, quick)
+    reader = _READERS.get(kind) or _readers_of_packages()[kind]
+    value, made, summary = reader(path, text, quick)
     return ResultFile(path, kind, summary, made, value)
 
 
@@ -103,9 +95,9 @@ Read = tuple[Any, Provenance | None, Summary]
 
 
 @functools.cache
-def _readers() -> dict[str, Callable[[Path, str, bool], Read]]:
-    """Return the reader of each kind, including the readers of other packages."""
-    readers = dict(_READERS)
+def _readers_of_packages() -> dict[str, Callable[[Path, str, bool], Read]]:
+    """Return the reader of each kind that another package adds."""
+    readers: dict[str, Callable[[Path, str, bool], Read]] = {}
     for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
         readers |= entry.load()
     return readers
@@ -125,7 +117,7 @@ def _trajectory(path: Path, _text: str, quick: bool) -> Read:
 
 
 def _learning(path: Path, _text: str, quick: bool) -> Read:
-    learner = Learner.load(path)
+    learner = controllers.Learner.load(path)
     plan = learner.trajectory
     more = Summary([Entry("plan", plan.summary().line()), identity_entry(plan.parameters)])
     return None, learner.provenance, repetitions_summary(learner, quick=quick) + more
@@ -141,21 +133,6 @@ def identity_entry(parameters: LimbParameters | ConnectedLimbs) -> Entry:
     calibrated = "calibrated" if parameters.calibration else "not calibrated"
     parts = [name, calibrated, f"digest {parameters.digest}"]
     return Entry("identity", ", ".join(filter(None, parts)))
-
-
-def _task(path: Path, text: str, _quick: bool) -> Read:
-    fields = [field.name for field in dataclasses.fields(Task)]
-    if not fields_of(text) & set(fields):
-        raise ResultError(f"{path} has no field of a limb, a robot or a task at its top level.")
-    # List the fields that differ from their defaults.
-    task = Task.load(path)
-    default = Task()
-    changed = []
-    for name in fields:
-        value = getattr(task, name)
-        if value != getattr(default, name):
-            changed.append(Entry(name.replace("_", " "), str(value)))
-    return None, None, Summary(changed or [Entry("fields", "all have their defaults")])
 
 
 def _limb(path: Path, _text: str, _quick: bool) -> Read:
@@ -181,28 +158,6 @@ def _limb(path: Path, _text: str, _quick: bool) -> Read:
     return limb, made, Summary(entries)
 
 
-def _reference(path: Path, _text: str, _quick: bool) -> Read:
-    try:
-        course = references.load(path)
-    except LimbError as error:
-        raise ResultError(
-            f"{path} is no file that soft-limb writes, and no reference (time in s, bend angles in "
-            f"degrees): {str(error).removeprefix(f'{path}: ')}"
-        ) from error
-    # List its duration and its range.
-    times = np.array(course.get_segment_times())
-    bends = np.rad2deg(course.vector_values(times))
-    low = bends.min()
-    high = bends.max()
-    entries = [
-        Entry("duration", float(times[-1]), "s"),
-        Entry("points", len(times)),
-        Entry("bends", len(bends)),
-        Entry("motion", [float(low), float(high)], "°", f"bend {low:.1f}° to {high:.1f}°"),
-    ]
-    return None, None, Summary(entries)
-
-
 def _report(path: Path, text: str, _quick: bool) -> Read:
     title = re.search(r"<title>(.*?)</title>", text, re.DOTALL)
     stamp = re.search(
@@ -221,7 +176,5 @@ _READERS: dict[str, Callable[[Path, str, bool], Read]] = {
     TRAJECTORY: _trajectory,
     LEARNING: _learning,
     LIMB: _limb,
-    TASK: _task,
-    REFERENCE: _reference,
     REPORT: _report,
 }

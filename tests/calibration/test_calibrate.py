@@ -9,6 +9,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import (
@@ -231,7 +232,8 @@ def test_command_fits_a_folder_and_validates(
     fits = mock.Mock(return_value=by_prediction)
     monkeypatch.setattr("soft_limb.commands.calibration.calibrate", fits)
     assert main([*fit, "--method", "prediction"]) == 0
-    fits.assert_called_with(emulated_folder, None, method="prediction", announce=mock.ANY)
+    assert fits.call_args.args == (emulated_folder, None)
+    assert fits.call_args.kwargs["method"] == "prediction"
     said = capsys.readouterr().out
     assert re.search(
         r"^correction_factor +λ = 1\.8\d\d of the bend that the sensor shows; of ", said, re.M
@@ -243,8 +245,8 @@ def test_command_fits_a_folder_and_validates(
     assert found.calibration.validation.startswith(told)
     page = html.unescape(report.read_text(encoding="utf-8"))
     fitted = by_prediction.prediction.fit.predicted
-    # Validation, stiffness, damping, and each recording.
-    assert page.count('<figure class="chart"') == 3 + len(fitted)
+    # Validation, and each recording.
+    assert page.count('<figure class="chart"') == 1 + len(fitted)
     verdict = re.search("^verdict +(.*)$", said, re.MULTILINE)[1]
     assert verdict == by_prediction.verdict
     assert page.index(verdict) < page.index("<table")
@@ -275,7 +277,7 @@ def test_command_fits_a_folder_and_validates(
 
 def test_remarks_are_ranked(emulated_folder, capsys, tmp_path, monkeypatch):
     """In the summary and on the page, worst first; by the paper's method there are some."""
-    picture = '<figure class="chart"></figure>'  # which takes long to draw
+    picture = Markup('<figure class="chart"></figure>')  # the real one takes long
     monkeypatch.setattr("soft_limb.reports.page.chart", lambda *_: picture)
     limb, report = tmp_path / "limb.yaml", tmp_path / "report.html"
     fit = ["fit", str(emulated_folder), "-o", str(limb), "--report", str(report)]
@@ -287,7 +289,7 @@ def test_remarks_are_ranked(emulated_folder, capsys, tmp_path, monkeypatch):
     assert {1, 2} <= set(ranks)
     places = [page.index(line) for line in ranked_remarks]
     assert places == sorted(places)
-    assert page.count('<figure class="chart"') == 5  # validation, stiffness, damping, each wire
+    assert page.count(picture) == 1  # the validation; the fits are in words
     found, both = LimbParameters.load(limb), emulated_folder / "both.csv"
     assert main(["validate", str(limb), str(both), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)

@@ -145,8 +145,8 @@ def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
     segment = limb.segments[0]
     segment.rest_angle, segment.stiffening = 0.05, 0.3
     segment.rest_memory = RestMemory(0.03, 2.0)
-    (duty,) = [e.duty.slice(0, 4) for e in excitations(2) if e.name == "conditioning"]
-    run = HeatedRun.of(simulate(Limb(limb), later(duty), sample_rate=10.0))
+    (duty,) = [e.duty.slice(0, 3) for e in excitations(2) if e.name == "conditioning"]
+    run = HeatedRun.of(simulate(Limb(limb), later(duty), sample_rate=10.0, accuracy=1e-2))
     law, ambient, rubber = stack_limbs([limb])
     cold = [np.full((1, 1, 2), value) for value in law.cold_states(AMBIENT)]
     open_loop = OpenLoop(run.duty[:, np.newaxis], 0.5, segment)

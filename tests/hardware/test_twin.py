@@ -11,12 +11,10 @@ from simulated_board import SimulatedBoard
 
 from hardware import LimbTwin
 from hardware.emulation.emulated_board import EmulatedBoard
-from hardware.emulation.sensors import SensedLimb
 from hardware.emulation.specimen import Specimen
 from hardware.firmware import guard
 from limb_systems import (
     ChordSensor,
-    Limb,
     LimbError,
     LimbParameters,
     SegmentParameters,
@@ -25,7 +23,7 @@ from limb_systems import (
 )
 from limb_systems.limb_parameters import EmulatedLimb
 
-from .conftest import small_limb, small_twin
+from .conftest import small_twin
 
 
 def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):
@@ -40,19 +38,15 @@ def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):
         assert np.sign(bent[wire // 2]) == (1.0 if wire % 2 else -1.0)
 
 
-def test_readings_are_the_model_with_the_stated_noise():
-    course = ([0.0, 0.3], 120.0)
-    sensed, model = (
-        simulate(limb, *course, sample_rate=5.0)
-        for limb in (SensedLimb(Limb(small_limb()), seed=3), Limb(small_limb()))
-    )
-    error = np.rad2deg(sensed.bend_angle - model.bend_angle)[0]
+def test_readings_of_a_limb_at_rest_have_the_stated_noise():
+    at_rest = simulate(small_twin(seed=3), [0.0, 0.0], 120.0, sample_rate=5.0)
+    error = np.rad2deg(at_rest.bend_angle)[0]
     # White noise of 0.5°, on top of a drift that hardly moves from sample to sample.
     assert np.diff(error).std() / np.sqrt(2) == pytest.approx(0.5, rel=0.1)
     assert 0.5 < error[50:].std() < 2.5
-    heat_error = sensed.measured_temperature[0] - 25.0  # the left wire is off
     # Noise of 0.25 °C and steps of 0.25 °C, whose variance is a twelfth of their square.
-    assert heat_error.std() == pytest.approx(0.25 * np.sqrt(1 + 1 / 12), rel=0.1)
+    expected = 0.25 * np.sqrt(1 + 1 / 12)
+    assert at_rest.measured_temperature[0].std() == pytest.approx(expected, rel=0.1)
 
 
 def test_a_limb_that_was_hot_is_still_warm():
@@ -74,18 +68,17 @@ def test_a_limb_that_was_hot_is_still_warm():
 
 def test_a_sagging_limb_shows_what_its_sensor_is_made_for():
     """By beam theory α/2 is two thirds of the chord's angle; rest and noise are alike."""
-    for make in (LimbTwin, lambda limb: SensedLimb(Limb(limb))):
-        sags = []
-        for sensor in (TipTangentSensor(), ChordSensor(), ChordSensor(gain=1.2, offset=0.1)):
-            limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
-            limb.segments[0].bend_sensor = dataclasses.replace(sensor, noise=0.0, drift=0.0)
-            sags.append(simulate(make(limb), [0.0, 0.0], 6.0).bend_angle[0, -20:].mean())
-        half_tangent, chord, wrong = np.rad2deg(sags)
-        assert chord < -6.0
-        # The emulated rubber's angle at rest, of 2° at most, is the same for both.
-        assert half_tangent == pytest.approx(chord / 1.5, abs=0.8)
-        assert half_tangent > chord + 2.0
-        assert wrong == pytest.approx(1.2 * chord + np.rad2deg(0.1), abs=0.2)
+    sags = []
+    for sensor in (TipTangentSensor(), ChordSensor(), ChordSensor(gain=1.2, offset=0.1)):
+        limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
+        limb.segments[0].bend_sensor = dataclasses.replace(sensor, noise=0.0, drift=0.0)
+        sags.append(simulate(LimbTwin(limb), [0.0, 0.0], 6.0).bend_angle[0, -20:].mean())
+    half_tangent, chord, wrong = np.rad2deg(sags)
+    assert chord < -6.0
+    # The emulated rubber's angle at rest, of 2° at most, is the same for both.
+    assert half_tangent == pytest.approx(chord / 1.5, abs=0.8)
+    assert half_tangent > chord + 2.0
+    assert wrong == pytest.approx(1.2 * chord + np.rad2deg(0.1), abs=0.2)
 
 
 def test_readings_are_those_they_have_always_been():
@@ -98,7 +91,6 @@ def test_readings_are_those_they_have_always_been():
         runs = [simulate(twin, [0.1, 0.4], 3.0)]
         rested = twin.after_rest(2.0, bend_rate=100.0)
         runs.append(simulate(rested, [0.0, 0.0], 0.5, sample_rate=100.0))
-        runs.append(simulate(SensedLimb(Limb(limb), seed=seed), [0.1, 0.4], 1.0))
         for number, run in enumerate(runs):
             expected = kept[(kept[:, 0] == seed) & (kept[:, 1] == number), 2:].T
             degrees = np.rad2deg(run.bend_angle)

@@ -79,7 +79,6 @@ def files(tmp_path_factory):
     make_recording().save(folder / "recording.csv")
     make_plan().save(folder / "plan.csv")
     calibrated().save(folder / "limb.yaml")
-    (folder / "task.yaml").write_text("# of a plan\nreach: true\nphases: []\n")
     learner = Learner(make_plan(0.0))
     learner.provenance = MADE
     learner.save(folder / "learning.txt")
@@ -104,7 +103,6 @@ def test_show_prints_kind_contents_and_origin(folder, capsys):
         "recording.csv": ("recording", "source", "emulated limb, seed 7"),
         "plan.csv": ("trajectory", "largest_difference_deg", 0.04),
         "limb.yaml": ("limb", "validation", "off by 1"),
-        "task.yaml": ("task", "reach", "True"),
         "learning.txt": ("learning", "repetitions", []),
         "report.html": ("report", "title", "Limbs & wires"),
     }
@@ -114,9 +112,7 @@ def test_show_prints_kind_contents_and_origin(folder, capsys):
         assert files[name]["kind"] == kind
         assert files[name]["facts"][fact] == text
         made = files[name]["provenance"]
-        if kind == "task":
-            assert made is None
-        elif kind == "limb":
+        if kind == "limb":
             assert made == dataclasses.asdict(calibrated().calibration.provenance)
         else:
             assert made == dataclasses.asdict(MADE)
@@ -147,8 +143,7 @@ def test_a_file_that_is_damaged_or_unknown_is_one_sentence(folder, capsys):
         ("plan.csv", damaged, "plan.csv: "),
         ("learning.txt", damaged, "does not match the checksum"),
         ("limb.yaml", lambda text: text.replace("links: 5", "links: 0"), "segments[0].links is 0"),
-        ("task.yaml", lambda _: "reach: perhaps\n", "task.yaml: reach is 'perhaps'"),
-        ("task.yaml", lambda _: "colour: blue\n", "no field of a limb, a robot or a task"),
+        ("task.yaml", lambda _: "colour: blue\n", "is no recording"),
         ("report.html", lambda text: text.replace('"version"', "version"), "is damaged"),
         ("notes.md", lambda _: "# limb notes, format 3\n", "is no recording"),
         ("results.json", lambda _: "[]", "is no recording"),
@@ -202,17 +197,6 @@ def test_compare_prints_the_digits_in_which_numbers_differ(folder):
         ["1234.5", "1234.6"],
         ["-", "1e-07"],
     ]
-
-
-def test_show_reads_a_reference(tmp_path, capsys):
-    (tmp_path / "mine.csv").write_text("t;bend\n0;0\n2,5;-10\n4;20\n")
-    (tmp_path / "list.csv").write_text("a,b\nc,d\n")
-    assert main(["show", *map(str, [tmp_path / "mine.csv", tmp_path / "list.csv"])]) == 1
-    said = capsys.readouterr()
-    for line in ("duration    4 s", "points      3", "motion      bend -10.0° to 20.0°"):
-        assert line in said.out
-    assert said.err.startswith("error: ")
-    assert "list.csv is no file that soft-limb writes, and no reference" in said.err
 
 
 def test_the_page_has_all_runs_and_their_origin(folder, capsys):

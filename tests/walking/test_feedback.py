@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from calibration.remarks import CalibrationError
-from controllers import supervised
+from controllers import PlanFeedback, supervised
 from hardware import replay
 from limb_systems import HystereticLaw, Limb, LimbModel, LimbParameters, SegmentParameters, simulate
+from limb_systems.simulation import PERIOD
 from planners import plan, references
 from walking import GaitFeedback, HeatFeedback, Robot, RobotParameters, plan_gait, walk
 from walking.strides import fit_strides
@@ -17,8 +18,7 @@ from walking.strides_in_space import fit_strides_in_space, warp_pattern, with_wa
 
 from .conftest import with_quick_wires
 
-PERIOD = 0.05  # s
-TIME, AMPLITUDE, DURATION = range(3)  # of the correction
+TIME, PACE, AMPLITUDE = range(3)  # of the correction
 
 
 @pytest.fixture(scope="module")
@@ -28,44 +28,77 @@ def gait():
 
 
 @pytest.fixture(scope="module")
-def corrections(gait, fed):
-    """The correction (K, ...) until soon after two cycles, of a robot that is read as planned but
-    for the shares of the stride and of the bends; and the tick at which they end."""
-    walked = walk(gait, 3)
-    begin, end = (round((walked.duration - n * gait.period) / PERIOD) for n in (3, 1))
+def crawl():
+    """A crawl of 5 s per cycle."""
+    return plan_gait(with_quick_wires(factor=3.0), temperature_margin=10.0, check=False)
 
-    def after(stride=1.0, bend=1.0, seen=True):
-        planned = walked.bend_angle
-        mean = planned[:, begin:].mean(axis=1, keepdims=True)
-        travel = stride * gait.speed * walked.time
+
+@pytest.fixture(scope="module")
+def fed_walk(crawl, fed):
+    """Return what feedback shows until soon after two cycles of a robot that is read as planned.
+
+    Its stride is a share of the plan's, and its bends are read off by some rad.
+    """
+    walked = walk(crawl, 3)
+    end = round((walked.duration - crawl.period) / PERIOD)
+
+    def after(stride=1.0, bend_error=0.0, seen=True):
+        travel = stride * crawl.speed * walked.time
         pose = np.array([travel, 0 * travel + 0.06, 0 * travel])
         inputs = {
             "measured_temperature": walked.measured_temperature.T,
-            "bend_angle": (mean + bend * (planned - mean)).T,
+            "bend_angle": walked.bend_angle.T + bend_error,
             "body_pose": (pose if seen else np.nan * pose).T,
         }
         inputs = {name: rows[: end + 10] for name, rows in inputs.items()}
-        return fed(GaitFeedback(gait, 3), inputs).correction, end
+        return fed(GaitFeedback(crawl, 3), inputs), end
 
     return after
 
 
-def test_feedback_corrects_nothing_on_a_robot_as_planned(corrections):
-    found, _ = corrections()
-    assert found[-1, [AMPLITUDE, DURATION]] == pytest.approx(1.0, abs=0.02)  # of 40 ticks
+def test_feedback_corrects_nothing_on_a_robot_as_planned(fed_walk):
+    found, _ = fed_walk()
+    assert found.correction[-1, [PACE, AMPLITUDE]] == pytest.approx(1.0, abs=0.02)
 
 
-def test_amplitude_follows_the_stride_and_the_clock_the_bends_after_two_cycles(corrections):
-    found, after = corrections(stride=0.8, bend=0.9)
-    assert (found[: after - 2, AMPLITUDE] == 1.0).all()
-    assert found[-1, AMPLITUDE] == pytest.approx(0.8**-0.5, abs=0.02)
-    assert found[-1, DURATION] == pytest.approx(1 / 0.9, abs=0.03)
-    assert np.diff(found[after + 2 :, TIME]) == pytest.approx(PERIOD / found[-1, DURATION])
+def test_amplitude_follows_the_stride_after_two_cycles(fed_walk):
+    found, end = fed_walk(stride=0.8)
+    assert (found.correction[: end - 2, AMPLITUDE] == 1.0).all()
+    assert found.correction[-1, AMPLITUDE] == pytest.approx(0.8**-0.5, abs=0.02)
 
 
-def test_a_body_that_is_not_seen_leaves_the_amplitude(corrections):
-    found, _ = corrections(stride=0.5, seen=False)
-    assert (found[:, AMPLITUDE] == 1.0).all()
+def test_the_clock_waits_for_a_limb_that_lags_also_if_the_body_is_not_seen(crawl, fed_walk):
+    found, _ = fed_walk(stride=0.5, bend_error=np.deg2rad([0.0, -8.0]), seen=False)
+    assert (found.correction[:, AMPLITUDE] == 1.0).all()
+    in_warm_up = found.correction[:, TIME] < walk(crawl, 3).duration - 3 * crawl.period - PERIOD
+    assert (found.correction[in_warm_up, PACE] == 1.0).all()
+    assert found.correction[-1, PACE] == 0.5
+    assert np.diff(found.correction[-5:, TIME]) == pytest.approx(0.5 * PERIOD)
+
+
+def test_bends_near_the_plan_are_left_and_wires_held_to_its_heat(crawl):
+    """Wires cannot be cooled: small corrections to and fro would warm both wires of a limb."""
+    feedback = GaitFeedback(crawl, 1)
+    state = feedback.CreateDefaultContext().get_discrete_state()
+    plan = feedback._plan
+    time = feedback._begin + 0.6 * crawl.period
+    k = plan.index(time)
+    rested = feedback._estimator.begin(plan.heat[k, -4:], np.zeros(2))
+
+    def desired(error, warmer=0.0):
+        heat = plan.heat[k] + warmer * (np.arange(len(plan.heat[k])) < 4)
+        there = dataclasses.replace(rested, heat=heat, lasting=feedback._planned_offset[k])
+        predicted = feedback._predicted_error(time, there, state)
+        there = dataclasses.replace(there, lasting=there.lasting + predicted - error)
+        return feedback._desired_duty(time, there, np.ones(4), state)
+
+    rates = feedback._estimator.model.heating_rates
+    for error, rate in ((0.9, 0.0), (-0.9, 0.0), (2.0, 2.5), (-3.0, -5.0)):
+        duty, bend_rate = desired(np.deg2rad([error, 0.0]))
+        assert np.rad2deg(bend_rate) == pytest.approx([rate, 0.0], abs=1e-6)
+        assert duty == pytest.approx(plan.duty[k], abs=1e-6)
+    duty, _ = desired(np.zeros(2), warmer=4.0)
+    assert duty == pytest.approx(plan.duty[k] - 4.0 / rates)
 
 
 def test_supervised_robot_has_the_ports_of_a_robot(gait):
@@ -148,7 +181,7 @@ def walked(gait):
     for wire in other.limb("rear").wires:
         wire.law.a2 *= 1.2
     plan = walk(gait, 2)
-    recording = replay(plan, Robot(other), controller=GaitFeedback(gait, 2), unchecked=True)
+    recording = replay(plan, Robot(other), controller=PlanFeedback(plan), unchecked=True)
     return recording, plan.duration - 2 * gait.period
 
 

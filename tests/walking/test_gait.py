@@ -13,7 +13,6 @@ from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 
 from limb_systems import CoupledLaw, LimbModel, LimbParameters, SegmentParameters, simulate
 from walking import Gait, GaitVariation, Robot, RobotLimb, RobotParameters, add_robot, plan_gait
-from walking.gait_check import simulate_gait
 from walking.gait_planning import _infeasibility_reason, standing_start
 from walking.gait_program import STEADINESS, Course, GaitProgram
 from walking.robot_parameters import walking_limb
@@ -194,17 +193,6 @@ def test_load_and_friction_by_balance_where_the_ground_rises_and_a_foot_is_dragg
         loads = [stood(sign * rise, 0.02, y, place)[1][foot, 1] for sign in (-1, 1)]
         assert expected == pytest.approx((loads[1] - loads[0]) / 2e-7, rel=1e-3)
         assert expected > 100.0  # with two feet, loads do not depend on heights
-
-
-@pytest.mark.whole
-def test_three_limbs_slide_one_by_one_as_planned_in_drake():
-    robot = three_limbs()
-    schedule = parse_schedule("ssf sss sfs sss fss sss", 3)
-    gait = plan_gait(robot, schedule=schedule, temperature_margin=5.0, check=False)
-    assert gait.speed > 1.8e-3
-    made = simulate_gait(gait, "", robot, 2)
-    assert not made.fall
-    assert made.strides == pytest.approx([1.0, 1.0], abs=0.05)
 
 
 @pytest.fixture(scope="module")

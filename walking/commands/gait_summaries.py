@@ -57,34 +57,38 @@ def gait_summary(gait: Gait) -> Summary:
     )
 
 
-def walk_summary(gait: Gait, recording: Recording, cycles: int, start: float) -> Summary:
-    """Summarize a walk: its travel in each planned period, its heat, and its fall, if any.
-
-    With feedback a cycle may last longer than a period, which then has only a part of it.
+def walk_summary(gait: Gait, recording: Recording, starts: np.ndarray) -> Summary:
+    """Summarize a walk: the travel and duration of its cycles, its heat, and its fall, if any.
 
     Args:
-        cycles: number of planned cycles.
-        start: time at which the first cycle begins, s.
+        starts: times at which the cycles begin, and the last one ends (C + 1,), s.
     """
     summary = recording.summary()
     if recording.body_pose is None:
         return summary
-    fall, end = find_fall(recording, gait, start)
-    cycles = max(0, min(cycles, int((end - start) / gait.period + 1e-6)))
+
+    # Measure the cycles that ended before a fall.
+    fall, end = find_fall(recording, gait, starts[0])
+    num_completed = max(1, np.searchsorted(starts, end + 1e-6, "right"))
+    completed = starts[:num_completed]
     planned = gait.turn if gait.on_the_spot else gait.stride
     scale, unit = (np.rad2deg(1.0), "°") if gait.on_the_spot else (1e3, " mm")
-    strides = measure_strides(recording, gait, cycles, start)[0] * planned
+    strides = measure_strides(recording, gait, completed)[0] * planned
+    durations = np.diff(completed)
+
+    # Put them into words.
     sentence = "none is whole"
     if len(strides):
         sentence = ", ".join(f"{scale * stride:.1f}" for stride in strides) + unit
-    sentence += f" in periods of {gait.period:.1f} s, {scale * planned:.1f}{unit} planned"
+        sentence += f" in {', '.join(f'{duration:.1f}' for duration in durations)} s"
+    sentence += f"; {scale * planned:.1f}{unit} in {gait.period:.1f} s planned"
     if fall:
         places = recording.body_pose[: 2 if gait.in_space else 1]
-        moved = [np.diff(np.interp([start, end], recording.time, row))[0] for row in places]
+        moved = [np.diff(np.interp([starts[0], end], recording.time, row))[0] for row in places]
         fall += f", having travelled {1e3 * np.linalg.norm(moved):.1f} mm"
-    return summary + Summary(
-        [
-            Entry("strides", strides.tolist(), "rad" if gait.on_the_spot else "m", sentence),
-            Entry("fall", fall),
-        ]
-    )
+    entries = [
+        Entry("strides", strides.tolist(), "rad" if gait.on_the_spot else "m", sentence),
+        Entry("stride_durations", durations.tolist(), "s", sentence=None),
+        Entry("fall", fall),
+    ]
+    return summary + Summary(entries)

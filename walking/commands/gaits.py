@@ -39,7 +39,7 @@ from walking.commands.gait_summaries import gait_summary, walk_summary
 from walking.course import check_course
 from walking.gait import Gait
 from walking.gait_check import find_fall, measure_strides, simulate_gait
-from walking.gait_feedback import GaitFeedback
+from walking.gait_feedback import MIN_PACE, GaitFeedback
 from walking.gait_planning import plan_gait
 from walking.gait_program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
 from walking.gait_request import GaitRequest
@@ -335,10 +335,12 @@ def _walk(options: argparse.Namespace) -> int:
         outputs += [first_file, gait_file]
 
     # Walk, and summarize the strides.
-    cycles = options.cycles
-    recording, start = _walk_cycles(options, gait, cycles, robot, options.output, heat, bend)
+    controller = options.controller or _default_controller(options, gait)
+    recording, starts = _walk_cycles(
+        controller, gait, options.cycles, robot, options.output, heat, bend
+    )
     save_panels(motion_panels(recording), options.plot)
-    summary = replan_summary + walk_summary(gait, recording, cycles, start)
+    summary = replan_summary + walk_summary(gait, recording, starts)
     print_summary(options, summary, outputs)
     return 1 if recording.interrupted else 0
 
@@ -366,32 +368,43 @@ def _make_robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
     return RobotTwin(gait.robot, seed=options.emulated, truth=True)
 
 
+def _default_controller(options: argparse.Namespace, gait: Gait) -> str:
+    """Return the controller of a walk by a gait; on a port no camera sees the body."""
+    if gait.in_space:
+        return HEAT_FEEDBACK
+    return BEND_FEEDBACK if options.port else STRIDE_FEEDBACK
+
+
 def _walk_cycles(
-    options: argparse.Namespace,
+    name: str,
     gait: Gait,
     cycles: int,
     robot: LimbSystem,
     output: Path,
     heat: np.ndarray | None = None,
     bend: np.ndarray | None = None,
-) -> tuple[Recording, float]:
-    """Walk some cycles from a heat and bends.
+) -> tuple[Recording, np.ndarray]:
+    """Walk some cycles by a controller, from a heat and bends.
 
     Returns:
-        The recording, and the time at which the first cycle begins, s.
+        The recording, and the times at which cycles began, and the last one ended, s.
     """
     trajectory = walk(gait, cycles, heat=heat, bend=bend)
-    default_in_plane = BEND_FEEDBACK if options.port else STRIDE_FEEDBACK
-    name = options.controller or (HEAT_FEEDBACK if gait.in_space else default_in_plane)
+    start = trajectory.duration - cycles * gait.period
+    starts = start + gait.period * np.arange(cycles + 1)
     controller: LeafSystem | None = None
     if name == STRIDE_FEEDBACK:
         controller = GaitFeedback(gait, cycles, heat=heat, bend=bend)
+        # Its clock waits for the limbs, and it ends the walk.
+        trajectory = walk(gait, int(np.ceil(cycles / MIN_PACE)), heat=heat, bend=bend)
     elif name == BEND_FEEDBACK:
         controller = PlanFeedback(trajectory, known_start=heat is not None)
     elif name == HEAT_FEEDBACK:
         controller = HeatFeedback(trajectory)
     recording = record_replay(trajectory, robot, output, controller=controller)
-    return recording, trajectory.duration - cycles * gait.period
+    if isinstance(controller, GaitFeedback):
+        starts = np.array(controller.cycle_starts or starts[:1])
+    return recording, starts
 
 
 def _walk_first_strides(
@@ -402,7 +415,10 @@ def _walk_first_strides(
     Raises:
         LimbError: if the robot falls, or nothing can be fitted to its strides.
     """
-    recording, start = _walk_cycles(options, gait, FIRST_STRIDES, robot, output)
+    # The fit takes strides at the planned speed.
+    name = options.controller or (HEAT_FEEDBACK if gait.in_space else BEND_FEEDBACK)
+    recording, starts = _walk_cycles(name, gait, FIRST_STRIDES, robot, output)
+    start = float(starts[0])
     fall = find_fall(recording, gait, start)[0] if recording.body_pose is not None else ""
     if fall or recording.interrupted:
         raise LimbError(
@@ -412,7 +428,7 @@ def _walk_first_strides(
     if not gait.in_space:
         return fit_strides(gait, recording, start, FIRST_STRIDES)
     fit = fit_strides_in_space(gait, recording, start, FIRST_STRIDES)
-    made = measure_strides(recording, gait, FIRST_STRIDES, start)[0][-1]
+    made = measure_strides(recording, gait, starts)[0][-1]
     return dataclasses.replace(fit, made=float(made))
 
 
@@ -609,11 +625,11 @@ COMMANDS = {
             Option(
                 "--controller",
                 choices=[STRIDE_FEEDBACK, BEND_FEEDBACK, HEAT_FEEDBACK, OPEN_LOOP],
-                help=f"{STRIDE_FEEDBACK}: hold the bends, and correct their amplitude and duration "
-                f"by each stride; {BEND_FEEDBACK}: hold the bends; {HEAT_FEEDBACK}: hold the "
-                f"temperatures; {OPEN_LOOP}: the gait's duty (default in space {HEAT_FEEDBACK}; in "
-                f"a plane {STRIDE_FEEDBACK}, or {BEND_FEEDBACK} on a port, where no camera sees "
-                "the body)",
+                help=f"{STRIDE_FEEDBACK}: hold the bends, wait for limbs that lag, and correct the "
+                f"amplitude by each stride; {BEND_FEEDBACK}: hold the bends; {HEAT_FEEDBACK}: hold "
+                f"the temperatures; {OPEN_LOOP}: the gait's duty (default: in space "
+                f"{HEAT_FEEDBACK}, in a plane {STRIDE_FEEDBACK}, or {BEND_FEEDBACK} on a port, "
+                "where no camera sees the body)",
             ),
         ],
         examples=["soft-limb walk out/gait.csv -n 4 -o out/walk.csv"],
