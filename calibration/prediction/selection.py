@@ -82,6 +82,7 @@ class Candidate:
     @property
     def temperature_error(self) -> float:
         """Mean |V - V_sim| over all, °C; 0 without thermocouples."""
+        # Recordings without thermocouples do not count.
         read = [each.temperature_error for each in self.judged if each.run.is_read]
         return float(np.mean(read)) if read else 0.0
 
@@ -167,6 +168,7 @@ class Prediction:
             "of the difference, in blocks of 10 s, of the errors of bend and V together, those of "
             "what judged and those of what was fitted."
         )
+        # Say why a law that is nearer to what judged is not used.
         nearest = min(self.candidates, key=lambda candidate: candidate.bend_error)
         if nearest.bend_error < self.best.bend_error:
             better, error = error_reduction(nearest, self.best)
@@ -191,6 +193,7 @@ class Prediction:
         return [*remarks_on_data, *itertools.chain(*remarks_on_fit)]
 
     def _remarks_on_mountings(self) -> Iterator[Remark]:
+        # Gravity towards E2 and E3 must differ between recordings of a limb in space.
         loads = np.array([predicted.run.load for predicted in self.fit.predicted])
         if self.fit.segment.axes > 1 and np.ptp(loads[:, 1:3], axis=0).max() < 1.0:
             yield Remark(
@@ -202,6 +205,7 @@ class Prediction:
             )
 
     def _remarks_on_judges(self) -> Iterator[Remark]:
+        # Compare the heat while laws are judged with the whole.
         judged_heat = [p.run.duty[int(p.run.times[0] / STEP) :].sum() for p in self.best.judged]
         if sum(judged_heat) < 0.5 * LEFT_OUT_SHARES[0] * sum(
             p.run.duty.sum() for p in self.best.judged
@@ -220,6 +224,7 @@ class Prediction:
                 "from the duty by it, not measured. Simulate, plan, and learn in emulation with "
                 "this limb; boards refuse to heat without thermocouples.",
             )
+        # Remark on each wire of which recordings tell nothing, or no lag.
         for index, wire in enumerate(self.fit.segment.wires):
             fields = {unknown.field for unknown in self.fit.unidentified if unknown.wire == index}
             if not self.fit.measures_heat and fields <= {*READING_FIELDS}:
@@ -248,6 +253,7 @@ class Prediction:
         for unknown, x, estimate, share in zip(
             self.fit.unknowns, self.fit.fitted, estimates, shares, strict=True
         ):
+            # A value at its bound, then a value that is known no better than before.
             may_be_absent = unknown.low == 0.0 and not unknown.form  # a part of a law
             low = -np.inf if may_be_absent else unknown.low
             if not low + BOUND_MARGIN < x < unknown.high - BOUND_MARGIN:
@@ -266,6 +272,7 @@ class Prediction:
     def _remarks_on_starts(self) -> Iterator[Remark]:
         law = self.fit.law
         names = [wire.name for wire in self.fit.segment.wires]
+        # Check each temperature of each wire at the start of each recording.
         for predicted, initial_conditions in zip(
             self.fit.predicted, self.fit.initial_conditions, strict=True
         ):
