@@ -19,7 +19,6 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.linalg import block_diag
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import detrend
 
 from controllers.duty_correction import READING_MARGIN, DutyCorrection, Residuals
 from controllers.estimator import DRIFT_TIME
@@ -519,6 +518,8 @@ class Learner:
         unexpected = residuals[index] - errors.bend_angle
         bend_angle = about.bend_angle - unexpected
         seen = np.isfinite(unexpected).all(axis=1)
+        from scipy.signal import detrend  # takes seconds to import
+
         detrended = detrend(unexpected[seen], axis=0)
         bend_angle[seen] += uniform_filter1d(detrended, SMOOTHING_NODES, axis=0)
         return _Belief(bend, errors, program.distance(bend_angle))

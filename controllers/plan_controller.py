@@ -2,7 +2,6 @@
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
-from scipy.optimize import lsq_linear
 
 from controllers.estimator import Estimator, StateEstimate, pack
 from controllers.reduced_model import ReducedModel
@@ -162,6 +161,8 @@ def allocate(
         caps: the most duty of each wire (W,).
     """
     if (np.count_nonzero(gains, axis=0) > 1).any():
+        from scipy.optimize import lsq_linear  # takes long to import
+
         costs = np.vstack([BEND_RATE_WEIGHT * gains, np.eye(len(duty))])
         target = np.append(BEND_RATE_WEIGHT * bend_rate, 0.0 * duty)
         # The method needs bounds that differ.

@@ -9,7 +9,6 @@ import functools
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import nnls
 
 from limb_systems import LimbModel, LimbParameters
 from limb_systems.simulation import PERIOD
@@ -89,6 +88,8 @@ class ReducedModel:
 
     def temperature_to_hold(self, offset: np.ndarray) -> np.ndarray:
         """Return the rise of the wires (W,), °C, that holds a bend from outside (F,), rad."""
+        from scipy.optimize import nnls  # takes long to import
+
         return nnls(self.bend_by_temperature, -offset)[0]
 
     def temperatures(self, heat: np.ndarray) -> np.ndarray:

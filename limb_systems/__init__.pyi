@@ -23,10 +23,9 @@ from .limb import (
     add_limb_actuation,
     from_paper_state,
     make_manipulator,
-    split_state,
     to_paper_state,
 )
-from .limb_model import LimbModel
+from .limb_model import LimbModel, split_state
 from .limb_parameters import (
     CalibrationRecord,
     EmulatedLimb,

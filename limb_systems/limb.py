@@ -20,7 +20,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from limb_systems.kinematics import rest_joint_angles
-from limb_systems.limb_model import LimbModel
+from limb_systems.limb_model import LimbModel, split_state
 from limb_systems.limb_parameters import LimbParameters, ParameterError
 from limb_systems.wire_blocks import add_wire_blocks
 from limb_systems.wire_laws.linear import LinearLaw
@@ -352,20 +352,6 @@ def from_paper_state(parameters: LimbParameters, paper_state: ArrayLike) -> np.n
     angles, measured, rates, measured_rate = parts
     wire = measured - measured_rate / _a3(parameters, measured)
     return np.concatenate([angles, rates, wire, measured])
-
-
-def split_state(
-    parameters: LimbParameters | LimbModel, state: ArrayLike
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return θ (n), θ̇ (n), x (N) and V (W) of a state of `Limb`, each (.., K).
-
-    The states x of the wires begin with T (W).
-    """
-    layout = LimbModel.of(parameters).layout
-    n = layout.num_joints
-    ends = [n, 2 * n, -layout.num_wires]
-    angles, rates, wire, measured = np.split(np.asarray(state, float), ends)
-    return angles, rates, wire, measured
 
 
 def _a3(parameters: LimbParameters, readings: np.ndarray) -> np.ndarray:

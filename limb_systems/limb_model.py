@@ -6,6 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from limb_systems.dynamics import Dynamics
 from limb_systems.layout import Layout
 from limb_systems.limb_mechanics import LimbMechanics
@@ -96,3 +99,17 @@ class LimbModel:
         plain = dataclasses.replace(self.parameters, calibration=None)
         laws = [type(wire.law) for wire in plain.wires]
         return build_once((name, repr(plain), *laws), build)
+
+
+def split_state(
+    limb: LimbParameters | LimbModel, state: ArrayLike
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return θ (n), θ̇ (n), x (N) and V (W) of a state of `Limb`, each (.., K).
+
+    The states x of the wires begin with T (W).
+    """
+    layout = LimbModel.of(limb).layout
+    n = layout.num_joints
+    ends = [n, 2 * n, -layout.num_wires]
+    angles, rates, wire, measured = np.split(np.asarray(state, float), ends)
+    return angles, rates, wire, measured

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.limb import split_state
+from limb_systems.limb_model import split_state
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.monte_carlo import OpenLoop, draw_limbs, stack_limbs
 

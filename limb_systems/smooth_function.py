@@ -6,6 +6,7 @@ most of the time, CasADi evaluates the operations itself.
 """
 
 import functools
+import itertools
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -70,7 +71,7 @@ FEW_POINTS = 40
 FEW_BOUND_POINTS = 100  # of a bound function, which has no overhead
 # CasADi evaluates so many points before numpy does: listing an instruction takes as long.
 POINTS_BEFORE_LISTING = 1000
-CHUNK = 1024  # points that numpy evaluates at once, so that they stay in the processor's cache
+CHUNK = 1500  # points that numpy evaluates at once, so that they stay in the processor's cache
 
 
 class Compiled:
@@ -114,11 +115,13 @@ class Compiled:
             self._num_points_by_casadi = total
             outputs = self._function.call(flat)
             return [values.full().reshape(-1, *shape) for values in outputs]
-        # Evaluate all others in numpy, in chunks.
+        # Evaluate all others in numpy, in chunks of about the same size.
+        num_chunks = -(-num_points // CHUNK)
+        ends = np.linspace(0, num_points, num_chunks + 1).astype(int).tolist()
         results = [np.empty((size, num_points), dtype) for size in self._sizes]
         with np.errstate(all="ignore"):
-            for start in range(0, num_points, CHUNK):
-                part = slice(start, start + CHUNK)
+            for start, end in itertools.pairwise(ends):
+                part = slice(start, end)
                 self._fill([values[:, part] for values in (*flat, *results)])
         if dtype.hasobject:  # constants among the values, too, become one of Drake's scalars
             results = [values + 0.0 * inputs[0].flat[0] for values in results]
@@ -169,11 +172,12 @@ class Compiled:
             inputs = [ca.MX.sym("i", num_points, size) for size in sizes]
             outputs = self._function.map(num_points).call([each.T for each in inputs])
             self._mapped[num_points] = ca.Function("mapped", inputs, [each.T for each in outputs])
+        buffer: Any
         buffer, evaluate = self._mapped[num_points].buffer()
         for number, values in enumerate(arrays[: len(arrays) - len(self._sizes)]):
-            buffer.set_arg(number, memoryview(values))
+            buffer.set_arg(number, values.data)
         for number, values in enumerate(arrays[-len(self._sizes) :]):
-            buffer.set_res(number, memoryview(values))
+            buffer.set_res(number, values.data)
 
         def evaluate_at_points(_memory: object = (buffer, arrays)) -> None:  # which CasADi uses
             evaluate()

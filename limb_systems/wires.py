@@ -308,6 +308,13 @@ class Wires:
         return states
 
 
+def among_zeros(values: ca.SX, indices: np.ndarray, size: int) -> ca.SX:
+    """Return values at some indices of a column (size,) that is zero elsewhere."""
+    column = ca.SX.zeros(size)
+    column[indices.tolist()] = values
+    return column
+
+
 def _joined(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return arrays (..., size) side by side, with equal points."""
     if left.shape[:-1] != right.shape[:-1]:

@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike
 
 from limb_systems import (
     ActiveConstraint,
-    Limb,
     LimbError,
     LimbModel,
     Trajectory,
@@ -56,6 +55,8 @@ def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarra
     try:
         simulated = bend_angle(plan.model, simulate_plan(plan, times))
     except LimbError:  # the equations change too suddenly; Drake's error control handles this
+        from limb_systems import Limb  # Drake's multibody takes long to import
+
         recording = simulate(
             Limb(plan.parameters),
             plan,

@@ -18,7 +18,7 @@ import numpy as np
 
 from limb_systems import LimbError, Trajectory, split_state
 from limb_systems.smooth_function import SmoothFunction
-from limb_systems.wires import Wires
+from limb_systems.wires import Wires, among_zeros
 from planners.recurrence import LinearRecurrence
 from planners.transcription.collocation import ANGLE_SCALE
 
@@ -256,14 +256,11 @@ def _subdivide(times: np.ndarray, pieces: np.ndarray) -> np.ndarray:
 
 def _heating_residual(wires: Wires, states: np.ndarray, group: np.ndarray) -> SmoothFunction:
     """Return ẋ less its value by (6), as a function of [∫x, x, ẋ] and the duty of some wires."""
-    rows = states.tolist()
-    integral, x, rates = (ca.SX.sym(name, len(rows)) for name in ("integral", "x", "rates"))
+    integral, x, rates = (ca.SX.sym(name, len(states)) for name in ("integral", "x", "rates"))
     duty = ca.SX.sym("D", len(group))
     # All other wires stay at zero.
-    all_states = ca.SX.zeros(wires.num_states)
-    all_states[rows] = x
-    all_duty = ca.SX.zeros(wires.num_wires)
-    all_duty[group.tolist()] = duty
+    all_states = among_zeros(x, states, wires.num_states)
+    all_duty = among_zeros(duty, group, wires.num_wires)
     readings = ca.SX(wires.num_wires, 1)
-    residual = rates - wires.symbolic_heat(all_states, readings, all_duty)[rows]
+    residual = rates - wires.symbolic_heat(all_states, readings, all_duty)[states.tolist()]
     return SmoothFunction(residual, ca.vertcat(integral, x, rates), duty)

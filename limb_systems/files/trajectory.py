@@ -14,7 +14,6 @@ from limb_systems.files.plan_statements import plan_statements
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.signal_table import Planned, not_saved, sample_rate, signal
 from limb_systems.kinematics import bend_angle
-from limb_systems.limb import Limb
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.summary import Entry, Summary
 
@@ -210,16 +209,14 @@ class Trajectory(Planned):
 
         Their slopes at the knots are the rates of the dynamics.
         """
-        # Evaluate the dynamics at each knot.
-        limb = Limb(self.parameters)
-        context = limb.CreateDefaultContext()
-        duty = limb.GetInputPort("duty").FixValue(context, self.duty[:, 0])
-        rates = []
-        for state, applied in zip(self.state.T, self.duty.T, strict=True):
-            duty.GetMutableData().set_value(applied)
-            context.SetContinuousState(state)
-            rates.append(limb.EvalTimeDerivatives(context).CopyToVector())
-        return PiecewisePolynomial.CubicHermite(self.time, self.state, np.transpose(rates))
+        model = self.model
+        heat = np.vstack([self.wire_states, self.measured_temperature])
+        accelerations = model.dynamics.accelerations(
+            np.vstack([self.joint_state, self.wire_states]).T
+        )
+        heat_rates = model.wires.heat_rates(heat.T, self.duty.T)
+        rates = np.vstack([self.joint_rates, accelerations.T, heat_rates.T])
+        return PiecewisePolynomial.CubicHermite(self.time, self.state, rates)
 
     def bend_angle_at(self, times: ArrayLike) -> np.ndarray:
         """Return φ* at any times (M,), (F, M), rad; at one time, (F,), as ports take it.

@@ -28,7 +28,7 @@ from pydrake.solvers import Binding
 
 from limb_systems.limb_model import LimbModel
 from limb_systems.smooth_function import SmoothFunction
-from limb_systems.wires import Wires
+from limb_systems.wires import Wires, among_zeros
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 
@@ -444,21 +444,16 @@ def _heat_function(
     wires: Wires, states: np.ndarray, group: np.ndarray, with_readings: bool
 ) -> SmoothFunction:
     """Return `heat_defects` of some states and wires, as a function of [y0, D0, y1, D1] and h."""
-    size = len(wires.heat_scales)
-    rows = [*states.tolist(), *(wires.num_states + group).tolist()]
-    rows = rows if with_readings else states.tolist()
-    # All other wires stay at zero.
-    ends = []
-    point = []
-    for knot in range(2):
-        y = ca.SX.zeros(size)
-        D = ca.SX.zeros(wires.num_wires)
-        y[rows] = ca.SX.sym(f"y{knot}", len(rows))
-        D[group.tolist()] = ca.SX.sym(f"D{knot}", len(group))
-        ends += [y, D]
-        point += [y[rows], D[group.tolist()]]
+    rows = np.append(states, wires.num_states + group) if with_readings else states
+    y0, y1 = (ca.SX.sym(name, len(rows)) for name in ("y0", "y1"))
+    D0, D1 = (ca.SX.sym(name, len(group)) for name in ("D0", "D1"))
     h = ca.SX.sym("h")
-    return SmoothFunction(heat_defects(wires, *ends, h)[rows], ca.vertcat(*point), h)
+    # All other wires stay at zero.
+    size = len(wires.heat_scales)
+    first, second = (among_zeros(y, rows, size) for y in (y0, y1))
+    duty, next_duty = (among_zeros(D, group, wires.num_wires) for D in (D0, D1))
+    defects = heat_defects(wires, first, duty, second, next_duty, h)
+    return SmoothFunction(defects[rows.tolist()], ca.vertcat(y0, D0, y1, D1), h)
 
 
 def heat_defects(

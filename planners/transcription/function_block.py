@@ -1,7 +1,7 @@
 """One smooth function at many points of a program, as a block of constraints."""
 
 import functools
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +11,7 @@ from pydrake.solvers import Binding
 class PointFunction(Protocol):
     """A function of points (..., P) with values (..., Q), such as a `SmoothFunction`.
 
-    There are no derivatives by its parameters.
+    It may have parameters, by which there are no derivatives.
     """
 
     num_values: int
@@ -24,16 +24,20 @@ class PointFunction(Protocol):
     def curvature_places(self) -> np.ndarray:
         """Indices i >= j of the variables of each second derivative that may not be zero (2, Z)."""
 
-    def values(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
-        """Return the values (..., Q)."""
+    @property
+    def values(self) -> Callable[..., np.ndarray]:
+        """The function that returns the values (..., Q) for points and parameters."""
 
-    def slopes(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
-        """Return the derivatives at the ``slope_places`` (..., Z)."""
+    @property
+    def slopes(self) -> Callable[..., np.ndarray]:
+        """The function that returns derivatives (..., Z) at the ``slope_places``, as ``values``."""
 
-    def curvatures(
-        self, points: np.ndarray, weights: np.ndarray, *parameters: np.ndarray
-    ) -> np.ndarray:
-        """Return second derivatives of weights (..., Q) · values at their places (..., Z)."""
+    @property
+    def curvatures(self) -> Callable[..., np.ndarray]:
+        """The function that returns second derivatives of weights · values at their places.
+
+        Its arguments are points, weights (..., Q) and parameters.
+        """
 
 
 class FunctionBlock:

@@ -92,19 +92,31 @@ class ConstraintBlock(Protocol):
     """Constraints lower <= g(x) <= upper that are evaluated together.
 
     - ``lower``, ``upper``: (m,).
-    - ``rows``, ``columns``: places of the Jacobian's nonzeros in (m, len(x)).
-    - ``hessian_rows``, ``hessian_columns``: places of the nonzeros of the Hessian of λᵀ g, of its
-      lower triangle alone; values of the same place, or of its mirror image, add up.
     - ``replaces``: the program's constraints that they replace.
     """
 
     lower: np.ndarray
     upper: np.ndarray
-    rows: np.ndarray
-    columns: np.ndarray
-    hessian_rows: np.ndarray
-    hessian_columns: np.ndarray
     replaces: Collection[Binding]
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Rows of the Jacobian's nonzeros."""
+
+    @property
+    def columns(self) -> np.ndarray:
+        """Columns of the Jacobian's nonzeros."""
+
+    @property
+    def hessian_rows(self) -> np.ndarray:
+        """Rows of the nonzeros of the Hessian of λᵀ g, of its lower triangle alone.
+
+        Values of the same place, or of its mirror image, add up.
+        """
+
+    @property
+    def hessian_columns(self) -> np.ndarray:
+        """Columns of these nonzeros."""
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         """Return g(x) (m,)."""

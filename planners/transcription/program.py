@@ -1,14 +1,14 @@
 """The trajectory program, eqns (15)-(20), on Drake's DirectCollocation."""
 
 import functools
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike
-from pydrake.planning import DirectCollocation
 from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
 
-from limb_systems import Limb, LimbModel, LimbParameters, joint_angles_from_bend_angle, split_state
+from limb_systems import LimbModel, LimbParameters, joint_angles_from_bend_angle, split_state
 from limb_systems.files.trajectory import AddedTerms
 from planners.task import Task, TaskError
 from planners.transcription.collocation import (
@@ -19,6 +19,9 @@ from planners.transcription.collocation import (
 )
 from planners.transcription.customized_terms import describe, group_by_name, variables_at_bounds
 from planners.transcription.ipopt import ConstraintBlock
+
+if TYPE_CHECKING:
+    from limb_systems import Limb
 
 REST_RATE = np.deg2rad(0.5)  # rad/s, largest bend rate at rest
 REACH_TOLERANCE = np.deg2rad(0.1)  # rad
@@ -451,7 +454,9 @@ class TrajectoryProgram(PlanProgram):
         super().__init__(parameters, times, task, measured_margin)
 
     @functools.cached_property
-    def limb(self) -> Limb:
+    def limb(self) -> "Limb":
+        from limb_systems import Limb  # Drake's multibody takes long to import
+
         return Limb(self.parameters)
 
     def _add_variables(self) -> None:
@@ -462,6 +467,8 @@ class TrajectoryProgram(PlanProgram):
         # States, duty and time steps, with or without Drake's constraints.
         self.collocation = None
         if self._with_constraints:
+            from pydrake.planning import DirectCollocation  # takes long to import
+
             self.collocation = collocation = DirectCollocation(
                 self.limb,
                 self.limb.CreateDefaultContext(),

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from controllers import Learner
+import controllers
 from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TABLE, read_bytes
@@ -86,7 +86,8 @@ def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
             f"{path} is no recording, trajectory, gait, limb, robot, state of learning or report "
             "of soft-limb."
         )
-    value, made, summary = _readers()[kind](path, text, quick)
+    reader = _READERS.get(kind) or _readers_of_packages()[kind]
+    value, made, summary = reader(path, text, quick)
     return ResultFile(path, kind, summary, made, value)
 
 
@@ -94,9 +95,9 @@ Read = tuple[Any, Provenance | None, Summary]
 
 
 @functools.cache
-def _readers() -> dict[str, Callable[[Path, str, bool], Read]]:
-    """Return the reader of each kind, including the readers of other packages."""
-    readers = dict(_READERS)
+def _readers_of_packages() -> dict[str, Callable[[Path, str, bool], Read]]:
+    """Return the reader of each kind that another package adds."""
+    readers: dict[str, Callable[[Path, str, bool], Read]] = {}
     for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
         readers |= entry.load()
     return readers
@@ -116,7 +117,7 @@ def _trajectory(path: Path, _text: str, quick: bool) -> Read:
 
 
 def _learning(path: Path, _text: str, quick: bool) -> Read:
-    learner = Learner.load(path)
+    learner = controllers.Learner.load(path)
     plan = learner.trajectory
     more = Summary([Entry("plan", plan.summary().line()), identity_entry(plan.parameters)])
     return None, learner.provenance, repetitions_summary(learner, quick=quick) + more
