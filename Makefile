@@ -61,7 +61,6 @@ pictures: evaluation
 	$(BIN)/python docs/pictures.py build/evaluation
 
 tables: evaluation
-	$(BIN)/python benchmarks/plan_time_by_law.py > build/evaluation/laws.txt
 	$(BIN)/python benchmarks/gaits_in_space.py > build/evaluation/gaits_in_space.txt
 	$(BIN)/python docs/tables.py build/evaluation
 

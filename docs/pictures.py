@@ -33,7 +33,6 @@ from limb_systems import Limb, LimbParameters, Recording, Trajectory, simulate
 from limb_systems.views.colors import LEFT_RIGHT_COLORS
 from limb_systems.views.plots import save_figure
 from planners import Task, plan, references
-from planners.diagnostics import plot_diagnostics
 from soft_limb.command import main as main_command
 from soft_limb.live_page import LivePage
 from urdf import limb_urdf
@@ -77,10 +76,8 @@ def make_diagrams(_: Path) -> None:
         save_dot(f"digraph {{ rankdir=LR; {STYLE} {dot} }}", FOLDER / f"{name}.svg")
 
 
-def make_plan(_: Path) -> None:
+def make_links(_: Path) -> None:
     save_figure(draw_links(LimbParameters()), FOLDER / "links.png")
-    trajectory = plan(LimbParameters(), references.step_and_decaying_sine())
-    save_figure(plot_diagnostics(trajectory), FOLDER / "diagnostics.png")
 
 
 def copy_evaluation(evaluation: Path) -> None:
@@ -422,7 +419,7 @@ def browser_page(width: int, height: int):
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     "diagrams": make_diagrams,
-    "plan": make_plan,
+    "links": make_links,
     "evaluation": copy_evaluation,
     "runs": photograph_runs,
     "live": photograph_live_page,

@@ -253,6 +253,7 @@ class OpenLoop:
             if (np.abs(heat) < DIVERGED_TEMPERATURE).all():
                 break
         return heat, num_substeps
+
     def _heat_in_substeps(
         self, law: WireLaw, T0: np.ndarray, start: np.ndarray, num_substeps: int
     ) -> np.ndarray:
@@ -430,6 +431,13 @@ def _symbolic_step(law: WireLaw, step: float) -> _SymbolicStep | None:
             after = ca.densify(runge_kutta(rates, heat, (duty, duty, duty), step))
         except Exception:  # of any kind: a lab's law may do anything with its fields
             return None
+        # Numpy may turn symbols into nan in silence.
+        default_law = type(law)()
+        probe = [20.0, *(getattr(default_law, name) for name in names)]
+        cold = [*default_law.cold_states(20.0), 20.0]
+        after_probe = ca.Function("step", [heat, duty, constants], [after])(cold, 0.5, probe)
+        if np.isnan(after_probe.full()).any():
+            return None
         return _SymbolicStep(
             Compiled([heat, duty, constants], [after]),
             SmoothFunction(after, ca.vertcat(heat, constants), duty),
@@ -443,7 +451,9 @@ def _symbolic_step(law: WireLaw, step: float) -> _SymbolicStep | None:
 
 def _step_constants(law: WireLaw, T0: np.ndarray) -> np.ndarray:
     """Return T0 and the fields of a law that are arrays, broadcast (1 + F, B, R, W)."""
-    return np.array([np.broadcast_to(each, T0.shape) for each in (T0, *_array_fields(law).values())])
+    return np.array(
+        [np.broadcast_to(each, T0.shape) for each in (T0, *_array_fields(law).values())]
+    )
 
 
 def _bound_step(
@@ -489,9 +499,8 @@ def _numeric_rates(
 
     def of_each(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         rates = np.empty_like(heat)
-        for number, wire in np.ndindex(T0.shape[0], T0.shape[2]):
-            place = (number, slice(None), wire)
-            values = {name: float(value[number, 0, wire]) for name, value in fields.items()}
+        for place in np.ndindex(T0.shape):
+            values = {name: float(value[place]) for name, value in fields.items()}
             one_law = with_fields(type(law), vars(law) | values)
             rates[:, *place] = rates_of(one_law, heat[:, *place], duty[place], T0[place])
         return rates

@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 # From the ground up: a package imports itself and those before it, and nothing imports the last.
 PACKAGES = (
@@ -42,7 +44,6 @@ def module_files() -> dict[str, Path]:
 
 
 FILES = module_files()
-TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
 
 
 def is_within(name: str, room: str) -> bool:
@@ -86,7 +87,16 @@ def imports_of(name: str, tree: ast.AST) -> set[str]:
 
 # `Recording.from_log` leads up to the import of logs, when it is called and not before.
 UPWARD = {"limb_systems.files.recording": {"calibration.import_logs.importing"}}
-IMPORTS = {name: imports_of(name, tree) - UPWARD.get(name, set()) for name, tree in TREES.items()}
+
+
+@pytest.fixture(scope="module")
+def imports() -> dict[str, set[str]]:
+    """By module, the project's modules that it imports."""
+    found = {}
+    for name, path in FILES.items():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        found[name] = imports_of(name, tree) - UPWARD.get(name, set())
+    return found
 
 
 def test_imports_in_functions_and_by_importlib_are_seen():
@@ -104,9 +114,9 @@ def later():
     assert seen == wanted
 
 
-def test_imports_go_one_way():
+def test_imports_go_one_way(imports):
     wrong = []
-    for name, imported in IMPORTS.items():
+    for name, imported in imports.items():
         package = name.partition(".")[0]
         below = PACKAGES[: PACKAGES.index(package) + 1]
         if package == "soft_limb":
@@ -125,9 +135,9 @@ def test_imports_go_one_way():
     assert wrong == []
 
 
-def test_no_modules_import_each_other_in_a_circle():
+def test_no_modules_import_each_other_in_a_circle(imports):
     # `walking` imports its modules when their names are asked for.
-    eager = {name: imported - {"walking"} for name, imported in IMPORTS.items()}
+    eager = {name: imported - {"walking"} for name, imported in imports.items()}
     try:
         graphlib.TopologicalSorter(eager).prepare()
     except graphlib.CycleError as error:

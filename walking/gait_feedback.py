@@ -38,10 +38,9 @@ class GaitFeedback(PlanFeedback):
     Within a cycle the F bends of the limbs are to be φ̄ + a (φ* - φ̄), with φ̄ the mean of each
     planned bend over the cycle. Their errors e in the coming 0.5 s are predicted as by
     `PlanFeedback`. Wires are held to the heat of the gait's limit cycle. In addition errors beyond
-    1° are corrected, and wires make the amplitude:
+    1° are corrected:
 
-        D = D* + k (T* - T) / a2 + λ g
-        bend rate by λ g = k_p (e - clip(e, -1°, 1°)) + k (a - 1) (φ* - φ̄)
+        D = D* + k (T* - T) / a2 + λ g,   bend rate by λ g = k_p (e - clip(e, -1°, 1°))
 
     with k of `HeatFeedback` and the rest of `PlanFeedback`. No wire is heated to more than 2 °C
     beyond the gait's heat and what holds bends that the gait's ground does not make. The pace of
@@ -143,17 +142,15 @@ class GaitFeedback(PlanFeedback):
     def _desired_duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         # Hold the heat of the plan at the clock's pace.
         model = self._estimator.model
-        (bend,), _, (duty,) = self._planned(np.array([time]), state)
+        (duty,) = self._planned(np.array([time]), state)[-1]
         colder = self._plan.temperature[self._plan.index(time)] - model.temperatures(estimate.heat)
         duty = duty + HEAT_GAIN * colder / model.heating_rates
         if time < self._begin:
             return duty, np.zeros(model.num_bends)
-        # Correct bends that are far from the plan's, and make the corrected amplitude.
+        # Correct bends that are far from the plan's.
         error = self._predicted_error(time, estimate, state)
         beyond = error - np.clip(error, -MAX_ERROR, MAX_ERROR)
-        amplitude = state.value(2)[AMPLITUDE]
-        wider = (1 - 1 / amplitude) * (bend - self._mean_bend)
-        return duty, self._proportional * beyond + HEAT_GAIN * wider
+        return duty, self._proportional * beyond
 
     def _unplanned_offset(self, time: float, estimate: StateEstimate) -> np.ndarray:
         return estimate.offset - self._planned_offset[self._plan.index(time)]

@@ -19,7 +19,7 @@ class RobotSpecimen(Specimen):
     """A particular robot: all its limbs as one `Specimen`, and what carries them.
 
     - ``robot``: `RobotParameters` as a lab would describe them beforehand.
-    - ``drawn``: description with the true masses, places of the limbs and friction of the ground.
+    - ``drawn``: description with the true masses, places of the limbs, feet and friction.
     - ``foot_friction``: μ between each foot and that ground (L,); empty without a ground.
 
     In addition to effects of limbs, `without` takes "body", for the described masses and places,
@@ -53,6 +53,9 @@ class RobotSpecimen(Specimen):
             ground.friction *= uniform(0.7, 1.3)  # another floor, dust, wear
             shares = uniform(0.9, 1.1, len(robot.limbs))  # feet differ
             self.foot_friction = (ground.friction * shares).tolist()
+        feet = self.drawn.feet
+        feet.stiffness *= (share := uniform(0.8, 1.2))  # as pads are cast
+        feet.damping *= share
 
     def _draw_body(self, uniform) -> None:
         """Draw masses to 10%, as parts are cast and glued, and places of the limbs to 1 mm."""

@@ -5,7 +5,8 @@ standard errors.
 """
 
 import numpy as np
-from scipy.signal import lfilter
+
+from limb_systems.low_pass import low_pass
 
 WIRE_MEMORY = 15.0  # s, over which a wire keeps its heat, roughly
 SILICONE_MEMORY = 90.0  # s, over which silicone gives its heat back
@@ -60,7 +61,7 @@ class Steps:
         """Return the heat of a duty (K,) in each step (N,): warmth and bend follow it."""
         mean_duty = forward_fill(self.means(forward_fill(duty)))
         kept = np.exp(-self.step / WIRE_MEMORY)
-        return lfilter([0.0, 1.0 - kept], [1.0, -kept], mean_duty)
+        return low_pass(np.append(0.0, mean_duty[:-1]), kept)
 
     def responses(self, heats: np.ndarray, signals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how much signals (M, N) change for a unit of the heat of wires (W, N).
@@ -144,6 +145,17 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
                 break
         else:
             return pairs
+
+
+def has_rival(gains: np.ndarray, errors: np.ndarray, wire: int) -> bool:
+    """Return whether another wire clearly warms a thermocouple more than its own wire does.
+
+    Args:
+        gains, errors: warming by W wires, and its standard error (W,).
+    """
+    lead = gains - WARMING_FACTOR * max(gains[wire], 0.0)
+    lead_errors = np.hypot(errors, WARMING_FACTOR * errors[wire])
+    return bool((lead > MIN_VOTE * lead_errors).any())
 
 
 def clear_votes(

@@ -314,7 +314,9 @@ def _read_duty(
 def _temperatures(table: LogTable, column: str, unit: str, mapping: LogMapping) -> np.ndarray:
     """Return a thermocouple's readings (K,), °C; nan where it has none that can be."""
     factor, offset = TEMPERATURE_UNITS[unit]
-    values = factor * _numbers(table, column, mapping) + offset
+    numbers = _numbers(table, column, mapping)
+    numbers[numbers == 0] = np.nan  # sensors that fail read 0
+    values = factor * numbers + offset
     is_unreadable = (values < READABLE_RANGE[0]) | (values > READABLE_RANGE[1])
     if is_unreadable.mean() > 0.5:
         raise LogError(

@@ -28,11 +28,11 @@ MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
 MAX_NUMBER = 1e9  # that no number but a time's is beyond
 MISSING_CODES = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
 ROOM_RANGES = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
-READING_RANGES = {"C": (-10.0, 80.0, 300.0), "F": (15.0, 180.0, 570.0), "K": (260.0, 360.0, 575.0)}
+READING_RANGES = {"C": (8.0, 80.0, 300.0), "F": (46.0, 180.0, 570.0), "K": (281.0, 360.0, 575.0)}
 MAX_COLD = 35.0  # below which the readings of a log that starts warm are in °C
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
 LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
-MAX_COLD_SPREADS = (0.2, 1.0)  # of coldest readings, in shares of warming: of long and short logs
+MAX_COLD_SPREAD = 0.1  # of the coldest readings of a long log, in shares of its warming
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
 SLOWEST_COOLING = 200.0  # s, in which wires and silicone lose most of their heat
 MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
@@ -165,6 +165,7 @@ class Columns:
             self.times = 0.1 * np.arange(table.values.shape[1])
             self.rows = slice(None)
         self.steps = Steps(self.times)
+        self.is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
         # Find what stands for no reading, and leave it out.
         names = [n for n in names if n.text not in (self.time.column, self.time.fraction)]
         numbers = [table.numbers(name.text)[self.rows] for name in names]
@@ -174,6 +175,8 @@ class Columns:
             is_left_out = np.abs(values) > MAX_NUMBER
             if self.missing:
                 is_left_out |= np.isin(values, self.missing)
+            if name.role == TEMPERATURE:
+                is_left_out |= values == 0
             cleaned = np.where(is_left_out, np.nan, values) if is_left_out.any() else values
             column = Column(name, cleaned, self.steps)
             if len(column.present) > 5:
@@ -344,7 +347,8 @@ class Columns:
         # Find the thermocouples that clearly warm with each wire.
         unpaired = list(self.temperatures)
         signals = np.array([column.means for column in unpaired])
-        warmed_sensors = evidence.clear_pairs(*self.steps.responses(self.heats, signals))
+        warming, errors = self.steps.responses(self.heats, signals)
+        warmed_sensors = evidence.clear_pairs(warming, errors)
         # Numbers and letters are names if duties and thermocouples have the same ones.
         labels = [column.name.label for column in self.duties]
         sensor_labels = [column.name.label for column in self.temperatures]
@@ -356,15 +360,21 @@ class Columns:
             named = [c for c in self.temperatures if label and c.name.label == label]
             sensor = warmed_sensors[index]
             warmed = None if sensor is None else self.temperatures[sensor]
-            if len(named) == 1 and warmed in (None, named[0]):
-                self._set_temperature(wire, named[0], "by its name")
-                unpaired.remove(named[0])
-            elif named:
+            reason = ""
+            if len(named) > 1:
                 reason = f"Several have the name of {wire.name}"
-                if len(named) == 1 and warmed:
-                    reason = f"Names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
+            elif named and warmed not in (None, named[0]):
+                reason = f"Names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
+            elif named:
+                row = self.temperatures.index(named[0])
+                if evidence.has_rival(warming[row], errors[row], index):
+                    reason = f"Names say {named[0].text}, but it warms more with another wire"
+            if reason:
                 self._ask_temperature(index, [*named, *filter(None, [warmed])], reason)
                 unpaired = [column for column in unpaired if column not in named]
+            elif named:
+                self._set_temperature(wire, named[0], "by its name")
+                unpaired.remove(named[0])
             elif warmed in unpaired and self._may_have(wire, warmed):
                 self._set_temperature(wire, warmed, f"it warms with {wire.duty}")
                 unpaired.remove(warmed)
@@ -438,6 +448,8 @@ class Columns:
             rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
             unit = "C" if max(lowest) < MAX_COLD else "K" if min(lowest) > 250.0 else UNKNOWN
             unit = unit_in_name or ((rooms or [UNKNOWN])[0] if is_at_rest else unit)
+            if unit == "F" and not unit_in_name and not self.is_long:
+                unit = UNKNOWN  # a limb that is warm in °C begins where a room is in °F
             # Readings must be possible in this unit.
             coldest, warmest, hottest = READING_RANGES.get(unit, (-np.inf, np.inf, np.inf))
             is_possible = coldest < column.low < warmest and column.high < hottest
@@ -457,12 +469,12 @@ class Columns:
         """
         moving = [column for column in sensors if column.span]
         coldest = [float(np.quantile(column.present, 0.003)) for column in moving]
-        is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
-        if not moving or (is_long and max(coldest) > ROOM_RANGES[unit][1]):
+        if not moving or (self.is_long and max(coldest) > ROOM_RANGES[unit][1]):
             return not moving
         min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
-        share = MAX_COLD_SPREADS[0 if is_long else 1]
-        largest = max(min_offset, share * max(column.span for column in moving))
+        hurry = max(1.0, LONG_LOG_TIME / (self.times[-1] - self.times[0]))
+        most_warming = max(column.span for column in moving)
+        largest = max(min_offset, MAX_COLD_SPREAD * hurry**2.5 * most_warming)
         # Before the first heat, a wire that is warmer than others cools.
         warmest = max(moving, key=lambda column: column.means[0])
         num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0

@@ -133,8 +133,8 @@ def plan_miss(
         errors: errors of parts that were left out, rad, by fits without them.
         mean_error: error of the mean bend in these parts, rad.
     """
-    # in space: of both angles
-    unknown_error = limb.segments[0].bend_sensor.drift
+    # In space: the mean distance of two readings of a sensor that has drifted on both axes.
+    unknown_error = float(np.sqrt(np.pi)) * limb.segments[0].bend_sensor.drift
     typical_range = 0.0
     if limb.segments[0].axes == 1:
         unknown_error, typical_range = _typical_motion(limb)

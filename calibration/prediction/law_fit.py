@@ -558,9 +558,7 @@ class _FitProblem:
         residuals = np.zeros((num_samples, num_signals, simulated[0].shape[1]))
         columns = []
         column = 0
-        for run, present, signals in zip(
-            self._runs, self._present_signals, simulated, strict=True
-        ):
+        for run, present, signals in zip(self._runs, self._present_signals, simulated, strict=True):
             columns.append(slice(column, column := column + len(present)))
             errors = (signals - run.signals[:, None]).swapaxes(1, 2)[:, present]
             is_missing = run.counts[:, present] == 0

@@ -337,16 +337,15 @@ def fit_by_prediction(
             report=report,
             fitted=lambda law: time_left.add(times[law]),
         )
-        baselines = _baseline_errors(folds)
+        baselines = [baseline_errors(others, left_out) for others, left_out in folds.folds]
         best, parts = _best_law_by_folds(candidates, best, folds, baselines, runs, report)
         # Fit the best law to all recordings.
         fit = best.fit
         report(f"{best.name}, all recordings")
         fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_options(fit), start=fit)
         rollouts = fit.roll_out([predicted.run for predicted in parts])
-    return Prediction(
-        candidates, best, fit, folds.words, rollouts, parts, mean_error=baselines[MEAN]
-    )
+    mean_error = float(np.mean([errors[MEAN] for errors in baselines]))
+    return Prediction(candidates, best, fit, folds.words, rollouts, parts, mean_error)
 
 
 class _Folds(NamedTuple):
@@ -404,31 +403,32 @@ def _make_folds(runs: Mapping[str, list[HeatedRun]]) -> tuple[list[HeatedRun], _
     return fitted, _Folds(folds, continued=True, words=words)
 
 
-def _baseline_errors(folds: _Folds) -> dict[str, float]:
-    """Return by name the mean error of each baseline over all parts left out, rad."""
-    errors = [baseline_errors(rest, judges) for rest, judges in folds.folds]
-    return {name: float(np.mean([each[name] for each in errors])) for name in errors[0]}
-
-
 def _best_law_by_folds(
     candidates: Sequence[Candidate],
     best: Candidate,
     folds: _Folds,
-    baselines: Mapping[str, float],
+    baselines: Sequence[Mapping[str, float]],
     kinds: Iterable[str],
     report: Callable[[str], object],
 ) -> tuple[Candidate, list[Predicted]]:
-    """Return the best law that predicts parts left out in turn as well as baselines, and these.
+    """Return the best law that predicts each part left out as well as baselines, and these parts.
+
+    Args:
+        candidates, best, folds: the laws by the first fold, the best of them, and all folds.
+        baselines: errors of baselines in each fold by name, rad.
+        kinds: kinds of the recordings.
+        report: is called with what is being done.
 
     Raises:
         CalibrationError: if there is none.
     """
-    baseline, error = min(baselines.items(), key=lambda item: item[1])
-    allowed = max(BASELINE_ALLOWANCE[0] * error, error + BASELINE_ALLOWANCE[1])
+    least_errors = np.array([min(errors.values()) for errors in baselines])
+    share, distance = BASELINE_ALLOWANCE
+    allowed = np.maximum(share * least_errors, least_errors + distance)
     # The best law, or the nearest others, each fitted without each part.
     by_error = sorted(candidates, key=lambda candidate: candidate.bend_error)
     tried = [best, *(candidate for candidate in by_error if candidate is not best)][:MAX_TRIED_LAWS]
-    least_error = np.inf
+    least_law_error = np.inf
     for candidate in tried:
         fit = candidate.fit
         parts = list(candidate.judged)
@@ -440,11 +440,15 @@ def _best_law_by_folds(
             judged = refit.continued(judges) if folds.continued else refit.predict(judges)
             law_errors.append(float(np.mean([part.bend_error for part in judged])))
             parts += judged
-        if np.mean(law_errors) <= allowed:
+        if (law_errors <= allowed).all():
             return candidate, parts
-        least_error = min(least_error, float(np.mean(law_errors)))
+        least_law_error = min(least_law_error, float(np.mean(law_errors)))
     # None is as good: say what to record.
-    by_law, by_baseline = np.rad2deg([least_error, error])
+    mean_errors = {
+        name: float(np.mean([each[name] for each in baselines])) for name in baselines[0]
+    }
+    baseline = min(mean_errors, key=mean_errors.__getitem__)
+    by_law, by_baseline = np.rad2deg([least_law_error, mean_errors[baseline]])
     next_step = next_recording(best.fit, [*kinds]) or "record more motions like those you plan"
     raise CalibrationError(
         f"These recordings tell no model: {baseline} misses the bend by {by_baseline:.0f}° "

@@ -1,5 +1,6 @@
 """The room, the rest angle and the first readings of wires, by recordings of a cold limb."""
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -17,6 +18,23 @@ COLD_SPREAD = 3.0  # °C, by which readings of cold wires may differ
 MAX_ROOM_ERROR = 25.0  # °C, by which no room is warmer than its description
 DISCONNECTED_BELOW = 10.0  # °C, by which a connected thermocouple is not colder than others
 SENSOR_SPREAD = 0.25  # °C, by which thermocouples of a kind differ
+
+
+@dataclasses.dataclass(frozen=True)
+class ColdReading:
+    """A thermocouple's reading of its wire in a recording, while the wire seems to be cold.
+
+    - ``name``: name of the wire.
+    - ``is_heated``: whether the wire is heated later.
+    - ``moves``: whether the thermocouple ever reads something else.
+    - ``start``, ``lowest``: reading at the start, or median without heat, and lowest reading, °C.
+    """
+
+    name: str
+    is_heated: bool
+    moves: bool
+    start: float
+    lowest: float
 
 
 def before_heat(recording: Recording) -> np.ndarray:
@@ -49,8 +67,9 @@ def _first_second(recording: Recording) -> np.ndarray:
 
 def first_readings(recording: Recording) -> np.ndarray:
     """Return V at the beginning (W,), °C; nan without a thermocouple."""
-    readings = zip(recording.measured_temperature, at_start(recording), strict=True)
-    return np.array([row[start].mean() if start.any() else np.nan for row, start in readings])
+    is_start = at_start(recording)
+    readings = np.ma.masked_array(recording.measured_temperature, ~is_start)
+    return readings.mean(axis=1).filled(np.nan)
 
 
 def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
@@ -74,63 +93,81 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     if not any(recording.has_thermocouple.any() for recording in recordings):
         rooms = [recording.parameters.ambient_temperature for recording in recordings]
         return Estimate(float(np.mean(rooms)), 0.0, "°C")
-    # Collect a cold reading of each thermocouple in each recording.
-    readings = []
-    cooled = []
-    expected = []
+    # Collect a cold reading of each thermocouple in each recording, by wire.
+    readings: dict[str, list[ColdReading]] = {}
+    rooms = []
     for recording in recordings:
-        expected.append(recording.parameters.ambient_temperature)
-        for name, duty, measured, is_start in zip(
-            recording.parameters.wire_names,
-            recording.duty,
-            recording.measured_temperature,
-            at_start(recording),
-            strict=True,
-        ):
-            if not is_start.any():
-                continue
-            heated = bool(duty.any())
-            present = measured[~np.isnan(measured)]
-            reading = float(np.median(measured[is_start] if heated else present))
-            readings.append((name, heated, bool(np.ptp(present) > 0), reading))
-            cooled.append((*readings[-1][:3], float(np.quantile(present, 0.02))))
-    moving = {name for name, _, moves, _ in readings if moves}
-    if not moving:
+        rooms.append(recording.parameters.ambient_temperature)
+        for reading in _cold_readings(recording):
+            readings.setdefault(reading.name, []).append(reading)
+    # If all recordings start warm, their coldest readings count.
+    described = float(np.mean(rooms))
+    lowest = _lowest_room(readings, "start", described)
+    coldest = _lowest_room(readings, "lowest", described)
+    if coldest < lowest - COLD_SPREAD:
+        if described + COLD_SPREAD < coldest < described + MAX_ROOM_ERROR:
+            return Estimate(described, (coldest - described) / 2, "°C")
+        lowest = coldest
+        counted = "lowest"
+    else:
+        counted = "start"
+    # Take the median of each thermocouple, of unheated wires if there are any.
+    medians = []
+    errors = []
+    for of_wire in readings.values():
+        temperatures = np.array([getattr(reading, counted) for reading in of_wire])
+        is_heated = np.array([reading.is_heated for reading in of_wire])
+        is_cold = np.abs(temperatures - lowest) < COLD_SPREAD
+        if not is_cold.any():
+            continue
+        is_cold_unheated = is_cold & ~is_heated
+        group = temperatures[is_cold_unheated if is_cold_unheated.any() else is_cold]
+        medians.append(np.median(group))
+        errors.append(np.std(group) / np.sqrt(len(group)))
+    mean = float(np.mean(medians))
+    if mean > described + MAX_ROOM_ERROR:
+        raise CalibrationError(
+            f"The lowest readings of all recordings are {mean:.0f} °C, where ambient is "
+            f"{described:g} °C: are they in degrees Fahrenheit? If not, record the limb from cold, "
+            "or until it is cold."
+        )
+    spread = np.hypot(max(np.std(medians), SENSOR_SPREAD), max(errors)) / np.sqrt(len(medians))
+    return Estimate(mean, float(spread), "°C")
+
+
+def _cold_readings(recording: Recording) -> Iterable[ColdReading]:
+    """Yield the cold reading of each thermocouple that has readings."""
+    is_start = at_start(recording)
+    for index, name in enumerate(recording.parameters.wire_names):
+        if not is_start[index].any():
+            continue
+        measured = recording.measured_temperature[index]
+        read = measured[~np.isnan(measured)]
+        is_heated = bool(recording.duty[index].any())
+        start = measured[is_start[index]] if is_heated else read
+        lowest = np.quantile(read, 0.02)
+        moves = bool(np.ptp(read) > 0)
+        yield ColdReading(name, is_heated, moves, float(np.median(start)), float(lowest))
+
+
+def _lowest_room(readings: dict[str, list[ColdReading]], field: str, described: float) -> float:
+    """Return the lowest reading, °C, of thermocouples that move and are not far below the others.
+
+    Raises:
+        CalibrationError: if no thermocouple moves.
+    """
+    lows = []
+    for of_wire in readings.values():
+        of_moving = [getattr(reading, field) for reading in of_wire if reading.moves]
+        if of_moving:
+            lows.append(min(of_moving))
+    if not lows:
         raise CalibrationError(
             "No thermocouple ever moves in these recordings, so that T0 cannot be told: are they "
             "connected?"
         )
-
-    def lowest_of(readings: list[tuple[str, bool, bool, float]]) -> float:
-        lows = [min(r for n, _, moves, r in readings if moves and n == name) for name in moving]
-        usual_low = min(lows, key=lambda reading: abs(reading - np.mean(expected)))
-        return min(reading for reading in lows if reading > usual_low - DISCONNECTED_BELOW)
-
-    # If all recordings start warm, their coldest readings count.
-    lowest = lowest_of(readings)
-    described = float(np.mean(expected))
-    if lowest_of(cooled) < lowest - COLD_SPREAD:
-        readings = cooled
-        lowest = lowest_of(cooled)
-        if described + COLD_SPREAD < lowest < described + MAX_ROOM_ERROR:
-            return Estimate(described, (lowest - described) / 2, "°C")
-    # Take the median of each thermocouple, of unheated wires if there are any.
-    sensors = []
-    for name in dict.fromkeys(name for name, *_ in readings):
-        usable = [(h, r) for n, h, _, r in readings if n == name and abs(r - lowest) < COLD_SPREAD]
-        unheated = [reading for heated, reading in usable if not heated]
-        if usable:
-            group = unheated or [reading for _, reading in usable]
-            sensors.append((np.median(group), np.std(group) / np.sqrt(len(group))))
-    medians, errors = np.array(sensors).T
-    if medians.mean() > described + MAX_ROOM_ERROR:
-        raise CalibrationError(
-            f"The lowest readings of all recordings are {medians.mean():.0f} °C, where ambient is "
-            f"{described:g} °C: are they in degrees Fahrenheit? If not, record the limb from cold, "
-            "or until it is cold."
-        )
-    spread = np.hypot(max(np.std(medians), SENSOR_SPREAD), errors.max()) / np.sqrt(len(sensors))
-    return Estimate(float(medians.mean()), float(spread), "°C")
+    usual_low = min(lows, key=lambda low: abs(low - described))
+    return min(low for low in lows if low > usual_low - DISCONNECTED_BELOW)
 
 
 def rest_angles(recordings: Sequence[Recording], ambient: float) -> list[Estimate]:
@@ -140,26 +177,32 @@ def rest_angles(recordings: Sequence[Recording], ambient: float) -> list[Estimat
     end, if all wires are cold then. Its standard error follows from the sensor's drift, or from the
     recordings' scatter. Zero where none shows it.
     """
-    level = [r for r in recordings if not gravity_bends(r.parameters)]
+    level = [each for each in recordings if not gravity_bends(each.parameters)]
     # Ring-downs rest at their end, heated recordings at their beginning.
-    starts = [
-        recording.time > recording.time[-1] - END_TIME
-        if not recording.duty.any()
-        else before_heat(recording).all(axis=0) & _first_second(recording)
-        for recording in level
-    ]
+    starts = []
+    for recording in level:
+        if recording.duty.any():
+            starts.append(before_heat(recording).all(axis=0) & _first_second(recording))
+        else:
+            starts.append(_is_end(recording, END_TIME))
     angles, drifts = _cold_angles(level, starts, ambient)
     # Or else limbs that have cooled at the end.
     if not angles:
-        ending_cold = [r for r in level if not r.duty[:, r.time > r.time[-1] - COOLING_TIME].any()]
-        ends = [recording.time > recording.time[-1] - END_TIME for recording in ending_cold]
-        angles, drifts = _cold_angles(ending_cold, ends, ambient)
+        cooled = [r for r in level if not r.duty[:, _is_end(r, COOLING_TIME)].any()]
+        angles, drifts = _cold_angles(cooled, [_is_end(r, END_TIME) for r in cooled], ambient)
     if not angles:
-        return [Estimate(0.0, 0.0, "rad")] * max((len(r.bend_angle) for r in recordings), default=1)
+        num_bends = max((len(recording.bend_angle) for recording in recordings), default=1)
+        return [Estimate(0.0, 0.0, "rad")] * num_bends
+    # The scatter of recordings, or the sensor's drift, is the error.
     spreads = np.hypot(np.std(angles, axis=0), np.mean(drifts)) / np.sqrt(len(angles))
     medians = np.median(angles, axis=0)
     pairs = zip(medians.tolist(), spreads.tolist(), strict=True)
     return [Estimate(median, spread, "rad") for median, spread in pairs]
+
+
+def _is_end(recording: Recording, duration: float) -> np.ndarray:
+    """Return whether each sample is within a duration, s, of the recording's end (K,)."""
+    return recording.time > recording.time[-1] - duration
 
 
 def _cold_angles(

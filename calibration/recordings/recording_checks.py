@@ -79,7 +79,8 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     if expected in FREE_KINDS and recording.duty.any():
         kind = expected
     if expected and kind != expected:
-        expectation, content = (content_in_words(recording.parameters, k) for k in (expected, kind))
+        expectation = content_in_words(recording.parameters, expected)
+        content = content_in_words(recording.parameters, kind)
         hint = GRAVITY_HINT * (expected == "sag")
         raise CalibrationError(f"this should show {expectation}, but shows {content}{hint}.")
     if frozen := frozen_since(recording):
@@ -92,6 +93,7 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
 
 
 def _check_time(recording: Recording) -> None:
+    """Raise CalibrationError if samples are few, or do not come at the sample rate."""
     steps = np.diff(recording.time)
     period = 1 / recording.sample_rate
     if len(steps) < MIN_SAMPLES:
@@ -187,7 +189,7 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
 
 
 def _check_missing(recording: Recording) -> None:
-    """Return whether enough readings of the bend are there."""
+    """Raise CalibrationError if too few readings of the bend are there."""
     count = len(recording.time)
     bends = int((~np.isnan(recording.bend_angle)).sum(axis=1).min())
     if bends < MIN_SAMPLES:
@@ -198,7 +200,7 @@ def _check_missing(recording: Recording) -> None:
 
 
 def _check_zeros(recording: Recording) -> None:
-    """Return whether loggers or cameras wrote zeros where they had no reading."""
+    """Raise CalibrationError if zeros seem to stand where a sensor had no reading."""
     names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
     signals = np.vstack([recording.measured_temperature, np.rad2deg(recording.bend_angle)])
     count = len(recording.bend_angle)
@@ -220,7 +222,7 @@ def _check_zeros(recording: Recording) -> None:
 
 
 def _check_duration(recording: Recording) -> None:
-    """Return whether wires heat and cool for long enough to be seen."""
+    """Raise CalibrationError if wires heat and cool for too short a time to be seen."""
     if recording.duty.any() and recording.duration < MIN_DURATION:
         raise CalibrationError(
             f"wires are heated for {recording.duration:.1f} s only; they take seconds to heat and "
@@ -229,6 +231,7 @@ def _check_duration(recording: Recording) -> None:
 
 
 def _check_gravity(recording: Recording) -> None:
+    """Raise CalibrationError if gravity is of another planet, or bends a limb that is heated."""
     gravity = recording.parameters.gravity
     size = float(np.linalg.norm(gravity))
     if size and not GRAVITY_RANGE[0] < size < GRAVITY_RANGE[1]:
@@ -245,7 +248,7 @@ def _check_gravity(recording: Recording) -> None:
 
 
 def _check_thermocouples(recording: Recording) -> None:
-    """Return whether each is connected, reads °C, and rises and falls as fast as wires do."""
+    """Raise CalibrationError if one is loose, reads no °C, or is slower than wires are."""
     ambient = recording.parameters.ambient_temperature
     times = recording.time
     window = max(1, len(times) // 200)
@@ -289,7 +292,7 @@ def _check_thermocouples(recording: Recording) -> None:
 
 
 def _check_bend(recording: Recording) -> None:
-    """Return whether the bend sensor is connected, and its angles are in degrees in their file."""
+    """Raise CalibrationError if the bend sensor is loose, or its file seems to be in radians."""
     largest = np.ptp(recording.bend_angle, axis=1).max()
     warmed = np.fmax.reduce(np.ptp(recording.measured_temperature, axis=1))
     if recording.duty.sum(axis=1).max() / recording.sample_rate <= MIN_WARMING_DOSE:
@@ -345,7 +348,8 @@ def _window(recording: Recording) -> int:
 
 
 def _check_wires(recording: Recording) -> None:
-    """Return whether each wire warms its own thermocouple and bends the limb to its side."""
+    """Raise CalibrationError if a wire warms another thermocouple, or bends the limb away."""
+    # Smooth the readings over a second.
     names = recording.parameters.wire_names
     measured = recording.measured_temperature
     dose = recording.duty.sum(axis=1) / recording.sample_rate
@@ -359,12 +363,14 @@ def _check_wires(recording: Recording) -> None:
     heat = _wire_heat(recording)[:, width - 1 :]
     axes = len(recording.bend_angle)
     levers = np.array([wire.lever[:axes] for wire in recording.parameters.wires])
+    # Find heated wires whose thermocouple does not climb: another one does, or it is dead.
     for index, name in enumerate(names):
         if dose[index] < MIN_WARMING_DOSE or not climb[index] < MIN_RISE:
             continue
         other = int(np.nanargmax(np.where(dose < MIN_WARMING_DOSE, climb, -np.inf)))
-        of_other, own = (correlation(heat[index], smooth[i]) for i in (other, index))
-        if dose[other] < MIN_WARMING_DOSE and climb[other] >= MIN_RISE and of_other > own:
+        climbs_unheated = dose[other] < MIN_WARMING_DOSE and climb[other] >= MIN_RISE
+        with_own = correlation(heat[index], smooth[index])
+        if climbs_unheated and correlation(heat[index], smooth[other]) > with_own:
             hottest = np.argmax(smooth[other])
             coldest = np.argmin(smooth[other])
             bent = signal[:, hottest] - signal[:, coldest]
@@ -383,11 +389,13 @@ def _check_wires(recording: Recording) -> None:
             f"the {name} thermocouple is dead: it moves by {moved[index]:.1f} °C while "
             f"its wire gets {dose[index]:.1f} s of full duty in all."
         )
+    # Compare how the limb bends with how warm wires pull it.
     unread = ~recording.has_thermocouple
     smooth[unread] = FULL_DUTY_RISE * heat[unread]
     drive = levers.T @ smooth
     moves = np.ptp(signal, axis=1).max() > 2 * MIN_BEND and np.ptp(drive) > 0
-    driving, bent = (rows - rows.mean(axis=1, keepdims=True) for rows in (drive, signal))
+    driving = drive - drive.mean(axis=1, keepdims=True)
+    bent = signal - signal.mean(axis=1, keepdims=True)
     agreement = correlation(driving.ravel(), bent.ravel()) if moves else 0.0
     swapped = _exchanged_pair(recording)
     if swapped and abs(agreement) > 0.5:

@@ -175,8 +175,10 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
     # Cut unbroken stretches after pauses, and where they are too long.
     pieces = []
     for stretch in _unbroken_stretches(recording):
-        starts = [stretch.start, *(c for c in _starts_after_pauses(recording) if stretch.start < c)]
-        starts = [start for start in starts if start < stretch.stop]
+        after_pauses = [
+            c for c in _starts_after_pauses(recording) if stretch.start < c < stretch.stop
+        ]
+        starts = [stretch.start, *after_pauses]
         starts = list(_piece_starts(recording, [*starts, stretch.stop]))
         for start, stop in zip(starts, [*starts[1:], stretch.stop], strict=True):
             pieces.append(select_samples(recording, np.arange(start, stop)))
@@ -231,12 +233,13 @@ def unknown_gaps(recording: Recording) -> Iterator[int]:
 
 def _first_rest(recording: Recording, since: int) -> int:
     """Return the first sample from ``since`` on at which wires rest long enough to start there."""
-    # Count the heated samples before each sample.
+    # Count the heated samples before each sample; where the count stands, wires rest.
     heat = np.concatenate([[0], np.cumsum(recording.duty.any(axis=0))])
     count = len(heat) - 1
     heated = recording.duty.any(axis=1)
     before = 0.0 if recording.has_thermocouple[heated].all() else PAUSE_TIME
-    earlier, later = (round(span * recording.sample_rate) for span in (before, RESTING_TIME))
+    earlier = round(before * recording.sample_rate)
+    later = round(RESTING_TIME * recording.sample_rate)
     samples = np.arange(since, count - later)
     samples = samples[samples - earlier >= 0]
     resting = heat[samples + later + 1] == heat[samples - earlier + 1]

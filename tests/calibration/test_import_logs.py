@@ -61,7 +61,7 @@ def read(path):
     return log.limb, log.recordings, log.remarks
 
 
-def check(recording, truth, tolerance_deg=0.1):
+def check(recording, truth, tolerance_deg=0.1, sensors=(0, 1)):
     """A recording has the heat of the truth, and its readings when they were taken."""
     end = recording.time[-1]
     dose = [np.trapezoid(np.interp(truth.time, truth.time, d), truth.time) for d in truth.duty]
@@ -69,9 +69,10 @@ def check(recording, truth, tolerance_deg=0.1):
     np.testing.assert_allclose(heat, dose, rtol=0.02)
     taken = recording.time - recording.sample_age
     shown = ~recording.missing
-    for read_, true in zip(recording.measured_temperature, truth.temperature, strict=True):
+    for wire in sensors:
+        true = np.interp(taken, truth.time, truth.temperature[wire])
         np.testing.assert_allclose(
-            read_[shown], np.interp(taken, truth.time, true)[shown], atol=0.06
+            recording.measured_temperature[wire][shown], true[shown], atol=0.06
         )
     np.testing.assert_allclose(
         np.rad2deg(recording.bend_angle[0][shown]),
@@ -178,6 +179,7 @@ def test_any_table_of_a_spreadsheet(tmp_path):
     columns = [[c for c, k in zip(column, keep, strict=True) if k] for column in signals]
     columns[3][50] = "-999"
     columns[4][60] = "NaN"
+    columns[4][400] = "0"
     path = write(
         tmp_path / "log.csv",
         ["Zeit", "PWM L", "PWM R", "T1 [F]", "T2 [F]", "Winkel (rad)"],
@@ -347,6 +349,7 @@ def cases(truth):
     numbers = "time_s pwm_1 pwm_2 T_1 T_2 bend_deg"
     crossed = [base[k] for k in (0, 2, 1, 4, 3, 5)]
     single = [f"{t:.3f}" for t in np.float32(270_000 + truth.time)]
+    coupled = [[0.55, 0.45], [0.45, 0.55]] @ temperatures
     raw = np.round(2048 + 11.4 * degrees)
     whole = [moment[:-7] for moment in dates]
     duty = truth.duty[0]
@@ -379,7 +382,13 @@ def cases(truth):
         "whole seconds": with_(0, "when", whole),
         "1 and 2": (numbers, crossed),
         "raw 1 and 2": (numbers.replace("bend_deg", "flex_raw"), [*base[:5], raw]),
-        "noise 1 and 2": (numbers, [*base[:5], 20 * noise[0]]),
+        "noise 1 and 2": (numbers, [*base[:5], 20 * noise[3]]),
+        "one side": (
+            "time_s pwm_1 pwm_2 T_right bend_deg",
+            [*base[:3], temperatures[1], -degrees],
+        ),
+        "same sensor": with_(4, "T_right_C", temperatures[0] + noise[2]),
+        "coupled": ("time_s pwm_left pwm_right T1 T2 angle_deg", [*base[:3], *coupled, base[5]]),
         "sides of sensors": (numbers.replace("T_1 T_2", "T_right T_left"), crossed),
         "offset": with_(3, "T_left_C", temperatures[0] + 40.0),
         "little warming": (names, [*base[:3], cool[0] + 15.0, cool[1], base[5]]),
@@ -412,9 +421,12 @@ def cases(truth):
     [
         ("coil", ""), ("warm", ""), ("single", ""), ("ros", ""), ("matlab", ""), ("base", ""),
         ("control", ""), ("things", ""), ("glued", ""), ("no names", ""), ("signed", ""),
-        ("signed sides", ""), ("1 and 2", ""), ("sides of sensors", ""), ("whole seconds", ""),
+        ("signed sides", ""), ("1 and 2", ""), ("one side", ""), ("sides of sensors", ""),
+        ("whole seconds", ""),
         ("raw 1 and 2", "degrees is a unit of flex_raw.*which wire is heated by pwm_1"),
         ("noise 1 and 2", "the sign of bend_deg.*which wire is heated by pwm_1"),
+        ("same sensor", "Names say T_right_C, but it warms more with another wire"),
+        ("coupled", "the thermocouple of the wire that pwm_left heats, T1 and T2. Neither"),
         ("offset", "unit of T_left_C: C, F or K.*unit of T_right_C"),
         ("little warming", "unit of T_left_C: C, F or K.*unit of T_right_C"),
         ("short", "unit of T_left_C: C, F or K"),
@@ -446,7 +458,7 @@ def test_forms_of_practitioners_are_right_or_asked_about(tmp_path, truth, cases,
     assert bool(recordings) == (not asked)
     assert bool(re.search(asked, " ".join(question.text for question in limb.questions)))
     if recordings and case not in ("warm", "single"):
-        check(recordings[0], truth, tolerance_deg=0.3)
+        check(recordings[0], truth, 0.3, sensors=(1,) if case == "one side" else (0, 1))
         assert recordings[0].sample_rate == RATE
 
 

@@ -218,17 +218,21 @@ def test_wires_that_may_as_well_be_exchanged_are_a_question(motion):
 
 
 @pytest.mark.parametrize(
-    ("wires", "roll"), [((0, 2, 1), 0.0), ((0, 1, 2), np.deg2rad(60.0)), ((1, 0, 2), 0.0)]
+    ("wires", "roll_deg", "first_off_deg"),
+    [((0, 2, 1), 0.0, 0.0), ((0, 1, 2), 60.0, 0.0), ((1, 0, 2), 0.0, 0.0), ((0, 1, 2), 0.0, 70.0)],
 )
-def test_a_description_that_recordings_contradict_is_a_question(motion, wires, roll):
-    """Exchanged wires and a turned sensor are found by the bend alone, with what is right."""
+def test_a_description_that_recordings_contradict_is_a_question(
+    motion, wires, roll_deg, first_off_deg
+):
+    """Wires elsewhere and a turned sensor are found by the bend alone, with what is right."""
     limb = described()
     (segment,) = limb.segments
     angles = [wire.angle for wire in segment.wires]
     check_directions(wire_directions([HeatedRun.of(motion)], segment), limb)
     for wire, place in zip(segment.wires, wires, strict=True):
         wire.angle = angles[place]
-    segment.bend_sensor.roll = roll
+    segment.wires[0].angle += np.deg2rad(first_off_deg)
+    segment.bend_sensor.roll = np.deg2rad(roll_deg)
     with pytest.raises(WrongDescriptionError) as error:
         check_directions(wire_directions([HeatedRun.of(motion)], segment), limb)
     (right,) = error.value.corrected.segments

@@ -12,6 +12,7 @@ from calibration.collecting.excitation import excitations
 from calibration.prediction.expected_plan_error import PlanMiss, plan_miss, remarks_on_coverage
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
+from calibration.prediction.residual_noise import ResidualNoise
 from calibration.prediction.selection import (
     Prediction,
     compare_laws,
@@ -156,6 +157,74 @@ def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
     away = np.abs(run.interpolated(signals[:, 0, 0]) - run.signals)
     assert away[:, 1:].max() < 0.8
     assert np.rad2deg(away[:, 0]).mean() < 0.1
+
+
+def test_sets_near_the_first_are_simulated_by_its_derivatives():
+    """Against simulations of each set, of runs of two lengths, with memories at their bounds."""
+    law = HystereticLaw()
+    law.a2 = np.array([[[21.0]], [[21.01]], [[21.0]]]) * np.ones(2)
+    law.width = np.array([[[9.0]], [[9.0]], [[9.01]]]) * np.ones(2)
+    duty = np.zeros((80, 2, 2))
+    duty[5:20, :, 0] = 0.3
+    duty[30:, 1] = 0.2
+    open_loop = OpenLoop(duty, 0.5, SEGMENT, [80, 50])
+    start = [np.full((3, 2, 2), value) for value in [*law.cold_states(AMBIENT), AMBIENT]]
+    start[3][1] = 1e-3
+    rubber = {"stiffness": np.full(3, 0.12), "rest_angle": np.zeros(3)}
+    ambient = np.full((3, 2), AMBIENT)
+    exact, linear = (
+        open_loop.simulate(law, ambient, start, rubber, near_first=near_first)
+        for near_first in (False, True)
+    )
+    for each, one in zip(exact, linear, strict=True):
+        change = each - each[:, :1]
+        np.testing.assert_allclose(one[:, 0], each[:, 0], rtol=1e-12)
+        np.testing.assert_allclose(one - one[:, :1], change, atol=0.01 * np.abs(change).max())
+
+
+def test_residuals_are_whitened_by_their_covariance():
+    """Against the Cholesky factor of the whole covariance, with samples that are missing."""
+    random = np.random.default_rng(0)
+    times = np.cumsum(random.uniform(0.2, 1.0, (40, 2)), axis=0)
+    variance = random.uniform(0.1, 1.0, (40, 2))
+    variance[5, 0] = variance[35:, 1] = np.inf
+    sizes, memories = np.array([[0.5, 0.4], [1.0, 2.0]]), np.array([[300.0, 120.0], [8.0, 0.4]])
+    residuals = np.where(np.isinf(variance), 0.0, random.standard_normal((40, 2)))[..., None]
+    whitened = ResidualNoise(times, variance, sizes, memories).whiten(residuals)
+    for signal in range(2):
+        present = np.isfinite(variance[:, signal])
+        lags = np.abs(times[present, signal][:, None] - times[present, signal])
+        covariance = np.diag(variance[present, signal])
+        for size, memory in zip(sizes[:, signal], memories[:, signal], strict=True):
+            covariance += size**2 * np.exp(-lags / memory)
+        expected = np.linalg.solve(np.linalg.cholesky(covariance), residuals[present, signal])
+        np.testing.assert_allclose(whitened[present, signal], expected, atol=1e-12)
+        assert not whitened[~present, signal].any()
+
+
+@dataclasses.dataclass
+class RowsLaw(LinearLaw):
+    """A lab's law, which builds arrays of its fields, as symbols do not allow."""
+
+    def rates(self, x, D, T0):
+        return np.array([self.a1, self.a2])[:1] * (x[0] - T0) + self.a2 * D
+
+
+@dataclasses.dataclass
+class MatrixLaw(LinearLaw):
+    """A lab's law, whose matrix of fields means another product where the fields are arrays."""
+
+    def rates(self, x, D, T0):
+        return np.array([[self.a1, self.a2]]) @ np.array([x[0] - T0, D])
+
+
+@pytest.mark.parametrize("law", [RowsLaw, MatrixLaw])
+def test_a_law_that_takes_numbers_alone_is_fitted(law):
+    run = HeatedRun.of(recording_of("linear", "motion_1"))
+    fit, expected = (fit_law(each, [run], SEGMENT, AMBIENT) for each in (law, LinearLaw))
+    assert fit.misfit == pytest.approx(expected.misfit, rel=1e-3)
+    errors = np.sqrt(np.diag(expected.covariance))
+    np.testing.assert_allclose(fit.fitted, expected.fitted, atol=0.02 * errors.max())
 
 
 def test_draws_scatter_as_the_covariance_says(emulated_folder):

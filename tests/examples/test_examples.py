@@ -11,9 +11,6 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from PIL import Image
-from render_motion import MotionScene
-from scipy.signal import lsim
 
 import calibration
 from hardware import LimbTwin
@@ -51,6 +48,8 @@ def run(arguments, folder):
 
 def wire_temperature(trajectory):
     """(6), integrated without the planner, from ambient temperature: T (W, K), °C."""
+    from scipy.signal import lsim  # slow to import
+
     excess = [
         lsim(([wire.law.a2], [1.0, -wire.law.a1]), duty, trajectory.time)[1]
         for wire, duty in zip(trajectory.parameters.wires, trajectory.duty, strict=True)
@@ -229,6 +228,9 @@ def test_draw_in_space(tmp_path):
 @pytest.mark.whole
 def test_render_motion(tmp_path):
     """The hot wire is seen where the camera is said to see it, and a loop is as fast as asked."""
+    from PIL import Image
+    from render_motion import MotionScene
+
     motion = simulate(Limb(), [0.0, 0.3], 8.0)
     scene = MotionScene(motion, (640, 440))
     picture = scene.at(8.0).astype(int)

@@ -4,11 +4,8 @@ import os
 import re
 from pathlib import Path
 
-import nbformat
 import numpy as np
 import pytest
-from jupyter_client.manager import start_new_kernel
-from nbclient import NotebookClient
 
 ROOT = Path(__file__).parents[2]
 FAR = "UserWarning: The plan is far from its reference"  # of those beyond the limb's reach
@@ -27,6 +24,8 @@ NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 @pytest.fixture(scope="module")
 def kernel(tmp_path_factory):
     """One for all notebooks, as starting one and importing Drake takes longer than some of them."""
+    from jupyter_client.manager import start_new_kernel
+
     folder = tmp_path_factory.mktemp("ipython")
     environment = os.environ | {"PYTHONPATH": str(ROOT), "IPYTHONDIR": str(folder)}
     manager, client = start_new_kernel(env=environment)
@@ -37,6 +36,9 @@ def kernel(tmp_path_factory):
 
 def run(path, folder, kernel):
     """A notebook with its outputs, run in a folder, without the names of those before it."""
+    import nbformat
+    from nbclient import NotebookClient
+
     notebook = nbformat.read(path, as_version=4)
     afresh = nbformat.v4.new_code_cell(f"%reset -f\n%cd -q {folder}\n{FEWER_LAWS}")
     notebook.cells.insert(0, afresh)
@@ -126,6 +128,8 @@ CHECKS = [
 
 
 def test_notebooks_are_stored_without_outputs():
+    import nbformat  # slow, as all that runs notebooks
+
     for path in NOTEBOOKS:
         notebook = nbformat.read(path, as_version=4)
         nbformat.validate(notebook)

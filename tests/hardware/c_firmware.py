@@ -116,14 +116,8 @@ def compile_core(folder, real="float"):
     return CFirmware
 
 
-FACTS = (
-    "channels",
-    "angles",
-    "reset_cause",
-    "remembered",
-    "random",
-    "serial_number",
-)  # of a board that starts
+# What a board that starts tells its firmware.
+FACTS = ("channels", "angles", "reset_cause", "remembered", "random", "serial_number")
 
 
 class Recorder:

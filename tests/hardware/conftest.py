@@ -244,6 +244,11 @@ class SimulatedBoard(simulated_board.SimulatedBoard):
         return self.now - start
 
 
+def report(fault, seconds):
+    """Print the time until duty was zero, for docs/hardware.md; pytest -s shows it."""
+    print(f"\n{fault}: {1000 * seconds:.0f} ms")
+
+
 @pytest.fixture(scope="session")
 def core(tmp_path_factory):
     """The firmware in C, in single precision, as on a board."""

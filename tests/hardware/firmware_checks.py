@@ -418,6 +418,7 @@ def test_clock_that_stands_still_switches_off():
 
 def test_checksum_is_the_usual_one():
     assert crc32(b"123456789") == b"\x26\x39\xf4\xcb"  # CBF43926, low byte first
+    assert crc32(bytes(range(256))) == b"\x73\x8c\x05\x29"  # by zlib
 
 
 def test_thermocouple_bytes_of_the_datasheet():

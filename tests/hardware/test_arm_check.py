@@ -114,20 +114,8 @@ def test_a_verdict_on_heat_agrees_with_the_range_that_it_names(shown, good):
         (0.0, None, True, False, ["no nobody has said which voltage", "ok a thermal cut-off"]),
         (0.0, 7.0, None, False, ["ok the supply has 7 V; write supply_voltage: 7", "no nobody"]),
         (0.0, 7.0, True, True, ["ok the supply has 7 V; write supply_voltage: 7", "ok a thermal"]),
-        (
-            7.0,
-            9.9,
-            True,
-            False,
-            ["no the supply has 9.9 V, .*: 200% of its heat, .*; set it to 7 V"],
-        ),
-        (
-            7.0,
-            7.4,
-            True,
-            True,
-            ["ok the supply .* 112% of its heat, where 85% to 115% are", "ok a"],
-        ),
+        (7.0, 9.9, True, False, ["no the supply .*: 200% of its heat, .*; set it to 7 V", "ok a"]),
+        (7.0, 7.4, True, True, ["ok the supply .* 112% of its heat, where 85% to 115%", "ok a"]),
         (7.0, 7.0, False, False, ["ok the supply", "no no cut-off: only a thermal cut-off in"]),
     ],
 )

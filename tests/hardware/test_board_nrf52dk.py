@@ -12,6 +12,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 import fake_machine as fake
+from firmware_checks import PaperBoard
 
 from hardware.board.link import SampleAssembler
 from hardware.firmware import firmware, protocol, readings
@@ -68,6 +69,7 @@ def test_the_board_starts_safely_and_reads_and_sends(chip, monkeypatch):
     assert board.receive() == b"\x03\x04~\x00\xff"
     assert board.receive() == b""
     assert board.remembered == 0
+    assert set(vars(PaperBoard)) - set(dir(board)) <= {"pass_time", "__dict__", "__weakref__"}
 
     board.set_duty(1, 0.1)
     duties = {0.0: 0, 1.0: 16000, 0.5: 8000, 0.25: 4000, 0.9999: 15998, 0.0001: 1}
@@ -180,20 +182,29 @@ def test_program_that_fails_leaves_the_gates_low(newest, monkeypatch, fails):
     ("axes", "address", "counts_per_degree", "angles"),
     [(1, 0x12, 64, [45.0]), (1, 0x12, 64, [-30.0]), (2, 0x13, 32, [45.0, -30.0])],
 )
-def test_angles_of_bend_labs_sensors(newest, monkeypatch, axes, address, counts_per_degree, angles):
+def test_the_firmware_runs_on_it_with_bend_labs_sensors(
+    newest, monkeypatch, axes, address, counts_per_degree, angles
+):
     """Address, frames and counts as in the maker's drivers, one_axis_ads and two_axis_ads."""
     counts = [round(counts_per_degree * angle) for angle in angles]
     newest.i2c_devices = {address: struct.pack(f"<b{axes}h", 0, *counts)}
     board = newest.load_board(monkeypatch, AXES=axes).Board()
     assert newest.i2c_writes == [(address, bytes([0, 1] + [0] * (2 * axes - 1)))]
     program = firmware.Firmware(board)
+    newest.host_sends(protocol.encode(protocol.HELLO))
     for _ in range(100):
         newest.now += 2000  # us
         program.step()
-    parser, assembly = protocol.Parser(protocol.BOARD_KINDS), SampleAssembler()
-    taken = [assembly.take(*frame, 0.0) for frame in parser.feed(bytes(newest.uart.line))]
+    assert [newest.output(pin) for pin in (11, 12)] == [0, 0]
+    parser = protocol.Parser(protocol.BOARD_KINDS)
+    frames = parser.feed(bytes(newest.uart.line))
+    assert parser.rejected == 0
+    (info,) = [values for kind, values in frames if kind == protocol.INFO]
+    assert board.serial_number in info
+    assembly = SampleAssembler()
+    taken = [assembly.take(*frame, 0.0) for frame in frames if frame[0] != protocol.INFO]
     samples = [sample for sample in taken if sample]
-    assert samples
+    assert 6 <= len(samples) <= 12  # in 0.2 s, each twice
     for sample in samples:
         assert np.rad2deg(sample.tip_tangent) == pytest.approx(angles, abs=1e-9)
     newest.i2c_devices[address] = struct.pack(f"<b{axes}h", 0, *[-32768] * axes)

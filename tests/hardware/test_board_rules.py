@@ -19,7 +19,7 @@ from soft_limb.command import main
 from .bench import Bench
 from .conformance import RULES, check_board
 from .conftest import small_twin
-from .paper_robot import EmulatedCable, PaperTwin
+from .emulated_cable import EmulatedCable, PaperTwin
 
 ROOT = Path(__file__).parents[2]
 FIRMWARE = ROOT / "hardware" / "firmware"

@@ -22,20 +22,13 @@ from hardware.firmware import guard, heat
 from limb_systems import Recording, simulate
 from soft_limb.command import main, run_command
 
-from .conftest import BOUNDS, Heating
+from .conftest import BOUNDS, Heating, report
 
 HEARTBEAT = 0.3  # s
 SAMPLE = 0.11  # s: thermocouples are read every 100 ms
 
 
-def report(record_property, fault, seconds):
-    record_property(fault, f"{1000 * seconds:.0f} ms")
-    print(f"\n{fault}: {1000 * seconds:.0f} ms")
-
-
-def test_a_host_that_is_told_to_stop(
-    virtual_time, emulator, fig5_plan, tmp_path, record_property, capsys
-):
+def test_a_host_that_is_told_to_stop(virtual_time, emulator, fig5_plan, tmp_path, capsys):
     fig5_plan.save(tmp_path / "plan.csv")
     command = ["replay", str(tmp_path / "plan.csv"), "--port", emulator.port, "--force"]
     for number, controller in (
@@ -53,7 +46,7 @@ def test_a_host_that_is_told_to_stop(
         output = ["-o", str(tmp_path / "out.csv"), "--controller", controller]
         assert main([*command, *output]) == 128 + number
         off = emulator.off_after(told[0])
-        report(record_property, f"host gets {number.name}", off)
+        report(f"host gets {number.name}", off)
         assert off < HEARTBEAT
         assert "stopped; wires are off" in capsys.readouterr().err
 
@@ -135,57 +128,61 @@ class _Failing(LeafSystem):
             raise ArithmeticError("of the controller")
 
 
-def test_a_controller_that_fails(virtual_time, emulator, fig5_plan, tmp_path, record_property):
+def test_a_controller_that_fails(virtual_time, emulator, fig5_plan, tmp_path):
     controller, path = _Failing(virtual_time), tmp_path / "recording.csv"
     robot = SerialLimb(emulator.port, fig5_plan.parameters)
     with pytest.raises(ArithmeticError), pytest.warns(UserWarning, match="unfinished"):
         replay(fig5_plan, robot, controller=controller, journal=path)
     assert max(event["right"] for event in emulator.events("duty")) > 0.1
     off = emulator.off_after(controller.failed)
-    report(record_property, "controller fails", off)
+    report("controller fails", off)
     assert off < HEARTBEAT
     kept = Recording.load(tmp_path / "recording.unfinished.csv")
     assert "of the controller" in kept.interrupted
 
 
-def test_faults_of_cable_and_board_while_a_wire_is_hot(virtual_time, emulator, record_property):
+def test_faults_of_cable_and_board_while_a_wire_is_hot(virtual_time, emulator):
     """One after the other, as its thermocouple has to follow some heat only after a start."""
 
-    def off_after(fault, limit, said):
+    def heat_fully():
         heating = Heating(virtual_time, link)
         assert virtual_time.wait_for(lambda: emulator.duty() == [0.0, 1.0], 10.0)
+        return heating
+
+    def off_after(fault, limit, said):
+        heating = heat_fully()
         off = emulator.off_after(emulator.order(fault))
-        report(record_property, fault, off)
+        report(fault, off)
         assert off < limit
         assert said in heating.failure()
 
+    def mend():
+        emulator.order("mend")
+        wait_for_calm(virtual_time, link)
+
     with BoardLink(emulator.port) as link:
         # A host that freezes and wakes up goes on sending, but nothing restarts by itself.
-        heating = Heating(virtual_time, link)
-        assert virtual_time.wait_for(lambda: emulator.duty()[1] > 0.0)
+        heating = heat_fully()
         heating.freeze()
         off = emulator.off_after(virtual_time.monotonic())
-        report(record_property, "host freezes", off)
+        report("host freezes", off)
         assert off < HEARTBEAT
         heating.wake_up()
         assert "no valid command came" in heating.failure()
         assert emulator.duty() == [0.0, 0.0]
         # Behind a buffer that fills up: after 0.4 s commands answer samples of 250 ms before.
         off_after("creep 0.3", 1.0, "late")
-        emulator.order("mend")
-        wait_for_calm(virtual_time, link)
+        mend()
         # As long as a command in some comes through the line is not to blame.
         off_after("corrupt 0.3", 1.0, "")
         duties = {(event["left"], event["right"]) for event in emulator.events("duty")}
         assert duties <= {(0.0, 0.0), (0.0, heat.LITTLE_DUTY), (0.0, 1.0)}
-        emulator.order("mend")
-        wait_for_calm(virtual_time, link)
+        mend()
 
         off_after("open right", SAMPLE, "a thermocouple is open")
         with pytest.raises(HardwareError, match=r"refuses to be armed.*Mend it"):
             link.arm(BOUNDS)
-        emulator.order("mend")
-        wait_for_calm(virtual_time, link)
+        mend()
         with pytest.raises(HardwareError, match="refuses to be armed"):
             link.arm(BOUNDS)  # mended is not cleared
         link.clear()
@@ -193,18 +190,14 @@ def test_faults_of_cable_and_board_while_a_wire_is_hot(virtual_time, emulator, r
 
         off_after("stall 5.0", 0.25, "restarted by itself")  # its watchdog resets it
         link.clear()
-        heating = Heating(virtual_time, link)
-        assert virtual_time.wait_for(lambda: emulator.duty()[1] > 0.0)
-        emulator.order("drop 1.0")
-        assert "Nothing new came from the board" in heating.failure()
-        emulator.order("mend")
-        wait_for_calm(virtual_time, link)
-        heating = Heating(virtual_time, link)
-        assert virtual_time.wait_for(lambda: emulator.duty()[1] > 0.0)
+        off_after("drop 1.0", HEARTBEAT, "Nothing new came from the board")
+        mend()
+        heating = heat_fully()
         off = emulator.off_after(emulator.order("unplug"))
-        report(record_property, "cable unplugged", off)
+        report("cable unplugged", off)
         assert off < HEARTBEAT
-        assert "The cable to" in heating.failure() or "Nothing new came" in heating.failure()
+        said = heating.failure()
+        assert "The cable to" in said or "Nothing new came" in said
 
 
 def wait_for_calm(time, link):
@@ -229,7 +222,7 @@ def test_duty_out_of_range_is_not_sent(virtual_time, emulator):
     assert emulator.duty() == [0.0, 0.0]
 
 
-def test_simulation_that_falls_behind(virtual_time, emulator, record_property):
+def test_simulation_that_falls_behind(virtual_time, emulator):
     class Slow(SerialLimb):
         """Thinks for a while at 0.5 s."""
 
@@ -247,6 +240,6 @@ def test_simulation_that_falls_behind(virtual_time, emulator, record_property):
         simulate(limb, [0.0, 0.1], 3.0)
     on = next(e["time"] for e in emulator.events("duty") if e["right"] == 0.1)
     off = emulator.off_after(on) - 0.5  # the simulation stops at 0.5 s
-    report(record_property, "simulation falls behind", off)
+    report("simulation falls behind", off)
     assert off < HEARTBEAT
     assert emulator.duty() == [0.0, 0.0]

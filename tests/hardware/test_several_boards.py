@@ -22,7 +22,7 @@ from planners import plan, references
 from soft_limb.command import main
 from walking import RobotLimb, RobotParameters
 
-from .conftest import BOUNDS, Heating, VirtualBoard
+from .conftest import BOUNDS, Heating, VirtualBoard, report
 
 NAMES = ["rear", "front"]
 DUTY = [0.02, 0.08, 0.06, 0.04]  # another one for each wire
@@ -106,13 +106,12 @@ def test_a_plan_is_replayed_on_all_boards_in_one_time(
             check_replayable(planned, limb)
 
 
-def test_boards_go_off_together(virtual_time, ports, boards, robot, record_property):
+def test_boards_go_off_together(virtual_time, ports, boards, robot):
     rear, front = boards
 
     def off(board, since, what, limit):
         seconds = board.off_after(since)
-        record_property(what, f"{1000 * seconds:.0f} ms")
-        print(f"\n{what}: {1000 * seconds:.0f} ms")
+        report(what, seconds)
         assert seconds < limit
 
     def heating(link):
@@ -165,7 +164,7 @@ def test_boards_go_off_together(virtual_time, ports, boards, robot, record_prope
     [*((fault, "robot") for fault in FAULTS), ("unplug", "station"), ("open left", "station")],
 )
 def test_a_board_that_fails_switches_the_other_off_at_once(
-    fault, kind, virtual_time, ports, boards, robot, monkeypatch, record_property
+    fault, kind, virtual_time, ports, boards, robot, monkeypatch
 ):
     """Of a robot, and of a station; times are from the fault, and from when the host knows it."""
     rear, front = boards
@@ -195,7 +194,7 @@ def test_a_board_that_fails_switches_the_other_off_at_once(
     assert front.port in said
     seconds = rear.off_after(since[0])
     after_known = rear.off_after(known[0])
-    record_property("off after", f"{1000 * seconds:.0f} ms, known {1000 * after_known:.0f} ms")
-    print(f"\n{kind}, {fault}: {1000 * seconds:.0f} ms, {1000 * after_known:.0f} ms after known")
+    report(f"{kind}, {fault}", seconds)
+    report(f"{kind}, {fault}, from when it is known", after_known)
     assert seconds <= LONGEST
     assert after_known <= AFTER_KNOWN

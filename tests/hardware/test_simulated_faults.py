@@ -16,7 +16,7 @@ from simulated_board import SimulatedBoard as Simulated
 
 from hardware.firmware import guard, protocol
 
-from .conftest import SimulatedBoard, small_twin
+from .conftest import SimulatedBoard, report, small_twin
 
 HEARTBEAT = 0.252  # s
 HOT = (0.0, 1.0)
@@ -49,7 +49,7 @@ def assert_stays_off(board, duty=HOT, seconds=0.5):
 
 
 @pytest.mark.parametrize(("fault", "reason", "limit"), FAULTS, ids=lambda fault: str(fault)[:12])
-def test_faults_end_heat_in_time(fault, reason, limit, record_property):
+def test_faults_end_heat_in_time(fault, reason, limit):
     random.seed(1)
     board = SimulatedBoard()
     board.heat()
@@ -58,8 +58,7 @@ def test_faults_end_heat_in_time(fault, reason, limit, record_property):
     for order in filter(None, fault.split(";")):
         board.emulation.inject_fault(order)
     time_to_off = board.time_to_off(limit, None if fault == NOISE else HOT)
-    record_property("off after", f"{1000 * time_to_off:.0f} ms")
-    print(f"\n{fault}: off after {1000 * time_to_off:.0f} ms")
+    report(fault, time_to_off)
     if reason is None:
         return
     assert_stays_off(board)
@@ -92,7 +91,7 @@ def test_bytes_that_are_damaged_now_and_then(board_in_simulated_time):
         board.emulation.inject_fault("mend")
 
 
-def test_commands_that_are_later_and_later(record_property):
+def test_commands_that_are_later_and_later():
     """Behind a buffer that grows up to 3 s, until the host is no more, or nobody notices."""
     longest = 0.0
     for event, moment, rate in (
@@ -127,8 +126,7 @@ def test_commands_that_are_later_and_later(record_property):
         longest = max(longest, off - min(happened, late or happened))
         assert guarded.reason in (guard.NO_COMMAND, guard.LATE_COMMANDS, guard.BY_HOST)
         assert_stays_off(board, None)
-    record_property("off after", f"{1000 * longest:.0f} ms")
-    print(f"\noff after {1000 * longest:.0f} ms")
+    report("later and later commands", longest)
     assert longest <= 0.3
 
 

@@ -123,7 +123,7 @@ def test_the_memory_has_the_rates_of_its_law_written_out():
 def simulated_states(limb: LimbParameters, duty, duration: float, start=None) -> np.ndarray:
     """The state of the `Limb` after a time of constant duty."""
     system = Limb(limb)
-    simulator = make_simulator(system, 1e-5)
+    simulator = make_simulator(system, 1e-3)
     context = simulator.get_mutable_context()
     system.GetInputPort("duty").FixValue(context, duty)
     if start is not None:

@@ -387,7 +387,7 @@ def test_hysteresis_is_near_a_published_constitutive_model():
         ours = [
             np.interp(np.linspace(0, 1, round(2 * abs(end - start)) + 1), along, share)
             for (start, end), (T, share) in zip(
-                itertools.pairwise(turns), shares(law, turns, step=0.25), strict=True
+                itertools.pairwise(turns), shares(law, turns, step=0.5), strict=True
             )
             for along in [np.abs(T - start) / abs(end - start)]
         ]

@@ -24,7 +24,7 @@ def limbs() -> dict[str, LimbParameters]:
     return {
         "one link": LimbParameters(segments=[SegmentParameters(links=1)]),
         "two segments": LimbParameters(segments=[SegmentParameters(links=3), soft_tip]),
-        "gravity": LimbParameters(gravity=[-4.0, -9.0, 1.0]),
+        "gravity": LimbParameters(segments=[SegmentParameters(links=2)], gravity=[-4.0, -9.0, 1.0]),
         **{name: LIMBS[name]() for name in ("mixed", "remembering")},
     }
 

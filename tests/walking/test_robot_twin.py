@@ -101,6 +101,9 @@ def test_a_seed_draws_a_robot_and_its_identity_makes_it_again():
     assert again.foot_friction == first.foot_friction
     assert (again.wires, again.segments) == (first.wires, first.segments)
     assert other.drawn != first.drawn
+    shares = [specimen.drawn.feet.stiffness / 2e4 for specimen in (first, other)]
+    assert 0.0 < max(np.abs(np.array(shares) - 1)) <= 0.2
+    assert shares[0] != shares[1]
     assert other.wires != first.wires
     assert RobotSpecimen.of(first.without("body").board).board == first.without("body").board
     numbers = {first.board.serial_number, other.board.serial_number}

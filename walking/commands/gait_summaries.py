@@ -69,7 +69,8 @@ def walk_summary(gait: Gait, recording: Recording, starts: np.ndarray) -> Summar
 
     # Measure the cycles that ended before a fall.
     fall, end = find_fall(recording, gait, starts[0])
-    completed = starts[starts <= end + 1e-6]
+    num_completed = max(1, np.searchsorted(starts, end + 1e-6, "right"))
+    completed = starts[:num_completed]
     planned = gait.turn if gait.on_the_spot else gait.stride
     scale, unit = (np.rad2deg(1.0), "°") if gait.on_the_spot else (1e3, " mm")
     strides = measure_strides(recording, gait, completed)[0] * planned
