@@ -1,12 +1,9 @@
 """How long a plan takes with each law of the wires: Fig. 5, five links, 601 knots.
 
 Whole plans from request to check, all laws in turn, so that the ratios to the
-paper's law hold on a busy machine as well; medians of the repetitions.
-
-    python benchmarks/plan_time_by_law.py [--repetitions 5]
+paper's law hold on a busy machine as well; medians of five repetitions.
 """
 
-import argparse
 import time
 
 import numpy as np
@@ -28,12 +25,9 @@ def timed_plan(law: str) -> tuple[float, Trajectory]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repetitions", type=int, default=5, help="default %(default)s")
-    options = parser.parse_args()
     times: dict[str, list[float]] = {law: [] for law in LAWS}
     checks = {}
-    for repetition in range(options.repetitions + 1):
+    for repetition in range(6):
         for law in LAWS:
             seconds, trajectory = timed_plan(law)
             if repetition:  # before the first, Python loads what it needs

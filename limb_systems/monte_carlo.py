@@ -306,8 +306,9 @@ class OpenLoop:
             [course[steps, :, 0, runs], first_constants[:, 0].swapaxes(0, 1)[runs]], axis=1
         )
         duty = np.repeat(self._duty, num_substeps, axis=0)[steps, runs]
-        derivatives = _symbolic_step(law, self.step / num_substeps).derivatives
-        values, slopes = derivatives.first(points.swapaxes(1, 2), duty[..., None])
+        symbolic_step = _symbolic_step(law, self.step / num_substeps)
+        assert symbolic_step
+        values, slopes = symbolic_step.derivatives.first(points.swapaxes(1, 2), duty[..., None])
         # Memories that reach their bounds stay there.
         for row, (low, high) in _memory_ranges(law).items():
             slopes[(values[..., row] < low) | (values[..., row] > high), row] = 0.0
@@ -321,7 +322,8 @@ class OpenLoop:
         for step_index, count in enumerate(num_unfinished.tolist(), 1):
             begin = end
             end += count
-            after = slopes[begin:end] @ differences[:count]
+            with np.errstate(over="ignore", invalid="ignore"):
+                after = slopes[begin:end] @ differences[:count]
             differences[:count, :, :num_states] = after
             if step_index % num_substeps == 0:
                 change = differences[:, :, :num_states].transpose(2, 3, 0, 1)
@@ -360,7 +362,7 @@ class OpenLoop:
             # Memory moves the rest angle towards the side of the wires that heat.
             bends_alone = np.abs(torques * self._directions)
             bends_alone *= bend_by_angle / stiffness[..., None]
-            angles += self.rest_shifts(bends_alone, self._sides[:, None], rubber)[..., 0] / (
+            angles += self._rest_shifts(bends_alone, self._sides[:, None], rubber)[..., 0] / (
                 bend_by_angle
             )
         if "stiffening" in rubber:
@@ -371,7 +373,7 @@ class OpenLoop:
             angles = 2.0 / root * np.sinh(np.arcsinh(1.5 * root * angles) / 3.0)
         return angles
 
-    def rest_shifts(
+    def _rest_shifts(
         self, bends_alone: np.ndarray, directions: np.ndarray, rubber: Mapping[str, np.ndarray]
     ) -> np.ndarray:
         """Return how far memory moves the rest angle (K + 1, B, R, F), rad; see `NonlinearRubber`.

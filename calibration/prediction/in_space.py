@@ -88,7 +88,7 @@ class OpenLoopInSpace(OpenLoop):
             springs = rubber["stiffness"][:, None] * _springs(rubber)
             by_torque = np.linalg.norm(levers / springs[:, None], axis=-1)
             by_torque *= self._chain.bend_by_equal_angle
-            shifts = self.rest_shifts(by_torque[:, None] * torques, levers, rubber).swapaxes(0, 1)
+            shifts = self._rest_shifts(by_torque[:, None] * torques, levers, rubber).swapaxes(0, 1)
             pulls += _springs(rubber)[:, None, None] * shifts / self._chain.bend_by_equal_angle
         # Find the bends in each mounting, and turn them as the sensor is rolled.
         bends = np.empty_like(pulls)

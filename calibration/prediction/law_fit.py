@@ -236,7 +236,6 @@ def fit_law(
     start_values = {u.name: u.center for u in unknowns}
     if start is not None:
         start_values |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
-
     # Start from the optimum of a law that this law contains, or from a likelier start.
     start_in_law = None
     if start is not None and _is_fit_to(start, runs):
@@ -250,8 +249,9 @@ def fit_law(
             break
     fit = problem.fit_at(x)
     # No worse than a law that it contains.
-    is_worse = start_in_law is not None and start is not None and fit.misfit > start.misfit
-    return problem.fit_at(start_in_law) if is_worse else fit
+    if start_in_law is None or start is None or fit.misfit <= start.misfit:
+        return fit
+    return problem.fit_at(start_in_law)
 
 
 def _is_fit_to(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
@@ -460,7 +460,7 @@ class _FitProblem:
         )
 
     def contained(self, fit: LawFit) -> np.ndarray | None:
-        """Return x with which the law equals a fit's law, if it contains that law; else None."""
+        """Return x with which the law equals that of a fit to these runs; None if it cannot."""
         other_values = dict(zip([u.name for u in fit.unknowns], fit.fitted, strict=True))
         x = self.center.copy()
         for index, unknown in enumerate(self._unknowns):
@@ -474,19 +474,18 @@ class _FitProblem:
         size = len(self._unknowns)
         margin = 1e-6 * (self.bounds[1][:size] - self.bounds[0][:size])
         x[:size] = np.clip(x[:size], self.bounds[0][:size] + margin, self.bounds[1][:size] - margin)
-        if len(fit.initial_conditions) == len(self._runs):
-            # The ambient temperature, the states that both laws have, and others of cold wires.
-            initial_conditions = x[size:].reshape(len(self._runs), -1)
-            initial_conditions[:, 0] = fit_T0 = fit.initial_conditions[:, 0]
-            states = initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
-            former = fit.initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
-            cold_states = np.transpose([self._law().cold_states(T0) for T0 in fit_T0])
-            for row, state in enumerate(self._law.states):
-                if state in fit.law.states:
-                    states[:, row] = former[:, list(fit.law.states).index(state)]
-                else:
-                    states[:, row] = cold_states[row][:, None]
-            initial_conditions[:, 1:] = states.reshape(len(self._runs), -1)
+        # The ambient temperature, the states that both laws have, and others of cold wires.
+        initial_conditions = x[size:].reshape(len(self._runs), -1)
+        initial_conditions[:, 0] = fit_T0 = fit.initial_conditions[:, 0]
+        states = initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+        former = fit.initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
+        cold_states = np.transpose([self._law().cold_states(T0) for T0 in fit_T0])
+        for row, state in enumerate(self._law.states):
+            if state in fit.law.states:
+                states[:, row] = former[:, list(fit.law.states).index(state)]
+            else:
+                states[:, row] = cold_states[row][:, None]
+        initial_conditions[:, 1:] = states.reshape(len(self._runs), -1)
         return x
 
     def hottest(self, x: np.ndarray) -> np.ndarray:

@@ -82,6 +82,7 @@ class Candidate:
     @property
     def temperature_error(self) -> float:
         """Mean |V - V_sim| over all, °C; 0 without thermocouples."""
+        # Recordings without thermocouples do not count.
         read = [each.temperature_error for each in self.judged if each.run.is_read]
         return float(np.mean(read)) if read else 0.0
 
@@ -167,6 +168,7 @@ class Prediction:
             "of the difference, in blocks of 10 s, of the errors of bend and V together, those of "
             "what judged and those of what was fitted."
         )
+        # Say why a law that is nearer to what judged is not used.
         nearest = min(self.candidates, key=lambda candidate: candidate.bend_error)
         if nearest.bend_error < self.best.bend_error:
             better, error = error_reduction(nearest, self.best)
@@ -191,6 +193,7 @@ class Prediction:
         return [*remarks_on_data, *itertools.chain(*remarks_on_fit)]
 
     def _remarks_on_mountings(self) -> Iterator[Remark]:
+        # Gravity towards E2 and E3 must differ between recordings of a limb in space.
         loads = np.array([predicted.run.load for predicted in self.fit.predicted])
         if self.fit.segment.axes > 1 and np.ptp(loads[:, 1:3], axis=0).max() < 1.0:
             yield Remark(
@@ -202,6 +205,7 @@ class Prediction:
             )
 
     def _remarks_on_judges(self) -> Iterator[Remark]:
+        # Compare the heat while laws are judged with the whole.
         judged_heat = [p.run.duty[int(p.run.times[0] / STEP) :].sum() for p in self.best.judged]
         if sum(judged_heat) < 0.5 * LEFT_OUT_SHARES[0] * sum(
             p.run.duty.sum() for p in self.best.judged
@@ -220,6 +224,7 @@ class Prediction:
                 "from the duty by it, not measured. Simulate, plan, and learn in emulation with "
                 "this limb; boards refuse to heat without thermocouples.",
             )
+        # Remark on each wire of which recordings tell nothing, or no lag.
         for index, wire in enumerate(self.fit.segment.wires):
             fields = {unknown.field for unknown in self.fit.unidentified if unknown.wire == index}
             if not self.fit.measures_heat and fields <= {*READING_FIELDS}:
@@ -248,6 +253,7 @@ class Prediction:
         for unknown, x, estimate, share in zip(
             self.fit.unknowns, self.fit.fitted, estimates, shares, strict=True
         ):
+            # A value at its bound, then a value that is known no better than before.
             may_be_absent = unknown.low == 0.0 and not unknown.form  # a part of a law
             low = -np.inf if may_be_absent else unknown.low
             if not low + BOUND_MARGIN < x < unknown.high - BOUND_MARGIN:
@@ -266,6 +272,7 @@ class Prediction:
     def _remarks_on_starts(self) -> Iterator[Remark]:
         law = self.fit.law
         names = [wire.name for wire in self.fit.segment.wires]
+        # Check each temperature of each wire at the start of each recording.
         for predicted, initial_conditions in zip(
             self.fit.predicted, self.fit.initial_conditions, strict=True
         ):
@@ -411,7 +418,9 @@ def _best_law_by_folds(
     kinds: Iterable[str],
     report: Callable[[str], object],
 ) -> tuple[Candidate, list[Predicted]]:
-    """Return the best law that predicts each part left out as well as baselines, and these parts.
+    """Return the best law that predicts parts left out in turn as well as baselines, and these.
+
+    Errors count by their root mean square over the parts, as one part that is far off matters.
 
     Args:
         candidates, best, folds: the laws by the first fold, the best of them, and all folds.
@@ -422,13 +431,16 @@ def _best_law_by_folds(
     Raises:
         CalibrationError: if there is none.
     """
-    least_errors = np.array([min(errors.values()) for errors in baselines])
-    share, distance = BASELINE_ALLOWANCE
-    allowed = np.maximum(share * least_errors, least_errors + distance)
+    mean_squares = {}
+    for name in baselines[0]:
+        mean_squares[name] = float(np.mean([errors[name] ** 2 for errors in baselines]))
+    baseline, mean_square = min(mean_squares.items(), key=lambda item: item[1])
+    error = np.sqrt(mean_square)
+    allowed = max(BASELINE_ALLOWANCE[0] * error, error + BASELINE_ALLOWANCE[1])
     # The best law, or the nearest others, each fitted without each part.
     by_error = sorted(candidates, key=lambda candidate: candidate.bend_error)
     tried = [best, *(candidate for candidate in by_error if candidate is not best)][:MAX_TRIED_LAWS]
-    least_law_error = np.inf
+    least_error = np.inf
     for candidate in tried:
         fit = candidate.fit
         parts = list(candidate.judged)
@@ -440,15 +452,12 @@ def _best_law_by_folds(
             judged = refit.continued(judges) if folds.continued else refit.predict(judges)
             law_errors.append(float(np.mean([part.bend_error for part in judged])))
             parts += judged
-        if (law_errors <= allowed).all():
+        law_error = float(np.sqrt(np.mean(np.square(law_errors))))
+        if law_error <= allowed:
             return candidate, parts
-        least_law_error = min(least_law_error, float(np.mean(law_errors)))
+        least_error = min(least_error, law_error)
     # None is as good: say what to record.
-    mean_errors = {
-        name: float(np.mean([each[name] for each in baselines])) for name in baselines[0]
-    }
-    baseline = min(mean_errors, key=mean_errors.__getitem__)
-    by_law, by_baseline = np.rad2deg([least_law_error, mean_errors[baseline]])
+    by_law, by_baseline = np.rad2deg([least_error, error])
     next_step = next_recording(best.fit, [*kinds]) or "record more motions like those you plan"
     raise CalibrationError(
         f"These recordings tell no model: {baseline} misses the bend by {by_baseline:.0f}° "

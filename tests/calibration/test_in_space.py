@@ -53,12 +53,12 @@ def true_limb() -> LimbParameters:
 
 
 def recording_of(turned: float | None, seed: int, levels: list[list[float]]) -> Recording:
-    """Each level held for 10 s, then 10 s without duty, as a noisy, drifting sensor shows it."""
+    """Each level held for 15 s, then 15 s without duty, as a noisy, drifting sensor shows it."""
     limb = mounted_limb(true_limb(), turned)
     wires, random = LimbModel.of(limb).wires, np.random.default_rng(seed)
     parts = np.array([[0.0] * 3, *(row for level in levels for row in (level, [0.0] * 3))])
-    times = np.arange(0.0, 10.0 * len(parts), 1 / RATE)
-    duty = np.repeat(parts, round(10 * RATE), axis=0)  # from each sample to the next
+    times = np.arange(0.0, 15.0 * len(parts), 1 / RATE)
+    duty = np.repeat(parts, round(15 * RATE), axis=0)  # from each sample to the next
     states, readings = [wires.cold_states], [wires.cold_states[:3]]
     for level in duty[:-1]:
         heat = np.concatenate([states[-1], readings[-1]])
@@ -189,7 +189,7 @@ def test_the_memory_of_the_rest_angle_is_that_of_the_model():
 def test_bends_alone_tell_a_limb_that_bends_in_space(motion):
     """Without thermocouples, by the limb's own law; the other recording has other levels."""
     alone = dataclasses.replace(motion, measured_temperature=np.nan * motion.measured_temperature)
-    other = recording_of(None, 11, [[0, 0.3, 0.1], [0.4, 0, 0.1]])
+    other = recording_of(None, 11, [[0, 0.25, 0.1], [0.3, 0, 0.1]])
     calibration = calibrate({"heated": [alone]}, laws=[LinearLaw], counted_limit=80.0)
     run = HeatedRun.of(other)
     (predicted,) = calibration.prediction.fit.roll_out([run])
