@@ -7,6 +7,7 @@ most of the time, CasADi evaluates the operations itself.
 
 import functools
 import itertools
+import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -71,6 +72,7 @@ FEW_POINTS = 40
 FEW_BOUND_POINTS = 100  # of a bound function, which has no overhead
 # CasADi evaluates so many points before numpy does: listing an instruction takes as long.
 POINTS_BEFORE_LISTING = 1000
+_POINT_LOCK = threading.RLock()
 CHUNK = 1500  # points that numpy evaluates at once, so that they stay in the processor's cache
 
 
@@ -130,10 +132,11 @@ class Compiled:
     def _evaluate_point(self, inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Evaluate the expressions at a single point, without CasADi's own arrays."""
         arguments, results, evaluate = self._bound_point
-        for argument, values in zip(arguments, inputs, strict=True):
-            argument[:, 0] = values
-        evaluate()
-        return [values[:, 0].copy() for values in results]
+        with _POINT_LOCK:  # threads share the arrays
+            for argument, values in zip(arguments, inputs, strict=True):
+                argument[:, 0] = values
+            evaluate()
+            return [values[:, 0].copy() for values in results]
 
     @functools.cached_property
     def _bound_point(self) -> tuple[list[np.ndarray], list[np.ndarray], Callable[[], None]]:

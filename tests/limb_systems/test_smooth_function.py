@@ -1,5 +1,8 @@
 """Symbolic functions as numpy code, against Drake's symbolic derivatives."""
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -87,3 +90,21 @@ def test_operations_that_are_not_smooth_are_refused():
     x = ca.SX.sym("x")
     with pytest.raises(LimbError, match="uses fmax, which is not smooth"):
         check_smooth(ca.Function("law", [x], [ca.fmax(x, 0.0)]))
+
+
+def test_threads_do_not_mix_their_points():
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    point = ca.SX.sym("p", 3)
+    function = SmoothFunction(ca.sin(point) * ca.sum1(point), point)
+
+    def has_mixed(number):
+        own = np.full(3, float(number))
+        expected = np.sin(own) * own.sum()
+        return any(abs(function.values(own) - expected).max() > 1e-9 for _ in range(10_000))
+
+    try:
+        with ThreadPoolExecutor() as pool:
+            assert not any(pool.map(has_mixed, range(3)))
+    finally:
+        sys.setswitchinterval(interval)

@@ -12,7 +12,8 @@ from limb_systems import (
     LimbParameters,
     SegmentParameters,
 )
-from planners.transcription.collocation import MotionDefects, heat_block
+from planners.recurrence import LinearRecurrence
+from planners.transcription.collocation import MotionDefects, fixed_time_heat_blocks, heat_block
 
 TIME_STEP = 5e-4  # s, short enough for the fixed point that closes the θ rows below
 
@@ -151,3 +152,39 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian():
         hessian = scales[:, None] * defects.hessian(multipliers, *signals) * scales
         by_heat = hessian[:-2, :-2]  # not by the time steps
         np.testing.assert_allclose(by_heat, quotient[:-2, :-2], atol=1e-6 * most)
+
+
+def test_blocks_of_equal_wires_have_the_rows_of_the_block_of_all_wires():
+    generator = np.random.default_rng(3)
+    for parameters in limbs().values():
+        model = LimbModel.of(parameters)
+        states, levels = random_state(parameters, generator, 3)
+        heat, duty, steps = states[:, 2 * parameters.num_joints :], levels, np.full(2, TIME_STEP)
+        x = flat(heat, duty, steps)
+        places = np.split(np.arange(x.size), np.cumsum([heat.size, duty.size]))
+        heat_at, duty_at = places[0].reshape(heat.shape), places[1].reshape(duty.shape)
+        whole = heat_block(model, heat_at, duty_at, places[2])
+        direction = generator.normal(size=x.size)
+        direction[places[2]] = 0.0  # at fixed time steps
+
+        def values_and_changes(block, x=x, direction=direction):
+            changes = np.zeros(len(block.lower))
+            np.add.at(changes, block.rows, block.jacobian(x) * direction[block.columns])
+            return np.array([block.evaluate(x), changes])
+
+        for size in (heat.shape[1], model.wires.num_states):  # with readings, and without
+            expected = values_and_changes(whole).reshape(2, 2, -1)[..., :size].reshape(2, -1)
+            blocks = fixed_time_heat_blocks(model, heat_at[:, :size], duty_at, places[2])
+            actual = np.hstack([values_and_changes(block) for block in blocks])
+            np.testing.assert_allclose(np.sort(actual), np.sort(expected), rtol=1e-9, atol=1e-9)
+
+
+def test_recurrence_in_chunks_is_the_recurrence_knot_by_knot():
+    generator = np.random.default_rng(4)
+    for num_steps in (1, 2, 7, 30):
+        factors = generator.normal(size=(num_steps, 3, 3))
+        gains = generator.normal(size=(num_steps, 3))
+        expected = [np.zeros(3)]
+        for factor, gain in zip(factors, gains, strict=True):
+            expected.append(factor @ expected[-1] + gain)
+        np.testing.assert_allclose(LinearRecurrence(factors).solve(gains), expected, rtol=1e-10)
