@@ -235,15 +235,26 @@ class DutyCorrection:
     def _change_wires_in_turn(
         self, start: np.ndarray, before: np.ndarray, after: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the heat at the steps (L + 1, ..., H) under the duty after, and `bend_changes`."""
+        """Simulate a change of duty, of each wire alone and of all.
+
+        Args:
+            start: states of the wires at the start (H,).
+            before, after: duty in L steps (L, W), and changed duties (L, ..., W).
+
+        Returns:
+            The states at the steps (L + 1, ..., H) with all wires changed, and the changes of the
+            bend at the nodes (M + 1, ..., F, W) by each wire.
+        """
         W = before.shape[1]
         before = np.broadcast_to(before.reshape(-1, *[1] * (after.ndim - 2), W), after.shape)
-        one = np.eye(W, dtype=bool)
-        some = np.where(one, after[..., np.newaxis, :], before[..., np.newaxis, :])
-        duty = np.concatenate([some, before[..., np.newaxis, :], after[..., np.newaxis, :]], -2)
+        # Simulate W + 2 duties at once: each wire alone changed (W), none, and all.
+        none_changed = before[..., np.newaxis, :]
+        all_changed = after[..., np.newaxis, :]
+        one_changed = np.where(np.eye(W, dtype=bool), all_changed, none_changed)
+        duty = np.concatenate([one_changed, none_changed, all_changed], axis=-2)
         heat = self.model.rollout(np.broadcast_to(start, (*duty.shape[1:-1], len(start))), duty)
         bend = self.model.bend_angle(heat[::STEPS_PER_NODE, ..., :-1, :])  # (M + 1, ..., W + 1, F)
-        bend_changes = bend[..., :W, :] - bend[..., W:, :]
+        bend_changes = bend[..., :W, :] - bend[..., W : W + 1, :]
         return heat[..., -1, :], np.swapaxes(bend_changes, -1, -2)
 
     def _bounds(

@@ -22,15 +22,15 @@ NOISE_FACTOR = 3.0
 
 
 def foot_fall(recording: Recording) -> list[GaitPhase]:
-    """Return phases in which no foot changes its contact, from each sample to the next.
+    """Return phases in which none of L feet changes its contact, by K samples of a recording.
 
     A foot swings where it carries less than 2% of what all feet carry. Else it slides where its
     point at the ground is faster than 0.2 mm/s plus 0.84 mm/s for each N along the ground; else it
     sticks. In the plane it slides forward if it goes towards +x, and else backward. The described
     friction plays no part, as the ground's friction may differ from it.
 
-    Where the body's pose is measured with noise, speeds are means over 0.5 s, and a foot slides
-    where its speed is also larger than three standard deviations of what the noise leaves of it.
+    Where the body's pose is measured with noise, speeds are means over 0.5 s, and three standard
+    deviations of the noise of these means are added to the speed above which a foot slides.
 
     Raises:
         LimbError: if the recording has no joint angles, no pose of the body or no contact forces,

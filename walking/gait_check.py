@@ -186,9 +186,10 @@ def measure_strides(
         starts: times at which the cycles begin, and the last one ends (C + 1,), s.
 
     Returns:
-        The travel along the planned stride, turn included, and the travel aside of it.
+        The travel along the planned stride, turn included, and the travel perpendicular to it.
     """
     assert recording.body_pose is not None
+    # Angles go on beyond π; positions, in m, never jump by so much.
     pose = np.unwrap(recording.body_pose, axis=1)
     return gait.progress(np.array([np.interp(starts, recording.time, row) for row in pose]))
 

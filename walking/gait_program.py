@@ -237,7 +237,8 @@ class GaitProgram:
         B = self.walker.pose_size
         τ = self.walker.num_tangents
 
-        # Bound roll, pitch and joints; the body begins at the origin.
+        # Bound roll, pitch and joints; the body begins at the origin. A configuration has τ
+        # coordinates of the body along the ground, its height, roll and pitch, yaw, and the joints.
         self._bound(self.y[:, τ + 1 : 2 * τ + 1], -MAX_ROLL_AND_PITCH, MAX_ROLL_AND_PITCH)
         angle = MAX_JOINT_ANGLE_IN_SPACE if self.in_space else MAX_JOINT_ANGLE
         self._bound(self.y[:, B:], -angle, angle)
@@ -256,7 +257,7 @@ class GaitProgram:
         for interval_duty in self.duty:
             self._add_linear(np.ones((1, W)), 0.0, self.robot.total_duty, interval_duty)
 
-        # Bound the lengths of intervals.
+        # Bound the lengths of intervals, whose scale is the typical length.
         typical_step = self.prog.GetVariableScaling()[int(self.steps[0])]
         shortest, longest = STEP_RANGE
         self._bound(self.steps, shortest * typical_step, longest * typical_step)
@@ -548,28 +549,32 @@ class GaitProgram:
     def complete(
         self, x: np.ndarray, steps: np.ndarray, end: np.ndarray | None = None
     ) -> np.ndarray:
-        """Fill in travel, time and merit, which follow from the other decision variables.
+        """Fill in travel, time and merit of x, which follow from the other decision variables.
 
         Args:
+            x: all decision variables, which are changed.
             steps: lengths of the intervals (K,), s, equal within a phase.
-            end: the body's travel per period, as the variables ``end``; little of it if None.
+            end: the body's travel per period, as the variables ``end``: forward, sideways, m, and
+                turn, rad. If None, the travel of the course, or a little where it has none.
         """
         τ = self.walker.num_tangents
 
-        # Choose a small travel of the body if none is given.
+        # Choose the travel of the body if none is given; an infinite turn is as far as it comes.
         if end is None:
             course = self.course
             turn = np.copysign(MIN_TURN, course.turn) if np.isinf(course.turn) else course.turn
             stride = course.stride or (0.0 if course.on_the_spot else MIN_STRIDE)
-            end = np.array([stride, stride * np.tan(turn / 2), turn])[: len(self.end)]
+            sideways = stride * np.tan(turn / 2)  # at the end of an arc
+            end = np.array([stride, sideways, turn])[: len(self.end)]
         x[self.end] = end
         x[self.time_steps] = steps
 
-        # Take the travel of the feet from the configuration.
-        travel = self.walker.feet(x[self.y])[..., :-1]
-        turned = rotate_to_heading(travel[0].T, -end[2]).T if self.in_space else travel[0]
+        # Take the places of the feet (K, F, τ) from the configuration; a period later they stand
+        # turned and moved with the body.
+        places = self.walker.feet(x[self.y])[..., :-1]
+        turned = rotate_to_heading(places[0].T, -end[2]).T if self.in_space else places[0]
         last = end[:τ] + turned
-        x[self.travel] = np.concatenate([travel, last[None]])
+        x[self.travel] = np.concatenate([places, last[None]])
 
         # Each foot that slides in space does so along its mean direction.
         intervals, feet = self.slides.nonzero()
@@ -578,13 +583,13 @@ class GaitProgram:
             is_in_slide = self._slide_numbers == number
             foot = feet[is_in_slide][0]
             path = slid[is_in_slide].sum(axis=0)
-            if np.linalg.norm(path) < MIN_SLIP:
-                path = last[foot] - travel[0, foot]
+            if np.linalg.norm(path) < MIN_SLIP:  # too short to have a direction
+                path = last[foot] - places[0, foot]
             x[self.direction[number]] = path / np.linalg.norm(path)
         directions = x[self.direction[self._slide_numbers]]
         x[self.advance] = (directions * slid).sum(axis=1).clip(min=0.0)
 
-        # Compute the merit: speed, or heating per distance.
+        # Compute the merit: speed, or heating per distance, a variable times metres per unit of it.
         index, metres = self._distance
         distance = metres * x[index]
         heating = (x[self.duty] * steps[:, None]).sum()

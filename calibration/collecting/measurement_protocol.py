@@ -372,12 +372,12 @@ def collect_from_robot(
     tell: Callable[[str], object] = lambda numbered_name: None,
     live: LiveView | None = None,
 ) -> None:
-    """Return all recordings that calibration wants, from a robot, one file after the other.
+    """Record all that calibration wants from a robot, one file after the other.
 
-    Before the other heated recordings the wires are warmed by some degrees, with a little duty
-    and bounds so wide that the board takes any limb, and then warmed up, to tell the board
-    what to expect of these wires. What a wire or thermocouple shows that is unlike the others
-    or the description is told.
+    Before the other heated recordings, the first contact warms the wires by some degrees, with a
+    little duty and bounds so wide that the board accepts any limb. Then the warm-up heats them, so
+    that the board gets the bounds of these wires. ``tell`` gets a remark on each wire or
+    thermocouple that differs from the others or from the description.
 
     Each sample goes to a file when it arrives, which gets its name when the recording is
     complete. Complete recordings are kept when collecting is started again. A recording that
@@ -416,7 +416,7 @@ def collect_from_robot(
         f"{len(remaining_times)} of {len(plans)} recordings are left, in which wires are heated "
         f"for at most {sum(remaining_times) / 60:.2g} min in all"
     )
-    described = copy.deepcopy(parameters)  # which learns its bounds of heat
+    described = copy.deepcopy(parameters)  # gets bounds of heat after the first recordings
     knowledge = None
     was_excited = False
     turned = None
@@ -443,7 +443,7 @@ def collect_from_robot(
             known = {}
             if knowledge:
                 say(f"{plan.name}: calibrating with what was recorded so far")
-                # It takes seconds, in which no robot should wait.
+                # Calibrate before the robot is connected: it takes seconds.
                 known = {"known": knowledge.limb}
             # Let the operator mount the limb.
             if not was_excited or plan.turned != turned:

@@ -463,24 +463,30 @@ class Columns:
                 self.ask(kind, f"wires[{index}].unit", READING_RANGES, **facts)
 
     def _are_in_one_room(self, sensors: list[Column], unit: str) -> bool:
-        """Return whether thermocouples become as cold as a room and each other, or may do so.
+        """Return whether readings may be true temperatures in one room, without offsets.
 
-        A thermocouple that has an offset stays apart from others, and does not cool.
+        Thermocouples then become as cold as a room and as each other, at least in a long log. One
+        that has an offset stays apart from the others, and does not cool.
         """
         moving = [column for column in sensors if column.span]
         coldest = [float(np.quantile(column.present, 0.003)) for column in moving]
-        if not moving or (self.is_long and max(coldest) > ROOM_RANGES[unit][1]):
-            return not moving
+        if not moving:
+            return True
+        _, warmest_room = ROOM_RANGES[unit]
+        if self.is_long and max(coldest) > warmest_room:
+            return False
+        # In a short log wires cool less, so that their coldest readings may be farther apart.
         min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
-        hurry = max(1.0, LONG_LOG_TIME / (self.times[-1] - self.times[0]))
+        shortness = max(1.0, LONG_LOG_TIME / (self.times[-1] - self.times[0]))
         most_warming = max(column.span for column in moving)
-        largest = max(min_offset, MAX_COLD_SPREAD * hurry**2.5 * most_warming)
+        largest = max(min_offset, MAX_COLD_SPREAD * shortness**2.5 * most_warming)
         # Before the first heat, a wire that is warmer than others cools.
         warmest = max(moving, key=lambda column: column.means[0])
         num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
         halves = np.array_split(warmest.means[:num_steps], 2)
         lead = warmest.means[0] - min(column.means[0] for column in moving)
         if num_steps > 5 and lead > min_offset:
+            # Between the middles of the halves it cools for half of the time, at its slowest.
             cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
             if np.nanmean(halves[0]) - np.nanmean(halves[1]) < cooling:
                 return False

@@ -255,7 +255,7 @@ class _Form:
         return names
 
     def units(self) -> list[str]:
-        """Return the units of columns: of a row below the names or above them, or in each cell."""
+        """Return the unit of each column, from a row beside the names, or from its cells."""
         units = [""] * self.width
         above = self.head[: max(0, self.names_line - 1)]
         for row in [*self.head[self.names_line :], *reversed(above)]:

@@ -149,11 +149,16 @@ def unknowns_of(
 def _segment_unknowns(
     segment: SegmentParameters, rubber: tuple[str, ...]
 ) -> Iterator[tuple[str, int | None, str, str, float, float, float]]:
-    """Yield name, wire, unit, form, center and bounds of the unknowns that are of no law."""
-    # Angles, and in space springs, which mountings under gravity tell.
+    """Yield the unknowns of a segment that are no field of a wire's law.
+
+    Each has a name, the index of its wire (None if it is of no wire), a unit, a form, a center, a
+    lower and an upper bound. Of the form "+", which is positive, center and bounds are logarithms.
+    """
+    # Angles; in space also angles of wires and springs, as gravity bends a limb that is mounted in
+    # several ways by amounts that depend on them.
     angles: list[tuple[str, int | None, float]] = [("rest_angle", None, segment.rest_angle)]
     springs = {}
-    if segment.axes > 1:  # mountings under gravity then tell them
+    if segment.axes > 1:
         angles.append(("rest_angle_e3", None, segment.rest_angle_e3))
         angles.append(("bend_sensor.roll", None, segment.bend_sensor.roll))
         angles += [(f"{wire.name}.angle", i, wire.angle) for i, wire in enumerate(segment.wires)]
@@ -163,6 +168,7 @@ def _segment_unknowns(
     for name, unit in springs.items():
         center = float(np.log(getattr(segment, name)))
         yield name, None, unit, "+", center, center - 3.0, center + 3.0
+    # Rubber that stiffens, remembers or damps, if the fit is to have it.
     for option, units in RUBBER_UNITS.items():
         for name, unit in units.items() if option in rubber else ():
             yield name, None, unit, "+", np.log(PRIORS[name.split(".")[-1]].center), -9.0, 3.0

@@ -96,7 +96,7 @@ def write_validation_report(
 
 
 def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part]:
-    """Return a table of the compared laws, and a section for each recording as fitted."""
+    """Return a table of the compared laws, and a section for each recording that was fitted."""
     # List the errors of each law.
     rows = []
     for candidate in prediction.candidates:
@@ -105,7 +105,7 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
         heat = f"{candidate.temperature_error:.1f}" if prediction.fit.measures_heat else ""
         rows.append([f"{candidate.name}{mark}", bend, heat])
     table = page.table(
-        ["law", "bend, °", "V, °C"],
+        ["law", "bend, °", "reading V, °C"],
         rows,
         f"Mean errors of open-loop predictions, judged by {prediction.judges}. {prediction.choice}",
     )

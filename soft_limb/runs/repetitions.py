@@ -40,12 +40,12 @@ def repeat(
     tell: Callable[[int, Repetition], object] = lambda number, repetition: None,
     live: LiveView | None = None,
 ) -> None:
-    """Repeat a plan until a number of repetitions is reached, or further repetitions do not pay.
+    """Repeat a plan a number of times, or until further repetitions would bring no improvement.
 
     The folder gets ``learning.txt``, which `Learner.load` reads; ``learned.csv``, a trajectory
     with the best repetition's duty; and a recording of each repetition, ``repetition_1.csv`` etc.
-    An interruption loses nothing: a complete recording is learned from the next time. If a robot
-    fails, its repetition is kept as an unfinished recording and counts as interrupted.
+    An interruption loses nothing: when started again, it learns from complete recordings. If a
+    robot fails, its unfinished recording is kept and learned from, as an interrupted repetition.
 
     Args:
         learner: learner of the plan, which may have earlier repetitions.
