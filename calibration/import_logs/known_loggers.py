@@ -74,8 +74,8 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
             columns.wires.append(WireColumns(side, duty))
     columns.pair_wires_with_thermocouples()
     # Keep this limb's two wires; the others were there to claim their own thermocouples.
-    columns.duties = columns.duties[:2]
-    columns.wires = columns.wires[:2]
+    del columns.duties[2:]
+    del columns.wires[2:]
     del columns.heats
     # A wire that was not heated warms none: it gets its usual thermocouple, if that is free.
     taken = [wire.temperature for wire in columns.wires]

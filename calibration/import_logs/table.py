@@ -327,14 +327,10 @@ def read_table(
         raise LogError(f"{path} has only {count} rows of numbers.")
     names = unique_names(names)
     times_of_day = frozenset(itertools.compress(names, form.is_time))
-    form_fields = {
-        "delimiter": form.delimiter,
-        "decimal": form.decimal,
-        "names_line": form.names_line,
-    }
+    fields = {"delimiter": form.delimiter, "decimal": form.decimal, "names_line": form.names_line}
     has_names = bool(form.names_line or form.labels)
     values = values[:, :count]
-    return LogTable(names, form.units(), values, times_of_day, form_fields, has_names, odd_rows)
+    return LogTable(names, form.units(), values, times_of_day, fields, has_names, odd_rows)
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
