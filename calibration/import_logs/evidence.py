@@ -64,11 +64,7 @@ class Steps:
         return low_pass(np.append(0.0, mean_duty[:-1]), kept)
 
     def responses(self, heats: np.ndarray, signals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how much each signal changes for a unit of each wire's heat.
-
-        Args:
-            heats: heat of the W wires (W, N) in the N steps, see `heat`.
-            signals: means of M signals (M, N) in the steps, each in its own unit.
+        """Return how much M signals (M, N) change for a unit of the heat of W wires (W, N).
 
         Returns:
             gains (M, W), and their standard errors (M, W): infinite for wires without heat.
@@ -95,14 +91,10 @@ class Steps:
 def _regression(
     causes: np.ndarray, signal: np.ndarray, num_heats: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gains (W,) of the first W of C causes of a signal, and standard errors (W,).
+    """Return the gains (W,) of the first W of C causes of a signal, and their errors (W,).
 
-    Residuals are correlated from step to step: the correlation is estimated, and taken out.
-
-    Args:
-        causes: (N, C), in N steps.
-        signal: (N,).
-        num_heats: W, the number of causes that are heats of wires.
+    Residuals are correlated from step to step: the correlation is estimated, and taken out. The
+    signal (N,) and the causes (N, C) are in N steps; ``num_heats`` is W.
     """
     memory = 0.0
     for _ in range(3):

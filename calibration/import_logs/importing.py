@@ -115,8 +115,7 @@ def import_logs(
                 raise
             unread.append(str(problem))
             continue
-        for limb in limbs:
-            logs.append(ImportedLog(path, limb))
+        logs += [ImportedLog(path, limb) for limb in limbs]
         # The only log need not be read again.
         if len(files) == 1:
             tables = [table.only(limbs[0].mapping.columns)]
@@ -140,7 +139,7 @@ def _share(limbs: list[Proposal]) -> None:
         zeros_deg = []
         answered: list[LogMapping] = []
         for similar in limbs:
-            if _columns(similar) == _columns(limb):
+            if (similar.name, similar.columns) == (limb.name, limb.columns):
                 zeros_deg.append(similar.mapping.bend.zero)
                 if similar.is_heated and not similar.questions:
                     answered.append(similar.mapping)
@@ -159,22 +158,12 @@ def _share(limbs: list[Proposal]) -> None:
         limb.questions = [q for q in limb.questions if q.field.split(".")[0] in ("time", "rate")]
 
 
-def _columns(limb: Proposal) -> tuple:
-    """Return the limb's name and the log's columns; logs with equal ones have equal mappings."""
-    return limb.name, tuple(limb.columns)
-
-
 def recording_from_log(
     path: str | Path,
     mapping: LogMapping | str | Path | None = None,
     parameters: LimbParameters | None = None,
 ) -> Recording:
-    """Return the longest recording of a log; a warning names what is left out.
-
-    Args:
-        mapping: mapping of the log's columns, or its YAML file; proposed by the log if None.
-        parameters: the limb's description; the nominal limb, with the wires of the mapping, if
-            None.
+    """Return the longest recording of a log, see `import_logs`; warn of what is left out.
 
     Raises:
         LogError: if it is no log, is not as the mapping says, or leaves a question open.

@@ -138,21 +138,6 @@ class ColumnList(list[Column]):
         return [column.text for column in self]
 
     @property
-    def labels(self) -> list[str]:
-        """The label of the wire in each name; empty where a name has none."""
-        return [column.name.label for column in self]
-
-    @property
-    def stems(self) -> set[tuple[str, ...]]:
-        """The different stems of the names."""
-        return {column.name.stem for column in self}
-
-    @property
-    def max_span(self) -> float:
-        """The largest range of a column's numbers; 0 without columns."""
-        return max((column.span for column in self), default=0.0)
-
-    @property
     def moving(self) -> "ColumnList":
         """The columns whose numbers change."""
         return ColumnList(column for column in self if column.span)
@@ -169,8 +154,8 @@ class ColumnList(list[Column]):
 class Columns:
     """The columns of a log, and the signals that they are taken for: one duty, bend and so on.
 
-    The heat of a duty is the duty through a low pass, as warmth and bend follow it. It has a value
-    in each of N even steps, see `Steps`. There are W wires with a duty, and K rows in the log.
+    A log has K rows, which are reduced to N even steps (see `Steps`), and W duties. The heat of a
+    duty (N,) is the duty through a low pass, which warmth and bend follow.
 
     Args:
         limb: description of the limb; None if the log is of the nominal limb or a part of it.
@@ -293,7 +278,7 @@ class Columns:
             return named
         unnamed = self._unnamed()
         likely = ColumnList(filter(is_likely, unnamed))
-        stems = likely.stems
+        stems = {column.name.stem for column in likely}
         similar = [column for column in unnamed if column.name.stem in stems]
         if len(stems) > 1 or (len(similar) > len(likely) and self.table.has_names):
             self.ask("like columns", f"wires[0].{role}", similar, role=role)
@@ -322,7 +307,7 @@ class Columns:
             signs = [-1.0, 1.0]
             self.duties = ColumnList(sorted(self.duties * 2, key=self.duties.index))
         # Names of the limb's wires have the words of the columns.
-        labels = self.duties.labels
+        labels = [column.name.label for column in self.duties]
         wire_of_label = {}
         for wire_name in self.limb.wire_names:
             wire_of_label[Name(wire_name, self.dictionary).label or wire_name] = wire_name
@@ -413,8 +398,8 @@ class Columns:
         warming, errors = self.steps.responses(self.heats, signals)
         warmed_sensors = evidence.clear_pairs(warming, errors)
         # Numbers and letters are names if duties and thermocouples have the same ones.
-        labels = self.duties.labels
-        sensor_labels = self.temperatures.labels
+        labels = [column.name.label for column in self.duties]
+        sensor_labels = [column.name.label for column in self.temperatures]
         are_same = len(set(labels)) == len(labels) and sorted(labels) == sorted(sensor_labels)
         # Names decide, if heat does not contradict them; else heat does.
         open_wires = []
@@ -444,7 +429,7 @@ class Columns:
             else:
                 open_wires.append(index)
         # Of columns of one stem, the only one that is left is of the only wire that is left.
-        are_similar = len(self.temperatures.stems) == 1
+        are_similar = len({column.name.stem for column in self.temperatures}) == 1
         is_last = are_similar and len(self.temperatures) == len(self.wires) and len(open_wires) == 1
         for index in open_wires:
             wire = self.wires[index]
@@ -508,10 +493,7 @@ class Columns:
             first = [float(np.median(c.present[:5])) for c in similar]
             lowest = [c.low for c in similar]
             is_at_rest = max(np.subtract(first, lowest)) < MAX_REST_RISE and np.ptp(first) < 3.0
-            rooms = []
-            for room_unit, (low, high) in ROOM_RANGES.items():
-                if low <= np.mean(first) <= high:
-                    rooms.append(room_unit)
+            rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
             unit = "C" if max(lowest) < MAX_COLD else "K" if min(lowest) > 250.0 else UNKNOWN
             unit = unit_in_name or ((rooms or [UNKNOWN])[0] if is_at_rest else unit)
             if unit == "F" and not unit_in_name and not self.is_long:
@@ -544,7 +526,8 @@ class Columns:
         # In a short log wires cool less, so that their coldest readings may be farther apart.
         min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
         shortness = max(1.0, LONG_LOG_TIME / (self.times[-1] - self.times[0]))
-        max_spread = max(min_offset, MAX_COLD_SPREAD * shortness**2.5 * moving.max_span)
+        most_warming = max(column.span for column in moving)
+        max_spread = max(min_offset, MAX_COLD_SPREAD * shortness**2.5 * most_warming)
         # Before the first heat, a wire that is warmer than others cools.
         warmest = max(moving, key=lambda column: column.means[0])
         num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
@@ -572,10 +555,8 @@ class Columns:
             first, second = sorted(candidates, key=lambda c: (c.name.axis, c.name.label))
             bend = self._bend_column(first)
             bend_e3 = self._bend_column(second)
-            return dataclasses.replace(
-                bend, column="", e2=first.text, e3=second.text, zero_e3=bend_e3.zero,
-                scale_e3=bend_e3.scale,
-            )  # fmt: skip
+            bend = dataclasses.replace(bend, column="", e2=first.text, e3=second.text)
+            return dataclasses.replace(bend, zero_e3=bend_e3.zero, scale_e3=bend_e3.scale)
         # Without names, it is what follows the heat.
         hints = ColumnList()
         if not candidates:
@@ -656,7 +637,7 @@ class Columns:
         # Numbers that stay small while wires are hot are radians.
         rest = float(np.median(column.present[:10]))
         is_small = float(np.abs(column.present - np.median(column.present)).max()) < MAX_RADIANS
-        is_hot = bool(self.heats.any()) and self.temperatures.max_span > HOT_RISE
+        is_hot = any(c.span > HOT_RISE for c in self.temperatures) and bool(self.heats.any())
         scale = DEGREES_PER_UNIT.get(name.unit, 1.0)
         if name.quantity not in ("", "angle") or column.span * scale > MAX_BEND_RANGE:
             scale = 0.0
@@ -728,14 +709,11 @@ class Columns:
                 self.ask("wire", field, self.limb.wire_names, numbers=numbers, duty=wire.duty)
 
     def _bend_votes(self, log_mapping: LogMapping) -> np.ndarray:
-        """Return how clearly wires bend the limb to their sides, or to positive angles (W,).
-
-        The votes are in standard errors; they are negative for the other direction.
-        """
+        """Return how clearly each wire bends the limb to its side (W,), in standard errors."""
         plain = dataclasses.replace(log_mapping.bend, measures=mapping.BEND_ANGLE)
         plain_mapping = dataclasses.replace(log_mapping, bend=plain)
         rows = bends_of(self.table, plain_mapping)[:, self.rows]
-        bends = np.array([self.steps.means(row) for row in rows])
+        bends = np.array(list(map(self.steps.means, rows)))
         lever_of_wire = {wire.name: wire.lever for wire in self.limb.wires}
         levers = np.ones((len(rows), len(self.heats)))
         warmth = self.heats.copy()
@@ -753,12 +731,10 @@ class Columns:
         """Ask about what is left over and could be heat, or a wire's temperature."""
         # Wires without a thermocouple may have what warms with them.
         bare = [i for i in range(len(self.duties)) if not self.wires[i].temperature]
-        for column in self.columns:
+        for column in self.columns.moving:
             name = column.name
-            is_signal = (
-                column.span and name.is_measured and name.role not in (words.TIME, words.FRAME)
-            )
-            if not is_signal or column.text in self.notes:
+            is_clock = name.role in (words.TIME, words.FRAME)
+            if is_clock or not name.is_measured or column.text in self.notes:
                 continue
             # Heat that duties do not explain is of another wire.
             is_duty = name.role == DUTY
@@ -805,9 +781,7 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
 
 
 def _bends_from_first(x: np.ndarray, y: np.ndarray) -> bool:
-    """Return whether links of a line turn as if it were clamped at its first point.
-
-    The coordinates x and y of its P points in N steps are (P, N).
+    """Return whether links of P points x, y (P, N) turn as if clamped at the first point.
 
     For constant curvature, links turn in proportion to the distance of their middles. Limbs bend
     more near their base; a link that begins before the base turns less.

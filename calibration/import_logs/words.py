@@ -2,6 +2,7 @@
 
 import copy
 import functools
+import itertools
 import re
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -140,21 +141,10 @@ class Name:
         bare, unit_in_name = _without_unit(text, column_names)
         self.quantity, self.unit = parse_unit(unit or unit_in_name)
         tokens = dictionary.split(bare)
-        # Find the last number, label letter and axis; long numbers are of chips.
-        self.words: list[str] = []
-        numbers: list[str] = []
-        letters: list[str] = []
-        axes: list[str] = []
-        for token in tokens:
-            if token.isdigit():
-                numbers = [token] if len(token) < 3 else numbers
-                continue
-            self.words.append(token)
-            if token in LABEL_LETTERS and len(tokens) > 1:
-                letters = [token]
-            if token in ("x", "y", "z"):
-                axes = [token]
-        # The wire's label is a side, a number or a letter.
+        self.words = list(itertools.filterfalse(str.isdigit, tokens))
+        # Find the wire's label: a side, the last number, or a letter; long numbers are of chips.
+        numbers = [token for token in tokens if token.isdigit() and len(token) < 3][-1:]
+        letters = [word for word in self.words if word in LABEL_LETTERS and len(tokens) > 1][-1:]
         label_words = numbers or letters
         self.label = "".join(label_words).lstrip("0") or "0" * len(numbers)
         for side in (*SIDES, "1", "2"):
@@ -163,6 +153,7 @@ class Name:
                 self.label = side
                 label_words = [*numbers, *side_words]
         # What is left is the stem.
+        axes = [word for word in self.words if word in ("x", "y", "z")][-1:]
         self.axis = "".join(axes)
         self.stem = tuple(token for token in tokens if token not in (*label_words, *axes))
         # Find what the column is.
