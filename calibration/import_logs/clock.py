@@ -129,7 +129,7 @@ def times_of(
 
 
 def row_times(table: LogTable, column: TimeColumn, rate: float = 0.0) -> np.ndarray:
-    """Return the times that a column says (K,), s; they go on where it begins anew."""
+    """Return a column's times (K,), s, also where it begins anew; LogError if a field is open."""
     if UNKNOWN in (column.column, column.unit):
         raise LogError("the column of time or its unit is not known.")
     # Rows, or frames with numbers, come at a rate.

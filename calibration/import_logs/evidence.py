@@ -37,6 +37,9 @@ def correlation(first: np.ndarray, second: np.ndarray) -> float:
 class Steps:
     """Even steps to which the signals of a log are reduced to be compared.
 
+    In shapes, K are rows, N steps, W wires, M signals, F bends and C causes. The heat of a wire is
+    its duty through a low pass, which its warmth and the bend follow.
+
     - ``step_of_row``: number of the step of each row (K,).
     - ``times``: (N,), s from the first row.
     - ``step``: s.
@@ -58,7 +61,7 @@ class Steps:
         return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
     def heat(self, duty: np.ndarray) -> np.ndarray:
-        """Return the heat of a duty (K,) in each step (N,): warmth and bend follow it."""
+        """Return the heat of a duty (K,) in each step (N,)."""
         mean_duty = forward_fill(self.means(forward_fill(duty)))
         kept = np.exp(-self.step / WIRE_MEMORY)
         return low_pass(np.append(0.0, mean_duty[:-1]), kept)
@@ -78,10 +81,8 @@ class Steps:
                 is_heated = np.ptp(heats[:, is_present], axis=1) > 1e-9
             if is_heated.any():
                 # The heat that wires and silicone have at first decays.
-                wire_decay = np.exp(-self.times / WIRE_MEMORY)
-                silicone_decay = np.exp(-self.times / SILICONE_MEMORY)
-                offset = np.ones(len(signal))
-                causes = np.vstack([heats[is_heated], wire_decay, silicone_decay, offset])
+                decays = np.exp(-self.times / np.array([[WIRE_MEMORY], [SILICONE_MEMORY]]))
+                causes = np.vstack([heats[is_heated], decays, np.ones(len(signal))])
                 gains[row, is_heated], errors[row, is_heated] = _regression(
                     causes[:, is_present].T, signal[is_present], int(is_heated.sum())
                 )
@@ -151,11 +152,10 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
 
 
 def has_rival(gains: np.ndarray, errors: np.ndarray, wire: int) -> bool:
-    """Return whether another wire clearly warms a thermocouple more than one wire does.
+    """Return whether another wire clearly warms a thermocouple more than wire ``wire`` does.
 
     Args:
         gains, errors: warming of the thermocouple by W wires, and its standard error (W,).
-        wire: index of the one wire.
     """
     lead = gains - WARMING_FACTOR * max(gains[wire], 0.0)
     lead_errors = np.hypot(errors, WARMING_FACTOR * errors[wire])

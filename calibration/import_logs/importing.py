@@ -80,14 +80,14 @@ def import_logs(
     unread: list[str] | None = None,
     dictionary: Dictionary | None = None,
 ) -> list[ImportedLog]:
-    """Read logs.
+    """Read logs, and return each limb in them with its recordings or questions.
 
     What is asked of a log that has little heat, another log with the same columns may tell. A log
     whose name begins with "sag" and that has no heat is of a limb that is mounted so that gravity
     bends it, to the side where it bends.
 
     Args:
-        mapping: mapping of all of them; what they show themselves if None.
+        mapping: mapping of all logs; proposed for each log if None.
         parameters: the limb's description; the nominal limb if None.
         unread: gets why a log is left out that is no table of text with rows of numbers; if None,
             none is left out.
@@ -163,27 +163,23 @@ def recording_from_log(
     mapping: LogMapping | str | Path | None = None,
     parameters: LimbParameters | None = None,
 ) -> Recording:
-    """Return the longest recording of a log, see `import_logs`; warn of what is left out.
-
-    Raises:
-        LogError: if it is no log, is not as the mapping says, or leaves a question open.
-    """
+    """Return a log's longest recording; warn of what is left out; LogError if a question is open."""
     if isinstance(mapping, str | Path):
         mapping = LogMapping.load(mapping)
     # Refuse a log with open questions.
-    log, *others = import_logs([path], mapping, parameters)
+    log, *logs_of_other_limbs = import_logs([path], mapping, parameters)
     if log.asks:
         asked = [f"{question.text}." for question in log.limb.questions]
         asked = asked or log.limb.mapping.open_fields
         raise LogError(f"{path}: give in a mapping what the log does not tell: {' '.join(asked)}")
     if log.error:
         raise LogError(log.error)
-    # Warn of what is not in the longest recording.
+    # Warn of the rows and limbs that are not in the longest recording.
     remarks = log.remarks
     if len(log.recordings) > 1:
         remarks = [f"This is the longest of {len(log.recordings)} parts.", *remarks]
-    if others:
-        names = ", ".join(other.limb.name for other in others)
+    if logs_of_other_limbs:
+        names = ", ".join(other_log.limb.name for other_log in logs_of_other_limbs)
         remarks = [f"This is {log.limb.name}; mappings would read {names}.", *remarks]
     if remarks:
         warnings.warn(f"{path}: {' '.join(remarks)}", stacklevel=3)

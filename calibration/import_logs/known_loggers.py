@@ -3,17 +3,10 @@
 import itertools
 import re
 
+from calibration.import_logs import mapping
 from calibration.import_logs.clock import DAY
 from calibration.import_logs.log_signals import base_direction
-from calibration.import_logs.mapping import (
-    CHORD,
-    TIP_TANGENT,
-    UNKNOWN,
-    BendColumns,
-    LogMapping,
-    TimeColumn,
-    WireColumns,
-)  # fmt: skip
+from calibration.import_logs.mapping import BendColumns, LogMapping, TimeColumn, WireColumns
 from calibration.import_logs.propose import Columns, Proposal
 from calibration.import_logs.table import LogTable
 from calibration.import_logs.words import Dictionary
@@ -84,22 +77,22 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
         usual = USUAL_SENSORS.get((limb, wire.name), "")
         if columns.duties[index].span:
             fields.append(f"wires[{index}].temperature")
-        elif wire.temperature in ("", UNKNOWN):
+        elif wire.temperature in ("", mapping.UNKNOWN):
             is_free = by_name.get(usual) in columns.temperatures and usual not in taken
             wire.temperature = usual if is_free else ""
-        if wire.unit == UNKNOWN and wire.temperature != UNKNOWN:
+        if wire.unit == mapping.UNKNOWN and wire.temperature != mapping.UNKNOWN:
             wire.unit = "C"
     columns.questions = [question for question in columns.questions if question.field in fields]
     # Add the bend, and turn its sign so that each wire bends the limb to its own side.
     bend, note = _bend_of_limb(table, limb, limbs)
-    mapping = LogMapping(time, columns.wires, bend, **table.form)
-    columns.find_sides(mapping)
+    log_mapping = LogMapping(time, columns.wires, bend, **table.form)
+    columns.find_sides(log_mapping)
     columns.notes |= {
         f"limb {limb}": "of a logger of limbs with shape-memory alloy",
         "bend": note,
         "left": "its wire rev, and right is fwd; exchange the names if they are not",
     }
-    return columns.proposal(f"limb_{limb}" if len(limbs) > 1 else "", mapping)
+    return columns.proposal(f"limb_{limb}" if len(limbs) > 1 else "", log_mapping)
 
 
 def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendColumns, str]:
@@ -107,7 +100,7 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
     sensor = f"Bendlabs_{limb}"
     if sensor in table.names and table.numbers(sensor).any():
         note = f"{sensor}, the angle of the tip's tangent in degrees, halved (8)"
-        return BendColumns(sensor, measures=TIP_TANGENT), note
+        return BendColumns(sensor, measures=mapping.TIP_TANGENT), note
     # Else take the chord of its tags; limbs in series share the tags between them.
     tags = sorted(_numbers_after("tagid_x_", table), key=int)
     points = [[f"tagid_x_{tag}", f"tagid_y_{tag}"] for tag in tags]
@@ -118,7 +111,7 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
         return BendColumns(sensor), "no sensor, and too few tags; give its column"
     base = limb_points[0]
     tip = limb_points[-1]
-    bend = BendColumns(line=[*base, *tip], measures=CHORD)
+    bend = BendColumns(line=[*base, *tip], measures=mapping.CHORD)
     note = f"of the chord from the tag of {base[0]} to the tag of {tip[0]}, from the "
     # Measure from the direction of the limb before it, or of the base in the picture.
     if first:
@@ -140,7 +133,7 @@ def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
         # The angle is 0 while the camera does not see the tags.
         bend = BendColumns(f"theta_{number}", seen=f"tagid_x_{tags[-1]}" if tags else "")
         time = TimeColumn(TIMESTAMP, "ms", wraps_after=DAY)
-        mapping = LogMapping(time, wires, bend, **table.form)
+        log_mapping = LogMapping(time, wires, bend, **table.form)
         notes = [
             f"limb {number} of a logger of pneumatic limbs: nothing in it heats a wire, so that "
             "calibration cannot use it",
@@ -148,5 +141,5 @@ def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
             "soft-limb plan takes the recording as a reference",
         ]
         name = f"limb_{number}" if len(numbers) > 1 else ""
-        proposals.append(Proposal(name, mapping, notes, columns=table.names))
+        proposals.append(Proposal(name, log_mapping, notes, columns=table.names))
     return proposals

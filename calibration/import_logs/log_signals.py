@@ -188,7 +188,7 @@ class _Signals:
         return parts
 
     def _cuts_at_gaps(self) -> list[int]:
-        """Return where parts begin, and the end: a part ends where nobody knows the duty."""
+        """Return the first row of each part, and the end: a part ends where the duty is unknown."""
         # The duty is unknown in gaps in which it changed or was on for long.
         gaps = np.diff(self.times)
         long = np.flatnonzero(gaps > clock.MIN_GAP)

@@ -154,8 +154,7 @@ class ColumnList(list[Column]):
 class Columns:
     """The columns of a log, and the signals that they are taken for: one duty, bend and so on.
 
-    A log has K rows, which are reduced to N even steps (see `Steps`), and W duties. The heat of a
-    duty (N,) is the duty through a low pass, which warmth and bend follow.
+    In shapes, K are rows of the log, N the `Steps` that they are reduced to, and W wires.
 
     Args:
         limb: description of the limb; None if the log is of the nominal limb or a part of it.
@@ -393,7 +392,7 @@ class Columns:
         if not self.duties:
             return
         # Find the thermocouples that clearly warm with each wire.
-        unpaired = self.temperatures.without([])
+        unpaired = ColumnList(self.temperatures)
         signals = np.array([column.means for column in unpaired])
         warming, errors = self.steps.responses(self.heats, signals)
         warmed_sensors = evidence.clear_pairs(warming, errors)
@@ -442,8 +441,7 @@ class Columns:
         # Ask about thermocouples without a wire.
         for column in unpaired:
             if column.text not in self.notes:
-                wire = WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN)
-                self.wires.append(wire)
+                self.wires.append(WireColumns(UNKNOWN, UNKNOWN, 1.0, column.text, UNKNOWN))
                 field = f"wires[{len(self.wires) - 1}].duty"
                 self.ask("no wire", field, ["''", "none"], column=column.text)
 
@@ -574,10 +572,9 @@ class Columns:
                 candidates = possible
         if not candidates:
             hint = ""
-            del hints[3:]
-            for column in hints:
+            for column in hints[:3]:
                 hint += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
-            self.ask("no bend", "bend.column", hints, hints=hint)
+            self.ask("no bend", "bend.column", hints[:3], hints=hint)
             return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(candidates, key=lambda c: c.name.rank)
@@ -618,8 +615,7 @@ class Columns:
         if not says_fixed and (is_clear or not self.heats.any()):
             zero = base_direction([column.values for column in coordinates])
             # In the picture, the limb's right is clockwise.
-            line = texts[:2] + tip
-            return BendColumns(line=line, zero=zero, scale=-1.0, measures=mapping.CHORD)
+            return BendColumns(line=texts[:2] + tip, zero=zero, scale=-1.0, measures=mapping.CHORD)
         choices = [f"[{', '.join([x.text, y.text, *tip])}]" for x, y in points[:-1]]
         self.ask("base", "bend.line", choices)
         return BendColumns(line=[UNKNOWN, UNKNOWN, *tip], scale=-1.0, measures=mapping.CHORD)

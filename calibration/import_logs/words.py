@@ -2,7 +2,6 @@
 
 import copy
 import functools
-import itertools
 import re
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -141,7 +140,7 @@ class Name:
         bare, unit_in_name = _without_unit(text, column_names)
         self.quantity, self.unit = parse_unit(unit or unit_in_name)
         tokens = dictionary.split(bare)
-        self.words = list(itertools.filterfalse(str.isdigit, tokens))
+        self.words = [token for token in tokens if not token.isdigit()]
         # Find the wire's label: a side, the last number, or a letter; long numbers are of chips.
         numbers = [token for token in tokens if token.isdigit() and len(token) < 3][-1:]
         letters = [word for word in self.words if word in LABEL_LETTERS and len(tokens) > 1][-1:]
