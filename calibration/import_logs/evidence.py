@@ -75,10 +75,12 @@ class Steps:
         gains = np.zeros((len(signals), len(heats)))
         errors = np.full(gains.shape, np.inf)
         for row, signal in enumerate(signals):
+            # Find the wires that are heated in the steps in which all signals are present.
             is_present = ~np.isnan(np.vstack([heats, signal])).any(axis=0)
             is_heated = np.zeros(len(heats), bool)
             if is_present.sum() >= MIN_STEPS:
                 is_heated = np.ptp(heats[:, is_present], axis=1) > 1e-9
+            # Fit the gains of the wires that are heated; the others keep 0.
             if is_heated.any():
                 # The heat that wires and silicone have at first decays.
                 decays = np.exp(-self.times / np.array([[WIRE_MEMORY], [SILICONE_MEMORY]]))

@@ -163,7 +163,7 @@ def recording_from_log(
     mapping: LogMapping | str | Path | None = None,
     parameters: LimbParameters | None = None,
 ) -> Recording:
-    """Return a log's longest recording; warn of what is left out; LogError if a question is open."""
+    """Return a log's longest recording and warn of the rest; LogError if a question is open."""
     if isinstance(mapping, str | Path):
         mapping = LogMapping.load(mapping)
     # Refuse a log with open questions.

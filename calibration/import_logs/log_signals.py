@@ -95,9 +95,9 @@ def described_limb(mapping: LogMapping, parameters: LimbParameters | None) -> Li
 class _Signals:
     """The signals of a log, row by row.
 
-    - ``times``: (K,), s from the first row.
-    - ``duty``: (W, K), in [0, 1].
-    - ``readings``: V of W wires, °C, and φ of F bends, rad (W + F, K).
+    - ``times``: times of K rows (K,), s from the first row.
+    - ``duty``: duty of W wires (W, K), in [0, 1].
+    - ``readings``: temperatures V of W wires, °C, and angles φ of F bends, rad (W + F, K).
     - ``rate``: usual rate of the rows, Hz.
     - ``remarks``: what was lost, in sentences.
     """
@@ -286,7 +286,7 @@ def _interpolate_slow_sensor(times: np.ndarray, values: np.ndarray) -> np.ndarra
 def _read_duty(
     table: LogTable, column: str, sign: float, mapping: LogMapping
 ) -> tuple[np.ndarray, int]:
-    """Return duty (K,), in [0, 1], held where it is missing; and in how many rows it is."""
+    """Return duty in K rows (K,), in [0, 1], and the number of rows that have the last one."""
     values = sign * _numbers(table, column, mapping)
     is_missing = np.isnan(values)
     if is_missing.all():
@@ -427,12 +427,12 @@ def resampled(
     the log; its applied duty is the mean between the rows.
 
     Args:
-        times: times of rows (K,), s from the first, increasing.
-        duty: (W, K).
-        readings: V of W wires, °C, and φ of F bends, rad (W + F, K).
-        rate: Hz.
+        times: times of K rows (K,), s from the first, increasing.
+        duty: duty of W wires (W, K), in [0, 1].
+        readings: temperatures V of W wires, °C, and angles φ of F bends, rad (W + F, K).
+        rate: rate of the samples, Hz.
     """
-    # Each sample has the last row before it, unless that is stale.
+    # Each sample has the last row before it, unless the row is stale.
     grid = np.arange(int(np.floor(times[-1] * rate + 1e-6)) + 1) / rate
     row = np.searchsorted(times, grid + 1e-6, side="right") - 1
     age = np.maximum(grid - times[row], 0.0)
@@ -444,6 +444,7 @@ def resampled(
         later_means = doses(duty[:, :-1], times, ends) / np.diff(ends)
         return np.clip(np.column_stack([duty[:, 0], later_means]), 0.0, 1.0)
 
+    # The applied duty is the mean from one used row to the next.
     used_rows, index = np.unique(row, return_inverse=True)
     return {
         "time": grid,

@@ -441,7 +441,9 @@ class Columns:
         # Ask about thermocouples without a wire.
         for column in unpaired:
             if column.text not in self.notes:
-                self.wires.append(WireColumns(UNKNOWN, UNKNOWN, 1.0, column.text, UNKNOWN))
+                self.wires.append(
+                    WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN)
+                )
                 field = f"wires[{len(self.wires) - 1}].duty"
                 self.ask("no wire", field, ["''", "none"], column=column.text)
 
