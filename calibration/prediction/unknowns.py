@@ -88,20 +88,29 @@ class Unknown:
 def values_of(unknowns: Sequence[Unknown], fitted: Iterable[Any]) -> list[Any]:
     """Return the values of unknowns (P) in their units, from the fitted numbers."""
     values = {u.name: u.value(x) for u, x in zip(unknowns, fitted, strict=True)}
-    return [values[u.below] - values[u.name] if u.below else values[u.name] for u in unknowns]
+    # The value of an unknown below another is so far the distance between them.
+    distances = dict(values)
+    for unknown in unknowns:
+        if unknown.below:
+            values[unknown.name] = distances[unknown.below] - distances[unknown.name]
+    return [*values.values()]
 
 
 def slopes_of(unknowns: Sequence[Unknown], fitted: Iterable[float]) -> np.ndarray:
     """Return the derivatives of the values by the fitted numbers (P, P)."""
-    own_slopes = [
-        u.value(np.asarray(x)) if u.form else 1.0 for u, x in zip(unknowns, fitted, strict=True)
-    ]
-    slopes = np.diag(np.array(own_slopes, float))
-    rows = {u.name: row for row, u in enumerate(unknowns)}
+    # Each value by its fitted number: the derivative of an exponential is its value.
+    diagonal = np.ones(len(unknowns))
+    rows: dict[str, int] = {}
+    for row, (unknown, x) in enumerate(zip(unknowns, fitted, strict=True)):
+        rows[unknown.name] = row
+        if unknown.form:
+            diagonal[row] = unknown.value(np.asarray(x))
+    # A value below another grows with the other and falls with its distance.
+    slopes = np.diag(diagonal)
     for row, unknown in enumerate(unknowns):
         if unknown.below:
             slopes[row, row] *= -1
-            slopes[row, rows[unknown.below]] = own_slopes[rows[unknown.below]]
+            slopes[row, rows[unknown.below]] = diagonal[rows[unknown.below]]
     return slopes
 
 
@@ -161,14 +170,15 @@ def _segment_unknowns(
     if segment.axes > 1:
         angles.append(("rest_angle_e3", None, segment.rest_angle_e3))
         angles.append(("bend_sensor.roll", None, segment.bend_sensor.roll))
-        angles += [(f"{wire.name}.angle", i, wire.angle) for i, wire in enumerate(segment.wires)]
+        for index, wire in enumerate(segment.wires):
+            angles.append((f"{wire.name}.angle", index, wire.angle))
         springs = {"stiffness": "N·m/rad", "stiffness_ratio": "of k"}
-    for name, wire, angle in angles:
-        yield name, wire, "rad", "", angle, angle - MAX_ANGLE_CHANGE, angle + MAX_ANGLE_CHANGE
+    for name, wire_index, angle in angles:
+        yield name, wire_index, "rad", "", angle, angle - MAX_ANGLE_CHANGE, angle + MAX_ANGLE_CHANGE
     for name, unit in springs.items():
         center = float(np.log(getattr(segment, name)))
         yield name, None, unit, "+", center, center - 3.0, center + 3.0
-    # Rubber that stiffens, remembers or damps, if the fit is to have it.
+    # Rubber that stiffens or remembers, if the fit is to have it.
     for option, units in RUBBER_UNITS.items():
         for name, unit in units.items() if option in rubber else ():
             yield name, None, unit, "+", np.log(PRIORS[name.split(".")[-1]].center), -9.0, 3.0
@@ -177,13 +187,14 @@ def _segment_unknowns(
 def split_unknowns(
     unknowns: list[Unknown], heated: np.ndarray, read: np.ndarray
 ) -> tuple[list[Unknown], list[Unknown]]:
-    """Return the unknowns that recordings tell something of, and unknowns that they do not.
+    """Return the unknowns that recordings can identify, and the unknowns that they cannot.
 
-    The latter are all unknowns of a wire that was never heated, the lag of a wire that has no
+    They cannot identify all unknowns of a wire that was never heated, the lag of a wire that has no
     thermocouple, and, if no wire has one, the scale of heat.
 
     Args:
-        heated, read: whether each wire is (W,).
+        heated: True for each wire that is heated in any recording (W,).
+        read: True for each wire whose thermocouple is read in any recording (W,).
     """
     identified: list[Unknown] = []
     unidentified: list[Unknown] = []
@@ -223,7 +234,11 @@ def _expected_value(
 
 
 def prior_factor(unknowns: list[Unknown]) -> np.ndarray:
-    """Return F (P, P) with which F (x - center) has independent elements of deviation one."""
+    """Return F (P, P) that whitens the prior: elements of F (x - center) are independent, of σ 1.
+
+    Unknowns of the same field share a deviation (`Unknown.spread`), and each has one of its own
+    (`Unknown.alike`).
+    """
     count = len(unknowns)
     covariance = np.zeros((count, count))
     for row, unknown in enumerate(unknowns):
