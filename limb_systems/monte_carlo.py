@@ -93,7 +93,7 @@ def stack_limbs(
         raise ParameterError(f"The wires have laws of several classes, {names}; use one for all.")
     (law_type,) = law_types
     fields: dict[str, np.ndarray] = {}
-    for field in dataclasses.fields(law_type):  # type: ignore[arg-type]
+    for field in dataclasses.fields(law_type):
         values = [getattr(law, field.name) for law in laws]
         fields[field.name] = np.reshape(values, (len(limbs), 1, -1))
     # Stack the properties of the rubber.
@@ -269,7 +269,10 @@ class OpenLoop:
         """Simulate the heat with each step of the duty divided into S = ``num_substeps``.
 
         Args:
-            law, T0, start: as for `_heat`.
+            law: with fields (B, 1, W).
+            T0: °C (B, R, W).
+            start: heat at the start (X + 1, B, R, W).
+            num_substeps: S.
 
         Returns:
             Heat at the ends of all substeps (K S + 1, X + 1, B, R, W).
@@ -308,7 +311,9 @@ class OpenLoop:
         """Simulate the heat (K + 1, X + 1, B, R, W), linear in the differences from the first set.
 
         Args:
-            law, T0, start: as for `_heat`.
+            law: with fields (B, 1, W).
+            T0: °C (B, R, W).
+            start: heat at the start (X + 1, B, R, W).
             first: index of the first set among these, for each wire (1, W).
         """
         # Simulate the first set alone.
@@ -362,7 +367,7 @@ class OpenLoop:
 
         Args:
             straight_torques: torques of the wires on straight links (K + 1, B, R, W), N·m.
-            rubber: as for `simulate`.
+            rubber: ``stiffness``, N·m/rad, ``rest_angle``, rad, and others (B,); see `simulate`.
             torques_at_theta: function of θ (K + 1, B, R), rad, that returns the torques at θ
                 (K + 1, B, R, W), N·m; None if torques do not depend on θ.
         """
@@ -381,7 +386,7 @@ class OpenLoop:
 
         Args:
             torques: torques of the wires (K + 1, B, R, W), N·m.
-            rubber: as for `simulate`.
+            rubber: ``stiffness``, N·m/rad, and others (B,); see `simulate`.
         """
         bend_by_theta = self._chain.bend_by_equal_angle
         stiffness = rubber["stiffness"][:, None]
@@ -408,7 +413,7 @@ class OpenLoop:
         Args:
             bends_alone: bend that each wire would hold alone (K + 1, B, R, W), rad.
             directions: directions of the wires, by each of F bends ([B,] W, F).
-            rubber: ``shift`` and ``rate``, as for `simulate`.
+            rubber: ``shift``, rad, and ``rate``, 1/rad (B,).
         """
         progress = self.step * ramp(np.diff(bends_alone, axis=0) / self.step)
         progress *= rubber["rate"][:, None, None]

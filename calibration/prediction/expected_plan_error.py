@@ -235,7 +235,8 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
     The range is of the calibrated limb's bend.
     """
     # Shares of the full duty of both sides (K, 2), and the side of each wire.
-    shares = np.vstack([np.tile(levels, (round(t / STEP), 1)) for t, *levels in TYPICAL_LEVELS])
+    durations, *levels = np.transpose(TYPICAL_LEVELS)
+    shares = np.repeat(np.transpose(levels), np.round(durations / STEP).astype(int), axis=0)
     sides = [int(wire.lever[0] > 0) for wire in limb.wires]
     # Find the duty that heats a wire to T_max by bisection.
     low = 0.0

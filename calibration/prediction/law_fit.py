@@ -93,6 +93,12 @@ def mean_bend_error(group: Sequence[Predicted]) -> float:
     return float(np.mean([predicted.bend_error for predicted in group]))
 
 
+def mean_temperature_error(group: Sequence[Predicted]) -> float:
+    """Return the mean `Predicted.temperature_error` of recordings with thermocouples, °C, or 0."""
+    errors = [predicted.temperature_error for predicted in group if predicted.run.is_read]
+    return float(np.mean(errors)) if errors else 0.0
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class LawFit:
     """A law fitted to R recordings by P unknowns, of a segment of W wires.
@@ -172,16 +178,13 @@ class LawFit:
     @property
     def misfit(self) -> float:
         """Mean error of bend and readings in the recordings of the fit, in their scales."""
-        misfit = mean_bend_error(self.predicted) / BEND_SCALE
-        readings = [p.temperature_error for p in self.predicted if p.run.is_read]
-        if readings:
-            misfit += float(np.mean(readings)) / TEMPERATURE_SCALE
-        return misfit
+        bend_misfit = mean_bend_error(self.predicted) / BEND_SCALE
+        return bend_misfit + mean_temperature_error(self.predicted) / TEMPERATURE_SCALE
 
     @property
     def unknown_shares(self) -> np.ndarray:
         """Standard errors of the unknowns (P,), over what was expected of them beforehand."""
-        before = [np.hypot(unknown.spread, unknown.alike) for unknown in self.unknowns]
+        before = [np.hypot(unknown.spread, unknown.wire_spread) for unknown in self.unknowns]
         return np.sqrt(np.diag(self.covariance)) / before
 
     @property
@@ -483,7 +486,7 @@ class _FitProblem:
         )
 
     def contained(self, fit: LawFit) -> np.ndarray | None:
-        """Return x with which this law predicts as the law of a fit to these runs; None if none."""
+        """Return x with which this law predicts as the law of a fit does; None if there is none."""
         # Take each unknown from the fit, or the value with which it has no effect.
         former_values = dict(zip(fit.names, fit.fitted, strict=True))
         x = self.center.copy()
@@ -524,7 +527,11 @@ class _FitProblem:
     def _simulate_states(
         self, x: np.ndarray, *, near_first: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return T, V and φ as `OpenLoop.simulate` does, for parameter sets x (B, P + R Q)."""
+        """Simulate parameter sets x (B, P + R Q), over K steps of the longest recording.
+
+        Returns:
+            T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R) or (K + 1, B, R, 2), rad.
+        """
         size = len(self._unknowns)
         num_wires = self._num_wires
         num_sets = len(x)

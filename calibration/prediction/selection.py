@@ -20,6 +20,7 @@ from calibration.prediction.law_fit import (
     fit_law,
     fitting_time,
     mean_bend_error,
+    mean_temperature_error,
 )
 from calibration.prediction.unknowns import LAG_FIELD, READING_FIELDS
 from calibration.remarks import CalibrationError, Remark, remarks_on_start
@@ -80,9 +81,7 @@ class Candidate:
     @property
     def temperature_error(self) -> float:
         """Mean |V - V_sim| over all, °C; 0 without thermocouples."""
-        # Recordings without thermocouples do not count.
-        read = [each.temperature_error for each in self.judged if each.run.is_read]
-        return float(np.mean(read)) if read else 0.0
+        return mean_temperature_error(self.judged)
 
     @property
     def errors(self) -> tuple[np.ndarray, np.ndarray]:
@@ -272,21 +271,20 @@ class Prediction:
 
     def _remarks_on_starts(self) -> Iterator[Remark]:
         law = self.fit.law
-        names = [wire.name for wire in self.fit.segment.wires]
         # Check each temperature of each wire at the start of each recording.
         for predicted, initial_conditions in zip(
             self.fit.predicted, self.fit.initial_conditions, strict=True
         ):
             run = predicted.run
             room = float(initial_conditions[0])
-            for state, values in zip(
-                law.states, initial_conditions[1:].reshape(len(law.states), -1), strict=True
-            ):
-                for name, value in zip(names, values, strict=True):
-                    if law.is_temperature(state):
-                        start_name = f"the {name} wire's {state} in the recording of {run.source}"
-                        readings = run.temperature if run.is_read else predicted.temperature
-                        yield from remarks_on_start(start_name, value, room, readings)
+            readings = run.temperature if run.is_read else predicted.temperature
+            state_values = initial_conditions[1:].reshape(len(law.states), -1)
+            for state, values in zip(law.states, state_values, strict=True):
+                if not law.is_temperature(state):
+                    continue
+                for wire, value in zip(self.fit.segment.wires, values, strict=True):
+                    start = f"the {wire.name} wire's {state} in the recording of {run.source}"
+                    yield from remarks_on_start(start, value, room, readings)
 
 
 def fit_by_prediction(
@@ -317,7 +315,10 @@ def fit_by_prediction(
         CalibrationError: if no law predicts what judges as well as the mean and a lag of each wire.
     """
     # Split the recordings into folds.
-    runs = {kind: [*map(HeatedRun.of, group)] for kind, group in recordings.items() if group}
+    runs: dict[str, list[HeatedRun]] = {}
+    for kind, group in recordings.items():
+        if group:
+            runs[kind] = [HeatedRun.of(recording) for recording in group]
     fitted, folds = _make_folds(runs)
     rest, judges = folds.folds[0]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
