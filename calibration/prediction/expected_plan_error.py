@@ -99,11 +99,6 @@ class PlanMiss:
         return min(self.law_error / MISS_RATIO, self.part_errors[0])
 
     @property
-    def is_no_better_than_mean(self) -> bool:
-        """True if plans are expected to miss by more than the mean bend, or a part was."""
-        return max(self.expected, self.part_errors[1]) > self.by_mean
-
-    @property
     def high(self) -> float:
         """The most that a plan is expected to miss by, rad."""
         return max(self.expected, self.part_errors[1]) * MISS_RATIO
