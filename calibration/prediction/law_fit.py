@@ -299,9 +299,9 @@ class _FitProblem:
 
     def __init__(
         self,
-        law,
-        runs,
-        segment,
+        law: type[WireLaw],
+        runs: Sequence[HeatedRun],
+        segment: SegmentParameters,
         ambient: float,
         unknowns: list[Unknown],
         unidentified: list[Unknown],
@@ -321,16 +321,17 @@ class _FitProblem:
         self._first_readings = np.empty((len(runs), self._num_wires))
         for number, run in enumerate(runs):
             duty[: len(run.duty), number] = run.duty
-            self._first_readings[number] = self._first(run, ambient)
+            self._first_readings[number] = np.where(np.isnan(run.first), ambient, run.first)
         self._open_loop = (
             OpenLoop(duty, STEP, segment, lengths)
             if segment.axes == 1
             else OpenLoopInSpace(duty, STEP, segment, [run.load for run in runs], lengths)
         )
         self._num_bends = segment.axes
-        # Center, spread and bounds of x: of the unknowns, then of the initial conditions.
+        # Center, spread and bounds of x: of the unknowns, then of the initial conditions, which
+        # have centers and spreads in each recording (R, 2, Q).
         self._prior = prior_factor(unknowns)
-        initial_priors = np.array([self._initial_prior(run, ambient) for run in runs])  # (R, 2, Q)
+        initial_priors = np.array([*map(self._initial_prior, runs, self._first_readings)])
         self.initial_center = initial_priors[:, 0].ravel()
         self._initial_spread = initial_priors[:, 1].ravel()
         self._num_initial = initial_priors.shape[-1]
@@ -361,13 +362,17 @@ class _FitProblem:
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
         self._whiten()
 
-    def _initial_prior(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the expected initial conditions of a recording (Q,), and their spreads (Q,)."""
-        centers = [np.array([ambient])]
+    def _initial_prior(self, run: HeatedRun, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the expected initial conditions of a recording (Q,), and their spreads (Q,).
+
+        Args:
+            run: the recording.
+            first: V at its beginning (W,), °C; T0 where it is not read.
+        """
+        centers = [np.array([self._ambient])]
         spreads = [np.array([AMBIENT_SPREAD])]
         # Wires without a thermocouple may be as warm as the warmest.
-        first = self._first(run, ambient)
-        warmth = np.abs(first - ambient)
+        warmth = np.abs(first - self._ambient)
         warmth[np.isnan(run.first)] = warmth.max()  # as warm as another is, or not at all
         unread_warmth = 0.0
         if not run.is_read:
@@ -387,10 +392,6 @@ class _FitProblem:
                 centers.append(np.full(self._num_wires, cold))
                 spreads.append(scale * (MEMORY_SPREAD + warmth / 100.0))
         return np.concatenate(centers), np.concatenate(spreads)
-
-    def _first(self, run: HeatedRun, ambient: float) -> np.ndarray:
-        """Return V at the beginning of a recording (W,), °C, and T0 where it is not read."""
-        return np.where(np.isnan(run.first), ambient, run.first)
 
     def _whiten(self) -> None:
         """Set the noise of the residuals, of each signal of each recording that has samples."""

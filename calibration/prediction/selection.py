@@ -424,7 +424,7 @@ def _best_law_by_folds(
     kinds: Iterable[str],
     report: Callable[[str], object],
 ) -> tuple[Candidate, list[Predicted]]:
-    """Return the best law that predicts parts left out in turn as well as baselines, and these.
+    """Return the best law that predicts the parts left out as well as baselines, and these parts.
 
     Errors count by their root mean square over the parts, as one part that is far off matters.
 
@@ -435,7 +435,7 @@ def _best_law_by_folds(
         report: is called with what is being done.
 
     Raises:
-        CalibrationError: if there is none.
+        CalibrationError: if no law predicts them as well.
     """
     mean_squares = {}
     for name in baselines[0]:
@@ -517,9 +517,10 @@ def compare_laws(
         laws: from the simplest on; each starts from the law before.
         runs: recordings to fit to.
         judges: recordings to predict.
-        segment, ambient: as for `fit_law`.
+        segment: the described one, of which the stiffness and the laws count.
+        ambient: T0, °C.
         options: options of the rubber that are tried.
-        continued: whether the judges are other samples of the same recordings, in their order.
+        continued: True if the judges are other samples of the same recordings, in their order.
         report: is called with what is being done.
         fitted: is called with each law when it is fitted and judged.
 
