@@ -415,9 +415,10 @@ class OpenLoop:
             directions: directions of the wires, by each of F bends ([B,] W, F).
             rubber: ``shift``, rad, and ``rate``, 1/rad (B,).
         """
+        # Each step that bends the limb further draws the rest angle after it.
         progress = self.step * ramp(np.diff(bends_alone, axis=0) / self.step)
         progress *= rubber["rate"][:, None, None]
-        # The implicit Euler method.
+        # Integrate the shifts by the implicit Euler method.
         drawn_shifts = rubber["shift"][:, None, None] * (progress @ directions)
         remaining = 1 / (1 + progress.sum(axis=-1, keepdims=True))
         shifts = np.zeros((len(bends_alone), *drawn_shifts.shape[1:]))
@@ -428,7 +429,7 @@ class OpenLoop:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _SymbolicStep:
-    """A step of the classical Runge-Kutta method: the heat of one wire after the step.
+    """A step of the classical Runge-Kutta method: the heat [x, V] of one wire after it.
 
     - ``compiled``: function of the heat before the step, the duty, and T0 with the law's N fields.
     - ``derivatives``: the same function, with derivatives by the heat, T0 and fields together.
@@ -448,13 +449,13 @@ def _symbolic_step(law: WireLaw, step: float) -> _SymbolicStep | None:
     names = list(_array_fields(law))
 
     def build() -> _SymbolicStep | None:
+        # State the step of one wire, whose fields are symbols.
         heat = ca.SX.sym("x", len(law.states) + 1)
         duty = ca.SX.sym("D")
         constants = ca.SX.sym("p", 1 + len(names))
         T0, *fields = ca.vertsplit(constants)
-        symbolic_law = with_fields(
-            type(law), {**vars(law), **dict(zip(names, fields, strict=True))}
-        )
+        symbols = dict(zip(names, fields, strict=True))
+        symbolic_law = with_fields(type(law), vars(law) | symbols)
 
         def rates(heat: ca.SX, duty: ca.SX) -> ca.SX:
             *states, reading = ca.vertsplit(heat)
@@ -465,7 +466,7 @@ def _symbolic_step(law: WireLaw, step: float) -> _SymbolicStep | None:
             after = ca.densify(runge_kutta(rates, heat, (duty, duty, duty), step))
         except Exception:  # of any kind: a lab's law may do anything with its fields
             return None
-        # Numpy may turn symbols into nan in silence.
+        # Try numbers, as numpy may turn symbols into nan without an error.
         default_law = type(law)()
         probe = [20.0, *(getattr(default_law, name) for name in names)]
         cold = [*default_law.cold_states(20.0), 20.0]
@@ -478,8 +479,8 @@ def _symbolic_step(law: WireLaw, step: float) -> _SymbolicStep | None:
         )
 
     # Limbs with laws of one class share the compiled step.
-    other_fields = {name: value for name, value in vars(law).items() if name not in names}
-    key = ("runge_kutta", type(law), step, tuple(names), repr(other_fields))
+    number_fields = {name: value for name, value in vars(law).items() if name not in names}
+    key = ("runge_kutta", type(law), step, tuple(names), repr(number_fields))
     return build_once(key, build)
 
 
@@ -538,25 +539,27 @@ def _numeric_rates(
     full_law = _map_fields(law, lambda field: _broadcast_copy(field, T0.shape))
     fields = _array_fields(full_law)
 
-    def of_all(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    def rates_at_once(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         return rates_of(full_law, heat, duty, T0)
 
-    def of_each(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    def rates_one_by_one(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         rates = np.empty_like(heat)
-        for place in np.ndindex(T0.shape):
-            values = {name: float(value[place]) for name, value in fields.items()}
-            one_law = with_fields(type(law), vars(law) | values)
-            rates[:, *place] = rates_of(one_law, heat[:, *place], duty[place], T0[place])
+        for index in np.ndindex(T0.shape):
+            values = {name: float(field[index]) for name, field in fields.items()}
+            wire_law = with_fields(type(law), vars(law) | values)
+            rates[:, *index] = rates_of(wire_law, heat[:, *index], duty[index], T0[index])
         return rates
 
-    # Evaluate all wires at once only if that gives what each gives alone, at states unlike any.
+    # Evaluate all wires at once if that gives the rates of each alone, at random heat and duty.
     random = np.random.default_rng(0)
-    probe = heat + random.random(heat.shape), random.random(T0.shape)
+    probe_heat = heat + random.random(heat.shape)
+    probe_duty = random.random(T0.shape)
     try:
-        is_elementwise = np.allclose(of_all(*probe), of_each(*probe))
+        alone = rates_one_by_one(probe_heat, probe_duty)
+        is_elementwise = np.allclose(rates_at_once(probe_heat, probe_duty), alone)
     except (TypeError, ValueError):  # of shapes
         is_elementwise = False
-    return of_all if is_elementwise else of_each
+    return rates_at_once if is_elementwise else rates_one_by_one
 
 
 def with_fields(law_type: type[WireLaw], fields: Mapping[str, Any]) -> WireLaw:
