@@ -157,8 +157,10 @@ class LawFit:
         all_unknowns = [*self.unknowns, *self.unidentified]
         if any(unknown.field == "shift" for unknown in all_unknowns):
             segment.rest_memory = RestMemory()
-        all_values = [*self.fitted, *(u.center for u in self.unidentified)]
-        values = values_of(all_unknowns, all_values)
+        all_fitted = [*self.fitted]
+        for unknown in self.unidentified:
+            all_fitted.append(unknown.center)
+        values = values_of(all_unknowns, all_fitted)
         for unknown, value in zip(all_unknowns, values, strict=True):
             owner, field = parameter_owner(limb, unknown.name)
             setattr(owner, field, float(value))

@@ -445,9 +445,9 @@ def _best_law_by_folds(
     allowed = max(BASELINE_ALLOWANCE[0] * error, error + BASELINE_ALLOWANCE[1])
     # The best law, or the nearest others, each fitted without each part.
     by_error = sorted(candidates, key=lambda candidate: candidate.bend_error)
-    tried = [best, *(candidate for candidate in by_error if candidate is not best)][:MAX_TRIED_LAWS]
+    by_error.remove(best)
     least_error = np.inf
-    for candidate in tried:
+    for candidate in [best, *by_error][:MAX_TRIED_LAWS]:
         fit = candidate.fit
         parts = list(candidate.judged)
         law_errors = [candidate.bend_error]
