@@ -35,14 +35,14 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
     best_score = 0.0
     for name in names:
         says_time = name.role == TIME
-        found = TimeColumn(name.text)
+        candidate = TimeColumn(name.text)
         times = table.numbers(name.text)
         # Seconds and their fraction may be in two columns, as ROS has them.
-        for other in names if says_time else ():
-            if _is_fraction(table, other, name):
-                found.fraction = other.text
-                found.fraction_unit = other.unit
-                times = times + table.numbers(other.text) * TIME_UNITS[other.unit]
+        for fraction in names if says_time else ():
+            if _is_fraction(table, fraction, name):
+                candidate.fraction = fraction.text
+                candidate.fraction_unit = fraction.unit
+                times = times + table.numbers(fraction.text) * TIME_UNITS[fraction.unit]
         # Leave out columns of other things, and columns that go backward.
         present = times[~np.isnan(times)]
         steps = np.diff(present) * (-1.0 if is_reversed(present) else 1.0)
@@ -54,18 +54,18 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
             continue
         # Find its unit, and when it begins anew.
         if name.text in table.times_of_day:
-            found.unit = TIME_OF_DAY
-        elif not found.fraction:
-            found.unit = _time_unit(name, present)
+            candidate.unit = TIME_OF_DAY
+        elif not candidate.fraction:
+            candidate.unit = _time_unit(name, present)
         for period in WRAP_PERIODS:
-            if abs(steps.min() * TIME_UNITS.get(found.unit, 1.0) + period) < 0.01 * period:
-                found.wraps_after = period
+            if abs(steps.min() * TIME_UNITS.get(candidate.unit, 1.0) + period) < 0.01 * period:
+                candidate.wraps_after = period
         # Names are better than numbers, and times better than an index.
         score = 2.0 * says_time + (steps > 0).mean() - 1.5 * is_index
-        score += 0.5 * bool(found.fraction) - (found.unit == UNKNOWN)
-        if found.unit and score > best_score:
+        score += 0.5 * bool(candidate.fraction) - (candidate.unit == UNKNOWN)
+        if candidate.unit and score > best_score:
             best_score = score
-            best = found
+            best = candidate
     return best
 
 
@@ -210,25 +210,25 @@ def _smooth_times(times: np.ndarray) -> np.ndarray:
 
 
 def aligned_offset(
-    times: np.ndarray, signal: np.ndarray, other_times: np.ndarray, other_signal: np.ndarray
+    times: np.ndarray, signal: np.ndarray, second_times: np.ndarray, second_signal: np.ndarray
 ) -> float:
     """Return the offset of a second file, s, at which two signals of the same run agree best.
 
     Args:
         times, signal: the log's times (K,), s from its first row, and a signal in it.
-        other_times, other_signal: the other file's times (L,) and signal (L,), in any unit.
+        second_times, second_signal: the second file's times (L,) and signal (L,), in any unit.
 
     Raises:
         LogError: if no offset is clearly better than all others.
     """
     # Reduce both signals to the same even steps.
-    shortest = min(times[-1], other_times[-1])
+    shortest = min(times[-1], second_times[-1])
     step = max(0.05, shortest / 5000)
     even_signals = []
-    for own_times, own_signal in ((times, signal), (other_times, other_signal)):
-        is_present = ~np.isnan(own_signal)
-        grid = np.arange(0.0, own_times[-1], step)
-        even_signals.append(np.interp(grid, own_times[is_present], own_signal[is_present]))
+    for signal_times, values in ((times, signal), (second_times, second_signal)):
+        is_present = ~np.isnan(values)
+        grid = np.arange(0.0, signal_times[-1], step)
+        even_signals.append(np.interp(grid, signal_times[is_present], values[is_present]))
     fixed, shifted = even_signals
     # Compare at each offset at which enough of both files overlaps.
     min_overlap = round(max(MIN_OVERLAP, 0.5 * shortest) / step)

@@ -1,4 +1,4 @@
-"""Show what the numbers of a log tell: which thermocouple a duty warms, where a wire bends.
+"""Compare the numbers of a log: which thermocouple a duty warms, to which side a wire bends.
 
 Numbers decide by one rule: an effect is larger than its rivals by a factor, and by `MIN_VOTE`
 standard errors.
@@ -64,7 +64,7 @@ class Steps:
         return low_pass(np.append(0.0, mean_duty[:-1]), kept)
 
     def responses(self, heats: np.ndarray, signals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how much signals (M, N) change for a unit of the heat of wires (W, N).
+        """Return how much M signals (M, N) change for a unit of the heat of W wires (W, N).
 
         Returns:
             gains (M, W), and their standard errors (M, W): infinite for wires without heat.
@@ -77,9 +77,11 @@ class Steps:
             if is_present.sum() >= MIN_STEPS:
                 is_heated = np.ptp(heats[:, is_present], axis=1) > 1e-9
             if is_heated.any():
-                # What wires and silicone had of heat at first decays.
-                decays = [np.exp(-self.times / memory) for memory in (WIRE_MEMORY, SILICONE_MEMORY)]
-                causes = np.vstack([heats[is_heated], *decays, np.ones(len(signal))])
+                # The heat that wires and silicone have at first decays.
+                wire_decay = np.exp(-self.times / WIRE_MEMORY)
+                silicone_decay = np.exp(-self.times / SILICONE_MEMORY)
+                offset = np.ones(len(signal))
+                causes = np.vstack([heats[is_heated], wire_decay, silicone_decay, offset])
                 gains[row, is_heated], errors[row, is_heated] = _regression(
                     causes[:, is_present].T, signal[is_present], int(is_heated.sum())
                 )
@@ -89,19 +91,20 @@ class Steps:
 def _regression(
     causes: np.ndarray, signal: np.ndarray, num_heats: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first gains of a signal (N,) that follows causes (N, C), and standard errors.
+    """Return the gains (W,) of the first W of C causes of a signal, and their errors (W,).
 
-    What is left over is correlated from step to step: it is estimated, and taken into account.
+    Residuals are correlated from step to step: the correlation is estimated, and taken out. The
+    signal (N,) and the causes (N, C) are in N steps; ``num_heats`` is W.
     """
     memory = 0.0
     for _ in range(3):
-        # Without what is left over of the step before.
+        # Take out the share of the residual of the step before.
         left_side = causes[1:] - memory * causes[:-1]
         right_side = signal[1:] - memory * signal[:-1]
         gains, _, rank, _ = np.linalg.lstsq(left_side, right_side, rcond=1e-9)
         residuals = signal - causes @ gains
         memory = min(max(correlation(residuals[1:], residuals[:-1]), 0.0), 0.99)
-    # The scatter of what is left over gives the standard errors.
+    # The scatter of the residuals gives the standard errors.
     freedom = len(right_side) - len(gains)
     if rank < len(gains) or freedom < 3:
         return np.zeros(num_heats), np.full(num_heats, np.inf)
@@ -125,20 +128,20 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
     while True:
         for sensor, wire in np.argwhere(is_open & (gains > MIN_VOTE * errors)):
             # Compare with other thermocouples of the wire, and other wires of the thermocouple.
-            leads = []
-            for line, own in ((np.s_[:, wire], sensor), (np.s_[sensor], wire)):
+            is_ahead = True
+            is_certain = False
+            num_rivals = 0
+            for line, pair_index in ((np.s_[:, wire], sensor), (np.s_[sensor], wire)):
                 is_rival = is_open[line].copy()
-                is_rival[own] = False
+                is_rival[pair_index] = False
                 lead = gains[sensor, wire] - WARMING_FACTOR * np.maximum(gains[line], 0.0)
                 error = np.hypot(errors[sensor, wire], WARMING_FACTOR * errors[line])
                 lead = lead[is_rival]
-                is_ahead = bool((lead > 0.0).all())
-                is_certain = bool((lead > MIN_VOTE * error[is_rival]).all())
-                leads.append((is_ahead, is_certain, len(lead)))
-            # Take out the pair, and begin again with what is left.
-            is_certain = any(certain for _, certain, count in leads if count)
-            is_alone = not any(count for _, _, count in leads)
-            if all(ahead for ahead, _, _ in leads) and (is_certain or is_alone):
+                is_ahead &= bool((lead > 0.0).all())
+                is_certain |= len(lead) > 0 and bool((lead > MIN_VOTE * error[is_rival]).all())
+                num_rivals += len(lead)
+            # Take out the pair, and begin again with the open wires and thermocouples.
+            if is_ahead and (is_certain or not num_rivals):
                 pairs[wire] = int(sensor)
                 is_open[sensor] = False
                 is_open[:, wire] = False
@@ -148,10 +151,11 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
 
 
 def has_rival(gains: np.ndarray, errors: np.ndarray, wire: int) -> bool:
-    """Return whether another wire clearly warms a thermocouple more than its own wire does.
+    """Return whether another wire clearly warms a thermocouple more than one wire does.
 
     Args:
-        gains, errors: warming by W wires, and its standard error (W,).
+        gains, errors: warming of the thermocouple by W wires, and its standard error (W,).
+        wire: index of the one wire.
     """
     lead = gains - WARMING_FACTOR * max(gains[wire], 0.0)
     lead_errors = np.hypot(errors, WARMING_FACTOR * errors[wire])
@@ -167,8 +171,8 @@ def clear_votes(
     both, and 0 if they contradict each other.
 
     Args:
-        causes: heat of the wires (W, N), and readings of their thermocouples (W, N).
-        bends: (F, N).
+        causes: heat of the W wires in N steps (W, N), and their thermocouples' readings (W, N).
+        bends: F bends (F, N), rad.
         levers: direction of each wire among the bends (F, W).
     """
     votes = []

@@ -40,7 +40,7 @@ class ImportedLog:
 
     @property
     def asks(self) -> bool:
-        """Return whether something is asked that the log does not tell."""
+        """True if the log has open questions, or its mapping open fields."""
         return bool(self.limb.questions or self.limb.mapping.open_fields)
 
     @property
@@ -50,11 +50,12 @@ class ImportedLog:
 
     @property
     def files(self) -> list[Path]:
-        """Names for the recordings, by the limb's and the log's."""
-        names = [self.stem]
-        if len(self.recordings) != 1:
-            names = [f"{self.stem}_{number}" for number in range(1, len(self.recordings) + 1)]
-        return [Path(self.limb.name) / f"{name}.csv" for name in names]
+        """The path of each recording's file: the limb's name, and the log's with a number."""
+        folder = Path(self.limb.name)
+        if len(self.recordings) == 1:
+            return [folder / f"{self.stem}.csv"]
+        numbers = range(1, len(self.recordings) + 1)
+        return [folder / f"{self.stem}_{number}.csv" for number in numbers]
 
     def read(
         self, parameters: LimbParameters | None = None, tables: list[LogTable] | None = None
@@ -132,30 +133,29 @@ def import_logs(
 
 
 def _share(limbs: list[Proposal]) -> None:
-    """Let logs with the same columns tell what others of them ask."""
+    """Answer the questions of logs by the mapping of another log with the same columns."""
     for limb in limbs:
-        similar = [other for other in limbs if _columns(other) == _columns(limb)]
+        # Of the logs with the same columns, take the mappings without questions of heated ones.
+        zeros_deg = []
+        answered: list[LogMapping] = []
+        for similar in limbs:
+            if (similar.name, similar.columns) == (limb.name, limb.columns):
+                zeros_deg.append(similar.mapping.bend.zero)
+                if similar.is_heated and not similar.questions:
+                    answered.append(similar.mapping)
         # The base points to one direction in all of them.
         if limb.mapping.bend.line:
-            limb.mapping.bend.zero = float(
-                np.median([other.mapping.bend.zero for other in similar])
-            )
-        # Take the mapping of a heated log without questions, but for the time.
-        known = [other for other in similar if other.is_heated and not other.questions]
-        doubts = any(question.is_contradiction for question in limb.questions)
-        if not known or doubts or (limb.is_heated and not limb.questions):
+            limb.mapping.bend.zero = float(np.median(zeros_deg))
+        # Replace a mapping with questions, but keep its time and its form.
+        has_contradiction = any(question.is_contradiction for question in limb.questions)
+        if not answered or has_contradiction or (limb.is_heated and not limb.questions):
             continue
-        own = limb.mapping
-        limb.mapping = copy.deepcopy(max(known, key=lambda other: other.mapping.full).mapping)
+        replaced = limb.mapping
+        limb.mapping = copy.deepcopy(max(answered, key=lambda mapping: mapping.full))
         for field in ("delimiter", "decimal", "names_line", "time", "rate"):
-            setattr(limb.mapping, field, getattr(own, field))
+            setattr(limb.mapping, field, getattr(replaced, field))
         limb.notes.append("what this log does not tell is as in another log of the same columns")
         limb.questions = [q for q in limb.questions if q.field.split(".")[0] in ("time", "rate")]
-
-
-def _columns(limb: Proposal) -> tuple:
-    """Return what logs have in common that are read in the same way."""
-    return limb.name, tuple(limb.columns)
 
 
 def recording_from_log(
@@ -163,7 +163,11 @@ def recording_from_log(
     mapping: LogMapping | str | Path | None = None,
     parameters: LimbParameters | None = None,
 ) -> Recording:
-    """Return the longest recording of a log, as `Recording.from_log`."""
+    """Return the longest recording of a log, see `import_logs`; warn of what is left out.
+
+    Raises:
+        LogError: if it is no log, is not as the mapping says, or leaves a question open.
+    """
     if isinstance(mapping, str | Path):
         mapping = LogMapping.load(mapping)
     # Refuse a log with open questions.

@@ -1,5 +1,6 @@
 """Known loggers: `ezloophw-py`, of limbs with two wires each, and its pneumatic successor."""
 
+import itertools
 import re
 
 from calibration.import_logs.clock import DAY
@@ -29,7 +30,7 @@ USUAL_SENSORS = {
 
 def known_logger(table: LogTable) -> list[Proposal]:
     """Return the limbs in a log of a known logger; none if the logger is not known."""
-    limbs = sorted({int(limb) for limb in _numbers_after("pwm_duty_limb", table, r"_\w+")})
+    limbs = sorted(set(map(int, _numbers_after("pwm_duty_limb", table, r"_\w+"))))
     if limbs:
         proposals = [_shape_memory_limb(table, limbs, limb) for limb in limbs]
         return [proposal for proposal in proposals if proposal.is_heated] or proposals
@@ -40,8 +41,11 @@ def known_logger(table: LogTable) -> list[Proposal]:
 
 def _numbers_after(start: str, table: LogTable, end: str = "") -> list[str]:
     """Return the numbers in the names of columns that begin and end so, in their order."""
-    matches = [re.fullmatch(rf"{start}(\d+){end}", name) for name in table.names]
-    return [match[1] for match in matches if match]
+    numbers = []
+    for name in table.names:
+        if match := re.fullmatch(rf"{start}(\d+){end}", name):
+            numbers.append(match[1])
+    return numbers
 
 
 def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal:
@@ -62,16 +66,16 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
         if column.text.startswith("MCPtemp_") and column.span:
             columns.temperatures.append(column)
     # Pair the wires of all limbs, this limb's first, with the thermocouples that they warm.
-    for number in [limb, *(other for other in limbs if other != limb)]:
-        for side, way in WIRE_BY_SIDE.items():
-            duty = f"pwm_duty_limb{number}_{way}"
+    for number in sorted(limbs, key=lambda number: number != limb):
+        for side, wire_in_log in WIRE_BY_SIDE.items():
+            duty = f"pwm_duty_limb{number}_{wire_in_log}"
             table.numbers(duty)  # raises an error that names the column if it is missing
             columns.duties.append(by_name[duty])
             columns.wires.append(WireColumns(side, duty))
     columns.pair_wires_with_thermocouples()
     # Keep this limb's two wires; the others were there to claim their own thermocouples.
-    columns.duties = columns.duties[:2]
-    columns.wires = columns.wires[:2]
+    del columns.duties[2:]
+    del columns.wires[2:]
     del columns.heats
     # A wire that was not heated warms none: it gets its usual thermocouple, if that is free.
     taken = [wire.temperature for wire in columns.wires]
@@ -99,7 +103,7 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
 
 
 def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendColumns, str]:
-    """Return the bend of a limb among others, and what it is of, in a line."""
+    """Return the bend of a limb among others, and a line that says how it is measured."""
     sensor = f"Bendlabs_{limb}"
     if sensor in table.names and table.numbers(sensor).any():
         note = f"{sensor}, the angle of the tip's tangent in degrees, halved (8)"
@@ -109,17 +113,20 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
     points = [[f"tagid_x_{tag}", f"tagid_y_{tag}"] for tag in tags]
     share = (len(points) - 1) // len(limbs)
     first = share * limbs.index(limb)
-    own = points[first : first + share + 1]
+    limb_points = points[first : first + share + 1]
     if share < 1:
         return BendColumns(sensor), "no sensor, and too few tags; give its column"
-    bend = BendColumns(line=[*own[0], *own[-1]], measures=CHORD)
-    note = f"of the chord from the tag of {own[0][0]} to the tag of {own[-1][0]}, from the "
+    base = limb_points[0]
+    tip = limb_points[-1]
+    bend = BendColumns(line=[*base, *tip], measures=CHORD)
+    note = f"of the chord from the tag of {base[0]} to the tag of {tip[0]}, from the "
     # Measure from the direction of the limb before it, or of the base in the picture.
     if first:
         for point in points[max(0, first - 2) : first + 1]:
             bend.base_line += point
         return bend, f"{note}direction of the limb before it"
-    bend.zero = base_direction([table.numbers(axis) for point in own for axis in point])
+    coordinates = itertools.chain(*limb_points)
+    bend.zero = base_direction(list(map(table.numbers, coordinates)))
     return bend, f"{note}direction of the base in the picture, bend.zero"
 
 

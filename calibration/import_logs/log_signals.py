@@ -128,9 +128,9 @@ class _Signals:
         for wire in mapping.wires:
             index = limb.wire_names.index(wire.name)
             if wire.duty:
-                self.duty[index], unknown = _read_duty(table, wire.duty, wire.sign, mapping)
-                if unknown:
-                    text = f"The {wire.name} wire's duty is missing in {_n_rows(unknown)}; held."
+                self.duty[index], count = _read_duty(table, wire.duty, wire.sign, mapping)
+                if count:
+                    text = f"The {wire.name} wire's duty is missing in {_n_rows(count)}; held."
                     self.remarks.append(text)
             if wire.temperature:
                 self.readings[index] = _temperatures(table, wire.temperature, wire.unit, mapping)
@@ -178,9 +178,8 @@ class _Signals:
                 self.remarks.append(f"{where} are too few to keep.")
                 continue
             rows = slice(start, end)
-            part = resampled(
-                times[rows] - times[start], self.duty[:, rows], self.readings[:, rows], self.rate
-            )
+            part_times = times[rows] - times[start]
+            part = resampled(part_times, self.duty[:, rows], self.readings[:, rows], self.rate)
             where = f", part {number}" if len(cuts) > 2 else ""
             source = f"log {log_name}{where}"
             parts.append({**part, "parameters": limb, "source": source, "sample_rate": self.rate})
@@ -202,9 +201,9 @@ class _Signals:
             ends = ", ".join(f"{time:.0f} s" for time in self.times[long[is_unknown]])
             self.remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
         if (~is_unknown).any():
-            known = gaps[long[~is_unknown]]
-            text = f"{len(known)} gaps of over {clock.MIN_GAP:g} s, the longest of"
-            self.remarks.append(f"{text} {known.max():.1f} s.")
+            kept_gaps = gaps[long[~is_unknown]]
+            text = f"{len(kept_gaps)} gaps of over {clock.MIN_GAP:g} s, the longest of"
+            self.remarks.append(f"{text} {kept_gaps.max():.1f} s.")
         return [0, *(long[is_unknown] + 1).tolist(), len(self.times)]
 
     def _cuts_of_long_parts(self, cuts: list[int]) -> list[int]:
@@ -215,10 +214,8 @@ class _Signals:
         last_heated = np.maximum.accumulate(np.where(self.duty.any(axis=0), times, times[0]))
         for cut in cuts[1:]:
             while (times[cut - 1] - times[short[-1]]) * self.rate > MAX_SAMPLES:
-                longest = MAX_SAMPLES / self.rate
-                first, last = np.searchsorted(
-                    times, times[short[-1]] + longest * np.array([0.5, 1])
-                )
+                middle_and_end = times[short[-1]] + MAX_SAMPLES / self.rate * np.array([0.5, 1])
+                first, last = np.searchsorted(times, middle_and_end)
                 off = times[first:last] - last_heated[first:last]
                 short.append(int(first + np.flatnonzero(off >= 0.99 * off.max())[-1]))
             short.append(cut)
@@ -241,20 +238,22 @@ def _joined(
     """
     join = mapping.join
     assert join
-    other = read_table(path.parent / join.file)
-    other_times, rows, _ = clock.times_of(other, join.time, join.rate)
-    other = other.rows(rows)
+    second = read_table(path.parent / join.file)
+    second_times, rows, _ = clock.times_of(second, join.time, join.rate)
+    second = second.rows(rows)
     # Set the clock of the second file by the log's.
     if join.offset is not None:
-        offset = times[0] + join.offset - other_times[0]
+        offset = times[0] + join.offset - second_times[0]
     elif join.align:
-        signals = table.numbers(join.align[0]), other.numbers(join.align[1])
-        since = times - times[0], other_times - other_times[0]
-        offset = clock.aligned_offset(since[0], signals[0], since[1], signals[1])
-        offset += times[0] - other_times[0]
+        signal = table.numbers(join.align[0])
+        second_signal = second.numbers(join.align[1])
+        offset = clock.aligned_offset(
+            times - times[0], signal, second_times - second_times[0], second_signal
+        )
+        offset += times[0] - second_times[0]
     elif mapping.time.unit == join.time.unit == clock.TIME_OF_DAY:
-        offset = clock.DAY * round((times[0] - other_times[0]) / clock.DAY)
-    elif min(times[0], other_times[0]) > MIN_EPOCH_TIME:
+        offset = clock.DAY * round((times[0] - second_times[0]) / clock.DAY)
+    elif min(times[0], second_times[0]) > MIN_EPOCH_TIME:
         offset = 0.0
     else:
         raise LogError(
@@ -262,16 +261,14 @@ def _joined(
             "with a column of each that show the same."
         )
     # Keep rows in which the second file has a row, too.
-    latest = np.searchsorted(other_times + offset, times + 1e-6, side="right") - 1
-    is_shared = (latest >= 0) & (times - offset - other_times[latest] <= clock.MIN_GAP)
+    latest = np.searchsorted(second_times + offset, times + 1e-6, side="right") - 1
+    is_shared = (latest >= 0) & (times - offset - second_times[latest] <= clock.MIN_GAP)
     if is_shared.sum() < 2:
         raise LogError(f"{join.file} and the log have no time in common; correct join.offset.")
     # Each row has the last row of the second file before it.
-    table = dataclasses.replace(
-        table,
-        names=unique_names([*table.names, *other.names]),
-        values=np.vstack([table.values, other.values[:, latest]]),
-    )
+    names = unique_names([*table.names, *second.names])
+    values = np.vstack([table.values, second.values[:, latest]])
+    table = dataclasses.replace(table, names=names, values=values)
     return times[is_shared], table.rows(is_shared)
 
 
@@ -329,7 +326,7 @@ def _temperatures(table: LogTable, column: str, unit: str, mapping: LogMapping) 
 
 def _numbers(table: LogTable, column: str, mapping: LogMapping) -> np.ndarray:
     """Return a column (K,) with nan for numbers that stand for no reading; words are nan."""
-    missing = [cells.number(text) for text in mapping.missing]
+    missing = list(map(cells.number, mapping.missing))
     values = table.numbers(column)
     return np.where(np.isin(values, missing), np.nan, values)
 
@@ -345,11 +342,13 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
     if bend.line:
         angles = _angle_of_line(table, mapping)[None]
     else:
-        axes = [(bend.column or bend.e2, bend.zero, bend.scale)]
-        if bend.e3:
-            axes.append((bend.e3, bend.zero_e3, bend.scale_e3 or bend.scale))
         with np.errstate(over="ignore"):  # of a number that no sensor has, which is left out below
-            angles = np.array([(_numbers(table, c, mapping) - zero) * s for c, zero, s in axes])
+            values = _numbers(table, bend.column or bend.e2, mapping)
+            angles = (values - bend.zero)[None] * bend.scale
+            if bend.e3:
+                values_e3 = _numbers(table, bend.e3, mapping)
+                angles_e3 = (values_e3 - bend.zero_e3) * (bend.scale_e3 or bend.scale)
+                angles = np.vstack([angles, angles_e3])
     if bend.seen:
         angles[:, table.numbers(bend.seen) == 0] = np.nan
     # Leave out what no limb does, if it is little.

@@ -20,11 +20,8 @@ from limb_systems.files.schema import Strict, dump_typed, load_typed, quantity, 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 TIME_OF_DAY = "date"  # unit of times of day, with or without dates
 FRAMES = "frames"  # unit of numbers of frames at the mapping's rate
-TEMPERATURE_UNITS = {
-    "C": (1.0, 0.0),
-    "F": (1 / 1.8, -32 / 1.8),
-    "K": (1.0, -273.15),
-}  # factor, offset
+# The factor and offset by which numbers in each unit become °C.
+TEMPERATURE_UNITS = {"C": (1.0, 0.0), "F": (1 / 1.8, -32 / 1.8), "K": (1.0, -273.15)}
 BEND_ANGLE = "bend_angle"
 CHORD = "chord"
 TIP_TANGENT = "tip_tangent"
@@ -136,20 +133,20 @@ class LogMapping(Strict):
         signal_of_column: dict[str, str] = {}
         for signal, column in signals:
             key = f"-{column}" if signal.startswith("negative") else column
-            other_signal = signal_of_column.setdefault(key, signal)
-            if column not in ("", UNKNOWN) and other_signal != signal:
+            first_signal = signal_of_column.setdefault(key, signal)
+            if column not in ("", UNKNOWN) and first_signal != signal:
                 raise LogError(
-                    f"the column {column!r} is given for {other_signal} and for {signal}; give "
+                    f"the column {column!r} is given for {first_signal} and for {signal}; give "
                     "each its own."
                 )
 
     @property
     def columns(self) -> set[str]:
         """The columns that it names, of both files."""
-        own = {self.time.column, self.time.fraction, self.bend.seen, *self.bend.columns}
+        columns = {self.time.column, self.time.fraction, self.bend.seen, *self.bend.columns}
         for wire in self.wires:
-            own |= {wire.duty, wire.temperature}
-        return (own | set(self.join.align if self.join else ())) - {""}
+            columns |= {wire.duty, wire.temperature}
+        return (columns | set(self.join.align if self.join else ())) - {""}
 
     @property
     def has_rows_at_rate(self) -> bool:
@@ -194,7 +191,7 @@ class LogMapping(Strict):
                 target = target[int(parent)] if parent.isdigit() else target[parent]
             target[last] = answer.strip("'\"")
             if answer.startswith("["):
-                target[last] = [column.strip() for column in answer.strip("[]").split(",")]
+                target[last] = list(map(str.strip, answer.strip("[]").split(",")))
             if answer == "none" and parents[:1] == ["wires"]:
                 left_out.add(int(parents[1]))
         # Leave out wires that are none.

@@ -6,6 +6,7 @@ Where names say nothing, numbers decide with a margin.
 
 import dataclasses
 import functools
+import itertools
 import re
 from collections.abc import Callable, Iterable
 
@@ -128,8 +129,33 @@ class Column:
         return votes
 
 
+class ColumnList(list[Column]):
+    """Some columns of a log."""
+
+    @property
+    def texts(self) -> list[str]:
+        """The name of each column, as the log has it."""
+        return [column.text for column in self]
+
+    @property
+    def moving(self) -> "ColumnList":
+        """The columns whose numbers change."""
+        return ColumnList(column for column in self if column.span)
+
+    def labelled(self, label: str) -> "ColumnList":
+        """Return the columns with a wire's label in their names; none if it is empty."""
+        return ColumnList(column for column in self if label and column.name.label == label)
+
+    def without(self, columns: list[Column]) -> "ColumnList":
+        """Return the columns that are not among some others."""
+        return ColumnList(column for column in self if column not in columns)
+
+
 class Columns:
-    """The columns of a log, and what they are taken for.
+    """The columns of a log, and the signals that they are taken for: one duty, bend and so on.
+
+    A log has K rows, which are reduced to N even steps (see `Steps`), and W duties. The heat of a
+    duty (N,) is the duty through a low pass, which warmth and bend follow.
 
     Args:
         limb: description of the limb; None if the log is of the nominal limb or a part of it.
@@ -151,8 +177,8 @@ class Columns:
         self.dictionary = dictionary
         self.questions: list[Question] = []
         self.notes: dict[str, str] = {}
-        self.duties: list[Column] = []
-        self.temperatures: list[Column] = []
+        self.duties = ColumnList()
+        self.temperatures = ColumnList()
         self.wires: list[WireColumns] = []  # the first ones have the duties
         names = []
         for text, unit in zip(table.names, table.units, strict=True):
@@ -166,12 +192,16 @@ class Columns:
             self.rows = slice(None)
         self.steps = Steps(self.times)
         self.is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
-        # Find what stands for no reading, and leave it out.
-        names = [n for n in names if n.text not in (self.time.column, self.time.fraction)]
-        numbers = [table.numbers(name.text)[self.rows] for name in names]
-        self.missing = [v for v in MISSING_CODES if any(_stands_out(row, v) for row in numbers)]
-        self.columns: list[Column] = []
-        for name, values in zip(names, numbers, strict=True):
+        # Find the numbers that stand for no reading in any column but the time, and leave them out.
+        values_of_name = {}
+        missing: set[float] = set()
+        for name in names:
+            if name.text not in (self.time.column, self.time.fraction):
+                values_of_name[name] = table.numbers(name.text)[self.rows]
+                missing |= _missing_codes(values_of_name[name])
+        self.missing = sorted(missing)
+        self.columns = ColumnList()
+        for name, values in values_of_name.items():
             is_left_out = np.abs(values) > MAX_NUMBER
             if self.missing:
                 is_left_out |= np.isin(values, self.missing)
@@ -205,56 +235,64 @@ class Columns:
         self.questions.append(Question(field, text, texts, kind in CONTRADICTIONS))
 
     def proposal(self, name: str, log_mapping: LogMapping) -> Proposal:
-        """Return a mapping with the notes and questions."""
-        lines = [f"{column}: {note}" for column, note in self.notes.items()]
-        lines += [f"{c.text}: not used" for c in self.columns if c.text not in self.notes]
-        is_heated = any(column.span > 0 for column in self.duties)
+        """Return a mapping with the notes and questions; columns without a note are not used."""
+        notes = self.notes | dict.fromkeys(self.columns.texts, "not used") | self.notes
+        lines = [f"{column}: {note}" for column, note in notes.items()]
+        is_heated = bool(self.duties.moving)
         return Proposal(name, log_mapping, lines, self.questions, is_heated, self.table.names)
 
-    def _of_role(self, role: str) -> list[Column]:
+    def _of_role(self, role: str) -> ColumnList:
         """Return the columns whose names say this role, and that are measured."""
-        return [c for c in self.columns if c.name.role == role and c.name.is_measured]
+        return ColumnList(c for c in self.columns if c.name.role == role and c.name.is_measured)
 
-    def _unnamed(self) -> list[Column]:
+    def _unnamed(self) -> ColumnList:
         """Return columns that move, whose names say neither a signal nor another quantity."""
-        unnamed = [c for c in self._of_role("") if c.name.quantity in ("", "counts")]
-        return [c for c in unnamed if c.span and c.text not in self.notes]
+        unnamed = self._of_role("").moving
+        plain = ColumnList(c for c in unnamed if c.name.quantity in ("", "counts"))
+        return ColumnList(c for c in plain if c.text not in self.notes)
 
     def _time(self, names: list[Name]) -> mapping.TimeColumn:
         """Return the column that increases as a clock does; a question if there is none."""
-        found = clock.find_time(self.table, names)
-        if found.column:
-            self.notes[found.column] = f"time, {found.unit}; it increases as a clock does"
-            if found.unit == UNKNOWN:
-                self.ask("time unit", "time.unit", ["s", "ms", "us"], column=found.column)
-            return found
-        counters = [name.text for name in names if name.role == words.FRAME]
-        frames = [text for text in counters if (np.diff(self.table.numbers(text)) > 0).all()]
-        what = f"the frames in {frames[0]}" if frames else "the rows"
-        self.ask("rate", "rate", ["10.0"], what=what)
-        return mapping.TimeColumn(frames[0], mapping.FRAMES) if frames else found
+        time = clock.find_time(self.table, names)
+        if time.column:
+            self.notes[time.column] = f"time, {time.unit}; it increases as a clock does"
+            if time.unit == UNKNOWN:
+                self.ask("time unit", "time.unit", ["s", "ms", "us"], column=time.column)
+            return time
+        # Without a clock, frames or rows come at a rate.
+        rows = "the rows"
+        for name in names:
+            if name.role == words.FRAME and (np.diff(self.table.numbers(name.text)) > 0).all():
+                time = mapping.TimeColumn(name.text, mapping.FRAMES)
+                rows = f"the frames in {name.text}"
+                break
+        self.ask("rate", "rate", ["10.0"], what=rows)
+        return time
 
-    def _find(self, role: str, seem: Callable[[Column], bool]) -> list[Column]:
-        """Return the columns of a role by their names, else like columns that seem to be of it."""
-        named = [c for c in self._of_role(role) if role == DUTY or c.name.quantity != "counts"]
+    def _find(self, role: str, is_likely: Callable[[Column], bool]) -> ColumnList:
+        """Return the columns of a role by their names, else the likely ones of one stem."""
+        named = self._of_role(role)
+        if role != DUTY:
+            named = ColumnList(c for c in named if c.name.quantity != "counts")
         if named:
             return named
-        chosen = [column for column in self._unnamed() if seem(column)]
-        stems = {column.name.stem for column in chosen}
-        similar = [column for column in self._unnamed() if column.name.stem in stems]
-        if len(stems) > 1 or (len(similar) > len(chosen) and self.table.has_names):
+        unnamed = self._unnamed()
+        likely = ColumnList(filter(is_likely, unnamed))
+        stems = {column.name.stem for column in likely}
+        similar = [column for column in unnamed if column.name.stem in stems]
+        if len(stems) > 1 or (len(similar) > len(likely) and self.table.has_names):
             self.ask("like columns", f"wires[0].{role}", similar, role=role)
-            return []
-        return chosen
+            return ColumnList()
+        return likely
 
     # Duty.
 
     def find_duties(self) -> None:
         """Find the duties and their wires; columns whose names say nothing must be followed."""
-        found = self._find(DUTY, lambda c: c.looks_like_heat and self._is_followed(c))
-        best = min((column.name.rank for column in found), default=0)
-        self.duties = [column for column in found if column.name.rank == best]
-        # Left comes before right.
+        # Keep the columns whose names say it best; left comes before right.
+        candidates = self._find(DUTY, lambda c: c.looks_like_heat and self._is_followed(c))
+        best = min((column.name.rank for column in candidates), default=0)
+        self.duties = ColumnList(c for c in candidates if c.name.rank == best)
         self.duties.sort(key=lambda column: column.name.order)
         for column in self.duties:
             reason = "by its name" if column.name.role else "which others follow"
@@ -265,66 +303,76 @@ class Columns:
             return
         # Numbers with a sign heat two wires.
         signs = [1.0]
-        if any(len(c.present) and c.present.min() < 0 for c in self.duties):
+        if any(column.present.min() < 0 for column in self.duties):
             signs = [-1.0, 1.0]
-        self.duties = [column for column in self.duties for _ in signs]
+            self.duties = ColumnList(sorted(self.duties * 2, key=self.duties.index))
         # Names of the limb's wires have the words of the columns.
         labels = [column.name.label for column in self.duties]
-        known = {}
+        wire_of_label = {}
         for wire_name in self.limb.wire_names:
-            known[Name(wire_name, self.dictionary).label or wire_name] = wire_name
-        is_named = len(set(labels)) == len(labels) and set(labels) <= set(known)
+            wire_of_label[Name(wire_name, self.dictionary).label or wire_name] = wire_name
+        is_named = len(set(labels)) == len(labels) and set(labels) <= set(wire_of_label)
         for index, column in enumerate(self.duties):
-            wire_name = known[labels[index]] if is_named else UNKNOWN
+            wire_name = wire_of_label[labels[index]] if is_named else UNKNOWN
             self.wires.append(WireColumns(wire_name, column.text, signs[index % len(signs)]))
 
     def _is_followed(self, duty: Column) -> bool:
         """Return whether another column clearly follows the heat of what may be a duty."""
         heat = duty.heat()[None]
-        others = [c for c in self.columns if c is not duty and c.name.role != DUTY and c.span]
-        return any(abs(c.votes(heat)[0]) > MIN_VOTE for c in others if not c.looks_like_heat)
+        for column in self.columns.moving.without([duty]):
+            is_cause = column.name.role == DUTY or column.looks_like_heat
+            if not is_cause and abs(column.votes(heat)[0]) > MIN_VOTE:
+                return True
+        return False
 
     def full_duty(self) -> float:
         """Return the number of full duty; 0 and a question if nothing tells it."""
-        duties = list(dict.fromkeys(self.duties))
-        levels = [np.unique(np.abs(column.present)) for column in duties if column.span]
+        # Find the numbers of each duty.
+        duties = ColumnList(dict.fromkeys(self.duties))
+        levels = []
+        tops = []
+        is_switched = False
+        for column in duties.moving:
+            levels.append(np.unique(np.abs(column.present)))
+            tops.append(float(levels[-1].max()))
+            is_switched |= levels[-1].tolist() == [0.0, 1.0]
         if not levels:
             return 1.0
-        tops = [float(own_levels.max()) for own_levels in levels]
         most = max(tops)
-        own = set()
+        # Find the words and ranges in the names, and duties that are inverted.
+        words_and_units = set()
         ranges = set()
         is_inverted = False
         for column in duties:
-            own |= {*column.name.words, column.name.unit}
+            words_and_units |= {*column.name.words, column.name.unit}
             ranges |= set(re.findall(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", column.text))
             # A wire that is at its most while it rests or cools is off there.
             rests = (column.present == column.present.max()).mean() > 0.05
             is_inverted |= (rests and column.present.min() > 0) or self._cools(column)
         # Like columns have one unit.
-        is_switched = any(list(own_levels) == [0.0, 1.0] for own_levels in levels)
         is_mixed = most > MAX_DUTY_RATIO * min(tops) or (is_switched and min(tops) < 1.0)
         # Names may have a range, such as 0..255, or a unit; else numbers tell.
         if len(ranges) == 1:
             full = float(min(ranges))
             full = full if most <= 1.001 * full else 0.0
-        elif own & PERCENT_WORDS:
+        elif words_and_units & PERCENT_WORDS:
             full = 100.0 if 1.0 < most <= 100.1 else 0.0
+        elif words_and_units & POWER_WORDS:
+            full = 0.0
         else:
             numbers = np.unique(np.concatenate(levels))
-            full = 0.0 if own & POWER_WORDS else _full_by_numbers(numbers[numbers > 0], own)
+            full = _full_by_numbers(numbers[numbers > 0], words_and_units)
         if full and not is_inverted and not is_mixed:
             return full
         kind = "inverted" if is_inverted else "mixed units" if is_mixed else "full duty"
         likely = [f"{scale:g}" for scale in FULL_SCALES if most <= 1.001 * scale][:3]
-        texts = " and ".join(f"{top:g}" for top in sorted(set(tops), key=tops.index))
-        columns = " and ".join(column.text for column in duties)
-        self.ask(kind, "full", likely, columns=columns, tops=texts)
+        texts = " and ".join(f"{top:g}" for top in dict.fromkeys(tops))
+        self.ask(kind, "full", likely, columns=" and ".join(duties.texts), tops=texts)
         return 0.0
 
     def _cools(self, duty: Column) -> bool:
         """Return whether the thermocouple of a duty's own name clearly cools with its heat."""
-        named = [c for c in self.temperatures if c.name.label and c.name.label == duty.name.label]
+        named = self.temperatures.labelled(duty.name.label)
         return len(named) == 1 and named[0].votes(duty.heat()[None])[0] < -MIN_VOTE
 
     # Thermocouples.
@@ -345,7 +393,7 @@ class Columns:
         if not self.duties:
             return
         # Find the thermocouples that clearly warm with each wire.
-        unpaired = list(self.temperatures)
+        unpaired = self.temperatures.without([])
         signals = np.array([column.means for column in unpaired])
         warming, errors = self.steps.responses(self.heats, signals)
         warmed_sensors = evidence.clear_pairs(warming, errors)
@@ -357,7 +405,7 @@ class Columns:
         open_wires = []
         for index, wire in enumerate(self.wires):
             label = wire.name if wire.name in SIDES else labels[index] if are_same else ""
-            named = [c for c in self.temperatures if label and c.name.label == label]
+            named = self.temperatures.labelled(label)
             sensor = warmed_sensors[index]
             warmed = None if sensor is None else self.temperatures[sensor]
             reason = ""
@@ -371,18 +419,18 @@ class Columns:
                     reason = f"Names say {named[0].text}, but it warms more with another wire"
             if reason:
                 self._ask_temperature(index, [*named, *filter(None, [warmed])], reason)
-                unpaired = [column for column in unpaired if column not in named]
+                unpaired = unpaired.without(named)
             elif named:
                 self._set_temperature(wire, named[0], "by its name")
                 unpaired.remove(named[0])
-            elif warmed in unpaired and self._may_have(wire, warmed):
+            elif warmed and warmed in unpaired and self._may_have(wire, warmed):
                 self._set_temperature(wire, warmed, f"it warms with {wire.duty}")
                 unpaired.remove(warmed)
             else:
                 open_wires.append(index)
-        # Of like columns, the only one that is left is of the only wire that is left.
-        are_like = len({column.name.stem for column in self.temperatures}) == 1
-        is_last = are_like and len(self.temperatures) == len(self.wires) and len(open_wires) == 1
+        # Of columns of one stem, the only one that is left is of the only wire that is left.
+        are_similar = len({column.name.stem for column in self.temperatures}) == 1
+        is_last = are_similar and len(self.temperatures) == len(self.wires) and len(open_wires) == 1
         for index in open_wires:
             wire = self.wires[index]
             candidates = [column for column in unpaired if self._may_have(wire, column)]
@@ -434,13 +482,13 @@ class Columns:
 
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the unit of their room."""
+        texts = self.temperatures.texts
         for index, wire in enumerate(self.wires):
-            own = [column for column in self.temperatures if column.text == wire.temperature]
-            if not own:
+            if wire.temperature not in texts:
                 continue
-            column = own[0]
+            column = self.temperatures[texts.index(wire.temperature)]
             unit_in_name = column.name.unit if column.name.unit in READING_RANGES else ""
-            similar = [c for c in self.temperatures if c.name.unit == column.name.unit]
+            similar = ColumnList(c for c in self.temperatures if c.name.unit == column.name.unit)
             # Limbs that rest are in a room; warm ones may be known by how cold they become.
             first = [float(np.median(c.present[:5])) for c in similar]
             lowest = [c.low for c in similar]
@@ -462,13 +510,13 @@ class Columns:
                 facts = {"column": column.text, "low": column.low, "high": column.present.max()}
                 self.ask(kind, f"wires[{index}].unit", READING_RANGES, **facts)
 
-    def _are_in_one_room(self, sensors: list[Column], unit: str) -> bool:
+    def _are_in_one_room(self, sensors: ColumnList, unit: str) -> bool:
         """Return whether readings may be true temperatures in one room, without offsets.
 
         Thermocouples then become as cold as a room and as each other, at least in a long log. One
         that has an offset stays apart from the others, and does not cool.
         """
-        moving = [column for column in sensors if column.span]
+        moving = sensors.moving
         coldest = [float(np.quantile(column.present, 0.003)) for column in moving]
         if not moving:
             return True
@@ -479,7 +527,7 @@ class Columns:
         min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
         shortness = max(1.0, LONG_LOG_TIME / (self.times[-1] - self.times[0]))
         most_warming = max(column.span for column in moving)
-        largest = max(min_offset, MAX_COLD_SPREAD * shortness**2.5 * most_warming)
+        max_spread = max(min_offset, MAX_COLD_SPREAD * shortness**2.5 * most_warming)
         # Before the first heat, a wire that is warmer than others cools.
         warmest = max(moving, key=lambda column: column.means[0])
         num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
@@ -490,7 +538,7 @@ class Columns:
             cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
             if np.nanmean(halves[0]) - np.nanmean(halves[1]) < cooling:
                 return False
-        return np.ptp(coldest) < largest
+        return np.ptp(coldest) < max_spread
 
     # The bend.
 
@@ -500,39 +548,43 @@ class Columns:
         places = {x.name.place for x, _ in points}
         of_points = [c for c in self.columns if c.name.axis and c.name.place in places]
         # Take what names say: angles, or else points.
-        rated = [c for c in self._of_role(BEND) if c not in of_points and c.span]
-        if points and not rated:
+        candidates = self._of_role(BEND).moving.without(of_points)
+        if points and not candidates:
             return self._line(points)
-        if self.limb.segments[0].axes == 2 and len(rated) == 2:
-            first, second = sorted(rated, key=lambda c: (c.name.axis, c.name.label))
+        if self.limb.segments[0].axes == 2 and len(candidates) == 2:
+            first, second = sorted(candidates, key=lambda c: (c.name.axis, c.name.label))
             bend = self._bend_column(first)
             bend_e3 = self._bend_column(second)
-            return dataclasses.replace(
-                bend, column="", e2=first.text, e3=second.text, zero_e3=bend_e3.zero,
-                scale_e3=bend_e3.scale,
-            )  # fmt: skip
+            bend = dataclasses.replace(bend, column="", e2=first.text, e3=second.text)
+            return dataclasses.replace(bend, zero_e3=bend_e3.zero, scale_e3=bend_e3.scale)
         # Without names, it is what follows the heat.
-        hints: list[Column] = []
-        if not rated:
+        hints = ColumnList()
+        if not candidates:
+            unnamed = self._unnamed()
+            possible = ColumnList()
             used = [*self.duties, *self.temperatures, *of_points]
-            rest = [c for c in self._of_role("") if c.span and c not in used]
-            rest = [c for c in rest if not c.looks_like_heat]
-            follows = [c for c in rest if (np.abs(c.votes(self.heats)) > MIN_VOTE).any()]
-            plain = [c for c in self._unnamed() if c in rest]
-            rated = [c for c in plain if c in follows or (len(plain) == 1 and not self.duties)]
-            hints = [c for c in follows if c not in plain][:3]
-        if not rated:
+            for column in self._of_role("").moving.without(used):
+                if column.looks_like_heat:
+                    continue
+                if column in unnamed:
+                    possible.append(column)
+                if (np.abs(column.votes(self.heats)) > MIN_VOTE).any():
+                    (candidates if column in unnamed else hints).append(column)
+            if len(possible) == 1 and not self.duties:
+                candidates = possible
+        if not candidates:
             hint = ""
+            del hints[3:]
             for column in hints:
                 hint += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
             self.ask("no bend", "bend.column", hints, hints=hint)
             return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
         # Several may be the bend, unless they show the same.
-        first = min(rated, key=lambda c: c.name.rank)
-        for column in rated:
-            is_alike = 0.9 < column.span / first.span < 1.1
-            if not is_alike or abs(correlation(first.means, column.means)) < MIN_SAME_CORRELATION:
-                self.ask("bend", "bend.column", rated)
+        first = min(candidates, key=lambda c: c.name.rank)
+        for column in candidates:
+            is_equal = 0.9 < column.span / first.span < 1.1
+            if not is_equal or abs(correlation(first.means, column.means)) < MIN_SAME_CORRELATION:
+                self.ask("bend", "bend.column", candidates)
                 return BendColumns(UNKNOWN)
         return self._bend_column(first)
 
@@ -550,19 +602,23 @@ class Columns:
 
     def _line(self, points: list[tuple[Column, Column]]) -> BendColumns:
         """Return the line from the base to the tip; ask if it is not clear which they are."""
-        tip = [column.text for column in points[-1]]
-        self.notes |= {column.text: "of a point" for pair in points for column in pair}
+        coordinates = ColumnList(itertools.chain(*points))
+        texts = coordinates.texts
+        tip = texts[-2:]
+        self.notes |= dict.fromkeys(texts, "of a point")
         says_fixed = any(self.dictionary.has("fixed", x.name.words) for x, _ in points)
         says_base = self.dictionary.has("base", points[0][0].name.words)
         # The base is the only point that does not move, and the first.
-        moves = np.array([np.hypot(*(np.nanstd(c.means) for c in pair)) for pair in points])
+        means = np.array([column.means for column in coordinates])
+        spreads = np.nanstd(means, axis=1)
+        moves = np.hypot(spreads[::2], spreads[1::2])
         is_still = moves <= FIXED_POINT_SHARE * moves.max()
         is_clear = is_still[0] and not is_still[1:].any()
-        is_clear &= says_base or _bends_from_first(points)
+        is_clear &= says_base or _bends_from_first(means[::2], means[1::2])
         if not says_fixed and (is_clear or not self.heats.any()):
-            zero = base_direction([column.values for pair in points for column in pair])
-            line = [column.text for column in points[0]] + tip
+            zero = base_direction([column.values for column in coordinates])
             # In the picture, the limb's right is clockwise.
+            line = texts[:2] + tip
             return BendColumns(line=line, zero=zero, scale=-1.0, measures=mapping.CHORD)
         choices = [f"[{', '.join([x.text, y.text, *tip])}]" for x, y in points[:-1]]
         self.ask("base", "bend.line", choices)
@@ -581,8 +637,7 @@ class Columns:
         # Numbers that stay small while wires are hot are radians.
         rest = float(np.median(column.present[:10]))
         is_small = float(np.abs(column.present - np.median(column.present)).max()) < MAX_RADIANS
-        rise = max((sensor.span for sensor in self.temperatures), default=0.0)
-        is_hot = bool(self.heats.any()) and rise > HOT_RISE
+        is_hot = any(c.span > HOT_RISE for c in self.temperatures) and bool(self.heats.any())
         scale = DEGREES_PER_UNIT.get(name.unit, 1.0)
         if name.quantity not in ("", "angle") or column.span * scale > MAX_BEND_RANGE:
             scale = 0.0
@@ -600,19 +655,18 @@ class Columns:
 
     # Sides.
 
-    def find_sides(self, found: LogMapping) -> None:
+    def find_sides(self, log_mapping: LogMapping) -> None:
         """Turn the bend so that it grows where the right wire is heated, if all wires say so.
 
         If no name has a side, the bend keeps its sign and names the wires: the right wire is the
         wire that bends the limb to positive angles.
         """
-        bend = found.bend
-        wires = found.wires[: len(self.duties)]
+        bend = log_mapping.bend
+        wires = log_mapping.wires[: len(self.duties)]
         # Heat in seconds of full duty shows which wires bend the limb.
         tops = np.array([np.abs(column.present).max() for column in self.duties])
-        doses = (
-            self.heats.sum(axis=1) * self.steps.step * tops / (found.full or max(tops, default=1))
-        )
+        full = log_mapping.full or max(tops, default=1)
+        doses = self.heats.sum(axis=1) * self.steps.step * tops / full
         is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
         is_nameless = all(wire.name == UNKNOWN for wire in wires) and len(wires) <= 2
         is_nameless &= self.has_sides
@@ -621,7 +675,7 @@ class Columns:
             self.notes["sign"] = "no heat shows which way the limb bends; check bend.scale's sign"
             sides = np.array([-1.0, 1.0])[: len(wires)]
         elif wires and bend.scale and UNKNOWN not in bend.columns:
-            votes = self._bend_votes(found)
+            votes = self._bend_votes(log_mapping)
             heated_votes = votes[is_heated]
             if is_nameless:
                 # A wire that was not heated is on the other side.
@@ -654,15 +708,16 @@ class Columns:
                 field = f"wires[{index}].name"
                 self.ask("wire", field, self.limb.wire_names, numbers=numbers, duty=wire.duty)
 
-    def _bend_votes(self, found: LogMapping) -> np.ndarray:
-        """Return how clearly wires bend the limb to their sides, or to positive angles (W,)."""
-        plain = dataclasses.replace(found.bend, measures=mapping.BEND_ANGLE)
-        rows = bends_of(self.table, dataclasses.replace(found, bend=plain))[:, self.rows]
-        bends = np.array([self.steps.means(row) for row in rows])
+    def _bend_votes(self, log_mapping: LogMapping) -> np.ndarray:
+        """Return how clearly each wire bends the limb to its side (W,), in standard errors."""
+        plain = dataclasses.replace(log_mapping.bend, measures=mapping.BEND_ANGLE)
+        plain_mapping = dataclasses.replace(log_mapping, bend=plain)
+        rows = bends_of(self.table, plain_mapping)[:, self.rows]
+        bends = np.array(list(map(self.steps.means, rows)))
         lever_of_wire = {wire.name: wire.lever for wire in self.limb.wires}
         levers = np.ones((len(rows), len(self.heats)))
         warmth = self.heats.copy()
-        for index, wire in enumerate(found.wires[: len(self.heats)]):
+        for index, wire in enumerate(log_mapping.wires[: len(self.heats)]):
             if wire.name in lever_of_wire:
                 levers[:, index] = lever_of_wire[wire.name][: len(rows)]
             for column in self.temperatures:
@@ -676,12 +731,10 @@ class Columns:
         """Ask about what is left over and could be heat, or a wire's temperature."""
         # Wires without a thermocouple may have what warms with them.
         bare = [i for i in range(len(self.duties)) if not self.wires[i].temperature]
-        for column in self.columns:
+        for column in self.columns.moving:
             name = column.name
-            is_signal = (
-                column.span and name.is_measured and name.role not in (words.TIME, words.FRAME)
-            )
-            if not is_signal or column.text in self.notes:
+            is_clock = name.role in (words.TIME, words.FRAME)
+            if is_clock or not name.is_measured or column.text in self.notes:
                 continue
             # Heat that duties do not explain is of another wire.
             is_duty = name.role == DUTY
@@ -721,29 +774,28 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     columns.find_units()
     bend = columns.bend()
     columns.ask_about_the_rest()
-    missing = [str(value) for value in columns.missing]
-    found = LogMapping(columns.time, columns.wires, bend, full, missing=missing, **table.form)
-    columns.find_sides(found)
-    return columns.proposal("", found)
+    missing = list(map(str, columns.missing))
+    log_mapping = LogMapping(columns.time, columns.wires, bend, full, missing=missing, **table.form)
+    columns.find_sides(log_mapping)
+    return columns.proposal("", log_mapping)
 
 
-def _bends_from_first(points: list[tuple[Column, Column]]) -> bool:
-    """Return whether links of a line turn as if it were clamped at its first point.
+def _bends_from_first(x: np.ndarray, y: np.ndarray) -> bool:
+    """Return whether links of P points x, y (P, N) turn as if clamped at the first point.
 
     For constant curvature, links turn in proportion to the distance of their middles. Limbs bend
     more near their base; a link that begins before the base turns less.
     """
-    x, y = np.array([[column.means for column in pair] for pair in points]).swapaxes(0, 1)
     lengths = np.nanmedian(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)), axis=1)
     middles = np.cumsum(lengths) - lengths / 2
     links = np.arctan2(np.diff(y, axis=0), np.diff(x, axis=0))
     links = np.unwrap(links[:, ~np.isnan(links).any(axis=0)], axis=1)
     turns = links.std(axis=1)
     expected = turns[-1] * middles[0] / middles[-1]
-    return len(points) > 2 and bool(MIN_FIRST_TURN * expected < turns[0])
+    return len(x) > 2 and bool(MIN_FIRST_TURN * expected < turns[0])
 
 
-def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
+def _full_by_numbers(levels: np.ndarray, words_and_units: set[str]) -> float:
     """Return the number of full duty by what numbers there are of duty; 0 if they do not tell.
 
     Programs set duty in hundredths: whole numbers that are all rounded hundredths of 255 are
@@ -752,7 +804,7 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
 
     Args:
         levels: the numbers but 0.
-        own: words and units in the names.
+        words_and_units: words and units in the names.
     """
     # Full scales, and shares with a fraction, tell it themselves.
     most = float(levels.max())
@@ -761,9 +813,9 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
         return max(most, 1.0)
     if (levels % 1 != 0).any():
         return 100.0 if MAX_VOLTS < most <= 100.1 else 0.0
-    if "pwm" in own and 100.0 < most <= 255.0:
+    if "pwm" in words_and_units and 100.0 < most <= 255.0:
         return 255.0
-    if most <= 100.0 and own & SHARE_WORDS and len(levels) > 3 and is_in_fives:
+    if most <= 100.0 and words_and_units & SHARE_WORDS and len(levels) > 3 and is_in_fives:
         return 100.0
     # Else all numbers are hundredths of one full scale alone.
     fits = []
@@ -771,16 +823,17 @@ def _full_by_numbers(levels: np.ndarray, own: set[str]) -> float:
         hundredths = full * np.round(levels * 100 / full) / 100
         if most <= full and (np.abs(hundredths - levels) < 0.5 + 1e-6).all():
             fits.append(full)
-    enough = 2 if (most > 100.0 or "pwm" in own) and not is_in_fives else 8
+    enough = 2 if (most > 100.0 or "pwm" in words_and_units) and not is_in_fives else 8
     return fits[0] if len(fits) == 1 and len(levels) > enough else 0.0
 
 
-def _stands_out(values: np.ndarray, value: float) -> bool:
-    """Return whether a number is in a column, far from all others there."""
-    if value not in values:
-        return False
-    others = values[~np.isnan(values) & ~np.isin(values, MISSING_CODES)]
-    if not len(others):
-        return False
-    low, high = np.quantile(others, [0.01, 0.99])
-    return not low - 2 * (high - low) - 1 < value < high + 2 * (high - low) + 1
+def _missing_codes(values: np.ndarray) -> set[float]:
+    """Return the `MISSING_CODES` in a column (K,) that are far from all readings there."""
+    is_code = np.isin(values, MISSING_CODES)
+    readings = values[~np.isnan(values) & ~is_code]
+    if not is_code.any() or not len(readings):
+        return set()
+    low, high = np.quantile(readings, [0.01, 0.99])
+    codes = np.unique(values[is_code])
+    is_near = (codes > low - 2 * (high - low) - 1) & (codes < high + 2 * (high - low) + 1)
+    return set(codes[~is_near].tolist())

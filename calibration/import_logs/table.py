@@ -83,11 +83,10 @@ class LogTable:
         is_kept = [name in names for name in self.names]
         if all(is_kept) or not names <= {*self.names}:  # some are given by number
             return self
-        own_names = list(itertools.compress(self.names, is_kept))
-        own_units = list(itertools.compress(self.units, is_kept))
-        return dataclasses.replace(
-            self, names=own_names, units=own_units, values=self.values[is_kept]
-        )
+        kept_names = list(itertools.compress(self.names, is_kept))
+        kept_units = list(itertools.compress(self.units, is_kept))
+        values = self.values[is_kept]
+        return dataclasses.replace(self, names=kept_names, units=kept_units, values=values)
 
     def rows(self, which: np.ndarray | slice) -> "LogTable":
         """Return the table with some of its rows, or with its rows in another order."""
@@ -116,13 +115,15 @@ class _Form:
         self.score = 0.0
         # Terminals write a time before each line; sketches write a label before each number.
         self.is_stamped = sum(map(bool, map(_STAMP.match, lines))) > 0.9 * len(lines)
-        self.labels, count = Counter(self._labels_and_values(x)[0] for x in lines).most_common(1)[0]
+        label_counts = Counter(self._labels_and_values(line)[0] for line in lines)
+        self.labels, count = label_counts.most_common(1)[0]
         if count <= 0.8 * len(lines):
             self.labels = ()
         # The form fits as well as its rows are numbers of one decimal mark.
-        rows = [self.cells(line) for line in lines]
+        rows = list(map(self.cells, lines))
         self.width, count = Counter(map(len, rows)).most_common(1)[0]
-        self.columns = list(zip(*(row for row in rows if len(row) == self.width), strict=True))
+        full_rows = [row for row in rows if len(row) == self.width]
+        self.columns = list(zip(*full_rows, strict=True))
         cells = list(filter(None, itertools.chain(*self.columns)))
         if self.width < 2 or not cells:
             return
@@ -145,12 +146,14 @@ class _Form:
         """Return labels and values of the cells of a line; nothing if a cell has none."""
         line = re.sub(r"\s*([:=])\s+", r"\1", self._without_stamp(line)[1])
         cells = filter(None, split_cells(line.replace('"', ""), self.delimiter))
-        matches = list(map(_LABELLED.fullmatch, cells))
-        pairs = [(match[1], match[2]) for match in matches if match]
-        if not pairs or len(pairs) < len(matches):
-            return (), []
-        labels, values = zip(*pairs, strict=True)
-        return labels, list(values)
+        labels = []
+        values = []
+        for match in map(_LABELLED.fullmatch, cells):
+            if not match:
+                return (), []
+            labels.append(match[1])
+            values.append(match[2])
+        return tuple(labels), values
 
     def cells(self, line: str) -> list[str]:
         """Return the cells of a line; none if its labels are others."""
@@ -242,7 +245,8 @@ class _Form:
         if self.is_stamped and is_time(names[0]):
             names[0] = "time"
         # Names that are there twice, such as X and Y of points, begin with what a row above says.
-        repeated = {name for name, count in Counter(names).items() if count > 1 and name}
+        counts = Counter(filter(None, names))
+        repeated = {name for name, count in counts.items() if count > 1}
         above = [row for row in self.head[: self.names_line - 1] if len(row) == len(names)]
         above.sort(key=lambda cells: {"name", "bodyparts"}.isdisjoint(map(str.lower, cells[:2])))
         for row_above in above if repeated else ():
@@ -259,10 +263,10 @@ class _Form:
         units = [""] * self.width
         above = self.head[: max(0, self.names_line - 1)]
         for row in [*self.head[self.names_line :], *reversed(above)]:
-            known = [cell if is_unit(cell) else "" for cell in row]
-            num_known = sum(map(bool, known))
-            if len(row) == self.width and num_known >= max(2, 0.5 * sum(map(bool, row))):
-                units = known
+            units_in_row = [cell if is_unit(cell) else "" for cell in row]
+            num_units = sum(map(bool, units_in_row))
+            if len(row) == self.width and num_units >= max(2, 0.5 * sum(map(bool, row))):
+                units = units_in_row
                 break
         for index, column in enumerate(self.columns):
             for amount in filter(None, map(AMOUNT.fullmatch, column)):
@@ -297,7 +301,8 @@ def read_table(
         middle = max(0, (len(full_lines) - SAMPLE_ROWS) // 2)
         sample = full_lines[middle : middle + SAMPLE_ROWS] or [""]
         delimiters = [delimiter] if delimiter else DELIMITERS
-        form = max((_Form(sample, mark, decimal) for mark in delimiters), key=lambda f: f.score)
+        forms = [_Form(sample, mark, decimal) for mark in delimiters]
+        form = max(forms, key=lambda form: form.score)
         if not form.score or not form.read_head(lines, names_line):
             raise LogError(f"{path} has no rows of numbers between delimiters; is it a log?")
         lines = lines[len(form.head) :]
@@ -322,19 +327,20 @@ def read_table(
         raise LogError(f"{path} has only {count} rows of numbers.")
     names = unique_names(names)
     times_of_day = frozenset(itertools.compress(names, form.is_time))
-    own_form = {"delimiter": form.delimiter, "decimal": form.decimal, "names_line": form.names_line}
+    fields = {"delimiter": form.delimiter, "decimal": form.decimal, "names_line": form.names_line}
     has_names = bool(form.names_line or form.labels)
     values = values[:, :count]
-    return LogTable(names, form.units(), values, times_of_day, own_form, has_names, odd_rows)
+    return LogTable(names, form.units(), values, times_of_day, fields, has_names, odd_rows)
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line; delimiters within quotes are text."""
     mark = DELIMITERS[delimiter]
+    cells = line.split(mark)
     # A quote that is never closed is a character of its cell.
     if mark and '"' in line and line.count('"') % 2 == 0:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=mark))]
-    return [cell.strip() for cell in line.split(mark)]
+        cells = next(csv.reader([line], delimiter=mark))
+    return list(map(str.strip, cells))
 
 
 def unique_names(names: Iterable[str]) -> list[str]:

@@ -1,6 +1,8 @@
 """Read what the words and units in a column's name say, by the dictionary in `dictionary.yaml`."""
 
+import copy
 import functools
+import itertools
 import re
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -35,16 +37,16 @@ class Dictionary:
     """Words by what they say.
 
     Args:
-        own: further words of a lab, by the keys of `WORDS`, such as ``{"duty": ["Brenner"]}``.
+        lab_words: further words, by the keys of `WORDS`, such as ``{"duty": ["Brenner"]}``.
     """
 
-    def __init__(self, own: Mapping[str, Iterable[str]] | None = None):
-        self.words = {key: list(words) for key, words in WORDS.items()}
-        for key, further in (own or {}).items():
+    def __init__(self, lab_words: Mapping[str, Iterable[str]] | None = None):
+        self.words = copy.deepcopy(WORDS)
+        for key, further in (lab_words or {}).items():
             if key not in self.words:
                 raise LimbError(f"the dictionary has no {key!r}; it has {', '.join(self.words)}.")
-            self.words[key] += [str(word).lower() for word in further]
-        self.known = {"t"}.union(*self.words.values())
+            self.words[key] += map(str.lower, map(str, further))
+        self.all_words = {"t"}.union(*self.words.values())
 
     @classmethod
     def load(cls, path: str | Path) -> "Dictionary":
@@ -54,12 +56,13 @@ class Dictionary:
             LimbError: with one sentence, if it is of another form.
         """
         try:
-            own = yaml.safe_load(read_text(path, "dictionary", LimbError))
+            lab_words = yaml.safe_load(read_text(path, "dictionary", LimbError))
         except yaml.YAMLError as error:
             raise LimbError(f"{path}: not valid YAML: {' '.join(str(error).split())}.") from error
-        if not isinstance(own, dict) or not all(isinstance(words, list) for words in own.values()):
+        is_dict = isinstance(lab_words, dict)
+        if not is_dict or not all(isinstance(words, list) for words in lab_words.values()):
             raise LimbError(f"{path} must have lists of words, such as 'duty: [brenner]'.")
-        return cls(own)
+        return cls(lab_words)
 
     def has(self, key: str, words: Iterable[str]) -> bool:
         """Return whether one of some words says this."""
@@ -71,8 +74,8 @@ class Dictionary:
         tokens: list[str] = []
         for chunk in _CHUNKS.findall(re.sub("([左右])", r" \1 ", plain)):
             pieces = self._pieces(chunk)
-            is_known = len(pieces) > 1 or pieces[0] in self.known
-            parts = [] if is_known else _CAMEL_PARTS.findall(chunk)
+            is_in_dictionary = len(pieces) > 1 or pieces[0] in self.all_words
+            parts = [] if is_in_dictionary else _CAMEL_PARTS.findall(chunk)
             for part in parts or [chunk]:
                 tokens += self._pieces(part)
         return tokens
@@ -80,15 +83,15 @@ class Dictionary:
     def _pieces(self, part: str) -> list[str]:
         """Return the known words that a word is made of, or the word: "leftpwm", "tempL", "TL"."""
         word = part.lower()
-        if word in self.known:
+        if word in self.all_words:
             return [word]
         for cut in range(len(word) - 1, 0, -1):
             first = word[:cut]
             last = word[cut:]
             is_side = last in ("l", "r") and (cut > 2 or (part.isupper() and part.isascii()))
-            is_word = last in self.known and (min(cut, len(last)) > 2 or not word.isascii())
-            is_after_side = part[:cut] in ("L", "R") and last in self.known and len(last) > 2
-            if first in self.known and (is_side or is_word or is_after_side):
+            is_word = last in self.all_words and (min(cut, len(last)) > 2 or not word.isascii())
+            is_after_side = part[:cut] in ("L", "R") and last in self.all_words and len(last) > 2
+            if first in self.all_words and (is_side or is_word or is_after_side):
                 return [first, last]
         return [word]
 
@@ -135,10 +138,10 @@ class Name:
             column_names: all columns' names; they tell whether a last letter is a unit or a wire.
         """
         self.text = text
-        bare, own_unit = _without_unit(text, column_names)
-        self.quantity, self.unit = parse_unit(unit or own_unit)
+        bare, unit_in_name = _without_unit(text, column_names)
+        self.quantity, self.unit = parse_unit(unit or unit_in_name)
         tokens = dictionary.split(bare)
-        self.words = [token for token in tokens if not token.isdigit()]
+        self.words = list(itertools.filterfalse(str.isdigit, tokens))
         # Find the wire's label: a side, the last number, or a letter; long numbers are of chips.
         numbers = [token for token in tokens if token.isdigit() and len(token) < 3][-1:]
         letters = [word for word in self.words if word in LABEL_LETTERS and len(tokens) > 1][-1:]
