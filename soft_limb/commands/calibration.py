@@ -342,7 +342,7 @@ COMMANDS = {
                 "all: both (default %(default)s)",
             ),
         ],
-        stopped="stopped; complete recordings are kept, and wires are off",
+        stopped="stopped; complete recordings of a robot are kept, and wires are off",
         examples=[
             "soft-limb collect -o out/recordings/ -l limb.yaml",
             "soft-limb collect -o out/robot/ -l robot.yaml",
