@@ -393,9 +393,9 @@ def calibrate(
 
 
 def _check_better_than_mean(calibration: Calibration) -> None:
-    """Raise CalibrationError if plans are expected to miss by more than the mean bend would."""
+    """Raise CalibrationError if plans may miss by more than the mean bend would."""
     miss = calibration.plan_miss
-    if miss and miss.is_no_better_than_mean:
+    if miss and miss.high > miss.by_mean:
         further = calibration.next_recording or "record more motions like those you plan"
         raise CalibrationError(
             f"These recordings tell no model: {miss.in_words}, but the mean bend misses such a "

@@ -110,7 +110,7 @@ class BendSensor(Tagged, abc.ABC):
         return self.gain * self.exact_bend_angle(joint_angles) + self.offset
 
     def apparent_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
-        """Return the recorded bends as `exact_bends`, with gain, offsets and roll."""
+        """Return the recorded bends (axes, ...), rad: `exact_bends` with gain, offsets and roll."""
         bends = roll_bends(self.exact_bends(chain, joint_angles), self.roll)
         offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
         return np.array([self.gain * bend + offset for bend, offset in offsets])

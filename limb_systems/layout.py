@@ -36,20 +36,21 @@ class Layout:
         self.num_joints = self.joints_of[-1].stop
         self.num_wires = self.wires_of[-1].stop
         self.num_bends = self.bends_of[-1].stop
-        self.bend_segment = np.repeat(range(len(segments)), [s.axes for s in segments])
-        self.bend_direction = np.concatenate([np.arange(s.axes) for s in segments])
         self.bend_joints: list[np.ndarray] = []
+        bends: list[tuple[int, int]] = []  # segment and direction of each
         links: list[int] = []
         num_links = 0
-        for segment, chain, joints in zip(segments, self.chains, self.joints_of, strict=True):
+        for number, (chain, joints) in enumerate(zip(self.chains, self.joints_of, strict=True)):
             # Find the joints of each bend.
-            for kind in ["e2", "e3"][: segment.axes]:
+            for direction, kind in enumerate(["e2", "e3"][: segments[number].axes]):
+                bends.append((number, direction))
                 in_segment = np.flatnonzero(np.array(chain.kinds) == kind)
                 self.bend_joints.append(joints.start + in_segment)
             # Find the link of each joint.
             for first, last in zip(chain.first_joints, chain.last_joints, strict=True):
                 links += [num_links] * int(last - first + 1)
                 num_links += 1
+        self.bend_segment, self.bend_direction = np.transpose(bends)
         self.link_of_joint = np.array(links)
 
     @property

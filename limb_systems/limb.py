@@ -215,8 +215,12 @@ def add_joint_springs(
 
 def _joints(plant: MultibodyPlant, limb: ModelInstanceIndex) -> list[RevoluteJoint]:
     """Return the revolute joints of a limb (n), from the base to the tip."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(limb)]
-    return [joint for joint in joints if isinstance(joint, RevoluteJoint)]
+    joints = []
+    for index in plant.GetJointIndices(limb):
+        joint = plant.get_joint(index)
+        if isinstance(joint, RevoluteJoint):
+            joints.append(joint)
+    return joints
 
 
 def _checked_joints(
@@ -240,7 +244,11 @@ def _checked_joints(
 def _check_model(
     plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
 ) -> list[RevoluteJoint]:
-    """Return the joints of a limb; raise ParameterError if the limb is not as described."""
+    """Return the revolute joints of a limb (n), from the base to the tip.
+
+    Raises:
+        ParameterError: if the limb in the plant is not as described.
+    """
     name = plant.GetModelInstanceName(limb)
     # The instance has the bodies and joints of a limb, and no others.
     bodies = [plant.get_body(index) for index in plant.GetBodyIndices(limb)]
@@ -253,9 +261,11 @@ def _check_model(
         )
     joints = _checked_joints(plant, limb, parameters)
     # Each joint has a spring and an actuator, and the base is welded.
-    indices = map(ForceElementIndex, range(plant.num_force_elements()))
-    elements = map(plant.get_force_element, indices)
-    springs = {e.joint().index(): e for e in elements if isinstance(e, RevoluteSpring)}
+    springs = {}
+    for index in range(plant.num_force_elements()):
+        element = plant.get_force_element(ForceElementIndex(index))
+        if isinstance(element, RevoluteSpring):
+            springs[element.joint().index()] = element
     has_springs = all(joint.index() in springs for joint in joints)
     if plant.num_actuated_dofs(limb) != len(joints) or not has_springs:
         raise ParameterError(
@@ -356,7 +366,11 @@ def from_paper_state(parameters: LimbParameters, paper_state: ArrayLike) -> np.n
 
 def _a3(parameters: LimbParameters, readings: np.ndarray) -> np.ndarray:
     """Return a3 of the wires (W, ...), 1/s, with as many axes as readings (W, ...)."""
-    laws = [wire.law for wire in parameters.wires if isinstance(wire.law, LinearLaw)]
-    if len(laws) < len(parameters.wires):
-        raise ParameterError("Only wires with the paper's LinearLaw have the paper's state (14).")
-    return np.array([law.a3 for law in laws]).reshape(-1, *[1] * (readings.ndim - 1))
+    a3 = []
+    for wire in parameters.wires:
+        if not isinstance(wire.law, LinearLaw):
+            raise ParameterError(
+                "Only wires with the paper's LinearLaw have the paper's state (14)."
+            )
+        a3.append(wire.law.a3)
+    return np.reshape(a3, (-1, *[1] * (readings.ndim - 1)))

@@ -96,6 +96,7 @@ class LimbMechanics:
             # Add the part before the first joint.
             if chain.first_length:
                 pieces.append((f"root_{number + 1}", chain.first_length * length))
+                sizes.append((chain.first_length * length, segment.thickness, segment.width))
                 bodies.append((joints.start - 1, chain.first_length * mass, end + 0.25 * length))
             # Add the links.
             self.offsets[joints, 0] = length * chain.offsets
@@ -103,9 +104,9 @@ class LimbMechanics:
             for last, share in zip(chain.last_joints, chain.lengths, strict=True):
                 num_links += 1
                 pieces.append((f"link_{num_links}", share * length))
+                sizes.append((share * length, segment.thickness, segment.width))
                 bodies.append((joints.start + last, share * mass, 0.5 * share * length))
             self.pieces.append(pieces)
-            sizes += [(of_piece, segment.thickness, segment.width) for _, of_piece in pieces]
             end = chain.lengths[-1] * length
             self.end_offset[number, 0] = end
         # Add the payload, a point.
@@ -134,12 +135,9 @@ class LimbMechanics:
         Such sensors have no gain, offset, noise and drift.
         """
         angles = np.asarray(joint_angles)
-        bends = [
-            sensor.exact_bends(chain, angles[joints])
-            for sensor, (chain, joints) in zip(
-                self.bend_sensors, self.chains_with_joints, strict=True
-            )
-        ]
+        bends = []
+        for number, (chain, joints) in enumerate(self.chains_with_joints):
+            bends.append(self.bend_sensors[number].exact_bends(chain, angles[joints]))
         return np.concatenate(bends)
 
     @property

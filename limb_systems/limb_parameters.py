@@ -442,7 +442,10 @@ class LimbParameters(Described):
     @property
     def wires(self) -> list[WireParameters]:
         """All wires, base first."""
-        return [wire for segment in self.segments for wire in segment.wires]
+        wires: list[WireParameters] = []
+        for segment in self.segments:
+            wires += segment.wires
+        return wires
 
     @property
     def wire_names(self) -> list[str]:
@@ -481,7 +484,7 @@ class LimbParameters(Described):
 
     @property
     def heat_is_measured(self) -> bool:
-        """Return whether boards may heat the limb; not if a calibration had no thermocouples."""
+        """True if boards may heat the limb; False if a calibration had no thermocouples."""
         return self.calibration is None or self.calibration.heat_measured
 
     @property
@@ -495,10 +498,11 @@ class LimbParameters(Described):
             LimbError: if a law has no `WireLaw.typical_rates`, or its rates are
                 beyond the range that a board accepts.
         """
-        return [
-            wire.heat_bounds or HeatBounds.around(LinearLaw() if self.calibration else wire.law)
-            for wire in self.wires
-        ]
+        bounds = []
+        for wire in self.wires:
+            law = LinearLaw() if self.calibration else wire.law
+            bounds.append(wire.heat_bounds or HeatBounds.around(law))
+        return bounds
 
 
 def _plausibility_warnings(segment: SegmentParameters, where: str) -> list[str]:
@@ -542,7 +546,7 @@ def _plausibility_warnings(segment: SegmentParameters, where: str) -> list[str]:
 
 def _sizes(segment: SegmentParameters) -> dict[str, float]:
     """Return the length, width and thickness of a segment by their names, m."""
-    return {name: getattr(segment, name) for name in ("length", "width", "thickness")}
+    return {"length": segment.length, "width": segment.width, "thickness": segment.thickness}
 
 
 def _validate_wires(segment: SegmentParameters, where: str) -> None:

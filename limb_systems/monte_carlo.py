@@ -1,8 +1,8 @@
 """Many limbs at once: draws from the covariance of a calibration, and their open-loop simulation.
 
-Heat and torque follow the laws of the wires. The limb follows its wires without
+States and torques follow the laws of the wires. The limb follows its wires without
 delay: it rings at some hertz, and they heat within seconds. On a segment
-without gravity all joints have the same angle, and each bend sensor reads φ.
+without gravity all joints have the same angle θ, and each bend sensor reads φ.
 """
 
 import copy
@@ -74,25 +74,28 @@ def draw_limbs(parameters: LimbParameters, count: int) -> list[LimbParameters]:
 def stack_limbs(
     limbs: Sequence[LimbParameters],
 ) -> tuple[WireLaw, np.ndarray, dict[str, np.ndarray]]:
-    """Stack the parameters of B limbs of one segment into arrays for `OpenLoop`.
+    """Stack the parameters of B limbs of one segment of W wires into arrays for `OpenLoop`.
 
     Returns:
-        The law with fields (B, 1, W), T0 (B,), °C, and the rubber.
+        The law with fields (B, 1, W), T0 (B,), °C, and the rubber of `OpenLoop.simulate`.
 
     Raises:
         ParameterError: if laws are of several classes.
     """
     segments = [limb.segments[0] for limb in limbs]
     # Stack the fields of the laws, all of one class.
-    law_types = {type(wire.law) for segment in segments for wire in segment.wires}
+    laws: list[WireLaw] = []
+    for segment in segments:
+        laws += [wire.law for wire in segment.wires]
+    law_types = set(map(type, laws))
     if len(law_types) > 1:
         names = " and ".join(sorted(law_type.__name__ for law_type in law_types))
         raise ParameterError(f"The wires have laws of several classes, {names}; use one for all.")
     (law_type,) = law_types
     fields: dict[str, np.ndarray] = {}
-    for field in dataclasses.fields(law_type):  # type: ignore[arg-type]
-        values = [[getattr(wire.law, field.name) for wire in segment.wires] for segment in segments]
-        fields[field.name] = np.array(values)[:, np.newaxis]
+    for field in dataclasses.fields(law_type):
+        values = [getattr(law, field.name) for law in laws]
+        fields[field.name] = np.reshape(values, (len(limbs), 1, -1))
     # Stack the properties of the rubber.
     properties = ["stiffness", "rest_angle"]
     if any(segment.stiffening for segment in segments):
@@ -101,9 +104,8 @@ def stack_limbs(
     for name in properties:
         rubber[name] = np.array([getattr(segment, name) for segment in segments])
     memories = [segment.rest_memory for segment in segments if segment.rest_memory]
-    if memories:
-        rubber["shift"] = np.array([memory.shift for memory in memories])
-        rubber["rate"] = np.array([memory.rate for memory in memories])
+    for name in ("shift", "rate") if memories else ():
+        rubber[name] = np.array([getattr(memory, name) for memory in memories])
     ambient = np.array([limb.ambient_temperature for limb in limbs])
     return with_fields(law_type, fields), ambient, rubber
 
@@ -152,12 +154,13 @@ def _range(owner: Any, name: str) -> tuple[float, float]:
 class OpenLoop:
     """Simulation of R runs of one segment of W wires, over K steps, for B parameter sets at once.
 
-    Arrays begin with B where they differ between parameter sets.
+    The heat of a wire is short for its X states x, by its law, and the reading V of its
+    thermocouple: X + 1 numbers, T and V in °C. Arrays of heat are (X + 1, B, R, W).
 
     Args:
         duty: its mean over each step (K, R, W), in [0, 1].
         step: s.
-        segment: whose links and wires' directions count.
+        segment: the segment, of which links and directions of wires count.
         lengths: number of steps of each run (R,), after which its states stay; K if None.
     """
 
@@ -193,12 +196,12 @@ class OpenLoop:
         Args:
             law: with fields of shape (B, 1, W).
             ambient: T0 of each run (B, R), °C.
-            initial: states of the wires, then V, at the start, each (B, R, W).
+            initial: heat at the start, each of its rows (B, R, W).
             rubber: ``stiffness``, N·m/rad, and ``rest_angle``, rad, each (B,);
                 optionally ``stiffening``, and ``shift``, rad, and ``rate``,
                 1/rad, of the rest angle's memory.
-            near_first: whether all sets are so near the first that heat is linear in their
-                differences from it, as finite differences need it.
+            near_first: True if all sets are so near the first that heat may be linear in their
+                differences from the first, as in finite differences.
 
         Returns:
             T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad.
@@ -211,7 +214,7 @@ class OpenLoop:
         distinct_law = _map_fields(law, lambda field: _select_sets(field, distinct))
         distinct_T0 = _select_sets(T0, distinct)
         distinct_start = _select_sets(start, distinct)
-        # Simulate the heat, with the runs sorted by their lengths.
+        # Simulate the heat (K + 1, X + 1, B, R, W), with the runs sorted by their lengths.
         sorted_T0 = distinct_T0[:, self._order]
         sorted_start = distinct_start[..., self._order, :]
         if near_first and _symbolic_step(law, self.step):
@@ -220,32 +223,38 @@ class OpenLoop:
             sorted_heat, num_substeps = self._heat(distinct_law, sorted_T0, sorted_start)
             sorted_heat = sorted_heat[::num_substeps]
         heat = sorted_heat[..., np.argsort(self._order), :]
-        # Find the torques on straight links.
+        # Find the torques of the wires on straight links (K + 1, B, R, W).
         states = list(np.moveaxis(heat[:, :-1], 1, 0))
         straight_torques = distinct_law.torque(states, distinct_T0, 0.0)
         torques = _select_sets(np.asarray(straight_torques), set_indices)
 
-        def torques_at_angles(theta: np.ndarray) -> np.ndarray:
+        def torques_at_theta(theta: np.ndarray) -> np.ndarray:
             wire_states = list(np.moveaxis(_select_sets(heat[:, :-1], set_indices), 1, 0))
             return np.asarray(law.torque(wire_states, T0, theta[..., None] * self._directions))
 
-        # A torque that is nan at an unknown angle depends on the angle.
-        first_states = [state[0] for state in states]
-        needs_angle = np.isnan(distinct_law.torque(first_states, distinct_T0, np.nan)).any()
-        bends = self._bends(torques, rubber, torques_at_angles if needs_angle else None)
+        # A torque that is nan at an unknown θ depends on θ.
+        first_states = [*heat[0, :-1]]
+        needs_theta = np.isnan(distinct_law.torque(first_states, distinct_T0, np.nan)).any()
+        bends = self._bends(torques, rubber, torques_at_theta if needs_theta else None)
         temperature = _select_sets(heat[:, 0], set_indices)
         reading = _select_sets(heat[:, -1], set_indices)
         return temperature, reading, bends
 
     def _heat(self, law: WireLaw, T0: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return the states of the wires and V, with the runs sorted, and the number of substeps.
+        """Simulate the heat, with the runs sorted, in as few substeps as converge.
 
         A law whose heat, stress and transformation act on each other may be too fast for the step.
         If one parameter set diverges, all are simulated again in the same shorter steps, because
         they are compared with each other.
 
+        Args:
+            law: with fields (B, 1, W).
+            T0: °C (B, R, W).
+            start: heat at the start (X + 1, B, R, W).
+
         Returns:
-            Heat (K S + 1, X + 1, B, R, W) and S.
+            Heat at the ends of all substeps (K S + 1, X + 1, B, R, W), and S, their number in a
+            step of the duty.
         """
         for num_substeps in NUM_SUBSTEPS:
             with np.errstate(over="ignore", invalid="ignore"):
@@ -257,53 +266,68 @@ class OpenLoop:
     def _heat_in_substeps(
         self, law: WireLaw, T0: np.ndarray, start: np.ndarray, num_substeps: int
     ) -> np.ndarray:
-        """Return the heat as `_heat`, with each step divided into substeps."""
+        """Simulate the heat with each step of the duty divided into S = ``num_substeps``.
+
+        Args:
+            law: with fields (B, 1, W).
+            T0: °C (B, R, W).
+            start: heat at the start (X + 1, B, R, W).
+            num_substeps: S.
+
+        Returns:
+            Heat at the ends of all substeps (K S + 1, X + 1, B, R, W).
+        """
         memory_ranges = _memory_ranges(law)
-        duty = np.repeat(self._duty, num_substeps, axis=0)
+        substep = self.step / num_substeps
+        duty = np.repeat(self._duty, num_substeps, axis=0)  # (K S, R, W)
         num_unfinished = np.repeat(self._num_unfinished, num_substeps)
-        course = np.empty((len(duty) + 1, *start.shape))
-        course[0] = start
+        trajectory = np.empty((len(duty) + 1, *start.shape))
+        trajectory[0] = start
         begin = 0
-        for num_runs, steps in itertools.groupby(num_unfinished.tolist()):
-            # Drop the runs that have ended, whose states stay, and bind the substep to the others.
-            course[begin + 1 :, ..., num_runs:, :] = course[begin, ..., num_runs:, :]
-            heat = course[begin, ..., :num_runs, :].copy()
+        for num_runs, substeps in itertools.groupby(num_unfinished.tolist()):
+            # The heat of runs that have ended stays. The first ones, in number num_runs, go on.
+            trajectory[begin + 1 :, ..., num_runs:, :] = trajectory[begin, ..., num_runs:, :]
+            heat = trajectory[begin, ..., :num_runs, :].copy()
             next_heat = np.empty_like(heat)
-            level = np.empty(heat.shape[1:])
-            step = self.step / num_substeps
-            advance = _bound_step(law, T0[:, :num_runs], step, heat, level, next_heat)
+            substep_duty = np.empty(heat.shape[1:])
+            # This function reads heat and substep_duty, and writes into next_heat.
+            write_next_heat = _step_between_arrays(
+                law, T0[:, :num_runs], substep, heat, substep_duty, next_heat
+            )
             # Integrate these runs until the next one ends.
-            end = begin + len(list(steps))
-            for step_index in range(begin, end):
-                level[...] = duty[step_index, :num_runs]
-                advance()
+            end = begin + len(list(substeps))
+            for index in range(begin, end):
+                substep_duty[...] = duty[index, :num_runs]
+                write_next_heat()
                 _clamp_memory(memory_ranges, next_heat)
                 heat[...] = next_heat
-                course[step_index + 1, ..., :num_runs, :] = heat
+                trajectory[index + 1, ..., :num_runs, :] = heat
             begin = end
-        return course
+        return trajectory
 
     def _linear_heat(
         self, law: WireLaw, T0: np.ndarray, start: np.ndarray, first: np.ndarray
     ) -> np.ndarray:
-        """Return the heat (K + 1, X + 1, B, R, W), linear in the differences from the first set.
+        """Simulate the heat (K + 1, X + 1, B, R, W), linear in the differences from the first set.
 
         Args:
-            law, T0, start: as for `_heat`.
-            first: place of the first set among these, for each wire (1, W).
+            law: with fields (B, 1, W).
+            T0: °C (B, R, W).
+            start: heat at the start (X + 1, B, R, W).
+            first: index of the first set among these, for each wire (1, W).
         """
         # Simulate the first set alone.
         first_law = _map_fields(law, lambda field: _select_sets(field, first))
         first_T0 = _select_sets(T0, first)
         first_start = _select_sets(start, first)
-        course, num_substeps = self._heat(first_law, first_T0, first_start)
+        trajectory, num_substeps = self._heat(first_law, first_T0, first_start)
         # Differentiate all steps of unfinished runs by the heat before them, T0 and the fields.
         num_unfinished = np.repeat(self._num_unfinished, num_substeps)
         steps, runs = np.nonzero(np.arange(start.shape[2]) < num_unfinished[:, None])
         constants = _step_constants(law, T0)
         first_constants = _step_constants(first_law, first_T0)
         points = np.concatenate(
-            [course[steps, :, 0, runs], first_constants[:, 0].swapaxes(0, 1)[runs]], axis=1
+            [trajectory[steps, :, 0, runs], first_constants[:, 0].swapaxes(0, 1)[runs]], axis=1
         )
         duty = np.repeat(self._duty, num_substeps, axis=0)[steps, runs]
         symbolic_step = _symbolic_step(law, self.step / num_substeps)
@@ -327,51 +351,59 @@ class OpenLoop:
             differences[:count, :, :num_states] = after
             if step_index % num_substeps == 0:
                 change = differences[:, :, :num_states].transpose(2, 3, 0, 1)
-                np.add(course[step_index], change, out=heat[step_index // num_substeps])
+                np.add(trajectory[step_index], change, out=heat[step_index // num_substeps])
         return heat
 
     def _bends(
         self,
         straight_torques: np.ndarray,
         rubber: Mapping[str, np.ndarray],
-        torques_at_angles: Callable[[np.ndarray], np.ndarray] | None,
+        torques_at_theta: Callable[[np.ndarray], np.ndarray] | None,
     ) -> np.ndarray:
-        """Return φ (K + 1, B, R), rad.
+        """Return the bends φ (K + 1, B, R), rad, under the torques of the wires.
+
+        The bend is proportional to the angle θ of each joint, and the deflection of a joint is its
+        θ less its θ at rest.
 
         Args:
-            straight_torques: of the wires on straight links (K + 1, B, R, W), N·m.
-            rubber: as for `simulate`.
-            torques_at_angles: function of the links' angles θ (K + 1, B, R), rad, that gives the
-                torques; None if torques do not depend on θ.
+            straight_torques: torques of the wires on straight links (K + 1, B, R, W), N·m.
+            rubber: ``stiffness``, N·m/rad, ``rest_angle``, rad, and others (B,); see `simulate`.
+            torques_at_theta: function of θ (K + 1, B, R), rad, that returns the torques at θ
+                (K + 1, B, R, W), N·m; None if torques do not depend on θ.
         """
-        bend_by_angle = self._chain.bend_by_equal_angle  # (11)
-        rest = rubber["rest_angle"][:, None]
-        angles = self._joint_angles(straight_torques, rubber)
-        if torques_at_angles is not None:
+        bend_by_theta = self._chain.bend_by_equal_angle  # (11)
+        rest_bend = rubber["rest_angle"][:, None]  # (B, 1)
+        deflection = self._deflections(straight_torques, rubber)
+        # Repeat with the torques at the angle that they lead to.
+        if torques_at_theta is not None:
             for _ in range(NUM_ANGLE_ITERATIONS):
-                torques = torques_at_angles(angles + rest / bend_by_angle)
-                angles = self._joint_angles(torques, rubber)
-        return rest + bend_by_angle * angles
+                theta = deflection + rest_bend / bend_by_theta
+                deflection = self._deflections(torques_at_theta(theta), rubber)
+        return rest_bend + bend_by_theta * deflection
 
-    def _joint_angles(self, torques: np.ndarray, rubber: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return the angle of each joint from rest (K + 1, B, R), rad, under torques of wires."""
-        bend_by_angle = self._chain.bend_by_equal_angle
+    def _deflections(self, torques: np.ndarray, rubber: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return the angle of each joint from rest (K + 1, B, R), rad, under torques of wires.
+
+        Args:
+            torques: torques of the wires (K + 1, B, R, W), N·m.
+            rubber: ``stiffness``, N·m/rad, and others (B,); see `simulate`.
+        """
+        bend_by_theta = self._chain.bend_by_equal_angle
         stiffness = rubber["stiffness"][:, None]
-        angles = torques @ self._directions / stiffness
+        deflection = torques @ self._directions / stiffness
         if "shift" in rubber:
             # Memory moves the rest angle towards the side of the wires that heat.
             bends_alone = np.abs(torques * self._directions)
-            bends_alone *= bend_by_angle / stiffness[..., None]
-            angles += self._rest_shifts(bends_alone, self._sides[:, None], rubber)[..., 0] / (
-                bend_by_angle
-            )
+            bends_alone *= bend_by_theta / stiffness[..., None]
+            rest_shifts = self._rest_shifts(bends_alone, self._sides[:, None], rubber)
+            deflection += rest_shifts[..., 0] / bend_by_theta
         if "stiffening" in rubber:
-            # The real root θ of θ + c θ³ = angle.
-            angle_at_45_deg = np.pi / 4 / bend_by_angle
-            cubic = np.maximum(rubber["stiffening"], 1e-12)[:, None] / angle_at_45_deg**2
+            # The real root δ of δ + c δ³ = deflection of rubber that does not stiffen.
+            theta_at_45_deg = np.pi / 4 / bend_by_theta
+            cubic = np.maximum(rubber["stiffening"], 1e-12)[:, None] / theta_at_45_deg**2
             root = np.sqrt(3.0 * cubic)
-            angles = 2.0 / root * np.sinh(np.arcsinh(1.5 * root * angles) / 3.0)
-        return angles
+            deflection = 2.0 / root * np.sinh(np.arcsinh(1.5 * root * deflection) / 3.0)
+        return deflection
 
     def _rest_shifts(
         self, bends_alone: np.ndarray, directions: np.ndarray, rubber: Mapping[str, np.ndarray]
@@ -380,12 +412,13 @@ class OpenLoop:
 
         Args:
             bends_alone: bend that each wire would hold alone (K + 1, B, R, W), rad.
-            directions: directions of the wires ([B,] W, F).
-            rubber: ``shift`` and ``rate``, as for `simulate`.
+            directions: directions of the wires, by each of F bends ([B,] W, F).
+            rubber: ``shift``, rad, and ``rate``, 1/rad (B,).
         """
+        # Each step that bends the limb further draws the rest angle after it.
         progress = self.step * ramp(np.diff(bends_alone, axis=0) / self.step)
         progress *= rubber["rate"][:, None, None]
-        # The implicit Euler method.
+        # Integrate the shifts by the implicit Euler method.
         drawn_shifts = rubber["shift"][:, None, None] * (progress @ directions)
         remaining = 1 / (1 + progress.sum(axis=-1, keepdims=True))
         shifts = np.zeros((len(bends_alone), *drawn_shifts.shape[1:]))
@@ -396,10 +429,10 @@ class OpenLoop:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _SymbolicStep:
-    """A step of the classical Runge-Kutta method: heat [x, V] after it, of one wire.
+    """A step of the classical Runge-Kutta method: the heat [x, V] of one wire after it.
 
-    - ``compiled``: function of the heat before it, the duty, and T0 with the law's fields.
-    - ``derivatives``: the same by the heat, T0 and fields together, with the duty.
+    - ``compiled``: function of the heat before the step, the duty, and T0 with the law's N fields.
+    - ``derivatives``: the same function, with derivatives by the heat, T0 and fields together.
     """
 
     compiled: Compiled
@@ -416,13 +449,13 @@ def _symbolic_step(law: WireLaw, step: float) -> _SymbolicStep | None:
     names = list(_array_fields(law))
 
     def build() -> _SymbolicStep | None:
+        # State the step of one wire, whose fields are symbols.
         heat = ca.SX.sym("x", len(law.states) + 1)
         duty = ca.SX.sym("D")
         constants = ca.SX.sym("p", 1 + len(names))
         T0, *fields = ca.vertsplit(constants)
-        symbolic_law = with_fields(
-            type(law), {**vars(law), **dict(zip(names, fields, strict=True))}
-        )
+        symbols = dict(zip(names, fields, strict=True))
+        symbolic_law = with_fields(type(law), vars(law) | symbols)
 
         def rates(heat: ca.SX, duty: ca.SX) -> ca.SX:
             *states, reading = ca.vertsplit(heat)
@@ -433,7 +466,7 @@ def _symbolic_step(law: WireLaw, step: float) -> _SymbolicStep | None:
             after = ca.densify(runge_kutta(rates, heat, (duty, duty, duty), step))
         except Exception:  # of any kind: a lab's law may do anything with its fields
             return None
-        # Numpy may turn symbols into nan in silence.
+        # Try numbers, as numpy may turn symbols into nan without an error.
         default_law = type(law)()
         probe = [20.0, *(getattr(default_law, name) for name in names)]
         cold = [*default_law.cold_states(20.0), 20.0]
@@ -446,19 +479,17 @@ def _symbolic_step(law: WireLaw, step: float) -> _SymbolicStep | None:
         )
 
     # Limbs with laws of one class share the compiled step.
-    other_fields = {name: value for name, value in vars(law).items() if name not in names}
-    key = ("runge_kutta", type(law), step, tuple(names), repr(other_fields))
+    number_fields = {name: value for name, value in vars(law).items() if name not in names}
+    key = ("runge_kutta", type(law), step, tuple(names), repr(number_fields))
     return build_once(key, build)
 
 
 def _step_constants(law: WireLaw, T0: np.ndarray) -> np.ndarray:
-    """Return T0 and the fields of a law that are arrays, broadcast (1 + F, B, R, W)."""
-    return np.array(
-        [np.broadcast_to(each, T0.shape) for each in (T0, *_array_fields(law).values())]
-    )
+    """Return T0 (B, R, W) and the N fields of a law that are arrays, broadcast (1 + N, B, R, W)."""
+    return np.array(np.broadcast_arrays(T0, *_array_fields(law).values()))
 
 
-def _bound_step(
+def _step_between_arrays(
     law: WireLaw,
     T0: np.ndarray,
     step: float,
@@ -466,28 +497,40 @@ def _bound_step(
     duty: np.ndarray,
     next_heat: np.ndarray,
 ) -> Callable[[], object]:
-    """Return a function that integrates a step from ``heat`` to ``next_heat`` (X + 1, B, R, W).
+    """Return a function without arguments that integrates a step, and can be called again.
+
+    It reads what the arrays ``heat`` and ``duty`` contain at the call, and writes the heat after
+    the step into the array ``next_heat``. The caller changes ``heat`` and ``duty`` in place.
 
     Args:
         law: with fields of shape (B, 1, W).
-        T0, duty: arrays (B, R, W).
+        T0: °C (B, R, W).
         step: s.
+        heat, next_heat: heat before and after the step (X + 1, B, R, W), contiguous.
+        duty: duty during the step (B, R, W), contiguous.
     """
     if symbolic_step := _symbolic_step(law, step):
         arrays = (heat, duty[None], _step_constants(law, T0), next_heat)
+        # The compiled function works on the same memory, as a reshaped array is a view.
         return symbolic_step.compiled.bound(*(each.reshape(len(each), -1) for each in arrays))
     rates = _numeric_rates(law, T0, heat)
 
-    def advance() -> None:
+    def write_next_heat() -> None:
         next_heat[...] = runge_kutta(rates, heat, (duty, duty, duty), step)
 
-    return advance
+    return write_next_heat
 
 
 def _numeric_rates(
     law: WireLaw, T0: np.ndarray, heat: np.ndarray
 ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Return the rates of heat by heat and duty, of a law that takes numbers alone."""
+    """Return a function of heat and duty that gives the rates of heat; for any law.
+
+    Args:
+        law: with fields of shape (B, 1, W), whose rates may take numbers alone.
+        T0: °C (B, R, W).
+        heat: heat (X + 1, B, R, W), about which the rates are tried.
+    """
 
     def rates_of(law: WireLaw, heat: np.ndarray, duty: np.ndarray, T0: np.ndarray) -> np.ndarray:
         states = list(heat[:-1])
@@ -496,25 +539,27 @@ def _numeric_rates(
     full_law = _map_fields(law, lambda field: _broadcast_copy(field, T0.shape))
     fields = _array_fields(full_law)
 
-    def of_all(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    def rates_at_once(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         return rates_of(full_law, heat, duty, T0)
 
-    def of_each(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    def rates_one_by_one(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         rates = np.empty_like(heat)
-        for place in np.ndindex(T0.shape):
-            values = {name: float(value[place]) for name, value in fields.items()}
-            one_law = with_fields(type(law), vars(law) | values)
-            rates[:, *place] = rates_of(one_law, heat[:, *place], duty[place], T0[place])
+        for index in np.ndindex(T0.shape):
+            values = {name: float(field[index]) for name, field in fields.items()}
+            wire_law = with_fields(type(law), vars(law) | values)
+            rates[:, *index] = rates_of(wire_law, heat[:, *index], duty[index], T0[index])
         return rates
 
-    # Evaluate all wires at once only if that gives what each gives alone, at states unlike any.
+    # Evaluate all wires at once if that gives the rates of each alone, at random heat and duty.
     random = np.random.default_rng(0)
-    probe = heat + random.random(heat.shape), random.random(T0.shape)
+    probe_heat = heat + random.random(heat.shape)
+    probe_duty = random.random(T0.shape)
     try:
-        is_elementwise = np.allclose(of_all(*probe), of_each(*probe))
+        alone = rates_one_by_one(probe_heat, probe_duty)
+        is_elementwise = np.allclose(rates_at_once(probe_heat, probe_duty), alone)
     except (TypeError, ValueError):  # of shapes
         is_elementwise = False
-    return of_all if is_elementwise else of_each
+    return rates_at_once if is_elementwise else rates_one_by_one
 
 
 def with_fields(law_type: type[WireLaw], fields: Mapping[str, Any]) -> WireLaw:
@@ -529,6 +574,11 @@ def _distinct_sets(
     law: WireLaw, T0: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the parameter sets that differ in the heat of each wire.
+
+    Args:
+        law: with fields (B, 1, W).
+        T0: °C (B, R, W).
+        start: heat at the start (X + 1, B, R, W).
 
     Returns:
         Indices of C distinct sets for each wire (C, W), and the position of each set among them
@@ -570,7 +620,7 @@ def _broadcast_copy(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _memory_ranges(law: WireLaw) -> dict[int, tuple[float, float]]:
-    """Return the ranges of states that are memories and bounded, by their row."""
+    """Return the ranges of states that are memories and bounded, by their row in the heat."""
     ranges = {}
     for row, state in enumerate(law.states):
         if np.isfinite(law.memory.get(state, np.inf)).any():
@@ -579,6 +629,6 @@ def _memory_ranges(law: WireLaw) -> dict[int, tuple[float, float]]:
 
 
 def _clamp_memory(memory_ranges: Mapping[int, tuple[float, float]], heat: np.ndarray) -> None:
-    """Clamp states that are memories to their ranges: starts and long steps may leave them."""
+    """Clamp states that are memories to their ranges, in place: long steps may leave them."""
     for row, (low, high) in memory_ranges.items():
         np.minimum(np.maximum(heat[row], low), high, out=heat[row])

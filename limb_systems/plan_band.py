@@ -85,8 +85,10 @@ def band(trajectory: Trajectory) -> Band | None:
     for values in (*law_states, readings):
         initial.append(np.broadcast_to(values, (len(limbs), 1, num_wires)))
     open_loop = OpenLoop(duty[:, np.newaxis], ends[1], parameters.segments[0])
-    results = open_loop.simulate(law, ambient[:, np.newaxis], initial, rubber)
-    temperature, reading, bend = (result[:, :, 0] for result in results)
+    temperature, reading, bend = open_loop.simulate(law, ambient[:, np.newaxis], initial, rubber)
+    temperature = temperature[:, :, 0]
+    reading = reading[:, :, 0]
+    bend = bend[:, :, 0]
 
     # Find the spread of the bends, with the error of the law's form.
     form_bend_deviation = MEAN_TO_DEVIATION * record.bend_error

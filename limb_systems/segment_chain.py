@@ -5,6 +5,7 @@ towards E2, E1 and E3 for a bend towards E3, E2 and E3 for a twist.
 """
 
 import functools
+import itertools
 from collections.abc import Sequence
 
 import casadi as ca
@@ -13,11 +14,8 @@ from numpy.typing import ArrayLike
 
 from limb_systems.smooth_function import Compiled
 
-ROTATION_PLANES = {
-    "e2": (0, 1),
-    "e3": (0, 2),
-    "twist": (1, 2),
-}  # axes that a joint turns, from and towards
+# Axes that a joint turns, from and towards.
+ROTATION_PLANES = {"e2": (0, 1), "e3": (0, 2), "twist": (1, 2)}
 _SERIES_LIMIT = 0.01  # (across / ahead)² of a chord, below which a series is more accurate
 _ATAN_SERIES = [(-1.0) ** k / (2 * k + 1) for k in range(10)]  # of atan(√z)/√z in z
 
@@ -43,7 +41,7 @@ class SegmentChain:
 
     def __init__(self, joints: Sequence[Sequence[str]], centred: bool = False):
         # Find the joints, and the axes about which they turn.
-        self.kinds = [kind for link in joints for kind in link]
+        self.kinds = [*itertools.chain(*joints)]
         self.is_planar = set(self.kinds) == {"e2"}
         towards = np.eye(3)[np.array([ROTATION_PLANES[kind] for kind in self.kinds])]
         self.axes = np.cross(towards[:, 0], towards[:, 1])

@@ -87,6 +87,7 @@ class Compiled:
     def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]):
         dense = [ca.vec(output.nz[:]) for output in ca.cse(list(outputs))]
         self._function = ca.Function("function", list(inputs), dense)
+        self._input_sizes = [symbols.numel() for symbols in inputs]
         self._sizes = [output.numel() for output in dense]
         self._num_points_by_casadi = 0
         self._mapped = {1: self._function}  # by the number of points
@@ -141,8 +142,7 @@ class Compiled:
     @functools.cached_property
     def _bound_point(self) -> tuple[list[np.ndarray], list[np.ndarray], Callable[[], None]]:
         """The arrays that a bound function of one point reads and fills, and the function."""
-        function = self._function
-        arguments = [np.zeros((function.numel_in(k), 1)) for k in range(function.n_in())]
+        arguments = [np.zeros((size, 1)) for size in self._input_sizes]
         results = [np.zeros((size, 1)) for size in self._sizes]
         return arguments, results, self.bound(*arguments, *results)
 
@@ -168,11 +168,10 @@ class Compiled:
         return evaluate
 
     def _bound_in_casadi(self, num_points: int, arrays: Sequence[np.ndarray]) -> Callable[[], None]:
-        """Return a function as `bound` does, which CasADi evaluates point after point."""
+        """Return a function from arrays into others, which CasADi evaluates point after point."""
         # CasADi has a point in each column, in memory one after the other.
         if num_points not in self._mapped:
-            sizes = [self._function.numel_in(k) for k in range(self._function.n_in())]
-            inputs = [ca.MX.sym("i", num_points, size) for size in sizes]
+            inputs = [ca.MX.sym("i", num_points, size) for size in self._input_sizes]
             outputs = self._function.map(num_points).call([each.T for each in inputs])
             self._mapped[num_points] = ca.Function("mapped", inputs, [each.T for each in outputs])
         buffer: Any
@@ -188,7 +187,7 @@ class Compiled:
         return evaluate_at_points
 
     def _fill(self, arrays: Sequence[np.ndarray]) -> None:
-        """Evaluate the expressions once, as `bound` does."""
+        """Evaluate the expressions once, from the first arrays into the others; see `bound`."""
         rows = self._rows(arrays)
         for operation, first, second, target in self._array_code[2]:
             if second < 0:
@@ -215,10 +214,9 @@ class Compiled:
         instructions = list(_instruction_list(function))
         constants = [value for code, value, _ in instructions if code == ca.OP_CONST]
         num_registers = function.sz_w()
-        num_inputs = function.n_in()
-        sizes = [function.numel_in(k) for k in range(num_inputs)] + self._sizes
+        sizes = self._input_sizes + self._sizes
         starts = num_registers + len(constants) + np.cumsum([0, *sizes])
-        input_starts, output_starts = np.split(starts[:-1], [num_inputs])
+        input_starts, output_starts = np.split(starts[:-1], [len(self._input_sizes)])
         # A register stands for the row of an input or a constant until something is written to it.
         row_of_register = list(range(num_registers))
         next_constant = num_registers

@@ -63,12 +63,12 @@ class Summary:
 
     def line(self) -> str:
         """Return the statements in one line, without names and details."""
-        return ", ".join(filter(None, (entry.text for entry in self.entries)))
+        return ", ".join(entry.text for entry in self.entries if entry.text)
 
     def __str__(self) -> str:
         """Return a line for each statement, its name in a column of 12 characters or more."""
         texts = self.texts()
-        width = max([12, *(len(name) + 1 for name in texts)])
+        width = max(12, 1 + max(map(len, texts), default=0))
         margin = "\n" + " " * width  # of further lines of a text
         lines = [name.ljust(width) + text.replace("\n", margin) for name, text in texts.items()]
         return "\n".join(lines)
@@ -80,11 +80,10 @@ class Summary:
 
     def to_html(self, caption: str) -> str:
         """Return a small table for notebooks."""
-        rows = "".join(
-            f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
-            f"<td style='text-align:left'>{html.escape(text)}</td></tr>"
-            for name, text in self.texts().items()
-        )
+        rows = ""
+        for name, text in self.texts().items():
+            rows += f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
+            rows += f"<td style='text-align:left'>{html.escape(text)}</td></tr>"
         return f"<table><caption>{html.escape(caption)}</caption>{rows}</table>"
 
 

@@ -114,12 +114,12 @@ class Wires:
         reading_rates = []
         for wire, (law, columns) in enumerate(zip(self._laws, self._columns, strict=True)):
             # Evaluate the law of each wire for its own states.
-            wire_states = [x[column] for column in columns]
+            wire_states = ca.vertsplit(x[columns])
             wire_rates = ca.vertcat(*law.rates(wire_states, D[wire], T0))
             rates[columns] = wire_rates
             reading_rates.append(law.reading_rate(V[wire], wire_states))
             torque = ca.SX(law.torque(wire_states, T0, 0.0))
-            torque_rates.append(ca.jtimes(torque, ca.vertcat(*wire_states), wire_rates))
+            torque_rates.append(ca.jtimes(torque, x[columns], wire_rates))
         if self._rubber.remembers:
             shifts = slice(self._first_shift, None)
             rates[shifts] = self._rubber.rates(x[shifts], ca.vertcat(*torque_rates))
@@ -145,7 +145,7 @@ class Wires:
             for wire, (law, columns) in enumerate(zip(self._laws, self._columns, strict=True)):
                 levers = ca.DM(self.levers[joints, wire])
                 if not levers.is_zero():
-                    wire_states = [x[column] for column in columns]
+                    wire_states = ca.vertsplit(x[columns])
                     force[joints] += levers * law.torque(wire_states, T0, ca.dot(levers, q[joints]))
         return force
 
@@ -162,10 +162,11 @@ class Wires:
         groups: dict[tuple[type, str], list[int]] = {}
         for wire, law in enumerate(self._laws):
             groups.setdefault((type(law), repr(law)), []).append(wire)
-        return [
-            (np.array([self._columns[wire] for wire in group]), np.array(group)[:, None])
-            for group in groups.values()
-        ]
+        result = []
+        for group in groups.values():
+            columns = np.array([self._columns[wire] for wire in group])
+            result.append((columns, np.array(group)[:, None]))
+        return result
 
     def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Return ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
@@ -197,7 +198,7 @@ class Wires:
         return clamped
 
     def forces(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Return f (..., n), N·m, as ``symbolic_force`` of x (..., N) and θ (..., n)."""
+        """Return the force f (..., n), N·m, at the states x (..., N) and angles θ (..., n), rad."""
         return self.force.values(_joined(states, angles))
 
     def reading_rates(self, readings: np.ndarray, states: np.ndarray) -> np.ndarray:

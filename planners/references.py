@@ -43,8 +43,8 @@ def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomia
     angles = np.atleast_2d(np.asarray(bend_angles, float))
     if times.ndim != 1 or angles.shape[1:] != times.shape or len(times) < 2:
         raise LimbError(
-            "A reference needs two samples or more and an angle for each time; this one has "
-            f"{times.size} times and {angles.shape[-1]} angles."
+            "A reference needs two samples or more and an angle for each time; number of times: "
+            f"{times.size}, of angles: {angles.shape[-1]}."
         )
     bad = ~np.isfinite(times) | ~np.isfinite(angles).all(axis=0)
     if bad.any():

@@ -13,6 +13,7 @@ from typing import Any
 
 from hardware.board.signals import SIGNALS, received_signals, stop
 from limb_systems.errors import LimbError
+from soft_limb.startup import exit_before_start
 
 EXIT_STATUS = (
     "exit status: 0 done; 1 failed; 2 wrong usage, or import or fit has a question; "
@@ -196,7 +197,9 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         status = 1
     finally:
         for number, handler in previous_handlers.items():
-            signal.signal(number, handler)
+            # The command has run: the handler of its start would say that nothing was written.
+            has_started = handler is exit_before_start
+            signal.signal(number, signal.SIG_DFL if has_started else handler)
     # Tell that a signal stopped it, even if the KeyboardInterrupt was lost on the way.
     if received_signals:
         print(stopped, file=sys.stderr)

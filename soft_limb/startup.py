@@ -16,9 +16,10 @@ def let_ctrl_c_end_imports() -> None:
     module = words[words.index("-m") + 1 :][:1] if "-m" in words else []
     is_soft_limb = module == ["soft_limb"] or Path(sys.argv[0]).stem == "soft-limb"
     if is_soft_limb and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _exit)
+        signal.signal(signal.SIGINT, exit_before_start)
 
 
-def _exit(*_: object) -> None:
+def exit_before_start(*_: object) -> None:
+    """Handle a signal that arrives before `run_command` runs a command."""
     os.write(2, b"stopped before it began; nothing was written\n")
     os._exit(128 + signal.SIGINT)

@@ -24,44 +24,49 @@ def heat_by_duty(run: HeatedRun, delay: float) -> np.ndarray:
 def baselines(
     fitted: Sequence[HeatedRun], judges: Sequence[HeatedRun]
 ) -> dict[str, list[np.ndarray]]:
-    """Return by name the bends of runs (M, F), rad, as baselines that are fitted to others predict.
+    """Predict the F bends of runs, the judges, by baselines that are fitted to other runs.
 
     The baselines are the mean bend, and a lag of each wire: the sum of what is proportional to the
     heat of each wire, after the delay that fits best.
+
+    Returns:
+        The bends of each run, (F,) or (M, F), rad, by the baseline's name.
     """
-    mean = np.nanmean(np.concatenate([run.bend for run in fitted]), axis=0)
+    mean = np.nanmean(_joined_bends(fitted), axis=0)
     # Take the time constant with which a lag fits best.
-    by_lag = min((_fit_lag(fitted, delay) for delay in DELAYS), key=lambda lag: lag[0])
-    _, delay, gains = by_lag
-    return {
-        MEAN: [mean] * len(judges),
-        "a lag of each wire": [_lag_factors(run, delay) @ gains for run in judges],
-    }
+    misfits = [_fit_lag(fitted, delay)[0] for delay in DELAYS]
+    best_delay = DELAYS[int(np.argmin(misfits))]
+    _, gains = _fit_lag(fitted, best_delay)
+    lagged_bends = [_lag_factors(run, best_delay) @ gains for run in judges]
+    return {MEAN: [mean] * len(judges), "a lag of each wire": lagged_bends}
 
 
 def baseline_errors(fitted: Sequence[HeatedRun], judges: Sequence[HeatedRun]) -> dict[str, float]:
-    """Return by name how far `baselines` miss the bends of runs, rad."""
-    return {name: _mean_error(judges, bends) for name, bends in baselines(fitted, judges).items()}
+    """Return the mean |φ - φ_predicted| of each of the `baselines` over runs, rad, by its name."""
+    errors: dict[str, float] = {}
+    for name, predicted_bends in baselines(fitted, judges).items():
+        run_errors = []
+        for run, bend in zip(judges, predicted_bends, strict=True):
+            run_errors.append(np.nanmean(np.linalg.norm(run.bend - bend, axis=1)))
+        errors[name] = float(np.mean(run_errors))
+    return errors
+
+
+def _joined_bends(runs: Sequence[HeatedRun]) -> np.ndarray:
+    """Return the bends of all samples of runs, one run after the other (sum of M, F), rad."""
+    return np.concatenate([run.bend for run in runs])
 
 
 def _lag_factors(run: HeatedRun, delay: float) -> np.ndarray:
-    """Return what a lag adds up at the samples (M, W + 1)."""
+    """Return the heat of each wire by its duty, and a constant 1, at the samples (M, W + 1)."""
     return np.column_stack([heat_by_duty(run, delay), np.ones(len(run.times))])
 
 
-def _fit_lag(runs: Sequence[HeatedRun], delay: float) -> tuple[float, float, np.ndarray]:
-    """Return the misfit of a lag, its delay and its gains (W + 1, F), rad."""
+def _fit_lag(runs: Sequence[HeatedRun], delay: float) -> tuple[float, np.ndarray]:
+    """Return the squared misfit of a lag of a delay in s, rad², and its gains (W + 1, F), rad."""
     factors = np.concatenate([_lag_factors(run, delay) for run in runs])
-    bends = np.concatenate([run.bend for run in runs])
+    bends = _joined_bends(runs)
     is_read = ~np.isnan(bends).any(axis=1)
     # The gains follow from linear least squares.
     gains = np.linalg.lstsq(factors[is_read], bends[is_read], rcond=None)[0]
-    return float(((bends - factors @ gains)[is_read] ** 2).sum()), delay, gains
-
-
-def _mean_error(runs: Sequence[HeatedRun], bends: Sequence[np.ndarray]) -> float:
-    """Return the mean distance from the bends of runs, rad, as `Candidate.bend_error`."""
-    distances = [
-        np.linalg.norm(run.bend - bend, axis=1) for run, bend in zip(runs, bends, strict=True)
-    ]
-    return float(np.mean([np.nanmean(each) for each in distances]))
+    return float(((bends - factors @ gains)[is_read] ** 2).sum()), gains

@@ -16,7 +16,13 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from calibration.prediction.heated_run import STEP
-from calibration.prediction.law_fit import AMBIENT_SPREAD, KNOWN_SHARE, LawFit, Predicted
+from calibration.prediction.law_fit import (
+    AMBIENT_SPREAD,
+    KNOWN_SHARE,
+    LawFit,
+    Predicted,
+    mean_bend_error,
+)
 from calibration.prediction.unknowns import READING_FIELDS, Unknown
 from calibration.remarks import Remark
 from limb_systems import LimbParameters, WireLaw
@@ -93,11 +99,6 @@ class PlanMiss:
         return min(self.law_error / MISS_RATIO, self.part_errors[0])
 
     @property
-    def is_no_better_than_mean(self) -> bool:
-        """True if plans are expected to miss by more than the mean bend, or a part was."""
-        return max(self.expected, self.part_errors[1]) > self.by_mean
-
-    @property
     def high(self) -> float:
         """The most that a plan is expected to miss by, rad."""
         return max(self.expected, self.part_errors[1]) * MISS_RATIO
@@ -144,15 +145,11 @@ def plan_miss(
     if limb.segments[0].axes == 1:
         unknown_error, typical_range = _typical_motion(limb)
     # Error that the law leaves of the motions.
-    law_error, fit_error = (
-        float(np.mean([predicted.bend_error for predicted in group]))
-        for group in (rollouts, fitted)
-    )
-    law_error = max(law_error, float(np.mean(errors)))
+    law_error = max(mean_bend_error(rollouts), float(np.mean(errors)))
     # Motions that bend the limb by more are missed by more.
     wide_error = max(
         law_error * max(1.0, typical_range / _bend_range(rollouts)),
-        fit_error * max(1.0, typical_range / _bend_range(fitted)),
+        mean_bend_error(fitted) * max(1.0, typical_range / _bend_range(fitted)),
     )
     if typical_range:  # a limb that stays in the middle of its range misses no more
         law_error = min(law_error, typical_range / 2)
@@ -163,9 +160,11 @@ def plan_miss(
 
 
 def _bend_range(group: Sequence[Predicted]) -> float:
-    """Return the range of the bend in recordings, rad; a degree at least, as sensors have noise."""
-    bends = [predicted.run.bend for predicted in group]
-    spans = [np.nanmax(bend, axis=0) - np.nanmin(bend, axis=0) for bend in bends]
+    """Return the widest range of a bend in a recording, rad; 1° at least, as sensors have noise."""
+    spans = []
+    for predicted in group:
+        bend = predicted.run.bend
+        spans.append(np.nanmax(bend, axis=0) - np.nanmin(bend, axis=0))
     return max(float(np.max(spans)), float(np.deg2rad(1.0)))
 
 
@@ -175,12 +174,18 @@ def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> li
     max_temperature = limb.temperature_limits.maximum
     room = limb.ambient_temperature
     for index, wire in enumerate(limb.wires):
-        runs = [p.run.temperature[:, index] for p in fitted if p.run.duty[:, index].any()]
-        runs = [readings[~np.isnan(readings)] for readings in runs]
-        runs = [readings for readings in runs if len(readings)]
-        if not runs:
+        # Collect the wire's readings in each recording that heats it.
+        heated_readings = []
+        for predicted in fitted:
+            readings = predicted.run.temperature[:, index]
+            readings = readings[~np.isnan(readings)]
+            if predicted.run.duty[:, index].any() and len(readings):
+                heated_readings.append(readings)
+        if not heated_readings:
             continue
-        hottest = max(float(readings.max()) for readings in runs)
+        # Compare the hottest reading with T_max; then count the swings.
+        hottest = float(np.concatenate(heated_readings).max())
+        min_swing = SWING_SHARE * (hottest - room)
         if hottest < room + MIN_RISE_SHARE * (max_temperature - room):
             remarks.append(
                 Remark(
@@ -190,10 +195,7 @@ def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> li
                     "hotter, or lower temperature_limits.maximum.",
                 )
             )
-        elif (
-            sum(_count_swings(readings, SWING_SHARE * (hottest - room)) for readings in runs)
-            < MIN_SWINGS
-        ):
+        elif sum(_count_swings(readings, min_swing) for readings in heated_readings) < MIN_SWINGS:
             remarks.append(
                 Remark(
                     "range",
@@ -222,15 +224,19 @@ def _count_swings(readings: np.ndarray, min_swing: float) -> int:
 
 
 def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
-    """How far limbs alike are apart in a typical motion (mean, of which the root mean square over
-    limbs), and the range of the bend in it, rad.
+    """Return the distance between limbs of one calibration in a typical motion, and its range, rad.
+
+    The distance is the mean over the motion, of which the root mean square over limbs is taken.
+    The range is of the calibrated limb's bend.
     """
-    shares = np.vstack([np.tile(levels, (round(t / STEP), 1)) for t, *levels in TYPICAL_LEVELS])
+    # Shares of the full duty of both sides (K, 2), and the side of each wire.
+    durations, *levels = np.transpose(TYPICAL_LEVELS)
+    shares = np.repeat(np.transpose(levels), np.round(durations / STEP).astype(int), axis=0)
     sides = [int(wire.lever[0] > 0) for wire in limb.wires]
     # Find the duty that heats a wire to T_max by bisection.
     low = 0.0
     high = 1.0
-    for _ in range(6):  # the duty that heats a wire to T_max
+    for _ in range(6):
         middle = (low + high) / 2
         hottest = _simulate_limbs([limb], middle * shares[:, sides])[0].max()
         low, high = (middle, high) if hottest < limb.temperature_limits.maximum else (low, middle)
@@ -241,7 +247,7 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
         drift, room_deviation = random.standard_normal(2)
         drawn.segments[0].rest_angle += drawn.segments[0].bend_sensor.drift * drift
         drawn.ambient_temperature += AMBIENT_SPREAD * room_deviation
-    # Compare each of them with the calibrated limb, with another supply.
+    # Compare each of them, with less or more supply in turn, with the calibrated limb.
     supplies = np.exp([0.0, -SUPPLY_SPREAD, SUPPLY_SPREAD]).tolist()
     bends = _simulate_limbs([limb, *limbs], low * shares[:, sides], supplies)[1]
     members = np.arange(1, len(limbs) + 1)
@@ -252,19 +258,20 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
 def _simulate_limbs(
     limbs: Sequence[LimbParameters], duty: np.ndarray, supplies: Sequence[float] = (1.0,)
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate T (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad, of cold limbs (B).
+    """Simulate T (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad, of B cold limbs in R runs each.
 
     Args:
-        supplies: multiples of the duty (R,).
+        limbs: the limbs (B), of one segment of W wires.
+        duty: duty of each step (K, W).
+        supplies: multiples of the duty, one for each run (R,).
     """
-    # All wires start cold, in rooms of their own.
+    # All wires start cold, each limb in its room.
     law, ambient, rubber = stack_limbs(limbs)
     rooms = np.repeat(ambient[:, np.newaxis], len(supplies), axis=1)
     room = np.repeat(rooms[..., np.newaxis], duty.shape[1], axis=-1)
-    start = [
-        cold + law.is_temperature(state) * room
-        for cold, state in zip(law.cold_states(0.0), law.states, strict=True)
-    ]
+    start = []
+    for state, cold in zip(law.states, law.cold_states(0.0), strict=True):
+        start.append(cold + law.is_temperature(state) * room)
     courses = np.multiply.outer(supplies, duty).swapaxes(0, 1)
     open_loop = OpenLoop(courses, STEP, limbs[0].segments[0])
     temperature, _, bend = open_loop.simulate(law, rooms, [*start, room], rubber)
@@ -282,28 +289,24 @@ def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") ->
     # A wire without heat or thermocouple comes first, then the least known parameter.
     if fit is None:
         kinds = {*kinds, "motion"}
-    elif unidentified := [
-        u for u in fit.unidentified if fit.measures_heat or u.field not in READING_FIELDS
-    ]:
-        unknowns = [u for u in unidentified if u.wire == unidentified[0].wire]
-        bond = "with a thermocouple on it, " if len(unknowns) == 1 else ""  # else it was not heated
-        return _recording_in_words(
-            fit,
-            bond + HEAT_ALONE,
-            [u for u in unknowns if identified_by(fit.law, u.field) == HEAT_ALONE],
-        )
     else:
-        shares = dict(zip([u.name for u in fit.unknowns], fit.unknown_shares, strict=True))
+        unidentified = fit.unidentified
+        if not fit.measures_heat:
+            unidentified = [u for u in unidentified if u.field not in READING_FIELDS]
+        if unidentified:
+            wire = unidentified[0].wire
+            num_unknowns = sum(unknown.wire == wire for unknown in unidentified)
+            bond = "with a thermocouple on it, " if num_unknowns == 1 else ""  # else never heated
+            return _recording_in_words(fit, HEAT_ALONE, wire, unidentified, bond)
+        shares = dict(zip(fit.names, fit.unknown_shares, strict=True))
         poorly_known = [u for u in fit.unknowns if shares[u.name] > KNOWN_SHARE]
-        for worst_known in sorted(poorly_known, key=lambda u: -shares[u.name]):
-            if recording := identified_by(fit.law, worst_known.field):
-                unknowns = [u for u in poorly_known if u.wire == worst_known.wire]
-                same_recording = [
-                    u for u in unknowns if identified_by(fit.law, u.field) == recording
-                ]
-                return _recording_in_words(fit, recording, same_recording)
-    missing = {kind: text for kind, text in FURTHER_RECORDINGS.items() if kind not in kinds}
-    return missing.get("motion") or sag or missing.get("ring_down", "")
+        for unknown in sorted(poorly_known, key=lambda u: -shares[u.name]):
+            if recording := identified_by(fit.law, unknown.field):
+                return _recording_in_words(fit, recording, unknown.wire, poorly_known)
+    # Then come the kinds of recordings that are missing.
+    if "motion" not in kinds:
+        return FURTHER_RECORDINGS["motion"]
+    return sag or ("" if "ring_down" in kinds else FURTHER_RECORDINGS["ring_down"])
 
 
 def identified_by(law: type[WireLaw], field: str) -> str:
@@ -316,7 +319,20 @@ def identified_by(law: type[WireLaw], field: str) -> str:
     return LAW_RECORDINGS.get(prior.identified_by, "") if prior else ""
 
 
-def _recording_in_words(fit: LawFit, recording: str, identified: list[Unknown]) -> str:
-    names = [wire.name for wire in fit.segment.wires]
-    text = recording if identified[0].wire is None else recording.format(names[identified[0].wire])
-    return f"{text}, which tells {', '.join(unknown.name for unknown in identified)}"
+def _recording_in_words(
+    fit: LawFit, recording: str, wire: int | None, unknowns: Sequence[Unknown], bond: str = ""
+) -> str:
+    """Return a recording, with the name of its wire and the unknowns of the wire that it tells.
+
+    Args:
+        recording: text with a gap for the wire's name.
+        wire: index of the wire; None if the recording is of the segment.
+        unknowns: unknowns of all wires, of which the recording tells some.
+        bond: text before the recording.
+    """
+    names = []
+    for unknown in unknowns:
+        if unknown.wire == wire and identified_by(fit.law, unknown.field) == recording:
+            names.append(unknown.name)
+    text = recording if wire is None else recording.format(fit.segment.wires[wire].name)
+    return f"{bond}{text}, which tells {', '.join(names)}"

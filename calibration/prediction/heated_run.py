@@ -41,7 +41,7 @@ class HeatedRun:
 
     @classmethod
     def of(cls, recording: Recording) -> "HeatedRun":
-        """Return a recording without readings that are missing, or far from their neighbours."""
+        """Average a recording over steps, without readings that are far from their neighbours."""
         recording = without_spikes_in(at_sample_times(recording))
         bends = bend_sensor_of(recording).corrected_bends(recording.bend_angle)
         # Average the duty over even steps.
@@ -55,29 +55,29 @@ class HeatedRun:
         is_read = ~np.isnan([*bends, *temperature])
         is_row_read = np.vstack([is_read.any(axis=0), is_read])
         bins = (times / STEP).astype(int)
-        counts = np.array([np.bincount(bins, is_present) for is_present in is_row_read])
+        # Row 0 counts and averages the times of samples with any reading.
+        values = np.where(is_row_read, np.vstack([times, *bends, *temperature]), 0.0)
+        counts = np.apply_along_axis(lambda row: np.bincount(bins, row), 1, is_row_read)
+        sums = np.apply_along_axis(lambda row: np.bincount(bins, row), 1, values)
         filled = counts[0] > 0
-
-        def means(values: np.ndarray, is_present: np.ndarray, count: np.ndarray) -> np.ndarray:
-            sums = np.bincount(bins, np.where(is_present, values, 0.0))[filled]
-            return np.where(count[filled] > 0, sums / np.maximum(count[filled], 1), np.nan)
-
-        signal_rows = zip([*bends, *temperature], is_read, counts[1:], strict=True)
-        averaged = np.array([means(*signal) for signal in signal_rows]).T
-
+        counts = counts[:, filled]
+        means = np.where(counts > 0, sums[:, filled] / np.maximum(counts, 1), np.nan)
+        averaged = means[1:].T
         # Fit the rate at which readings change before the first heat.
         early = before_heat(recording) & (times <= max(3 * START_TIME, 5.0 / recording.sample_rate))
         early &= is_read[len(bends) :]
-        slope = [_initial_slope(times[s], v[s]) for v, s in zip(temperature, early, strict=True)]
+        slopes = []
+        for readings, is_early in zip(temperature, early, strict=True):
+            slopes.append(_initial_slope(times[is_early], readings[is_early]))
         return cls(
             source=title_of(recording),
             duty=duty.T,
-            times=means(times, is_row_read[0], counts[0]),
+            times=means[0],
             temperature=averaged[:, len(bends) :],
             bend=averaged[:, : len(bends)],
-            counts=counts[1:, filled].T,
+            counts=counts[1:].T,
             first=first_readings(recording),
-            slope=np.array(slope),
+            slope=np.array(slopes),
             load=np.array([*recording.parameters.gravity, recording.parameters.payload]),
         )
 
@@ -116,12 +116,17 @@ class HeatedRun:
     def without(self, start: float, end: float) -> tuple["HeatedRun", "HeatedRun"]:
         """Return the samples outside and inside of a span, s; both parts have the whole duty."""
         inside = (self.times >= start) & (self.times < end)
-        names = ("times", "temperature", "bend", "counts")
-        rest, part = (
-            dataclasses.replace(self, **{name: getattr(self, name)[chosen] for name in names})
-            for chosen in (~inside, inside)
+        return self._with_samples(~inside), self._with_samples(inside)
+
+    def _with_samples(self, chosen: np.ndarray) -> "HeatedRun":
+        """Return the run with the chosen (M,) of its samples alone."""
+        return dataclasses.replace(
+            self,
+            times=self.times[chosen],
+            temperature=self.temperature[chosen],
+            bend=self.bend[chosen],
+            counts=self.counts[chosen],
         )
-        return rest, part
 
 
 def _initial_slope(times: np.ndarray, values: np.ndarray) -> float:

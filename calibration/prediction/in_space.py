@@ -28,14 +28,19 @@ STEP_TOLERANCE = 1e-6
 
 
 def _disc() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points in a unit disc (P, 2), terms of polynomials, and their weights by values."""
+    """Return points in a unit disc, and how a polynomial follows from its values there.
+
+    Returns:
+        The points (P, 2), True for each term that the polynomial has (D + 1, D + 1), with D for
+        `DEGREE`, and the coefficients of these N terms by the values at the points (N, P).
+    """
     rings = np.cos(np.pi / (DEGREE + 2) * (np.arange(DEGREE // 2 + 1) + 0.5))
     turns = np.exp(2j * np.pi * np.arange(2 * DEGREE + 2) / (2 * DEGREE + 2))
     points = np.multiply.outer(rings, turns).ravel()
     points = np.stack([points.real, points.imag], axis=-1)
     terms = np.add.outer(*2 * [np.arange(DEGREE + 1)]) <= DEGREE
-    e2, e3 = (chebvander(along, DEGREE) for along in points.T)
-    series = e2[:, :, None] * e3[:, None]
+    series = chebvander(points, DEGREE)
+    series = series[:, 0, :, None] * series[:, 1, None]
     return points, terms, np.linalg.pinv(series[:, terms])
 
 
@@ -75,20 +80,22 @@ class OpenLoopInSpace(OpenLoop):
 
     def _bends(
         self,
-        torques: np.ndarray,
+        straight_torques: np.ndarray,
         rubber: Mapping[str, np.ndarray],
-        bent: Callable[[np.ndarray], np.ndarray] | None,
+        torques_at_theta: Callable[[np.ndarray], np.ndarray] | None,
     ) -> np.ndarray:
+        """Return the bends (K + 1, B, R, 2), rad, under torques of the wires on straight links."""
         # Add the wires' torques, over k, towards E2 and E3.
         levers = np.stack([np.cos(rubber["angle"]), np.sin(rubber["angle"])], axis=-1)
-        pulls = torques.swapaxes(0, 1) @ levers[:, None]
+        pulls = straight_torques.swapaxes(0, 1) @ levers[:, None]
         pulls /= rubber["stiffness"][:, None, None, None]
         if "shift" in rubber:
             # The bend that each wire would hold alone.
             springs = rubber["stiffness"][:, None] * _springs(rubber)
             by_torque = np.linalg.norm(levers / springs[:, None], axis=-1)
             by_torque *= self._chain.bend_by_equal_angle
-            shifts = self._rest_shifts(by_torque[:, None] * torques, levers, rubber).swapaxes(0, 1)
+            bends_alone = by_torque[:, None] * straight_torques
+            shifts = self._rest_shifts(bends_alone, levers, rubber).swapaxes(0, 1)
             pulls += _springs(rubber)[:, None, None] * shifts / self._chain.bend_by_equal_angle
         # Find the bends in each mounting, and turn them as the sensor is rolled.
         bends = np.empty_like(pulls)
@@ -166,7 +173,10 @@ def _balance(unit: SegmentParameters, gravity: Sequence[float], payload: float) 
     limb = LimbParameters(segments=[dataclasses.replace(unit, stiffening=1.0)], payload=payload)
     mechanics = LimbModel.of(limb).mechanics
     n = mechanics.layout.num_joints
-    q, force, springs, rest = (ca.SX.sym(name, n) for name in ("q", "f", "K", "r"))
+    q = ca.SX.sym("q", n)
+    force = ca.SX.sym("f", n)
+    springs = ca.SX.sym("K", n)
+    rest = ca.SX.sym("r", n)
     k = ca.SX.sym("k")
     stiffening = ca.SX.sym("s")
     still = ca.SX(n, 1)

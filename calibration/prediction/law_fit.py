@@ -8,6 +8,7 @@ whitened by its covariance, so that they count for what they are worth.
 
 import copy
 import dataclasses
+import operator
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -42,10 +43,11 @@ MEMORY_SPREAD = 0.05  # of other states than temperatures, in typical changes, o
 # Of residuals: standard deviation in each sample; of what drifts, and within what time, s. In °C.
 TEMPERATURE_NOISE = (0.3, 0.5, 300.0)
 BEND_DRIFT_TIME = 120.0  # s
-# Of what the law's form leaves of bends, rad, and of readings, °C, before it is fitted, and least.
-INITIAL_FORM_SIZES = (np.deg2rad(0.7), 1.0)
+# What the law's form leaves of bends, rad, and of readings, °C: its least size; and its size and
+# the time within which it stays alike, s, before they are fitted.
 MIN_FORM_SIZES = (np.deg2rad(0.2), 0.3)
-FORM_TIME = 8.0  # s, within which it stays alike, before that is fitted
+FORM_TIME = 8.0  # s
+INITIAL_FORMS = ((np.deg2rad(0.7), FORM_TIME), (1.0, FORM_TIME))
 FORM_TIMES = (0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # s, that are tried
 MAX_LAG = 16.0  # s, of residuals that are compared
 NUM_PASSES = 2, 4  # with thermocouples, and at most without, as residuals are weighed after each
@@ -86,9 +88,20 @@ class Predicted:
         return float(np.nanmean(errors)) if self.run.is_read else np.nan
 
 
+def mean_bend_error(group: Sequence[Predicted]) -> float:
+    """Return the mean `Predicted.bend_error` of recordings, rad."""
+    return float(np.mean([predicted.bend_error for predicted in group]))
+
+
+def mean_temperature_error(group: Sequence[Predicted]) -> float:
+    """Return the mean `Predicted.temperature_error` of recordings with thermocouples, °C, or 0."""
+    errors = [predicted.temperature_error for predicted in group if predicted.run.is_read]
+    return float(np.mean(errors)) if errors else 0.0
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class LawFit:
-    """A law fitted to recordings.
+    """A law fitted to R recordings by P unknowns, of a segment of W wires.
 
     - ``law``: class of the law.
     - ``segment``: the segment as it was described.
@@ -96,8 +109,8 @@ class LawFit:
     - ``fitted``: values of the unknowns (P), as `Unknown` has them.
     - ``covariance``: covariance of these values (P, P).
     - ``ambient``: T0, °C.
-    - ``initial_conditions``: T0 and the initial states of the wires in each recording (R, Q).
-    - ``predicted``: the recordings of the fit, as they are predicted from there.
+    - ``initial_conditions``: T0 and the Q - 1 initial states of the wires in each recording (R, Q).
+    - ``predicted``: the recordings of the fit, as they are predicted from these conditions.
     - ``hottest``: highest T of each wire in these predictions (W,), °C.
     - ``unidentified``: quantities that recordings tell nothing of, which stay as expected.
     """
@@ -119,14 +132,21 @@ class LawFit:
         return any(predicted.run.is_read for predicted in self.predicted)
 
     @property
+    def names(self) -> list[str]:
+        """The names of the unknowns (P)."""
+        return [unknown.name for unknown in self.unknowns]
+
+    @property
     def estimates(self) -> dict[str, Estimate]:
         """The parameters by name, with their standard errors."""
         errors = np.sqrt(np.diag(self.value_covariance))
         values = values_of(self.unknowns, self.fitted)
-        return {
-            u.name: Estimate(float(value), float(error), u.unit, may_be_zero=not u.form)
-            for u, value, error in zip(self.unknowns, values, errors, strict=True)
-        }
+        estimates: dict[str, Estimate] = {}
+        for unknown, value, error in zip(self.unknowns, values, errors, strict=True):
+            estimates[unknown.name] = Estimate(
+                float(value), float(error), unknown.unit, may_be_zero=not unknown.form
+            )
+        return estimates
 
     def apply(self, limb: LimbParameters) -> None:
         """Give the segment of a limb these laws and this rubber."""
@@ -137,12 +157,13 @@ class LawFit:
         all_unknowns = [*self.unknowns, *self.unidentified]
         if any(unknown.field == "shift" for unknown in all_unknowns):
             segment.rest_memory = RestMemory()
-        all_values = [*self.fitted, *(u.center for u in self.unidentified)]
-        for unknown, value in zip(
-            all_unknowns, map(float, values_of(all_unknowns, all_values)), strict=True
-        ):
+        all_fitted = [*self.fitted]
+        for unknown in self.unidentified:
+            all_fitted.append(unknown.center)
+        values = values_of(all_unknowns, all_fitted)
+        for unknown, value in zip(all_unknowns, values, strict=True):
             owner, field = parameter_owner(limb, unknown.name)
-            setattr(owner, field, value)
+            setattr(owner, field, float(value))
 
     def calibrated(self, described: LimbParameters) -> LimbParameters:
         """Return a limb with the fitted laws, rubber and ambient temperature, and their record.
@@ -159,17 +180,13 @@ class LawFit:
     @property
     def misfit(self) -> float:
         """Mean error of bend and readings in the recordings of the fit, in their scales."""
-        bends = [predicted.bend_error for predicted in self.predicted]
-        readings = [p.temperature_error for p in self.predicted if p.run.is_read]
-        misfit = float(np.mean(bends)) / BEND_SCALE
-        if readings:
-            misfit += float(np.mean(readings)) / TEMPERATURE_SCALE
-        return misfit
+        bend_misfit = mean_bend_error(self.predicted) / BEND_SCALE
+        return bend_misfit + mean_temperature_error(self.predicted) / TEMPERATURE_SCALE
 
     @property
     def unknown_shares(self) -> np.ndarray:
         """Standard errors of the unknowns (P,), over what was expected of them beforehand."""
-        before = [np.hypot(unknown.spread, unknown.alike) for unknown in self.unknowns]
+        before = [np.hypot(unknown.spread, unknown.wire_spread) for unknown in self.unknowns]
         return np.sqrt(np.diag(self.covariance)) / before
 
     @property
@@ -228,19 +245,22 @@ def fit_law(
         start: a fit of this or another law, of which values of the same name are taken.
         report: is called in each iteration with a remark on it.
     """
-    # Fit what the recordings can identify.
-    heated = np.any([run.duty.any(axis=0) for run in runs], axis=0)
-    read = np.any([run.counts[:, segment.axes :].any(axis=0) for run in runs], axis=0)
+    # Fit the unknowns that the recordings can identify.
+    heated = np.zeros(len(segment.wires), bool)
+    read = np.zeros(len(segment.wires), bool)
+    for run in runs:
+        heated |= run.duty.any(axis=0)
+        read |= run.counts[:, segment.axes :].any(axis=0)
     unknowns, unidentified = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
     problem = _FitProblem(law, runs, segment, ambient, unknowns, unidentified)
-    start_values = {u.name: u.center for u in unknowns}
-    if start is not None:
-        start_values |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
     # Start from the optimum of a law that this law contains, or from a likelier start.
+    start_values: dict[str, float] = {}
     start_in_law = None
-    if start is not None and _is_fit_to(start, runs):
-        start_in_law = problem.contained(start)
-    x = problem.best_start([start_values[u.name] for u in unknowns], start_in_law)
+    if start is not None:
+        start_values = dict(zip(start.names, start.fitted, strict=True))
+        if _is_fit_to(start, runs):
+            start_in_law = problem.contained(start)
+    x = problem.best_start([start_values.get(u.name, u.center) for u in unknowns], start_in_law)
     for number in range(NUM_PASSES[1]):
         # Fit, then weight residuals by what the law's form leaves, and fit again.
         x = problem.optimum(x, tolerance=TOLERANCE if number else 10 * TOLERANCE, report=report)
@@ -248,18 +268,16 @@ def fit_law(
         if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
             break
     fit = problem.fit_at(x)
-    # No worse than a law that it contains.
+    # Return the start in place of a fit that is worse.
     if start_in_law is None or start is None or fit.misfit <= start.misfit:
         return fit
     return problem.fit_at(start_in_law)
 
 
 def _is_fit_to(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
-    """Return whether a fit is to these very recordings."""
+    """Return True if a fit is to these very recordings, in their order."""
     fitted_runs = [predicted.run for predicted in fit.predicted]
-    return len(fitted_runs) == len(runs) and all(
-        one is other for one, other in zip(fitted_runs, runs, strict=True)
-    )
+    return len(fitted_runs) == len(runs) and all(map(operator.is_, fitted_runs, runs))
 
 
 def fitting_time(
@@ -275,16 +293,17 @@ def fitting_time(
 class _FitProblem:
     """The whitened residuals of all recordings and of the prior, and their Jacobian.
 
-    x is the unknowns (P), then for each of R recordings its initial_conditions (Q): its
-    T0, and the states of its wires at the start, all wires for each
-    state in turn. The Jacobian is zero for unknowns from ``num_moved`` on.
+    The parameter vector x (P + R Q,) is the unknowns (P), then for each of R recordings its initial
+    conditions (Q): its T0, and the states of its W wires at the start, all wires for each state in
+    turn. Signals of a recording are its F bends φ, then its W readings V, at M samples. B vectors x
+    are simulated at once. The Jacobian is zero for unknowns from ``num_moved`` on.
     """
 
     def __init__(
         self,
-        law,
-        runs,
-        segment,
+        law: type[WireLaw],
+        runs: Sequence[HeatedRun],
+        segment: SegmentParameters,
         ambient: float,
         unknowns: list[Unknown],
         unidentified: list[Unknown],
@@ -301,46 +320,61 @@ class _FitProblem:
         # Simulate all runs at once, in arrays as long as the longest run.
         lengths = [len(run.duty) for run in runs]
         duty = np.zeros((max(lengths), len(runs), self._num_wires))
+        self._first_readings = np.empty((len(runs), self._num_wires))
         for number, run in enumerate(runs):
             duty[: len(run.duty), number] = run.duty
+            self._first_readings[number] = np.where(np.isnan(run.first), ambient, run.first)
         self._open_loop = (
             OpenLoop(duty, STEP, segment, lengths)
             if segment.axes == 1
             else OpenLoopInSpace(duty, STEP, segment, [run.load for run in runs], lengths)
         )
         self._num_bends = segment.axes
-        # Center, spread and bounds of x.
+        # Center, spread and bounds of x: of the unknowns, then of the initial conditions, which
+        # have centers and spreads in each recording (R, 2, Q).
         self._prior = prior_factor(unknowns)
-        centers, spreads = zip(*[self._initial_prior(run, ambient) for run in runs], strict=True)
-        self.initial_center = np.concatenate(centers)
-        self._initial_spread = np.concatenate(spreads)
-        self._num_initial = len(centers[0])
-        self.center = np.concatenate([[u.center for u in unknowns], self.initial_center])
-        self.spread = np.concatenate([[u.spread for u in unknowns], self._initial_spread])
-        free = np.full(len(self.initial_center), np.inf)
-        self.bounds = (
-            np.concatenate([[u.low for u in unknowns], -free]),
-            np.concatenate([[u.high for u in unknowns], free]),
+        initial_priors = np.array([*map(self._initial_prior, runs, self._first_readings)])
+        self.initial_center = initial_priors[:, 0].ravel()
+        self._initial_spread = initial_priors[:, 1].ravel()
+        self._num_initial = initial_priors.shape[-1]
+        priors = np.array([(u.center, u.spread, u.low, u.high) for u in unknowns])
+        centers, spreads, low, high = priors.T
+        self.center = np.concatenate([centers, self.initial_center])
+        self.spread = np.concatenate([spreads, self._initial_spread])
+        unbounded = np.full(len(self.initial_center), np.inf)
+        self.bounds = np.stack(
+            [np.concatenate([low, -unbounded]), np.concatenate([high, unbounded])]
         )
+        # Signals that each recording has, and means that are outliers.
+        self.reads_heat = False
+        self.num_readings = 0
+        self._num_samples = 0  # of the longest recording
+        self._present_signals: list[np.ndarray] = []
+        self._outliers: list[np.ndarray] = []
+        for run in runs:
+            self.reads_heat |= run.is_read
+            self.num_readings += int((run.counts > 0).sum())
+            self._num_samples = max(self._num_samples, len(run.times))
+            self._present_signals.append(np.flatnonzero(run.counts.any(axis=0)))
+            self._outliers.append(np.zeros(run.counts.T.shape, bool))
         # Noise of the sensors, and errors of the law's form, by which residuals are whitened.
-        self._present_signals = [np.flatnonzero(run.counts.any(axis=0)) for run in runs]
-        self.num_readings = int(sum((run.counts > 0).sum() for run in runs))
         sensor = segment.bend_sensor
         self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
-        self.reads_heat = any(run.is_read for run in runs)
-        # Size and time of what the form leaves, of bends and of readings.
-        self._forms = [(size, FORM_TIME) for size in INITIAL_FORM_SIZES]
-        self._outliers = [np.zeros(run.counts.T.shape, bool) for run in runs]
+        self._forms = [*INITIAL_FORMS]
         self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
         self._whiten()
 
-    def _initial_prior(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the expected initial conditions of a recording (Q,), and their spreads (Q,)."""
-        centers = [np.array([ambient])]
+    def _initial_prior(self, run: HeatedRun, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the expected initial conditions of a recording (Q,), and their spreads (Q,).
+
+        Args:
+            run: the recording.
+            first: V at its beginning (W,), °C; T0 where it is not read.
+        """
+        centers = [np.array([self._ambient])]
         spreads = [np.array([AMBIENT_SPREAD])]
         # Wires without a thermocouple may be as warm as the warmest.
-        first = self._first(run, ambient)
-        warmth = np.abs(first - ambient)
+        warmth = np.abs(first - self._ambient)
         warmth[np.isnan(run.first)] = warmth.max()  # as warm as another is, or not at all
         unread_warmth = 0.0
         if not run.is_read:
@@ -352,9 +386,8 @@ class _FitProblem:
         cold_states = self._law().cold_states(0.0)
         for cold, (name, scale) in zip(cold_states, self._law.states.items(), strict=True):
             if self._law.is_temperature(name):
-                unknown_warmth = (
-                    0.3 * warmth if len(centers) > 1 else unread_warmth
-                )  # all but the wire itself
+                is_of_wire = len(centers) == 1  # the first state; others are of what surrounds it
+                unknown_warmth = unread_warmth if is_of_wire else 0.3 * warmth
                 centers.append(first)
                 spreads.append(READING_SPREAD + change + unknown_warmth)
             else:
@@ -362,15 +395,11 @@ class _FitProblem:
                 spreads.append(scale * (MEMORY_SPREAD + warmth / 100.0))
         return np.concatenate(centers), np.concatenate(spreads)
 
-    def _first(self, run: HeatedRun, ambient: float) -> np.ndarray:
-        """Return V at the beginning of a recording (W,), °C, and T0 where it is not read."""
-        return np.where(np.isnan(run.first), ambient, run.first)
-
     def _whiten(self) -> None:
         """Set the noise of the residuals, of each signal of each recording that has samples."""
         self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by this noise
         num_signals = sum(map(len, self._present_signals))
-        times = np.zeros((max(len(run.times) for run in self._runs), num_signals))
+        times = np.zeros((self._num_samples, num_signals))
         sample_variance = np.full(times.shape, np.inf)
         sizes = np.empty((2, num_signals))
         memories = np.empty((2, num_signals))
@@ -395,10 +424,10 @@ class _FitProblem:
         self._noise = ResidualNoise(times, sample_variance, sizes, memories)
 
     def reweigh(self, x: np.ndarray) -> float:
-        """Fit to the residuals at x what the form leaves, and see which means are outliers.
+        """Fit the size and the memory of the form's errors to the residuals at x; mark outliers.
 
         Returns:
-            the larger ratio of its sizes before and after.
+            The largest ratio of their sizes before and after, either way; at least 1.
         """
         # Sum products of residuals that are apart by each lag.
         lags = np.arange(round(MAX_LAG / STEP))
@@ -439,7 +468,7 @@ class _FitProblem:
         return change
 
     def fit_at(self, x: np.ndarray) -> LawFit:
-        """Return the fit whose parameters and initial_conditions are x."""
+        """Return the fit whose unknowns and initial conditions are x."""
         # The covariance follows from the Jacobian, widened by the misfit.
         jacobian = self.jacobian(x)
         residuals = self.residuals(x)
@@ -460,20 +489,20 @@ class _FitProblem:
         )
 
     def contained(self, fit: LawFit) -> np.ndarray | None:
-        """Return x with which the law equals that of a fit to these runs; None if it cannot."""
-        other_values = dict(zip([u.name for u in fit.unknowns], fit.fitted, strict=True))
+        """Return x with which this law predicts as the law of a fit does; None if there is none."""
+        # Take each unknown from the fit, or the value with which it has no effect.
+        former_values = dict(zip(fit.names, fit.fitted, strict=True))
         x = self.center.copy()
         for index, unknown in enumerate(self._unknowns):
             name = unknown.name
             owner, _, field = name.rpartition(".")
-            if name not in other_values and field in FORMER_FIELDS:
+            if name not in former_values and field in FORMER_FIELDS:
                 name = f"{owner}.{FORMER_FIELDS[field]}"
-            x[index] = other_values.pop(name, ABSENT_VALUES.get(field, x[index]))
-        if other_values:
+            x[index] = former_values.pop(name, ABSENT_VALUES.get(field, x[index]))
+        if former_values:
             return None
         size = len(self._unknowns)
-        margin = 1e-6 * (self.bounds[1][:size] - self.bounds[0][:size])
-        x[:size] = np.clip(x[:size], self.bounds[0][:size] + margin, self.bounds[1][:size] - margin)
+        x[:size] = self._inside_bounds(x[:size])
         # The ambient temperature, the states that both laws have, and others of cold wires.
         initial_conditions = x[size:].reshape(len(self._runs), -1)
         initial_conditions[:, 0] = fit_T0 = fit.initial_conditions[:, 0]
@@ -488,6 +517,12 @@ class _FitProblem:
         initial_conditions[:, 1:] = states.reshape(len(self._runs), -1)
         return x
 
+    def _inside_bounds(self, values: np.ndarray) -> np.ndarray:
+        """Return values of the unknowns (..., P), moved inside their bounds."""
+        low, high = self.bounds[:, : len(self._unknowns)]
+        margin = 1e-6 * (high - low)
+        return np.clip(values, low + margin, high - margin)
+
     def hottest(self, x: np.ndarray) -> np.ndarray:
         """Return the highest T of each wire (W,), °C, for one x."""
         return self._simulate_states(x[None])[0].max(axis=(0, 1, 2))
@@ -495,14 +530,20 @@ class _FitProblem:
     def _simulate_states(
         self, x: np.ndarray, *, near_first: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return T, V and φ as `OpenLoop.simulate` does, for parameter sets x (B, P + R Q)."""
+        """Simulate parameter sets x (B, P + R Q), over K steps of the longest recording.
+
+        Returns:
+            T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R) or (K + 1, B, R, 2), rad.
+        """
         size = len(self._unknowns)
         num_wires = self._num_wires
         num_sets = len(x)
         fields: dict[str, np.ndarray] = {}
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
         # Sort the values into fields of the laws and of the rubber.
-        columns = [*x.T[:size], *(np.full(num_sets, u.center) for u in self._unidentified)]
+        columns = [*x.T[:size]]
+        for unknown in self._unidentified:
+            columns.append(np.full(num_sets, unknown.center))
         all_unknowns = [*self._unknowns, *self._unidentified]
         for unknown, value in zip(all_unknowns, values_of(all_unknowns, columns), strict=True):
             if unknown.wire is None:
@@ -516,8 +557,7 @@ class _FitProblem:
         states = np.moveaxis(
             initial_conditions[:, :, 1:].reshape(num_sets, len(self._runs), -1, num_wires), 2, 0
         )
-        first = np.array([self._first(run, self._ambient) for run in self._runs])
-        initial = [*states, np.broadcast_to(first, states[0].shape)]
+        initial = [*states, np.broadcast_to(self._first_readings, states[0].shape)]
         law = with_fields(self._law, fields)
         return self._open_loop.simulate(
             law, initial_conditions[:, :, 0], initial, rubber, near_first=near_first
@@ -534,16 +574,15 @@ class _FitProblem:
         ]
 
     def predicted(self, x: np.ndarray) -> list[Predicted]:
-        """Return all recordings, for one x."""
+        """Return all recordings as they are predicted with one x."""
         simulated_x, signals = self._simulated
         if not np.array_equal(simulated_x, x):
             signals = self._simulate(x[None])
-        simulated = zip(self._runs, signals, strict=True)
-        count = self._num_bends
-        return [
-            Predicted(run, signals[:, 0, count:], signals[:, 0, :count])
-            for run, signals in simulated
-        ]
+        result = []
+        for run, run_signals in zip(self._runs, signals, strict=True):
+            bends, readings = np.split(run_signals[:, 0], [self._num_bends], axis=1)
+            result.append(Predicted(run, readings, bends))
+        return result
 
     def _whitened(self, simulated: list[np.ndarray]) -> list[np.ndarray]:
         """Return the whitened residuals of each recording (all M, B), zero where missing.
@@ -553,8 +592,7 @@ class _FitProblem:
         """
         # Collect the residuals of all signals.
         num_signals = sum(map(len, self._present_signals))
-        num_samples = max(len(run.times) for run in self._runs)
-        residuals = np.zeros((num_samples, num_signals, simulated[0].shape[1]))
+        residuals = np.zeros((self._num_samples, num_signals, simulated[0].shape[1]))
         columns = []
         column = 0
         for run, present, signals in zip(self._runs, self._present_signals, simulated, strict=True):
@@ -571,23 +609,27 @@ class _FitProblem:
         return result
 
     def _beforehand(self, x: np.ndarray) -> np.ndarray:
+        """Return the residuals of the prior at x (P + R Q,)."""
         size = len(self._unknowns)
         offset = x - self.center
         return np.concatenate([self._prior @ offset[:size], offset[size:] / self._initial_spread])
 
-    def best_start(self, known: Sequence[float], contained: np.ndarray | None) -> np.ndarray:
-        """Return the best x of known unknowns (P), `contained`, the expected, and random ones."""
+    def best_start(self, values: Sequence[float], contained: np.ndarray | None) -> np.ndarray:
+        """Return the x with the least cost, of random starts and of three given ones.
+
+        Args:
+            values: values of the unknowns (P), for example of a former fit.
+            contained: x with which a former fit is repeated; None if it cannot be.
+        """
         size = len(self._unknowns)
         # The expected values, a former fit's and random draws from the prior.
         starts = np.tile(self.center, (NUM_STARTS, 1))
-        starts[0, :size] = known
+        starts[0, :size] = values
         if contained is not None:
             starts[-1] = contained
         random = np.random.default_rng(0).standard_normal((NUM_STARTS - 3, size))
         starts[2:-1, :size] += random * self.spread[:size]
-        low, high = (bound[:size] for bound in self.bounds)
-        margin = 1e-6 * (high - low)
-        starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
+        starts[:, :size] = self._inside_bounds(starts[:, :size])
         # Simulate all starts at once, and take the start with the least cost.
         with np.errstate(all="ignore"):  # of values that nobody has
             costs = np.array([(self._beforehand(x) ** 2).sum() for x in starts])
@@ -607,7 +649,7 @@ class _FitProblem:
 
         Args:
             x: the start.
-            free: what of x is free; the rest stays.
+            free: the elements of x that are fitted; the rest stays.
             tolerance: relative change of the cost, at which iterations end.
             report: is called in each iteration with a remark on it.
         """
@@ -624,7 +666,7 @@ class _FitProblem:
             lambda z: self.residuals(full_vector(z)),
             (x[free] - center) / spread,
             lambda z: self.jacobian(full_vector(z))[:, free] * spread,
-            bounds=[(bound[free] - center) / spread for bound in self.bounds],
+            bounds=(self.bounds[:, free] - center) / spread,
             ftol=tolerance,
             xtol=TOLERANCE,
             gtol=1e-10,
@@ -634,17 +676,19 @@ class _FitProblem:
         return full_vector(solution.x)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
+        """Return the residuals at x, of recordings and then of the prior (all,)."""
         return self._around(x)[0]
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the residuals by x (all, P + R Q)."""
         return self._around(x)[1]
 
     def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the residuals at x and their Jacobian by differences, in one simulation.
 
         One set of parameters takes more than half of the time of all, and nearly every x is
-        asked for both. A nuisance is moved in all recordings at once, as each only moves its
-        own.
+        evaluated for both. An initial condition is moved in all recordings at once, as it acts on
+        its own recording alone.
         """
         evaluated_x, values = self._evaluated
         if np.array_equal(evaluated_x, x):

@@ -55,6 +55,7 @@ class ResidualNoise:
             whitened,
             strict=True,
         )
+        # Subtract from each residual what the residuals before it predict, and learn from the rest.
         for residual, gain, scale, decay, result in steps:
             innovation = residual - means[0] - means[1]
             np.multiply(innovation, scale, out=result)

@@ -19,6 +19,8 @@ from calibration.prediction.law_fit import (
     Predicted,
     fit_law,
     fitting_time,
+    mean_bend_error,
+    mean_temperature_error,
 )
 from calibration.prediction.unknowns import LAG_FIELD, READING_FIELDS
 from calibration.remarks import CalibrationError, Remark, remarks_on_start
@@ -49,10 +51,7 @@ LEFT_OUT_SHARES = 0.12, 0.4  # of each recording, of its time and heat: least an
 MAX_HEAT_SHARE = 0.6  # of a wire's heat, which judges at most
 ERROR_BLOCK_TIME = 10.0  # s, after which errors of prediction count as independent
 BOUND_MARGIN = 0.02  # by which a fitted value may stay inside its bound and count as at it
-BASELINE_ALLOWANCE = (
-    1.05,
-    np.deg2rad(0.3),
-)  # share, and rad, by which a law may be worse than a baseline
+BASELINE_ALLOWANCE = 1.05, np.deg2rad(0.3)  # ratio, or rad, by which a law may be worse
 MAX_FOLDS = 3  # of the validation, at most
 MAX_TRIED_LAWS = 3  # laws that are judged by each part left out in turn
 MIN_ERROR_REDUCTION = 0.1  # of a scale: laws that differ by less predict alike
@@ -77,14 +76,12 @@ class Candidate:
     @property
     def bend_error(self) -> float:
         """Mean |φ - φ_sim| over all, rad."""
-        return float(np.mean([predicted.bend_error for predicted in self.judged]))
+        return mean_bend_error(self.judged)
 
     @property
     def temperature_error(self) -> float:
         """Mean |V - V_sim| over all, °C; 0 without thermocouples."""
-        # Recordings without thermocouples do not count.
-        read = [each.temperature_error for each in self.judged if each.run.is_read]
-        return float(np.mean(read)) if read else 0.0
+        return mean_temperature_error(self.judged)
 
     @property
     def errors(self) -> tuple[np.ndarray, np.ndarray]:
@@ -106,7 +103,8 @@ def _block_errors(recordings: Sequence[Predicted]) -> np.ndarray:
         error = np.ma.filled(np.abs(bend).mean(axis=1), 0.0) + np.ma.filled(heat, 0.0)
         numbers = (run.times / ERROR_BLOCK_TIME).astype(int)
         # Average in blocks of time, which count as independent.
-        blocks += [error[numbers == number].mean() for number in np.unique(numbers)]
+        for number in np.unique(numbers):
+            blocks.append(error[numbers == number].mean())
     return np.array(blocks)
 
 
@@ -116,11 +114,16 @@ def error_reduction(better: Candidate, simple: Candidate) -> tuple[float, float]
     What judges and what was fitted have the same weight: few motions tell laws apart badly, and
     what a law of few parameters leaves of its own recordings tells as much.
     """
-    differences = [a - b for a, b in zip(simple.errors, better.errors, strict=True)]
-    spreads = [
-        float(np.std(d, ddof=1)) / np.sqrt(len(d)) if len(d) > 1 else 0.0 for d in differences
-    ]
-    return float(np.mean([d.mean() for d in differences])), float(np.linalg.norm(spreads) / 2)
+    means = []
+    standard_errors = []
+    for simple_errors, better_errors in zip(simple.errors, better.errors, strict=True):
+        differences = simple_errors - better_errors
+        means.append(differences.mean())
+        standard_error = 0.0
+        if len(differences) > 1:
+            standard_error = float(np.std(differences, ddof=1)) / np.sqrt(len(differences))
+        standard_errors.append(standard_error)
+    return float(np.mean(means)), float(np.linalg.norm(standard_errors) / 2)
 
 
 def is_beaten(simple: Candidate, better: Candidate) -> bool:
@@ -158,7 +161,7 @@ class Prediction:
     @property
     def bend_error(self) -> float:
         """Mean |φ - φ_sim| over the parts that were left out, rad."""
-        return float(np.mean([part.bend_error for part in self.parts]))
+        return mean_bend_error(self.parts)
 
     @property
     def choice(self) -> str:
@@ -184,13 +187,9 @@ class Prediction:
     @property
     def remarks(self) -> list[Remark]:
         """Remarks on judges, mountings, impossible starts, wires not told of, and parameters."""
-        remarks_on_fit = (
-            self._remarks_on_starts(),
-            self._remarks_on_wires(),
-            self._remarks_on_parameters(),
-        )
         remarks_on_data = *self._remarks_on_judges(), *self._remarks_on_mountings()
-        return [*remarks_on_data, *itertools.chain(*remarks_on_fit)]
+        remarks_on_limb = *self._remarks_on_wires(), *self._remarks_on_parameters()
+        return [*remarks_on_data, *self._remarks_on_starts(), *remarks_on_limb]
 
     def _remarks_on_mountings(self) -> Iterator[Remark]:
         # Gravity towards E2 and E3 must differ between recordings of a limb in space.
@@ -206,10 +205,13 @@ class Prediction:
 
     def _remarks_on_judges(self) -> Iterator[Remark]:
         # Compare the heat while laws are judged with the whole.
-        judged_heat = [p.run.duty[int(p.run.times[0] / STEP) :].sum() for p in self.best.judged]
-        if sum(judged_heat) < 0.5 * LEFT_OUT_SHARES[0] * sum(
-            p.run.duty.sum() for p in self.best.judged
-        ):
+        judged_heat = 0.0
+        total_heat = 0.0
+        for predicted in self.best.judged:
+            run = predicted.run
+            judged_heat += run.duty[int(run.times[0] / STEP) :].sum()
+            total_heat += run.duty.sum()
+        if judged_heat < 0.5 * LEFT_OUT_SHARES[0] * total_heat:
             yield Remark(
                 "not validated",
                 "What judges the laws is a limb that cools, and shows no heat: how well motions "
@@ -237,11 +239,9 @@ class Prediction:
                 )
             elif fields:
                 new_fields = sorted(fields - set(vars(wire.law)))
-                law = (
-                    f", and its {', '.join(new_fields)} as expected of such wires"
-                    if new_fields
-                    else ""
-                )
+                law = ""
+                if new_fields:
+                    law = f", and its {', '.join(new_fields)} as expected of such wires"
                 yield Remark(
                     "unheated",
                     f"The {wire.name} wire is heated in no recording: it stays as described{law}.",
@@ -271,21 +271,20 @@ class Prediction:
 
     def _remarks_on_starts(self) -> Iterator[Remark]:
         law = self.fit.law
-        names = [wire.name for wire in self.fit.segment.wires]
         # Check each temperature of each wire at the start of each recording.
         for predicted, initial_conditions in zip(
             self.fit.predicted, self.fit.initial_conditions, strict=True
         ):
             run = predicted.run
             room = float(initial_conditions[0])
-            for state, values in zip(
-                law.states, initial_conditions[1:].reshape(len(law.states), -1), strict=True
-            ):
-                for name, value in zip(names, values, strict=True):
-                    if law.is_temperature(state):
-                        start_name = f"the {name} wire's {state} in the recording of {run.source}"
-                        readings = run.temperature if run.is_read else predicted.temperature
-                        yield from remarks_on_start(start_name, value, room, readings)
+            readings = run.temperature if run.is_read else predicted.temperature
+            state_values = initial_conditions[1:].reshape(len(law.states), -1)
+            for state, values in zip(law.states, state_values, strict=True):
+                if not law.is_temperature(state):
+                    continue
+                for wire, value in zip(self.fit.segment.wires, values, strict=True):
+                    start = f"the {wire.name} wire's {state} in the recording of {run.source}"
+                    yield from remarks_on_start(start, value, room, readings)
 
 
 def fit_by_prediction(
@@ -316,7 +315,10 @@ def fit_by_prediction(
         CalibrationError: if no law predicts what judges as well as the mean and a lag of each wire.
     """
     # Split the recordings into folds.
-    runs = {kind: [HeatedRun.of(r) for r in group] for kind, group in recordings.items() if group}
+    runs: dict[str, list[HeatedRun]] = {}
+    for kind, group in recordings.items():
+        if group:
+            runs[kind] = [HeatedRun.of(recording) for recording in group]
     fitted, folds = _make_folds(runs)
     rest, judges = folds.folds[0]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
@@ -375,37 +377,41 @@ def _make_folds(runs: Mapping[str, list[HeatedRun]]) -> tuple[list[HeatedRun], _
     """
     motions = runs.get("motion", [])
     runs_with_all_wires = runs.get("both", [])
-    heated = [run for kind, group in runs.items() if kind != "motion" for run in group]
+    heated = []
+    for kind, group in runs.items():
+        if kind != "motion":
+            heated += group
     fitted = [*heated, *motions]
     # Validate by the motions, or else by the runs with all wires.
     if motions and _heated_wires(motions) <= _heated_wires(heated):
         words = f"{len(motions)} motion{'s' * (len(motions) != 1)}, fitted last"
         return fitted, _Folds([(heated, motions)], continued=False, words=words)
-    others = [run for run in fitted if run not in runs_with_all_wires]
+    others = _without(fitted, runs_with_all_wires)
     if runs_with_all_wires and _heated_wires(runs_with_all_wires) <= _heated_wires(others):
         words = "what shows all wires heated, fitted last"
         return fitted, _Folds([(others, runs_with_all_wires)], continued=False, words=words)
     # Or else by the last recordings, then by others in turn.
     if latest := _latest_runs(fitted):
-        groups = [latest, *([run] for run in reversed(fitted) if run not in latest)]
-        folds = [([run for run in fitted if run not in group], group) for group in groups]
-        folds = [
-            (rest, group) for rest, group in folds if _heated_wires(group) <= _heated_wires(rest)
-        ]
+        folds = []
+        for group in [latest, *([run] for run in _without(reversed(fitted), latest))]:
+            rest = _without(fitted, group)
+            if _heated_wires(group) <= _heated_wires(rest):
+                folds.append((rest, group))
         count = f"{len(latest)} " * (len(latest) > 1)
         words = f"the last {count}of {len(fitted)} heated recordings or pieces, fitted last"
         return fitted, _Folds(folds[:MAX_FOLDS], continued=False, words=words)
     # Or else by the last part of each recording, then by spans of the time before it.
-    last_part_starts = [run.last_part_start(*LEFT_OUT_SHARES) for run in fitted]
     # Spans in multiples of the start of the last part: 1 to inf is the last part itself.
     spans = [(1.0, np.inf), *itertools.pairwise(np.linspace(0.0, 1.0, MAX_FOLDS))]
     folds = []
     for span_start, span_end in spans:
-        pairs = [
-            run.without(span_start * start, span_end * start)
-            for run, start in zip(fitted, last_part_starts, strict=True)
-        ]
-        folds.append(([rest for rest, _ in pairs], [left_out for _, left_out in pairs]))
+        fold: tuple[list[HeatedRun], list[HeatedRun]] = ([], [])
+        for run in fitted:
+            start = run.last_part_start(*LEFT_OUT_SHARES)
+            rest_of_run, left_out = run.without(span_start * start, span_end * start)
+            fold[0].append(rest_of_run)
+            fold[1].append(left_out)
+        folds.append(fold)
     words = "the last part of each recording, fitted last"
     return fitted, _Folds(folds, continued=True, words=words)
 
@@ -418,7 +424,7 @@ def _best_law_by_folds(
     kinds: Iterable[str],
     report: Callable[[str], object],
 ) -> tuple[Candidate, list[Predicted]]:
-    """Return the best law that predicts parts left out in turn as well as baselines, and these.
+    """Return the best law that predicts the parts left out as well as baselines, and these parts.
 
     Errors count by their root mean square over the parts, as one part that is far off matters.
 
@@ -429,7 +435,7 @@ def _best_law_by_folds(
         report: is called with what is being done.
 
     Raises:
-        CalibrationError: if there is none.
+        CalibrationError: if no law predicts them as well.
     """
     mean_squares = {}
     for name in baselines[0]:
@@ -439,9 +445,9 @@ def _best_law_by_folds(
     allowed = max(BASELINE_ALLOWANCE[0] * error, error + BASELINE_ALLOWANCE[1])
     # The best law, or the nearest others, each fitted without each part.
     by_error = sorted(candidates, key=lambda candidate: candidate.bend_error)
-    tried = [best, *(candidate for candidate in by_error if candidate is not best)][:MAX_TRIED_LAWS]
+    by_error.remove(best)
     least_error = np.inf
-    for candidate in tried:
+    for candidate in [best, *by_error][:MAX_TRIED_LAWS]:
         fit = candidate.fit
         parts = list(candidate.judged)
         law_errors = [candidate.bend_error]
@@ -450,7 +456,7 @@ def _best_law_by_folds(
             rubber = rubber_options(fit)
             refit = fit_law(fit.law, rest, fit.segment, fit.ambient, rubber=rubber, start=fit)
             judged = refit.continued(judges) if folds.continued else refit.predict(judges)
-            law_errors.append(float(np.mean([part.bend_error for part in judged])))
+            law_errors.append(mean_bend_error(judged))
             parts += judged
         law_error = float(np.sqrt(np.mean(np.square(law_errors))))
         if law_error <= allowed:
@@ -465,19 +471,32 @@ def _best_law_by_folds(
     )
 
 
+def _without(runs: Iterable[HeatedRun], left_out: Sequence[HeatedRun]) -> list[HeatedRun]:
+    """Return the runs, in their order, that are not left out."""
+    return [run for run in runs if run not in left_out]
+
+
 def _latest_runs(runs: Sequence[HeatedRun]) -> list[HeatedRun]:
     """Return the last runs that heat each wire; none if too little heat is left to fit."""
     latest: list[HeatedRun] = []
     for wire in _heated_wires(runs):
         if wire not in _heated_wires(latest):
             latest.append(next(run for run in reversed(runs) if run.duty[:, wire].any()))
-    total, latest_heat = (sum(run.duty.sum(axis=0) for run in group) for group in (runs, latest))
-    return latest if np.all(latest_heat <= MAX_HEAT_SHARE * total) else []
+    is_too_much = _heat_of_wires(latest) > MAX_HEAT_SHARE * _heat_of_wires(runs)
+    return [] if np.any(is_too_much) else latest
+
+
+def _heat_of_wires(runs: Sequence[HeatedRun]) -> np.ndarray:
+    """Return the duty of each wire summed over all steps of all runs (W,)."""
+    return np.sum([run.duty.sum(axis=0) for run in runs], axis=0)
 
 
 def _heated_wires(runs: Sequence[HeatedRun]) -> set[int]:
     """Return the indices of the wires that are heated in recordings."""
-    return {int(wire) for run in runs for wire in np.flatnonzero(run.duty.any(axis=0))}
+    wires: set[int] = set()
+    for run in runs:
+        wires.update(np.flatnonzero(run.duty.any(axis=0)).tolist())
+    return wires
 
 
 def compare_laws(
@@ -492,15 +511,16 @@ def compare_laws(
     report: Callable[[str], object] = lambda remark: None,
     fitted: Callable[[type[WireLaw]], object] = lambda law: None,
 ) -> tuple[list[Candidate], Candidate]:
-    """Fit laws, then the best of them with options of the rubber, and judges all.
+    """Fit laws, then the best of them with options of the rubber, and predict the judges by each.
 
     Args:
         laws: from the simplest on; each starts from the law before.
         runs: recordings to fit to.
         judges: recordings to predict.
-        segment, ambient: as for `fit_law`.
+        segment: the described one, of which the stiffness and the laws count.
+        ambient: T0, °C.
         options: options of the rubber that are tried.
-        continued: whether the judges are other samples of the same recordings, in their order.
+        continued: True if the judges are other samples of the same recordings, in their order.
         report: is called with what is being done.
         fitted: is called with each law when it is fitted and judged.
 
@@ -539,14 +559,15 @@ def compare_laws(
 
 
 def simplest_unbeaten_law(candidates: Sequence[Candidate]) -> Candidate:
-    """Return the first that none of those after it beats."""
-    return next(
-        candidate
-        for index, candidate in enumerate(candidates)
-        if not any(is_beaten(candidate, other) for other in candidates[index + 1 :])
-    )
+    """Return the first of the candidates, from the simplest on, that no later candidate beats."""
+    *simpler, last = candidates
+    for index, candidate in enumerate(simpler):
+        if not any(is_beaten(candidate, later) for later in candidates[index + 1 :]):
+            return candidate
+    return last
 
 
 def rubber_options(fit: LawFit) -> tuple[str, ...]:
     """Return the options of the rubber that were fitted."""
-    return tuple(option for option in OPTIONS if any(option in u.name for u in fit.unknowns))
+    names = " ".join(fit.names)
+    return tuple(option for option in OPTIONS if option in names)

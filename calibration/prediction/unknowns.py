@@ -61,7 +61,7 @@ class Unknown:
     - ``unit``: unit of the value.
     - ``form``: "+" or "-" if the fit has the logarithm of ± the value, "" if the value.
     - ``center``: expected value, as the fit has it.
-    - ``spread``, ``alike``: see `Prior`.
+    - ``spread``, ``wire_spread``: see `Prior`.
     - ``low``, ``high``: bounds, as the fit has them.
     - ``below``: name of the unknown below which the value is, by what the fit has; "" if none.
     """
@@ -73,7 +73,7 @@ class Unknown:
     form: str
     center: float
     spread: float
-    alike: float
+    wire_spread: float
     low: float
     high: float
     below: str = ""
@@ -88,20 +88,29 @@ class Unknown:
 def values_of(unknowns: Sequence[Unknown], fitted: Iterable[Any]) -> list[Any]:
     """Return the values of unknowns (P) in their units, from the fitted numbers."""
     values = {u.name: u.value(x) for u, x in zip(unknowns, fitted, strict=True)}
-    return [values[u.below] - values[u.name] if u.below else values[u.name] for u in unknowns]
+    # The value of an unknown below another is so far the distance between them.
+    distances = dict(values)
+    for unknown in unknowns:
+        if unknown.below:
+            values[unknown.name] = distances[unknown.below] - distances[unknown.name]
+    return [*values.values()]
 
 
 def slopes_of(unknowns: Sequence[Unknown], fitted: Iterable[float]) -> np.ndarray:
     """Return the derivatives of the values by the fitted numbers (P, P)."""
-    own_slopes = [
-        u.value(np.asarray(x)) if u.form else 1.0 for u, x in zip(unknowns, fitted, strict=True)
-    ]
-    slopes = np.diag(np.array(own_slopes, float))
-    rows = {u.name: row for row, u in enumerate(unknowns)}
+    # Each value by its fitted number: the derivative of an exponential is its value.
+    diagonal = np.ones(len(unknowns))
+    rows: dict[str, int] = {}
+    for row, (unknown, x) in enumerate(zip(unknowns, fitted, strict=True)):
+        rows[unknown.name] = row
+        if unknown.form:
+            diagonal[row] = unknown.value(np.asarray(x))
+    # A value below another grows with the other and falls with its distance.
+    slopes = np.diag(diagonal)
     for row, unknown in enumerate(unknowns):
         if unknown.below:
             slopes[row, row] *= -1
-            slopes[row, rows[unknown.below]] = own_slopes[rows[unknown.below]]
+            slopes[row, rows[unknown.below]] = diagonal[rows[unknown.below]]
     return slopes
 
 
@@ -111,8 +120,9 @@ def unknowns_of(
     """Return the unknowns of a segment: of each wire by its law, then of the rubber.
 
     Args:
-        segment: description of the segment, whose wires' laws say what to expect.
-        rubber: what is fitted of it besides the angles at rest: any of
+        law: class of the law that is fitted to all wires.
+        segment: description of the segment; the laws of its wires give expected values.
+        rubber: options that are fitted in addition to the angles at rest: any of
             "stiffening" and "rest_memory".
     """
     result = []
@@ -121,7 +131,11 @@ def unknowns_of(
         above = law.below.get(field.name, "")
         low, high = (MIN_BELOW, MAX_BELOW) if above else field.metadata["range"]
         unit = field.metadata["unit"]
-        form = "+" if low > 0 else "-" if high < 0 else ""
+        form = ""
+        if low > 0:
+            form = "+"
+        elif high < 0:
+            form = "-"
         if unit == "1/s":
             low = max(low, -MAX_RATE)
             high = min(high, MAX_RATE)
@@ -131,18 +145,20 @@ def unknowns_of(
         for index, wire in enumerate(segment.wires):
             default = _described_value(law(), field.name, above) or 0.0
             described = _described_value(wire.law, field.name, above)
-            center, spread, alike = _expected_value(segment, described, field, default)
-            center = np.log(max(abs(center), 1e-12)) if form else center
+            center, spread, wire_spread = _expected_value(segment, described, field, default)
+            if form:
+                center = np.log(max(abs(center), 1e-12))
             margin = 1e-6 * (high - low)
             center = float(np.clip(center, low + margin, high - margin))
             name = f"{wire.name}.{field.name}"
             below = f"{wire.name}.{above}" if above else ""
-            distribution = center, spread, alike, low, high
-            result.append(Unknown(name, field.name, index, unit, form, *distribution, below))
+            prior = center, spread, wire_spread
+            result.append(Unknown(name, field.name, index, unit, form, *prior, low, high, below))
+    # Unknowns of the segment.
     for name, number, unit, form, center, low, high in _segment_unknowns(segment, rubber):
         kind = name.split(".")[-1]
-        _, spread, alike, _ = PRIORS[kind]
-        result.append(Unknown(name, kind, number, unit, form, center, spread, alike, low, high))
+        prior = center, PRIORS[kind].spread, PRIORS[kind].wire_spread
+        result.append(Unknown(name, kind, number, unit, form, *prior, low, high))
     return result
 
 
@@ -161,14 +177,15 @@ def _segment_unknowns(
     if segment.axes > 1:
         angles.append(("rest_angle_e3", None, segment.rest_angle_e3))
         angles.append(("bend_sensor.roll", None, segment.bend_sensor.roll))
-        angles += [(f"{wire.name}.angle", i, wire.angle) for i, wire in enumerate(segment.wires)]
+        for index, wire in enumerate(segment.wires):
+            angles.append((f"{wire.name}.angle", index, wire.angle))
         springs = {"stiffness": "N·m/rad", "stiffness_ratio": "of k"}
-    for name, wire, angle in angles:
-        yield name, wire, "rad", "", angle, angle - MAX_ANGLE_CHANGE, angle + MAX_ANGLE_CHANGE
+    for name, wire_index, angle in angles:
+        yield name, wire_index, "rad", "", angle, angle - MAX_ANGLE_CHANGE, angle + MAX_ANGLE_CHANGE
     for name, unit in springs.items():
         center = float(np.log(getattr(segment, name)))
         yield name, None, unit, "+", center, center - 3.0, center + 3.0
-    # Rubber that stiffens, remembers or damps, if the fit is to have it.
+    # Rubber that stiffens or remembers, if the fit is to have it.
     for option, units in RUBBER_UNITS.items():
         for name, unit in units.items() if option in rubber else ():
             yield name, None, unit, "+", np.log(PRIORS[name.split(".")[-1]].center), -9.0, 3.0
@@ -177,13 +194,14 @@ def _segment_unknowns(
 def split_unknowns(
     unknowns: list[Unknown], heated: np.ndarray, read: np.ndarray
 ) -> tuple[list[Unknown], list[Unknown]]:
-    """Return the unknowns that recordings tell something of, and unknowns that they do not.
+    """Return the unknowns that recordings can identify, and the unknowns that they cannot.
 
-    The latter are all unknowns of a wire that was never heated, the lag of a wire that has no
+    They cannot identify all unknowns of a wire that was never heated, the lag of a wire that has no
     thermocouple, and, if no wire has one, the scale of heat.
 
     Args:
-        heated, read: whether each wire is (W,).
+        heated: True for each wire that is heated in any recording (W,).
+        read: True for each wire whose thermocouple is read in any recording (W,).
     """
     identified: list[Unknown] = []
     unidentified: list[Unknown] = []
@@ -198,7 +216,13 @@ def split_unknowns(
 
 
 def _described_value(law: WireLaw, name: str, above: str) -> float | None:
-    """Return a field of a law, or how far it is below another; None if the law does not have it."""
+    """Return a field of a law; None if the law does not have it.
+
+    Args:
+        law: the law.
+        name: name of the field.
+        above: name of the field from which the distance to this field is returned; "" if none.
+    """
     if not hasattr(law, name):
         return None
     return getattr(law, above) - getattr(law, name) if above else getattr(law, name)
@@ -207,23 +231,32 @@ def _described_value(law: WireLaw, name: str, above: str) -> float | None:
 def _expected_value(
     segment: SegmentParameters, described: float | None, field: dataclasses.Field, default: float
 ) -> tuple[float, float, float]:
-    """Return center, spread and alikeness of a field of a law, see `Prior`."""
+    """Return the center, the spread and the wire spread of a field of a law; see `Prior`.
+
+    Args:
+        segment: description of the segment.
+        described: value in the description of the wire; None if its law does not have the field.
+        field: the field.
+        default: center of a field without a prior.
+    """
     unit = field.metadata["unit"]
-    prior = field.metadata.get("prior")
-    value, spread, alike, *_ = prior or (
-        default,
-        *(DEFAULT_TEMPERATURE_SPREADS if unit == "°C" else DEFAULT_SPREADS),
-    )
+    spreads = DEFAULT_TEMPERATURE_SPREADS if unit == "°C" else DEFAULT_SPREADS
+    prior = field.metadata.get("prior") or Prior(default, *spreads)
+    value = prior.center
     if described is not None:
         value = described
     elif unit.startswith("N·m"):  # which bends a limb of any stiffness as far as the nominal one
         nominal = SegmentParameters()
         value *= segment.stiffness / nominal.stiffness * (nominal.links + 1) / (segment.links + 1)
-    return value, spread, alike
+    return value, prior.spread, prior.wire_spread
 
 
 def prior_factor(unknowns: list[Unknown]) -> np.ndarray:
-    """Return F (P, P) with which F (x - center) has independent elements of deviation one."""
+    """Return F (P, P) that whitens the prior: elements of F (x - center) are independent, of σ 1.
+
+    Unknowns of the same field share a deviation (`Unknown.spread`), and each has one of its own
+    (`Unknown.wire_spread`).
+    """
     count = len(unknowns)
     covariance = np.zeros((count, count))
     for row, unknown in enumerate(unknowns):
@@ -231,5 +264,5 @@ def prior_factor(unknowns: list[Unknown]) -> np.ndarray:
             if unknown.field == other_unknown.field:
                 covariance[row, column] = unknown.spread * other_unknown.spread
                 if row == column:
-                    covariance[row, column] += unknown.alike**2
+                    covariance[row, column] += unknown.wire_spread**2
     return np.linalg.inv(np.linalg.cholesky(covariance))

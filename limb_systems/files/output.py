@@ -54,6 +54,7 @@ def check_outputs(
     inputs: Sequence[Path | None] = (),
     pictures: Sequence[Path | None] = (),
     tables: Sequence[Path | None] = (),
+    pages: Sequence[Path | None] = (),
     force: bool = False,
 ) -> None:
     """Refuse outputs that a command cannot or should not write, before it starts.
@@ -61,7 +62,7 @@ def check_outputs(
     Args:
         outputs: files to be written; None for those that were not asked for.
         inputs: files that are read, which are never replaced.
-        pictures, tables: the outputs that are pictures, or CSV.
+        pictures, tables, pages: the outputs that are pictures, CSV, or HTML.
         force: whether files that exist may be replaced.
 
     Raises:
@@ -73,6 +74,9 @@ def check_outputs(
     for table in filter(None, tables):
         if table.suffix.lower() != ".csv":
             raise OutputError(f"{table} is to be a table; its name must end with .csv.")
+    for page in filter(None, pages):
+        if page.suffix.lower() != ".html":
+            raise OutputError(f"{page} is to be a page; its name must end with .html.")
     # Check that no file is used twice, and that each can be written.
     used_files = [(path, "read") for path in filter(None, inputs)]
     for path in filter(None, outputs):

@@ -197,7 +197,8 @@ def _fit(options: argparse.Namespace) -> int:
     }
     outputs = [options.output, *reports.values()]
     recordings = itertools.chain(*recorded.values())
-    check_outputs(outputs, inputs=[options.limb, *recordings], force=options.force)
+    inputs = [options.limb, *recordings]
+    check_outputs(outputs, inputs=inputs, pages=[report], force=options.force)
     # Fit one limb after the other.
     summaries = {}
     limbs = {}
@@ -281,7 +282,13 @@ def _validate(options: argparse.Namespace) -> int:
     # Check and load the files.
     outputs = [options.plot, options.report]
     inputs = [options.limb, options.recording]
-    check_outputs(outputs, inputs=inputs, pictures=[options.plot], force=options.force)
+    check_outputs(
+        outputs,
+        inputs=inputs,
+        pictures=[options.plot],
+        pages=[options.report],
+        force=options.force,
+    )
     limb = LimbParameters.load(options.limb)
     recording = Recording.load(options.recording)
     check_recording(recording)
@@ -335,7 +342,7 @@ COMMANDS = {
                 "all: both (default %(default)s)",
             ),
         ],
-        stopped="stopped; complete recordings are kept, and wires are off",
+        stopped="stopped; complete recordings of a robot are kept, and wires are off",
         examples=[
             "soft-limb collect -o out/recordings/ -l limb.yaml",
             "soft-limb collect -o out/robot/ -l robot.yaml",

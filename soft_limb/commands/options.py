@@ -231,6 +231,7 @@ def checked_outputs(options: argparse.Namespace, *inputs: Path | str | None) -> 
         inputs=[Path(name) for name in inputs if name],
         pictures=pictures,
         tables=[options.output],
+        pages=[given.get("report")],
         force=options.force,
     )
     return outputs

@@ -82,7 +82,8 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    check_outputs([options.output], inputs=options.runs, force=options.force)
+    page = [options.output]
+    check_outputs(page, inputs=options.runs, pages=page, force=options.force)
     comparison = compare([read_result(path) for path in options.runs])
     if options.output:
         write_atomically(options.output, comparison_page(comparison))
@@ -129,7 +130,8 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _runs(options: argparse.Namespace) -> int:
-    check_outputs([options.output], force=options.force)
+    page = [options.output]
+    check_outputs(page, pages=page, force=options.force)
     write_atomically(options.output, overview_page(options.folder, options.output))
     print_summary(options, Summary([]), [options.output])
     return 0
@@ -227,7 +229,7 @@ COMMANDS = {
         examples=[
             "soft-limb export out/plan.csv -o out/plan.h --duty-max 255",
             "soft-limb export out/limb.yaml -o out/limb.sdf",
-            "soft-limb export out/limb.yaml -o out/limb.xml",
+            "soft-limb export out/limb.yaml -o out/limb.xml --callback out/limb.c",
         ],
     ),
 }

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from limb_systems import LimbParameters
+from limb_systems import LimbError, LimbParameters
 from limb_systems.progress import Progress
 from limb_systems.summary import Summary
 from soft_limb.commands.options import (
@@ -20,12 +20,16 @@ from soft_limb.commands.options import (
     shared,
 )
 from soft_limb.runs import CONTROLLERS, OPEN_LOOP
-from soft_limb.runs.sweeping import make_cases, mean_table, sweep
+from soft_limb.runs.plan_run import load_reference
+from soft_limb.runs.sweeping import SMOOTHING_TIME, make_cases, mean_table, sweep
 
 
 def _sweep(options: argparse.Namespace) -> int:
-    # List all combinations.
+    # Check the files before the first run.
     checked_outputs(options, options.limb, *options.references)
+    for reference in options.references:
+        load_reference(reference, SMOOTHING_TIME)
+    # List all combinations.
     cases = make_cases(
         LimbParameters.of(options.limb),
         options.references,
@@ -34,7 +38,8 @@ def _sweep(options: argparse.Namespace) -> int:
         seeds=options.seeds,
     )
     # Run them.
-    print_duration(f"some seconds for each of {len(cases)} runs, {options.jobs} at a time")
+    num_runs = f"{len(cases)} run{'s' * (len(cases) > 1)}"
+    print_duration(f"some seconds for each of {num_runs}, {options.jobs} at a time")
     with Progress("sweep", len(cases), "runs") as progress:
         rows = sweep(
             cases,
@@ -47,6 +52,9 @@ def _sweep(options: argparse.Namespace) -> int:
         title = "means over limbs: mean distances of the true bend, highest V and T"
         print_table(title, list(mean_table(rows)))
     print_summary(options, Summary.of({}, {"runs": rows}), [options.output])
+    # A sweep without any result has failed.
+    if not any(row["reference_deg"] for row in rows):
+        raise LimbError(f"No run gave a result; the trouble of the first: {rows[0]['trouble']}")
     return 0
 
 

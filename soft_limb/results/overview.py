@@ -98,7 +98,8 @@ def overview_page(folder: Path, output: Path) -> str:
 def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]]:
     """Return the results in a folder, newest first, and a sentence for each unreadable file."""
     if not folder.is_dir():
-        raise LimbError(f"Cannot list {folder}: there is no such folder.")
+        trouble = "it is a file" if folder.exists() else "there is no such folder"
+        raise LimbError(f"Cannot list {folder}: {trouble}.")
     # Read all files; an unreadable file gives a sentence on the page.
     files = []
     troubles = []

@@ -86,7 +86,7 @@ def test_csv_that_is_no_reference_is_refused(tmp_path):
         ("0,0\n1,nan\n", "not finite at its sample 1"),
         ("0,0\n", "two samples or more"),
         ("0,0\n2,1\n1,2\n", "from 2 s to 1 s; time must increase"),
-        ("time,angle\n0,0\n", "this one has 1 times and 1 angles"),
+        ("time,angle\n0,0\n", "number of times: 1, of angles: 1"),
         ("0,O\n1,2\n", "line 1 has 'O', which is not a number"),
         ("0,0\n1,2,3\n", "line 2 has 3 numbers, but those above have 2"),
         ("0\n1\n", "line 1 has one number; there must be a time and an angle"),
@@ -94,7 +94,7 @@ def test_csv_that_is_no_reference_is_refused(tmp_path):
         ("# limb trajectory, format 1\n", "is a plan already, for soft-limb replay"),
         ("format: 2\nsegments:\n- links: 5\n", "describes a limb, and is given with -l"),
         (f"t{',a' * 10**6}\n", "line 1 has 1000001 columns; .* Is a table transposed"),
-        ("", "this one has 0 times and 0 angles|Cannot read"),
+        ("", "number of times: 0, of angles: 0|Cannot read"),
     ]:
         path = tmp_path / "reference.csv"
         path.write_text(text)

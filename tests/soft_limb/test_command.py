@@ -139,6 +139,18 @@ runpy.run_module('soft_limb', run_name='__main__')
     assert run_script(script) == (130, "", said)
 
 
+def test_ctrl_c_after_a_command_does_not_say_that_nothing_was_written():
+    script = """
+import os, signal
+from soft_limb.command import run_command
+from soft_limb.startup import exit_before_start
+signal.signal(signal.SIGINT, exit_before_start)
+run_command(lambda: 0, "stopped")
+os.kill(os.getpid(), signal.SIGINT)
+"""
+    assert run_script(script) == (-signal.SIGINT, "", "")
+
+
 def test_nohup_is_respected():
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     assert run_command(lambda: os.kill(os.getpid(), signal.SIGHUP) or 0, "stopped") == 0

@@ -53,6 +53,16 @@ def test_a_row_agrees_with_plan_and_replay(sweep, tmp_path, capsys):
     assert float(only["highest_wire_c"]) == pytest.approx(recording.wire_temperature.max(), abs=0.1)
 
 
+def test_a_sweep_without_results_fails(sweep, tmp_path, capsys):
+    LimbParameters().save("limb.yaml")
+    (tmp_path / "mine.csv").write_text("0,0\n22,0\n24,20\n")
+    assert sweep("--vary", "total_duty=0.01") == 1  # which cannot warm the wires
+    assert "No run gave a result; the trouble of the first: The temp" in capsys.readouterr().err
+    (tmp_path / "mine.csv").write_text("")
+    assert sweep("--force") == 1
+    assert "mine.csv: A reference needs two samples or more" in capsys.readouterr().err
+
+
 def _square_or_fail(number):
     if number < 0:
         raise LimbError("this limb is broken")
