@@ -118,8 +118,7 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
         for point in points[max(0, first - 2) : first + 1]:
             bend.base_line += point
         return bend, f"{note}direction of the limb before it"
-    coordinates = itertools.chain(*limb_points)
-    bend.zero = base_direction(list(map(table.numbers, coordinates)))
+    bend.zero = base_direction(list(map(table.numbers, itertools.chain(*limb_points))))
     return bend, f"{note}direction of the base in the picture, bend.zero"
 
 

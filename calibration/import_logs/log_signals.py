@@ -247,9 +247,8 @@ def _joined(
     elif join.align:
         signal = table.numbers(join.align[0])
         second_signal = second.numbers(join.align[1])
-        offset = clock.aligned_offset(
-            times - times[0], signal, second_times - second_times[0], second_signal
-        )
+        since = times - times[0]
+        offset = clock.aligned_offset(since, signal, second_times - second_times[0], second_signal)
         offset += times[0] - second_times[0]
     elif mapping.time.unit == join.time.unit == clock.TIME_OF_DAY:
         offset = clock.DAY * round((times[0] - second_times[0]) / clock.DAY)
@@ -343,8 +342,9 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
         angles = _angle_of_line(table, mapping)[None]
     else:
         with np.errstate(over="ignore"):  # of a number that no sensor has, which is left out below
-            values = _numbers(table, bend.column or bend.e2, mapping)
-            angles = (values - bend.zero)[None] * bend.scale
+            angles = (_numbers(table, bend.column or bend.e2, mapping) - bend.zero)[
+                None
+            ] * bend.scale
             if bend.e3:
                 values_e3 = _numbers(table, bend.e3, mapping)
                 angles_e3 = (values_e3 - bend.zero_e3) * (bend.scale_e3 or bend.scale)

@@ -247,7 +247,7 @@ class Columns:
     def _unnamed(self) -> ColumnList:
         """Return columns that move, whose names say neither a signal nor another quantity."""
         unnamed = self._of_role("").moving
-        plain = ColumnList(c for c in unnamed if c.name.quantity in ("", "counts"))
+        plain = [c for c in unnamed if c.name.quantity in ("", "counts")]
         return ColumnList(c for c in plain if c.text not in self.notes)
 
     def _time(self, names: list[Name]) -> mapping.TimeColumn:
@@ -557,7 +557,7 @@ class Columns:
             bend_e3 = self._bend_column(second)
             bend = dataclasses.replace(bend, column="", e2=first.text, e3=second.text)
             return dataclasses.replace(bend, zero_e3=bend_e3.zero, scale_e3=bend_e3.scale)
-        # Without names, it is what follows the heat.
+        # Without names, it is the column that follows the heat.
         hints = ColumnList()
         if not candidates:
             unnamed = self._unnamed()

@@ -55,13 +55,14 @@ class Dictionary:
             LimbError: with one sentence, if it is of another form.
         """
         try:
-            lab_words = yaml.safe_load(read_text(path, "dictionary", LimbError))
+            data = yaml.safe_load(read_text(path, "dictionary", LimbError))
         except yaml.YAMLError as error:
             raise LimbError(f"{path}: not valid YAML: {' '.join(str(error).split())}.") from error
-        is_dict = isinstance(lab_words, dict)
-        if not is_dict or not all(isinstance(words, list) for words in lab_words.values()):
+        if not isinstance(data, dict) or not all(
+            isinstance(words, list) for words in data.values()
+        ):
             raise LimbError(f"{path} must have lists of words, such as 'duty: [brenner]'.")
-        return cls(lab_words)
+        return cls(data)
 
     def has(self, key: str, words: Iterable[str]) -> bool:
         """Return whether one of some words says this."""
