@@ -342,9 +342,8 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
         angles = _angle_of_line(table, mapping)[None]
     else:
         with np.errstate(over="ignore"):  # of a number that no sensor has, which is left out below
-            angles = (_numbers(table, bend.column or bend.e2, mapping) - bend.zero)[
-                None
-            ] * bend.scale
+            values = _numbers(table, bend.column or bend.e2, mapping)[None]
+            angles = (values - bend.zero) * bend.scale
             if bend.e3:
                 values_e3 = _numbers(table, bend.e3, mapping)
                 angles_e3 = (values_e3 - bend.zero_e3) * (bend.scale_e3 or bend.scale)

@@ -58,9 +58,8 @@ class Dictionary:
             data = yaml.safe_load(read_text(path, "dictionary", LimbError))
         except yaml.YAMLError as error:
             raise LimbError(f"{path}: not valid YAML: {' '.join(str(error).split())}.") from error
-        if not isinstance(data, dict) or not all(
-            isinstance(words, list) for words in data.values()
-        ):
+        is_dict = isinstance(data, dict)
+        if not is_dict or not all(isinstance(words, list) for words in data.values()):
             raise LimbError(f"{path} must have lists of words, such as 'duty: [brenner]'.")
         return cls(data)
 
