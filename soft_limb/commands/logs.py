@@ -77,7 +77,7 @@ def _import(options: argparse.Namespace) -> int:
         log.remarks.extend(f"soft-limb fit: {remark}" for remark in used.left_out)
         if used.heated:
             heated_folders.add(mapping.parent)
-        summary = _summary(log, mapping)
+        summary = _summary(log, options.mapping or mapping)
         summaries.append(summary.to_json())
         if not options.json:
             print(f"{summary}\n")
@@ -151,9 +151,13 @@ def _next_commands(
 def _summary(log: ImportedLog, mapping: Path) -> Summary:
     """Return the columns, questions, losses and recordings of a log."""
     recordings = [recording.summary().line() for recording in log.recordings]
-    reason = log.error or ("This log leaves questions open." if log.asks else "")
-    error = f"{reason} Correct {mapping} and give it with --mapping." if reason else ""
     questions = _question_lines(log)
+    reason = log.error
+    if not reason and log.asks:
+        # A mapping that was given has no questions, but may have fields without an answer.
+        left_open = "questions" if questions else ", ".join(log.limb.mapping.open_fields)
+        reason = f"This log leaves {left_open} open."
+    error = f"{reason} Correct {mapping} and give it with --mapping." if reason else ""
     notes = log.limb.notes
     return Summary(
         [

@@ -486,6 +486,10 @@ def test_an_answered_mapping_is_read(tmp_path, truth, cases, case, answers, caps
         Recording.from_log(path)
     mapping = tmp_path / "out" / "log.mapping.yaml"
     assert all(f"#     {field}" in mapping.read_text() for field in answers if field != "inverted")
+    mapping = mapping.rename(tmp_path / "mine.yaml")
+    capsys.readouterr()
+    assert main([*words, "--mapping", str(mapping)]) != 0  # without the answers
+    assert f"Correct {mapping} and give it with --mapping" in capsys.readouterr().out
     LogMapping.load(mapping).with_answers(answers).save(mapping)
     assert main([*words, "--mapping", str(mapping)]) == 0, capsys.readouterr()
     check(Recording.load(tmp_path / "out" / "log.csv"), truth, tolerance_deg=0.3)
