@@ -179,6 +179,7 @@ class Columns:
         self.duties = ColumnList()
         self.temperatures = ColumnList()
         self.wires: list[WireColumns] = []  # the first ones have the duties
+        self.is_inverted = False  # the duty, as it seems
         names = []
         for text, unit in zip(table.names, table.units, strict=True):
             names.append(Name(text, dictionary, unit, table.names))
@@ -363,6 +364,10 @@ class Columns:
             full = _full_by_numbers(numbers[numbers > 0], words_and_units)
         if full and not is_inverted and not is_mixed:
             return full
+        # What follows is judged as if duties that look inverted were; then the sign is asked, too.
+        if is_inverted:
+            self.heats = self.heats.max(axis=1, keepdims=True) - self.heats
+            self.is_inverted = True
         kind = "inverted" if is_inverted else "mixed units" if is_mixed else "full duty"
         likely = [f"{scale:g}" for scale in FULL_SCALES if most <= 1.001 * scale][:3]
         texts = " and ".join(f"{top:g}" for top in dict.fromkeys(tops))
@@ -684,7 +689,7 @@ class Columns:
             else:
                 sign = float(np.sign(heated_votes.sum()))
                 is_clear = bool((sign * heated_votes > MIN_VOTE).all())
-            if is_clear:
+            if is_clear and not self.is_inverted:
                 bend.scale *= sign
                 bend.scale_e3 *= sign
                 side = "away from its side" if sign < 0 else "to its side"

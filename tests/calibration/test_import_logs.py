@@ -434,7 +434,7 @@ def cases(truth):
         ("switch and levels", "are they of one unit"),
         ("per cent or counts", "what is full duty"),
         ("volts or shares", "what is full duty"),
-        ("inverted", "looks inverted"),
+        ("inverted", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),  # no thermocouple
         ("swapped", "Names say T_left_C, but T_right_C warms with pwm_left"),
         ("relay", "relay_2 may be the heat of a wire"),
         ("dropped", "T_right_C is a temperature of no wire"),
