@@ -446,8 +446,10 @@ class _ScaledProblem:
         # Scale variables and objective.
         self.cost = _Cost(prog)
         self.lower, self.upper = _bounds(prog)
-        self.lower[fixed] = guess[fixed]
-        self.upper[fixed] = guess[fixed]
+        # A given initial value goes before the guess, which may be of an earlier plan.
+        kept = np.clip(guess[fixed], self.lower[fixed], self.upper[fixed])
+        self.lower[fixed] = kept
+        self.upper[fixed] = kept
         self.scale = np.ones(prog.num_vars())
         for index, value in prog.GetVariableScaling().items():
             self.scale[index] = value
