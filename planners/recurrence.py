@@ -15,8 +15,8 @@ class LinearRecurrence:
 
     def __init__(self, factors: np.ndarray):
         self._num_steps, size, _ = factors.shape
-        self._length = length = int(np.ceil(np.sqrt(self._num_steps)))
-        self._num_chunks = num_chunks = -(-self._num_steps // length)
+        self._length = length = max(1, int(np.ceil(np.sqrt(self._num_steps))))
+        self._num_chunks = num_chunks = max(1, -(-self._num_steps // length))
         # Fill the last chunk with zeros.
         padded = np.zeros((num_chunks * length, size, size))
         padded[: self._num_steps] = factors

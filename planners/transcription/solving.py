@@ -101,7 +101,7 @@ def solve_program(
 
         options = START_OPTIONS if is_start else {}
         attempts = _attempts(program, guess, multipliers, solver, starts_near, options, report)
-        for name, attempt in attempts:
+        for name, blocks, attempt in attempts:
             if time.process_time() - first_process_time > LONGEST_SOLVE:
                 failures.append(f"{LONGEST_SOLVE:g} s of processor time are over")
                 break
@@ -123,7 +123,8 @@ def solve_program(
                     solve_time=time.perf_counter() - started,
                     solver=name + after,
                     status=status,
-                    multipliers=getattr(details, "multipliers", None),
+                    # Warm starts are of the cheap blocks, which may have fewer rows.
+                    multipliers=details.multipliers if blocks is program.cheap_blocks else None,
                 )
             failures.append(f"{name}: {status}")
             if status == INFEASIBLE_STATUS and not program.has_inertia:
@@ -145,9 +146,9 @@ def _attempts(
     accuracy: dict,
     report: Callable,
 ):
-    """Yield the names of the attempts, and functions that make them."""
+    """Yield the names of the attempts, their blocks, and functions that make them."""
     if solver is not None:
-        yield solver.SolverName(), lambda: solver.Solve(program.prog, guess, None)
+        yield solver.SolverName(), (), lambda: solver.Solve(program.prog, guess, None)
         return
 
     begun = time.process_time()
@@ -166,8 +167,10 @@ def _attempts(
     if (cheap := program.cheap_blocks) is not None:
         name = "IPOPT, curvature of the wires" if program.has_inertia else "IPOPT, quasi-static"
         if multipliers is not None or starts_near:
-            yield name, lambda: ipopt(NEAR_OPTIONS, multipliers, cheap)
+            yield name, cheap, lambda: ipopt(NEAR_OPTIONS, multipliers, cheap)
             name += ", patient"
-        yield name, lambda: ipopt(PATIENT_OPTIONS, None, cheap)
-    yield "IPOPT, exact Hessian", lambda: ipopt({})
-    yield "IPOPT, exact Hessian, monotone barrier", lambda: ipopt({"mu_strategy": "monotone"})
+        yield name, cheap, lambda: ipopt(PATIENT_OPTIONS, None, cheap)
+    whole = program.blocks
+    yield "IPOPT, exact Hessian", whole, lambda: ipopt({})
+    name = "IPOPT, exact Hessian, monotone barrier"
+    yield name, whole, lambda: ipopt({"mu_strategy": "monotone"})

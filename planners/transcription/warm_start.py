@@ -67,7 +67,8 @@ def estimate_multipliers(
     of_motion = -np.einsum("kij,ki->kj", inverse, adjoint)
 
     # The multipliers of the heat and of the bounds are the quasi-static ones.
-    assert solution.multipliers is not None  # IPOPT has them
+    if solution.multipliers is None:
+        raise LimbError("The quasi-static program was not solved by its cheap blocks.")
     of_rows, of_bounds = solution.multipliers
     assert quasi_static.cheap_blocks  # they are the same for heat
     num_block_rows = sum(len(block.lower) for block in quasi_static.cheap_blocks)

@@ -181,7 +181,7 @@ def test_blocks_of_equal_wires_have_the_rows_of_the_block_of_all_wires():
 
 def test_recurrence_in_chunks_is_the_recurrence_knot_by_knot():
     generator = np.random.default_rng(4)
-    for num_steps in (1, 2, 7, 30):
+    for num_steps in (0, 1, 2, 7, 30):
         factors = generator.normal(size=(num_steps, 3, 3))
         gains = generator.normal(size=(num_steps, 3))
         expected = [np.zeros(3)]

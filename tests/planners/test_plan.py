@@ -324,3 +324,32 @@ def test_multipliers_of_the_start_balance_the_cost_of_its_motion():
         change = step * np.eye(1, len(start), index)[0]
         by_cost = (program.cost(start + change) - program.cost(start - change)) / (2 * step)
         assert balance[index] == pytest.approx(-by_cost, abs=1e-6)
+
+
+@pytest.fixture
+def planner():
+    """A planner of 12 s; no bound of readings V is below what they may come to."""
+    limb = LimbParameters(segments=[SegmentParameters(links=1)])
+    return Planner(limb, np.linspace(0.0, 12.0, 61))
+
+
+def test_a_plan_from_the_plan_before_begins_with_the_given_reading(planner):
+    """Another V alone is a small change, from which the planner goes on."""
+    reference = references.from_samples([0.0, 4.0, 12.0], [0.0, 0.1, 0.1])
+    before, _, _ = planner.plan_unchecked(reference)
+    state = np.array(before.state[:, 0])
+    state[-1] += 0.5
+    again, _, _ = planner.plan_unchecked(reference, state)
+    assert again.measured_temperature[1, 0] == pytest.approx(state[-1], abs=1e-6)
+    assert again.check.largest_defect < 1e-6
+
+
+def test_after_a_plan_by_the_exact_hessian_the_next_one_is_solved(planner, monkeypatch):
+    """Multipliers of the exact Hessian's rows are no start of the cheap ones."""
+    reference = references.from_samples([0.0, 4.0, 12.0], [0.0, 0.1, 0.1])
+    with monkeypatch.context() as patched:
+        for name in ("NEAR_OPTIONS", "PATIENT_OPTIONS"):
+            patched.setattr(solving, name, {"max_iter": 0})
+        by_exact, _, _ = planner.plan_unchecked(reference)
+        assert "exact" in by_exact.check.solver.partition(" (after")[0]
+    assert planner.plan_unchecked(reference)[0].check.status == "solved"
