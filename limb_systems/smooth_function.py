@@ -280,11 +280,14 @@ def build_once(key: Hashable, build: Callable[[], T]) -> T:
     Many objects describe the same limb, and differentiating and compiling takes longer than most of
     their work. The last few results are kept.
     """
-    if key not in _CACHE:
-        if len(_CACHE) == _MAX_CACHED:
-            del _CACHE[next(iter(_CACHE))]
-        _CACHE[key] = build()
-    return _CACHE[key]
+    if key in _CACHE:
+        return _CACHE[key]
+    # What is built may build other things once.
+    result = build()
+    _CACHE[key] = result
+    while len(_CACHE) > _MAX_CACHED:
+        del _CACHE[next(iter(_CACHE))]
+    return result
 
 
 class SmoothFunction:
