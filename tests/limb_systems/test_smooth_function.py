@@ -10,7 +10,7 @@ from pydrake import symbolic
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.symbolic import Variable
 
-from limb_systems import LimbError
+from limb_systems import LimbError, smooth_function
 from limb_systems.smooth_function import FEW_POINTS, SmoothFunction, check_smooth
 
 FUNCTIONS = {
@@ -108,3 +108,13 @@ def test_threads_do_not_mix_their_points():
             assert not any(pool.map(has_mixed, range(3)))
     finally:
         sys.setswitchinterval(interval)
+
+
+def test_results_that_are_built_once_within_others_do_not_grow_without_end():
+    for number in range(smooth_function._MAX_CACHED):
+
+        def build_within(number=number) -> int:
+            return smooth_function.build_once(("inner", number), lambda: number)
+
+        assert smooth_function.build_once(("outer", number), build_within) == number
+    assert len(smooth_function._CACHE) <= smooth_function._MAX_CACHED
