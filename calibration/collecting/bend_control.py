@@ -178,7 +178,7 @@ class EquilibriumSchedule(LeafSystem):
         average = average + PERIOD / self.AVERAGING_TIME * (present - average)
         slope = (present[1:] - average[1:]) / self.AVERAGING_TIME  # of a ramp, in the end
         is_near = np.abs(average[0] - self._angle(index)) < self.NEAR_ANGLE
-        is_quiet = is_near and max(np.abs(slope)) < self.SLOW
+        is_quiet = is_near and (np.abs(slope) < self.SLOW).all()  # nan: not known yet
         time_held = time_held + PERIOD
         time_settled = time_settled + PERIOD if is_quiet else 0.0
         # Go on to the next angle when settled or late.
