@@ -14,6 +14,7 @@ from hardware.drivers import LimbDriver
 from limb_systems import LimbError
 from limb_systems.contact import NEAR_RIGID_THRESHOLD, TIME_STEP
 from limb_systems.files.input import read_text
+from limb_systems.files.schema import refuse_repeated_fields
 
 
 class StationError(LimbError):
@@ -60,6 +61,7 @@ class Scenario:
         if not text.strip():
             raise StationError(f"{path} is empty; a scenario has directives and model_drivers.")
         try:
+            refuse_repeated_fields(text)
             return yaml_load_typed(schema=cls, data=text, defaults=cls())
         except (RuntimeError, TypeError, ValueError, yaml.YAMLError) as error:
             raise StationError(f"{path}: {' '.join(str(error).split())}.") from error

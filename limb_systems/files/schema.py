@@ -192,6 +192,11 @@ class _Loader(yaml.BaseLoader):
         return super().construct_mapping(node, deep)
 
 
+def refuse_repeated_fields(text: str) -> None:
+    """Raise yaml.YAMLError if a field of YAML text is given twice: other readers take the last."""
+    yaml.load(text, _Loader)
+
+
 def _construct_tagged(loader: _Loader, tag: str, node: yaml.Node) -> dict:
     """Return the fields of a tagged mapping, with the tag as ``_tag``."""
     if not isinstance(node, yaml.MappingNode):

@@ -109,6 +109,7 @@ def test_limbs_on_boards_are_driven_in_real_time_and_switched_off(scenario):
         (SCENARIO, "directives: []", "The scenario has no limb: model_drivers must have"),
         (SCENARIO, "model_drivers: {thumb: !LimbDriver {}}", "directives add no model .* none"),
         ("thumb::base,", "thumb::bas,", "no Frame named 'bas'"),
+        ("seed: 3", "seed: 3, seed: 4", r"scenario\.yaml: .*'seed' is given twice"),
         ("seed: 3", "seed: three", r"scenario\.yaml: .*three"),
         ("finger: !LimbDriver", "finger: !Driver", "'Driver' did not match"),
         ("- add_model: {name: finger,", "- {}\n- add_model: {name: finger,", "directives"),
