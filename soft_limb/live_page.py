@@ -276,8 +276,10 @@ class Run:
         self.is_running = False
 
     def stop(self) -> None:
-        """Send the program SIGINT, at most once in two seconds, if it still runs."""
+        """Send the program SIGINT, at most once in two seconds, if its run has not ended."""
         now = time.monotonic()
+        if self.end_reason:
+            return
         if now - self.last_stop >= MIN_STOP_INTERVAL and os.getppid() == self._program:
             self.last_stop = now
             os.kill(self._program, signal.SIGINT)

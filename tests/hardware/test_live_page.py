@@ -336,6 +336,9 @@ def test_the_button_stops_once_in_two_seconds_and_nothing_else_than_its_program(
         run.stop()
     assert sent == [(os.getppid(), signal.SIGINT)] * 2
     Run(os.getppid() + 1).stop()
+    run.end(live_page.DONE)
+    now[0] += 3.0
+    run.stop()
     assert len(sent) == 2
 
 
