@@ -319,7 +319,11 @@ def test_other_sites_are_refused(port, token):
 def test_only_the_page_listens_and_only_on_the_loopback(live, port, motion):
     live.begin(RunHeader("a limb", motion.parameters, 110.0, 20.0, plan=motion))
     pid = live._process.pid
-    mine = {os.readlink(f"/proc/{pid}/fd/{fd}") for fd in os.listdir(f"/proc/{pid}/fd")}
+    mine = set()
+    for link in Path(f"/proc/{pid}/fd").iterdir():
+        # The process may close a file between its listing and here.
+        with contextlib.suppress(FileNotFoundError):
+            mine.add(os.readlink(link))
     tables = (Path(f"/proc/{pid}/net/{name}").read_text() for name in ("tcp", "tcp6"))
     rows = [line.split() for table in tables for line in table.splitlines()]
     listening = [row[1] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in mine]
