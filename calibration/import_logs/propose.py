@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import itertools
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -239,7 +239,7 @@ class Columns:
     def proposal(self, name: str, log_mapping: LogMapping) -> Proposal:
         """Return a mapping with the questions, and a note on each column."""
         bend = log_mapping.bend
-        notes = {column: f"the bend ({bend.measures})" for column in bend.columns}
+        notes = dict.fromkeys(bend.columns, f"the bend ({bend.measures})")
         notes[log_mapping.time.column] = f"time ({log_mapping.time.unit})"
         for wire in log_mapping.wires:
             whose = "a wire" if wire.name == UNKNOWN else f"the {wire.name} wire"
@@ -409,7 +409,9 @@ class Columns:
                 reason = f"Names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
             elif named:
                 row = self.temperatures.index(named[0])
-                if evidence.has_rival(warming[row], errors[row], index):
+                gain = warming[row, index]
+                error = errors[row, index]
+                if (evidence.margin(warming[row], errors[row], gain, error) > MIN_VOTE).any():
                     reason = f"Names say {named[0].text}, but it warms more with another wire"
             if reason:
                 self._ask_temperature(index, [*named, *filter(None, [warmed])], reason)
@@ -803,10 +805,9 @@ def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
         if most <= scale and (np.abs(hundredths - levels) < 0.5 + 1e-6).all():
             fits.append(scale)
     is_in_fives = bool((levels % 5 == 0).all())
-    few, many = MIN_LEVELS
-    if len(fits) == 1 and len(levels) >= (few if most > 100.0 or is_pwm else many):
-        if len(levels) >= many or not is_in_fives:
-            return fits[0]
+    may_be_few = (is_pwm or most > 100.0) and not is_in_fives
+    if len(fits) == 1 and len(levels) >= (MIN_LEVELS[0] if may_be_few else MIN_LEVELS[1]):
+        return fits[0]
     return 255.0 if is_pwm and 127.0 < most <= 255.0 else 0.0
 
 
