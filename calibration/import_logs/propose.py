@@ -7,8 +7,10 @@ Where names say nothing, numbers decide with a margin.
 import dataclasses
 import functools
 import itertools
+import operator
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 
@@ -103,11 +105,15 @@ class Column:
         self.present = values[~is_missing] if is_missing.any() else values
         self.low, self.high = np.quantile(self.present, [0.02, 0.99])
         self.span = float(np.ptp(self.present))
+        self.top = float(np.abs(self.present).max())
         # A duty is 0 at times, stands still mostly, and is not negative.
         self.looks_like_heat = False
         if self.span and self.present.min() >= 0 and self.present.max() <= FULL_SCALES[-1]:
             is_mostly_still = bool(np.mean(np.diff(self.present) == 0) > 0.5)
             self.looks_like_heat = is_mostly_still and bool((self.present == 0).mean() > 0.02)
+
+    def __str__(self) -> str:
+        return self.text
 
     @functools.cached_property
     def means(self) -> np.ndarray:
@@ -116,8 +122,7 @@ class Column:
 
     def heat(self, sign: float = 1.0) -> np.ndarray:
         """Return the heat of a duty in each step (N,), by its positive or negative numbers."""
-        most = np.abs(self.present).max() or 1.0
-        return self.steps.heat(np.clip(sign * self.values, 0.0, None)) / most
+        return self.steps.heat(np.clip(sign * self.values, 0.0, None)) / (self.top or 1.0)
 
     def votes(self, heats: np.ndarray) -> np.ndarray:
         """Return its response to each heat (W,), in standard errors; 0 where it is weak."""
@@ -131,24 +136,27 @@ class Column:
 class ColumnList(list[Column]):
     """Some columns of a log."""
 
-    @property
-    def texts(self) -> list[str]:
-        """The name of each column, as the log has it."""
-        return [column.text for column in self]
+    def each(self, attribute: str) -> list[Any]:
+        """Return an attribute of each column, such as "name.label"."""
+        return list(map(operator.attrgetter(attribute), self))
+
+    def where(self, is_chosen: Callable[[Column], object]) -> "ColumnList":
+        """Return the columns for which a condition holds."""
+        return ColumnList(filter(is_chosen, self))
 
     @property
     def moving(self) -> "ColumnList":
         """The columns whose numbers change."""
-        return ColumnList(column for column in self if column.span)
+        return self.where(lambda column: column.span > 0)
 
     def labelled(self, label: str) -> "ColumnList":
         """Return the columns with a wire's label in their names; none if it is empty."""
-        return ColumnList(column for column in self if label and column.name.label == label)
+        return self.where(lambda column: label and column.name.label == label)
 
-    def without(self, columns: Iterable[Column]) -> "ColumnList":
+    def without(self, columns: Iterable[object]) -> "ColumnList":
         """Return the columns that are not among some others."""
         others = list(columns)
-        return ColumnList(column for column in self if column not in others)
+        return self.where(lambda column: column not in others)
 
 
 class Columns:
@@ -194,21 +202,20 @@ class Columns:
         self.steps = Steps(self.times)
         self.is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
         # Leave out the numbers that stand for no reading in any column but the time.
-        names = [name for name in names if name.text not in (self.time.column, self.time.fraction)]
-        codes = set()
+        values_of_name = {name: table.numbers(name.text)[self.rows] for name in names}
         for name in names:
-            codes |= _missing_codes(table.numbers(name.text)[self.rows])
+            if name.text in (self.time.column, self.time.fraction):
+                del values_of_name[name]
+        codes = set(itertools.chain(*map(_missing_codes, values_of_name.values())))
         self.missing = sorted(codes)
         self.columns = ColumnList()
-        for name in names:
-            values = table.numbers(name.text)[self.rows]
+        for name, values in values_of_name.items():
             is_left_out = np.abs(values) > MAX_NUMBER
             is_left_out |= np.isin(values, self.missing) if self.missing else False
             is_left_out |= values == 0 if name.role == TEMPERATURE else False
-            if is_left_out.any():
-                values = np.where(is_left_out, np.nan, values)
-            if np.count_nonzero(~np.isnan(values)) > 5:
-                self.columns.append(Column(name, values, self.steps))
+            cleaned = np.where(is_left_out, np.nan, values) if is_left_out.any() else values
+            if np.count_nonzero(~np.isnan(cleaned)) > 5:
+                self.columns.append(Column(name, cleaned, self.steps))
         self.free = ColumnList(self.columns)
 
     @functools.cached_property
@@ -231,7 +238,7 @@ class Columns:
         """
         choices = list(choices)
         self.free = self.free.without(choices)
-        texts = [choice.text if isinstance(choice, Column) else choice for choice in choices]
+        texts = list(map(str, choices))
         facts = {"columns": " and ".join(texts), "hint": self.hint, **facts}
         text = words.QUESTIONS[kind].format(**facts)
         self.questions.append(Question(field, text, texts, kind in CONTRADICTIONS))
@@ -256,20 +263,19 @@ class Columns:
 
     def _of_role(self, role: str) -> ColumnList:
         """Return the columns whose names say this role, and that are measured."""
-        return ColumnList(c for c in self.columns if c.name.role == role and c.name.is_measured)
+        return self.columns.where(lambda c: c.name.role == role and c.name.is_measured)
 
     def _unnamed(self) -> ColumnList:
         """Return free columns that move, and whose names say no signal and no other quantity."""
-        unnamed = self._of_role("").moving
-        plain = [c for c in unnamed if c.name.quantity in ("", "counts")]
-        return ColumnList(c for c in plain if c in self.free)
+        plain = self._of_role("").moving.where(lambda c: c.name.quantity in ("", "counts"))
+        return plain.where(self.free.__contains__)
 
-    def _like_columns(self, role: str, unnamed: ColumnList, likely: list[Column]) -> ColumnList:
+    def _like_columns(self, role: str, unnamed: ColumnList, likely: ColumnList) -> ColumnList:
         """Return the columns that are alike and of a role by their numbers; else ask for it."""
-        stems = {column.name.stem for column in likely}
-        similar = ColumnList(c for c in unnamed if c.name.stem in stems)
+        stems = set(likely.each("name.stem"))
+        similar = unnamed.where(lambda c: c.name.stem in stems)
         if len(stems) == 1 and (len(similar) == len(likely) or not self.table.has_names):
-            return ColumnList(likely)
+            return likely
         if stems:
             self.ask("like columns", f"wires[0].{role}", similar, role=role)
         return ColumnList()
@@ -299,24 +305,25 @@ class Columns:
         candidates = self._of_role(DUTY)
         if not candidates:
             unnamed = self._unnamed()
-            likely = [c for c in unnamed if c.looks_like_heat and self._is_followed(c)]
+            likely = unnamed.where(lambda c: c.looks_like_heat and self._is_followed(c))
             candidates = self._like_columns(DUTY, unnamed, likely)
-        best = min((column.name.rank for column in candidates), default=0)
-        self.duties = ColumnList(c for c in candidates if c.name.rank == best)
+        best = min(candidates.each("name.rank"), default=0)
+        self.duties = candidates.where(lambda c: c.name.rank == best)
         self.duties.sort(key=lambda column: column.name.order)
         self.free = self.free.without(self.duties)
         if not self.duties:
-            if not any(question.field == "wires[0].duty" for question in self.questions):
-                self.ask("no duty", "wires[0].duty", [c for c in self.columns if c.looks_like_heat])
+            if not self.questions or self.questions[-1].field != "wires[0].duty":
+                likely = self.columns.where(lambda c: c.looks_like_heat)
+                self.ask("no duty", "wires[0].duty", likely)
             self.wires = [WireColumns(name, UNKNOWN) for name in self.limb.wire_names]
             return
         # Numbers with a sign heat two wires.
         signs = [1.0]
-        if any(column.present.min() < 0 for column in self.duties):
+        if self.duties.where(lambda c: c.present.min() < 0):
             signs = [-1.0, 1.0]
             self.duties = ColumnList(sorted(self.duties * 2, key=self.duties.index))
         # Names of the limb's wires have the words of the columns.
-        labels = [column.name.label for column in self.duties]
+        labels = self.duties.each("name.label")
         wire_of_label = {}
         for wire_name in self.limb.wire_names:
             wire_of_label[Name(wire_name, self.dictionary).label or wire_name] = wire_name
@@ -340,8 +347,8 @@ class Columns:
         if not duties.moving:
             return 1.0
         # Find the numbers of the duties.
-        levels = np.unique(np.abs(np.concatenate([column.present for column in duties.moving])))
-        tops = [float(np.abs(column.present).max()) for column in duties.moving]
+        levels = np.unique(np.abs(np.concatenate(duties.moving.each("present"))))
+        tops = duties.moving.each("top")
         full = _full_scale(duties, levels[levels > 0])
         # Duties must have one unit, and wires must not rest or cool at the most of their duties.
         is_switch = 1.0 in tops and len(levels) > 2
@@ -355,7 +362,7 @@ class Columns:
         kind = "inverted" if self.is_inverted else "mixed units" if is_mixed else "full duty"
         likely = [f"{scale:g}" for scale in FULL_SCALES if max(tops) <= 1.001 * scale][:4]
         texts = " and ".join(f"{top:g}" for top in dict.fromkeys(tops))
-        self.ask(kind, "full", likely, columns=" and ".join(duties.texts), tops=texts)
+        self.ask(kind, "full", likely, columns=" and ".join(duties.each("text")), tops=texts)
         return 0.0
 
     def _cools(self, duty: Column) -> bool:
@@ -368,10 +375,10 @@ class Columns:
     def find_temperatures(self) -> None:
         """Find the thermocouples; columns of one stem whose names say nothing must be warmed."""
         named = self._of_role(TEMPERATURE)
-        self.temperatures = ColumnList(c for c in named if c.name.quantity != "counts")
+        self.temperatures = named.where(lambda c: c.name.quantity != "counts")
         if not self.temperatures and self.duties:
             unnamed = self._unnamed()
-            warmed = list(filter(self._is_warmed, unnamed))
+            warmed = unnamed.where(self._is_warmed)
             self.temperatures = self._like_columns(TEMPERATURE, unnamed, warmed)
         self.free = self.free.without(self.temperatures)
 
@@ -388,12 +395,12 @@ class Columns:
             return
         # Find the thermocouples that clearly warm with each wire.
         unpaired = ColumnList(self.temperatures)
-        signals = np.array([column.means for column in unpaired])
+        signals = np.array(unpaired.each("means"))
         warming, errors = self.steps.responses(self.heats, signals)
         warmed_rows = evidence.clear_pairs(warming, errors)
         # Numbers and letters are names if duties and thermocouples have the same ones.
-        labels = [column.name.label for column in self.duties]
-        sensor_labels = [column.name.label for column in self.temperatures]
+        labels = self.duties.each("name.label")
+        sensor_labels = self.temperatures.each("name.label")
         are_same = len(set(labels)) == len(labels) and sorted(labels) == sorted(sensor_labels)
         # Names decide, if heat does not contradict them; else heat does.
         open_wires = []
@@ -425,12 +432,13 @@ class Columns:
             else:
                 open_wires.append(index)
         # Of columns of one stem, the only one that is left is of the only wire that is left.
-        are_similar = len({column.name.stem for column in self.temperatures}) == 1
+        are_similar = len(set(self.temperatures.each("name.stem"))) == 1
         is_last = are_similar and len(self.temperatures) == len(self.wires) and len(open_wires) == 1
         for index in open_wires:
-            candidates = [c for c in unpaired if self._may_have(self.wires[index], c)]
+            wire = self.wires[index]
+            candidates = unpaired.where(functools.partial(self._may_have, wire))
             if is_last and len(unpaired) == len(candidates) == 1:
-                self.wires[index].temperature = unpaired.pop().text
+                wire.temperature = unpaired.pop().text
             elif candidates:
                 self._ask_temperature(index, candidates)
         self._name_by_thermocouples()
@@ -445,7 +453,9 @@ class Columns:
 
     def _name_by_thermocouples(self) -> None:
         """Give wires without a side in their names the side of their thermocouples' names."""
-        side_of_column = {column.text: column.name.side for column in self.temperatures}
+        side_of_column = dict(
+            zip(self.temperatures.each("text"), self.temperatures.each("name.side"), strict=True)
+        )
         sides = [side_of_column.get(wire.temperature, "") for wire in self.wires]
         is_clear = self.has_sides and sides.count(LEFT) < 2 and sides.count(RIGHT) < 2
         if not is_clear or any(wire.name != UNKNOWN for wire in self.wires):
@@ -463,7 +473,7 @@ class Columns:
     def _ask_temperature(self, index: int, choices: list[Column], contradiction: str = "") -> None:
         wire = self.wires[index]
         wire.temperature = UNKNOWN
-        units = {column.name.unit for column in choices}
+        units = set(ColumnList(choices).each("name.unit"))
         wire.unit = units.pop() if len(units) == 1 and units <= set(READING_RANGES) else UNKNOWN
         kind = "named thermocouple" if contradiction else "thermocouple"
         field = f"wires[{index}].temperature"
@@ -471,13 +481,15 @@ class Columns:
 
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the unit of their room."""
-        texts = self.temperatures.texts
+        texts = self.temperatures.each("text")
         for index, wire in enumerate(self.wires):
             if wire.temperature not in texts:
                 continue
             column = self.temperatures[texts.index(wire.temperature)]
             unit_in_name = column.name.unit if column.name.unit in READING_RANGES else ""
-            similar = ColumnList(c for c in self.temperatures if c.name.unit == column.name.unit)
+            units = np.array(self.temperatures.each("name.unit"))
+            is_similar = units == column.name.unit
+            similar = ColumnList(itertools.compress(self.temperatures, is_similar))
             wire.unit = self._unit_of(similar, unit_in_name)
             if wire.unit == UNKNOWN:
                 kind = "named unit" if unit_in_name else "unit"
@@ -488,7 +500,7 @@ class Columns:
         """Return the unit in which readings of like sensors are possible; else `UNKNOWN`."""
         # Limbs that rest are in a room; warm ones may be known by how cold they become.
         first = [float(np.median(column.present[:5])) for column in sensors]
-        lowest = [column.low for column in sensors]
+        lowest = sensors.each("low")
         is_at_rest = max(np.subtract(first, lowest)) < MAX_REST_RISE and np.ptp(first) < 3.0
         rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
         unit = unit_in_name
@@ -503,7 +515,7 @@ class Columns:
         # Readings must be possible in this unit.
         coldest, warmest, hottest = READING_RANGES[unit]
         is_possible = coldest < min(lowest) and max(lowest) < warmest
-        is_possible &= max(column.high for column in sensors) < hottest
+        is_possible &= max(sensors.each("high")) < hottest
         return unit if is_possible and self._are_in_one_room(sensors, unit) else UNKNOWN
 
     def _are_in_one_room(self, sensors: ColumnList, unit: str) -> bool:
@@ -521,12 +533,13 @@ class Columns:
         # In a short log wires cool less, so that their coldest readings may be farther apart.
         min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
         shortness = max(1.0, LONG_LOG_TIME / (self.times[-1] - self.times[0]))
-        most_warming = max(column.span for column in moving)
+        most_warming = max(moving.each("span"))
         if np.ptp(coldest) >= max(min_offset, MAX_COLD_SPREAD * shortness**2.5 * most_warming):
             return False
         # Before the first heat, a wire that is warmer than others cools.
-        warmest = max(moving, key=lambda column: column.means[0])
-        lead = warmest.means[0] - min(column.means[0] for column in moving)
+        starts = np.array(moving.each("means"))[:, 0]
+        warmest = moving[int(starts.argmax())]
+        lead = float(np.ptp(starts))
         num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
         if num_steps <= 5 or lead <= min_offset:
             return True
@@ -541,8 +554,9 @@ class Columns:
         """Return the columns of the bend: by name, else points, else what follows the heat."""
         # Take what names say: angles, or else points.
         points = self._points()
-        places = {x.name.place for x, _ in points}
-        of_points = [c for c in self.columns if c.name.axis and c.name.place in places]
+        coordinates = ColumnList(itertools.chain(*points))
+        places = set(coordinates.each("name.place"))
+        of_points = self.columns.where(lambda c: c.name.axis and c.name.place in places)
         candidates = self._of_role(BEND).moving.without(of_points)
         self.free = self.free.without([*of_points, *candidates])
         if points and not candidates:
@@ -555,16 +569,15 @@ class Columns:
             return dataclasses.replace(bend, zero_e3=bend_e3.zero, scale_e3=bend_e3.scale)
         # Without names, it is a column that follows the heat, or the only one that may be.
         if not candidates:
-            unnamed = self._unnamed()
-            unnamed = ColumnList(c for c in unnamed if not c.looks_like_heat)
-            candidates = ColumnList(filter(self._follows_heat, unnamed))
+            unnamed = self._unnamed().where(lambda c: not c.looks_like_heat)
+            candidates = unnamed.where(self._follows_heat)
             if len(unnamed) == 1 and not self.duties:
                 candidates = unnamed
         if not candidates:
             # Another quantity may be turned into it by a scale.
-            others = self._of_role("").moving.without(self.duties)
-            others = ColumnList(c for c in others if c in self.free and not c.looks_like_heat)
-            likely = ColumnList(filter(self._follows_heat, others))[:3]
+            others = self._of_role("").moving.where(self.free.__contains__)
+            others = others.where(lambda c: not c.looks_like_heat)
+            likely = others.where(self._follows_heat)[:3]
             hints = [f"; {c.text} is a {c.name.quantity}: if it is it, give scale" for c in likely]
             self.ask("no bend", "bend.column", likely, hints="".join(hints))
             return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
@@ -596,19 +609,19 @@ class Columns:
     def _line(self, points: list[tuple[Column, Column]]) -> BendColumns:
         """Return the line from the base to the tip; ask if it is not clear which they are."""
         coordinates = ColumnList(itertools.chain(*points))
-        texts = coordinates.texts
+        texts = coordinates.each("text")
         tip = texts[-2:]
         says_fixed = any(self.dictionary.has("fixed", x.name.words) for x, _ in points)
         says_base = self.dictionary.has("base", points[0][0].name.words)
         # The base is the only point that does not move, and the first.
-        means = np.array([column.means for column in coordinates])
+        means = np.array(coordinates.each("means"))
         spreads = np.nanstd(means, axis=1)
         moves = np.hypot(spreads[::2], spreads[1::2])
         is_still = moves <= FIXED_POINT_SHARE * moves.max()
         is_clear = is_still[0] and not is_still[1:].any()
         is_clear &= says_base or _bends_from_first(means[::2], means[1::2])
         if not says_fixed and (is_clear or not self.heats.any()):
-            zero = base_direction([column.values for column in coordinates])
+            zero = base_direction(coordinates.each("values"))
             # In the picture, the limb's right is clockwise.
             return BendColumns(line=texts[:2] + tip, zero=zero, scale=-1.0, measures=mapping.CHORD)
         choices = [f"[{', '.join([x.text, y.text, *tip])}]" for x, y in points[:-1]]
@@ -629,7 +642,8 @@ class Columns:
         # Numbers that stay small while wires are hot are radians.
         rest = float(np.median(column.present[:10]))
         is_small = float(np.abs(column.present - np.median(column.present)).max()) < MAX_RADIANS
-        is_hot = any(c.span > HOT_RISE for c in self.temperatures) and bool(self.heats.any())
+        is_hot = max(self.temperatures.each("span"), default=0.0) > HOT_RISE
+        is_hot &= bool(self.heats.any())
         scale = DEGREES_PER_UNIT.get(name.unit, 1.0)
         if name.quantity not in ("", "angle") or column.span * scale > MAX_BEND_RANGE:
             scale = 0.0
@@ -655,7 +669,7 @@ class Columns:
         bend = log_mapping.bend
         wires = log_mapping.wires[: len(self.duties)]
         # Heat in seconds of full duty shows which wires bend the limb.
-        tops = np.array([np.abs(column.present).max() for column in self.duties])
+        tops = np.array(self.duties.each("top"))
         full = log_mapping.full or max(tops, default=1)
         doses = self.heats.sum(axis=1) * self.steps.step * tops / full
         is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
