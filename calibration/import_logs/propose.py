@@ -24,8 +24,6 @@ from limb_systems.limb_parameters import LimbParameters
 
 FULL_SCALES = (1.0, 100.0, 127.0, 255.0, 1023.0, 4095.0, 65535.0)
 COUNTED_SCALES = FULL_SCALES[3:]  # of counters of 8 bits and more
-POWER_WORDS = {"power", "pow", "leistung", "heizleistung", "watt", "watts", "W"}  # in W, or shares
-PERCENT_WORDS = {"%", "percent", "pct", "prozent"}
 MAX_VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
 MIN_LEVELS = (3, 9)  # levels of duty that are hundredths of a counter not by chance, see below
@@ -611,8 +609,8 @@ class Columns:
         coordinates = ColumnList(itertools.chain(*points))
         texts = coordinates.each("text")
         tip = texts[-2:]
-        says_fixed = any(self.dictionary.has("fixed", x.name.words) for x, _ in points)
-        says_base = self.dictionary.has("base", points[0][0].name.words)
+        says_fixed = "fixed" in set().union(*coordinates.each("name.says"))
+        says_base = "base" in coordinates[0].name.says
         # The base is the only point that does not move, and the first.
         means = np.array(coordinates.each("means"))
         spreads = np.nanstd(means, axis=1)
@@ -634,9 +632,9 @@ class Columns:
         # Names say what the angle is of.
         name = column.name
         measures = mapping.CHORD if "chord" in name.words else mapping.BEND_ANGLE
-        if self.dictionary.has("tip tangent", name.words):
+        if "tip tangent" in name.says:
             measures = mapping.TIP_TANGENT
-        elif self.dictionary.has("orientation", name.words):
+        elif "orientation" in name.says:
             measures = UNKNOWN
             self.ask("orientation", "bend.measures", mapping.MEASURES, column=column.text)
         # Numbers that stay small while wires are hot are radians.
@@ -794,14 +792,14 @@ def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
     says = set()
     ranges = set()
     for column in duties:
-        says |= {*column.name.words, column.name.unit}
+        says |= {*column.name.says, *column.name.words, column.name.unit}
         ranges |= set(re.findall(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", column.text))
     if len(ranges) == 1:
         full = float(min(ranges))
         return full if most <= 1.001 * full else 0.0
-    if says & PERCENT_WORDS:
+    if says & {"per cent", "%"}:
         return 100.0 if 1.0 < most <= 100.1 else 0.0
-    if says & POWER_WORDS:
+    if says & {"power duty", "power", "W"}:
         return 0.0
     # Shares of 1 or 100, or the most that a counter has, tell it themselves.
     is_whole = bool((levels % 1 == 0).all())
