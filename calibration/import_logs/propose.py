@@ -375,7 +375,7 @@ class Columns:
         named = self._of_role(TEMPERATURE)
         self.temperatures = named.where(lambda c: c.name.quantity != "counts")
         if not self.temperatures and self.duties:
-            unnamed = self._unnamed()
+            unnamed = self._unnamed().where(lambda c: not c.name.quantity)
             warmed = unnamed.where(self._is_warmed)
             self.temperatures = self._like_columns(TEMPERATURE, unnamed, warmed)
         self.free = self.free.without(self.temperatures)
@@ -528,11 +528,9 @@ class Columns:
         coldest = [float(np.quantile(column.present, 0.003)) for column in moving]
         if self.is_long and max(coldest) > ROOM_RANGES[unit][1]:
             return False
-        # In a short log wires cool less, so that their coldest readings may be farther apart.
         min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
-        shortness = max(1.0, LONG_LOG_TIME / (self.times[-1] - self.times[0]))
         most_warming = max(moving.each("span"))
-        if np.ptp(coldest) >= max(min_offset, MAX_COLD_SPREAD * shortness**2.5 * most_warming):
+        if np.ptp(coldest) >= max(min_offset, MAX_COLD_SPREAD * most_warming):
             return False
         # Before the first heat, a wire that is warmer than others cools.
         starts = np.array(moving.each("means"))[:, 0]
