@@ -5,8 +5,8 @@ import re
 
 from calibration.import_logs import mapping
 from calibration.import_logs.clock import DAY
-from calibration.import_logs.log_signals import base_direction
 from calibration.import_logs.mapping import BendColumns, LogMapping, TimeColumn, WireColumns
+from calibration.import_logs.points import base_direction
 from calibration.import_logs.propose import Columns, Proposal
 from calibration.import_logs.table import LogTable
 from calibration.import_logs.words import Dictionary

@@ -11,6 +11,7 @@ import numpy as np
 from calibration.import_logs import cells, clock
 from calibration.import_logs.evidence import forward_fill
 from calibration.import_logs.mapping import MEASURES, TEMPERATURE_UNITS, TIP_TANGENT, LogMapping
+from calibration.import_logs.points import link_directions, wrapped
 from calibration.import_logs.table import LogError, LogTable, read_table, unique_names
 from limb_systems import bend_sensor
 from limb_systems.errors import reraise_as
@@ -25,7 +26,6 @@ MAX_PAUSE = 600.0  # s, beyond which a recording ends
 MIN_PART_DURATION = 10.0  # s of a part of a log that is worth keeping
 STALE_PERIODS = 2.6  # periods or ...
 STALE_SECONDS = 0.5  # ... seconds, the longer of which a reading may be held
-STILL_ROWS = 5  # rows in which points of a picture are exactly where they were, and were not seen
 MAX_EXCESS_DUTY = 0.05  # by which duty may exceed full duty, and is cut off
 READABLE_RANGE = (-60.0, 600.0)  # °C, of readings that a thermocouple can have
 MAX_FAILING_SHARE = 0.05  # share of rows in which a sensor may fail
@@ -373,48 +373,9 @@ def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:
     angle = link_directions([_numbers(table, column, mapping) for column in bend.line])[0]
     if bend.base_line:
         links = link_directions([_numbers(table, column, mapping) for column in bend.base_line])
-        turn = _wrapped(links[-1] - links[0])  # none if there is one link only
+        turn = wrapped(links[-1] - links[0])  # none if there is one link only
         angle = angle - links[-1] - 0.5 * turn
-    return _wrapped(angle - bend.zero) * bend.scale
-
-
-def link_directions(coordinates: list[np.ndarray]) -> np.ndarray:
-    """Return directions of the links between P points in a picture (P - 1, K), °.
-
-    In the picture y points down. Directions are nan where a point is at 0, 0, or all have been
-    where they are, to all digits, for some rows: so do trackers write that they have lost them.
-
-    Args:
-        coordinates: x and y (K,) of each point.
-    """
-    columns = np.array(coordinates)
-    x = columns[::2]
-    y = columns[1::2]
-    rows = np.arange(columns.shape[1])
-    moved = np.append(True, (np.diff(columns, axis=1) != 0).any(axis=0))
-    since = rows - np.maximum.accumulate(np.where(moved, rows, 0))
-    is_lost = ((x == 0) & (y == 0)).any(axis=0) | (since >= STILL_ROWS)
-    directions = np.rad2deg(np.arctan2(-np.diff(y, axis=0), np.diff(x, axis=0)))
-    return np.where(is_lost, np.nan, directions)
-
-
-def base_direction(coordinates: list[np.ndarray]) -> float:
-    """Return the direction of a limb's base in a picture whose y points down, °; 0 if not seen.
-
-    A link has the direction of the tangent at its middle, and the base is half a
-    link before the first one, as for constant curvature.
-
-    Args:
-        coordinates: x and y (K,) of two or more points, the base first.
-    """
-    links = link_directions(coordinates)
-    links = np.unwrap(links[:, ~np.isnan(links).any(axis=0)], axis=0, period=360.0)
-    base = links[0] if len(links) < 2 else 1.5 * links[0] - 0.5 * links[1]
-    return round(float(np.median(base)), 2) if base.size else 0.0
-
-
-def _wrapped(degrees: np.ndarray) -> np.ndarray:
-    return (degrees + 180.0) % 360.0 - 180.0
+    return wrapped(angle - bend.zero) * bend.scale
 
 
 def resampled(

@@ -7,17 +7,17 @@ Where names say nothing, numbers decide with a margin.
 import dataclasses
 import functools
 import itertools
-import operator
 import re
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 
 from calibration.import_logs import clock, evidence, mapping, words
+from calibration.import_logs.columns import Column, ColumnList, read_columns
 from calibration.import_logs.evidence import MIN_VOTE, Steps, correlation
-from calibration.import_logs.log_signals import base_direction, bends_of
+from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
+from calibration.import_logs.points import base_direction, bends_from_first
 from calibration.import_logs.table import LogError, LogTable
 from calibration.import_logs.words import BEND, DUTY, LEFT, RIGHT, SIDES, TEMPERATURE, Name
 from limb_systems.limb_parameters import LimbParameters
@@ -27,8 +27,6 @@ COUNTED_SCALES = FULL_SCALES[3:]  # of counters of 8 bits and more
 MAX_VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
 MIN_LEVELS = (3, 9)  # levels of duty that are hundredths of a counter not by chance, see below
-MAX_NUMBER = 1e9  # that no number but a time's is beyond
-MISSING_CODES = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
 ROOM_RANGES = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
 READING_RANGES = {"C": (8.0, 80.0, 300.0), "F": (46.0, 180.0, 570.0), "K": (281.0, 360.0, 575.0)}
 MAX_COLD = 35.0  # below which the readings of a log that starts warm are in °C
@@ -38,14 +36,12 @@ MAX_COLD_SPREAD = 0.1  # of the coldest readings of a long log, in shares of its
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
 SLOWEST_COOLING = 200.0  # s, in which wires and silicone lose most of their heat
 MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
-MIN_HEAT_CORRELATION = 0.5  # correlation of a column with the heat that it follows
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
 MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
 HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in degrees
 FIXED_POINT_SHARE = 0.02  # movement of a point that is fixed, in shares of the tip's
 MIN_HEATED_TIME = 1.0  # s of full duty, with which a wire counts as heated
-MIN_FIRST_TURN = 0.85  # of the turn of a limb's first link, if it were bent evenly
 CONTRADICTIONS = ("inverted", "mixed units", "named thermocouple", "named unit")  # questions
 DEGREES_PER_UNIT = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "mdeg": 1e-3}
 
@@ -91,72 +87,6 @@ class Proposal:
     columns: list[str] = dataclasses.field(default_factory=list)
 
 
-class Column:
-    """A column: its name, and its numbers (K,) in rows whose time increases."""
-
-    def __init__(self, name: Name, values: np.ndarray, steps: Steps):
-        self.name = name
-        self.text = name.text
-        self.values = values
-        self.steps = steps
-        is_missing = np.isnan(values)
-        self.present = values[~is_missing] if is_missing.any() else values
-        self.low, self.high = np.quantile(self.present, [0.02, 0.99])
-        self.span = float(np.ptp(self.present))
-        self.top = float(np.abs(self.present).max())
-        # A duty is 0 at times, stands still mostly, and is not negative.
-        self.looks_like_heat = False
-        if self.span and self.present.min() >= 0 and self.present.max() <= FULL_SCALES[-1]:
-            is_mostly_still = bool(np.mean(np.diff(self.present) == 0) > 0.5)
-            self.looks_like_heat = is_mostly_still and bool((self.present == 0).mean() > 0.02)
-
-    def __str__(self) -> str:
-        return self.text
-
-    @functools.cached_property
-    def means(self) -> np.ndarray:
-        """Its mean in each step (N,)."""
-        return self.steps.means(self.values)
-
-    def heat(self, sign: float = 1.0) -> np.ndarray:
-        """Return the heat of a duty in each step (N,), by its positive or negative numbers."""
-        return self.steps.heat(np.clip(sign * self.values, 0.0, None)) / (self.top or 1.0)
-
-    def votes(self, heats: np.ndarray) -> np.ndarray:
-        """Return its response to each heat (W,), in standard errors; 0 where it is weak."""
-        gains, errors = self.steps.responses(heats, self.means[None])
-        votes = gains[0] / errors[0]
-        for index, heat in enumerate(heats):
-            votes[index] *= abs(correlation(heat, self.means)) > MIN_HEAT_CORRELATION
-        return votes
-
-
-class ColumnList(list[Column]):
-    """Some columns of a log."""
-
-    def each(self, attribute: str) -> list[Any]:
-        """Return an attribute of each column, such as "name.label"."""
-        return list(map(operator.attrgetter(attribute), self))
-
-    def where(self, is_chosen: Callable[[Column], object]) -> "ColumnList":
-        """Return the columns for which a condition holds."""
-        return ColumnList(filter(is_chosen, self))
-
-    @property
-    def moving(self) -> "ColumnList":
-        """The columns whose numbers change."""
-        return self.where(lambda column: column.span > 0)
-
-    def labelled(self, label: str) -> "ColumnList":
-        """Return the columns with a wire's label in their names; none if it is empty."""
-        return self.where(lambda column: label and column.name.label == label)
-
-    def without(self, columns: Iterable[object]) -> "ColumnList":
-        """Return the columns that are not among some others."""
-        others = list(columns)
-        return self.where(lambda column: column not in others)
-
-
 class Columns:
     """The columns of a log, and the signals that they are taken for: one duty, bend and so on.
 
@@ -190,7 +120,12 @@ class Columns:
         names = []
         for text, unit in zip(table.names, table.units, strict=True):
             names.append(Name(text, dictionary, unit, table.names))
-        self.time = time or self._time(names)
+        self.time = time or clock.find_time(table, names)
+        if self.time.unit == UNKNOWN:
+            self.ask("time unit", "time.unit", ["s", "ms", "us"], column=self.time.column)
+        if not self.time.column or self.time.unit == mapping.FRAMES:
+            what = f"the frames in {self.time.column}" if self.time.column else "the rows"
+            self.ask("rate", "rate", ["10.0"], what=what)
         # To see what follows what, rows without a time come at any rate.
         try:
             self.times, self.rows, _ = clock.times_of(table, self.time, 10.0)
@@ -199,21 +134,9 @@ class Columns:
             self.rows = slice(None)
         self.steps = Steps(self.times)
         self.is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
-        # Leave out the numbers that stand for no reading in any column but the time.
-        values_of_name = {name: table.numbers(name.text)[self.rows] for name in names}
-        for name in names:
-            if name.text in (self.time.column, self.time.fraction):
-                del values_of_name[name]
-        codes = set(itertools.chain(*map(_missing_codes, values_of_name.values())))
-        self.missing = sorted(codes)
-        self.columns = ColumnList()
-        for name, values in values_of_name.items():
-            is_left_out = np.abs(values) > MAX_NUMBER
-            is_left_out |= np.isin(values, self.missing) if self.missing else False
-            is_left_out |= values == 0 if name.role == TEMPERATURE else False
-            cleaned = np.where(is_left_out, np.nan, values) if is_left_out.any() else values
-            if np.count_nonzero(~np.isnan(cleaned)) > 5:
-                self.columns.append(Column(name, cleaned, self.steps))
+        is_time = (self.time.column, self.time.fraction).__contains__
+        names = [name for name in names if not is_time(name.text)]
+        self.columns, self.missing = read_columns(table, names, self.rows, self.steps)
         self.free = ColumnList(self.columns)
 
     @functools.cached_property
@@ -277,23 +200,6 @@ class Columns:
         if stems:
             self.ask("like columns", f"wires[0].{role}", similar, role=role)
         return ColumnList()
-
-    def _time(self, names: list[Name]) -> mapping.TimeColumn:
-        """Return the column that increases as a clock does; a question if there is none."""
-        time = clock.find_time(self.table, names)
-        if time.unit == UNKNOWN:
-            self.ask("time unit", "time.unit", ["s", "ms", "us"], column=time.column)
-        if time.column:
-            return time
-        # Without a clock, frames or rows come at a rate.
-        rows = "the rows"
-        for name in names:
-            if name.role == words.FRAME and (np.diff(self.table.numbers(name.text)) > 0).all():
-                time = mapping.TimeColumn(name.text, mapping.FRAMES)
-                rows = f"the frames in {name.text}"
-                break
-        self.ask("rate", "rate", ["10.0"], what=rows)
-        return time
 
     # Duty.
 
@@ -566,14 +472,14 @@ class Columns:
         # Without names, it is a column that follows the heat, or the only one that may be.
         if not candidates:
             unnamed = self._unnamed().where(lambda c: not c.looks_like_heat)
-            candidates = unnamed.where(self._follows_heat)
+            candidates = unnamed.where(self._is_bent)
             if len(unnamed) == 1 and not self.duties:
                 candidates = unnamed
         if not candidates:
             # Another quantity may be turned into it by a scale.
             others = self._of_role("").moving.where(self.free.__contains__)
             others = others.where(lambda c: not c.looks_like_heat)
-            likely = others.where(self._follows_heat)[:3]
+            likely = others.where(self._is_bent)[:3]
             hints = [f"; {c.text} is a {c.name.quantity}: if it is it, give scale" for c in likely]
             self.ask("no bend", "bend.column", likely, hints="".join(hints))
             return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
@@ -586,7 +492,7 @@ class Columns:
                 return BendColumns(UNKNOWN)
         return self._bend_column(first)
 
-    def _follows_heat(self, column: Column) -> bool:
+    def _is_bent(self, column: Column) -> bool:
         """Return whether a column clearly follows the heat of a wire."""
         return bool((np.abs(column.votes(self.heats)) > MIN_VOTE).any())
 
@@ -615,7 +521,7 @@ class Columns:
         moves = np.hypot(spreads[::2], spreads[1::2])
         is_still = moves <= FIXED_POINT_SHARE * moves.max()
         is_clear = is_still[0] and not is_still[1:].any()
-        is_clear &= says_base or _bends_from_first(means[::2], means[1::2])
+        is_clear &= says_base or bends_from_first(means[::2], means[1::2])
         if not says_fixed and (is_clear or not self.heats.any()):
             zero = base_direction(coordinates.each("values"))
             # In the picture, the limb's right is clockwise.
@@ -819,30 +725,3 @@ def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
     if len(fits) == 1 and len(levels) >= (MIN_LEVELS[0] if may_be_few else MIN_LEVELS[1]):
         return fits[0]
     return 255.0 if is_pwm and 127.0 < most <= 255.0 else 0.0
-
-
-def _bends_from_first(x: np.ndarray, y: np.ndarray) -> bool:
-    """Return whether links of P points x, y (P, N) turn as if clamped at the first point.
-
-    For constant curvature, links turn in proportion to the distance of their middles. Limbs bend
-    more near their base; a link that begins before the base turns less.
-    """
-    lengths = np.nanmedian(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)), axis=1)
-    middles = np.cumsum(lengths) - lengths / 2
-    links = np.arctan2(np.diff(y, axis=0), np.diff(x, axis=0))
-    links = np.unwrap(links[:, ~np.isnan(links).any(axis=0)], axis=1)
-    turns = links.std(axis=1)
-    expected = turns[-1] * middles[0] / middles[-1]
-    return len(x) > 2 and bool(MIN_FIRST_TURN * expected < turns[0])
-
-
-def _missing_codes(values: np.ndarray) -> set[float]:
-    """Return the `MISSING_CODES` in a column (K,) that are far from all readings there."""
-    is_code = np.isin(values, MISSING_CODES)
-    readings = values[~np.isnan(values) & ~is_code]
-    if not is_code.any() or not len(readings):
-        return set()
-    low, high = np.quantile(readings, [0.01, 0.99])
-    codes = np.unique(values[is_code])
-    is_near = (codes > low - 2 * (high - low) - 1) & (codes < high + 2 * (high - low) + 1)
-    return set(codes[~is_near].tolist())
