@@ -335,15 +335,10 @@ class Columns:
                 unpaired.remove(warmed)
             else:
                 open_wires.append(index)
-        # Of columns of one stem, the only one that is left is of the only wire that is left.
-        are_similar = len(set(self.temperatures.each("name.stem"))) == 1
-        is_last = are_similar and len(self.temperatures) == len(self.wires) and len(open_wires) == 1
+        # Ask about wires that may have one of the thermocouples that are left.
         for index in open_wires:
-            wire = self.wires[index]
-            candidates = unpaired.where(functools.partial(self._may_have, wire))
-            if is_last and len(unpaired) == len(candidates) == 1:
-                wire.temperature = unpaired.pop().text
-            elif candidates:
+            candidates = unpaired.where(functools.partial(self._may_have, self.wires[index]))
+            if candidates:
                 self._ask_temperature(index, candidates)
         self._name_by_thermocouples()
         # Ask about thermocouples without a wire.
