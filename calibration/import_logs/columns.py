@@ -1,6 +1,7 @@
 """The columns of a log: what their names say, and their numbers."""
 
 import functools
+import itertools
 import operator
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -74,9 +75,13 @@ class ColumnList(list[Column]):
         """The columns whose numbers change."""
         return self.where(lambda column: column.span > 0)
 
+    def having(self, attribute: str, value: object) -> "ColumnList":
+        """Return the columns that have a value of an attribute."""
+        return ColumnList(itertools.compress(self, [own == value for own in self.each(attribute)]))
+
     def labelled(self, label: str) -> "ColumnList":
         """Return the columns with a wire's label in their names; none if it is empty."""
-        return self.where(lambda column: label and column.name.label == label)
+        return self.having("name.label", label) if label else ColumnList()
 
     def without(self, columns: Iterable[object]) -> "ColumnList":
         """Return the columns that are not among some others."""
