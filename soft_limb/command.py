@@ -176,12 +176,16 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
     for number in SIGNALS:
         if number != signal.SIGHUP or previous_handlers[number] != signal.SIG_IGN:
             signal.signal(number, stop)
-    # Run it.
+    # Run it. When it has ended, further signals are ignored until all is printed.
     try:
-        with warnings.catch_warnings():
-            warnings.showwarning = _print_warning
-            status = command()
-        sys.stdout.flush()
+        try:
+            with warnings.catch_warnings():
+                warnings.showwarning = _print_warning
+                status = command()
+            sys.stdout.flush()
+        finally:
+            for number in SIGNALS:
+                signal.signal(number, signal.SIG_IGN)
     except BrokenPipeError:
         # The reader has closed the pipe, as `| head` does; do not flush the rest at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
