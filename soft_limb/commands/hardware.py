@@ -298,6 +298,7 @@ def _follow(options: argparse.Namespace) -> int:
             smoothing_time=options.smooth,
             controller=options.controller,
             real_time=bool(options.port),
+            tell=lambda step: print(step, file=sys.stderr, flush=True),
             live=live,
         )
         print_summary(options, summary, outputs)
