@@ -52,10 +52,10 @@ Bool = _type("Bool", _Message, data=bool)
 
 
 class DdsNode:
-    """A `Node` of the DDS domain ROS_DOMAIN_ID; 0 if that is not set.
+    """A writer and reader of messages in the DDS domain ROS_DOMAIN_ID; 0 if that is not set.
 
-    Its writers are reliable, so that any reader matches; its readers need reliable writers,
-    which is the default of ROS 2. Raises DDSException if there is no network, for example.
+    It never waits. Its writers are reliable, so that any reader matches; its readers need reliable
+    writers, which is the default of ROS 2. Raises DDSException if there is no network, for example.
     """
 
     def __init__(self, topics: Topics):
