@@ -1,7 +1,6 @@
 """The examples and the README's script run as a newcomer runs them."""
 
 import contextlib
-import functools
 import io
 import re
 import runpy
@@ -12,12 +11,9 @@ from unittest import mock
 import numpy as np
 import pytest
 
-import calibration
-from hardware import LimbTwin
 from limb_systems import (
     Limb,
     LimbParameters,
-    LinearLaw,
     Recording,
     Trajectory,
     simulate,
@@ -130,48 +126,6 @@ def test_yaml_to_recording(tmp_path, monkeypatch):
     assert 0.4 * expected < np.ptp(right) < expected  # it lags
     assert np.rad2deg(recording.bend_angle[0, -20:].mean()) > 6.0
     assert (tmp_path / "replay.png").read_bytes().startswith(PNG)
-
-
-@pytest.mark.whole
-def test_calibrate_from_csv(tmp_path, monkeypatch):
-    """Sag and ring-down tell more of k than the sag does alone, by the statics of small angles."""
-    one_law = functools.partial(calibration.calibrate, laws=(LinearLaw,))  # others take long
-    monkeypatch.setattr(calibration, "calibrate", one_law)
-    said = run([EXAMPLES / "calibrate_from_csv.py", "-o", tmp_path], tmp_path)
-    limb = LimbParameters.load(tmp_path / "limb.yaml")
-    (segment,) = limb.segments
-    by_kind = {
-        kind: [
-            np.genfromtxt(path, delimiter=",", names=True)
-            for path in (tmp_path / "log").glob(f"{kind}*.csv")
-        ]
-        for kind in ("sag", "ring_down", "right", "left", "both")
-    }
-    logs = by_kind.pop("sag")
-    # At rest it is where it is at the end of ring-downs, and where heating of cold wires begins.
-    rest = [log["bend_deg"][log["ms"] > log["ms"][-1] - 2000] for log in by_kind.pop("ring_down")]
-    rest += [
-        log["bend_deg"][log["ms"] < 1000]
-        for (log,) in by_kind.values()
-        if max(log["temp_l"][0], log["temp_r"][0]) < limb.ambient_temperature + 3
-    ]
-    sags = [log["bend_deg"][-100:].mean() for log in logs]
-    sag = np.deg2rad(np.median([np.median(angles) for angles in rest]) - np.mean(sags))
-    links = segment.links
-    # With N links beyond a joint, its torque is that of N² / n² of the weight at half the length.
-    squares = (np.arange(links) + 1.0) ** 2
-    weight = segment.mass * 9.81 * segment.length
-    half_tangent = (links + 1) / (2 * links + 1) * (squares.sum() + squares[0] / 2)
-    stiffness = weight / (2 * links**2) * half_tangent / sag
-    true = LimbTwin(seed=0).specimen.segments[0].stiffness
-    assert segment.stiffness == pytest.approx(true, rel=0.15)
-    assert abs(segment.stiffness - true) < 0.6 * abs(stiffness - true)
-    assert limb.ambient_temperature == pytest.approx(
-        np.mean([log["temp_l"] for log in logs]), abs=2
-    )
-    assert float(re.search(r"φ_sim\|: mean (.*?)°", said)[1]) < 10.0
-    assert "log/left_1.csv" in said
-    assert b"</html>" in (tmp_path / "calibration.html").read_bytes()
 
 
 @pytest.mark.whole
