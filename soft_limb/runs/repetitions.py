@@ -126,7 +126,7 @@ def make_rested_robots(
 
     def rested_robot() -> LimbSystem:
         with open_link(port, trajectory.parameters) as link:
-            wait_for_cool_wires(lambda: present_temperature(link), trajectory, tell=tell)
+            wait_for_cool_wires(lambda: present_temperature(link), trajectory, tell)
         return SerialLimb(port, trajectory.parameters)
 
     return rested_robot
@@ -135,25 +135,21 @@ def make_rested_robots(
 def wait_for_cool_wires(
     read: Callable[[], np.ndarray],
     trajectory: Trajectory,
-    *,
-    longest: float = MAX_REST_TIME,
-    period: float = READ_PERIOD,
     tell: Callable[[str], object] = lambda text: None,
 ) -> None:
     """Wait until no wire is read more than `COOL_TOLERANCE` above the start of a plan.
 
     Args:
         read: function that returns V of the wires (W,), °C.
-        longest, period: longest time to wait, and time between two readings, s.
         tell: function that is called with a text on the warmest wire at each reading.
 
     Raises:
-        ReplayError: if a wire is too warm after the longest time.
+        ReplayError: if a wire is too warm after `MAX_REST_TIME`.
     """
     start = trajectory.measured_temperature[:, 0]
     names = trajectory.parameters.wire_names
     begin = time.monotonic()
-    with Progress("resting until the wires are cool", longest, "s") as progress:
+    with Progress("resting until the wires are cool", MAX_REST_TIME, "s") as progress:
         while True:
             # Find the wire that is farthest above its start.
             excess = read() - start
@@ -163,7 +159,7 @@ def wait_for_cool_wires(
             # Give up, or wait.
             waited = time.monotonic() - begin
             reading = start[warmest] + excess[warmest]
-            if waited > longest:
+            if waited > MAX_REST_TIME:
                 raise ReplayError(
                     f"After {waited:.0f} s of rest the {names[warmest]} wire is still at "
                     f"{reading:.1f} °C, but the trajectory starts at {start[warmest]:.1f} °C; cool "
@@ -172,7 +168,7 @@ def wait_for_cool_wires(
             remark = f"{names[warmest]} {reading:.1f} °C"
             progress.update(waited, remark)
             tell(f"Resting until the wires are cool: {remark}")
-            time.sleep(period)
+            time.sleep(READ_PERIOD)
 
 
 def load_or_create_learner(folder: Path, trajectory: Trajectory, *, force: bool = False) -> Learner:
