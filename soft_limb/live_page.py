@@ -363,10 +363,10 @@ def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[fl
         ("duty", layout.num_wires, 1.0),
         ("applied_duty", layout.num_wires, 1.0),
     ):
-        rows = [getattr(reading, name) for reading in readings]
-        for i in range(size):
-            values = [math.nan if row is None else scale * row[i] for row in rows]
-            columns_by_name[f"{name}_{i}"] = values
+        gap = [math.nan] * size
+        rows = [getattr(reading, name) or gap for reading in readings]
+        for number, values in enumerate(scale * np.reshape(rows, (-1, size)).T):
+            columns_by_name[f"{name}_{number}"] = values.tolist()
     return columns_by_name
 
 
@@ -415,20 +415,15 @@ def panels(header: RunHeader) -> list[Panel]:
         }
     # Draw the limits of temperature as lines.
     ends = np.array([0.0, header.duration])
-    lines = (
-        (f"T_max {limits.maximum:g} °C", limits.maximum, T_MAX_COLOR, "dotted"),
-        (f"off at {header.limit:g} °C", header.limit, LIMIT_COLOR, "solid"),
-    )
-    return measured_panels(
-        header.parameters,
-        measured,
-        plan,
-        limits=[
-            Curve(name, ends, np.full(2, value), color, dash, 2.0)
-            for name, value, color, dash in lines
-        ],
-        bands=bands,
-    )
+
+    def limit_line(name: str, value: float, color: str, dash: str) -> Curve:
+        return Curve(f"{name} {value:g} °C", ends, np.full(2, value), color, dash, 2.0)
+
+    lines = [
+        limit_line("T_max", limits.maximum, T_MAX_COLOR, "dotted"),
+        limit_line("off at", header.limit, LIMIT_COLOR, "solid"),
+    ]
+    return measured_panels(header.parameters, measured, plan, limits=lines, bands=bands)
 
 
 def state(run: Run) -> str:

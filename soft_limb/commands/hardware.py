@@ -62,8 +62,11 @@ NO_SUPPLY = 0.0  # V, the answer for a board whose supply heats no wire
 
 def _serial_ports() -> Summary:
     """Return the serial ports of this computer."""
-    texts = {port.device: port.description for port in list_ports.comports()}
-    values = [{"port": name, "description": text} for name, text in texts.items()]
+    texts = {}
+    values = []
+    for port in list_ports.comports():
+        texts[port.device] = port.description
+        values.append({"port": port.device, "description": port.description})
     if not texts:
         texts = {"ports": "no serial ports; is the board plugged in?"}
     return Summary.of(texts, {"ports": values})

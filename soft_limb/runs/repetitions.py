@@ -205,11 +205,11 @@ def load_or_create_learner(folder: Path, trajectory: Trajectory, *, force: bool 
 
 def report_repetitions(learner: Learner, folder: Path) -> list[Path]:
     """Write the report of all repetitions, if there are recordings; return its path."""
-    complete = {
-        number: path
-        for number in range(1, len(learner.repetitions) + 1)
-        if (path := recording_path(folder, number)).exists()
-    }
+    complete = {}
+    for number in range(1, len(learner.repetitions) + 1):
+        path = recording_path(folder, number)
+        if path.exists():
+            complete[number] = path
     if not complete:
         return []
     write_learning_report(learner, complete, folder / STATE_FILE, folder / REPORT_FILE)

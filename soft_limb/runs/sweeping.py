@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import itertools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -58,20 +58,22 @@ class Case:
 
     @property
     def name(self) -> dict[str, str]:
-        """The cells that identify the row of this case in the table."""
-        return {
-            **{field: f"{value:.12g}" for field, value in self.fields},
-            "motion": self.motion,
-            "controller": self.controller,
-            "seed": "" if self.seed is None else str(self.seed),
-        }
+        """The cells that identify the row of this case in the table; the seed is the last."""
+        fields = {field: f"{value:.12g}" for field, value in self.fields}
+        seed = "" if self.seed is None else str(self.seed)
+        return fields | {"motion": self.motion, "controller": self.controller, "seed": seed}
+
+    @property
+    def group(self) -> tuple[str, ...]:
+        """The cells that cases have in common which differ by the seed alone."""
+        return tuple(self.name.values())[:-1]
 
 
 def make_cases(
     limb: LimbParameters,
     motions: Sequence[str],
     *,
-    vary: Sequence[tuple[str, Sequence[float]]] = (),
+    vary: Mapping[str, Sequence[float]],
     controllers: Sequence[str] = (OPEN_LOOP,),
     seeds: Sequence[int] | None = None,
 ) -> list[Case]:
@@ -80,7 +82,7 @@ def make_cases(
     Args:
         limb: a description, around which the seeds draw emulated limbs, or a calibrated limb.
         motions, controllers: see `Case`.
-        vary: fields of the limb, such as ``segments.0.stiffness``, and their values.
+        vary: values of fields of the limb, such as ``segments.0.stiffness``.
         seeds: seeds of emulated limbs; if None the limb that ``limb`` was calibrated on, or 0.
 
     Raises:
@@ -97,9 +99,8 @@ def make_cases(
     default: list[int | None] = [None] if calibrated else [0]
     # Combine them with limbs, motions and controllers.
     cases = []
-    names = [name for name, _ in vary]
-    for values in itertools.product(*(values for _, values in vary)):
-        fields = tuple(zip(names, values, strict=True))
+    for values in itertools.product(*vary.values()):
+        fields = tuple(zip(vary, values, strict=True))
         varied = _with_fields(limb, fields)
         for motion, controller, seed in itertools.product(motions, controllers, seeds or default):
             cases.append(Case(motion, varied, fields, controller, seed))
@@ -197,12 +198,11 @@ def sweep(
     """
     each = functools.partial(run_each, num_processes=num_processes, cluster=cluster, in_order=True)
     # Make each plan once; it does not depend on the seed.
-    keys = [tuple((case.name | {"seed": ""}).values()) for case in cases]
-    case_of_plan = dict(zip(keys, cases, strict=True))
-    plans = dict(zip(case_of_plan, each(_make_plan, case_of_plan.values()), strict=True))
+    planned = {case.group: case for case in cases}
+    plans = dict(zip(planned, each(_make_plan, planned.values()), strict=True))
     # Drive all limbs.
     rows = []
-    jobs = [(case, plans[key]) for case, key in zip(cases, keys, strict=True)]
+    jobs = [(case, plans[case.group]) for case in cases]
     with raising_output_error(file), file.open("w", newline="", encoding="utf-8") as table:
         writer = csv.DictWriter(table, [*cases[0].name, *RESULT_COLUMNS], lineterminator="\n")
         writer.writeheader()
@@ -216,18 +216,24 @@ def sweep(
 
 def mean_table(rows: Sequence[dict[str, str]]) -> Iterator[list[str]]:
     """Yield a header, and a row for each combination: mean angles, highest V and T over limbs."""
-    groupers = [name for name in rows[0] if name not in ("seed", *RESULT_COLUMNS)]
-    yield [*groupers, "runs", "from reference", "plan from it", "from plan", "V", "T", "troubles"]
+    columns = list(rows[0])
+    num_groupers = columns.index("seed")
+    header = [*columns[:num_groupers], "runs", "from reference", "plan from it", "from plan"]
+    yield [*header, "V", "T", "troubles"]
     # Group the rows by all but the limb.
     groups = collections.defaultdict(list)
     for row in rows:
-        groups[tuple(row[name] for name in groupers)].append(row)
-    # Average the runs that were driven; others have an error.
+        groups[tuple(row.values())[:num_groupers]].append(row)
     for group, runs in groups.items():
-        driven = [row for row in runs if row["reference_deg"]]
-        numbers = np.array([[float(row[name]) for name in RESULT_COLUMNS[:5]] for row in driven])
+        # Average the runs that were driven; others have an error.
+        numbers = []
+        num_troubles = 0
+        for row in runs:
+            num_troubles += bool(row["trouble"])
+            if row["reference_deg"]:
+                numbers.append([float(row[name]) for name in RESULT_COLUMNS[:5]])
         cells = [""] * 5
-        if driven:
-            cells = [f"{mean:.2f}°" for mean in numbers[:, :3].mean(axis=0)]
-            cells += [f"{highest:.0f} °C" for highest in numbers[:, 3:].max(axis=0)]
-        yield [*group, str(len(runs)), *cells, str(sum(bool(row["trouble"]) for row in runs))]
+        if numbers:
+            cells = [f"{mean:.2f}°" for mean in np.mean(numbers, axis=0)[:3]]
+            cells += [f"{highest:.0f} °C" for highest in np.max(numbers, axis=0)[3:]]
+        yield [*group, str(len(runs)), *cells, str(num_troubles)]
