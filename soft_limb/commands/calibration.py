@@ -192,9 +192,10 @@ def _fit(options: argparse.Namespace) -> int:
     recorded = {name: sorted(folder.glob("*.csv")) for name, folder in folders.items()}
     # Check the outputs before the fit, which takes minutes: each limb has its own report.
     report: Path | None = options.report
-    reports = {}
-    for name in folders if report else ():
-        reports[name] = report.with_stem(f"{report.stem}_{name}") if name else report
+    reports: dict[str, Path] = {}
+    for name in folders:
+        if report:
+            reports[name] = report.with_stem(f"{report.stem}_{name}") if name else report
     outputs = [options.output, *reports.values()]
     recordings = itertools.chain(*recorded.values())
     inputs = [options.limb, *recordings]
