@@ -430,7 +430,7 @@ def state(run: Run) -> str:
     """Return the line on top, HTML: state of the wires or reason of the end, activity, alarms."""
     # Choose the first state that applies; the colour is red for failures.
     silence = time.monotonic() - run.last_message
-    board = run.reading.board if run.reading is not None else None
+    sample = run.reading.sample if run.reading is not None else None
     kind = "off"
     if run.end_reason:
         kind = "off" if run.end_reason == DONE else "bad"
@@ -440,14 +440,14 @@ def state(run: Run) -> str:
     elif silence > SILENCE_TIMEOUT:
         kind = "bad"
         text = f"No reading of the limb for {silence:.0f} s"
-    elif board is None:
+    elif sample is None:
         kind = "armed"
         text = "Running"
-    elif board.armed:
+    elif sample.armed:
         kind = "armed"
         text = "Armed: wires may be heated"
     else:
-        text = f"Wires off: {board.reason}"
+        text = f"Wires off: {sample.reason_text}"
     return part("state", kind, text, run.activity, alarms(run))
 
 
@@ -483,10 +483,10 @@ def facts(run: Run) -> str:
             rows.append((name, [f"{value:.{digits}f}" for value in values]))
 
     if reading is not None:
-        board = reading.board
+        sample = reading.sample
         # A table with a column for each wire.
         add("reading V, °C", reading.measured_temperature, 1)
-        add("at most, by its duty, °C", board.warmest if board else None, 0)
+        add("at most, by its duty, °C", sample.warmest if sample else None, 0)
         if run.is_running:  # else the last duty is no longer applied
             add("duty", reading.duty, 2)
             add("duty applied", reading.applied_duty, 2)
@@ -494,8 +494,8 @@ def facts(run: Run) -> str:
         bends = ", ".join(f"{np.rad2deg(bend):+.1f}°" for bend in reading.bend_angle)
         lines.append(f"φ {bends}")
         lines.append(f"{reading.time:.1f} s of {header.duration:g} s")
-        if board is not None:
-            lines.append(f"{board.lost_samples} samples lost")
+        if sample is not None:
+            lines.append(f"{reading.lost_samples} samples lost")
     if header.band is not None:
         lines.append("Shaded: 95% band of the bend reading, 99.5% upper bound of wire temperature.")
     names = [name.replace("_", " ") for name in header.parameters.wire_names]

@@ -333,6 +333,7 @@ def disturbance_table(summaries: Sequence[Summary]) -> Rows:
     limbs = limbs_of_family(summaries)
     disturbances = dict.fromkeys(itertools.chain(*(limb.disturbed for limb in limbs)))
     every = []
+    # Add a row for each disturbance; open loop has no row where a sensor is disturbed.
     for name in disturbances:
         closed = _of_limbs(limbs, "disturbed", name, FEEDBACK)
         opened = _of_limbs(limbs, "disturbed", name, OPEN_LOOP)

@@ -203,6 +203,7 @@ class SerialPort(Closeable):
             HardwareError: if it cannot be opened, or another program has it.
         """
         self.port = port
+        # Open it, and explain an error in words.
         try:
             self._serial = serial.serial_for_url(
                 port, BAUD_RATE, timeout=0.01, write_timeout=WRITE_TIMEOUT, do_not_open=True

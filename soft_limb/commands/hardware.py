@@ -163,6 +163,7 @@ def _supply_answers(options: argparse.Namespace) -> tuple[float | None, bool | N
     check_port_exists(options.port)
     voltage = options.supply
     cut_off = options.cut_off
+    # Ask at a terminal what the options do not say.
     if sys.stdin.isatty() and not options.json:
         if voltage is None:
             answer = _read_answer(
@@ -270,6 +271,7 @@ def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
             f"This trajectory was planned with the calibration of the emulated limb {board.seed}, "
             f"not {options.emulated}; calibrate limb {options.emulated}, or leave --emulated out."
         )
+    # Warn that a plan for a calibrated robot says nothing about an emulated limb.
     twin = LimbTwin.of(planned, options.emulated or 0)
     if twin.specimen.around_calibrated:
         warnings.warn(
@@ -409,6 +411,7 @@ def _emulate(options: argparse.Namespace) -> int:
     check_outputs([options.log], inputs=[options.limb, options.robot], force=options.force)
     twin: EmulatedSystem
     limbs = []
+    # Emulate a robot, with a board for each limb or for all, or a limb.
     if options.robot:
         if options.limb or options.physics != "lumped":
             raise LimbError(

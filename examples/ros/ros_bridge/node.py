@@ -26,6 +26,7 @@ def serve(pipe: Connection) -> None:
         return
     listener = Listener(topics, num_wires, total_duty)
     pipe.send("")
+    # Publish what the pipe brings, and answer with the commands.
     while True:
         previous = listener.received
         is_asked = pipe.poll(TURN_TIME)
