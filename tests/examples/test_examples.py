@@ -17,9 +17,9 @@ from limb_systems import (
     Recording,
     Trajectory,
     simulate,
-    tip_position,
 )
 from limb_systems.kinematics import link_positions
+from planners import plan, references
 
 from ..hardware.conftest import VirtualBoard
 from ..hardware.virtual_time import VirtualTime
@@ -161,20 +161,11 @@ def test_two_segments(tmp_path):
 
 
 @pytest.mark.whole
-def test_draw_in_space(tmp_path):
-    """Feedback brings the tip of a limb that is not calibrated to where it is asked to be."""
-    (tmp_path / "path.csv").write_text("8,0\n8,8\n0,8\n")
-    arguments = [EXAMPLES / "draw_in_space.py", "path.csv", "-o", tmp_path]
-    said = run(arguments, tmp_path)
-    open_loop, feedback = map(float, re.findall(r"^\w+ +(.*)° from what", said, re.MULTILINE))
-    assert feedback < open_loop / 2
-    plan = Trajectory.load(tmp_path / "drawing.csv")
-    _, *tip = 1e3 * tip_position(plan.parameters, plan.joint_angles)
-    np.testing.assert_allclose(np.array(tip)[:, [0, 250, -1]], [[0, 8, 0], [0, 0, 8]], atol=0.7)
-    for name in ("open_loop", "feedback"):
-        assert (tmp_path / f"drawing_{name}.png").read_bytes().startswith(PNG)
-        assert b"</html>" in (tmp_path / f"drawing_{name}.html").read_bytes()
-    files = "drawing.csv", "drawing_feedback.csv"
+def test_figure_in_space(tmp_path):
+    trajectory = plan(LimbParameters.in_space(), references.circle(np.deg2rad(10.0), 40.0))
+    trajectory.save(tmp_path / "plan.csv")
+    simulate(Limb(trajectory.parameters), trajectory).save(tmp_path / "recording.csv")
+    files = "plan.csv", "recording.csv"
     run([EXAMPLES / "figure_in_space.py", *files, "-o", "space.png"], tmp_path)
     assert (tmp_path / "space.png").read_bytes().startswith(PNG)
 
