@@ -43,30 +43,14 @@ RESULT_COLUMNS = (
 class Case:
     """One run of a sweep.
 
-    - ``motion``: name of a reference, or the path of its file.
+    - ``group``: cells of its row in the table, by column, that are equal for all seeds.
     - ``limb``: parameters that the plan is made for.
-    - ``fields``: varied fields of the limb, with their values.
-    - ``controller``: key in `CONTROLLERS`.
     - ``seed``: emulated limb to drive; None for the limb that ``limb`` was calibrated on.
     """
 
-    motion: str
+    group: dict[str, str]
     limb: LimbParameters
-    fields: tuple[tuple[str, float], ...]
-    controller: str
     seed: int | None
-
-    @property
-    def name(self) -> dict[str, str]:
-        """The cells that identify the row of this case in the table; the seed is the last."""
-        fields = {field: f"{value:.12g}" for field, value in self.fields}
-        seed = "" if self.seed is None else str(self.seed)
-        return fields | {"motion": self.motion, "controller": self.controller, "seed": seed}
-
-    @property
-    def group(self) -> tuple[str, ...]:
-        """The cells that cases have in common which differ by the seed alone."""
-        return tuple(self.name.values())[:-1]
 
 
 def make_cases(
@@ -81,8 +65,9 @@ def make_cases(
 
     Args:
         limb: a description, around which the seeds draw emulated limbs, or a calibrated limb.
-        motions, controllers: see `Case`.
+        motions: names of references, or paths of their files.
         vary: values of fields of the limb, such as ``segments.0.stiffness``.
+        controllers: keys in `CONTROLLERS`.
         seeds: seeds of emulated limbs; if None the limb that ``limb`` was calibrated on, or 0.
 
     Raises:
@@ -100,17 +85,19 @@ def make_cases(
     # Combine them with limbs, motions and controllers.
     cases = []
     for values in itertools.product(*vary.values()):
-        fields = tuple(zip(vary, values, strict=True))
+        fields = dict(zip(vary, values, strict=True))
         varied = _with_fields(limb, fields)
+        texts = {field: f"{value:.12g}" for field, value in fields.items()}
         for motion, controller, seed in itertools.product(motions, controllers, seeds or default):
-            cases.append(Case(motion, varied, fields, controller, seed))
+            group = texts | {"motion": motion, "controller": controller}
+            cases.append(Case(group, varied, seed))
     return cases
 
 
-def _with_fields(described: LimbParameters, fields: Sequence[tuple[str, float]]) -> LimbParameters:
+def _with_fields(described: LimbParameters, fields: Mapping[str, float]) -> LimbParameters:
     """Return a limb with new values in some fields, such as ``segments.0.stiffness``."""
     limb: Any = copy.deepcopy(described)
-    for path, value in fields:
+    for path, value in fields.items():
         *parents, last = path.split(".")
         try:
             owner = functools.reduce(_get_part, parents, limb)
@@ -139,11 +126,10 @@ Planned = tuple[Trajectory | str, float]  # the plan or the error, and the time 
 def _make_plan(case: Case) -> Planned:
     """Plan the motion of a case, for feedback if a controller drives the limb."""
     start = time.perf_counter()
-    task = None if case.controller == OPEN_LOOP else Task.closed_loop()
+    task = None if case.group["controller"] == OPEN_LOOP else Task.closed_loop()
+    reference = load_reference(case.group["motion"], SMOOTHING_TIME)
     try:
-        made: Trajectory | str = plan(
-            case.limb, load_reference(case.motion, SMOOTHING_TIME), task=task
-        )
+        made: Trajectory | str = plan(case.limb, reference, task=task)
     except LimbError as error:
         made = " ".join(str(error).split())
     return made, time.perf_counter() - start
@@ -152,13 +138,14 @@ def _make_plan(case: Case) -> Planned:
 def _run_case(job: tuple[Case, Planned]) -> dict[str, str]:
     """Drive the emulated limb of a case along the plan, and return the row."""
     case, (trajectory, planning_time) = job
-    row = dict.fromkeys(RESULT_COLUMNS, "") | {"planning_s": f"{planning_time:.3g}"}
+    row = case.group | {"seed": "" if case.seed is None else str(case.seed)}
+    row |= dict.fromkeys(RESULT_COLUMNS, "") | {"planning_s": f"{planning_time:.3g}"}
     if isinstance(trajectory, str):
-        return case.name | row | {"trouble": trajectory}
+        return row | {"trouble": trajectory}
     try:
         # Drive the emulated limb.
         twin = LimbTwin.of(case.limb, case.seed or 0)
-        controller = make_controller(case.controller, trajectory)
+        controller = make_controller(case.group["controller"], trajectory)
         recording = replay(trajectory, twin.after_rest(truth=True), controller=controller)
         # Compare the true bend with reference and plan.
         truth = true_bend(recording)
@@ -174,7 +161,7 @@ def _run_case(job: tuple[Case, Planned]) -> dict[str, str]:
         row["trouble"] = recording.interrupted or ""
     except LimbError as error:
         row["trouble"] = " ".join(str(error).split())
-    return case.name | row
+    return row
 
 
 def sweep(
@@ -198,13 +185,14 @@ def sweep(
     """
     each = functools.partial(run_each, num_processes=num_processes, cluster=cluster, in_order=True)
     # Make each plan once; it does not depend on the seed.
-    planned = {case.group: case for case in cases}
+    planned = {tuple(case.group.values()): case for case in cases}
     plans = dict(zip(planned, each(_make_plan, planned.values()), strict=True))
     # Drive all limbs.
     rows = []
-    jobs = [(case, plans[case.group]) for case in cases]
+    jobs = [(case, plans[tuple(case.group.values())]) for case in cases]
+    columns = [*cases[0].group, "seed", *RESULT_COLUMNS]
     with raising_output_error(file), file.open("w", newline="", encoding="utf-8") as table:
-        writer = csv.DictWriter(table, [*cases[0].name, *RESULT_COLUMNS], lineterminator="\n")
+        writer = csv.DictWriter(table, columns, lineterminator="\n")
         writer.writeheader()
         for row in each(_run_case, jobs):
             rows.append(row)
