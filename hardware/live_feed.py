@@ -80,7 +80,7 @@ class LiveView(Protocol):
     def begin(self, header: RunHeader) -> None:
         """Show a new recording, before its wires are heated."""
 
-    def say(self, what: str) -> None:
+    def say(self, sentence: str) -> None:
         """Show a sentence about the present run, until the next sentence."""
 
     def show(self, reading: Reading) -> None:

@@ -162,9 +162,9 @@ class LivePage:
         self._unsent_header.flush()
         self._send(None)
 
-    def say(self, what: str) -> None:
+    def say(self, sentence: str) -> None:
         """Show a sentence on the present activity, until the next call."""
-        self._activity = what
+        self._activity = sentence
         self._send(None)
 
     def show(self, reading: Reading) -> None:

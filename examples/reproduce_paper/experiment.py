@@ -116,7 +116,7 @@ def taught_motion(name: str) -> PiecewisePolynomial:
 def evaluate(
     settings: Settings,
     num_processes: int = 1,
-    tell: Callable[[str], object] = lambda step: None,
+    announce: Callable[[str], object] = lambda step: None,
 ) -> Experiment:
     """Evaluate a new limb as in Secs. V to VII, and in closed loop.
 
@@ -126,11 +126,11 @@ def evaluate(
     Args:
         settings: settings of the evaluation.
         num_processes: as for `run_each`.
-        tell: function that is called with the name of each step.
+        announce: function that is called with the name of each step.
     """
-    tell("1/5 recording the limb for calibration")
+    announce("1/5 recording the limb for calibration")
     specimen, recordings = record(settings)
-    tell("2/5 calibrating the model to the recordings, and teaching motions by hand")
+    announce("2/5 calibrating the model to the recordings, and teaching motions by hand")
     calls: list[Callable[[], Any]] = [
         functools.partial(fit, recordings, settings.compare),
         functools.partial(teach, specimen),
@@ -144,7 +144,7 @@ def evaluate(
         *itertools.product(MOTIONS, [OPEN_LOOP], models),
         *itertools.product(MOTIONS, [FEEDBACK], [""]),
     ]
-    tell(f"3/5 planning motions: {len(wanted)}")
+    announce(f"3/5 planning motions: {len(wanted)}")
     calls = []
     for motion, loop, model in wanted:
         calls.append(functools.partial(plan_motion, models[model], motion, taught, loop, start))
@@ -157,7 +157,7 @@ def evaluate(
             runs.append((motion, way, ""))
     runs += itertools.product(MOTIONS, [OPEN_LOOP], others)
     num_runs = len(MOTIONS) + len(runs)
-    tell(f"4/5 driving the limb along its plans in several ways: {num_runs}")
+    announce(f"4/5 driving the limb along its plans in several ways: {num_runs}")
     # Drive the limb: open loop, by each method, and with disturbances.
     opened = {motion: plans[motion, OPEN_LOOP, ""] for motion in MOTIONS}
     calls = [functools.partial(open_loop, rested, calibration, opened)]

@@ -27,12 +27,12 @@ def plot_taught(experiment: Experiment) -> Figure:
     axes = figure.subplots(2 * len(motions), 1)
     for pair, (motion, by_hand) in zip(axes.reshape(-1, 2), motions.items(), strict=True):
         repeated = experiment.ways[motion][OPEN_LOOP].rollouts[0]
-        for axis, recording, what, color in (
+        for axis, recording, title, color in (
             (pair[0], by_hand, "taught", "0.35"),
             (pair[1], repeated, "repeated", ROLLOUT_COLOR),
         ):
             _plot_poses(axis, recording, color)
-            axis.set_ylabel(f"{motion},\n{what}", fontsize=8.5)
+            axis.set_ylabel(f"{motion},\n{title}", fontsize=8.5)
     axes[-1].set_xlabel("time (s)")
     return figure
 

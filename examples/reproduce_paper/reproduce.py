@@ -39,7 +39,7 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
     started = time.perf_counter()
     summaries, experiment = reproduce(jobs, folder, os.cpu_count() or 1, cluster)
     if len(jobs) == 1:
-        tell("5/5 drawing figures, and writing the report")
+        announce("5/5 drawing figures, and writing the report")
     _draw(folder, summaries, experiment)
     # Print the calibration, the distances and the files.
     print(f"\n{calibration_summary(experiment.calibration)}\n")
@@ -67,7 +67,7 @@ def reproduce(
         The numbers of each job, and the first one's experiment.
     """
     if len(jobs) == 1 and cluster is None:
-        experiments = iter([evaluate(jobs[0], num_processes, tell)])
+        experiments = iter([evaluate(jobs[0], num_processes, announce)])
     else:
         experiments = run_each(evaluate, jobs, num_processes, cluster=cluster)
     completed: dict[tuple[str, int], Summary] = {}
@@ -93,7 +93,7 @@ def reproduce(
     return done, first
 
 
-def tell(step: str) -> None:
+def announce(step: str) -> None:
     """Print the next step of a single limb."""
     print(f"{step} ...", flush=True)
 

@@ -193,14 +193,14 @@ def _of_limbs(limbs: Sequence[Summary], field: str, *keys: str) -> list[Any]:
         field: a field of `Summary` that is a dict.
         keys: keys in that dict, and in the dicts in it.
     """
-    found = []
+    entries = []
     for limb in limbs:
         entry = getattr(limb, field)
         for key in keys:
             entry = None if entry is None else entry.get(key)
         if entry is not None:
-            found.append(entry)
-    return found
+            entries.append(entry)
+    return entries
 
 
 def _column(group: Sequence[RolloutStatistics], name: str) -> np.ndarray:

@@ -303,7 +303,7 @@ def _follow(options: argparse.Namespace) -> int:
             smoothing_time=options.smooth,
             controller=options.controller,
             real_time=bool(options.port),
-            tell=lambda step: print(step, file=sys.stderr, flush=True),
+            announce=lambda step: print(step, file=sys.stderr, flush=True),
             live=live,
         )
         print_summary(options, summary, outputs)
@@ -351,7 +351,7 @@ def _learn(options: argparse.Namespace) -> int:
             else:
                 twin = _twin(trajectory.parameters, options)
                 limbs = repetitions.make_rested_twins(twin, trajectory, learner)
-            repetitions.repeat(learner, limbs, count, folder, tell=print_repetition, live=live)
+            repetitions.repeat(learner, limbs, count, folder, announce=print_repetition, live=live)
     except LimbError:
         repetitions.report_repetitions(learner, folder)
         raise

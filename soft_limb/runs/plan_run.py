@@ -86,7 +86,7 @@ def plan_and_follow(
     smoothing_time: float = 0.5,
     controller: str = DEFAULT_FEEDBACK,
     real_time: bool = False,
-    tell: Callable[[str], object] = lambda step: None,
+    announce: Callable[[str], object] = lambda step: None,
     live: LiveView | None = None,
 ) -> tuple[Rollout, Summary]:
     """Plan for feedback from the present state of a limb, and drive it along the plan.
@@ -99,13 +99,13 @@ def plan_and_follow(
         make_limb: function that returns the limb for the parameters of the plan; it is called
             before planning as well, to read the limb.
         task, knot_rate: as for `planners.plan`; the default task is `Task.closed_loop`.
-        tell: function that is called with each step in words.
+        announce: function that is called with each step in words.
         controller, real_time, live: as for `roll_out`, whose errors are raised.
     """
     plan_file, recording_file, report = (Path(folder) / name for name in FOLLOW_FILES)
 
     def begin_step(step: str) -> None:
-        tell(step)
+        announce(step)
         if live:
             live.say(step)
 

@@ -37,7 +37,7 @@ def repeat(
     repetitions: int,
     folder: str | Path,
     *,
-    tell: Callable[[int, Repetition], object] = lambda number, repetition: None,
+    announce: Callable[[int, Repetition], object] = lambda number, repetition: None,
     live: LiveView | None = None,
 ) -> None:
     """Repeat a plan a number of times, or until further repetitions would bring no improvement.
@@ -51,7 +51,7 @@ def repeat(
         learner: learner of the plan, which may have earlier repetitions.
         limb_of_repetition: function that returns a limb that is ready for the next repetition.
         repetitions: number of repetitions in total, including earlier ones.
-        tell: function that is called with each repetition and its number, from 1 on.
+        announce: function that is called with each repetition and its number, from 1 on.
         live: as for `replay`, whose errors are raised.
     """
     folder = Path(folder)
@@ -82,7 +82,7 @@ def repeat(
         repetition = learner.update(recording)
         learner.save(folder / STATE_FILE)
         learner.learned_trajectory().save(folder / LEARNED_FILE)
-        tell(number, repetition)
+        announce(number, repetition)
         if failure:
             raise failure
 
@@ -122,11 +122,11 @@ def make_rested_robots(
     live: LiveView | None = None,
 ) -> Callable[[], LimbSystem]:
     """Return a function that waits for cool wires and returns the robot on a port."""
-    tell = live.say if live else lambda _: None
+    announce = live.say if live else lambda _: None
 
     def rested_robot() -> LimbSystem:
         with open_link(port, trajectory.parameters) as link:
-            wait_for_cool_wires(lambda: present_temperature(link), trajectory, tell)
+            wait_for_cool_wires(lambda: present_temperature(link), trajectory, announce)
         return SerialLimb(port, trajectory.parameters)
 
     return rested_robot
@@ -135,13 +135,13 @@ def make_rested_robots(
 def wait_for_cool_wires(
     read: Callable[[], np.ndarray],
     trajectory: Trajectory,
-    tell: Callable[[str], object] = lambda text: None,
+    announce: Callable[[str], object] = lambda text: None,
 ) -> None:
     """Wait until no wire is read more than `COOL_TOLERANCE` above the start of a plan.
 
     Args:
         read: function that returns V of the wires (W,), °C.
-        tell: function that is called with a text on the warmest wire at each reading.
+        announce: function that is called with a text on the warmest wire at each reading.
 
     Raises:
         ReplayError: if a wire is too warm after `MAX_REST_TIME`.
@@ -167,7 +167,7 @@ def wait_for_cool_wires(
                 )
             remark = f"{names[warmest]} {reading:.1f} °C"
             progress.update(waited, remark)
-            tell(f"Resting until the wires are cool: {remark}")
+            announce(f"Resting until the wires are cool: {remark}")
             time.sleep(READ_PERIOD)
 
 

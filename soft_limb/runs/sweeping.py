@@ -167,7 +167,7 @@ def _run_case(job: tuple[Case, Planned]) -> dict[str, str]:
 def sweep(
     cases: Sequence[Case],
     file: Path,
-    tell: Callable[[int], object] = lambda done: None,
+    announce: Callable[[int], object] = lambda done: None,
     *,
     num_processes: int = 1,
     cluster: str | None = None,
@@ -177,7 +177,7 @@ def sweep(
     Args:
         cases: cases that vary the same fields.
         file: table to write (.csv).
-        tell: function that is called with the number of complete cases.
+        announce: function that is called with the number of complete cases.
         num_processes, cluster: as for `run_each`.
 
     Returns:
@@ -198,7 +198,7 @@ def sweep(
             rows.append(row)
             writer.writerow(row)
             table.flush()
-            tell(len(rows))
+            announce(len(rows))
     return rows
 
 
