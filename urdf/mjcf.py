@@ -25,9 +25,7 @@ LINEARITY = 1e-9  # relative, to which the heat and the torque of a law are line
 def limb_mjcf(
     parameters: Any,
     *,
-    thermocouples: bool = True,
     timestep: float = 0.002,
-    integrator: str = "implicitfast",
     callback: bool = False,
 ) -> str:
     """Return MJCF text of a limb that bends by the heat of its wires, clamped at its base.
@@ -40,9 +38,7 @@ def limb_mjcf(
 
     Args:
         parameters: such as `limb_systems.LimbParameters`.
-        thermocouples: whether readings V are simulated.
         timestep: s; the bend is right to 0.001° at 1 ms, and to 0.01° at 10 ms.
-        integrator: MuJoCo's name of its integrator; with "RK4" the stiff links blow up.
         callback: whether wires of laws that MJCF cannot express are written for the C code of
             `limb_systems.wire_callback`. Their activations are [x, V], minus their cold values.
 
@@ -51,12 +47,12 @@ def limb_mjcf(
     """
     # Add the bodies of the URDF to a model, with springs in the joints.
     element = limb_element(parameters.segments, "limb", parameters.payload, 0.0)
-    options = {"timestep": timestep, "integrator": integrator, "gravity": parameters.gravity}
+    options = {"timestep": timestep, "integrator": "implicitfast", "gravity": parameters.gravity}
     root, world = _root("limb", options)
     names = [f"joint_{number}" for number in range(1, parameters.num_joints + 1)]
     _add_bodies(world, element, "base", _springs(parameters, names))
     _add_stiffening(root, parameters, names)
-    _add_wires(root, world, parameters, names, thermocouples, callback)
+    _add_wires(root, world, parameters, names, callback)
     return document(root)
 
 
@@ -99,7 +95,7 @@ def robot_mjcf(robot: Any, *, wires: bool = True, timestep: float = 0.002) -> st
     # Add nonlinear rubber and wires.
     _add_stiffening(root, all_limbs, names)
     if wires:
-        _add_wires(root, world, all_limbs, names, thermocouples=True, callback=False)
+        _add_wires(root, world, all_limbs, names)
     return document(root)
 
 
@@ -317,12 +313,7 @@ def _add_feet(root: Element, world: Element, robot: Any) -> None:
 
 
 def _add_wires(
-    root: Element,
-    world: Element,
-    parameters: Any,
-    names: Sequence[str],
-    thermocouples: bool,
-    callback: bool,
+    root: Element, world: Element, parameters: Any, names: Sequence[str], callback: bool = False
 ) -> None:
     """Add a tendon and actuators for each wire, and the hinge of its thermocouple."""
     links = _joints_of_links(parameters, names)
@@ -369,8 +360,7 @@ def _add_wires(
             dynamics = {"dyntype": "filterexact", "dynprm": -1 / rate}
             force = {"gainprm": linear_wire.beta * warmth}
             _add(actuators, "general", name=f"wire_{name}{suffix}", **actuator, **dynamics, **force)
-        if thermocouples:
-            _add_thermocouple(world, tendon, name, linear_wire, parameters.ambient_temperature)
+        _add_thermocouple(world, tendon, name, linear_wire, parameters.ambient_temperature)
 
 
 def _add_thermocouple(
