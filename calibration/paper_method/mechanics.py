@@ -26,7 +26,6 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
-from limb_systems.bend_sensor import chord_angle
 from limb_systems.kinematics import rest_joint_angles
 from limb_systems.simulation import swing_accuracy
 from limb_systems.statics import static_equilibrium
@@ -198,7 +197,8 @@ def fit_stiffness(
     stiffness = estimate.value
     described = only_segment(parameters).stiffness
     if not described / MAX_STIFFNESS_RATIO < stiffness < described * MAX_STIFFNESS_RATIO:
-        largest = np.abs(sensor.corrected(sags) - only_segment(parameters).rest_angle).max()
+        bends = sensor.corrected_bends(sags[np.newaxis])
+        largest = np.abs(bends - only_segment(parameters).rest_angle).max()
         raise CalibrationError(
             f"A sag of {np.rad2deg(largest):.1f}° makes the stiffness {stiffness:.2g} N·m/rad, "
             f"where the description has {described:.2g} N·m/rad; look at mass, length and payload "
@@ -219,9 +219,8 @@ def fit_stiffness(
     segment = only_segment(limbs[0])
     rest_joints = joint_angles_from_bend_angle(limbs[0], [rest])
     shape = shape_factors(segment.links, limbs[0].payload / segment.mass * segment.links)
-    sensor_bend, chord_bend = (
-        float(of(sagging_angles)) - rest for of in (sensor.exact_bend_angle, chord_angle)
-    )
+    sensor_bend = float(sensor.exact_bends(segment.chain, sagging_angles)[0]) - rest
+    chord_bend = float(segment.chain.bend_angle(sagging_angles)[0]) - rest
     correction = float(shape @ (sagging_angles - rest_joints) / (shape @ shape) / sensor_bend)
     return StiffnessFit(
         estimate,
@@ -248,7 +247,7 @@ def _stiffness_of_sags(
     rest = only_segment(limbs[0]).rest_angle
     # Start from a limb that sags in proportion to its softness.
     compliances = np.array([_compliance(limb, sensor) for limb in mounted_limbs])
-    sag_means = means - sensor.apparent_bend_angle(rest_joint_angles(limbs[0]))
+    sag_means = means - _rest_reading(limbs[0], sensor)
     if not (counts * compliances) @ sag_means > 0:
         heaviest = np.argmax(np.abs(compliances))
         raise CalibrationError(
@@ -303,14 +302,20 @@ def _sag_of(
     segment.stiffness = stiffness
     segment.rest_angle = segment.rest_angle if rest is None else rest
     joint_angles, _ = static_equilibrium(limb)
-    return float(sensor.apparent_bend_angle(joint_angles)), joint_angles
+    return float(sensor.apparent_bends(segment.chain, joint_angles)[0]), joint_angles
 
 
 def _compliance(mounted: LimbParameters, sensor: BendSensor) -> float:
     """Return sag times k of a limb that is almost rigid, as a sensor shows it, N·m."""
     rigid = RIGID_STIFFNESS_RATIO * only_segment(mounted).stiffness
     stiff_sag, _ = _sag_of(mounted, sensor, rigid)
-    return rigid * (stiff_sag - float(sensor.apparent_bend_angle(rest_joint_angles(mounted))))
+    return rigid * (stiff_sag - _rest_reading(mounted, sensor))
+
+
+def _rest_reading(limb: LimbParameters, sensor: BendSensor) -> float:
+    """Return what a sensor shows of a limb at its rest angle, rad."""
+    chain = only_segment(limb).chain
+    return float(sensor.apparent_bends(chain, rest_joint_angles(limb))[0])
 
 
 def _resting_angle(recording: Recording) -> float:

@@ -420,8 +420,9 @@ def fit_force(
     wire = np.array([heat.wire_temperature[a:b].mean() for a, b in spans])
     angle = np.array([recording.bend_angle[0, a:b].mean() for a, b in spans])
     times = np.array([recording.time[a:b].mean() for a, b in spans])
-    bend = bend_sensor_of(recording).corrected(angle) - only_segment(parameters).rest_angle
-    theta = joint_angles_from_bend_angle(parameters, bend[np.newaxis])[0]
+    bends = bend_sensor_of(recording).corrected_bends(angle[np.newaxis])
+    bends = bends - only_segment(parameters).rest_angle
+    theta = joint_angles_from_bend_angle(parameters, bends)[0]
     ratios = stiffness.value * theta / (side * (wire - heat.ambient))
     if not ratios.mean() > 0:
         raise CalibrationError(
@@ -442,7 +443,7 @@ def fit_force(
         error = mean * max(relative, 0.1)
     else:
         # The sensor's drift is much the same in equilibria that follow each other.
-        shares = ratios / bend / count
+        shares = ratios / bends[0] / count
         drift_correlation = np.exp(-np.abs(times[:, None] - times) / BEND_DRIFT_TIME)
         drift = bend_sensor_of(recording).drift * np.sqrt(shares @ drift_correlation @ shares)
         error = np.hypot(max(standard_error(ratios), drift), relative * mean)

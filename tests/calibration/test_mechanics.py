@@ -75,6 +75,11 @@ def sagging(angle: float, trials: int = 1, spread: float = 0.0, sensor=None) -> 
     ]
 
 
+def reading_at_rest(limb: LimbParameters, sensor: BendSensor) -> float:
+    """What a sensor shows of a limb at rest, rad."""
+    return sensor.apparent_bends(limb.segments[0].chain, static_equilibrium(limb)[0])[0]
+
+
 def stiffness_that_sags_by_ten_degrees(links: int, sensor: BendSensor) -> float:
     """By a root of the plant's statics."""
     limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
@@ -82,7 +87,7 @@ def stiffness_that_sags_by_ten_degrees(links: int, sensor: BendSensor) -> float:
 
     def missed(stiffness: float) -> float:
         limb.segments[0].stiffness = stiffness
-        return sensor.apparent_bend_angle(static_equilibrium(limb)[0]) - SAG
+        return reading_at_rest(limb, sensor) - SAG
 
     return brentq(missed, 0.06, 0.5, rtol=1e-4)
 
@@ -131,7 +136,7 @@ def test_stiffness_of_limbs_that_rest_bent_or_seem_to(rests_at, offset, known):
     noise = np.deg2rad(0.3) * np.random.default_rng(0).normal(size=200)
     level, sag = (
         unheated(
-            sensor.apparent_bend_angle(static_equilibrium(limb)[0]) + extra + noise,
+            reading_at_rest(limb, sensor) + extra + noise,
             20.0,
             limb.gravity[1],
             sensor,
@@ -168,7 +173,7 @@ def test_known_loads_tell_the_stiffness_of_a_limb_that_hardly_sags(loads):
     recordings, seen = [], []
     for payload, side in loads:
         limb = mounted(true, payload, side)
-        seen.append(TipTangentSensor().apparent_bend_angle(static_equilibrium(limb)[0]))
+        seen.append(reading_at_rest(limb, TipTangentSensor()))
         own = [unheated(np.full(120, seen[-1]), 20.0) for _ in range(5)]
         recordings += [dataclasses.replace(r, parameters=limb) for r in own]
     fit = fit_stiffness(short_limb(), recordings, rest_error=np.deg2rad(10.0))
@@ -184,8 +189,8 @@ def test_known_loads_tell_the_stiffness_of_a_limb_that_hardly_sags(loads):
 
 def test_a_payload_is_chosen_where_a_limb_hardly_sags_and_more_is_asked_for_while_k_is_unknown():
     for limb in (short_limb(), short_limb(stiffness=2.0), short_limb(bend_sensor=ChordSensor())):
-        sensor, load = limb.segments[0].bend_sensor, sag_payload(limb)
-        sag = np.rad2deg(sensor.exact_bend_angle(static_equilibrium(mounted(limb, load))[0]))
+        load = sag_payload(limb)
+        sag = np.rad2deg(reading_at_rest(mounted(limb, load), limb.segments[0].bend_sensor))
         assert -18.0 < sag < -12.0
         assert f"with {1000 * load:.3g} g at the tip (payload: {load:g}" in further_sag(limb, None)
     assert sag_payload(LimbParameters()) == 0.0  # which sags by 6.7° of α/2
