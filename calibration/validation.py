@@ -14,7 +14,6 @@ from calibration.recordings.at_rest import COLD_SPREAD, first_readings
 from calibration.recordings.kinds import bend_sensor_of
 from calibration.remarks import Remark, verdict
 from limb_systems import Limb, LimbError, LimbModel, LimbParameters, Recording, simulate
-from limb_systems.kinematics import rest_joint_angles
 
 # Mean |φ - φ_sim| as a fraction of the range of φ in the recording it is validated with.
 GOOD_ERROR = 0.1  # 6° of 60°: the paper's robot is 3.4° to 5.3° from its plans in Table I
@@ -95,7 +94,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     duty_in_force = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
     duty = PiecewisePolynomial.ZeroOrderHold(times, duty_in_force)
     first = np.nan_to_num(first_readings(recording), nan=parameters.ambient_temperature)
-    angles = rest_joint_angles(parameters)
+    angles = LimbModel.of(parameters).mechanics.rest_angles
 
     def run(wires: np.ndarray, duration: float) -> Recording:
         state = np.concatenate([angles, np.zeros_like(angles), wires, first])

@@ -26,7 +26,6 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
-from limb_systems.kinematics import rest_joint_angles
 from limb_systems.simulation import swing_accuracy
 from limb_systems.statics import static_equilibrium
 
@@ -315,7 +314,7 @@ def _compliance(mounted: LimbParameters, sensor: BendSensor) -> float:
 def _rest_reading(limb: LimbParameters, sensor: BendSensor) -> float:
     """Return what a sensor shows of a limb at its rest angle, rad."""
     chain = only_segment(limb).chain
-    return float(sensor.apparent_bends(chain, rest_joint_angles(limb))[0])
+    return float(sensor.apparent_bends(chain, LimbModel.of(limb).mechanics.rest_angles)[0])
 
 
 def _resting_angle(recording: Recording) -> float:
@@ -602,10 +601,11 @@ def _fit_recording(parameters, recording: Recording):
             wire.law = LinearLaw()
         room = np.full(len(limb.wires), limb.ambient_temperature)
         swing = joint_angles_from_bend_angle(limb, released * direction)
-        angles = rest_joint_angles(limb) + swing
-        cold = LimbModel.of(limb).wires.cold_states
+        model = LimbModel.of(limb)
+        angles = model.mechanics.rest_angles + swing
+        cold = model.wires.cold_states
         state = np.concatenate([angles, np.zeros_like(angles), cold, room])
-        model = simulate(
+        simulation = simulate(
             Limb(limb),
             0 * room,
             duration,
@@ -613,9 +613,10 @@ def _fit_recording(parameters, recording: Recording):
             accuracy=swing_accuracy(np.abs(swing).max()),
             initial_state=state,
         )
-        assert model.joint_state is not None  # a model's
-        bends = sensor.apparent_bends(limb.segments[0].chain, model.joint_state[: limb.num_joints])
-        return fit_damped_sinusoid(model.time, direction @ bends)
+        assert simulation.joint_state is not None  # a model's
+        joint_angles = simulation.joint_state[: limb.num_joints]
+        bends = sensor.apparent_bends(limb.segments[0].chain, joint_angles)
+        return fit_damped_sinusoid(simulation.time, direction @ bends)
 
     # Fit the sinusoid near the model's frequency.
     described = ring_down(only_segment(parameters).damping, released)
