@@ -44,9 +44,8 @@ MIN_STEEPEST_SLOPE = 0.05, 10.0  # °C/s that a wire exceeds somewhere, if it is
 MIN_FROZEN_TIME = 10.0  # s, for which a sensor that froze repeats a reading at least
 HEAT_WINDOW = 5.0  # s, within which heat moves a reading
 MIN_STANDING_CHANCE = 1e-9  # by which readings stand that are alive
-DRIVING_HEAT_SHARE = (
-    0.1  # of the largest change of a wire's heat in a window, from which on readings must move
-)
+# Share of the largest change of a wire's heat in a window, from which on readings must move.
+DRIVING_HEAT_SHARE = 0.1
 # windows with as much heat before, and share that moved
 MIN_DRIVEN_WINDOWS = 3
 MIN_MOVED_SHARE = 0.9

@@ -16,9 +16,8 @@ from calibration.remarks import CalibrationError, Remark
 from limb_systems import Recording
 from limb_systems.files.signal_table import doses
 
-SPIKE_DEVIATIONS = (
-    6.0  # robust standard deviations from the median of five samples, beyond which one counts
-)
+# Robust standard deviations from the median of five samples, from which on a sample is a spike.
+SPIKE_DEVIATIONS = 6.0
 SPIKE_RANGE = 1.5  # of the range of its neighbours, within which a sample is no spike
 MAX_UNREAD_TIME = 2.0  # s, within which readings are missed least
 NUM_SPIKE_PASSES = 2  # after which spikes beside each other are gone
