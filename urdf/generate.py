@@ -75,8 +75,7 @@ def limb_element(
     if payload:
         _add_payload(robot, "", parent, origin, payload)
     # Links do not collide with each other.
-    colliding = [link for link in robot.findall("link") if link.find("collision") is not None]
-    _filter_collisions(robot, [link.attrib["name"] for link in colliding])
+    _filter_collisions(robot, [link.attrib["name"] for link in robot.findall("link[collision]")])
     place = {"xyz": _text(origin, 0.0, 0.0), "rpy": _text(0.0, 0.0, 0.0)}
     SubElement(robot, "frame", {"name": "tip", "link": parent, **place})
     return robot
@@ -115,9 +114,8 @@ def robot_element(robot: Any) -> Element:
         if limb.parameters.payload:
             _add_payload(element, prefix, parent, origin, limb.parameters.payload)
         ball = _sphere(robot.feet.radius)
-        foot = _add_point(
-            element, f"{prefix}foot", f"{prefix}ankle", parent, origin, robot.feet.mass
-        )
+        ankle = f"{prefix}ankle"
+        foot = _add_point(element, f"{prefix}foot", ankle, parent, origin, robot.feet.mass)
         _add_visual(foot, "foot", BRACKET_COLOR, ball)
         if robot.ground:
             _add_collision(foot, ball, _foot_contact_properties(robot))

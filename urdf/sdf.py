@@ -27,10 +27,8 @@ def limb_sdf(
     sdf = ElementTree.Element("sdf", {"version": "1.9", "xmlns:drake": "drake.mit.edu"})
     model = SubElement(sdf, "model", name=name)
     # Add the links, each in the frame of its joint.
-    joints = robot.findall("joint")
-    joint_of_link = {_link(joint, "child"): joint.attrib["name"] for joint in joints}
     for link in robot.findall("link"):
-        _add_link(model, link, joint_of_link.get(link.attrib["name"]))
+        _add_link(model, link, robot.find(f"joint/child[@link='{link.get('name')}']/.."))
     # Add the joints, with their springs in the order of the joints.
     springs = []
     for segment in segments:
@@ -39,7 +37,7 @@ def limb_sdf(
                 stiffness = segment.joint_ratios[kind] * segment.stiffness
                 springs.append((stiffness, segment.joint_rest_angles[kind]))
     remaining_springs = iter(springs)
-    for joint in joints:
+    for joint in robot.findall("joint"):
         _add_joint(model, joint, remaining_springs)
     # Add the frames and the filters of collisions.
     for frame in robot.findall("frame"):
@@ -52,11 +50,11 @@ def limb_sdf(
     return document(sdf)
 
 
-def _add_link(model, link, joint: str | None) -> None:
-    """Add a link in the frame of the joint of which it is the child."""
+def _add_link(model, link, joint) -> None:
+    """Add a link in the frame of the joint of which it is the child, if there is one."""
     element = SubElement(model, "link", name=link.get("name"))
-    if joint:
-        SubElement(element, "pose", relative_to=joint)
+    if joint is not None:
+        SubElement(element, "pose", relative_to=joint.get("name"))
     # Add the inertia, which is zero if the link has none.
     inertial = link.find("inertial")
     sdf_inertial = SubElement(element, "inertial")
