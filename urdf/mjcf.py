@@ -46,7 +46,7 @@ def limb_mjcf(
         ValueError: if MJCF cannot express the law of a wire, or the rubber's memory.
     """
     # Add the bodies of the URDF to a model, with springs in the joints.
-    element = limb_element(parameters.segments, "limb", parameters.payload, 0.0)
+    element = limb_element(parameters.segments, "limb", parameters.payload)
     options = {"timestep": timestep, "integrator": "implicitfast", "gravity": parameters.gravity}
     root, world = _root("limb", options)
     names = [f"joint_{number}" for number in range(1, parameters.num_joints + 1)]
