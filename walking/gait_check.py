@@ -239,7 +239,9 @@ def find_fall(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str
     if not first:
         return "", float(times[-1])
     index, words = min(first)
-    return f"{words} after {times[index] - start:.1f} s", float(times[index])
+    elapsed = times[index] - start
+    when = f"after {elapsed:.1f} s" if elapsed >= 0 else "in the warm-up"
+    return f"{words} {when}", float(times[index])
 
 
 def _has_spare_feet(gait: Gait) -> bool:
