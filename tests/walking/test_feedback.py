@@ -100,6 +100,17 @@ def test_bends_near_the_plan_are_left_and_wires_held_to_its_heat(crawl):
     assert duty == pytest.approx(plan.duty[k] - 4.0 / rates)
 
 
+def test_the_ground_bends_limbs_as_in_the_gait_whatever_else_is_known_of_them(crawl):
+    """Limbs that are now known to pull harder are no harder ground."""
+    stronger = copy.deepcopy(crawl.parameters)
+    for wire in stronger.wires:
+        wire.law.beta *= 1.2
+    known_again = GaitFeedback(crawl, 1, parameters=stronger)
+    np.testing.assert_array_equal(
+        known_again._planned_offset, GaitFeedback(crawl, 1)._planned_offset
+    )
+
+
 def test_supervised_robot_has_the_ports_of_a_robot(gait):
     system = supervised(GaitFeedback(gait, 1), gait.parameters)
     names = {system.get_input_port(i).get_name() for i in range(system.num_input_ports())}
